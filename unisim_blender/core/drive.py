@@ -1,0 +1,164 @@
+"""A drive: what the sensors see and when. A recorded log gives one, a scenario's edits turn it into another.
+
+Everything that renders (the neural renderer, the street's exact one) takes a `Drive`, and nothing else of a log.
+World: metres, z up, re-centred on the first ego pose. Ego and actor boxes: x forward, y left, z up, origin at the box's
+centre for actors. Cameras: OpenCV axes (x right, y down, z forward). LiDARs: x forward, y left, z up in their own frame.
+Times: seconds from the log's first frame, float64.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from .geometry import FloatArray, Trajectory
+
+
+@dataclass(frozen=True)
+class RollingShutter:
+    """When an image's rows are exposed: row r of H at ``time + duration_s * (r / H - reference)``.
+
+    ``reference`` is the fraction of the image's height that the camera's timestamp belongs to (0 top, 1 bottom); a negative
+    duration reads from the bottom up; 0 is a global shutter.
+    """
+
+    duration_s: float = 0.0
+    reference: float = 0.5
+
+
+@dataclass(frozen=True)
+class CameraModel:
+    """A pinhole without distortion. Pixel centres lie at half integers: pixel (0, 0) covers [0, 1) x [0, 1)."""
+
+    width: int
+    height: int
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    shutter: RollingShutter = RollingShutter()
+
+    def resized(self, width: int) -> CameraModel:
+        """The same view at another width, the height rounded to keep the aspect; K scales exactly with each axis."""
+        if width == self.width:
+            return self
+        height = max(1, round(self.height * width / self.width))
+        sx, sy = width / self.width, height / self.height
+        return replace(self, width=width, height=height, fx=self.fx * sx, fy=self.fy * sy, cx=self.cx * sx, cy=self.cy * sy)
+
+
+@dataclass(frozen=True)
+class LidarModel:
+    """A spinning LiDAR's beam table.
+
+    Beam b in column c looks along elevation_rad[b] and azimuth ``start_azimuth_rad + direction * 2 pi * (c + 0.5) / columns +
+    azimuth_offset_rad[b]`` (0 along the sensor's x, counter-clockwise), at ``frame time - sweep_s + time_offset_s + sweep_s *
+    (c + 0.5) / columns``: by default a sweep ends at its frame's time. Beam 0 is the highest.
+    """
+
+    elevation_rad: FloatArray
+    azimuth_offset_rad: FloatArray
+    columns: int = 1800
+    sweep_s: float = 0.1
+    start_azimuth_rad: float = np.pi
+    direction: int = -1
+    time_offset_s: float = 0.0
+    min_range_m: float = 0.5
+    max_range_m: float = 200.0
+
+    @property
+    def beams(self) -> int:
+        """Number of beams."""
+        return len(self.elevation_rad)
+
+
+@dataclass(frozen=True)
+class Camera:
+    """A camera on its way: ``time_s[frame]`` is the image's timestamp, ``world_from_camera`` its pose at any time."""
+
+    sensor_id: str
+    model: CameraModel
+    world_from_camera: Trajectory
+    time_s: dict[int, float]
+
+
+@dataclass(frozen=True)
+class Lidar:
+    """A LiDAR on its way: ``time_s[frame]`` is the sweep's timestamp, ``world_from_lidar`` its pose at any time.
+
+    ``blocked`` (beams, columns) marks the cells that the vehicle itself blocks in every frame; None where that is not known.
+    """
+
+    sensor_id: str
+    model: LidarModel
+    world_from_lidar: Trajectory
+    time_s: dict[int, float]
+    blocked: np.ndarray | None = None
+
+
+@dataclass(frozen=True)
+class Look:
+    """Whose trained appearance and shape: actor ``actor`` of the scene at ``scene`` ("" is the drive's own scene)."""
+
+    actor: str
+    scene: str = ""
+
+
+@dataclass(frozen=True)
+class Actor:
+    """An annotated thing, moving or not: a box with a look, present from start_s to end_s (both included)."""
+
+    uid: str
+    label: str
+    size_m: FloatArray
+    world_from_actor: Trajectory
+    start_s: float
+    end_s: float
+    is_moving: bool
+    look: Look
+    inserted: bool = False
+
+    def present(self, time_s: FloatArray | float) -> np.ndarray:
+        """Whether the actor is there at times (...): (...) bool."""
+        time = np.asarray(time_s)
+        return np.asarray((time >= self.start_s) & (time <= self.end_s))
+
+
+@dataclass(frozen=True)
+class Box:
+    """A box of space that stands still: centre pose (4, 4), edges (3,) along its own axes."""
+
+    world_from_box: FloatArray
+    size_m: FloatArray
+
+
+@dataclass(frozen=True)
+class StaticCopy:
+    """What stands above the ground inside ``source`` stands also at ``world_from_target`` (4, 4)."""
+
+    uid: str
+    source: Box
+    world_from_target: FloatArray
+
+
+@dataclass(frozen=True)
+class Drive:
+    """A recorded or edited drive."""
+
+    name: str
+    frames: tuple[int, ...]
+    time_s: dict[int, float]
+    world_from_ego: Trajectory
+    cameras: dict[str, Camera]
+    lidars: dict[str, Lidar]
+    actors: dict[str, Actor]
+    static_copies: tuple[StaticCopy, ...] = ()
+    static_removals: tuple[Box, ...] = ()
+    world_origin: FloatArray = field(default_factory=lambda: np.zeros(3))
+    """What was subtracted from the log's own world coordinates, float64."""
+
+    @property
+    def duration_s(self) -> float:
+        """From the first frame's time to the last one's."""
+        return self.time_s[self.frames[-1]] - self.time_s[self.frames[0]]

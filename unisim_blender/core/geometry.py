@@ -1,0 +1,198 @@
+"""Rigid poses, trajectories and boxes in numpy.
+
+Conventions, here and everywhere in ``core``: metres, seconds, radians; right-handed, z up; quaternions are wxyz and
+unit length; ``world_from_actor`` is the 4x4 matrix that takes actor coordinates to world coordinates; float64.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+
+def matrix_from_quaternion(quaternion_wxyz: FloatArray) -> FloatArray:
+    """Rotation matrices (..., 3, 3) of unit quaternions (..., 4)."""
+    w, x, y, z = np.moveaxis(np.asarray(quaternion_wxyz, np.float64), -1, 0)
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ]
+    return np.stack([np.stack(row, -1) for row in rows], -2)
+
+
+def quaternion_from_matrix(rotation: FloatArray) -> FloatArray:
+    """Unit quaternions (..., 4) with w >= 0 of rotation matrices (..., 3, 3).
+
+    The largest of the four components is found first, so that no division is by a small number
+    (Shepperd, "Quaternion from rotation matrix", 1978).
+    """
+    r = np.asarray(rotation, np.float64)
+    xx, yy, zz = r[..., 0, 0], r[..., 1, 1], r[..., 2, 2]
+    squares = np.stack([1 + xx + yy + zz, 1 + xx - yy - zz, 1 - xx + yy - zz, 1 - xx - yy + zz], -1)
+    wx, wy, wz = r[..., 2, 1] - r[..., 1, 2], r[..., 0, 2] - r[..., 2, 0], r[..., 1, 0] - r[..., 0, 1]
+    xy, xz, yz = r[..., 1, 0] + r[..., 0, 1], r[..., 0, 2] + r[..., 2, 0], r[..., 2, 1] + r[..., 1, 2]
+    products = np.stack(
+        [
+            np.stack([squares[..., 0], wx, wy, wz], -1),
+            np.stack([wx, squares[..., 1], xy, xz], -1),
+            np.stack([wy, xy, squares[..., 2], yz], -1),
+            np.stack([wz, xz, yz, squares[..., 3]], -1),
+        ],
+        -2,
+    )
+    largest = np.argmax(squares, -1)
+    q = np.take_along_axis(products, largest[..., None, None], -2)[..., 0, :]
+    q = q / np.linalg.norm(q, axis=-1, keepdims=True)
+    return np.where(q[..., :1] < 0, -q, q)
+
+
+def quaternion_from_yaw(yaw_rad: FloatArray | float) -> FloatArray:
+    """Quaternions (..., 4) that turn about +z by ``yaw_rad`` (...), counter-clockwise."""
+    half = np.asarray(yaw_rad, np.float64) / 2
+    zero = np.zeros_like(half)
+    return np.stack([np.cos(half), zero, zero, np.sin(half)], -1)
+
+
+def slerp(a: FloatArray, b: FloatArray, fraction: FloatArray) -> FloatArray:
+    """Spherical interpolation of quaternions (..., 4) along the shorter arc; ``fraction`` (...) may leave [0, 1]."""
+    dot = np.sum(a * b, -1, keepdims=True)
+    b = np.where(dot < 0, -b, b)
+    dot = np.minimum(np.abs(dot), 1.0)
+    angle = np.arccos(dot)
+    u = np.asarray(fraction)[..., None]
+    sine = np.sin(angle)
+    near = sine < 1e-6  # nearly parallel: the linear formula is exact to float64 here and divides by nothing
+    safe = np.where(near, 1.0, sine)
+    wa = np.where(near, 1 - u, np.sin((1 - u) * angle) / safe)
+    wb = np.where(near, u, np.sin(u * angle) / safe)
+    q = wa * a + wb * b
+    return q / np.linalg.norm(q, axis=-1, keepdims=True)
+
+
+def make_pose(position: FloatArray, quaternion_wxyz: FloatArray) -> FloatArray:
+    """Poses (..., 4, 4) of positions (..., 3) and quaternions (..., 4)."""
+    position = np.asarray(position, np.float64)
+    pose = np.zeros((*position.shape[:-1], 4, 4))
+    pose[..., :3, :3] = matrix_from_quaternion(quaternion_wxyz)
+    pose[..., :3, 3] = position
+    pose[..., 3, 3] = 1
+    return pose
+
+
+def invert_pose(pose: FloatArray) -> FloatArray:
+    """Inverse of rigid poses (..., 4, 4)."""
+    rotation_t = np.swapaxes(pose[..., :3, :3], -1, -2)
+    out = np.zeros_like(pose)
+    out[..., :3, :3] = rotation_t
+    out[..., :3, 3] = -(rotation_t @ pose[..., :3, 3, None])[..., 0]
+    out[..., 3, 3] = 1
+    return out
+
+
+def transform_points(pose: FloatArray, points: FloatArray) -> FloatArray:
+    """Points (..., N, 3) through poses (..., 4, 4)."""
+    return points @ np.swapaxes(pose[..., :3, :3], -1, -2) + pose[..., None, :3, 3]
+
+
+def rotate_vectors(pose: FloatArray, vectors: FloatArray) -> FloatArray:
+    """Directions (..., N, 3) through the rotations of poses (..., 4, 4)."""
+    return vectors @ np.swapaxes(pose[..., :3, :3], -1, -2)
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """A moving pose: linear in position, slerp in rotation, carried on at its end velocity outside its times.
+
+    times_s (T,) strictly increasing, positions (T, 3), quaternions_wxyz (T, 4). One key is a pose that stands still.
+    """
+
+    times_s: FloatArray
+    positions: FloatArray
+    quaternions_wxyz: FloatArray
+
+    def __post_init__(self) -> None:
+        for name in ("times_s", "positions", "quaternions_wxyz"):
+            object.__setattr__(self, name, np.ascontiguousarray(getattr(self, name), np.float64))
+        n = len(self.times_s)
+        if n == 0 or self.times_s.shape != (n,) or self.positions.shape != (n, 3) or self.quaternions_wxyz.shape != (n, 4):
+            raise ValueError(
+                f"a trajectory needs (T,), (T, 3) and (T, 4) with T >= 1, not {self.times_s.shape}, "
+                f"{self.positions.shape} and {self.quaternions_wxyz.shape}"
+            )
+        for name in ("times_s", "positions", "quaternions_wxyz"):
+            if not np.isfinite(getattr(self, name)).all():
+                raise ValueError(f"a trajectory's {name} holds a value that is not finite")
+        if (np.diff(self.times_s) <= 0).any():
+            raise ValueError("a trajectory's times must increase strictly")
+        norms = np.linalg.norm(self.quaternions_wxyz, axis=1, keepdims=True)
+        if (np.abs(norms - 1) > 1e-3).any():
+            raise ValueError("a trajectory's quaternions must have length 1")
+        # re-normalising would change the last bit of what is unit length already
+        quaternions = np.where(np.abs(norms - 1) > 1e-9, self.quaternions_wxyz / norms, self.quaternions_wxyz)
+        object.__setattr__(self, "quaternions_wxyz", quaternions)
+
+    @staticmethod
+    def from_poses(times_s: FloatArray, poses: FloatArray) -> Trajectory:
+        """A trajectory of poses (T, 4, 4) at times (T,)."""
+        poses = np.asarray(poses, np.float64)
+        return Trajectory(np.asarray(times_s, np.float64), poses[:, :3, 3], quaternion_from_matrix(poses[:, :3, :3]))
+
+    @property
+    def poses(self) -> FloatArray:
+        """The keys as poses (T, 4, 4)."""
+        return make_pose(self.positions, self.quaternions_wxyz)
+
+    def at(self, time_s: FloatArray | float) -> FloatArray:
+        """Poses (..., 4, 4) at times (...)."""
+        time = np.asarray(time_s, np.float64)
+        if len(self.times_s) == 1:
+            return np.broadcast_to(self.poses[0], (*time.shape, 4, 4)).copy()
+        upper = np.clip(np.searchsorted(self.times_s, time, side="right"), 1, len(self.times_s) - 1)
+        lower = upper - 1
+        u = (time - self.times_s[lower]) / (self.times_s[upper] - self.times_s[lower])
+        position = self.positions[lower] + u[..., None] * (self.positions[upper] - self.positions[lower])
+        return make_pose(position, slerp(self.quaternions_wxyz[lower], self.quaternions_wxyz[upper], u))
+
+    def transformed(self, left: FloatArray | None = None, right: FloatArray | None = None) -> Trajectory:
+        """The trajectory ``left @ pose @ right`` with constant poses (4, 4), or one for each key (T, 4, 4)."""
+        poses = self.poses
+        if left is not None:
+            poses = left @ poses
+        if right is not None:
+            poses = poses @ right
+        return Trajectory.from_poses(self.times_s, poses)
+
+
+def box_corners(pose: FloatArray, size_m: FloatArray) -> FloatArray:
+    """The 8 corners (8, 3) of a box with its centre at ``pose`` (4, 4) and edges ``size_m`` (3,)."""
+    signs = np.stack(np.meshgrid([-0.5, 0.5], [-0.5, 0.5], [-0.5, 0.5], indexing="ij"), -1).reshape(8, 3)
+    return transform_points(pose, signs * np.asarray(size_m))
+
+
+def points_in_box(points: FloatArray, pose: FloatArray, size_m: FloatArray) -> BoolArray:
+    """Which points (N, 3) lie in the box, its surface included: (N,)."""
+    local = transform_points(invert_pose(pose), points)
+    return np.asarray((np.abs(local) <= np.asarray(size_m) / 2).all(-1))
+
+
+def intersect_boxes(
+    origins: FloatArray, directions: FloatArray, box_from_world: FloatArray, size_m: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Where rays enter and leave boxes, by slabs: t_near, t_far (N, A); a ray that misses has t_near > t_far.
+
+    origins, directions (N, 3); box_from_world (A, 4, 4) or (N, A, 4, 4) where boxes move with each ray's time; size_m (A, 3).
+    t_near may be negative for rays that start inside. Components of direction that are zero are handled by the slabs' signs.
+    """
+    pose = box_from_world if box_from_world.ndim == 4 else box_from_world[None]
+    o = np.einsum("naij,nj->nai", np.broadcast_to(pose, (len(origins), *pose.shape[1:]))[..., :3, :3], origins) + pose[..., :3, 3]
+    d = np.einsum("naij,nj->nai", np.broadcast_to(pose, (len(origins), *pose.shape[1:]))[..., :3, :3], directions)
+    half = np.asarray(size_m)[None] / 2
+    inverse = 1.0 / np.where(np.abs(d) < 1e-300, np.copysign(1e-300, d), d)
+    a, b = (-half - o) * inverse, (half - o) * inverse
+    return np.minimum(a, b).max(-1), np.maximum(a, b).min(-1)
