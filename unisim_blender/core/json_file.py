@@ -1,0 +1,157 @@
+"""JSON documents on disk: finite numbers only, written whole or not at all, and read with every fault's place."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NoReturn
+
+import numpy as np
+
+from .errors import UnisimError
+from .geometry import FloatArray
+
+
+def read_json(path: Path, error: type[UnisimError]) -> Any:
+    """The document at ``path``. Raises ``error`` where it cannot be read, is no JSON or holds a number that is not finite."""
+
+    def refuse(word: str) -> NoReturn:
+        raise error(f"{path}: {word} is not a finite number")
+
+    def number(word: str) -> float:
+        value = float(word)
+        return value if math.isfinite(value) else refuse(word)
+
+    def unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+        result = dict(pairs)
+        if len(result) < len(pairs):
+            keys = [key for key, _ in pairs]
+            twice = next(key for key in keys if keys.count(key) > 1)
+            raise error(f'{path}: the key "{twice}" stands twice in one object')
+        return result
+
+    try:
+        text = Path(path).read_text(encoding="utf-8")
+        return json.loads(text, parse_constant=refuse, parse_float=number, object_pairs_hook=unique)
+    except OSError as fault:
+        raise error(f"{path}: cannot be read: {fault.strerror}") from fault
+    except UnicodeDecodeError as fault:
+        raise error(f"{path}: is not UTF-8 text (byte {fault.start})") from fault
+    except RecursionError as fault:
+        raise error(f"{path}: is nested too deeply") from fault
+    except ValueError as fault:
+        raise error(f"{path}: is not valid JSON: {fault}") from fault
+
+
+def write_text(path: Path, text: str, error: type[UnisimError]) -> None:
+    """Write ``text`` so that ``path`` holds either what it held before or all of the new text. Raises ``error``."""
+    path = Path(path)
+    temporary = None
+    try:
+        with tempfile.NamedTemporaryFile(
+            "w", encoding="utf-8", newline="\n", dir=path.parent, prefix=f".{path.name}.", delete=False
+        ) as file:
+            temporary = file.name
+            file.write(text)
+            file.flush()
+            os.fsync(file.fileno())
+        os.chmod(temporary, 0o644)  # a temporary file is private by default
+        os.replace(temporary, path)
+    except OSError as fault:
+        if temporary is not None:
+            Path(temporary).unlink(missing_ok=True)
+        raise error(f"{path}: cannot be written: {fault.strerror}") from fault
+
+
+class Node:
+    """A value of a JSON document that knows its place, so that every complaint names it.
+
+    The place of a document's root may be a file: `Node(value, f"{path}: ", SceneError)`.
+    """
+
+    def __init__(self, value: Any, place: str, error: type[UnisimError]) -> None:
+        self.value = value
+        self.place = place
+        self.error = error
+
+    def fail(self, problem: str) -> NoReturn:
+        """Raise the document's error for this place."""
+        raise self.error(f"{self.place.removesuffix(': ')}: {problem}")
+
+    def _at(self, step: str, value: Any) -> Node:
+        return Node(value, self.place + (step.removeprefix(".") if self.place.endswith(": ") else step), self.error)
+
+    def key(self, name: str) -> Node:
+        """The member ``name`` of an object."""
+        if name not in self.object():
+            self.fail(f'"{name}" is missing')
+        return self._at(f".{name}", self.value[name])
+
+    def object(self) -> dict[str, Any]:
+        """The value as a dictionary."""
+        if not isinstance(self.value, dict):
+            self.fail(f"must be an object, not {_short(self.value)}")
+        return dict(self.value)
+
+    def members(self) -> Iterator[tuple[str, Node]]:
+        """Name and node of every member of an object."""
+        for name, value in self.object().items():
+            yield name, self._at(f".{name}", value)
+
+    def elements(self) -> Iterator[Node]:
+        """Nodes of an array's elements."""
+        if not isinstance(self.value, list):
+            self.fail(f"must be an array, not {_short(self.value)}")
+        for index, value in enumerate(self.value):
+            yield self._at(f"[{index}]", value)
+
+    def text(self) -> str:
+        """The value as a string."""
+        if not isinstance(self.value, str):
+            self.fail(f"must be a string, not {_short(self.value)}")
+        return str(self.value)
+
+    def flag(self) -> bool:
+        """The value as true or false."""
+        if not isinstance(self.value, bool):
+            self.fail(f"must be true or false, not {_short(self.value)}")
+        return bool(self.value)
+
+    def number(self) -> float:
+        """The value as a finite number."""
+        if isinstance(self.value, bool) or not isinstance(self.value, int | float) or not math.isfinite(self.value):
+            self.fail(f"must be a finite number, not {_short(self.value)}")
+        return float(self.value)
+
+    def integer(self, at_least: int | None = None) -> int:
+        """The value as a whole number."""
+        if isinstance(self.value, bool) or not isinstance(self.value, int):
+            self.fail(f"must be a whole number, not {_short(self.value)}")
+        if at_least is not None and self.value < at_least:
+            self.fail(f"must be at least {at_least}, not {self.value}")
+        return int(self.value)
+
+    def array(self, *shape: int) -> FloatArray:
+        """The value as finite numbers of ``shape``; -1 stands for any length."""
+        wanted = " x ".join("N" if n < 0 else str(n) for n in shape)
+        try:
+            array = np.array(self.value)
+        except ValueError:
+            array = np.array(None)
+        if array.size == 0 and shape[0] == -1 and array.ndim == 1:
+            array = np.zeros((0, *shape[1:]))
+        fits = array.ndim == len(shape) and all(n in (-1, m) for n, m in zip(shape, array.shape, strict=True))
+        if not fits or array.dtype.kind not in "fi":
+            self.fail(f"must be {wanted} numbers, not {_short(self.value)}")
+        if not np.isfinite(array).all():
+            self.fail(f"holds a number that is not finite: {array[~np.isfinite(array)][0]}")
+        return np.asarray(array, np.float64)
+
+
+def _short(value: Any) -> str:
+    text = json.dumps(value)
+    return text if len(text) <= 60 else text[:57] + "..."
