@@ -1,0 +1,41 @@
+# make setup   everything into .venv, the native library built
+# make demo    a small street, a scene trained on it and its edits, in pictures
+# make test    lint, types, import rules, tests
+# make clean   removes what the others made, .venv included
+PYTHON ?= python3.11
+VENV := .venv
+BIN := $(VENV)/bin
+BUILD_TOOLS := scikit-build-core cmake ninja
+
+.PHONY: setup demo test clean
+
+setup: $(VENV)/.built
+
+$(VENV)/.created:
+	@command -v $(PYTHON) >/dev/null || { echo "$(PYTHON) is needed and was not found; name another with: make PYTHON=/path/to/python3.11" >&2; exit 1; }
+	@command -v $${CXX:-c++} >/dev/null || { echo "a C++17 compiler is needed and was not found (Debian: apt-get install g++)" >&2; exit 1; }
+	$(PYTHON) -m venv $(VENV)
+	touch $@
+
+# Dependencies are installed ahead of the package, so that a changed kernel costs a compilation and nothing else.
+$(VENV)/.installed: $(VENV)/.created pyproject.toml constraints.txt
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt $(BUILD_TOOLS)
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt --no-build-isolation --editable '.[torch,dev]'
+	touch $@
+
+$(VENV)/.built: $(VENV)/.installed CMakeLists.txt $(wildcard native/*)
+	$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation --editable .
+	touch $@
+
+demo: setup
+	$(BIN)/unisim demo
+
+test: setup
+	$(BIN)/ruff check
+	$(BIN)/ruff format --check
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+	OMP_NUM_THREADS=1 $(BIN)/pytest -n 2
+
+clean:
+	rm -rf $(VENV) build out unisim_blender/core/_unisim_native.*
