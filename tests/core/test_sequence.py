@@ -1,0 +1,242 @@
+"""Sequences: the same bytes for any number of jobs, for killed and resumed runs, and nothing rendered twice."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+from tiny_drive import FakeSource, tiny_drive, tiny_plan
+
+from unisim_blender.core import sequence
+from unisim_blender.core.errors import OutputError, UnisimError
+from unisim_blender.core.selection import select_frames
+from unisim_blender.core.sequence import render_sequence
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    """Every file but the timings."""
+    return {
+        str(path.relative_to(folder)): path.read_bytes()
+        for path in sorted(folder.rglob("*"))
+        if path.is_file() and path.name != "timings.json"
+    }
+
+
+@pytest.fixture(scope="module")
+def reference(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
+    out = tmp_path_factory.mktemp("reference") / "out"
+    report = render_sequence(tiny_plan(), out)
+    assert report.rendered == (0, 1, 2, 3, 4, 5) and report.kept == ()
+    assert (out / "timings.json").is_file()
+    return contents(out)
+
+
+def test_files_of_a_sequence(reference: dict[str, bytes]) -> None:
+    assert "manifest.json" in reference
+    for frame in range(6):
+        for name in ("camera/front/{:06d}.png", "camera/front/{:06d}.exr", "lidar/top/{:06d}.ply", "lidar/top/{:06d}.npz"):
+            assert name.format(frame) in reference
+        assert f"labels/{frame:06d}.json" in reference
+    assert not [name for name in reference if "partial" in name]
+
+
+def test_manifest_says_what_was_spent_and_saved(reference: dict[str, bytes]) -> None:
+    manifest = json.loads(reference["manifest.json"])
+    assert manifest["samples"]["samples_spent"] == sum(10 + f for f in range(6)) + 6 * 7
+    assert manifest["samples"]["samples_saved"] == 6 * (5 + 3)
+    assert manifest["inputs"]["scenes"] == {"": "1" * 64}
+    assert len(manifest["frames"]) == 6
+    assert "seconds" not in reference["manifest.json"].decode(), "times belong to timings.json"
+
+
+def test_two_jobs_give_the_same_bytes(reference: dict[str, bytes], tmp_path: Path) -> None:
+    log = tmp_path / "log"
+    render_sequence(tiny_plan(log, 0.05), tmp_path / "out", jobs=2)
+    assert contents(tmp_path / "out") == reference
+    processes = {line.split()[1] for line in log.read_text().splitlines()}
+    assert str(os.getpid()) not in processes
+
+
+def test_resume_renders_only_what_is_missing(reference: dict[str, bytes], tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    render_sequence(tiny_plan(frames=4), out)
+    (out / "camera/front/000001.png").write_bytes(b"damaged")
+    (out / "lidar/top/000002.npz").unlink()
+    (out / "labels" / ".000005.json.1.partial").write_bytes(b"left by a killed process")
+    log = tmp_path / "log"
+    report = render_sequence(tiny_plan(log), out, resume=True)
+    assert report.kept == (0, 3) and report.rendered == (1, 2, 4, 5)
+    assert sorted(int(line.split()[0]) for line in log.read_text().splitlines()) == [1, 2, 4, 5]
+    assert contents(out) == reference
+
+
+def test_resume_with_nothing_to_do_makes_no_renderer(reference: dict[str, bytes], tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    render_sequence(tiny_plan(), out)
+
+    def fail() -> Any:
+        raise AssertionError("a renderer was made")
+
+    report = render_sequence(replace(tiny_plan(), make_renderer=fail), out, resume=True)
+    assert report.rendered == () and contents(out) == reference
+
+
+@pytest.mark.parametrize("change", ["width", "scene", "drive"])
+def test_changed_inputs_are_rendered_again(change: str, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    render_sequence(tiny_plan(frames=2), out)
+    plan = tiny_plan(frames=1)
+    if change == "width":
+        plan = tiny_plan(frames=1, width=16)
+    elif change == "scene":
+        plan = replace(plan, scenes={"": "2" * 64})
+    else:
+        drive = replace(plan.drive, actors={})
+        plan = replace(plan, drive=drive, make_renderer=FakeSource(drive))
+    report = render_sequence(plan, out, resume=True)
+    assert report.rendered == (0,)
+    assert not (out / "camera/front/000001.png").exists(), "a frame of other inputs must not stay beside"
+    render_sequence(plan, tmp_path / "fresh")
+    assert contents(out) == contents(tmp_path / "fresh")
+
+
+def test_other_frames_asked_for_keep_those_that_are_there(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    render_sequence(tiny_plan(frames=2), out)
+    report = render_sequence(replace(tiny_plan(), frames=(4,)), out, resume=True)
+    assert report.rendered == (4,)
+    assert list(json.loads((out / "manifest.json").read_text())["frames"]) == ["000000", "000001", "000004"]
+
+
+def test_a_folder_that_holds_something_is_refused(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "mine.txt").write_text("keep")
+    with pytest.raises(OutputError, match="is not empty.*--resume"):
+        render_sequence(tiny_plan(), out)
+    assert [p.name for p in out.iterdir()] == ["mine.txt"]
+
+
+RUN = """
+import sys
+from pathlib import Path
+sys.path.insert(0, {tests!r})
+from tiny_drive import tiny_plan
+from unisim_blender.core.sequence import render_sequence
+if __name__ == "__main__":
+    render_sequence(tiny_plan(delay_s=0.3), Path(sys.argv[1]), jobs=int(sys.argv[2]))
+"""
+
+
+def start_run(tmp_path: Path, jobs: int) -> tuple[subprocess.Popen[bytes], Path]:
+    script = tmp_path / "run.py"
+    script.write_text(RUN.format(tests=str(Path(__file__).parent)))
+    out = tmp_path / "out"
+    root = Path(__file__).parents[2]
+    process = subprocess.Popen(
+        [sys.executable, str(script), str(out), str(jobs)], env={**os.environ, "PYTHONPATH": str(root)}, stderr=subprocess.PIPE
+    )
+    deadline = time.monotonic() + 60
+    while not list((out / ".state").glob("*.json")):
+        assert process.poll() is None and time.monotonic() < deadline, process.stderr and process.stderr.read()
+        time.sleep(0.01)
+    return process, out
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_killed_and_resumed_gives_the_same_bytes(jobs: int, reference: dict[str, bytes], tmp_path: Path) -> None:
+    process, out = start_run(tmp_path, jobs)
+    process.kill()
+    process.communicate()
+    time.sleep(0.2)  # workers end by themselves when the parent is gone
+    assert not (out / "manifest.json").exists()
+    finished = len(list((out / ".state").glob("*.json")))
+    assert 0 < finished < 6
+    time.sleep(0.5)
+    assert len(list((out / ".state").glob("*.json"))) == finished, "a worker outlived its killed parent"
+    report = render_sequence(tiny_plan(), out, resume=True)
+    assert len(report.kept) == finished
+    assert contents(out) == reference
+
+
+def test_interrupt_ends_cleanly_and_keeps_what_is_finished(reference: dict[str, bytes], tmp_path: Path) -> None:
+    process, out = start_run(tmp_path, 2)
+    process.send_signal(signal.SIGINT)
+    _, stderr = process.communicate(timeout=20)
+    assert process.returncode != 0 and b"KeyboardInterrupt" in stderr
+    assert list((out / ".state").glob("*.json")) and not list(out.rglob("*.partial"))
+    assert (out / "timings.json").is_file()
+    render_sequence(tiny_plan(), out, resume=True)
+    assert contents(out) == reference
+
+
+@pytest.mark.parametrize("failing", [".exr", ".npz", ".json"])
+def test_full_disk_keeps_finished_frames(
+    failing: str, reference: dict[str, bytes], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The third frame's file of each kind meets a full disk; the run ends with one sentence and can be continued."""
+    real = os.replace
+    state = {"full": True}
+
+    def replace_until_full(source: Any, target: Any) -> None:
+        if state["full"] and Path(target).name == f"000002{failing}":
+            raise OSError(28, "No space left on device")
+        real(source, target)
+
+    monkeypatch.setattr(os, "replace", replace_until_full)
+    out = tmp_path / "out"
+    with pytest.raises(OutputError, match="No space left on device"):
+        render_sequence(tiny_plan(), out)
+    assert not list(out.rglob("*.partial"))
+    state["full"] = False
+    report = render_sequence(tiny_plan(), out, resume=True)
+    assert report.kept == (0, 1)
+    assert contents(out) == reference
+
+
+def test_a_worker_that_dies_is_one_sentence(tmp_path: Path) -> None:
+    plan = tiny_plan()
+    with pytest.raises(OutputError, match="ended from outside.*--resume"):
+        render_sequence(replace(plan, make_renderer=DyingSource()), tmp_path / "out", jobs=2)
+
+
+class DyingSource:
+    """A renderer that ends its process, as the kernel does where memory runs out."""
+
+    def __call__(self) -> Any:
+        return self
+
+    def camera(self, *arguments: Any) -> None:
+        os.kill(os.getpid(), signal.SIGKILL)
+
+
+def test_threads_are_shared_among_jobs(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("OMP_NUM_THREADS", "7")
+    sequence.limit_threads(3)
+    assert os.environ["OMP_NUM_THREADS"] == "3"
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [(None, (0, 1, 2, 4, 5)), ("1:5:2", (1,)), ("::2", (0, 2, 4)), ("4", (4,)), ("2:", (2, 4, 5)), ("1:5", (1, 2, 4))],
+)
+def test_frames_are_named_by_number(text: str | None, expected: tuple[int, ...]) -> None:
+    assert select_frames(text, (0, 1, 2, 4, 5)) == expected
+
+
+@pytest.mark.parametrize("text", ["3", "7:9", "a", "1:2:0", "1:2:3:4", "::-1"])
+def test_frames_that_are_not_there_are_refused(text: str | None) -> None:
+    with pytest.raises(UnisimError, match="--frames"):
+        select_frames(text, (0, 1, 2, 4, 5))
+
+
+def test_the_drive_used_here_is_what_it_says() -> None:
+    assert tiny_drive().frames == (0, 1, 2, 3, 4, 5)

@@ -1,0 +1,53 @@
+"""Files that appear under their name only when they are complete."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from .errors import OutputError
+
+PARTIAL_SUFFIX = ".partial"
+
+
+@contextmanager
+def partial_file(path: Path) -> Iterator[Path]:
+    """Give a temporary name beside ``path`` to write to, and rename it to ``path`` at the end.
+
+    Where anything fails the temporary file goes and what ``path`` held before stays. Raises `OutputError` where the system
+    cannot write (a full disk, no permission); OpenEXR reports those as RuntimeError.
+    """
+    temporary = path.with_name(f".{path.name}.{os.getpid()}{PARTIAL_SUFFIX}")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        yield temporary
+        os.replace(temporary, path)
+    except (OSError, RuntimeError) as error:
+        reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
+        raise OutputError(f"{path}: cannot be written: {reason}") from error
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def write_file(path: Path, data: bytes) -> None:
+    """Write all of ``data``, or nothing. Raises `OutputError`."""
+    with partial_file(path) as temporary:
+        temporary.write_bytes(data)
+
+
+def remove_partial_files(folder: Path) -> None:
+    """Remove what a killed process left behind anywhere below ``folder``."""
+    for path in folder.rglob(f".*{PARTIAL_SUFFIX}"):
+        path.unlink(missing_ok=True)
+
+
+def sha256_of_file(path: Path) -> str:
+    """Hex digest of a file's bytes."""
+    digest = hashlib.sha256()
+    with open(path, "rb") as file:
+        while block := file.read(1 << 20):
+            digest.update(block)
+    return digest.hexdigest()

@@ -1,0 +1,126 @@
+"""One frame's files: pictures, sweeps and labels. The same frame gives the same bytes."""
+
+from __future__ import annotations
+
+import io
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+from plyfile import PlyData, PlyElement
+
+from .colour import bytes_from_srgb
+from .drive import Drive
+from .exr import camera_metadata, write_exr
+from .files import write_file
+from .frames import CameraFrame, LidarFrame
+from .geometry import invert_pose, transform_points
+from .labels import frame_labels
+
+POINT_FIELDS = np.dtype(
+    [
+        ("x", "<f4"),
+        ("y", "<f4"),
+        ("z", "<f4"),
+        ("intensity", "<f4"),
+        ("ring", "<i4"),
+        ("azimuth", "<f4"),
+        ("time", "<f8"),
+        ("instance", "<i4"),
+    ]
+)
+"""x y z (m) in the LiDAR's frame at the frame's time, intensity 0..1, ring (beam), azimuth of firing (rad, in the sensor's frame
+at the ray's own time), time (s, from the log's first frame), instance (0: background, n: the n-th name of ``instances``)."""
+
+
+def camera_path(out: Path, sensor_id: str, frame: int, suffix: str) -> Path:
+    """Where an image lies: `camera/NAME/000042.png` or `.exr`."""
+    return out / "camera" / sensor_id / f"{frame:06d}{suffix}"
+
+
+def lidar_path(out: Path, sensor_id: str, frame: int, suffix: str) -> Path:
+    """Where a sweep lies: `lidar/NAME/000042.ply` or `.npz`."""
+    return out / "lidar" / sensor_id / f"{frame:06d}{suffix}"
+
+
+def labels_path(out: Path, frame: int) -> Path:
+    """Where a frame's boxes lie."""
+    return out / "labels" / f"{frame:06d}.json"
+
+
+def write_camera(out: Path, sensor_id: str, frame: int, time_s: float, image: CameraFrame) -> list[Path]:
+    """Write PNG (sRGB as it is) and EXR (linear, all passes); the files' paths. Raises `OutputError`."""
+    png, exr = camera_path(out, sensor_id, frame, ".png"), camera_path(out, sensor_id, frame, ".exr")
+    write_file(png, png_bytes(bytes_from_srgb(image.rgb)))
+    write_exr(exr, image, camera_metadata(image, sensor_id, frame, time_s))
+    return [png, exr]
+
+
+def write_lidar(out: Path, sensor_id: str, frame: int, time_s: float, sweep: LidarFrame) -> list[Path]:
+    """Write the sweep's returns as PLY and NPZ; the files' paths. Raises `OutputError`."""
+    points = sweep_points(sweep)
+    ply, npz = lidar_path(out, sensor_id, frame, ".ply"), lidar_path(out, sensor_id, frame, ".npz")
+    write_file(ply, ply_bytes(points, sensor_id, frame, time_s))
+    write_file(npz, npz_bytes(points, time_s, sweep))
+    return [ply, npz]
+
+
+def write_labels(out: Path, drive: Drive, frame: int) -> list[Path]:
+    """Write the edited scene's boxes; the file's path. Raises `OutputError`."""
+    path = labels_path(out, frame)
+    write_file(path, json_bytes(frame_labels(drive, frame)))
+    return [path]
+
+
+def sweep_points(sweep: LidarFrame) -> NDArray[np.void]:
+    """The returned cells, beam by beam, as records (N,) of `POINT_FIELDS`."""
+    ring, column = np.nonzero(sweep.returned)
+    world = sweep.origins[ring, column] + sweep.directions[ring, column] * sweep.depth_m[ring, column, None].astype(np.float64)
+    points = np.zeros(len(ring), POINT_FIELDS)
+    local = transform_points(invert_pose(sweep.world_from_lidar), world)
+    points["x"], points["y"], points["z"] = local.T
+    points["intensity"] = sweep.intensity[ring, column]
+    points["ring"] = ring
+    model = sweep.model
+    azimuth = model.start_azimuth_rad + model.direction * 2 * np.pi * (column + 0.5) / model.columns
+    points["azimuth"] = np.mod(azimuth + model.azimuth_offset_rad[ring] + np.pi, 2 * np.pi) - np.pi
+    points["time"] = sweep.time_s[ring, column]
+    points["instance"] = sweep.instance[ring, column]
+    return points
+
+
+def png_bytes(image: NDArray[np.uint8]) -> bytes:
+    """An image (H, W, 3) or (H, W) as PNG."""
+    buffer = io.BytesIO()
+    Image.fromarray(image).save(buffer, format="PNG")
+    return buffer.getvalue()
+
+
+def ply_bytes(points: NDArray[np.void], sensor_id: str, frame: int, time_s: float) -> bytes:
+    """Records of `POINT_FIELDS` as binary PLY."""
+    buffer = io.BytesIO()
+    comments = [f"sensor {sensor_id}", f"frame {frame}", f"time_s {time_s!r}", "frame of reference: the sensor at time_s"]
+    PlyData([PlyElement.describe(points, "vertex")], byte_order="<", comments=comments).write(buffer)
+    return buffer.getvalue()
+
+
+def npz_bytes(points: NDArray[np.void], time_s: float, sweep: LidarFrame) -> bytes:
+    """One array a field, and beside them world_from_lidar (4, 4) float64, time_s and the instances' names."""
+    buffer = io.BytesIO()
+    # numpy gives every member of the archive the date 1980-01-01, so equal arrays are equal bytes
+    np.savez_compressed(
+        buffer,
+        **{name: points[name] for name in POINT_FIELDS.names or ()},
+        world_from_lidar=np.asarray(sweep.world_from_lidar, np.float64),
+        time_s=np.float64(time_s),
+        instances=np.array(sweep.instances, dtype=np.str_),
+    )
+    return buffer.getvalue()
+
+
+def json_bytes(document: Any) -> bytes:
+    """A JSON document in one fixed form: indented, keys in their order, finite numbers only."""
+    return (json.dumps(document, indent=1, allow_nan=False) + "\n").encode()

@@ -1,0 +1,104 @@
+"""What a sequence is rendered from: drive, sensors, settings, and the digest that says whether a finished frame still holds."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import platform
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from functools import cache
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+
+from .drive import Drive
+from .files import sha256_of_file
+from .frames import CameraFrame, LidarFrame
+from .scene_file import drive_to_json
+
+
+class FrameRenderer(Protocol):
+    """What renders one sensor's frame: the neural renderer, or the street's exact one."""
+
+    def camera(self, camera_id: str, frame: int, passes: tuple[str, ...] = ("rgb",), width: int | None = None) -> CameraFrame:
+        """One image with the passes asked for."""
+        ...
+
+    def lidar(self, lidar_id: str, frame: int) -> LidarFrame:
+        """One sweep."""
+        ...
+
+
+@dataclass(frozen=True)
+class SequenceSettings:
+    """What is rendered of every frame; the frames themselves are given apart, for they change no frame's content."""
+
+    cameras: tuple[str, ...]
+    lidars: tuple[str, ...]
+    passes: tuple[str, ...] = ("rgb",)
+    width: int | None = None
+    quality: str = "balanced"
+    device: str = "cpu"
+
+
+@dataclass(frozen=True)
+class RenderPlan:
+    """A sequence to render.
+
+    ``make_renderer`` is called once in every process and must pickle; ``scenes`` are the trained scenes' hashes by name, part of
+    what decides whether a frame is up to date; ``about`` is what the manifest says besides (names and hashes, no paths).
+    """
+
+    drive: Drive
+    frames: tuple[int, ...]
+    settings: SequenceSettings
+    make_renderer: Callable[[], FrameRenderer]
+    scenes: dict[str, str]
+    about: dict[str, Any]
+
+
+def plan_key(plan: RenderPlan) -> str:
+    """A digest of all that a frame's bytes depend on, save its number: edited drive, scenes, settings, code, environment."""
+    drive = drive_to_json(plan.drive)
+    del drive["frames"]
+    document = {
+        "drive": drive,
+        "scenes": plan.scenes,
+        "settings": asdict(plan.settings),
+        "code": code_identity(),
+        "environment": environment(plan.settings.device),
+    }
+    return hashlib.sha256(json.dumps(document, sort_keys=True).encode()).hexdigest()
+
+
+@cache
+def code_identity() -> dict[str, str]:
+    """The package's version, and a digest of the sources and native libraries that render."""
+    root = Path(__file__).parent
+    digest = hashlib.sha256()
+    for path in sorted(p for p in root.rglob("*") if p.suffix in (".py", ".so", ".dll", ".dylib") and p.is_file()):
+        digest.update(f"{path.relative_to(root).as_posix()}\0{sha256_of_file(path)}\n".encode())
+    try:
+        release = version("unisim_blender")
+    except PackageNotFoundError:  # run from its sources, or as an extension of Blender
+        release = "source"
+    return {"version": release, "sha256": digest.hexdigest()}
+
+
+def environment(device: str) -> dict[str, str]:
+    """What else equal bytes depend on: machine, instruction set, libraries that compute."""
+    found = {"machine": platform.machine(), "device": device, "numpy": np.__version__}
+    try:
+        import torch
+    except ModuleNotFoundError:
+        return found
+    return found | {"torch": torch.__version__, "instruction_set": torch.backends.cpu.get_cpu_capability()}
+
+
+def sensor_frames(drive: Drive, settings: SequenceSettings, frames: tuple[int, ...]) -> tuple[int, ...]:
+    """Those of ``frames`` at which every sensor of the settings has a time."""
+    sensors = [drive.cameras[name].time_s for name in settings.cameras] + [drive.lidars[name].time_s for name in settings.lidars]
+    return tuple(frame for frame in frames if all(frame in times for times in sensors))

@@ -1,0 +1,50 @@
+"""Frames and sensors as the command line names them."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+
+from .errors import UnisimError
+
+RANGE = re.compile(r"(-?\d*):(-?\d*)(?::(\d*))?")
+
+
+def select_frames(text: str | None, available: Sequence[int]) -> tuple[int, ...]:
+    """Those of the ``available`` frame numbers that START:STOP:STEP names, in order; all where ``text`` is None.
+
+    Parts may be left out; START counts from frame 0, STOP is not included, one number alone is that frame: "30:80:4", "::2",
+    "42". Frames that are missing are passed over, but at least one must be there. Raises `UnisimError`.
+    """
+    if text is None:
+        return tuple(available)
+    if text.isdecimal():
+        chosen = {int(text)}
+    else:
+        match = RANGE.fullmatch(text)
+        step = int(match[3] or 1) if match else 0
+        if not match or step < 1:
+            raise UnisimError(f'--frames "{text}": must be START:STOP:STEP or one frame number, with a step of at least 1')
+        start = int(match[1] or 0)
+        stop = int(match[2]) if match[2] else max(available, default=0) + 1
+        chosen = set(range(start, stop, step))
+    frames = tuple(frame for frame in available if frame in chosen)
+    if not frames:
+        span = f"{min(available)} to {max(available)}" if available else "none"
+        raise UnisimError(f'--frames "{text}": selects none of the frames there are ({span})')
+    return frames
+
+
+def split_names(text: str | None) -> tuple[str, ...] | None:
+    """The names of a comma-separated list; None where ``text`` is None."""
+    if text is None:
+        return None
+    return tuple(name for name in (part.strip() for part in text.split(",")) if name)
+
+
+def check_names(what: str, names: Iterable[str], known: Iterable[str]) -> None:
+    """Raise `UnisimError` for the first name that is not known."""
+    known = list(known)
+    for name in names:
+        if name not in known:
+            raise UnisimError(f'{what} "{name}": is not one of {", ".join(known) or "none"}')

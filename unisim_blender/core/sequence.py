@@ -1,0 +1,231 @@
+"""Frames of one drive rendered into a folder, by one or several processes, and taken up again where a run was cut off.
+
+Every finished frame leaves a record of what it was rendered from and of its files' hashes, written after the files. A frame whose
+record and files agree with what is asked for is not rendered again. The manifest is made of the records, so it does not depend on
+how often or where a run was interrupted.
+"""
+
+from __future__ import annotations
+
+import json
+import multiprocessing
+import os
+import signal
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from .errors import OutputError
+from .files import remove_partial_files, sha256_of_file, write_file
+from .frames import RenderStats
+from .outputs import json_bytes, write_camera, write_labels, write_lidar
+from .render_plan import FrameRenderer, RenderPlan, code_identity, environment, plan_key
+
+STATE_FOLDER = ".state"
+MANIFEST_NAME = "manifest.json"
+TIMINGS_NAME = "timings.json"
+MANIFEST_VERSION = 1
+
+
+@dataclass(frozen=True)
+class RenderReport:
+    """What a run did: frames rendered now, frames found finished, wall-clock seconds."""
+
+    rendered: tuple[int, ...]
+    kept: tuple[int, ...]
+    seconds: float
+
+
+def render_sequence(
+    plan: RenderPlan, out: Path, jobs: int = 1, resume: bool = False, on_frame: Callable[[int], None] = lambda frame: None
+) -> RenderReport:
+    """Render the plan's frames into folder ``out`` and write its manifest; ``on_frame`` is called after each frame.
+
+    Raises `OutputError` where ``out`` holds something already and ``resume`` is not set, or where it cannot be written; finished
+    frames stay in every case.
+    """
+    started = time.monotonic()
+    if not resume and out.exists() and (not out.is_dir() or any(out.iterdir())):
+        raise OutputError(f"{out}: is not empty; name another folder, or continue the render it holds with --resume")
+    key = plan_key(plan)
+    remove_partial_files(out)
+    kept = _discard_stale(out, key)
+    to_do = [frame for frame in plan.frames if frame not in kept]
+    if to_do:
+        (out / MANIFEST_NAME).unlink(missing_ok=True)
+    timings = _read_timings(out)
+    try:
+        run = _render_in_processes if jobs > 1 and len(to_do) > 1 else _render_here
+        for frame, seconds in run(plan, out, key, to_do, jobs):
+            timings[str(frame)] = seconds
+            on_frame(frame)
+    finally:
+        remove_partial_files(out)
+        if out.is_dir():
+            write_file(out / TIMINGS_NAME, json_bytes({name: timings[name] for name in sorted(timings, key=int)}))
+    write_file(out / MANIFEST_NAME, json_bytes(_manifest(plan, out, key)))
+    done = tuple(frame for frame in plan.frames if frame in kept)
+    return RenderReport(tuple(to_do), done, time.monotonic() - started)
+
+
+def render_frame(plan: RenderPlan, renderer: FrameRenderer, out: Path, key: str, frame: int) -> dict[str, float]:
+    """Render one frame's sensors, write its files and then its record; seconds taken by sensor."""
+    settings, files, samples, seconds = plan.settings, [], {}, {}
+    for name in settings.cameras:
+        started = time.monotonic()
+        image = renderer.camera(name, frame, settings.passes, settings.width)
+        files += write_camera(out, name, frame, plan.drive.cameras[name].time_s[frame], image)
+        samples[f"camera/{name}"], seconds[f"camera/{name}"] = _counts(image.stats), time.monotonic() - started
+    for name in settings.lidars:
+        started = time.monotonic()
+        sweep = renderer.lidar(name, frame)
+        files += write_lidar(out, name, frame, plan.drive.lidars[name].time_s[frame], sweep)
+        samples[f"lidar/{name}"], seconds[f"lidar/{name}"] = _counts(sweep.stats), time.monotonic() - started
+    files += write_labels(out, plan.drive, frame)
+    hashes = {path.relative_to(out).as_posix(): sha256_of_file(path) for path in files}
+    write_file(_record_path(out, frame), json_bytes({"frame": frame, "key": key, "files": hashes, "samples": samples}))
+    return seconds
+
+
+def _counts(stats: RenderStats) -> dict[str, int]:
+    return {name: getattr(stats, name) for name in ("rays", "samples_spent", "samples_saved", "actors_skipped")}
+
+
+def _record_path(out: Path, frame: int) -> Path:
+    return out / STATE_FOLDER / f"{frame:06d}.json"
+
+
+def _records(out: Path) -> dict[int, dict[str, Any]]:
+    """All frames' records in order; a record that does not parse counts as none."""
+    found = {}
+    for path in sorted((out / STATE_FOLDER).glob("*.json")):
+        try:
+            record = json.loads(path.read_bytes())
+            found[int(path.stem)] = {"key": record["key"], "files": dict(record["files"]), "samples": dict(record["samples"])}
+        except (ValueError, KeyError, TypeError):
+            path.unlink()
+    return found
+
+
+def _is_whole(out: Path, record: dict[str, Any]) -> bool:
+    return all((out / name).is_file() and sha256_of_file(out / name) == digest for name, digest in record["files"].items())
+
+
+def _discard_stale(out: Path, key: str) -> set[int]:
+    """Remove frames that were rendered from other inputs or that are damaged; the frames that may stay."""
+    kept = set()
+    for frame, record in _records(out).items():
+        if record["key"] == key and _is_whole(out, record):
+            kept.add(frame)
+            continue
+        _record_path(out, frame).unlink()
+        for name in record["files"]:
+            (out / name).unlink(missing_ok=True)
+    return kept
+
+
+def _manifest(plan: RenderPlan, out: Path, key: str) -> dict[str, Any]:
+    frames = {f"{frame:06d}": record for frame, record in _records(out).items()}
+    totals = dict.fromkeys(("rays", "samples_spent", "samples_saved", "actors_skipped"), 0)
+    for record in frames.values():
+        for counts in record["samples"].values():
+            for name in totals:
+                totals[name] += counts[name]
+    return {
+        "format": "unisim-render",
+        "version": MANIFEST_VERSION,
+        "code": code_identity(),
+        "environment": environment(plan.settings.device),
+        "inputs": {**plan.about, "scenes": plan.scenes, "key": key},
+        "settings": asdict(plan.settings),
+        "samples": totals,
+        "frames": {name: {"files": record["files"], "samples": record["samples"]} for name, record in frames.items()},
+    }
+
+
+def _read_timings(out: Path) -> dict[str, dict[str, float]]:
+    try:
+        return dict(json.loads((out / TIMINGS_NAME).read_bytes()))
+    except (OSError, ValueError, TypeError):
+        return {}
+
+
+FrameSeconds = tuple[int, dict[str, float]]
+
+
+def _render_here(plan: RenderPlan, out: Path, key: str, frames: list[int], jobs: int) -> Iterator[FrameSeconds]:
+    renderer = plan.make_renderer() if frames else None
+    for frame in frames:
+        assert renderer is not None
+        yield frame, render_frame(plan, renderer, out, key, frame)
+
+
+def _render_in_processes(plan: RenderPlan, out: Path, key: str, frames: list[int], jobs: int) -> Iterator[FrameSeconds]:
+    threads = max(1, (os.cpu_count() or 1) // jobs)
+    with _pool(min(jobs, len(frames)), (plan, out, key, threads)) as pool:
+        waiting: set[Future[FrameSeconds]] = {pool.submit(_worker_frame, frame) for frame in frames}
+        while waiting:
+            finished, waiting = wait(waiting, return_when=FIRST_COMPLETED)
+            for future in finished:
+                try:
+                    yield future.result()
+                except BrokenProcessPool as error:
+                    raise OutputError(
+                        f"{out}: a render process was ended from outside (out of memory?); finished frames are kept, "
+                        "continue with --resume and fewer --jobs"
+                    ) from error
+
+
+@contextmanager
+def _pool(jobs: int, arguments: tuple[RenderPlan, Path, str, int]) -> Iterator[ProcessPoolExecutor]:
+    """Worker processes; where the body fails or is interrupted they end at once, in the middle of their frames."""
+    pool = ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn"), _start_worker, arguments)
+    try:
+        yield pool
+    except BaseException:
+        for process in list((getattr(pool, "_processes", None) or {}).values()):
+            process.kill()
+        raise
+    finally:
+        pool.shutdown(wait=True, cancel_futures=True)
+
+
+_worker: tuple[RenderPlan, FrameRenderer, Path, str] | None = None
+"""What a worker process renders with, made once when it starts."""
+
+
+def _start_worker(plan: RenderPlan, out: Path, key: str, threads: int) -> None:
+    global _worker
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the whole group; the parent decides
+    threading.Thread(target=_exit_with_parent, daemon=True).start()
+    limit_threads(threads)
+    _worker = plan, plan.make_renderer(), out, key
+
+
+def _exit_with_parent() -> None:
+    """End this process when the parent is gone, killed or not: nobody would wait for its frames."""
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+    parent.join()
+    os._exit(1)
+
+
+def _worker_frame(frame: int) -> FrameSeconds:
+    assert _worker is not None
+    plan, renderer, out, key = _worker
+    return frame, render_frame(plan, renderer, out, key, frame)
+
+
+def limit_threads(threads: int) -> None:
+    """Let the numeric libraries of this process use so many threads."""
+    for name in ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+        os.environ[name] = str(threads)
+    if "torch" in sys.modules:
+        sys.modules["torch"].set_num_threads(threads)
