@@ -39,6 +39,7 @@ def test_srgb_curve_at_known_points() -> None:
 
 def test_exr_holds_named_channels_and_metadata(tmp_path: Path) -> None:
     frame = RENDERER.camera("front", 3, ALL_PASSES)
+    assert frame.depth_m is not None and frame.instance is not None and frame.unsupported is not None
     _, exr = write_camera(tmp_path, "front", 3, 0.3, frame)
     header, channels = read_exr(exr)
     assert set(channels) == {
@@ -122,7 +123,7 @@ def test_labels_give_boxes_in_every_frame_of_reference() -> None:
 
 
 def test_full_disk_is_one_sentence_and_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def no_space(self, data: Any) -> None:
+    def no_space(self: Path, data: bytes) -> None:
         with open(self, "wb") as file:
             file.write(data[:10])
         raise OSError(errno.ENOSPC, "No space left on device")
@@ -137,7 +138,7 @@ def test_full_disk_is_one_sentence_and_leaves_nothing(tmp_path: Path, monkeypatc
 
 
 def test_exr_on_a_full_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def no_space(self, name: Any) -> None:
+    def no_space(self: OpenEXR.File, name: str) -> None:
         Path(name).write_bytes(b"half of it")
         raise RuntimeError(f'Failed to write pixel data to image file "{name}". No space left on device.')
 

@@ -1,0 +1,109 @@
+"""How far a rendered frame is from a recorded or true one.
+
+Pictures are sRGB in 0..1, as they are shown. PSNR = -10 log10(mean squared error over all pixels and channels). SSIM follows Wang
+et al., "Image quality assessment" (2004): an 11 x 11 Gaussian window with sigma 1.5, K1 = .01, K2 = .03, population covariance,
+colour channels averaged, a border of 5 pixels left out.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+from skimage.metrics import structural_similarity
+
+from .geometry import BoolArray, FloatArray
+
+Picture = NDArray[np.float32]
+SSIM_WINDOW = 11
+
+
+def mean_squared_error(rendered: Picture, recorded: Picture, mask: BoolArray | None = None) -> float:
+    """Mean of squared differences (H, W, 3) over the mask's pixels (H, W); NaN where the mask is empty."""
+    squares = (np.asarray(rendered, np.float64) - np.asarray(recorded, np.float64)) ** 2
+    if mask is not None:
+        squares = squares[mask]
+    return float(squares.mean()) if squares.size else float("nan")
+
+
+def psnr_from_error(mean_square: float) -> float:
+    """Peak signal-to-noise ratio in dB for a peak of 1; inf where the pictures are equal."""
+    return float("inf") if mean_square == 0 else -10 * float(np.log10(mean_square))
+
+
+def psnr(rendered: Picture, recorded: Picture, mask: BoolArray | None = None) -> float:
+    """PSNR in dB of pictures (H, W, 3), within the mask (H, W) where one is given; NaN where it is empty."""
+    return psnr_from_error(mean_squared_error(rendered, recorded, mask))
+
+
+def ssim(rendered: Picture, recorded: Picture) -> float:
+    """Structural similarity of pictures (H, W, 3); NaN where one is smaller than the window."""
+    if min(recorded.shape[:2]) < SSIM_WINDOW:
+        return float("nan")
+    untyped: Any = structural_similarity
+    value = untyped(
+        np.asarray(recorded, np.float64),
+        np.asarray(rendered, np.float64),
+        gaussian_weights=True,
+        sigma=1.5,
+        use_sample_covariance=False,
+        data_range=1.0,
+        channel_axis=-1,
+    )
+    return float(value)
+
+
+def chamfer(rendered: FloatArray, recorded: FloatArray) -> dict[str, float]:
+    """Distance of two point clouds (N, 3) and (M, 3) by nearest neighbours; NaN where one is empty.
+
+    ``chamfer_m``: the mean distance from each rendered point to the nearest recorded one and the mean distance back, averaged.
+    ``chamfer_squared_m2``: squared distances both ways, summed and divided by the number of recorded points, as NeuRAD (Tonderski
+    et al., 2024) reports it.
+    """
+    if len(rendered) == 0 or len(recorded) == 0:
+        return {"chamfer_m": float("nan"), "chamfer_squared_m2": float("nan")}
+    forward, _ = cKDTree(recorded).query(rendered)
+    backward, _ = cKDTree(rendered).query(recorded)
+    squares = float(np.sum(forward**2) + np.sum(backward**2))
+    return {
+        "chamfer_m": float(np.mean(forward) + np.mean(backward)) / 2,
+        "chamfer_squared_m2": squares / len(recorded),
+    }
+
+
+def lidar_metrics(
+    depth_m: NDArray[np.float32],
+    intensity: NDArray[np.float32],
+    returned: BoolArray,
+    recorded_depth_m: NDArray[np.float32],
+    recorded_intensity: NDArray[np.float32],
+    recorded_returned: BoolArray,
+) -> dict[str, float]:
+    """Compare the same rays (N,), rendered and recorded; cells that the vehicle blocks must have been left out.
+
+    Depth errors are absolute, over rays that return in both; ``hit_rate`` is the share of recorded returns that return here too;
+    ``drop_accuracy`` the share of all rays of which it is the same whether they return; ``intensity_rmse`` over rays that return
+    in both. ``depth_median_squared_m2`` is the median squared error, which NeuRAD's tables call "depth".
+    """
+    both = returned & recorded_returned
+    error = np.abs(np.asarray(depth_m, np.float64) - recorded_depth_m)[both]
+    difference = np.asarray(intensity, np.float64)[both] - recorded_intensity[both]
+    some = len(error) > 0
+    nan = float("nan")
+    return {
+        "depth_median_m": float(np.median(error)) if some else nan,
+        "depth_p90_m": float(np.percentile(error, 90)) if some else nan,
+        "depth_mean_m": float(error.mean()) if some else nan,
+        "depth_median_squared_m2": float(np.median(error**2)) if some else nan,
+        "hit_rate": float(both.sum() / recorded_returned.sum()) if recorded_returned.any() else nan,
+        "drop_accuracy": float((returned == recorded_returned).mean()) if returned.size else nan,
+        "intensity_rmse": float(np.sqrt(np.mean(difference**2))) if some else nan,
+    }
+
+
+def mean_of(frames: list[dict[str, Any]], name: str) -> float | None:
+    """Mean of one metric over the frames that have a finite value of it; None where there is none."""
+    values = [frame[name] for frame in frames if frame.get(name) is not None and np.isfinite(frame[name])]
+    return float(np.mean(values)) if values else None
