@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from unisim_blender.core.drive import Actor, Camera, CameraModel, Drive, Lidar, LidarModel, Look
 from unisim_blender.core.frames import CameraFrame, LidarFrame, RenderStats
 from unisim_blender.core.geometry import FloatArray, Trajectory, make_pose, quaternion_from_matrix
+from unisim_blender.core.log import Sweep, SweepGrid
 from unisim_blender.core.render_plan import RenderPlan, SequenceSettings
 from unisim_blender.core.sensors.lidar import lidar_rays
 
@@ -145,3 +146,64 @@ def tiny_plan(log_path: Path | None = None, delay_s: float = 0.0, frames: int = 
 def world_pose(x: float, y: float, z: float) -> FloatArray:
     """A pose (4, 4) without rotation."""
     return make_pose(np.array([x, y, z]), IDENTITY)
+
+
+class TinyLog:
+    """A log whose images and sweeps are the fake renderer's, the images darker by ``offset``, the depths longer by 0.1 m."""
+
+    def __init__(self, offset: float = 0.1) -> None:
+        self.drive = tiny_drive()
+        self.path = Path("tiny")
+        self.missing: tuple[str, ...] = ()
+        self.offset = offset
+        self.renderer = FakeRenderer(self.drive)
+
+    def image_frames(self, camera: str) -> tuple[int, ...]:
+        return self.drive.frames
+
+    def sweep_frames(self, lidar: str) -> tuple[int, ...]:
+        return self.drive.frames[:-1]
+
+    def image(self, camera: str, frame: int) -> NDArray[np.uint8]:
+        rgb = np.full((18, 32, 3), 0.5 - self.offset + 0.01 * frame**2)
+        image: NDArray[np.uint8] = np.rint(rgb * 255).astype(np.uint8)
+        return image
+
+    def sweep(self, lidar: str, frame: int) -> Sweep:
+        raise AssertionError("evaluation uses the grid")
+
+    def sweep_grid(self, lidar: str, frame: int) -> SweepGrid:
+        sweep = self.renderer.lidar(lidar, frame)
+        blocked = np.zeros(sweep.returned.shape, bool)
+        blocked[:, :6] = True
+        returned = sweep.returned & ~blocked
+        return SweepGrid(
+            sweep.model,
+            sweep.origins,
+            sweep.directions,
+            sweep.time_s,
+            np.where(returned, sweep.depth_m + np.float32(0.1), 0).astype(np.float32),
+            np.where(returned, 0.5, 0).astype(np.float32),
+            returned,
+            blocked,
+        )
+
+
+class GreyRenderer(FakeRenderer):
+    """Pictures that are grey all over, and LiDAR rays that all return, at the fake sweep's depth."""
+
+    def camera(self, camera_id: str, frame: int, passes: tuple[str, ...] = ("rgb",), width: int | None = None) -> CameraFrame:
+        image = super().camera(camera_id, frame, passes, width)
+        image.rgb[:] = 0.5
+        return image
+
+    def rays_lidar(
+        self, origins: FloatArray, directions: FloatArray, time_s: FloatArray
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], NDArray[np.int32]]:
+        """Looks the depths up by time and direction."""
+        frame = next(f for f, t in self.drive.time_s.items() if t - 0.1 <= time_s.min() and time_s.max() <= t)
+        sweep = self.lidar("top", frame)
+        cells = {key.tobytes(): i for i, key in enumerate(sweep.directions.reshape(-1, 3))}
+        depth = sweep.depth_m.reshape(-1)[[cells[d.tobytes()] for d in directions]]
+        one = np.ones(len(depth), np.float32)
+        return depth, one * np.float32(0.25), one, np.zeros(len(depth), np.int32)

@@ -38,12 +38,15 @@ def psnr(rendered: Picture, recorded: Picture, mask: BoolArray | None = None) ->
     return psnr_from_error(mean_squared_error(rendered, recorded, mask))
 
 
-def ssim(rendered: Picture, recorded: Picture) -> float:
-    """Structural similarity of pictures (H, W, 3); NaN where one is smaller than the window."""
+def ssim(rendered: Picture, recorded: Picture, mask: BoolArray | None = None) -> float:
+    """Structural similarity of pictures (H, W, 3), averaged over windows centred in the mask (H, W) where one is given.
+
+    NaN where a picture is smaller than the window or the mask is empty.
+    """
     if min(recorded.shape[:2]) < SSIM_WINDOW:
         return float("nan")
     untyped: Any = structural_similarity
-    value = untyped(
+    mean, full = untyped(
         np.asarray(recorded, np.float64),
         np.asarray(rendered, np.float64),
         gaussian_weights=True,
@@ -51,8 +54,14 @@ def ssim(rendered: Picture, recorded: Picture) -> float:
         use_sample_covariance=False,
         data_range=1.0,
         channel_axis=-1,
+        full=True,
     )
-    return float(value)
+    if mask is None:
+        return float(mean)
+    border = SSIM_WINDOW // 2
+    inner = (slice(border, -border), slice(border, -border))
+    values = full[inner][mask[inner]]
+    return float(values.mean()) if values.size else float("nan")
 
 
 def chamfer(rendered: FloatArray, recorded: FloatArray) -> dict[str, float]:

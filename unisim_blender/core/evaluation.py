@@ -1,0 +1,262 @@
+"""A trained scene against the recorded frames it was not trained on.
+
+Full-frame figures are means over frames (and cameras) of the frames' own figures. Figures inside actors' boxes pool the squared
+errors of all frames' pixels first, for a box is a few pixels in one frame and half the picture in another. LiDAR figures are
+means over sweeps.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .drive import Camera, Drive
+from .frames import CameraFrame
+from .geometry import BoolArray, FloatArray, invert_pose, transform_points
+from .images import resize_image
+from .log import Log
+from .masks import actor_mask
+from .metrics import Picture, chamfer, lidar_metrics, mean_of, mean_squared_error, psnr, psnr_from_error, ssim
+from .pictures import Tile, depth_picture, difference_picture, outline, sweep_picture
+
+DRIVING_M_S = 0.5
+"""Frames in which the ego vehicle is faster count as driving."""
+
+Perceptual = Callable[[Picture, Picture], float]
+"""LPIPS of a rendered and a recorded picture (H, W, 3)."""
+
+
+class RayRenderer(Protocol):
+    """What evaluation needs of a renderer."""
+
+    def camera(self, camera_id: str, frame: int, passes: tuple[str, ...] = ("rgb",), width: int | None = None) -> CameraFrame:
+        """One image."""
+        ...
+
+    def rays_lidar(
+        self, origins: FloatArray, directions: FloatArray, time_s: FloatArray
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], NDArray[np.int32]]:
+        """Depth (m), intensity, probability of a return and instance (N,) of LiDAR rays (N, 3), (N, 3), (N,)."""
+        ...
+
+
+@dataclass(frozen=True)
+class EvaluationPlan:
+    """What is compared: ``width`` is the pictures' (None: as recorded); ``trained`` the frames that neighbours are taken from."""
+
+    frames: tuple[int, ...]
+    cameras: tuple[str, ...]
+    lidars: tuple[str, ...]
+    width: int | None
+    trained: tuple[int, ...]
+    perceptual: Perceptual | None = None
+
+
+@dataclass
+class FramePictures:
+    """One frame's pictures for the report, one row a sensor."""
+
+    frame: int
+    rows: list[list[Tile]] = field(default_factory=list)
+
+
+def evaluate(
+    renderer: RayRenderer, log: Log, plan: EvaluationPlan, on_frame: Callable[[FramePictures], None] = lambda pictures: None
+) -> dict[str, Any]:
+    """Render the plan's frames and compare them with the log; the figures as a JSON object (None where there are none)."""
+    per_frame = []
+    for frame in plan.frames:
+        pictures = FramePictures(frame)
+        speed = ego_speed(log.drive, frame)
+        record: dict[str, Any] = {
+            "frame": frame,
+            "ego_speed_m_s": speed,
+            "driving": speed > DRIVING_M_S,
+            "camera": {},
+            "lidar": {},
+        }
+        for name in plan.cameras:
+            if frame in log.image_frames(name):
+                record["camera"][name], row = _camera_frame(renderer, log, plan, name, frame)
+                pictures.rows.append(row)
+        for name in plan.lidars:
+            if frame in log.sweep_frames(name):
+                record["lidar"][name], row = _lidar_frame(renderer, log, name, frame)
+                pictures.rows.append(row)
+        per_frame.append(record)
+        on_frame(pictures)
+    figures: dict[str, Any] = finite({**summarise(per_frame), "per_frame": per_frame})
+    return figures
+
+
+def ego_speed(drive: Drive, frame: int) -> float:
+    """The ego vehicle's speed in m/s, over the tenth of a second around the frame's time that lies within the drive."""
+    keys = drive.world_from_ego.times_s
+    time = drive.time_s[frame]
+    start, end = max(time - 0.05, keys[0]), min(time + 0.05, keys[-1])
+    if end <= start:
+        return 0.0
+    positions = drive.world_from_ego.at(np.array([start, end]))[:, :3, 3]
+    return float(np.linalg.norm(positions[1] - positions[0]) / (end - start))
+
+
+def recorded_picture(log: Log, camera: str, frame: int, width: int | None) -> Picture:
+    """The recorded image (H, W, 3) in 0..1; at another width every pixel is the mean of what it covers."""
+    image = resize_image(log.image(camera, frame), resized_camera(log.drive.cameras[camera], width).model)
+    return np.asarray(image, np.float32) / np.float32(255)
+
+
+def neighbour_average(log: Log, plan: EvaluationPlan, camera: str, frame: int) -> Picture | None:
+    """The mean of the nearest recorded frames before and after that were trained on; None where one side has none."""
+    images = [other for other in log.image_frames(camera) if other in plan.trained and other != frame]
+    before = [other for other in images if other < frame]
+    after = [other for other in images if other > frame]
+    if not before or not after:
+        return None
+    return (recorded_picture(log, camera, before[-1], plan.width) + recorded_picture(log, camera, after[0], plan.width)) / 2
+
+
+def resized_camera(camera: Camera, width: int | None) -> Camera:
+    """The camera with its pictures at another width."""
+    model = camera.model if width is None else camera.model.resized(width)
+    return Camera(camera.sensor_id, model, camera.world_from_camera, camera.time_s)
+
+
+def picture_metrics(rendered: Picture, recorded: Picture, masks: dict[str, BoolArray]) -> dict[str, Any]:
+    """PSNR and SSIM over the frame, and within each mask with its pixels and mean squared error, from which PSNR is pooled."""
+    found: dict[str, Any] = {"psnr_db": psnr(rendered, recorded), "ssim": ssim(rendered, recorded)}
+    for name, mask in masks.items():
+        error = mean_squared_error(rendered, recorded, mask)
+        found[name] = {
+            "psnr_db": psnr_from_error(error),
+            "ssim": ssim(rendered, recorded, mask),
+            "mean_squared_error": error,
+            "pixels": int(mask.sum()),
+        }
+    return found
+
+
+def _camera_frame(
+    renderer: RayRenderer, log: Log, plan: EvaluationPlan, name: str, frame: int
+) -> tuple[dict[str, Any], list[Tile]]:
+    recorded = recorded_picture(log, name, frame, plan.width)
+    image = renderer.camera(name, frame, ("rgb", "depth"), plan.width)
+    rendered = np.clip(image.rgb, 0, 1)
+    camera = resized_camera(log.drive.cameras[name], plan.width)
+    actors = log.drive.actors.values()
+    inside = actor_mask(camera, frame, actors)
+    masks = {
+        "actors": inside,
+        "moving_actors": actor_mask(camera, frame, (actor for actor in actors if actor.is_moving)),
+        "outside_actors": ~inside,
+    }
+    found = picture_metrics(rendered, recorded, masks)
+    if plan.perceptual is not None:
+        found["lpips"] = plan.perceptual(rendered, recorded)
+    neighbours = neighbour_average(log, plan, name, frame)
+    found["neighbour_average_psnr_db"] = None if neighbours is None else psnr(neighbours, recorded)
+    shown = (recorded * 255).astype(np.uint8)
+    tiles = [
+        Tile(f"{name} {frame}: recorded", outline(shown, inside)),
+        Tile(f"rendered {found['psnr_db']:.2f} dB", (rendered * 255).astype(np.uint8)),
+        Tile("difference (white: 0.25)", difference_picture(rendered, recorded)),
+    ]
+    if image.depth_m is not None:
+        tiles.append(Tile("depth (2 to 120 m)", depth_picture(image.depth_m)))
+    return found, tiles
+
+
+def _lidar_frame(renderer: RayRenderer, log: Log, name: str, frame: int) -> tuple[dict[str, Any], list[Tile]]:
+    grid = log.sweep_grid(name, frame)
+    cells = ~grid.blocked
+    origins, directions = grid.origins[cells], grid.directions[cells]
+    depth, intensity, probability, _ = renderer.rays_lidar(origins, directions, grid.time_s[cells])
+    returned, recorded_returned = probability >= 0.5, grid.returned[cells]
+    found: dict[str, Any] = lidar_metrics(
+        depth, intensity, returned, grid.depth_m[cells], grid.intensity[cells], recorded_returned
+    )
+    rendered = origins[returned] + directions[returned] * depth[returned, None].astype(np.float64)
+    recorded = origins[recorded_returned] + directions[recorded_returned] * grid.depth_m[cells][recorded_returned, None]
+    found |= chamfer(rendered, recorded)
+    found["rays"] = int(cells.sum())
+    ego_from_world = invert_pose(log.drive.world_from_ego.at(log.drive.time_s[frame]))
+    size = 640, 480
+    tiles = [
+        Tile(
+            f"{name} {frame}: recorded, from above",
+            sweep_picture(transform_points(ego_from_world, recorded), grid.intensity[cells][recorded_returned], *size),
+        ),
+        Tile(
+            f"rendered, median {found['depth_median_m'] * 100:.1f} cm",
+            sweep_picture(transform_points(ego_from_world, rendered), intensity[returned], *size),
+        ),
+    ]
+    return found, tiles
+
+
+MASKS = ("actors", "moving_actors", "outside_actors")
+CAMERA_FIGURES = ("psnr_db", "ssim", "lpips", "neighbour_average_psnr_db")
+LIDAR_FIGURES = (
+    "depth_median_m",
+    "depth_p90_m",
+    "depth_mean_m",
+    "depth_median_squared_m2",
+    "hit_rate",
+    "drop_accuracy",
+    "intensity_rmse",
+    "chamfer_m",
+    "chamfer_squared_m2",
+)
+
+
+def summarise(per_frame: list[dict[str, Any]]) -> dict[str, Any]:
+    """All frames' figures, those of driving frames beside them, and each sensor's own."""
+    summary: dict[str, Any] = {}
+    for kind, figures in (("camera", camera_figures), ("lidar", lidar_figures)):
+        driving = [record for record in per_frame if record["driving"]]
+        summary[kind] = figures(_of_sensors(per_frame, kind))
+        summary[kind]["driving"] = figures(_of_sensors(driving, kind))
+        names = dict.fromkeys(name for record in per_frame for name in record[kind])
+        summary[kind]["by_sensor"] = {name: figures(_of_sensors(per_frame, kind, name)) for name in names}
+    return summary
+
+
+def camera_figures(images: list[dict[str, Any]], masks: Iterable[str] = MASKS) -> dict[str, Any]:
+    """The images' mean figures, and those within each mask."""
+    figures: dict[str, Any] = {"images": len(images), **{name: mean_of(images, name) for name in CAMERA_FIGURES}}
+    if all("lpips" not in image for image in images):
+        del figures["lpips"]
+    for mask in masks:
+        parts = [image[mask] for image in images if mask in image and image[mask]["pixels"]]
+        pixels = sum(part["pixels"] for part in parts)
+        error = sum(part["mean_squared_error"] * part["pixels"] for part in parts)
+        figures[mask] = {
+            "psnr_db": psnr_from_error(error / pixels) if pixels else None,
+            "ssim": mean_of(parts, "ssim"),
+            "pixels": pixels,
+        }
+    return figures
+
+
+def lidar_figures(sweeps: list[dict[str, Any]]) -> dict[str, Any]:
+    """The sweeps' mean figures."""
+    return {"sweeps": len(sweeps), **{name: mean_of(sweeps, name) for name in LIDAR_FIGURES}}
+
+
+def _of_sensors(per_frame: list[dict[str, Any]], kind: str, sensor: str | None = None) -> list[dict[str, Any]]:
+    return [found for record in per_frame for name, found in record[kind].items() if sensor in (None, name)]
+
+
+def finite(value: Any) -> Any:
+    """The same document with None for numbers that are not finite, which JSON does not have."""
+    if isinstance(value, dict):
+        return {key: finite(member) for key, member in value.items()}
+    if isinstance(value, list | tuple):
+        return [finite(member) for member in value]
+    if isinstance(value, float | np.floating):
+        return float(value) if np.isfinite(value) else None
+    return value

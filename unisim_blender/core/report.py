@@ -1,0 +1,66 @@
+"""A page of pictures and figures that opens from a folder, in any browser, without a network."""
+
+from __future__ import annotations
+
+from html import escape
+from pathlib import Path
+from typing import Any
+
+from .evaluation import FramePictures
+from .files import write_file
+from .outputs import png_bytes
+
+STYLE = """
+body { background: #181818; color: #e6e6e6; font: 14px/1.5 sans-serif; margin: 2em; }
+table { border-collapse: collapse; margin: 1em 0; }
+td, th { padding: .2em .8em; text-align: right; border-bottom: 1px solid #444; }
+td:first-child, th:first-child { text-align: left; } figure { display: inline-block; margin: 0 .5em .5em 0; }
+figcaption { color: #bbb; } img { max-width: 46vw; image-rendering: auto; } h2 { margin-top: 2em; }
+"""
+
+
+class Report:
+    """Collects frames' pictures under ``out``/pictures and writes ``out``/index.html."""
+
+    def __init__(self, out: Path, title: str) -> None:
+        self.out = out
+        self.title = title
+        self._sections: list[str] = []
+
+    def add(self, pictures: FramePictures) -> None:
+        """Write one frame's pictures. Raises `OutputError`."""
+        figures = []
+        for number, row in enumerate(pictures.rows):
+            for place, tile in enumerate(row):
+                name = f"pictures/{pictures.frame:06d}_{number}_{place}.png"
+                write_file(self.out / name, png_bytes(tile.pixels))
+                caption = escape(tile.label)
+                figures.append(f'<figure><img src="{name}" alt="{caption}"><figcaption>{caption}</figcaption></figure>')
+            figures.append("<br>")
+        self._sections.append(f"<h2>Frame {pictures.frame}</h2>\n" + "\n".join(figures))
+
+    def finish(self, figures: dict[str, Any]) -> Path:
+        """Write the page with a table of ``figures``, a nested object of numbers; the page's path. Raises `OutputError`."""
+        rows = "".join(f"<tr><td>{escape(name)}</td><td>{value}</td></tr>" for name, value in flat_figures(figures))
+        page = (
+            f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{escape(self.title)}</title>'
+            f"<style>{STYLE}</style></head><body><h1>{escape(self.title)}</h1>\n<table>{rows}</table>\n"
+            + "\n".join(self._sections)
+            + "\n</body></html>\n"
+        )
+        path = self.out / "index.html"
+        write_file(path, page.encode())
+        return path
+
+
+def flat_figures(figures: dict[str, Any], prefix: str = "") -> list[tuple[str, str]]:
+    """Dotted names and printed values of a nested object's numbers and words; lists and missing values are left out."""
+    lines = []
+    for name, value in figures.items():
+        if isinstance(value, dict):
+            lines += flat_figures(value, f"{prefix}{name}.")
+        elif isinstance(value, float):
+            lines.append((prefix + name, f"{value:.4g}"))
+        elif isinstance(value, int | str):
+            lines.append((prefix + name, str(value)))
+    return lines
