@@ -15,16 +15,12 @@ import numpy as np
 from .errors import UnisimError
 from .geometry import FloatArray
 
+MAX_INTEGER = 2**53
+"""Whole numbers up to here are exact in float64."""
+
 
 def read_json(path: Path, error: type[UnisimError]) -> Any:
     """The document at ``path``. Raises ``error`` where it cannot be read, is no JSON or holds a number that is not finite."""
-
-    def refuse(word: str) -> NoReturn:
-        raise error(f"{path}: {word} is not a finite number")
-
-    def number(word: str) -> float:
-        value = float(word)
-        return value if math.isfinite(value) else refuse(word)
 
     def unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
         result = dict(pairs)
@@ -36,7 +32,7 @@ def read_json(path: Path, error: type[UnisimError]) -> Any:
 
     try:
         text = Path(path).read_text(encoding="utf-8")
-        return json.loads(text, parse_constant=refuse, parse_float=number, object_pairs_hook=unique)
+        document = json.loads(text, object_pairs_hook=unique)
     except OSError as fault:
         raise error(f"{path}: cannot be read: {fault.strerror}") from fault
     except UnicodeDecodeError as fault:
@@ -45,6 +41,22 @@ def read_json(path: Path, error: type[UnisimError]) -> Any:
         raise error(f"{path}: is nested too deeply") from fault
     except ValueError as fault:
         raise error(f"{path}: is not valid JSON: {fault}") from fault
+    check_finite(document, f"{path}: ", error)
+    return document
+
+
+def check_finite(value: Any, place: str, error: type[UnisimError]) -> None:
+    """Raise ``error`` for the first number in a JSON value that float64 cannot hold; ``place`` is the value's own."""
+    if isinstance(value, dict):
+        for key, member in value.items():
+            check_finite(member, f"{place}{key}" if place.endswith(": ") else f"{place}.{key}", error)
+    elif isinstance(value, list):
+        for index, member in enumerate(value):
+            check_finite(member, f"{place}[{index}]", error)
+    elif isinstance(value, float) and not math.isfinite(value):
+        raise error(f"{place}: {value} is not a finite number")
+    elif isinstance(value, int) and abs(value) > MAX_INTEGER:
+        raise error(f"{place}: is a whole number beyond 2^53")
 
 
 def write_text(path: Path, text: str, error: type[UnisimError]) -> None:

@@ -1,0 +1,146 @@
+"""Edits of actors: remove, duplicate, insert, move, retime, swap."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ..drive import Actor, Drive
+from ..geometry import FloatArray, Trajectory, quaternion_from_yaw
+from ..scenario_types import Duplicate, Insert, Move, Remove, Retime, Swap
+from .context import Context, actor_of, fail
+from .motion import TimeMap, displaced, is_moving, offset_curve, quaternion_product, retimed
+
+
+def remove(drive: Drive, edit: Remove, place: str, context: Context) -> Drive:
+    """The drive without the actor."""
+    current(drive, edit.actor, f"{place}.actor", context)
+    return replace(drive, actors={uid: actor for uid, actor in drive.actors.items() if uid != edit.actor})
+
+
+def duplicate(drive: Drive, edit: Duplicate, place: str, context: Context) -> Drive:
+    """The drive with a second actor that looks like the source, displaced, later, or on a path of its own."""
+    source = current(drive, edit.actor, f"{place}.actor", context)
+    _check_new(drive, edit.id, place, context)
+    if edit.pose is not None or edit.trajectory is not None:
+        trajectory = context.trajectory(edit.pose, edit.trajectory, edit.outside, place)
+        start, end = source.start_s, source.end_s
+    else:
+        trajectory = beside(source.world_from_actor, edit.offset_m, edit.world_offset_m, edit.turn_deg)
+        later = edit.time_offset_s or 0.0
+        trajectory = retimed(trajectory, TimeMap(np.array([later]), np.zeros(1))) if later else trajectory
+        start, end = source.start_s + later, source.end_s + later
+    if edit.present is not None:
+        start, end = context.presence(edit.present, place)
+    copy = replace(
+        source,
+        uid=edit.id,
+        world_from_actor=trajectory,
+        start_s=start,
+        end_s=end,
+        is_moving=is_moving(trajectory),
+        inserted=True,
+    )
+    return _with(drive, copy)
+
+
+def insert(drive: Drive, edit: Insert, place: str, context: Context) -> Drive:
+    """The drive with another actor, of this or of another trained scene."""
+    source = context.look_of(edit.actor, edit.scene, place, "actor")
+    _check_new(drive, edit.id, place, context)
+    trajectory = context.trajectory(edit.pose, edit.trajectory, edit.outside, place)
+    start, end = context.presence(edit.present, place)
+    return _with(
+        drive,
+        replace(
+            source,
+            uid=edit.id,
+            world_from_actor=trajectory,
+            start_s=start,
+            end_s=end,
+            is_moving=is_moving(trajectory),
+            inserted=True,
+        ),
+    )
+
+
+def move(drive: Drive, edit: Move, place: str, context: Context) -> Drive:
+    """The drive with the actor on another path; it is there when it was, unless the edit says when."""
+    actor = current(drive, edit.actor, f"{place}.actor", context)
+    trajectory = context.trajectory(edit.pose, edit.trajectory, edit.outside, place)
+    start, end = (actor.start_s, actor.end_s) if edit.present is None else context.presence(edit.present, place)
+    return _with(drive, replace(actor, world_from_actor=trajectory, start_s=start, end_s=end, is_moving=is_moving(trajectory)))
+
+
+def retime(drive: Drive, edit: Retime, place: str, context: Context) -> Drive:
+    """The drive with the actor on the same path at other times."""
+    actor = current(drive, edit.actor, f"{place}.actor", context)
+    time_map = _time_map(edit, place, context)
+    start, end = context.presence(None, place)
+    if edit.outside == "hold":
+        time_map = time_map.clamped(actor.start_s, actor.end_s)
+    elif edit.outside != "continue":
+        start, end = time_map.scenario(actor.start_s), time_map.scenario(actor.end_s, latest=True)
+    return _with(drive, replace(actor, world_from_actor=retimed(actor.world_from_actor, time_map), start_s=start, end_s=end))
+
+
+def swap(drive: Drive, edit: Swap, place: str, context: Context) -> Drive:
+    """The drive with another look in the actor's place: the look's box and class, its underside where the actor's was."""
+    actor = current(drive, edit.actor, f"{place}.actor", context)
+    look = context.look_of(edit.look, edit.scene, place, "look")
+    raised = (look.size_m[2] - actor.size_m[2]) / 2
+    trajectory = beside(actor.world_from_actor, (0.0, 0.0, raised), None, None) if raised else actor.world_from_actor
+    return _with(drive, replace(actor, label=look.label, size_m=look.size_m, look=look.look, world_from_actor=trajectory))
+
+
+def beside(
+    trajectory: Trajectory,
+    offset_m: tuple[float, float, float] | None,
+    world_offset_m: tuple[float, float, float] | None,
+    turn_deg: float | None,
+) -> Trajectory:
+    """The trajectory displaced along its own axes and the world's, then turned about its own z."""
+    if offset_m is not None:
+        offset: FloatArray = np.array(offset_m, float)
+        curve = offset_curve(trajectory, trajectory.times_s, lambda times: np.broadcast_to(offset, (len(times), 3)))
+        trajectory = displaced(trajectory, curve)
+    positions, quaternions = trajectory.positions, trajectory.quaternions_wxyz
+    if world_offset_m is not None:
+        positions = positions + np.array(world_offset_m, float)
+    if turn_deg is not None:
+        # a turn on the right passes through slerp, so the keys alone need it
+        quaternions = quaternion_product(quaternions, quaternion_from_yaw(np.radians(turn_deg)))
+    return Trajectory(trajectory.times_s, positions, quaternions)
+
+
+def current(drive: Drive, uid: str, place: str, context: Context) -> Actor:
+    """The actor as the edits so far leave it. Raises `ScenarioError`, also for one that an earlier edit removed."""
+    if uid not in drive.actors:
+        for index, edit in enumerate(context.scenario.edits):
+            if isinstance(edit, Remove) and edit.actor == uid and uid in context.recorded.actors:
+                fail(place, f'"{uid}" was removed by edits[{index}]')
+    return actor_of(drive.actors, uid, place, "in the log")
+
+
+def _check_new(drive: Drive, uid: str, place: str, context: Context) -> None:
+    if uid in context.recorded.actors:
+        fail(f"{place}.id", f'"{uid}" is an actor of the log already')
+    if uid in drive.actors:
+        fail(f"{place}.id", f'"{uid}" is an actor already')
+
+
+def _with(drive: Drive, actor: Actor) -> Drive:
+    return replace(drive, actors={**drive.actors, actor.uid: actor})
+
+
+def _time_map(edit: Retime, place: str, context: Context) -> TimeMap:
+    if edit.map is not None:
+        for index, pair in enumerate(edit.map):
+            for time in pair:
+                context.check_time(time, f"{place}.map[{index}]")
+        scenario, recorded = np.array(edit.map, float).T
+        return TimeMap(scenario, recorded)
+    first = min(context.recorded.time_s.values())
+    pivot = first if edit.pivot_s is None else context.check_time(edit.pivot_s, f"{place}.pivot_s")
+    return TimeMap(np.array([pivot + (edit.offset_s or 0.0)]), np.array([pivot]), float(edit.speed or 1.0))

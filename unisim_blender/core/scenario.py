@@ -1,0 +1,87 @@
+"""Scenario documents: read, checked and written. A document that is read and written again is the same document."""
+
+from __future__ import annotations
+
+import json
+import types
+from dataclasses import fields, is_dataclass
+from pathlib import Path
+from typing import Any, Union, get_args, get_origin, get_type_hints
+
+from .errors import ScenarioError
+from .json_file import check_finite, read_json, write_text
+from .scenario_checks import check_document, check_scenario
+from .scenario_types import EDIT_TYPES, Edit, Scenario
+
+FORMAT = "unisim-scenario"
+VERSION = 1
+
+
+def load_scenario(path: Path) -> Scenario:
+    """Read and check a scenario. Raises `ScenarioError` naming the file, the place in it and the value."""
+    path = Path(path)
+    return scenario_from_json(read_json(path, ScenarioError), path)
+
+
+def save_scenario(scenario: Scenario, path: Path) -> None:
+    """Write a scenario, whole or not at all; the paths in it stay as they are. Raises `ScenarioError`."""
+    document = scenario_to_json(scenario)
+    check_finite(document, f"{path}: ", ScenarioError)
+    check_scenario(scenario)
+    write_text(Path(path), json.dumps(document, indent=2, ensure_ascii=False) + "\n", ScenarioError)
+
+
+def scenario_from_json(document: Any, path: Path = Path("scenario.json")) -> Scenario:
+    """The scenario of a JSON object; ``path`` is what its paths are relative to and what complaints name."""
+    check_finite(document, f"{path}: ", ScenarioError)
+    check_document(document, path)
+    values = {key: value for key, value in document.items() if key not in ("format", "version")}
+    scenario: Scenario = _build(Scenario, values | {"path": path})
+    check_scenario(scenario)
+    return scenario
+
+
+def scenario_to_json(scenario: Scenario) -> dict[str, Any]:
+    """The scenario as a JSON object."""
+    values = _plain(scenario)
+    del values["path"]
+    return {"format": FORMAT, "version": VERSION, **values}
+
+
+def _plain(value: Any) -> Any:
+    if is_dataclass(value):
+        head = {"type": value.type} if hasattr(value, "type") else {}
+        members = {item.name: getattr(value, item.name) for item in fields(value)}
+        return head | {key: _plain(member) for key, member in members.items() if member is not None}
+    if isinstance(value, tuple):
+        return [_plain(item) for item in value]
+    if isinstance(value, dict):
+        return {key: _plain(item) for key, item in value.items()}
+    return value
+
+
+def _build(hint: Any, value: Any) -> Any:
+    """``value``, which the schema has passed, as the type that ``hint`` names."""
+    if hint == Edit:
+        kind = EDIT_TYPES[value["type"]]
+        return _build(kind, {key: member for key, member in value.items() if key != "type"})
+    origin, choices = get_origin(hint), get_args(hint)
+    if origin in (Union, types.UnionType):
+        return _build(next(choice for choice in choices if _accepts(choice, value)), value)
+    if origin is tuple:
+        items = choices if choices[-1] is not Ellipsis else choices[:1] * len(value)
+        return tuple(_build(item, part) for item, part in zip(items, value, strict=True))
+    if origin is dict:
+        return {key: _build(choices[1], member) for key, member in value.items()}
+    if is_dataclass(hint):
+        hints = get_type_hints(hint)
+        return hint(**{key: _build(hints[key], member) for key, member in value.items()})  # type: ignore[operator]
+    return int(value) if hint is int else value  # JSON Schema counts 2.0 among the integers
+
+
+def _accepts(hint: Any, value: Any) -> bool:
+    if isinstance(value, list):
+        return get_origin(hint) is tuple
+    if isinstance(value, dict):
+        return is_dataclass(hint) or get_origin(hint) is dict
+    return hint is type(value) or (hint in (int, float) and isinstance(value, int | float))
