@@ -1,0 +1,84 @@
+"""A drive's things put into its street: what a ray of that drive can hit, in the street's frame."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..drive import Actor, Box, Drive, Lidar
+from ..errors import ScenarioError
+from ..geometry import FloatArray, Trajectory, invert_pose
+from .street import Street, street_origin
+from .trace import Asset, Placement
+
+GROUND, STATIC = 0, 1
+"""Numbers of the first two placements; copies of static things follow, then the actors."""
+
+
+@dataclass(frozen=True, eq=False)
+class World:
+    """Placements, street frame: ground, static things, static copies, actors. instances: the actors' uids, in order.
+
+    footprints: for the contact shadow of each actor, its placement and its box's edges (3,).
+    """
+
+    placements: list[Placement]
+    instances: tuple[str, ...]
+    sizes_m: list[FloatArray]
+    street_from_world: FloatArray
+
+    @property
+    def first_actor(self) -> int:
+        """Number of the first actor's placement."""
+        return len(self.placements) - len(self.instances)
+
+
+def make_world(street: Street, drive: Drive) -> World:
+    """The world of a recorded or edited drive of that street. `ScenarioError` where a look is not the street's."""
+    street_from_world = street_origin(drive)
+    holes = tuple(_moved(street_from_world, box) for box in drive.static_removals)
+    placements = [Placement("ground", street.ground), Placement("static", street.static, holes=holes)]
+    for copy in drive.static_copies:
+        source = _moved(street_from_world, copy.source)
+        street_from_asset = street_from_world @ copy.world_from_target @ invert_pose(source.world_from_box)
+        motion = Trajectory.from_poses(np.zeros(1), street_from_asset[None])
+        placements.append(Placement(copy.uid, street.static, motion, clip=source))
+    instances = tuple(sorted(drive.actors))
+    for uid in instances:
+        actor = drive.actors[uid]
+        motion = actor.world_from_actor.transformed(left=street_from_world)
+        placements.append(Placement(uid, asset_of(street, actor), motion, _window(drive, actor)))
+    return World(placements, instances, [drive.actors[uid].size_m for uid in instances], street_from_world)
+
+
+def asset_of(street: Street, actor: Actor) -> Asset:
+    """What an actor looks like."""
+    look = actor.look
+    source = street
+    if look.scene:
+        if look.scene not in street.others:
+            raise ScenarioError(
+                f"actor {actor.uid!r} looks like {look.actor!r} of {look.scene!r}, a scene whose street is not known"
+            )
+        source = street.others[look.scene]
+    if look.actor not in source.assets:
+        raise ScenarioError(f"actor {actor.uid!r} looks like {look.actor!r}, which street {source.recipe.seed} does not have")
+    return source.assets[look.actor]
+
+
+def _window(drive: Drive, actor: Actor) -> tuple[float, float] | None:
+    """When an actor is there. One of the first (last) frame is there before (after) it too: sensors see a sweep's margin."""
+    start = -math.inf if actor.start_s <= drive.time_s[drive.frames[0]] else actor.start_s
+    end = math.inf if actor.end_s >= drive.time_s[drive.frames[-1]] else actor.end_s
+    return None if start == -math.inf and end == math.inf else (start, end)
+
+
+def _moved(pose: FloatArray, box: Box) -> Box:
+    return Box(pose @ box.world_from_box, np.asarray(box.size_m, np.float64))
+
+
+def lidar_pose(lidar: Lidar, frame: int) -> FloatArray:
+    """The sensor's pose (4, 4) at a frame's time."""
+    return lidar.world_from_lidar.at(lidar.time_s[frame])
