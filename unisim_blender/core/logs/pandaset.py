@@ -15,6 +15,7 @@ from . import pandaset_sensors as sensors
 from .pandaset_actors import read_actors
 from .pandaset_files import frame_files, image_size, ranges, read_intrinsics, read_poses, read_times
 from .safe_pickle import read_table
+from .sensor_file import LidarSetup, LogSetup, read_setup, setup_path
 from .sweep_cells import find_cells, make_grid, never_returned
 
 SWEEP_COLUMNS = ("x", "y", "z", "i", "t", "d")
@@ -36,36 +37,33 @@ class PandasetLog:
         missing: list[str] = []
         times = read_times(path / "lidar" / "timestamps.json")
         positions, quaternions = read_poses(path / "lidar" / "poses.json", len(times))
-        self._start_s, origin = float(times[0]), positions[0].copy()
-        frames = range(len(times))
-        time_s = {frame: float(times[frame] - self._start_s) for frame in frames}
+        setup = read_setup(path) or _pandaset_setup(path, float(times[0]), positions[0], len(times))
+        if setup.frames[-1] >= len(times):
+            raise LogError(f"{path}: names frame {setup.frames[-1]}, but the lidar has {len(times)} timestamps only")
+        self._setup = setup
+        self._has_body = not setup_path(path).exists()
         turn = make_pose(np.zeros(3), sensors.PANDASET_EGO_FROM_EGO_WXYZ)
-        world_from_ego = Trajectory(times - self._start_s, positions - origin, quaternions).transformed(right=turn)
+        ego = Trajectory(times - setup.time_origin_s, positions - setup.world_origin, quaternions).transformed(right=turn)
+        time_s = {frame: float(times[frame] - setup.time_origin_s) for frame in setup.frames}
         self._sweeps = frame_files(path / "lidar", ".pkl.gz", len(times))
         self._semantics = frame_files(path / "annotations" / "semseg", ".pkl.gz", len(times))
         cuboids = frame_files(path / "annotations" / "cuboids", ".pkl.gz", len(times))
-        for what, files in (("sweeps", self._sweeps), ("cuboids", cuboids), ("semantic classes", self._semantics)):
-            _note_missing(missing, "lidar" if files is self._sweeps else "annotations", what, frames, files)
+        self._note_missing(missing, "lidar", "sweeps", self._sweeps)
+        self._note_missing(missing, "annotations", "cuboids", cuboids)
+        self._note_missing(missing, "annotations", "semantic classes", self._semantics)
         self._images: dict[str, dict[int, Path]] = {}
-        cameras = {}
-        for name in sensors.CAMERAS:
-            camera = self._open_camera(name, origin, missing)
-            if camera is not None:
-                cameras[name] = camera
+        cameras = {name: self._open_camera(name, missing) for name in setup.shutters}
         self._gt_frames: tuple[int, ...] | None = None
         self._blocked: dict[str, NDArray[np.bool_]] = {}
-        lidars = {sensors.PANDAR64: self._lidar(sensors.PANDAR64, world_from_ego, time_s)} if self._sweeps else {}
-        if self._largest_sweep_has_gt():
-            lidars[sensors.PANDAR_GT] = self._lidar(sensors.PANDAR_GT, world_from_ego, time_s)
         self.drive = Drive(
-            name=path.resolve().name,
-            frames=tuple(frames),
+            name=setup.name,
+            frames=setup.frames,
             time_s=time_s,
-            world_from_ego=world_from_ego,
-            cameras=cameras,
-            lidars=lidars,
-            actors=read_actors(cuboids, time_s, origin),
-            world_origin=origin,
+            world_from_ego=ego,
+            cameras={name: camera for name, camera in cameras.items() if camera is not None},
+            lidars={name: self._lidar(name, ego, time_s) for name in setup.lidars if self._has_lidar(name)},
+            actors=read_actors({f: cuboids[f] for f in setup.frames if f in cuboids}, time_s, setup.world_origin),
+            world_origin=setup.world_origin,
         )
         self.missing = tuple(missing)
 
@@ -104,9 +102,9 @@ class PandasetLog:
             raise LogError(f"{self.path}: {lidar} has no sweep of frame {frame}")
         table = read_table(path, SWEEP_COLUMNS)
         semantic = self._semantic(frame, len(table["x"]))
-        keep = table["d"] == sensors.DEVICES[lidar]
+        keep = table["d"] == self._setup.lidars[lidar].device
         points = np.stack([table[axis][keep] for axis in "xyz"], -1).astype(np.float64) - self.drive.world_origin
-        time_s = table["t"][keep].astype(np.float64) - self._start_s
+        time_s = table["t"][keep].astype(np.float64) - self._setup.time_origin_s
         intensity = table["i"][keep].astype(np.float64)
         if not (np.isfinite(points).all() and np.isfinite(time_s).all() and np.isfinite(intensity).all()):
             raise LogError(f"{path}: a point holds a value that is not finite")
@@ -117,9 +115,9 @@ class PandasetLog:
 
     def sweep_grid(self, lidar: str, frame: int) -> SweepGrid:
         """The recorded sweep as beams x columns, with drops."""
-        if lidar == sensors.PANDAR_GT:
-            raise LogError(f"{self.path}: {lidar} does not scan beams x columns, ask for its plain sweep")
         sweep = self.sweep(lidar, frame)
+        if self.drive.lidars[lidar].model.beams == 0:
+            raise LogError(f"{self.path}: {lidar} does not scan beams x columns, ask for its plain sweep")
         if lidar not in self._blocked:
             frames = self.sweep_frames(lidar)
             chosen = sorted({frames[i] for i in np.linspace(0, len(frames) - 1, BLOCKED_FRAMES).round().astype(int)})
@@ -132,15 +130,17 @@ class PandasetLog:
         """Points with their rays' origins and cells: the recording's motion compensation undone."""
         poses = lidar.world_from_lidar.at(time_s)
         local = np.einsum("nji,nj->ni", poses[:, :3, :3], points - poses[:, :3, 3])
-        in_ego = transform_points(sensors.ego_from_lidar(lidar.sensor_id), local)
-        own = ((in_ego > sensors.BODY_MIN_M) & (in_ego < sensors.BODY_MAX_M)).all(-1)
-        points, local, time_s, poses = points[~own], local[~own], time_s[~own], poses[~own]
+        if self._has_body:
+            in_ego = transform_points(self._setup.lidars[lidar.sensor_id].ego_from_lidar, local)
+            keep = ~((in_ego > sensors.BODY_MIN_M) & (in_ego < sensors.BODY_MAX_M)).all(-1)
+            points, local, time_s, poses = points[keep], local[keep], time_s[keep], poses[keep]
+            intensity, semantic = intensity[keep], semantic[keep]
         if lidar.model.beams:
             ring, column = find_cells(local, lidar.model)
         else:
             ring = column = np.full(len(points), -1, np.int32)
-        brightness = np.clip(intensity[~own] / 255, 0, 1).astype(np.float32)
-        return Sweep(points, poses[:, :3, 3].copy(), time_s, brightness, ring, column, semantic[~own])
+        brightness = np.clip(intensity / 255, 0, 1).astype(np.float32)
+        return Sweep(points, poses[:, :3, 3].copy(), time_s, brightness, ring, column, semantic)
 
     def _semantic(self, frame: int, rows: int) -> NDArray[np.int32]:
         path = self._semantics.get(frame)
@@ -151,7 +151,7 @@ class PandasetLog:
             raise LogError(f"{path}: holds {len(classes)} classes for the sweep's {rows} points")
         return classes.astype(np.int32)
 
-    def _open_camera(self, name: str, origin: FloatArray, missing: list[str]) -> Camera | None:
+    def _open_camera(self, name: str, missing: list[str]) -> Camera | None:
         folder = self.path / "camera" / name
         if not folder.is_dir():
             missing.append(f"camera {name} is missing")
@@ -163,33 +163,50 @@ class PandasetLog:
         if not files:
             missing.append(f"camera {name} has no images")
             return None
-        _note_missing(missing, f"camera {name}", "images", range(len(times)), files)
+        self._note_missing(missing, f"camera {name}", "images", files)
         self._images[name] = files
         width, height = image_size(files[min(files)])
-        model = CameraModel(width, height, **intrinsics, shutter=sensors.ROLLING_SHUTTER)
-        trajectory = Trajectory(times - self._start_s, positions - origin, quaternions)
-        return Camera(name, model, trajectory, {frame: float(times[frame] - self._start_s) for frame in range(len(times))})
+        start_s = self._setup.time_origin_s
+        return Camera(
+            sensor_id=name,
+            model=CameraModel(width, height, **intrinsics, shutter=self._setup.shutters[name]),
+            world_from_camera=Trajectory(times - start_s, positions - self._setup.world_origin, quaternions),
+            time_s={frame: float(times[frame] - start_s) for frame in self._setup.frames if frame < len(times)},
+        )
 
-    @staticmethod
-    def _lidar(name: str, world_from_ego: Trajectory, time_s: dict[int, float]) -> Lidar:
-        model = sensors.pandar64() if name == sensors.PANDAR64 else sensors.pandar_gt()
-        return Lidar(name, model, world_from_ego.transformed(right=sensors.ego_from_lidar(name)), dict(time_s))
+    def _lidar(self, name: str, world_from_ego: Trajectory, time_s: dict[int, float]) -> Lidar:
+        setup = self._setup.lidars[name]
+        return Lidar(name, setup.model, world_from_ego.transformed(right=setup.ego_from_lidar), dict(time_s))
 
     def _check_size(self, path: Path, model: CameraModel) -> None:
         width, height = image_size(path)
         if (width, height) != (model.width, model.height):
             raise LogError(f"{path}: has {width}x{height} pixels, the camera's first image has {model.width}x{model.height}")
 
-    def _largest_sweep_has_gt(self) -> bool:
-        """Whether there are PandarGT points at all: a sweep of both LiDARs is larger than any of the Pandar64 alone."""
-        return bool(self._sweeps) and self._has_gt(max(self._sweeps.values(), key=lambda path: path.stat().st_size))
+    def _has_lidar(self, name: str) -> bool:
+        """Whether there are points of it; a sweep with the PandarGT's is larger than any of the Pandar64 alone."""
+        if not self._sweeps or name != sensors.PANDAR_GT:
+            return bool(self._sweeps)
+        return self._has_gt(max(self._sweeps.values(), key=lambda path: path.stat().st_size))
 
     @staticmethod
     def _has_gt(path: Path) -> bool:
         return bool((read_table(path, SWEEP_COLUMNS)["d"] == sensors.DEVICES[sensors.PANDAR_GT]).any())
 
+    def _note_missing(self, missing: list[str], where: str, what: str, files: dict[int, Path]) -> None:
+        absent = [frame for frame in self._setup.frames if frame not in files]
+        if absent:
+            missing.append(f"{where}: no {what} of frames {ranges(absent)}" if files else f"{where}: no {what}")
 
-def _note_missing(missing: list[str], where: str, what: str, frames: range, files: dict[int, Path]) -> None:
-    absent = [frame for frame in frames if frame not in files]
-    if absent:
-        missing.append(f"{where}: no {what} of frames {ranges(absent)}" if files else f"{where}: no {what}")
+
+def _pandaset_setup(path: Path, start_s: float, origin: FloatArray, frames: int) -> LogSetup:
+    """What a log of PandaSet's own leaves unsaid."""
+    models = {sensors.PANDAR64: sensors.pandar64(), sensors.PANDAR_GT: sensors.pandar_gt()}
+    return LogSetup(
+        name=path.resolve().name,
+        frames=tuple(range(frames)),
+        time_origin_s=start_s,
+        world_origin=origin.copy(),
+        shutters=dict.fromkeys(sensors.CAMERAS, sensors.ROLLING_SHUTTER),
+        lidars={name: LidarSetup(sensors.DEVICES[name], sensors.ego_from_lidar(name), model) for name, model in models.items()},
+    )
