@@ -52,7 +52,7 @@ def test_manifest_says_what_was_spent_and_saved(reference: dict[str, bytes]) -> 
     manifest = json.loads(reference["manifest.json"])
     assert manifest["samples"]["samples_spent"] == sum(10 + f for f in range(6)) + 6 * 7
     assert manifest["samples"]["samples_saved"] == 6 * (5 + 3)
-    assert manifest["inputs"]["scenes"] == {"": "1" * 64}
+    assert manifest["inputs"]["scenes"] == {"own": "1" * 64, "others": []}
     assert len(manifest["frames"]) == 6
     assert "seconds" not in reference["manifest.json"].decode(), "times belong to timings.json"
 

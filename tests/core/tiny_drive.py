@@ -138,7 +138,7 @@ ALL_PASSES = ("rgb", "depth", "normal", "instance", "opacity", "support")
 def tiny_plan(log_path: Path | None = None, delay_s: float = 0.0, frames: int = 6, width: int | None = None) -> RenderPlan:
     """All frames of the tiny drive with all passes."""
     drive = tiny_drive(6)
-    settings = SequenceSettings(("front",), ("top",), ALL_PASSES, width)
+    settings = SequenceSettings(("front",), ("top",), ALL_PASSES, width=width)
     about = {"scenario": {"sha256": "0" * 64}}
     return RenderPlan(drive, drive.frames[:frames], settings, FakeSource(drive, log_path, delay_s), {"": "1" * 64}, about)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+from collections.abc import Collection
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,9 @@ from .files import write_file
 from .frames import CameraFrame, LidarFrame
 from .geometry import invert_pose, transform_points
 from .labels import frame_labels
+
+FORMATS = ("png", "exr", "ply", "npz", "labels")
+"""What is written of a frame where nothing else is asked for."""
 
 POINT_FIELDS = np.dtype(
     [
@@ -51,21 +55,32 @@ def labels_path(out: Path, frame: int) -> Path:
     return out / "labels" / f"{frame:06d}.json"
 
 
-def write_camera(out: Path, sensor_id: str, frame: int, time_s: float, image: CameraFrame) -> list[Path]:
-    """Write PNG (sRGB as it is) and EXR (linear, all passes); the files' paths. Raises `OutputError`."""
-    png, exr = camera_path(out, sensor_id, frame, ".png"), camera_path(out, sensor_id, frame, ".exr")
-    write_file(png, png_bytes(bytes_from_srgb(image.rgb)))
-    write_exr(exr, image, camera_metadata(image, sensor_id, frame, time_s))
-    return [png, exr]
+def write_camera(
+    out: Path, sensor_id: str, frame: int, time_s: float, image: CameraFrame, formats: Collection[str] = FORMATS
+) -> list[Path]:
+    """Write PNG (sRGB as it is) and EXR (linear, all passes), where asked for; the files' paths. Raises `OutputError`."""
+    paths = []
+    if "png" in formats:
+        paths.append(camera_path(out, sensor_id, frame, ".png"))
+        write_file(paths[-1], png_bytes(bytes_from_srgb(image.rgb)))
+    if "exr" in formats:
+        paths.append(camera_path(out, sensor_id, frame, ".exr"))
+        write_exr(paths[-1], image, camera_metadata(image, sensor_id, frame, time_s))
+    return paths
 
 
-def write_lidar(out: Path, sensor_id: str, frame: int, time_s: float, sweep: LidarFrame) -> list[Path]:
-    """Write the sweep's returns as PLY and NPZ; the files' paths. Raises `OutputError`."""
-    points = sweep_points(sweep)
-    ply, npz = lidar_path(out, sensor_id, frame, ".ply"), lidar_path(out, sensor_id, frame, ".npz")
-    write_file(ply, ply_bytes(points, sensor_id, frame, time_s))
-    write_file(npz, npz_bytes(points, time_s, sweep))
-    return [ply, npz]
+def write_lidar(
+    out: Path, sensor_id: str, frame: int, time_s: float, sweep: LidarFrame, formats: Collection[str] = FORMATS
+) -> list[Path]:
+    """Write the sweep's returns as PLY and NPZ, where asked for; the files' paths. Raises `OutputError`."""
+    points, paths = sweep_points(sweep), []
+    if "ply" in formats:
+        paths.append(lidar_path(out, sensor_id, frame, ".ply"))
+        write_file(paths[-1], ply_bytes(points, sensor_id, frame, time_s))
+    if "npz" in formats:
+        paths.append(lidar_path(out, sensor_id, frame, ".npz"))
+        write_file(paths[-1], npz_bytes(points, time_s, sweep))
+    return paths
 
 
 def write_labels(out: Path, drive: Drive, frame: int) -> list[Path]:

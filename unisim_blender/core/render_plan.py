@@ -39,6 +39,7 @@ class SequenceSettings:
     cameras: tuple[str, ...]
     lidars: tuple[str, ...]
     passes: tuple[str, ...] = ("rgb",)
+    formats: tuple[str, ...] = ("png", "exr", "ply", "npz", "labels")
     width: int | None = None
     quality: str = "balanced"
     device: str = "cpu"
@@ -48,8 +49,9 @@ class SequenceSettings:
 class RenderPlan:
     """A sequence to render.
 
-    ``make_renderer`` is called once in every process and must pickle; ``scenes`` are the trained scenes' hashes by name, part of
-    what decides whether a frame is up to date; ``about`` is what the manifest says besides (names and hashes, no paths).
+    ``make_renderer`` is called once in every process and must pickle; ``scenes`` are the trained scenes' hashes by the name that
+    looks have for them ("" is the drive's own), part of what decides whether a frame is up to date; ``about`` is what the
+    manifest says besides (names and hashes, no paths, so that it is the same wherever things lie).
     """
 
     drive: Drive
@@ -64,9 +66,12 @@ def plan_key(plan: RenderPlan) -> str:
     """A digest of all that a frame's bytes depend on, save its number: edited drive, scenes, settings, code, environment."""
     drive = drive_to_json(plan.drive)
     del drive["frames"]
+    for actor in drive["actors"].values():
+        scene = actor["look"]["scene"]
+        actor["look"]["scene"] = plan.scenes.get(scene, scene)
     document = {
         "drive": drive,
-        "scenes": plan.scenes,
+        "scene": plan.scenes.get(""),
         "settings": asdict(plan.settings),
         "code": code_identity(),
         "environment": environment(plan.settings.device),
@@ -96,9 +101,3 @@ def environment(device: str) -> dict[str, str]:
     except ModuleNotFoundError:
         return found
     return found | {"torch": torch.__version__, "instruction_set": torch.backends.cpu.get_cpu_capability()}
-
-
-def sensor_frames(drive: Drive, settings: SequenceSettings, frames: tuple[int, ...]) -> tuple[int, ...]:
-    """Those of ``frames`` at which every sensor of the settings has a time."""
-    sensors = [drive.cameras[name].time_s for name in settings.cameras] + [drive.lidars[name].time_s for name in settings.lidars]
-    return tuple(frame for frame in frames if all(frame in times for times in sensors))

@@ -44,9 +44,16 @@ class RenderReport:
 
 
 def render_sequence(
-    plan: RenderPlan, out: Path, jobs: int = 1, resume: bool = False, on_frame: Callable[[int], None] = lambda frame: None
+    plan: RenderPlan,
+    out: Path,
+    jobs: int = 1,
+    resume: bool = False,
+    on_frame: Callable[[int], object] = lambda frame: None,
+    on_kept: Callable[[int], object] = lambda count: None,
 ) -> RenderReport:
-    """Render the plan's frames into folder ``out`` and write its manifest; ``on_frame`` is called after each frame.
+    """Render the plan's frames into folder ``out`` and write its manifest.
+
+    ``on_kept`` is called once with the number of frames that were finished before, ``on_frame`` after each frame.
 
     Raises `OutputError` where ``out`` holds something already and ``resume`` is not set, or where it cannot be written; finished
     frames stay in every case.
@@ -61,6 +68,7 @@ def render_sequence(
     if to_do:
         (out / MANIFEST_NAME).unlink(missing_ok=True)
     timings = _read_timings(out)
+    on_kept(len(plan.frames) - len(to_do))
     try:
         run = _render_in_processes if jobs > 1 and len(to_do) > 1 else _render_here
         for frame, seconds in run(plan, out, key, to_do, jobs):
@@ -79,16 +87,21 @@ def render_frame(plan: RenderPlan, renderer: FrameRenderer, out: Path, key: str,
     """Render one frame's sensors, write its files and then its record; seconds taken by sensor."""
     settings, files, samples, seconds = plan.settings, [], {}, {}
     for name in settings.cameras:
+        if frame not in plan.drive.cameras[name].time_s:
+            continue
         started = time.monotonic()
         image = renderer.camera(name, frame, settings.passes, settings.width)
-        files += write_camera(out, name, frame, plan.drive.cameras[name].time_s[frame], image)
+        files += write_camera(out, name, frame, plan.drive.cameras[name].time_s[frame], image, settings.formats)
         samples[f"camera/{name}"], seconds[f"camera/{name}"] = _counts(image.stats), time.monotonic() - started
     for name in settings.lidars:
+        if frame not in plan.drive.lidars[name].time_s:
+            continue
         started = time.monotonic()
         sweep = renderer.lidar(name, frame)
-        files += write_lidar(out, name, frame, plan.drive.lidars[name].time_s[frame], sweep)
+        files += write_lidar(out, name, frame, plan.drive.lidars[name].time_s[frame], sweep, settings.formats)
         samples[f"lidar/{name}"], seconds[f"lidar/{name}"] = _counts(sweep.stats), time.monotonic() - started
-    files += write_labels(out, plan.drive, frame)
+    if "labels" in settings.formats:
+        files += write_labels(out, plan.drive, frame)
     hashes = {path.relative_to(out).as_posix(): sha256_of_file(path) for path in files}
     write_file(_record_path(out, frame), json_bytes({"frame": frame, "key": key, "files": hashes, "samples": samples}))
     return seconds
@@ -143,11 +156,15 @@ def _manifest(plan: RenderPlan, out: Path, key: str) -> dict[str, Any]:
         "version": MANIFEST_VERSION,
         "code": code_identity(),
         "environment": environment(plan.settings.device),
-        "inputs": {**plan.about, "scenes": plan.scenes, "key": key},
+        "inputs": {**plan.about, "scenes": {"own": plan.scenes.get(""), "others": _other_scenes(plan)}, "key": key},
         "settings": asdict(plan.settings),
         "samples": totals,
         "frames": {name: {"files": record["files"], "samples": record["samples"]} for name, record in frames.items()},
     }
+
+
+def _other_scenes(plan: RenderPlan) -> list[str]:
+    return sorted(digest for name, digest in plan.scenes.items() if name)
 
 
 def _read_timings(out: Path) -> dict[str, dict[str, float]]:

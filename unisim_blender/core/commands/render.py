@@ -1,0 +1,77 @@
+"""`unisim render`: a scenario's camera images, sweeps and labels into a folder."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+from tqdm import tqdm
+
+from ..outputs import camera_path
+from ..render_plan import RenderPlan
+from ..scenario_plan import SEQUENCE_FORMATS, Wishes, plan_scenario, sequence_formats
+from ..selection import split_names
+from ..sequence import render_sequence
+
+
+@click.command()
+@click.argument("scenario", type=click.Path(path_type=Path))
+@click.option("--out", required=True, type=click.Path(path_type=Path), help="Folder to write; it must be empty or not be there.")
+@click.option("--frames", metavar="START:STOP:STEP", help="Frames by number, or one number. [default: the scenario's]")
+@click.option("--sensors", metavar="A,B", help="Cameras and LiDARs by name. [default: all of the scenario's]")
+@click.option("--passes", metavar="A,B", help="rgb, depth, normal, instance, opacity, support. [default: the scenario's, or rgb]")
+@click.option("--width", type=click.IntRange(min=8), help="Width of the images; heights follow. [default: the cameras' own]")
+@click.option("--quality", type=click.Choice(["fast", "balanced", "reference"]), help="[default: the scenario's, or balanced]")
+@click.option("--jobs", type=click.IntRange(min=1), default=1, show_default=True, help="Processes; cores are shared among them.")
+@click.option("--resume", is_flag=True, help="Continue a render; finished frames whose inputs did not change are kept.")
+@click.option(
+    "--format", "formats", type=click.Choice(["pandaset"]), multiple=True, help="Write a whole log in this layout, too."
+)
+@click.option("--video", is_flag=True, help="Write a film of every camera, too.")
+@click.option("--device", default="cpu", show_default=True, help="cpu, cuda or mps.")
+def command(
+    scenario: Path,
+    out: Path,
+    frames: str | None,
+    sensors: str | None,
+    passes: str | None,
+    width: int | None,
+    quality: str | None,
+    jobs: int,
+    resume: bool,
+    formats: tuple[str, ...],
+    video: bool,
+    device: str,
+) -> None:
+    """Render SCENARIO's sensors into a folder: pictures, sweeps, labels and a manifest."""
+    wishes = Wishes(frames, split_names(sensors), split_names(passes), width, quality, device)
+    plan, prepared = plan_scenario(scenario, wishes)
+    wanted = {*sequence_formats(prepared.scenario), *formats, *(("video",) if video else ())}
+    with tqdm(total=len(plan.frames), unit="frame", dynamic_ncols=True, smoothing=0.1) as bar:
+        report = render_sequence(plan, out, jobs, resume, on_frame=lambda frame: bar.update(), on_kept=bar.update)
+    for name in SEQUENCE_FORMATS:
+        if name in wanted:
+            WRITERS[name](plan, out)
+    kept = f", {len(report.kept)} were there already" if report.kept else ""
+    click.echo(f"{len(report.rendered)} frames rendered in {report.seconds:.1f} s{kept}: {out}")
+
+
+def _write_pandaset(plan: RenderPlan, out: Path) -> None:
+    from ..rendered_log import write_rendered_log
+
+    write_rendered_log(plan, out)
+
+
+def _write_videos(plan: RenderPlan, out: Path) -> None:
+    from ..video import write_video
+
+    times = [plan.drive.time_s[frame] for frame in plan.frames]
+    rate = (len(times) - 1) / (times[-1] - times[0]) if len(times) > 1 else 10.0
+    for name in plan.settings.cameras:
+        pictures = [camera_path(out, name, frame, ".png") for frame in plan.frames]
+        pictures = [path for path in pictures if path.is_file()]
+        if pictures:
+            write_video(pictures, out / "camera" / f"{name}.mp4", rate)
+
+
+WRITERS = {"pandaset": _write_pandaset, "video": _write_videos}
