@@ -19,6 +19,8 @@ from .motion import held, quaternion_product
 TIME_TOLERANCE_S = 1e-6
 MARGIN_S = 1.0
 """Before the first and after the last time of a drive: what is always there is there this much longer."""
+SENSOR_MARGIN_S = 0.25
+"""Before the first and after the last time of a drive: how far sweeps and shutters may look, and be placed exactly."""
 
 SceneActors = Callable[[Path], dict[str, Actor]]
 

@@ -10,7 +10,7 @@ import numpy as np
 from ..drive import Drive
 from ..geometry import FloatArray, Trajectory, invert_pose
 from ..scenario_types import Ego
-from .context import MARGIN_S, Context
+from .context import SENSOR_MARGIN_S, Context
 from .motion import displaced, merged_times, offset_curve, sampled
 
 
@@ -61,4 +61,4 @@ def _with_sensors(drive: Drive, world_from_ego: Trajectory, carried: Callable[[T
 
 def _span(drive: Drive) -> tuple[float, float]:
     """First and last time at which any sensor may look."""
-    return min(drive.time_s.values()) - MARGIN_S, max(drive.time_s.values()) + MARGIN_S
+    return min(drive.time_s.values()) - SENSOR_MARGIN_S, max(drive.time_s.values()) + SENSOR_MARGIN_S

@@ -37,10 +37,15 @@ def quaternion_product(a: FloatArray, b: FloatArray) -> FloatArray:
     )
 
 
-def merged_times(*times: FloatArray) -> FloatArray:
-    """All times in order, the first of those that lie within `SAME_TIME_S` of each other."""
-    merged = np.unique(np.concatenate(times))
-    return np.asarray(merged[np.concatenate([[True], np.diff(merged) > SAME_TIME_S])])
+def merged_times(own: FloatArray, *others: FloatArray) -> FloatArray:
+    """``own`` times and, in order, the others that lie further than `SAME_TIME_S` from all of them and from each other."""
+    merged = np.unique(np.concatenate(others))
+    merged = merged[np.concatenate([[True], np.diff(merged) > SAME_TIME_S])]
+    after = np.searchsorted(own, merged)
+    far_left = merged - own[np.maximum(after - 1, 0)]
+    far_right = own[np.minimum(after, len(own) - 1)] - merged
+    new = (np.abs(far_left) > SAME_TIME_S) & (np.abs(far_right) > SAME_TIME_S)
+    return np.sort(np.concatenate([own, merged[new]]))
 
 
 def _halved(times: FloatArray, mismatch: Callable[[FloatArray], BoolArray]) -> FloatArray:
@@ -161,7 +166,8 @@ class TimeMap:
         between = (self.scenario_s > ends[0]) & (self.scenario_s < ends[1])
         times = np.concatenate([[ends[0]], self.scenario_s[between], [ends[1]]])
         recorded = np.concatenate([[first_s], self.recorded_s[between], [last_s]])
-        return TimeMap(times, recorded, slope=0.0)
+        times, index = np.unique(times, return_index=True)  # an actor of one moment has one knot
+        return TimeMap(times, recorded[index], slope=0.0)
 
 
 def retimed(trajectory: Trajectory, time_map: TimeMap) -> Trajectory:
@@ -169,17 +175,15 @@ def retimed(trajectory: Trajectory, time_map: TimeMap) -> Trajectory:
     if len(trajectory.times_s) == 1:
         return trajectory
     recorded = trajectory.times_s
-    if len(time_map.scenario_s) == 1:
+    if len(time_map.scenario_s) == 1 and time_map.slope > 0:
         times = time_map.scenario_s[0] + (recorded - time_map.recorded_s[0]) / time_map.slope
         return Trajectory(times, trajectory.positions, trajectory.quaternions_wxyz)
     low, high = (-np.inf, np.inf) if time_map.slope > 0 else (time_map.recorded_s[0], time_map.recorded_s[-1])
     inside = recorded[(recorded >= low) & (recorded <= high)]
     # both ends of a stretch in which time stands still are knots, so the first time of each key will do
     reached = np.array([time_map.scenario(float(time)) for time in inside])
-    ends = np.array([time_map.scenario_s[0], time_map.scenario_s[-1]])
-    all_times = np.concatenate([reached, time_map.scenario_s])
-    beyond = np.array([min(all_times.min(), ends[0]) - 1, max(all_times.max(), ends[1]) + 1])
-    times = merged_times(all_times, beyond)
+    ends = np.concatenate([reached, time_map.scenario_s])
+    times = merged_times(time_map.scenario_s, reached, np.array([ends.min() - 1, ends.max() + 1]))
     source = time_map.recorded(times)
     nearest = inside[np.argmin(np.abs(reached[None] - times[:, None]), 1)] if len(inside) else source
     # a key that was reached stands at its own recorded time, not at one that rounding moved

@@ -12,7 +12,7 @@ from ..geometry import FloatArray, Trajectory, matrix_from_quaternion
 from ..scenario_checks import listed
 from ..scenario_types import CameraSpec, LidarSpec, Offset, Placement, Shutter
 from ..sensors.beam_tables import BEAM_TABLES
-from .context import MARGIN_S, Context, fail, pose_of, rotation_of
+from .context import SENSOR_MARGIN_S, Context, fail, pose_of, rotation_of
 from .motion import merged_times, sampled
 
 FRONT_FROM_OPTICAL = np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]])
@@ -151,7 +151,7 @@ def _mounted(
 ) -> Trajectory:
     """The sensor's trajectory in the world: on a mount, or as recorded and then displaced."""
     ego = drive.world_from_ego
-    ends = np.array([min(drive.time_s.values()) - MARGIN_S, max(drive.time_s.values()) + MARGIN_S])
+    ends = np.array([min(drive.time_s.values()) - SENSOR_MARGIN_S, max(drive.time_s.values()) + SENSOR_MARGIN_S])
     if mount is not None:
         ego_from_sensor = pose_of(mount)
         if mount.quaternion_wxyz is None:
