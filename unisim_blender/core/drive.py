@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from .geometry import FloatArray, Trajectory
+from .geometry import BoolArray, FloatArray, Trajectory
 
 
 @dataclass(frozen=True)
@@ -94,7 +94,7 @@ class Lidar:
     model: LidarModel
     world_from_lidar: Trajectory
     time_s: dict[int, float]
-    blocked: np.ndarray | None = None
+    blocked: BoolArray | None = None
 
 
 @dataclass(frozen=True)
@@ -119,7 +119,7 @@ class Actor:
     look: Look
     inserted: bool = False
 
-    def present(self, time_s: FloatArray | float) -> np.ndarray:
+    def present(self, time_s: FloatArray | float) -> BoolArray:
         """Whether the actor is there at times (...): (...) bool."""
         time = np.asarray(time_s)
         return np.asarray((time >= self.start_s) & (time <= self.end_s))
