@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -253,3 +254,31 @@ def test_a_bad_scenario_is_not_written(tmp_path: Path) -> None:
     with pytest.raises(ScenarioError, match=r"s\.json: edits\[0\]\.offset_s: inf is not a finite number"):
         save_scenario(scenario, tmp_path / "s.json")
     assert not list(tmp_path.iterdir())
+
+
+def documented_examples() -> list[dict[str, Any]]:
+    """The JSON blocks of the format's page, each completed to a document."""
+    page = (Path(__file__).parents[2] / "docs" / "scenario.md").read_text(encoding="utf-8")
+    decoder, examples = json.JSONDecoder(), []
+    for block in re.findall(r"```json\n(.*?)```", page, re.S):
+        if block.startswith("{\n"):
+            examples.append(json.loads(block))
+            continue
+        members: dict[str, Any] = {"edits": []}
+        rest = block.strip()
+        while member := re.match(r'"(\w+)": ', rest):
+            value, end = decoder.raw_decode(rest, member.end())
+            members[member[1]], rest = value, rest[end:].strip()
+        while rest:
+            value, end = decoder.raw_decode(rest)
+            members["edits"].append(value)
+            rest = rest[end:].strip()
+        examples.append(document(**members))
+    return examples
+
+
+def test_the_pages_examples_are_valid_and_show_every_edit() -> None:
+    examples = documented_examples()
+    for example in examples:
+        assert same_json(scenario_to_json(scenario_from_json(example)), example)
+    assert {edit["type"] for example in examples for edit in example["edits"]} == set(EDIT_TYPES)
