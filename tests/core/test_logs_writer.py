@@ -11,7 +11,7 @@ import pytest
 from small_log import LIDAR, small_drive, small_image, small_sweep, write_small_log
 
 from unisim_blender.core.errors import LogError, OutputError
-from unisim_blender.core.geometry import Trajectory, make_pose
+from unisim_blender.core.geometry import Trajectory
 from unisim_blender.core.logs import open_log
 from unisim_blender.core.logs.pandaset_writer import PandasetWriter
 from unisim_blender.core.logs.safe_pickle import read_table
@@ -159,13 +159,3 @@ def test_an_image_of_another_size_is_not_written(tmp_path: Path) -> None:
 def test_gzip_holds_no_time(log_path: Path) -> None:
     data = (log_path / "lidar" / "00.pkl.gz").read_bytes()
     assert data[4:8] == b"\0\0\0\0" and gzip.decompress(data).startswith(b"\x80\x03")
-
-
-def test_mount_is_that_of_the_drive(log_path: Path) -> None:
-    drive = open_log(log_path).drive
-    ego, lidar = drive.world_from_ego.at(0.1), drive.lidars["pandar64"].world_from_lidar.at(drive.time_s[0])
-    assert np.linalg.norm(ego[:3, 3] - lidar[:3, 3]) > 1
-    expected = drive.world_from_ego.poses[2] @ make_pose(
-        np.array([0.9, 0.1, 1.8]), np.array([np.cos(0.025), 0, 0, np.sin(0.025)])
-    )
-    np.testing.assert_allclose(drive.lidars["pandar64"].world_from_lidar.poses[2], expected, atol=1e-9)

@@ -41,7 +41,7 @@ class PandasetLog:
         if setup.frames[-1] >= len(times):
             raise LogError(f"{path}: names frame {setup.frames[-1]}, but the lidar has {len(times)} timestamps only")
         self._setup = setup
-        self._has_body = not setup_path(path).exists()
+        self._is_pandasets_own = not setup_path(path).exists()
         turn = make_pose(np.zeros(3), sensors.PANDASET_EGO_FROM_EGO_WXYZ)
         ego = Trajectory(times - setup.time_origin_s, positions - setup.world_origin, quaternions).transformed(right=turn)
         time_s = {frame: float(times[frame] - setup.time_origin_s) for frame in setup.frames}
@@ -55,14 +55,16 @@ class PandasetLog:
         cameras = {name: self._open_camera(name, missing) for name in setup.shutters}
         self._gt_frames: tuple[int, ...] | None = None
         self._blocked: dict[str, NDArray[np.bool_]] = {}
+        lidars = {name: self._lidar(name, ego, time_s) for name in setup.lidars if self._has_lidar(name)}
+        passing = self._lidar(sensors.PANDAR64, ego, time_s) if self._is_pandasets_own else None
         self.drive = Drive(
             name=setup.name,
             frames=setup.frames,
             time_s=time_s,
             world_from_ego=ego,
             cameras={name: camera for name, camera in cameras.items() if camera is not None},
-            lidars={name: self._lidar(name, ego, time_s) for name in setup.lidars if self._has_lidar(name)},
-            actors=read_actors({f: cuboids[f] for f in setup.frames if f in cuboids}, time_s, setup.world_origin),
+            lidars=lidars,
+            actors=read_actors({f: cuboids[f] for f in setup.frames if f in cuboids}, time_s, setup.world_origin, passing),
             world_origin=setup.world_origin,
         )
         self.missing = tuple(missing)
@@ -130,7 +132,7 @@ class PandasetLog:
         """Points with their rays' origins and cells: the recording's motion compensation undone."""
         poses = lidar.world_from_lidar.at(time_s)
         local = np.einsum("nji,nj->ni", poses[:, :3, :3], points - poses[:, :3, 3])
-        if self._has_body:
+        if self._is_pandasets_own:
             in_ego = transform_points(self._setup.lidars[lidar.sensor_id].ego_from_lidar, local)
             keep = ~((in_ego > sensors.BODY_MIN_M) & (in_ego < sensors.BODY_MAX_M)).all(-1)
             points, local, time_s, poses = points[keep], local[keep], time_s[keep], poses[keep]

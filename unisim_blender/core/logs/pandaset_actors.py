@@ -1,4 +1,8 @@
-"""PandaSet's cuboids to actors: one tracklet for each uuid, twins of the second LiDAR dropped."""
+"""PandaSet's cuboids to actors: one tracklet for each uuid, twins of the second LiDAR dropped.
+
+A cuboid was drawn around the points of its sweep, so a moving thing was there when the beams passed it, up to 0.1 s before the
+sweep's timestamp. On sequence 002, 84 % of moving cars' returns lie in boxes keyed so, 66 % in boxes keyed at the timestamp.
+"""
 
 from __future__ import annotations
 
@@ -8,9 +12,9 @@ from pathlib import Path
 
 import numpy as np
 
-from ..drive import Actor, Look
+from ..drive import Actor, Lidar, Look
 from ..errors import LogError
-from ..geometry import FloatArray, Trajectory, quaternion_from_yaw
+from ..geometry import FloatArray, Trajectory, invert_pose, quaternion_from_yaw
 from .safe_pickle import read_table
 
 _POSITION = ("position.x", "position.y", "position.z")
@@ -24,27 +28,33 @@ JITTER_M, JITTER_RAD = 0.02, 0.01
 """The same for one that is not so flagged."""
 HALF_FRAME_S = 0.05
 """An actor is there from half a frame before its first cuboid to half a frame after its last."""
+CLOSEST_KEYS_S = 0.03
+"""Where a thing crosses the sweep's seam it is passed twice in a moment; the second of two such cuboids is left out."""
 
 
 @dataclass
 class _Track:
-    """One uuid's cuboids in the order of frames."""
+    """One uuid's cuboids in the order of frames, the last frame's time among them."""
 
-    path: Path
     label: str
-    times_s: list[float] = field(default_factory=list)
+    frame_times_s: list[float] = field(default_factory=list)
     positions: list[FloatArray] = field(default_factory=list)
     yaws: list[float] = field(default_factory=list)
     sizes: list[FloatArray] = field(default_factory=list)
     stationary: list[bool] = field(default_factory=list)
 
 
-def read_actors(files: Mapping[int, Path], time_s: Mapping[int, float], origin: FloatArray) -> dict[str, Actor]:
-    """Actors by uuid from the cuboid files of frames; ``origin`` (3,) is subtracted from positions."""
+def read_actors(
+    files: Mapping[int, Path], time_s: Mapping[int, float], origin: FloatArray, lidar: Lidar | None
+) -> dict[str, Actor]:
+    """Actors by uuid from the cuboid files of frames; ``origin`` (3,) is subtracted from positions.
+
+    A cuboid is keyed at the time when the beams of ``lidar`` pass its centre, or at the frame's where that is None.
+    """
     tracks: dict[str, _Track] = {}
     for frame in sorted(files):
         _add_frame(tracks, files[frame], time_s[frame], origin)
-    return {uid: _actor(uid, track) for uid, track in sorted(tracks.items())}
+    return {uid: _actor(uid, track, lidar) for uid, track in sorted(tracks.items())}
 
 
 def _add_frame(tracks: dict[str, _Track], path: Path, time_s: float, origin: FloatArray) -> None:
@@ -62,32 +72,52 @@ def _add_frame(tracks: dict[str, _Track], path: Path, time_s: float, origin: Flo
             raise LogError(f"{path}: cuboid {uid} holds a value that is not finite")
         if (sizes[row] <= 0).any():
             raise LogError(f"{path}: cuboid {uid} has the size {tuple(float(size) for size in sizes[row])} m")
-        track = tracks.setdefault(uid, _Track(path, str(table["label"][row])))
-        if track.times_s and track.times_s[-1] >= time_s:
+        track = tracks.setdefault(uid, _Track(str(table["label"][row])))
+        if track.frame_times_s and track.frame_times_s[-1] >= time_s:
             raise LogError(f"{path}: cuboid {uid} stands there twice")
-        track.times_s.append(time_s)
+        track.frame_times_s.append(time_s)
         track.positions.append(positions[row] - origin)
         track.yaws.append(float(yaws[row]))
         track.sizes.append(sizes[row])
         track.stationary.append(bool(table["stationary"][row]))
 
 
-def _actor(uid: str, track: _Track) -> Actor:
-    times, positions = np.array(track.times_s), np.stack(track.positions)
+def passing_times(lidar: Lidar, positions: FloatArray, frame_times_s: FloatArray) -> FloatArray:
+    """When the beams of the sweep that ends at each frame's time (T,) pass points (T, 3) of the world: (T,)."""
+    model = lidar.model
+    times = frame_times_s - model.sweep_s / 2
+    for _ in range(2):  # where the LiDAR is depends on the time, by less than a turn's hundredth
+        lidar_from_world = invert_pose(lidar.world_from_lidar.at(times))
+        local = np.einsum("tij,tj->ti", lidar_from_world[:, :3, :3], positions) + lidar_from_world[:, :3, 3]
+        turn = model.direction * (np.arctan2(local[:, 1], local[:, 0]) - model.start_azimuth_rad) / (2 * np.pi) % 1
+        times = frame_times_s + model.time_offset_s + model.sweep_s * (turn - 1)
+    return np.asarray(times)
+
+
+def _actor(uid: str, track: _Track, lidar: Lidar | None) -> Actor:
+    frame_times, positions = np.array(track.frame_times_s), np.stack(track.positions)
+    times = frame_times if lidar is None else passing_times(lidar, positions, frame_times)
     yaws = np.unwrap(np.array(track.yaws)) + np.pi / 2  # yaw 0 is length along +y, ours along +x
     strayed = float(np.linalg.norm(positions - np.median(positions, 0), axis=1).max())
     turned = float(np.abs(yaws - np.median(yaws)).max())
     limit_m, limit_rad = (STILL_M, STILL_RAD) if all(track.stationary) else (JITTER_M, JITTER_RAD)
     is_moving = strayed > limit_m or turned > limit_rad
-    if not is_moving:
-        positions, yaws = np.median(positions, 0, keepdims=True), np.median(yaws, keepdims=True)
+    start_s, end_s = min(times[0], frame_times[0]), max(times[-1], frame_times[-1])
+    if is_moving:
+        spread = [0]
+        for key in range(1, len(times)):
+            if times[key] - times[spread[-1]] >= CLOSEST_KEYS_S:
+                spread.append(key)
+        times, positions, yaws = times[spread], positions[spread], yaws[spread]
+    else:
+        times, positions, yaws = times[:1], np.median(positions, 0, keepdims=True), np.median(yaws, keepdims=True)
     return Actor(
         uid=uid,
         label=track.label,
         size_m=np.median(np.stack(track.sizes), 0),
-        world_from_actor=Trajectory(times if is_moving else times[:1], positions, quaternion_from_yaw(yaws)),
-        start_s=float(times[0]) - HALF_FRAME_S,
-        end_s=float(times[-1]) + HALF_FRAME_S,
+        world_from_actor=Trajectory(times, positions, quaternion_from_yaw(yaws)),
+        start_s=float(start_s) - HALF_FRAME_S,
+        end_s=float(end_s) + HALF_FRAME_S,
         is_moving=is_moving,
         look=Look(uid),
     )

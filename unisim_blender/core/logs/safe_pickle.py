@@ -12,7 +12,7 @@ import gzip
 import math
 import pickletools
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -113,6 +113,8 @@ _CALLS: dict[str, str] = {
     "builtins.slice": "slice",
     "__builtin__.slice": "slice",
     "_codecs.encode": "encode",
+    "builtins.bytes": "no bytes",
+    "__builtin__.bytes": "no bytes",
     "pandas.core.indexes.base._new_Index": "index",
     "pandas._libs.internals._unpickle_block": "block",
     "pandas._libs.arrays.__pyx_unpickle_NDArrayBacked": "extension",
@@ -170,9 +172,9 @@ def _table(frame: object) -> Table:
     return table
 
 
-def _positions(placement: Any, columns: int) -> list[int]:
+def _positions(placement: Any, columns: int) -> Sequence[int]:
     if isinstance(placement, slice):
-        return list(range(*placement.indices(columns)))
+        return range(*placement.indices(columns))  # never a list: a hostile index may claim 2^62 columns
     return [int(position) for position in _values(placement)]
 
 
@@ -387,6 +389,7 @@ _MAKERS: dict[str, Callable[..., Any]] = {
     "frombuffer": lambda m, data, dtype, shape, order: _Array(m._array(data, dtype, shape, order)),
     "scalar": _Machine.scalar,
     "encode": _Machine.encode,
+    "no bytes": lambda m: b"",
     "slice": lambda m, start, stop, step=None: slice(start, stop, step),
     "index": _Machine.index,
     "block": lambda m, values, placement, ndim: _Block(values, placement),
