@@ -55,15 +55,13 @@ def make_bundles(origins: FloatArray, directions: FloatArray, time_s: FloatArray
     return Bundles(origins, directions, time_s, planes.astype(np.float32))
 
 
-def may_meet(planes: NDArray[np.float32], corners: FloatArray) -> BoolArray:
-    """Whether bundles with planes (B, 5, 4) may meet boxes with corners (P, C, 3): (B, P) bool, never wrongly False."""
-    parts, count = corners.shape[:2]
-    out = np.empty((len(planes), parts), bool)
-    normals = np.ascontiguousarray(planes[..., :3]).reshape(-1, 3)
-    for start in range(0, parts, 32):
-        some = corners[start : start + 32]
-        reach = (normals @ some.reshape(-1, 3).T.astype(np.float32)).reshape(len(planes), 5, len(some), count).min(-1)
-        out[:, start : start + 32] = (reach <= planes[:, :, 3:]).all(1)
+def may_meet(planes: NDArray[np.float32], low: FloatArray, high: FloatArray) -> BoolArray:
+    """Whether bundles with planes (B, 5, 4) may meet boxes from low to high (P, 3): (B, P) bool, never wrongly False."""
+    middle, half = ((low + high) / 2).astype(np.float32), ((high - low) / 2).astype(np.float32)
+    out = np.ones((len(planes), len(low)), bool)
+    for i in range(planes.shape[1]):
+        normal = planes[:, i, :3]
+        out &= normal @ middle.T - np.abs(normal) @ half.T <= planes[:, i, 3:]
     return out
 
 

@@ -43,7 +43,7 @@ class FrontPaint(Material):
             colour, shine = self._opening(
                 u, v, (right - left)[rows], (high - low)[rows], storey[rows], column[rows], p.footprint[rows]
             )
-            albedo[rows], glass[rows], gloss[rows] = colour, shine, shine
+            albedo[rows], glass[rows], gloss[rows] = colour, shine, 0.09 * shine
             reflectivity[rows] = surface(colour).reflectivity
         return surface(albedo, gloss, glass, reflectivity)
 
@@ -114,8 +114,8 @@ class FrontPaint(Material):
         chance = hashed(column, storey, self.number)
         is_shop = (storey == 0) & (width > 1.9)
         is_door = (storey == 0) & ~is_shop & (chance < 0.45)
-        frame = cover(0.06 - (width / 2 - np.abs(u)), footprint)
-        frame = np.maximum(frame, cover(0.06 - np.minimum(v, height - v), footprint))
+        frame = cover(width / 2 - np.abs(u) - 0.06, footprint)
+        frame = np.maximum(frame, cover(np.minimum(v, height - v) - 0.06, footprint))
         mullion = np.where(is_shop, np.abs(np.abs(u) - width / 6), np.abs(u)) - 0.03
         frame = np.maximum(frame, cover(mullion, footprint))
         frame = np.maximum(frame, cover(np.abs(v - 0.72 * height) - 0.025, footprint))

@@ -15,6 +15,9 @@ from .trace import Asset, Part
 CONE_SIZE_M = np.array([0.36, 0.36, 0.72])
 """Edges (3,) of a traffic cone's box."""
 
+_CLUMPS = 150
+"""Clumps of leaves in a tree's crown."""
+
 
 def stand(shape: Shape, material: Material, at: FloatArray, offset: tuple[float, float, float], yaw: float = 0.0) -> Part:
     """A part at ``offset`` in a frame that stands at ``at``, turned by ``yaw``."""
@@ -54,13 +57,13 @@ def tree(at: FloatArray, rng: np.random.Generator) -> list[Part]:
     """A street tree in its square of soil."""
     height = rng.uniform(2.3, 2.9)
     bark = Plain("#4d4136", 0.25)
-    green = Foliage(str(rng.choice(["#52702f", "#46662d", "#66772f", "#4d6a38"])))
+    green = Foliage(str(rng.choice(["#4e6336", "#465c34", "#5d6a38", "#4c6140"])))
     crown = at + [0.0, 0.0, height + 1.5]
     reach = np.array([1.55, 1.55, 1.7]) * rng.uniform(0.85, 1.15)
-    direction = rng.standard_normal((46, 3))
+    direction = rng.standard_normal((_CLUMPS, 3))
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
-    centers = direction * (rng.uniform(0.35, 1.0, (46, 1)) ** 0.6) * reach
-    radii = rng.uniform(0.33, 0.62, 46)
+    centers = direction * (rng.uniform(0.2, 1.0, (_CLUMPS, 1)) ** 0.5) * reach
+    radii = rng.uniform(0.13, 0.36, _CLUMPS)
     parts = [
         stand(box((-0.6, -0.6, 0.0), (0.6, 0.6, 0.015)), Plain("#4a3b2c", 0.3), at, (0, 0, 0)),
         strut(bark, at, at + [0.0, 0.0, height], 0.15, 0.10),
@@ -130,7 +133,7 @@ def planter(at: FloatArray) -> list[Part]:
     spread = rng.uniform(-1, 1, (16, 3)) * [0.5, 0.22, 0.12]
     return [
         stand(box((-0.65, -0.32, 0.0), (0.65, 0.32, 0.5), 0.03), Plain("#a39c8f", 0.1), at, (0, 0, 0)),
-        stand(Spheres(spread + [0, 0, 0.62], rng.uniform(0.16, 0.26, 16)), Foliage("#5a7a35"), at, (0, 0, 0)),
+        stand(Spheres(spread + [0, 0, 0.62], rng.uniform(0.16, 0.26, 16)), Foliage("#54683a"), at, (0, 0, 0)),
     ]
 
 

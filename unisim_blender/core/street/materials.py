@@ -83,14 +83,16 @@ class Plain(Material):
 class Foliage(Material):
     """Leaves: blotches of light and dark green."""
 
-    color: str = "#4f6b2c"
+    color: str = "#4e6336"
 
     def __call__(self, p: Points) -> Surface:
         x, y, z = p.asset.T
         leaf = noises()["leaf"]
-        tone = 0.5 * leaf(x + 0.7 * z, y - 0.4 * z, p.spread) + 0.5 * leaf(z + 0.3 * y, x - 0.6 * y, p.spread)
-        base = linear(self.color) * np.clip(1 + 0.75 * tone, 0.15, 2.4)[:, None]
-        warm = np.array([0.05, 0.045, 0.0]) * np.clip(tone, 0, 2)[:, None]
+        # seen along the axis nearest to the normal, so that no leaf is smeared round a clump
+        axis = np.abs(p.normal).argmax(1)
+        tone = leaf(np.choose(axis, (y, x, x)) + 0.9 * axis, np.choose(axis, (z, z, y)), p.spread)
+        base = linear(self.color) * np.clip(1 + 0.5 * tone, 0.25, 2.2)[:, None]
+        warm = np.array([0.025, 0.025, 0.0]) * np.clip(tone, 0, 2)[:, None]
         return surface(base + warm, reflectivity=np.clip(0.35 + 0.12 * tone, 0.1, 0.7))
 
 

@@ -19,6 +19,8 @@ from .materials import Material
 from .shapes import Shape
 
 _CORNERS = np.stack(np.meshgrid([0, 1], [0, 1], [0, 1], indexing="ij"), -1).reshape(8, 3).astype(bool)
+_PAD_M = 0.01
+"""Room for a turning actor's corners, which leave the straight lines between sampled times a little."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,19 +77,18 @@ class Placement:
     clip: Box | None = None
     holes: tuple[Box, ...] = ()
 
-    def corners(self, start_s: float, end_s: float) -> tuple[FloatArray, NDArray[np.int64]]:
-        """Corners (P, C, 3) of the parts that may matter between two times, world frame, and their numbers (P,)."""
+    def bounds(self, start_s: float, end_s: float) -> tuple[FloatArray, FloatArray, NDArray[np.int64]]:
+        """low, high (P, 3), world frame, of the parts that may matter between two times, and their numbers (P,)."""
         corners = self.asset.corners
         keep = np.arange(len(corners))
         if self.clip is not None:
-            box = intersect_corners(corners, self.clip)
-            keep, corners = keep[box], corners[box]
-        if self.motion is None:
-            return corners, keep
-        inside = self.motion.times_s[(self.motion.times_s > start_s) & (self.motion.times_s < end_s)]
-        poses = self.motion.at(np.unique(np.concatenate([[start_s], inside, [end_s]])))
-        moved = np.concatenate([corners @ pose[:3, :3].T + pose[:3, 3] for pose in poses], 1)
-        return moved, keep
+            reached = boxes_meet(corners, self.clip)
+            keep, corners = keep[reached], corners[reached]
+        if self.motion is not None:
+            inside = self.motion.times_s[(self.motion.times_s > start_s) & (self.motion.times_s < end_s)]
+            poses = self.motion.at(np.unique(np.concatenate([inside, np.linspace(start_s, end_s, 9)])))
+            corners = np.concatenate([corners @ pose[:3, :3].T + pose[:3, 3] for pose in poses], 1)
+        return corners.min(1) - _PAD_M, corners.max(1) + _PAD_M, keep
 
 
 @dataclass
@@ -100,7 +101,7 @@ class Hits:
     tested: int = field(default=0)
 
 
-def intersect_corners(corners: FloatArray, box: Box) -> NDArray[np.bool_]:
+def boxes_meet(corners: FloatArray, box: Box) -> NDArray[np.bool_]:
     """Whether boxes with corners (P, 8, 3) may reach into a box: (P,), never wrongly False."""
     local = transform_points(invert_pose(box.world_from_box), corners.reshape(-1, 3)).reshape(corners.shape)
     half = np.asarray(box.size_m) / 2 + 1e-6
@@ -115,13 +116,12 @@ def trace(placements: list[Placement], bundles: Bundles) -> Hits:
     for number, placement in enumerate(placements):
         if placement.window is not None and (end_s < placement.window[0] or start_s > placement.window[1]):
             continue
-        corners, parts = placement.corners(start_s, end_s)
+        low, high, parts = placement.bounds(start_s, end_s)
         if not len(parts):
             continue
-        whole = np.stack([corners.min((0, 1)), corners.max((0, 1))])
-        rows = np.flatnonzero(may_meet(bundles.planes, np.where(_CORNERS, whole[1], whole[0])[None])[:, 0])
+        rows = np.flatnonzero(may_meet(bundles.planes, low.min(0)[None], high.max(0)[None])[:, 0])
         if len(rows):
-            _trace_placement(number, placement, parts, rows, may_meet(bundles.planes[rows], corners), bundles, hits)
+            _trace_placement(number, placement, parts, rows, may_meet(bundles.planes[rows], low, high), bundles, hits)
     return hits
 
 
@@ -152,7 +152,7 @@ def _trace_placement(
         t_max = np.where(t_min <= t_max, t_max, -np.inf)
     cut = np.zeros(len(placement.asset.parts), bool)
     for hole in placement.holes:
-        cut |= intersect_corners(placement.asset.corners, hole)
+        cut |= boxes_meet(placement.asset.corners, hole)
     for column, index in enumerate(parts):
         chosen = np.flatnonzero(meets[:, column])
         if not len(chosen):
