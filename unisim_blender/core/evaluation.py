@@ -65,11 +65,15 @@ class FramePictures:
 
 
 def evaluate(
-    renderer: RayRenderer, log: Log, plan: EvaluationPlan, on_frame: Callable[[FramePictures], None] = lambda pictures: None
+    renderer: RayRenderer,
+    log: Log,
+    plan: EvaluationPlan,
+    on_frame: Callable[[FramePictures], None] = lambda pictures: None,
+    progress: Callable[[Iterable[int]], Iterable[int]] = lambda frames: frames,
 ) -> dict[str, Any]:
     """Render the plan's frames and compare them with the log; the figures as a JSON object (None where there are none)."""
     per_frame = []
-    for frame in plan.frames:
+    for frame in progress(plan.frames):
         pictures = FramePictures(frame)
         speed = ego_speed(log.drive, frame)
         record: dict[str, Any] = {

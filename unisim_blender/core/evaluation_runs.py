@@ -1,0 +1,144 @@
+"""Evaluations from paths to files: metrics.json, a page and its pictures."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .drive import Drive
+from .errors import SceneError, UnisimError
+from .evaluation import EvaluationPlan, Perceptual, evaluate
+from .files import write_file
+from .logs import open_log
+from .outputs import json_bytes
+from .render_plan import code_identity
+from .renderers import SceneSource, scene_hash
+from .report import Report
+from .scene_file import SceneHeader, read_scene_header
+from .selection import check_names, select_frames
+
+ORIGIN_TOLERANCE_M = 1e-6
+
+Progress = Callable[[Iterable[int], str], Iterable[int]]
+"""Shows a loop's progress; the loop's items and what they belong to."""
+
+
+@dataclass(frozen=True)
+class EvaluationWishes:
+    """What the command line asks for; None leaves it to what the scene was trained on."""
+
+    frames: str | None = None
+    cameras: tuple[str, ...] | None = None
+    width: int | None = None
+    quality: str = "balanced"
+    lpips_weights: Path | None = None
+    device: str = "cpu"
+
+
+def evaluate_scene(scene: Path, log_path: Path, out: Path, wishes: EvaluationWishes, progress: Progress) -> dict[str, Any]:
+    """Compare a trained scene's frames with a log's and write ``out``; the figures without those of single frames.
+
+    Raises `UnisimError`.
+    """
+    header, log = read_scene_header(scene), open_log(log_path)
+    drive = replayed_drive(header, log.drive)
+    plan = _plan(header, log.drive, wishes)
+    renderer = SceneSource(scene, drive, wishes.quality, wishes.device)()
+    report = Report(out, f"{header.name} against {log.drive.name}")
+    figures = evaluate(renderer, log, plan, report.add, lambda frames: progress(frames, log.drive.name))
+    about = {
+        "scene": {"name": header.name, "sha256": scene_hash(scene)},
+        "log": log.drive.name,
+        "code": code_identity(),
+        "quality": wishes.quality,
+        "width": plan.width,
+        "frames": list(plan.frames),
+    }
+    write_file(out / "metrics.json", json_bytes({**about, **figures}))
+    summary = {name: value for name, value in figures.items() if name != "per_frame"}
+    report.finish(summary)
+    return summary
+
+
+def evaluate_split(
+    logs: tuple[str, ...], scenes: Path, log_root: Path, out: Path, wishes: EvaluationWishes, progress: Progress
+) -> dict[str, Any]:
+    """Evaluate the scene in ``scenes``/NAME against the log in ``log_root``/NAME for every name; the logs' mean figures.
+
+    Raises `UnisimError`, before anything is rendered where a log or a scene is missing.
+    """
+    for folder in (path / name for name in logs for path in (scenes, log_root)):
+        if not folder.is_dir():
+            raise UnisimError(f"{folder}: is missing; the split has the logs {', '.join(logs)}")
+    per_log = {name: evaluate_scene(scenes / name, log_root / name, out / name, wishes, progress) for name in logs}
+    figures = mean_figures(list(per_log.values()))
+    write_file(out / "metrics.json", json_bytes({**figures, "per_log": per_log}))
+    Report(out, f"{len(logs)} logs").finish({**figures, "per_log": per_log})
+    return figures
+
+
+def mean_figures(logs: list[dict[str, Any]]) -> dict[str, Any]:
+    """The mean of every figure that is a number in some of the logs, over those logs; what belongs to one sensor is left out."""
+    means: dict[str, Any] = {}
+    for name in dict.fromkeys(name for log in logs for name in log if name != "by_sensor"):
+        values = [log[name] for log in logs if log.get(name) is not None]
+        if values and isinstance(values[0], dict):
+            means[name] = mean_figures(values)
+        else:
+            means[name] = float(np.mean(values)) if values else None
+    return means
+
+
+def replayed_drive(header: SceneHeader, recorded: Drive) -> Drive:
+    """The scene's refined drive with all of the log's frames and sensors. Raises `SceneError` where the two do not fit."""
+    if header.log_name != recorded.name:
+        raise SceneError(f'{header.path}: was trained on "{header.log_name}", the log is "{recorded.name}"')
+    if np.abs(header.world_origin - recorded.world_origin).max() > ORIGIN_TOLERANCE_M:
+        raise SceneError(
+            f"{header.path}: has its origin at {header.world_origin.tolist()}, the log at {recorded.world_origin.tolist()}"
+        )
+    return replace(
+        header.drive,
+        frames=recorded.frames,
+        time_s=recorded.time_s,
+        cameras={**recorded.cameras, **header.drive.cameras},
+        lidars={**recorded.lidars, **header.drive.lidars},
+    )
+
+
+def trained_frames(header: SceneHeader) -> tuple[int, ...]:
+    """Frames that the scene was trained on."""
+    return tuple(int(frame) for frame in header.training.get("frames", ()))
+
+
+def perceptual_metric(weights: Path | None) -> Perceptual | None:
+    """LPIPS with the weights in a file; None without one. Raises `UnisimError`."""
+    if weights is None:
+        return None
+    from .lpips import Lpips
+
+    return Lpips(weights)
+
+
+def _plan(header: SceneHeader, recorded: Drive, wishes: EvaluationWishes) -> EvaluationPlan:
+    trained = trained_frames(header)
+    if wishes.frames is None:
+        frames = tuple(frame for frame in recorded.frames if frame not in trained)
+        if not frames:
+            raise UnisimError(f"{header.path}: was trained on all of the log's frames; name some with --frames")
+    else:
+        frames = select_frames(wishes.frames, recorded.frames)
+    cameras = wishes.cameras or tuple(header.training.get("cameras", header.drive.cameras))
+    check_names("camera", cameras, recorded.cameras)
+    return EvaluationPlan(
+        frames=frames,
+        cameras=cameras,
+        lidars=tuple(name for name in header.training.get("lidars", header.drive.lidars) if name in recorded.lidars),
+        width=wishes.width or header.training.get("width"),
+        trained=trained or tuple(frame for frame in recorded.frames if frame not in frames),
+        perceptual=perceptual_metric(wishes.lpips_weights),
+    )

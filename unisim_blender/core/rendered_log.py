@@ -1,0 +1,74 @@
+"""A rendered sequence as a log of its own, in PandaSet's layout: what reads a recorded drive reads the edited one too."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from .drive import Drive
+from .errors import OutputError
+from .geometry import transform_points
+from .log import Sweep
+from .logs.pandaset_writer import PandasetWriter
+from .outputs import camera_path, lidar_path
+from .render_plan import RenderPlan
+
+LOG_FOLDER = "pandaset"
+
+
+def write_rendered_log(plan: RenderPlan, out: Path) -> Path:
+    """Write the log of what was rendered into ``out`` to ``out``/pandaset, whose path it gives. Raises `OutputError`.
+
+    It is made of the frames' PNG and NPZ files, so both must have been written.
+    """
+    settings = plan.settings
+    for suffix, sensors in (("png", settings.cameras), ("npz", settings.lidars)):
+        if sensors and suffix not in settings.formats:
+            raise OutputError(
+                f"{out}: a log in PandaSet's layout is made of {suffix} files, and the scenario's formats lack them"
+            )
+    drive = rendered_drive(plan)
+    writer = PandasetWriter(out / LOG_FOLDER, drive)
+    for frame in drive.frames:
+        for name in drive.cameras:
+            path = camera_path(out, name, frame, ".png")
+            if path.is_file():
+                writer.write_image(name, frame, np.asarray(Image.open(path).convert("RGB")))
+        sweeps = {
+            name: read_sweep(lidar_path(out, name, frame, ".npz")) for name in drive.lidars if frame in drive.lidars[name].time_s
+        }
+        if sweeps:
+            writer.write_sweep(frame, sweeps)
+        writer.write_cuboids(frame)
+    writer.finish()
+    return out / LOG_FOLDER
+
+
+def rendered_drive(plan: RenderPlan) -> Drive:
+    """The plan's drive with the frames and sensors that were rendered, at the size they were rendered at."""
+    drive, settings = plan.drive, plan.settings
+    cameras = {name: drive.cameras[name] for name in settings.cameras}
+    if settings.width is not None:
+        cameras = {name: replace(camera, model=camera.model.resized(settings.width)) for name, camera in cameras.items()}
+    lidars = {name: drive.lidars[name] for name in settings.lidars}
+    return replace(drive, frames=plan.frames, cameras=cameras, lidars=lidars)
+
+
+def read_sweep(path: Path) -> Sweep:
+    """A rendered sweep's returns in the order of firing, from its NPZ file; its origins are the sensor's at the frame's time."""
+    with np.load(path, allow_pickle=False) as arrays:
+        order = np.argsort(arrays["time"], kind="stable")
+        local = np.stack([arrays[axis][order] for axis in "xyz"], -1).astype(np.float64)
+        pose = arrays["world_from_lidar"]
+        return Sweep(
+            points=transform_points(pose, local),
+            origins=np.broadcast_to(pose[:3, 3], local.shape).copy(),
+            time_s=arrays["time"][order],
+            intensity=arrays["intensity"][order],
+            ring=arrays["ring"][order],
+            column=np.full(len(order), -1, np.int32),
+            semantic=np.full(len(order), -1, np.int32),
+        )
