@@ -1,0 +1,17 @@
+// The plain C interface of the kernels. Every array is contiguous and belongs to the caller; nothing here keeps a pointer.
+#pragma once
+#include <cstdint>
+
+// A multiresolution grid: `levels` tables one behind the other, `grids` such grids `grid_stride` rows apart.
+// Level l: vertex (i, j, k) is row offset[l] + (i + j * stride_y[l] + k * stride_z[l]) where stride_y[l] != 0,
+// else row offset[l] + (hash(i, j, k) & (size[l] - 1)), the hash of Mueller et al., "Instant Neural Graphics Primitives", 2022.
+struct unisim_grid {
+    int32_t levels;
+    int32_t features;
+    int64_t grid_stride;
+    const float *scale;        // (levels, 3): vertices along each axis of the unit cube, less one
+    const int64_t *offset;     // (levels)
+    const uint32_t *size;      // (levels)
+    const uint32_t *stride_y;  // (levels)
+    const uint32_t *stride_z;  // (levels)
+};

@@ -1,0 +1,96 @@
+"""Who is on: a drive's actors, copied and removed boxes of space, as tensors that rays are traced against."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from .drive import Actor, Box, Drive, Look
+from .errors import SceneError
+from .fields.scene import SceneModel
+from .fields.tracklets import Tracklets
+from .geometry import FloatArray, Trajectory, invert_pose
+
+
+@dataclass
+class Troupe:
+    """Actors whose looks come from one scene: boxes on their ways, and each one's row of that scene's tables."""
+
+    scene: SceneModel
+    tables: Tensor
+    tracklets: Tracklets
+    rows: Tensor
+    uids: tuple[str, ...]
+
+
+@dataclass
+class Cast:
+    """``own`` are actors with looks of the scene itself, ``guests`` those of other scenes, by the scene's path.
+
+    removals: (box_from_world (R, 4, 4), size_m (R, 3)); copies: tracklets of the target boxes, source_from_target (C, 4, 4).
+    """
+
+    own: Troupe
+    guests: dict[str, Troupe] = field(default_factory=dict)
+    removals: tuple[Tensor, Tensor] | None = None
+    copies: Tracklets | None = None
+    copy_source: Tensor | None = None
+
+    def to(self, device: torch.device) -> Cast:
+        """The same on another device."""
+        for troupe in (self.own, *self.guests.values()):
+            troupe.tracklets.to(device)
+            troupe.rows = troupe.rows.to(device)
+        if self.removals is not None:
+            self.removals = (self.removals[0].to(device), self.removals[1].to(device))
+        if self.copies is not None and self.copy_source is not None:
+            self.copies, self.copy_source = self.copies.to(device), self.copy_source.to(device)
+        return self
+
+    @property
+    def uids(self) -> tuple[str, ...]:
+        """Every actor's id: own ones, then guests'; instance n + 1 is the n-th of them."""
+        return self.own.uids + tuple(uid for troupe in self.guests.values() for uid in troupe.uids)
+
+
+def gather_troupe(scene: SceneModel, tables: Tensor, actors: list[Actor]) -> Troupe:
+    """Actors with looks of ``scene``, in the order of their ids: overlapping ones then composite alike in any list."""
+    actors = sorted(actors, key=lambda a: a.uid)
+    for actor in actors:
+        if actor.look.actor not in scene.actor_ids:
+            where = f" at {actor.look.scene}" if actor.look.scene else ""
+            raise SceneError(f"actor {actor.uid!r} has the look of {actor.look.actor!r}, which the trained scene{where} does not hold")
+    rows = torch.tensor([scene.actor_ids[a.look.actor] for a in actors], dtype=torch.long)
+    return Troupe(scene, tables, Tracklets(actors), rows, tuple(a.uid for a in actors))
+
+
+def _boxes(boxes: tuple[Box, ...]) -> tuple[Tensor, Tensor]:
+    poses = np.stack([invert_pose(b.world_from_box) for b in boxes])
+    return torch.as_tensor(poses).float(), torch.as_tensor(np.stack([b.size_m for b in boxes])).float()
+
+
+def gather_cast(scene: SceneModel, tables: Tensor, drive: Drive, others: dict[str, tuple[SceneModel, Tensor]]) -> Cast:
+    """The cast of a drive; ``tables`` are the scene's baked actor grids, ``others`` the same of scenes by path."""
+    own = [a for a in drive.actors.values() if not a.look.scene]
+    guests = {}
+    for path in sorted({a.look.scene for a in drive.actors.values() if a.look.scene}):
+        if path not in others:
+            raise SceneError(f"{path}: this trained scene is needed for an inserted actor and was not loaded")
+        guests[path] = gather_troupe(*others[path], [a for a in drive.actors.values() if a.look.scene == path])
+    cast = Cast(gather_troupe(scene, tables, own), guests)
+    if drive.static_removals:
+        cast.removals = _boxes(drive.static_removals)
+    if drive.static_copies:
+        targets = [_target(copy.uid, copy.world_from_target, copy.source.size_m) for copy in drive.static_copies]
+        cast.copies = Tracklets(targets)
+        cast.copy_source = torch.as_tensor(np.stack([c.source.world_from_box for c in drive.static_copies])).float()
+    return cast
+
+
+def _target(uid: str, pose: FloatArray, size_m: FloatArray) -> Actor:
+
+    way = Trajectory.from_poses(np.zeros(1), pose[None])
+    return Actor(uid, "Static", size_m, way, -np.inf, np.inf, False, Look(uid))

@@ -1,0 +1,67 @@
+"""`unisim train`: a neural scene from a recorded drive."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from ..errors import LogError
+
+
+@click.command()
+@click.argument("log", type=click.Path(path_type=Path))
+@click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder of the trained scene.")
+@click.option("--preset", default="small", show_default=True, help="Shapes of the model: tiny, small or paper.")
+@click.option("--cameras", default="front_camera", show_default=True, help="Cameras, separated by commas, or all.")
+@click.option("--frames", default="::2", show_default=True, help="START:STOP:STEP.")
+@click.option("--width", type=int, help="Width of the images in pixels [default: as recorded].")
+@click.option("--minutes", type=float, help="Train this long.")
+@click.option("--iterations", type=int, help="Train this many steps: with fixed threads, always to the same weights.")
+@click.option("--device", default="cpu", show_default=True, help="cpu, cuda or mps.")
+@click.option("--seed", type=int, default=0, show_default=True)
+@click.option("--vgg", type=click.Path(), help="VGG-16 weights (torchvision's names) for the perceptual term.")
+@click.option("--adversarial", is_flag=True, help="Add a patch discriminator on views from shifted origins.")
+@click.option("--resume", is_flag=True, help="Go on from the folder's checkpoint.")
+@click.option("--quiet", is_flag=True, help="No progress bar.")
+def command(  # noqa: PLR0913
+    log: Path, out: Path, preset: str, cameras: str, frames: str, width: int | None, minutes: float | None,
+    iterations: int | None, device: str, seed: int, vgg: str | None, adversarial: bool, resume: bool, quiet: bool,
+) -> None:  # fmt: skip
+    """Train the neural scene of the drive at LOG."""
+    from ..logs import open_log
+    from ..training.config import TrainConfig
+    from ..training.run import train
+
+    if (minutes is None) == (iterations is None):
+        raise click.UsageError("give either --minutes or --iterations")
+    if (minutes is not None and not minutes > 0) or (iterations is not None and iterations < 1):
+        raise click.UsageError("--minutes and --iterations must be positive")
+    recorded = open_log(log)
+    available = [c for c in recorded.drive.cameras if recorded.image_frames(c)]
+    names = available if cameras == "all" else [name.strip() for name in cameras.split(",")]
+    for name in names:
+        if name not in available:
+            raise LogError(f"{log}: no images of camera {name!r}; there are {', '.join(available)}")
+    lidars = [name for name in recorded.drive.lidars if name != "pandar_gt" and recorded.sweep_frames(name)]
+    config = TrainConfig(
+        cameras=tuple(names), lidars=tuple(lidars), frames=parse_frames(frames, recorded.drive.frames), width=width,
+        preset=preset, minutes=minutes, iterations=iterations, device=device, seed=seed, vgg=vgg, adversarial=adversarial,
+    )  # fmt: skip
+    header = train(recorded, config, out, resume=resume, quiet=quiet)
+    click.echo(f"{out}: {header.training['iterations']} steps in {header.training['seconds'] / 60:.1f} minutes")
+
+
+def parse_frames(text: str, frames: tuple[int, ...]) -> tuple[int, ...]:
+    """Those of ``frames`` that START:STOP:STEP names; frame numbers, not positions."""
+    try:
+        parts = [int(p) if p else None for p in text.split(":")]
+        if not 1 <= len(parts) <= 3:
+            raise ValueError
+        wanted = {parts[0]} if len(parts) == 1 else set(range(frames[-1] + 1)[slice(*parts)])
+    except ValueError as error:
+        raise click.BadParameter(f"{text!r} is not START:STOP:STEP") from error
+    chosen = tuple(f for f in frames if f in wanted)
+    if not chosen:
+        raise LogError(f"frames {text}: the log has none of them (it has {frames[0]} to {frames[-1]})")
+    return chosen

@@ -1,0 +1,73 @@
+"""From composited features to what a sensor measures."""
+
+from __future__ import annotations
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor, nn
+
+from .fields.config import ModelConfig
+from .fields.networks import SH_WIDTH, mlp, spherical_harmonics
+
+
+class RayHead(nn.Module):
+    """View-dependent features (N, C) of composited ones (N, F), unit directions (N, 3) and a code of the camera (N, 4)."""
+
+    CODE = 4
+
+    def __init__(self, config: ModelConfig, cameras: int) -> None:
+        super().__init__()
+        self.codes = nn.Parameter(torch.zeros(max(cameras, 1), self.CODE))
+        self.network = mlp(config.features + SH_WIDTH + self.CODE, config.hidden, config.decoder_channels)
+
+    def forward(self, feature: Tensor, directions: Tensor, camera: Tensor) -> Tensor:
+        """``camera`` (N,) numbers the codes; -1 stands for a camera that was not trained and takes their mean."""
+        codes = torch.where((camera < 0)[:, None], self.codes.mean(0), self.codes[camera.clamp_min(0)])
+        out: Tensor = self.network(torch.cat([feature, spherical_harmonics(directions), codes.to(feature.dtype)], -1))
+        return out
+
+
+class Block(nn.Module):
+    """x + conv(relu(conv(x))), edges replicated."""
+
+    def __init__(self, channels: int, kernel: int) -> None:
+        super().__init__()
+        self.first = nn.Conv2d(channels, channels, kernel, padding=kernel // 2, padding_mode="replicate")
+        self.second = nn.Conv2d(channels, channels, kernel, padding=kernel // 2, padding_mode="replicate")
+
+    def forward(self, x: Tensor) -> Tensor:
+        """(B, C, H, W) to the same."""
+        out: Tensor = x + self.second(F.relu(self.first(F.relu(x))))
+        return out
+
+
+class CameraDecoder(nn.Module):
+    """A feature map (B, C, H, W) to an image (B, 3, H * up, W * up) in 0..1: blocks at low resolution, then a pixel shuffle."""
+
+    def __init__(self, config: ModelConfig) -> None:
+        super().__init__()
+        c, k = config.decoder_channels, config.decoder_kernel
+        self.blocks = nn.Sequential(*(Block(c, k) for _ in range(config.decoder_blocks)))
+        self.last = nn.Conv2d(c, 3 * config.upsample**2, 3, padding=1, padding_mode="replicate")
+        self.upsample = config.upsample
+        self.reach = config.decoder_blocks * 2 * (k // 2) + 1
+        """How many feature cells away an output pixel can depend on."""
+
+    def forward(self, features: Tensor) -> Tensor:
+        """The image, display-referred sRGB."""
+        return torch.sigmoid(F.pixel_shuffle(self.last(F.relu(self.blocks(features))), self.upsample))
+
+
+class LidarHead(nn.Module):
+    """Intensity in 0..1 (N,) and the logit of a return (N,) from composited features, direction, depth and opacity."""
+
+    def __init__(self, config: ModelConfig) -> None:
+        super().__init__()
+        self.network = mlp(config.features + SH_WIDTH + 2, config.hidden, 2, layers=3)
+
+    def forward(self, feature: Tensor, directions: Tensor, depth_m: Tensor, opacity: Tensor) -> tuple[Tensor, Tensor]:
+        """feature (N, F), directions (N, 3) unit, depth_m and opacity (N,)."""
+        # geometry answers to depth alone: a dark car that returns nothing is no hole
+        reach = torch.stack([torch.log1p(depth_m) / 5, opacity], -1).detach()
+        out = self.network(torch.cat([feature, spherical_harmonics(directions), reach], -1))
+        return torch.sigmoid(out[:, 0]), out[:, 1]

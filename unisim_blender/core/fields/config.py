@@ -1,0 +1,119 @@
+"""Shapes of a scene model, and the presets by name."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from ..errors import SceneError
+
+
+@dataclass(frozen=True)
+class GridConfig:
+    """Levels of a hash grid. ``coarsest`` and ``finest``: cells in metres for the static grid, cells an axis for the others."""
+
+    coarsest: float
+    finest: float
+    levels: int
+    features: int
+    log2_table: int
+
+
+@dataclass(frozen=True)
+class SampleConfig:
+    """Samples a ray. ``static_proposals`` and ``actor_proposals`` evaluate the signed distance only, to place the others."""
+
+    static_proposals: int
+    static: int
+    actor_proposals: int
+    actor: int
+    far: int
+
+
+@dataclass(frozen=True)
+class ModelConfig:
+    """All sizes of a scene model."""
+
+    static_grid: GridConfig
+    far_grid: GridConfig
+    actor_grid: GridConfig
+    samples: SampleConfig
+    hidden: int = 64
+    features: int = 31
+    """Length of the geometry feature that an interval carries."""
+    head: Literal["ray", "sample"] = "ray"
+    """Where the view direction enters: once a ray, behind compositing, or at every sample as in the paper."""
+    density: Literal["logistic", "unisim"] = "logistic"
+    unisim_step_m: float = 0.2
+    beta: float = 20.0
+    latent: int = 64
+    hyper_hidden: int = 64
+    hyper_layers: int = 2
+    decoder_channels: int = 32
+    decoder_blocks: int = 2
+    decoder_kernel: int = 3
+    upsample: int = 2
+    """Image pixels along one edge of a cell of the feature map."""
+    voxel_m: float = 0.5
+    far_m: float = 3000.0
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values, for JSON."""
+        return dataclasses.asdict(self)
+
+    @staticmethod
+    def from_dict(values: dict[str, Any]) -> ModelConfig:
+        """The inverse of `to_dict`; SceneError names what does not fit."""
+        try:
+            nested = {
+                "static_grid": GridConfig(**values["static_grid"]),
+                "far_grid": GridConfig(**values["far_grid"]),
+                "actor_grid": GridConfig(**values["actor_grid"]),
+                "samples": SampleConfig(**values["samples"]),
+            }
+            return ModelConfig(**{**values, **nested})
+        except (KeyError, TypeError) as error:
+            raise SceneError(f"scene.json: the model's configuration does not fit this version: {error}") from error
+
+
+PRESETS: dict[str, ModelConfig] = {
+    "tiny": ModelConfig(
+        static_grid=GridConfig(3.2, 0.1, 6, 4, 15),
+        far_grid=GridConfig(8, 256, 4, 4, 13),
+        actor_grid=GridConfig(4, 32, 4, 4, 11),
+        samples=SampleConfig(12, 8, 6, 4, 2),
+        hidden=32,
+        features=15,
+        latent=16,
+        hyper_hidden=16,
+        decoder_channels=16,
+        decoder_blocks=1,
+    ),
+    "small": ModelConfig(
+        static_grid=GridConfig(3.2, 0.05, 8, 4, 19),
+        far_grid=GridConfig(8, 2048, 8, 4, 17),
+        actor_grid=GridConfig(4, 64, 6, 4, 12),
+        samples=SampleConfig(24, 12, 12, 8, 4),
+    ),
+    "paper": ModelConfig(
+        static_grid=GridConfig(7.5, 0.03, 16, 2, 21),
+        far_grid=GridConfig(16, 4096, 16, 2, 19),
+        actor_grid=GridConfig(16, 256, 8, 2, 14),
+        samples=SampleConfig(48, 32, 24, 24, 16),
+        hidden=32,
+        features=32,
+        head="sample",
+        density="unisim",
+        decoder_kernel=7,
+        upsample=3,
+    ),
+}
+"""``tiny`` for tests, ``small`` for two CPU cores, ``paper`` with the re-implementation's sizes."""
+
+
+def preset(name: str) -> ModelConfig:
+    """The preset of that name; SceneError lists the names."""
+    if name not in PRESETS:
+        raise SceneError(f"no preset {name!r}: there are {', '.join(PRESETS)}")
+    return PRESETS[name]

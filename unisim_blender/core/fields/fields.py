@@ -1,0 +1,124 @@
+"""The three fields: static scene, far field, actors. Each maps points to a signed distance (or density) and a feature."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor, nn
+
+from .config import ModelConfig
+from .hash_grid import GridArrays, GridShape, encode
+from .networks import mlp
+from .volume import Volume, VolumeFrame, contract, contract_direction
+
+INITIAL_DISTANCE_M = 0.1
+
+
+class HashTable(nn.Module):
+    """A learnable table of one grid. While it trains, its gradient is added up in place, see `encode`."""
+
+    def __init__(self, shape: GridShape) -> None:
+        super().__init__()
+        self.grid = GridArrays(shape)
+        self.table = nn.Parameter(torch.empty(shape.rows, shape.features).uniform_(-1e-4, 1e-4))
+        self.sink_gradient = False
+
+    def forward(self, x: Tensor) -> Tensor:
+        """Encodings (N, width) of points (N, 3) in the unit cube."""
+        sink = self.table.grad if self.sink_gradient and torch.is_grad_enabled() else None
+        return encode(self.grid, self.table, x, sink=sink)
+
+
+def _start_outside(network: nn.Sequential) -> None:
+    """A new field is empty: its distance starts a little above zero everywhere."""
+    last = network[-1]
+    assert isinstance(last, nn.Linear)
+    with torch.no_grad():
+        last.bias[0] = INITIAL_DISTANCE_M
+
+
+class StaticField(nn.Module):
+    """Everything that stands still inside the volume."""
+
+    def __init__(self, config: ModelConfig, volume: Volume) -> None:
+        super().__init__()
+        g = config.static_grid
+        extent = (float(volume.size_m[0]), float(volume.size_m[1]), float(volume.size_m[2]))
+        self.grid = HashTable(GridShape.cubic(extent, g.coarsest, g.finest, g.levels, g.features, g.log2_table))
+        self.network = mlp(self.grid.grid.shape.width, config.hidden, 1 + config.features)
+        self.register_buffer("size_m", torch.as_tensor(volume.size_m).float(), persistent=False)
+        _start_outside(self.network)
+
+    size_m: Tensor
+
+    def forward(self, x: Tensor) -> tuple[Tensor, Tensor]:
+        """Signed distances in metres (N,) and features (N, F) at points (N, 3) in volume coordinates."""
+        out = self.network(self.grid(x / self.size_m))
+        return out[:, 0], out[:, 1:]
+
+    def distance(self, x: Tensor) -> Tensor:
+        """Signed distances (N,) alone: the last layer's other rows are not computed."""
+        return _first_output(self.network, self.grid(x / self.size_m))
+
+
+def _first_output(network: nn.Sequential, encoding: Tensor) -> Tensor:
+    last = network[-1]
+    assert isinstance(last, nn.Linear)
+    hidden = network[:-1](encoding)
+    return hidden @ last.weight[0] + last.bias[0]
+
+
+class FarField(nn.Module):
+    """Everything beyond the volume, up to the sky, in contracted coordinates about the volume's centre."""
+
+    def __init__(self, config: ModelConfig, volume: Volume) -> None:
+        super().__init__()
+        g = config.far_grid
+        self.grid = HashTable(GridShape.unit(int(g.coarsest), int(g.finest), g.levels, g.features, g.log2_table))
+        self.network = mlp(self.grid.grid.shape.width, config.hidden, 1 + config.features)
+        self.radius_m = float(min(volume.size_m[:2]) / 2)
+        self.frame = VolumeFrame(volume)
+
+    def forward(self, x: Tensor) -> tuple[Tensor, Tensor]:
+        """Raw densities (N,) and features (N, F) at points (N, 3) in volume coordinates."""
+        out = self.network(self.grid(contract(x - self.frame.size_m / 2, self.radius_m)))
+        return out[:, 0], out[:, 1:]
+
+    def sky(self, d: Tensor) -> Tensor:
+        """Features (N, F) at infinity, along directions (N, 3) in volume axes."""
+        out: Tensor = self.network(self.grid(contract_direction(d)))
+        return out[:, 1:]
+
+
+class ActorField(nn.Module):
+    """All actors: each one's latent goes through one hypernetwork to that actor's own hash grid; they share the network behind.
+
+    ``tables`` holds the grids when they were baked; rendering then needs no hypernetwork.
+    """
+
+    def __init__(self, config: ModelConfig, actors: int) -> None:
+        super().__init__()
+        g = config.actor_grid
+        self.grid = GridArrays(GridShape.unit(int(g.coarsest), int(g.finest), g.levels, g.features, g.log2_table))
+        self.latents = nn.Parameter(torch.randn(actors, config.latent))
+        outputs = self.grid.rows * g.features
+        self.hypernetwork = mlp(config.latent, config.hyper_hidden, outputs, config.hyper_layers)
+        last = self.hypernetwork[-1]
+        assert isinstance(last, nn.Linear)
+        nn.init.uniform_(last.weight, -1e-3, 1e-3)
+        nn.init.zeros_(last.bias)
+        self.network = mlp(self.grid.shape.width, config.hidden, 1 + config.features)
+        _start_outside(self.network)
+
+    def tables(self) -> Tensor:
+        """Every actor's grid (actors, rows, features), from its latent."""
+        out: Tensor = self.hypernetwork(self.latents)
+        return out.view(len(self.latents), self.grid.rows, self.grid.shape.features)
+
+    def forward(self, tables: Tensor, x: Tensor, actor: Tensor) -> tuple[Tensor, Tensor]:
+        """Signed distances (N,) and features (N, F) at points x (N, 3) in the unit cube of each point's actor (N,)."""
+        out = self.network(encode(self.grid, tables, x, actor))
+        return out[:, 0], out[:, 1:]
+
+    def distance(self, tables: Tensor, x: Tensor, actor: Tensor) -> Tensor:
+        """Signed distances (N,) alone."""
+        return _first_output(self.network, encode(self.grid, tables, x, actor))

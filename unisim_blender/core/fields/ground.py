@@ -1,0 +1,69 @@
+"""The height of the ground under the drive, on a grid, from LiDAR returns."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+import torch.nn.functional as F
+from numpy.typing import NDArray
+from scipy import ndimage
+from torch import Tensor, nn
+
+from ..geometry import FloatArray
+
+CELL_M = 1.0
+CLEARANCE_M = 0.1
+"""What lies higher than this above the ground is not the ground."""
+
+
+def ground_heights(points: FloatArray, size_m: FloatArray) -> NDArray[np.float32]:
+    """Heights (X, Y) of the ground in cells of 1 m, in volume coordinates, from static points (N, 3) in volume coordinates.
+
+    The lowest returns of a cell, opened over 9 m so that roofs and walls do not count, median-smoothed; cells that no LiDAR saw
+    take their nearest neighbour's.
+    """
+    shape = tuple(int(np.ceil(s / CELL_M)) for s in size_m[:2])
+    cell = np.floor(points[:, :2] / CELL_M).astype(np.int64)
+    keep = ((cell >= 0) & (cell < np.array(shape))).all(1)
+    flat, z = cell[keep, 0] * shape[1] + cell[keep, 1], points[keep, 2]
+    lowest = np.full(shape[0] * shape[1], np.inf)
+    order = np.lexsort((z, flat))
+    flat, z = flat[order], z[order]
+    starts = np.flatnonzero(np.r_[True, np.diff(flat) > 0]) if len(flat) else np.zeros(0, np.int64)
+    counts = np.diff(np.r_[starts, len(flat)])
+    # the 5th percentile: a few stray returns lie below the road
+    lowest[flat[starts]] = z[starts + (counts * 0.05).astype(np.int64)] if len(flat) else np.inf
+    heights = lowest.reshape(shape)
+    if not np.isfinite(heights).any():
+        return np.zeros(shape, np.float32)
+    heights = _fill(heights)
+    opened = ndimage.grey_opening(heights, size=(9, 9))
+    heights = _fill(np.where(heights > opened + 0.4, np.inf, heights))
+    return ndimage.median_filter(heights, size=5).astype(np.float32)
+
+
+def _fill(heights: FloatArray) -> FloatArray:
+    nearest = ndimage.distance_transform_edt(~np.isfinite(heights), return_distances=False, return_indices=True)
+    return np.asarray(heights[tuple(nearest)])
+
+
+class Ground(nn.Module):
+    """The height grid as a tensor."""
+
+    def __init__(self, size_m: FloatArray) -> None:
+        super().__init__()
+        shape = tuple(int(np.ceil(s / CELL_M)) for s in size_m[:2])
+        self.register_buffer("heights", torch.zeros(shape))
+
+    heights: Tensor
+
+    def height(self, x: Tensor) -> Tensor:
+        """Ground heights (N,) under points (N, 3), volume coordinates; bilinear between cell centres."""
+        extent = x.new_tensor([self.heights.shape[0] * CELL_M, self.heights.shape[1] * CELL_M])
+        place = (x[:, :2] / extent * 2 - 1).flip(-1)
+        grid = self.heights.to(x.dtype)[None, None]
+        return F.grid_sample(grid, place[None, None], padding_mode="border", align_corners=False)[0, 0, 0]
+
+    def above(self, x: Tensor) -> Tensor:
+        """Which points (N, 3) are above the ground: (N,) bool."""
+        return x[:, 2] > self.height(x) + CLEARANCE_M

@@ -1,0 +1,182 @@
+"""Multiresolution hash grids: the encoding of Mueller et al., "Instant Neural Graphics Primitives", 2022.
+
+`encode_reference` says in plain torch what an encoding is. `encode` gives the same through the compiled kernels where the
+tensors are float32 on the CPU. Points lie in the unit cube; several grids of one shape can lie in one table (an actor's each).
+"""
+
+from __future__ import annotations
+
+import ctypes
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from .. import native
+
+_PRIMES = (1, 2654435761, 805459861)
+
+
+@dataclass(frozen=True)
+class GridShape:
+    """levels x features, and for each level its vertices along the axes (less one) and the size of its table.
+
+    A level whose vertices fit its table is dense (one row a vertex); the others are hashed.
+    """
+
+    scale: tuple[tuple[float, float, float], ...]
+    features: int
+    log2_table: int
+
+    @staticmethod
+    def cubic(extent_m: tuple[float, float, float], coarsest_m: float, finest_m: float, levels: int, features: int,
+              log2_table: int) -> GridShape:  # fmt: skip
+        """Cells from ``coarsest_m`` to ``finest_m`` in geometric steps over a box of ``extent_m``."""
+        cells = np.geomspace(coarsest_m, finest_m, levels)
+        return GridShape(tuple(tuple(float(e / c) for e in extent_m) for c in cells), features, log2_table)  # type: ignore[misc]
+
+    @staticmethod
+    def unit(coarsest: int, finest: int, levels: int, features: int, log2_table: int) -> GridShape:
+        """``coarsest`` to ``finest`` cells along each axis of the unit cube, in geometric steps."""
+        counts = np.round(np.geomspace(coarsest, finest, levels))
+        return GridShape(tuple((float(c),) * 3 for c in counts), features, log2_table)
+
+    @property
+    def levels(self) -> int:
+        """Number of levels."""
+        return len(self.scale)
+
+    @property
+    def width(self) -> int:
+        """Length of an encoding."""
+        return self.levels * self.features
+
+    def layout(self) -> tuple[list[int], list[int], list[int], list[int]]:
+        """For each level: first row, rows, and the strides of y and z (0 where it is hashed)."""
+        offsets, sizes, strides_y, strides_z, rows = [], [], [], [], 0
+        for scale in self.scale:
+            nx, ny, nz = (int(np.ceil(s)) + 1 for s in scale)
+            dense = nx * ny * nz <= 1 << self.log2_table
+            size = nx * ny * nz if dense else 1 << self.log2_table
+            offsets.append(rows)
+            sizes.append(size)
+            strides_y.append(nx if dense else 0)
+            strides_z.append(nx * ny if dense else 0)
+            rows += size
+        return offsets, sizes, strides_y, strides_z
+
+    @property
+    def rows(self) -> int:
+        """Rows of one grid's table, all levels."""
+        offsets, sizes, _, _ = self.layout()
+        return offsets[-1] + sizes[-1]
+
+
+class GridArrays:
+    """A shape's numbers in the form that the kernels read."""
+
+    def __init__(self, shape: GridShape) -> None:
+        offsets, sizes, strides_y, strides_z = shape.layout()
+        self.shape = shape
+        self.rows = shape.rows
+        self.offset = np.array(offsets, np.int64)
+        self.size = np.array(sizes, np.uint32)
+        self.stride_y = np.array(strides_y, np.uint32)
+        self.stride_z = np.array(strides_z, np.uint32)
+        self.scale = np.array(shape.scale, np.float32)
+        self.struct = native.GridStruct(
+            shape.levels, shape.features, self.rows, *(a.ctypes.data for a in (self.scale, self.offset, self.size, self.stride_y, self.stride_z))
+        )  # fmt: skip
+
+
+def encode_reference(grid: GridArrays, table: Tensor, x: Tensor, index: Tensor | None = None) -> Tensor:
+    """Encodings (N, levels * features) of points x (N, 3) in the unit cube, any float type and device.
+
+    table (rows, features), or (grids, rows, features) with the number of each point's grid in ``index`` (N,).
+    """
+    flat = table.reshape(-1, grid.shape.features)
+    base = 0 if index is None else index.long() * grid.rows
+    out = []
+    for level in range(grid.shape.levels):
+        scale = torch.as_tensor(grid.scale[level], dtype=x.dtype, device=x.device)
+        # a point on or beyond a face, or NaN, stands on the face and does not move with x
+        p = torch.where((x > 0) & (x < 1), x, torch.nan_to_num(x.detach(), nan=0.0).clamp(0, 1)) * scale
+        lower = torch.minimum(p.detach().floor(), (scale.ceil() - 1).clamp_min(0))
+        fraction = p - lower
+        i = lower.long()
+        total = torch.zeros(len(x), grid.shape.features, dtype=x.dtype, device=x.device)
+        for corner in range(8):
+            bits = (corner & 1, corner >> 1 & 1, corner >> 2)
+            v = [i[:, a] + bits[a] for a in range(3)]
+            if grid.stride_y[level]:
+                row = v[0] + v[1] * int(grid.stride_y[level]) + v[2] * int(grid.stride_z[level])
+            else:
+                mixed = v[0] ^ (v[1] * _PRIMES[1] & 0xFFFFFFFF) ^ (v[2] * _PRIMES[2] & 0xFFFFFFFF)
+                row = mixed & (int(grid.size[level]) - 1)
+            weight = 1
+            for a in range(3):
+                weight = weight * (fraction[:, a] if bits[a] else 1 - fraction[:, a])
+            total = total + weight[:, None] * flat[base + int(grid.offset[level]) + row]  # type: ignore[index]
+        out.append(total)
+    return torch.cat(out, -1)
+
+
+def _pointer(tensor: Tensor | None) -> int | None:
+    return None if tensor is None else tensor.data_ptr()
+
+
+class _Encode(torch.autograd.Function):
+    """The compiled encoding, forward and backward."""
+
+    @staticmethod
+    def forward(ctx: Any, grid: GridArrays, table: Tensor, x: Tensor, index: Tensor | None, sink: Tensor | None) -> Tensor:
+        lib = native.library()
+        assert lib is not None
+        ctx.sink = sink
+        table, x = table.contiguous(), x.contiguous()
+        out = torch.empty(len(x), grid.shape.width)
+        status = lib.unisim_encode_forward(
+            ctypes.byref(grid.struct), x.data_ptr(), _pointer(index), len(x), table.data_ptr(), out.data_ptr(), torch.get_num_threads()
+        )  # fmt: skip
+        assert status == 0, status
+        ctx.grid, ctx.index = grid, index
+        ctx.save_for_backward(table, x)
+        return out
+
+    @staticmethod
+    def backward(ctx: Any, *grads: Tensor) -> tuple[None, Tensor | None, Tensor | None, None, None]:
+        lib = native.library()
+        assert lib is not None
+        table, x = ctx.saved_tensors
+        grad = grads[0].contiguous()
+        grid, index, threads = ctx.grid, ctx.index, torch.get_num_threads()
+        grad_table = grad_x = None
+        if ctx.needs_input_grad[1]:
+            sink = ctx.sink
+            grad_table = torch.zeros_like(table) if sink is None else None
+            lib.unisim_encode_backward_table(
+                ctypes.byref(grid.struct), x.data_ptr(), _pointer(index), len(x), grad.data_ptr(),
+                (grad_table if sink is None else sink).data_ptr(), threads,
+            )  # fmt: skip
+        if ctx.needs_input_grad[2]:
+            grad_x = torch.empty_like(x)
+            lib.unisim_encode_backward_input(
+                ctypes.byref(grid.struct), x.data_ptr(), _pointer(index), len(x), table.data_ptr(), grad.data_ptr(),
+                grad_x.data_ptr(), threads,
+            )  # fmt: skip
+        return None, grad_table, grad_x, None, None
+
+
+def encode(grid: GridArrays, table: Tensor, x: Tensor, index: Tensor | None = None, sink: Tensor | None = None) -> Tensor:
+    """`encode_reference`, by the compiled kernels where they apply.
+
+    ``sink``, of the table's shape, takes the table's gradient by addition, and autograd then sees none: that spares a
+    training step the making and adding of one table for each call. It must be the table's own ``grad``.
+    """
+    on_cpu = x.device.type == "cpu" and x.dtype == torch.float32 and table.dtype == torch.float32
+    if not on_cpu or native.library() is None:
+        return encode_reference(grid, table, x, index)
+    out: Tensor = _Encode.apply(grid, table, x, None if index is None else index.to(torch.int32).contiguous(), sink)
+    return out

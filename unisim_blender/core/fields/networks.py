@@ -1,0 +1,49 @@
+"""The small networks that every field is made of."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor, nn
+
+SH_WIDTH = 16
+
+
+def mlp(width_in: int, hidden: int, width_out: int, layers: int = 2) -> nn.Sequential:
+    """``layers`` linear layers with ReLU between them."""
+    widths = [width_in] + [hidden] * (layers - 1) + [width_out]
+    parts: list[nn.Module] = []
+    for i in range(layers):
+        parts.append(nn.Linear(widths[i], widths[i + 1]))
+        if i + 1 < layers:
+            parts.append(nn.ReLU())
+    return nn.Sequential(*parts)
+
+
+def spherical_harmonics(d: Tensor) -> Tensor:
+    """Real spherical harmonics of degree 0 to 3 (N, 16) of unit directions (N, 3).
+
+    Constants as in Sloan, "Stupid Spherical Harmonics Tricks", 2008, appendix A2.
+    """
+    x, y, z = d.unbind(-1)
+    xx, yy, zz, xy, yz, xz = x * x, y * y, z * z, x * y, y * z, x * z
+    return torch.stack(
+        [
+            torch.full_like(x, 0.28209479177387814),
+            -0.48860251190291987 * y,
+            0.48860251190291987 * z,
+            -0.48860251190291987 * x,
+            1.0925484305920792 * xy,
+            -1.0925484305920792 * yz,
+            0.94617469575755997 * zz - 0.31539156525251999,
+            -1.0925484305920792 * xz,
+            0.54627421529603959 * (xx - yy),
+            0.59004358992664352 * y * (-3 * xx + yy),
+            2.8906114426405538 * xy * z,
+            0.45704579946446572 * y * (1 - 5 * zz),
+            0.3731763325901154 * z * (5 * zz - 3),
+            0.45704579946446572 * x * (1 - 5 * zz),
+            1.4453057213202769 * z * (xx - yy),
+            0.59004358992664352 * x * (-xx + 3 * yy),
+        ],
+        -1,
+    )

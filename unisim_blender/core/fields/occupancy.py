@@ -1,0 +1,127 @@
+"""Which voxels of the volume can hold something: seeded by LiDAR, then by the weights that training gives them."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from scipy import ndimage
+from torch import Tensor, nn
+
+from ..geometry import FloatArray
+from ..march import Voxels
+
+FREE, UNKNOWN, HIT = 0, 20, 255
+_FORGET = 0.97
+_PRUNE_BELOW = 0.004
+_MIN_HIT = 64
+
+
+def seed_voxels(
+    origins: FloatArray, points: FloatArray, shape: tuple[int, int, int], voxel_m: float, ground: NDArray[np.float32]
+) -> NDArray[np.uint8]:
+    """Values (X, Y, Z) from LiDAR rays, volume coordinates: origins (N, 3) to static returns (N, 3).
+
+    HIT where a return lies, one voxel round it included (UniSim, section 3.2); FREE where rays only passed, and under the
+    ground (heights (X', Y') in cells of 1 m); UNKNOWN where none came.
+    """
+    hit = np.zeros(shape, bool)
+    passed = np.zeros(shape, np.uint8)
+
+    def mark(grid: NDArray, x: FloatArray) -> None:  # type: ignore[type-arg]
+        cell = np.floor(x / voxel_m).astype(np.int64)
+        cell = cell[((cell >= 0) & (cell < np.array(shape))).all(1)]
+        grid[cell[:, 0], cell[:, 1], cell[:, 2]] = 1
+
+    mark(hit, points)
+    way = points - origins
+    length = np.linalg.norm(way, axis=1)
+    step = voxel_m * 0.75
+    for i in range(int(min(length.max(initial=0.0), 120.0) / step)):
+        t = (i + 0.5) * step
+        going = length - 2 * voxel_m > t
+        if not going.any():
+            break
+        mark(passed, origins[going] + way[going] * (t / length[going, None]))
+    near = ndimage.binary_dilation(hit, np.ones((3, 3, 3), bool))
+    values = np.full(shape, UNKNOWN, np.uint8)
+    values[passed > 0] = FREE
+    values[near] = HIT
+    top = (np.arange(shape[2]) + 1) * voxel_m
+    column = np.minimum(((np.arange(shape[0]) + 0.5) * voxel_m).astype(int), ground.shape[0] - 1)
+    row = np.minimum(((np.arange(shape[1]) + 0.5) * voxel_m).astype(int), ground.shape[1] - 1)
+    under = top[None, None] < ground[column][:, row][..., None] - 0.5
+    values[under & ~near] = FREE
+    return values
+
+
+class Occupancy(nn.Module):
+    """The voxels, stored as one byte each."""
+
+    def __init__(self, size_m: FloatArray, voxel_m: float) -> None:
+        super().__init__()
+        shape = tuple(int(np.ceil(s / voxel_m)) for s in size_m)
+        self.voxel_m = voxel_m
+        self.register_buffer("values", torch.full(shape, UNKNOWN, dtype=torch.uint8))
+        self.register_buffer("lower", torch.zeros(3), persistent=False)
+
+    values: Tensor
+    lower: Tensor
+
+    @property
+    def voxels(self) -> Voxels:
+        """What `march.propose` reads."""
+        return Voxels(self.values, self.lower, self.voxel_m)
+
+    def cells(self, x: Tensor) -> Tensor:
+        """Flat voxel numbers (N,) of points (N, 3) in volume coordinates; those outside go to the nearest."""
+        cell = torch.floor(x / self.voxel_m).long()
+        shape = torch.tensor(self.values.shape, device=x.device)
+        cell = torch.minimum(cell.clamp_min(0), shape - 1)
+        return (cell[:, 0] * shape[1] + cell[:, 1]) * shape[2] + cell[:, 2]
+
+
+class OccupancyTrainer:
+    """Follows the weights of the samples: a voxel that keeps getting none is free."""
+
+    def __init__(self, occupancy: Occupancy) -> None:
+        self.occupancy = occupancy
+        flat = occupancy.values.view(-1)
+        self.score = flat.float() / 255
+        self.hit = flat == HIT
+        self.visited = torch.zeros_like(self.hit)
+
+    @torch.no_grad()
+    def update(self, x: Tensor, weight: Tensor, prune: bool) -> None:
+        """Samples at x (N, 3), volume coordinates, got these weights (N,) in this step."""
+        values = self.occupancy.values.view(-1)
+        cells = self.occupancy.cells(x)
+        best = torch.zeros_like(self.score[:0]).new_zeros(0)
+        unique, where = torch.unique(cells, return_inverse=True)
+        best = weight.new_zeros(len(unique)).scatter_reduce_(0, where, weight, "amax")
+        self.visited[unique] = True
+        score = torch.maximum(self.score[unique] * _FORGET, best.clamp_max(1))
+        self.score[unique] = score
+        value = (score * 4).clamp_max(1) * 255
+        value = torch.where(self.hit[unique], value.clamp_min(_MIN_HIT), value.clamp_min(4.0))
+        if prune:
+            value = torch.where((score < _PRUNE_BELOW) & ~self.hit[unique], torch.zeros_like(value), value)
+        # what was pruned stays so
+        alive = values[unique] > 0
+        values[unique] = torch.where(alive, value, torch.zeros_like(value)).to(torch.uint8)
+
+    @torch.no_grad()
+    def finish(self) -> None:
+        """Voxels that no LiDAR hit and no sample ever visited are free."""
+        values = self.occupancy.values.view(-1)
+        values[~self.visited & ~self.hit] = FREE
+
+    def state(self) -> dict[str, Tensor]:
+        """What a checkpoint needs beside the voxels."""
+        return {"score": self.score, "hit": self.hit, "visited": self.visited}
+
+    def load_state(self, state: dict[str, Tensor]) -> None:
+        """The inverse of `state`."""
+        self.score.copy_(state["score"])
+        self.hit.copy_(state["hit"])
+        self.visited.copy_(state["visited"])

@@ -1,0 +1,53 @@
+"""The whole scene model: its fields, where they can be non-empty, and the decoders."""
+
+from __future__ import annotations
+
+import math
+
+import torch
+from torch import Tensor, nn
+
+from ..decode import CameraDecoder, LidarHead, RayHead
+from .config import ModelConfig
+from .fields import ActorField, FarField, StaticField
+from .ground import Ground
+from .networks import SH_WIDTH, mlp, spherical_harmonics
+from .occupancy import Occupancy
+from .volume import Volume, VolumeFrame
+
+
+class SceneModel(nn.Module):
+    """Everything with weights. ``actors`` and ``cameras`` number the looks and the camera codes in the order of their ids."""
+
+    def __init__(self, config: ModelConfig, volume: Volume, actors: tuple[str, ...], cameras: tuple[str, ...]) -> None:
+        super().__init__()
+        self.config, self.volume = config, volume
+        self.actor_ids = {uid: i for i, uid in enumerate(actors)}
+        self.camera_ids = {uid: i for i, uid in enumerate(cameras)}
+        self.frame = VolumeFrame(volume)
+        self.static = StaticField(config, volume)
+        self.far = FarField(config, volume)
+        self.actors = ActorField(config, len(actors))
+        self.occupancy = Occupancy(volume.size_m, config.voxel_m)
+        self.ground = Ground(volume.size_m)
+        self.register_buffer("observed", torch.zeros_like(self.occupancy.values))
+        self.log_beta = nn.Parameter(torch.tensor(math.log(config.beta)))
+        self.log_beta_actor = nn.Parameter(torch.tensor(math.log(config.beta)))
+        if config.head == "sample":
+            self.sample_head = mlp(config.features + SH_WIDTH, config.hidden, config.features, layers=3)
+        self.ray_head = RayHead(config, len(cameras))
+        self.camera_decoder = CameraDecoder(config)
+        self.lidar_head = LidarHead(config)
+
+    observed: Tensor
+
+    def directed(self, feature: Tensor, directions: Tensor) -> Tensor:
+        """Features (N, F) with their view direction (N, 3), where the configuration has it enter at every sample."""
+        if self.config.head == "ray":
+            return feature
+        out: Tensor = self.sample_head(torch.cat([feature, spherical_harmonics(directions)], -1))
+        return out
+
+    def beta(self, actor: bool) -> Tensor:
+        """The density's sharpness, 1 / metres."""
+        return (self.log_beta_actor if actor else self.log_beta).exp().clamp_max(1e4)

@@ -1,0 +1,213 @@
+"""Actors' poses as tensors: which rays meet which box, and where a ray lies in that box, at the ray's own time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from ..drive import Actor
+
+BIN_S = 0.05
+
+
+def rotation_from_6d(r: Tensor) -> Tensor:
+    """Rotation matrices (..., 3, 3) of 6D rotations (..., 6): Gram-Schmidt of two columns (Zhou et al., 2019)."""
+    a, b = r[..., :3], r[..., 3:]
+    x = a / a.norm(dim=-1, keepdim=True).clamp_min(1e-8)
+    b = b - (x * b).sum(-1, keepdim=True) * x
+    y = b / b.norm(dim=-1, keepdim=True).clamp_min(1e-8)
+    return torch.stack([x, y, torch.linalg.cross(x, y)], -1)
+
+
+def quaternion_from_rotation(r: Tensor) -> Tensor:
+    """Unit quaternions wxyz (..., 4) of rotations (..., 3, 3), without a division by a small number; differentiable."""
+    m = [[r[..., i, j] for j in range(3)] for i in range(3)]
+    xx, yy, zz = m[0][0], m[1][1], m[2][2]
+    wx, wy, wz = m[2][1] - m[1][2], m[0][2] - m[2][0], m[1][0] - m[0][1]
+    xy, xz, yz = m[1][0] + m[0][1], m[0][2] + m[2][0], m[2][1] + m[1][2]
+    squares = torch.stack([1 + xx + yy + zz, 1 + xx - yy - zz, 1 - xx + yy - zz, 1 - xx - yy + zz], -1)
+    rows = torch.stack(
+        [
+            torch.stack([squares[..., 0], wx, wy, wz], -1),
+            torch.stack([wx, squares[..., 1], xy, xz], -1),
+            torch.stack([wy, xy, squares[..., 2], yz], -1),
+            torch.stack([wz, xz, yz, squares[..., 3]], -1),
+        ],
+        -2,
+    )
+    largest = squares.argmax(-1)
+    q = torch.take_along_dim(rows, largest[..., None, None], -2)[..., 0, :]
+    return q / q.norm(dim=-1, keepdim=True)
+
+
+def rotation_from_quaternion(q: Tensor) -> Tensor:
+    """Rotation matrices (..., 3, 3) of unit quaternions wxyz (..., 4)."""
+    w, x, y, z = q.unbind(-1)
+    return torch.stack(
+        [
+            torch.stack([1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)], -1),
+            torch.stack([2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)], -1),
+            torch.stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)], -1),
+        ],
+        -2,
+    )
+
+
+def slerp(a: Tensor, b: Tensor, u: Tensor) -> Tensor:
+    """Spherical interpolation of quaternions (N, 4) at u (N,), along the shorter arc."""
+    dot = (a * b).sum(-1, keepdim=True)
+    b = torch.where(dot < 0, -b, b)
+    # the angle from the chord: acos loses half its digits near 1
+    angle = 2 * torch.asin(((a - b).norm(dim=-1, keepdim=True) / 2).clamp_max(0.7071067811865476))
+    sine = torch.sin(angle)
+    near = sine < 1e-4
+    safe = torch.where(near, torch.ones_like(sine), sine)
+    wa = torch.where(near, 1 - u[:, None], torch.sin((1 - u[:, None]) * angle) / safe)
+    wb = torch.where(near, u[:, None], torch.sin(u[:, None] * angle) / safe)
+    q = wa * a + wb * b
+    return q / q.norm(dim=-1, keepdim=True)
+
+
+@dataclass(frozen=True)
+class Hits:
+    """Pairs of a ray and a box that it meets: ray, actor (P,); t_near, t_far (P,); origins, directions (P, 3) in box axes."""
+
+    ray: Tensor
+    actor: Tensor
+    t_near: Tensor
+    t_far: Tensor
+    origins: Tensor
+    directions: Tensor
+
+
+class Tracklets(nn.Module):
+    """The keys of many actors, padded to one length, with a learnable correction to each key where ``refine`` is set."""
+
+    def __init__(self, actors: Sequence[Actor], refine: bool = False) -> None:
+        super().__init__()
+        keys = max((len(a.world_from_actor.times_s) for a in actors), default=1)
+        n = len(actors)
+        times, positions = np.full((n, keys), np.inf), np.zeros((n, keys, 3))
+        quaternions, rotations = np.tile([1.0, 0, 0, 0], (n, keys, 1)), np.tile(np.eye(3), (n, keys, 1, 1))
+        for i, actor in enumerate(actors):
+            way = actor.world_from_actor
+            k = len(way.times_s)
+            times[i, :k], positions[i, :k], quaternions[i, :k] = way.times_s, way.positions, way.quaternions_wxyz
+            rotations[i, :k] = way.poses[:, :3, :3]
+        self.count = n
+        self.register_buffer("times", torch.as_tensor(times), persistent=False)
+        self.register_buffer("lengths", torch.tensor([len(a.world_from_actor.times_s) for a in actors], dtype=torch.long), persistent=False)
+        self.register_buffer("positions", torch.as_tensor(positions).float(), persistent=False)
+        self.register_buffer("quaternions", torch.as_tensor(quaternions).float(), persistent=False)
+        self.register_buffer("sizes_m", torch.as_tensor(np.array([a.size_m for a in actors]).reshape(-1, 3)).float(), persistent=False)
+        self.register_buffer("start_s", torch.tensor([a.start_s for a in actors], dtype=torch.float64), persistent=False)
+        self.register_buffer("end_s", torch.tensor([a.end_s for a in actors], dtype=torch.float64), persistent=False)
+        self._make_bounds(actors)
+        self.refine = refine
+        if refine:
+            rot6 = torch.as_tensor(rotations[..., :, :2].swapaxes(-1, -2).reshape(n, keys, 6)).float()
+            self.register_buffer("rotation_6d", rot6, persistent=False)
+            self.shift_m = nn.Parameter(torch.zeros(n, keys, 3))
+            self.turn_6d = nn.Parameter(torch.zeros(n, keys, 6))
+            still = torch.tensor([not a.is_moving for a in actors])
+            self.register_buffer("still", still, persistent=False)
+
+    times: Tensor
+    lengths: Tensor
+    positions: Tensor
+    quaternions: Tensor
+    sizes_m: Tensor
+    start_s: Tensor
+    end_s: Tensor
+    rotation_6d: Tensor
+    still: Tensor
+    bound_centres: Tensor
+    bound_radii: Tensor
+
+    def _make_bounds(self, actors: Sequence[Actor]) -> None:
+        """A sphere round each actor for every bin of time, so that most rays are sorted out without a pose."""
+        first = min((a.start_s for a in actors), default=0.0)
+        last = max((a.end_s for a in actors), default=0.0)
+        self.first_bin_s = float(first) if np.isfinite(first) else -1e3
+        bins = int(np.ceil((min(last, self.first_bin_s + 1e4) - self.first_bin_s) / BIN_S)) + 1
+        centres, radii = np.zeros((bins, len(actors), 3)), np.full((bins, len(actors)), -1.0)
+        edges = self.first_bin_s + BIN_S * np.arange(bins + 1)
+        for i, actor in enumerate(actors):
+            at = actor.world_from_actor.at(edges)[:, :3, 3]
+            step = np.linalg.norm(np.diff(at, axis=0), axis=1)
+            present = (edges[1:] >= actor.start_s) & (edges[:-1] <= actor.end_s)
+            centres[:, i] = (at[1:] + at[:-1]) / 2
+            radii[:, i] = np.where(present, np.linalg.norm(actor.size_m) / 2 + step / 2 + 0.5, -1.0)
+        self.register_buffer("bound_centres", torch.as_tensor(centres).float(), persistent=False)
+        self.register_buffer("bound_radii", torch.as_tensor(radii).float(), persistent=False)
+
+    def bounds_between(self, actor: int, first_s: float, last_s: float) -> tuple[np.ndarray, np.ndarray] | None:
+        """Spheres (K, 3), (K,) round one actor over a span of time, world frame; None where it is absent throughout."""
+        last_bin = len(self.bound_radii) - 1
+        low = min(max(int((first_s - self.first_bin_s) // BIN_S), 0), last_bin)
+        high = min(max(int((last_s - self.first_bin_s) // BIN_S), 0), last_bin)
+        radii = self.bound_radii[low : high + 1, actor].cpu().numpy()
+        here = radii > 0
+        return (self.bound_centres[low : high + 1, actor].cpu().numpy()[here], radii[here]) if here.any() else None
+
+    def keys(self) -> tuple[Tensor, Tensor]:
+        """Positions (A, K, 3) and quaternions (A, K, 4), corrected where they are refined; what stands still is moved as one."""
+        if not self.refine:
+            return self.positions, self.quaternions
+        still = self.still[:, None, None]
+        shift = torch.where(still, self.shift_m.mean(1, keepdim=True), self.shift_m)
+        turn = torch.where(still, self.turn_6d.mean(1, keepdim=True), self.turn_6d)
+        return self.positions + shift, quaternion_from_rotation(rotation_from_6d(self.rotation_6d + turn))
+
+    def poses_at(self, actor: Tensor, time_s: Tensor, keys: tuple[Tensor, Tensor]) -> tuple[Tensor, Tensor]:
+        """Positions (P, 3) and rotations (P, 3, 3), world from actor, at times (P,) float64."""
+        positions, quaternions = keys
+        times = self.times[actor]
+        upper = torch.searchsorted(times, time_s[:, None].contiguous(), right=True)[:, 0]
+        upper = torch.minimum(upper, self.lengths[actor] - 1).clamp_min(1)
+        single = self.lengths[actor] == 1
+        upper = torch.where(single, torch.zeros_like(upper), upper)
+        lower = (upper - 1).clamp_min(0)
+        t0 = times.gather(1, lower[:, None])[:, 0]
+        t1 = times.gather(1, upper[:, None])[:, 0]
+        u = torch.where(single, torch.zeros_like(t0), (time_s - t0) / torch.where(single, torch.ones_like(t0), t1 - t0)).to(positions.dtype)
+        p0, p1 = positions[actor, lower], positions[actor, upper]
+        q = slerp(quaternions[actor, lower], quaternions[actor, upper], u)
+        return p0 + u[:, None] * (p1 - p0), rotation_from_quaternion(q)
+
+    def hits(self, origins: Tensor, directions: Tensor, time_s: Tensor, near_m: float, among: Tensor | None = None) -> Hits:
+        """Which of the rays (N, 3), world frame, at times (N,) meet which boxes; ``among`` (A',) names the actors to try."""
+        bins = ((time_s - self.first_bin_s) / BIN_S).floor().long()
+        inside = (bins >= 0) & (bins < len(self.bound_radii))
+        bins = bins.clamp(0, len(self.bound_radii) - 1)
+        centres, radii = self.bound_centres, self.bound_radii
+        if among is not None:
+            centres, radii = centres[:, among], radii[:, among]
+        c = centres[bins] - origins[:, None]
+        along = (c * directions[:, None]).sum(-1)
+        r = radii[bins]
+        near = (c * c).sum(-1) - along.clamp_min(0) ** 2 <= r * r
+        ray, actor = torch.nonzero(near & (r > 0) & inside[:, None], as_tuple=True)
+        if among is not None:
+            actor = among[actor]
+        time = time_s[ray]
+        there = (time >= self.start_s[actor]) & (time <= self.end_s[actor])
+        ray, actor = ray[there], actor[there]
+        if len(ray) == 0:
+            empty = origins.new_zeros(0)
+            return Hits(ray, actor, empty, empty, origins.new_zeros(0, 3), origins.new_zeros(0, 3))
+        position, rotation = self.poses_at(actor, time_s[ray], self.keys())
+        o = torch.einsum("pji,pj->pi", rotation, origins[ray] - position)
+        d = torch.einsum("pji,pj->pi", rotation, directions[ray])
+        with torch.no_grad():
+            half = self.sizes_m[actor] / 2
+            safe = torch.where(d.abs() < 1e-9, torch.full_like(d, 1e-9), d)
+            a, b = (-half - o) / safe, (half - o) / safe
+            t_near = torch.minimum(a, b).amax(-1).clamp_min(near_m)
+            t_far = torch.maximum(a, b).amin(-1)
+            keep = t_far > t_near
+        return Hits(ray[keep], actor[keep], t_near[keep], t_far[keep], o[keep], d[keep])

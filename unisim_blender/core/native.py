@@ -1,0 +1,58 @@
+"""The compiled kernels, loaded with ctypes. They take and give contiguous CPU arrays; the plain torch code beside each call
+is their specification, and what runs where the library is absent."""
+
+from __future__ import annotations
+
+import ctypes
+import functools
+import os
+import sys
+import warnings
+from pathlib import Path
+
+ABI_VERSION = 1
+_SUFFIX = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
+
+
+class GridStruct(ctypes.Structure):
+    """`unisim_grid` of native/unisim_native.h."""
+
+    _fields_ = [
+        ("levels", ctypes.c_int32),
+        ("features", ctypes.c_int32),
+        ("grid_stride", ctypes.c_int64),
+        ("scale", ctypes.c_void_p),
+        ("offset", ctypes.c_void_p),
+        ("size", ctypes.c_void_p),
+        ("stride_y", ctypes.c_void_p),
+        ("stride_z", ctypes.c_void_p),
+    ]
+
+
+@functools.cache
+def library() -> ctypes.CDLL | None:
+    """The kernels, or None (with one warning) where they were not built. UNISIM_NATIVE=0 switches them off."""
+    if os.environ.get("UNISIM_NATIVE") == "0":
+        return None
+    path = Path(__file__).parent / f"_unisim_native{_SUFFIX}"
+    try:
+        lib = ctypes.CDLL(str(path))
+    except OSError as error:
+        warnings.warn(f"the compiled kernels are not at {path} ({error}); plain torch takes their place, slowly", stacklevel=2)
+        return None
+    if lib.unisim_abi_version() != ABI_VERSION:
+        warnings.warn(f"{path} belongs to another version; plain torch takes its place, slowly: run make setup", stacklevel=2)
+        return None
+    p, i64, i32, f32 = ctypes.c_void_p, ctypes.c_int64, ctypes.c_int, ctypes.c_float
+    lib.unisim_variant.restype = ctypes.c_char_p
+    lib.unisim_encode_forward.argtypes = [p, p, p, i64, p, p, i32]
+    lib.unisim_encode_backward_table.argtypes = [p, p, p, i64, p, p, i32]
+    lib.unisim_encode_backward_input.argtypes = [p, p, p, i64, p, p, p, i32]
+    lib.unisim_propose.argtypes = [p, p, p, p, i64, p, p, p, p, f32, f32, p, i32, p, p, i32]
+    return lib
+
+
+def variant() -> str:
+    """The instruction set in use: avx512, avx2, portable, or "torch" without the library."""
+    lib = library()
+    return "torch" if lib is None else lib.unisim_variant().decode()

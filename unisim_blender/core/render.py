@@ -1,0 +1,344 @@
+"""The render path: rays → trace (march, fields, composite) → decode → a frame.
+
+    camera_rays / lidar_rays   which rays, when, from where            sensors/
+    trace                      samples, fields, depth order, features  trace.py, march.py, composite.py, fields/
+    ray_head, camera_decoder   features to pixels                      decode.py
+    lidar_head                 features to intensity and returns       decode.py
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+
+import numpy as np
+import torch
+import torch.nn.functional as F
+from numpy.typing import NDArray
+from torch import Tensor
+
+from .cast import gather_cast
+from .drive import Camera, CameraModel, Drive, Lidar
+from .errors import SceneError
+from .fields.checkpoint import Scene
+from .frames import CAMERA_PASSES, CameraFrame, LidarFrame, RenderStats
+from .geometry import FloatArray, invert_pose, transform_points
+from .sensors.camera import camera_rays, pixel_grid
+from .sensors.lidar import lidar_rays
+from .sensors.rays import Rays
+from .trace import RayBatch, Sampling, Traced, trace
+
+QUALITY = {"fast": 0.67, "balanced": 1.0, "reference": 4.0}
+"""Samples along a ray, beside the scene's own number."""
+CHUNK_RAYS = 16384
+UNIFORM_STEP_M = 0.2
+"""What saved samples are counted beside: a march through the volume in steps of this length."""
+
+
+class Renderer:
+    """Renders a drive with a trained scene. ``others`` are scenes by path, for actors that come from them."""
+
+    def __init__(self, scene: Scene, drive: Drive, quality: str = "balanced", others: dict[str, Scene] | None = None) -> None:
+        if quality not in QUALITY:
+            raise SceneError(f"no quality {quality!r}: there are {', '.join(QUALITY)}")
+        self.scene, self.drive = scene, drive
+        self.device = scene.actor_tables.device
+        self.cast = gather_cast(
+            scene.model, scene.actor_tables, drive, {path: (s.model, s.actor_tables) for path, s in (others or {}).items()}
+        ).to(self.device)
+        self.sampling = Sampling(fine=QUALITY[quality])
+
+    @torch.no_grad()
+    def camera(self, camera_id: str, frame: int, passes: Sequence[str] = ("rgb",), width: int | None = None) -> CameraFrame:
+        """One image with the passes asked for."""
+        begun = time.perf_counter()
+        recorded = _pick(self.drive.cameras, camera_id, "camera")
+        model = recorded.model.resized(width) if width else recorded.model
+        camera = Camera(camera_id, model, recorded.world_from_camera, recorded.time_s)
+        up = self.scene.model.config.upsample
+        u, v = pixel_grid(model, up)
+        rays = camera_rays(camera, frame, u, v)
+        stats = RenderStats()
+        traced, maps = self._trace(rays.flat(), set(passes), stats, far=True)
+        traced_s = time.perf_counter()
+        image = self._decode(traced, rays, camera_id, u.shape, model)
+        stats.seconds = {"trace": traced_s - begun, "decode": time.perf_counter() - traced_s}
+        pose = camera.world_from_camera.at(camera.time_s[frame])
+        out = CameraFrame(model, pose, image, instances=self.cast.uids, stats=stats)
+        _fill_passes(out, maps, rays, u.shape, up)
+        return out
+
+    @torch.no_grad()
+    def lidar(self, lidar_id: str, frame: int) -> LidarFrame:
+        """One sweep."""
+        begun = time.perf_counter()
+        lidar: Lidar = _pick(self.drive.lidars, lidar_id, "LiDAR")
+        rays = lidar_rays(lidar, frame)
+        shape = rays.time_s.shape
+        stats = RenderStats()
+        depth, intensity, probability, instance = (
+            x.reshape(shape) for x in self.rays_lidar(*_parts(rays.flat()), stats=stats)
+        )  # fmt: skip
+        returned = (probability >= 0.5) & (depth >= lidar.model.min_range_m) & (depth <= lidar.model.max_range_m)
+        if lidar.blocked is not None:
+            returned &= ~lidar.blocked
+        stats.seconds = {"trace": time.perf_counter() - begun}
+        return LidarFrame(
+            lidar.model, lidar.world_from_lidar.at(lidar.time_s[frame]), rays.origins, rays.directions, rays.time_s,
+            depth, intensity, probability, returned, instance, self.cast.uids, stats,
+        )  # fmt: skip
+
+    @torch.no_grad()
+    def rays_lidar(
+        self, origins: FloatArray, directions: FloatArray, time_s: FloatArray, stats: RenderStats | None = None
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], NDArray[np.int32]]:
+        """Depth in metres, intensity in 0..1, probability of a return, instance (N,) of any LiDAR rays (N, 3), world frame."""
+        stats = RenderStats() if stats is None else stats
+        rays = Rays(origins, directions, time_s)
+        traced, maps = self._trace(rays, {"instance"}, stats, far=False)
+        directions_t = torch.as_tensor(directions, dtype=torch.float32, device=self.device)
+        head = self.scene.model.lidar_head
+        intensity, logit = head(traced.feature, directions_t, traced.depth_m, traced.opacity)
+        for i, guest in enumerate(self.cast.guests.values()):
+            share = traced.guest_opacity[i].clamp(0, 1)
+            own = traced.guest_features[i] / share.clamp_min(1e-3)[:, None]
+            i_guest, l_guest = guest.scene.lidar_head(own, directions_t, traced.depth_m, traced.opacity)
+            intensity, logit = torch.lerp(intensity, i_guest, share), torch.lerp(logit, l_guest, share)
+        # what meets nothing inside the volume returns nothing
+        probability = torch.sigmoid(logit) * (traced.opacity > 0.5)
+        return traced.depth_m.cpu().numpy(), intensity.cpu().numpy(), probability.cpu().numpy(), maps["instance"].astype(np.int32)
+
+    def _trace(self, rays: Rays, passes: set[str], stats: RenderStats, far: bool) -> tuple[Traced, dict[str, NDArray]]:  # type: ignore[type-arg]
+        """All rays in chunks; features joined, and for each pass one array (N, ...)."""
+        batch = to_batch(rays, self.device)
+        among = self._visible(rays, stats)
+        sampling = Sampling(fine=self.sampling.fine, far=far)
+        pieces, maps = [], []
+        for begin in range(0, len(batch), CHUNK_RAYS):
+            part = RayBatch(*(x[begin : begin + CHUNK_RAYS] for x in (batch.origins, batch.directions, batch.time_s)))
+            traced = trace(self.scene.model, self.cast, part, sampling, among)
+            self._count(part, traced, stats)
+            maps.append(self._maps(part, traced, passes))
+            traced.strands = []
+            pieces.append(traced)
+        return _join(pieces), {name: np.concatenate([m[name] for m in maps]) for name in maps[0]}
+
+    def _visible(self, rays: Rays, stats: RenderStats) -> Tensor | None:
+        """Own actors that rays can meet: present at some ray's time, and not behind the cone that holds the rays."""
+        tracklets = self.cast.own.tracklets
+        if tracklets.count == 0 or len(rays.time_s) == 0:
+            return None
+        first, last = float(rays.time_s.min()), float(rays.time_s.max())
+        axis = rays.directions.mean(0)
+        length = float(np.linalg.norm(axis))
+        cosine = float((rays.directions @ (axis / max(length, 1e-9))).min()) if length > 0.2 else -1.0
+        half_angle = float(np.arccos(np.clip(cosine, -1, 1)))
+        keep = []
+        origin = rays.origins.mean(0)
+        spread = float(np.linalg.norm(rays.origins - origin, axis=1).max())
+        for i in range(tracklets.count):
+            if float(tracklets.end_s[i]) < first or float(tracklets.start_s[i]) > last:
+                continue
+            near = tracklets.bounds_between(i, first, last)
+            if near is None:
+                continue
+            centres, radii = near
+            to = centres - origin
+            distance = np.linalg.norm(to, axis=1)
+            angle = np.arccos(np.clip((to @ (axis / max(length, 1e-9))) / np.maximum(distance, 1e-9), -1, 1))
+            reach = np.arcsin(np.clip((radii + spread) / np.maximum(distance, 1e-9), 0, 1))
+            if bool((angle <= half_angle + reach).any()) or half_angle > 3.1 or bool((distance <= radii + spread).any()):
+                keep.append(i)
+        stats.actors_skipped += tracklets.count - len(keep)
+        return torch.tensor(keep, dtype=torch.long, device=self.device)
+
+    def _count(self, part: RayBatch, traced: Traced, stats: RenderStats) -> None:
+        frame = self.scene.model.frame
+        near, far = frame.span(frame.points(part.origins), frame.vectors(part.directions), 0.5)
+        uniform = int(((far - near) / UNIFORM_STEP_M).ceil().sum())
+        config = self.scene.model.config.samples
+        # what places a sample costs a distance query too
+        spent = traced.samples + sum(
+            len(s.ray) * (config.static_proposals if s.bounds is None else config.actor_proposals) for s in traced.strands
+        )
+        stats.rays += len(part)
+        stats.samples_spent += spent
+        stats.samples_saved += max(0, uniform - spent)
+
+    def _maps(self, part: RayBatch, traced: Traced, passes: set[str]) -> dict[str, NDArray]:  # type: ignore[type-arg]
+        maps: dict[str, NDArray] = {}  # type: ignore[type-arg]
+        solid = traced.opacity > 0.5
+        if passes & {"depth", "normal", "support"}:
+            maps["depth"] = torch.where(solid, traced.depth_m, torch.inf).cpu().numpy()
+        if "opacity" in passes:
+            maps["opacity"] = traced.opacity.cpu().numpy()
+        if "instance" in passes:
+            maps["instance"] = _instances(traced, len(part)).cpu().numpy()
+        if "normal" in passes:
+            maps["normal"] = _normals(self.scene, traced, part, solid).cpu().numpy()
+        if "support" in passes:
+            maps["support"] = (~_supported(self.scene, traced, part, solid)).cpu().numpy()
+        return maps
+
+    def _decode(self, traced: Traced, rays: Rays, camera_id: str, shape: tuple[int, ...], model: CameraModel) -> NDArray[np.float32]:
+        directions = torch.as_tensor(rays.directions.reshape(-1, 3), dtype=torch.float32, device=self.device)
+
+        def image(scene: Scene | None, network: torch.nn.Module, feature: Tensor) -> Tensor:
+            code = network.camera_ids.get(camera_id, -1)
+            number = torch.full((len(feature),), code, dtype=torch.long, device=self.device)
+            features = network.ray_head(feature, directions, number)
+            return network.camera_decoder(features.view(1, *shape, -1).permute(0, 3, 1, 2))
+
+        own = traced.feature if traced.without_guests is None else traced.without_guests
+        rgb = image(self.scene, self.scene.model, own)
+        for i, troupe in enumerate(self.cast.guests.values()):
+            # each scene's features are its own decoder's: the pictures are laid over each other, not the features
+            share = traced.guest_opacity[i].clamp(0, 1)
+            feature = _spread_over_edges(traced.guest_features[i], share, shape)
+            other = image(None, troupe.scene, feature)
+            alpha = F.interpolate(share.view(1, 1, *shape), size=rgb.shape[-2:], mode="bilinear", align_corners=False)
+            if other.shape != rgb.shape:
+                other = F.interpolate(other, size=rgb.shape[-2:], mode="bilinear", align_corners=False)
+            rgb = torch.lerp(rgb, other, alpha)
+        return rgb[0].permute(1, 2, 0)[: model.height, : model.width].cpu().numpy().astype(np.float32)
+
+
+def observe(scene: Scene, cameras: Sequence[str], frames: Sequence[int], width: int | None, points: FloatArray) -> None:
+    """Mark the voxels that training images and LiDAR returns (N, 3) show, for the mask of what nothing recorded supports."""
+    model = scene.model
+    seen = model.observed.view(-1)
+    into = invert_pose(model.volume.world_from_volume)
+    seen[model.occupancy.cells(torch.as_tensor(transform_points(into, points)).float().to(seen.device))] = 1
+    renderer = Renderer(scene, scene.header.drive, quality="fast")
+    for camera in cameras:
+        for frame in frames:
+            if frame not in renderer.drive.cameras[camera].time_s:
+                continue
+            u, v = pixel_grid(renderer.drive.cameras[camera].model, max(1, renderer.drive.cameras[camera].model.width // 96))
+            rays = camera_rays(renderer.drive.cameras[camera], frame, u, v).flat()
+            with torch.no_grad():
+                traced, _ = renderer._trace(rays, {"depth"}, RenderStats(), far=False)
+                batch = to_batch(rays, renderer.device)
+                hit = traced.opacity > 0.5
+                x = model.frame.points(batch.origins + batch.directions * traced.depth_m[:, None])[hit]
+                seen[model.occupancy.cells(x)] = 1
+
+
+def to_batch(rays: Rays, device: torch.device) -> RayBatch:
+    """Rays as tensors on a device."""
+    return RayBatch(
+        torch.as_tensor(rays.origins, dtype=torch.float32).to(device).contiguous(),
+        torch.as_tensor(rays.directions, dtype=torch.float32).to(device).contiguous(),
+        torch.as_tensor(rays.time_s, dtype=torch.float64).to(device).contiguous(),
+    )
+
+
+def _parts(rays: Rays) -> tuple[FloatArray, FloatArray, FloatArray]:
+    return rays.origins, rays.directions, rays.time_s
+
+
+def _pick(sensors: dict, sensor_id: str, kind: str):  # type: ignore[no-untyped-def, type-arg]
+    if sensor_id not in sensors:
+        raise SceneError(f"no {kind} {sensor_id!r} in the drive: there are {', '.join(sensors) or 'none'}")
+    return sensors[sensor_id]
+
+
+def _join(pieces: list[Traced]) -> Traced:
+    def cat(get):  # type: ignore[no-untyped-def]
+        return torch.cat([get(p) for p in pieces])
+
+    guests = range(len(pieces[0].guest_features))
+    return Traced(
+        cat(lambda p: p.feature), cat(lambda p: p.depth_m), cat(lambda p: p.opacity), cat(lambda p: p.behind), [],
+        sum(p.samples for p in pieces), [cat(lambda p, i=i: p.guest_features[i]) for i in guests],
+        [cat(lambda p, i=i: p.guest_opacity[i]) for i in guests],
+        None if pieces[0].without_guests is None else cat(lambda p: p.without_guests),
+    )  # fmt: skip
+
+
+def _instances(traced: Traced, rays: int) -> Tensor:
+    """1 + the number of the actor with the largest weight on each ray (N,), 0 where the rest outweighs it."""
+    best = traced.feature.new_zeros(rays)
+    out = torch.zeros(rays, dtype=torch.long, device=best.device)
+    background = traced.behind.clone()
+    for strand in traced.strands:
+        assert strand.weight is not None
+        total = strand.weight.sum(1)
+        if strand.bounds is None:
+            background.index_add_(0, strand.ray, total)
+            continue
+        # several strands of one ray: the heaviest last, so that its number stays
+        order = torch.argsort(total, stable=True)
+        ray, total, medium = strand.ray[order], total[order], strand.medium[order]
+        heavier = total > best[ray]
+        out[ray[heavier]] = medium[heavier] + 1
+        best.index_put_((ray[heavier],), total[heavier])
+    return torch.where(best > background, out, torch.zeros_like(out))
+
+
+def _surface(traced: Traced, part: RayBatch, solid: Tensor) -> tuple[Tensor, Tensor]:
+    ray = torch.nonzero(solid)[:, 0]
+    return ray, part.origins[ray] + part.directions[ray] * traced.depth_m[ray, None]
+
+
+def _normals(scene: Scene, traced: Traced, part: RayBatch, solid: Tensor) -> Tensor:
+    """Unit normals (N, 3), world frame: the weighted mean of the distance's gradient along each strand."""
+    model = scene.model
+    out = torch.zeros_like(part.directions)
+    h = 0.03
+    offsets = torch.tensor([[1.0, -1, -1], [-1, -1, 1], [-1, 1, -1], [1, 1, 1]], device=out.device)
+    ray, place = _surface(traced, part, solid)
+    if len(ray) == 0:
+        return out
+    x = (place[:, None] + h * offsets).reshape(-1, 3)
+    s = model.static.distance(model.frame.points(x)).view(-1, 4)
+    normal = torch.einsum("nk,kj->nj", s, offsets)
+    out[ray] = F.normalize(normal, dim=-1)
+    return out
+
+
+def _supported(scene: Scene, traced: Traced, part: RayBatch, solid: Tensor) -> Tensor:
+    """Which rays (N,) end where the recording saw something: an observed voxel, an actor, or beyond the volume."""
+    model = scene.model
+    out = torch.ones_like(solid)
+    ray, place = _surface(traced, part, solid)
+    out[ray] = model.observed.view(-1)[model.occupancy.cells(model.frame.points(place))] > 0
+    return out | (_instances(traced, len(part)) > 0)
+
+
+def _spread_over_edges(feature: Tensor, share: Tensor, shape: tuple[int, ...]) -> Tensor:
+    """A guest's features (N, F), divided by its share of the ray and carried past its edges, where the decoder looks too."""
+    f = feature.view(1, *shape, -1).permute(0, 3, 1, 2)
+    a = share.view(1, 1, *shape)
+    for _ in range(8):
+        blurred_f, blurred_a = F.avg_pool2d(f, 3, 1, 1), F.avg_pool2d(a, 3, 1, 1)
+        empty = a < 1e-3
+        f, a = torch.where(empty, blurred_f, f), torch.where(empty, blurred_a, a)
+    return (f / a.clamp_min(1e-3)).permute(0, 2, 3, 1).reshape(-1, f.shape[1])
+
+
+def _fill_passes(
+    out: CameraFrame, maps: dict[str, NDArray], rays: Rays, shape: tuple[int, ...], up: int  # type: ignore[type-arg]
+) -> None:
+    h, w = out.model.height, out.model.width
+
+    def full(values: NDArray) -> NDArray:  # type: ignore[type-arg]
+        grid = values.reshape(*shape, *values.shape[1:])
+        return np.repeat(np.repeat(grid, up, 0), up, 1)[:h, :w]
+
+    if "depth" in maps:
+        out.depth_m = full(maps["depth"]).astype(np.float32)
+        axis = out.world_from_camera[:3, 2]
+        along = full((rays.directions @ axis).reshape(-1))
+        out.z_depth_m = (out.depth_m * along).astype(np.float32)
+    if "normal" in maps:
+        out.normal = full(maps["normal"]).astype(np.float32)
+    if "instance" in maps:
+        out.instance = full(maps["instance"]).astype(np.int32)
+    if "opacity" in maps:
+        out.opacity = full(maps["opacity"]).astype(np.float32)
+    if "support" in maps:
+        out.unsupported = full(maps["support"]).astype(np.bool_)
+
+
+assert set(CAMERA_PASSES) == {"rgb", "depth", "normal", "instance", "opacity", "support"}

@@ -1,0 +1,352 @@
+"""Rays through the scene: samples placed, fields asked, everything along one ray put in depth order, weights, features.
+
+The one path that training and rendering share. A *strand* is one ray inside one medium (the static field, one actor's box, one
+copied box of space); it has K samples and K intervals, see `composite.logistic_intervals`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from .cast import Cast, Troupe
+from .composite import logistic_intervals, unisim_intervals, weights_from_tau
+from .fields.scene import SceneModel
+from .fields.tracklets import Hits
+from .march import Segment, propose, refine_quantiles, stratified
+
+NEAR_M = 0.5
+OPAQUE = 1e-3
+"""Transmittance under which nothing behind is computed."""
+
+
+@dataclass(frozen=True)
+class RayBatch:
+    """Rays as tensors: origins, directions (N, 3) world frame float32, time_s (N,) float64."""
+
+    origins: Tensor
+    directions: Tensor
+    time_s: Tensor
+
+    def __len__(self) -> int:
+        return len(self.origins)
+
+
+@dataclass(frozen=True)
+class Sampling:
+    """``jitter`` draws samples at random in their strata; ``fine`` multiplies the number of samples; ``far`` asks for the far field."""
+
+    jitter: bool = False
+    fine: float = 1.0
+    far: bool = True
+    mirror: Tensor | None = None
+    """(looks,) bool: which looks may be mirrored at random, in training."""
+    generator: torch.Generator | None = None
+
+
+@dataclass
+class Strands:
+    """Strands of one medium: ray (P,), samples t (P, K), signed distances s, features (P, K, F), tau and share (P, K).
+
+    ``points`` (P, K, 3) in the medium's own coordinates (volume, metres; or an actor's unit cube); ``medium`` (P,) is -1 for the
+    static field, else the actor's number in the cast.
+    """
+
+    ray: Tensor
+    t: Tensor
+    s: Tensor
+    features: Tensor
+    tau: Tensor
+    share: Tensor
+    points: Tensor
+    medium: Tensor
+    guest: int = -1
+    """Which guest troupe's features these are; -1 for the scene's own."""
+    bounds: tuple[Tensor, Tensor] | None = None
+    """Where the strand enters and leaves its box (P,), (P,)."""
+    weight: Tensor | None = None
+    """Weights of the samples (P, K), once composited."""
+    interval_weight: Tensor | None = None
+    """Weights of the intervals (P, K), once composited."""
+
+
+@dataclass
+class Traced:
+    """What the rays met. feature (N, F) composited, without the far field for rays that do not ask for it; depth_m (N,) mean
+    distance of what stopped the ray, 0 where nothing did; opacity (N,); behind (N,) transmittance at the volume's end."""
+
+    feature: Tensor
+    depth_m: Tensor
+    opacity: Tensor
+    behind: Tensor
+    strands: list[Strands]
+    samples: int
+    guest_features: list[Tensor]
+    guest_opacity: list[Tensor]
+    without_guests: Tensor | None = None
+    static_mass: Tensor | None = None
+
+
+def trace(scene: SceneModel, cast: Cast, rays: RayBatch, sampling: Sampling, among: Tensor | None = None) -> Traced:
+    """Features, depths and opacities of rays. ``among`` names the own actors that can be met; the others are skipped."""
+    strands = [_static_strands(scene, cast, rays, sampling)]
+    strands += _actor_strands(cast.own, rays, sampling, among, first=0, guest=-1)
+    first = len(cast.own.uids)
+    for i, troupe in enumerate(cast.guests.values()):
+        strands += _actor_strands(troupe, rays, sampling, None, first=first, guest=i)
+        first += len(troupe.uids)
+    boxed = len(strands) > 1
+    strands += _copy_strands(scene, cast, rays, sampling)
+    strands = [s for s in strands if len(s.ray)]
+    if boxed or cast.removals is not None:
+        _clear_static_in_boxes(scene, cast, rays, strands)
+    traced = _composite(scene, len(rays), strands, len(cast.guests), rays.origins)
+    if sampling.far:
+        _add_far(scene, rays, sampling, traced)
+    traced.samples = sum(s.t.numel() for s in strands)
+    return traced
+
+
+def _intervals(scene: SceneModel, s: Tensor, t: Tensor, actor: bool) -> tuple[Tensor, Tensor]:
+    beta = scene.beta(actor)
+    if scene.config.density == "unisim":
+        return unisim_intervals(s, t, beta, scene.config.unisim_step_m if not actor else scene.config.unisim_step_m / 4)
+    return logistic_intervals(s, beta)
+
+
+def _count(n: int, sampling: Sampling) -> int:
+    return max(2, round(n * sampling.fine))
+
+
+def _static_strands(scene: SceneModel, cast: Cast, rays: RayBatch, sampling: Sampling) -> Strands:
+    o, d = scene.frame.points(rays.origins), scene.frame.vectors(rays.directions)
+    t_near, t_far = scene.frame.span(o, d, NEAR_M)
+    n, samples = len(rays), scene.config.samples
+    u = stratified(n, _count(samples.static_proposals, sampling), sampling.jitter, o, sampling.generator)
+    with torch.no_grad():
+        t, mass = propose(scene.occupancy.voxels, Segment(o, d, t_near, t_far), u)
+        ray = torch.nonzero((mass > 0) & (t_far > t_near))[:, 0]
+        # free space: rays that meet no occupied voxel take no sample
+        o, d, u, t = o[ray], d[ray], u[ray], t[ray]
+        segment = Segment(o, d, t_near[ray], t_far[ray])
+        s = scene.static.distance((o[:, None] + t[..., None] * d[:, None]).reshape(-1, 3)).view(t.shape)
+        jitter = stratified(len(ray), _count(samples.static, sampling), sampling.jitter, o, sampling.generator)
+        quantiles = refine_quantiles(u, t, s, float(scene.beta(False)), jitter.shape[1], jitter)
+        t, _ = propose(scene.occupancy.voxels, segment, quantiles)
+    points = o[:, None] + t[..., None] * d[:, None]
+    s, feature = scene.static(points.reshape(-1, 3))
+    feature = scene.directed(feature, rays.directions[ray].repeat_interleave(t.shape[1], 0))
+    s = s.view(t.shape)
+    tau, share = _intervals(scene, s, t, actor=False)
+    medium = torch.full_like(ray, -1)
+    return Strands(ray, t, s, feature.view(*t.shape, -1), tau, share, points, medium)
+
+
+def _actor_strands(
+    troupe: Troupe, rays: RayBatch, sampling: Sampling, among: Tensor | None, first: int, guest: int
+) -> list[Strands]:
+    if not troupe.uids or (among is not None and len(among) == 0):
+        return []
+    hits = troupe.tracklets.hits(rays.origins, rays.directions, rays.time_s, NEAR_M, among)
+    if len(hits.ray) == 0:
+        return []
+    scene, samples = troupe.scene, troupe.scene.config.samples
+    size, row = troupe.tracklets.sizes_m[hits.actor], troupe.rows[hits.actor]
+    flip = None
+    if sampling.mirror is not None:
+        chance = torch.rand(len(row), generator=sampling.generator, device=row.device) < 0.5
+        flip = torch.where(chance & sampling.mirror[row], -1.0, 1.0)
+
+    def unit(t: Tensor) -> Tensor:
+        x = (hits.origins[:, None] + t[..., None] * hits.directions[:, None]) / size[:, None]
+        if flip is not None:
+            x = torch.stack([x[..., 0], x[..., 1] * flip[:, None], x[..., 2]], -1)
+        return x + 0.5
+
+    span = (hits.t_far - hits.t_near)[:, None]
+    with torch.no_grad():
+        count = _count(samples.actor_proposals, sampling)
+        u = stratified(len(row), count, sampling.jitter, span, sampling.generator)
+        t = hits.t_near[:, None] + u * span
+        s = scene.actors.distance(troupe.tables, unit(t).reshape(-1, 3), row.repeat_interleave(count)).view(t.shape)
+        jitter = stratified(len(row), _count(samples.actor, sampling), sampling.jitter, span, sampling.generator)
+        t = hits.t_near[:, None] + refine_quantiles(u, t, s, float(scene.beta(True)), jitter.shape[1], jitter) * span
+    points = unit(t)
+    s, feature = scene.actors(troupe.tables, points.reshape(-1, 3), row.repeat_interleave(t.shape[1]))
+    feature = scene.directed(feature, rays.directions[hits.ray].repeat_interleave(t.shape[1], 0))
+    s = s.view(t.shape)
+    tau, share = _intervals(scene, s, t, actor=True)
+    return [Strands(hits.ray, t, s, feature.view(*t.shape, -1), tau, share, points, hits.actor + first, guest, (hits.t_near, hits.t_far))]
+
+
+def _copy_strands(scene: SceneModel, cast: Cast, rays: RayBatch, sampling: Sampling) -> list[Strands]:
+    """What stands above the ground in a source box, seen where its copy stands."""
+    if cast.copies is None or cast.copy_source is None:
+        return []
+    hits: Hits = cast.copies.hits(rays.origins, rays.directions, rays.time_s, NEAR_M)
+    if len(hits.ray) == 0:
+        return []
+    samples = scene.config.samples
+    pose = cast.copy_source[hits.actor]
+    o = scene.frame.points(torch.einsum("pij,pj->pi", pose[:, :3, :3], hits.origins) + pose[:, :3, 3])
+    d = scene.frame.vectors(torch.einsum("pij,pj->pi", pose[:, :3, :3], hits.directions))
+    span = (hits.t_far - hits.t_near)[:, None]
+    u = stratified(len(o), _count(2 * samples.static, sampling), sampling.jitter, o, sampling.generator)
+    t = hits.t_near[:, None] + u * span
+    points = o[:, None] + t[..., None] * d[:, None]
+    s, feature = scene.static(points.reshape(-1, 3))
+    # the source's ground stays where it is
+    s = torch.where(scene.ground.above(points.reshape(-1, 3)), s, s.abs() + 0.1).view(t.shape)
+    feature = scene.directed(feature, rays.directions[hits.ray].repeat_interleave(t.shape[1], 0))
+    tau, share = _intervals(scene, s, t, actor=False)
+    medium = torch.full_like(hits.ray, -2)
+    return [Strands(hits.ray, t, s, feature.view(*t.shape, -1), tau, share, points, medium)]
+
+
+def _clear_static_in_boxes(scene: SceneModel, cast: Cast, rays: RayBatch, strands: list[Strands]) -> None:
+    """Inside a present actor's box, and in a removed box, the static field counts only below the ground."""
+    static = strands[0]
+    if static.medium.numel() == 0 or int(static.medium[0]) != -1:
+        return
+    with torch.no_grad():
+        place = torch.cat([static.t[:, :1], (static.t[:, 1:] + static.t[:, :-1]) / 2], -1)
+        covers = torch.zeros_like(place)
+        row_of_ray = torch.full((len(rays),), -1, dtype=torch.long, device=place.device)
+        row_of_ray[static.ray] = torch.arange(len(static.ray), device=place.device)
+        for strand in strands[1:]:
+            if strand.bounds is None:
+                continue
+            row = row_of_ray[strand.ray]
+            known = row >= 0
+            row, near, far = row[known], strand.bounds[0][known], strand.bounds[1][known]
+            covered = (place[row] >= near[:, None]) & (place[row] <= far[:, None])
+            covers.index_put_((row,), covered.to(covers.dtype), accumulate=True)
+        inside = covers > 0
+        if cast.removals is not None:
+            pose, size = cast.removals
+            x = rays.origins[static.ray][:, None] + place[..., None] * rays.directions[static.ray][:, None]
+            local = torch.einsum("rij,pkj->rpki", pose[:, :3, :3], x) + pose[:, None, None, :3, 3]
+            inside |= (local.abs() <= size[:, None, None] / 2).all(-1).any(0)
+        rows, columns = torch.nonzero(inside, as_tuple=True)
+        o = scene.frame.points(rays.origins[static.ray[rows]])
+        d = scene.frame.vectors(rays.directions[static.ray[rows]])
+        above = scene.ground.above(o + place[rows, columns, None] * d)
+        keep = torch.ones_like(static.tau)
+        keep[rows[above], columns[above]] = 0
+    static.tau = static.tau * keep
+    static.share = static.share * keep
+
+
+def _composite(scene: SceneModel, rays: int, strands: list[Strands], guests: int, like: Tensor) -> Traced:
+    width = scene.config.features
+    feature, depth = like.new_zeros(rays, width), like.new_zeros(rays)
+    log_behind = like.new_zeros(rays)
+    traced = Traced(
+        feature, depth, like.new_zeros(rays), like.new_ones(rays), strands, 0,
+        [like.new_zeros(rays, width) for _ in range(guests)], [like.new_zeros(rays) for _ in range(guests)],
+    )  # fmt: skip
+    if not strands:
+        return traced
+    transmittances = _transmittances(rays, strands)
+    parts, stops = [], []
+    for strand, front in zip(strands, transmittances, strict=True):
+        alpha = -torch.expm1(-strand.tau)
+        strand.interval_weight = front * alpha
+        far_part = front * strand.share
+        near_part = strand.interval_weight - far_part
+        # an interval's weight goes to the samples at its two ends; interval 0 has only its own
+        weight = far_part + torch.cat([near_part[:, 1:], torch.zeros_like(near_part[:, :1])], -1)
+        weight = torch.cat([weight[:, :1] + strand.interval_weight[:, :1], weight[:, 1:]], -1)
+        strand.weight = weight
+        parts.append((strand, (weight[..., None] * strand.features).sum(1)))
+        stops.append((strand.ray, (weight * strand.t).sum(1), weight.sum(1)))
+        log_behind = log_behind.index_add(0, strand.ray, -strand.tau.sum(1))
+    for strand, part in parts:
+        if strand.guest < 0:
+            feature = feature.index_add(0, strand.ray, part)
+        else:
+            traced.guest_features[strand.guest] = traced.guest_features[strand.guest].index_add(0, strand.ray, part)
+            traced.guest_opacity[strand.guest] = traced.guest_opacity[strand.guest].index_add(0, strand.ray, strand.weight.sum(1))
+    total = like.new_zeros(rays)
+    for ray, stop, weight in stops:
+        depth, total = depth.index_add(0, ray, stop), total.index_add(0, ray, weight)
+    traced.feature = feature
+    traced.opacity = -torch.expm1(log_behind)
+    traced.behind = torch.exp(log_behind)
+    traced.depth_m = depth / total.clamp_min(1e-6)
+    return traced
+
+
+def _transmittances(rays: int, strands: list[Strands]) -> list[Tensor]:
+    """The transmittance in front of every interval (P, K) of each group of strands, all media of a ray in one order of depth."""
+    if len(strands) == 1 and len(torch.unique(strands[0].ray)) == len(strands[0].ray):
+        return [weights_from_tau(strands[0].tau)[0]]
+    device = strands[0].t.device
+    crossed = torch.zeros(rays, dtype=torch.bool, device=device)
+    for strand in strands[1:]:
+        crossed[strand.ray] = True
+    if len(strands) == 1:
+        crossed[strands[0].ray] = True
+    alone = ~crossed[strands[0].ray]
+    mixed_ray = torch.cumsum(crossed, 0) - 1
+    # every crossed ray gets a row, every strand of it a slot in the row
+    all_rays = torch.cat([s.ray for s in strands])
+    order = torch.argsort(all_rays, stable=True)
+    _, counts = torch.unique_consecutive(all_rays[order], return_counts=True)
+    starts = torch.cumsum(counts, 0) - counts
+    slot = torch.empty_like(all_rays)
+    slot[order] = torch.arange(len(all_rays), device=device) - starts.repeat_interleave(counts)
+    slots, longest = int(counts.max()), max(s.t.shape[1] for s in strands)
+    rows = int(crossed.sum())
+    tau = strands[0].t.new_zeros(rows * slots, longest)
+    place = strands[0].t.new_full((rows * slots, longest), float("inf"))
+    at, begin = [], 0
+    for strand in strands:
+        mine = crossed[strand.ray]
+        cell = mixed_ray[strand.ray] * slots + slot[begin : begin + len(strand.ray)]
+        begin += len(strand.ray)
+        at.append((mine, cell[mine]))
+        k = strand.t.shape[1]
+        middle = torch.cat([strand.t[:, :1], (strand.t[:, 1:] + strand.t[:, :-1]) / 2], -1).detach()
+        pad = (0, longest - k)
+        tau = tau.index_put((cell[mine],), torch.nn.functional.pad(strand.tau[mine], pad))
+        place = place.index_put((cell[mine],), torch.nn.functional.pad(middle[mine], pad, value=float("inf")))
+    tau, place = tau.view(rows, -1), place.view(rows, -1)
+    by_depth = torch.argsort(place, dim=1, stable=True)
+    front, _ = weights_from_tau(tau.gather(1, by_depth))
+    front = torch.zeros_like(front).scatter(1, by_depth, front).view(rows * slots, longest)
+    out = []
+    for i, (strand, (mine, cell)) in enumerate(zip(strands, at, strict=True)):
+        own = front[cell][:, : strand.t.shape[1]]
+        if i == 0 and bool(alone.any()):
+            merged = torch.zeros_like(strand.tau).index_put((torch.nonzero(mine)[:, 0],), own)
+            lonely = torch.nonzero(alone)[:, 0]
+            own = merged.index_put((lonely,), weights_from_tau(strand.tau[lonely])[0])
+        out.append(own)
+    return out
+
+
+def _add_far(scene: SceneModel, rays: RayBatch, sampling: Sampling, traced: Traced) -> None:
+    """The far field behind the volume, where anything of it can be seen: even in disparity, then the sky."""
+    ray = torch.nonzero(traced.behind.detach() > OPAQUE)[:, 0]
+    if len(ray) == 0:
+        return
+    o, d = scene.frame.points(rays.origins[ray]), scene.frame.vectors(rays.directions[ray])
+    _, t_far = scene.frame.span(o, d, NEAR_M)
+    count = scene.config.samples.far
+    u = stratified(len(ray), count, sampling.jitter, o, sampling.generator)
+    t0 = t_far.clamp_min(NEAR_M)[:, None]
+    disparity = (1 - u) / t0 + u / scene.config.far_m
+    x = o[:, None] + d[:, None] / disparity[..., None]
+    raw, feature = scene.far(x.reshape(-1, 3))
+    tau = torch.nn.functional.softplus(raw.view(u.shape))
+    front, behind = weights_from_tau(tau)
+    weight = front * -torch.expm1(-tau)
+    directions = rays.directions[ray]
+    feature = scene.directed(feature, directions.repeat_interleave(count, 0)).view(*u.shape, -1)
+    sky = scene.directed(scene.far.sky(d), directions)
+    far = (weight[..., None] * feature).sum(1) + behind[:, None] * sky
+    traced.feature = traced.feature.index_add(0, ray, traced.behind[ray, None] * far)
+    traced.samples += u.numel() + len(ray)

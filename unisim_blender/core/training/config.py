@@ -1,0 +1,56 @@
+"""How a scene is trained."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+VEHICLES = ("car", "truck", "bus", "van", "vehicle", "trailer", "towed", "motorcycle", "bicycle", "scooter")
+"""Words of the classes that are symmetric about their length: their actors are mirrored at random."""
+
+
+@dataclass(frozen=True)
+class LossWeights:
+    """Weights of the terms; rgb is 1."""
+
+    perceptual: float = 0.03
+    lidar_depth: float = 0.05
+    lidar_opacity: float = 0.01
+    lidar_free: float = 0.05
+    lidar_intensity: float = 0.1
+    lidar_drop: float = 0.02
+    band: float = 0.1
+    eikonal: float = 0.005
+    spread: float = 0.001
+    hidden_ground: float = 0.02
+    adversarial: float = 0.001
+    latent: float = 1e-5
+
+
+@dataclass(frozen=True)
+class TrainConfig:
+    """What to train on, and for how long. Stages are shares of the whole: geometry and colour first, then the perceptual term,
+    then the tracklets and the adversarial term join in (as the re-implementation's 2500, 7500 and 10 001 iterations do)."""
+
+    cameras: tuple[str, ...]
+    lidars: tuple[str, ...]
+    frames: tuple[int, ...]
+    width: int | None = None
+    preset: str = "small"
+    minutes: float | None = None
+    iterations: int | None = None
+    device: str = "cpu"
+    seed: int = 0
+    patches: int = 16
+    patch_cells: int = 16
+    lidar_rays: int = 1536
+    perceptual_from: float = 0.1
+    poses_from: float = 0.3
+    prune_from: int = 300
+    rate_tables: tuple[float, float] = (1e-2, 1e-3)
+    rate_networks: tuple[float, float] = (2e-3, 2e-4)
+    rate_poses: tuple[float, float] = (1e-3, 1e-4)
+    checkpoint_s: float = 120.0
+    preview_s: float = 120.0
+    vgg: str | None = None
+    adversarial: bool = False
+    weights: LossWeights = field(default_factory=LossWeights)

@@ -1,0 +1,149 @@
+"""What training draws from: patches of recorded images and rays of recorded sweeps, held in memory as bytes and float32."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from ..drive import Camera
+from ..errors import LogError
+from ..geometry import FloatArray, transform_points, invert_pose, points_in_box
+from ..images import resize_image
+from ..log import Log
+from ..sensors.camera import camera_rays
+from ..trace import RayBatch
+
+
+@dataclass(frozen=True)
+class PatchBatch:
+    """Camera rays of B patches of n x n feature cells: rays (B * n * n), camera (B,) numbers, target (B, 3, n * up, n * up)."""
+
+    rays: RayBatch
+    camera: Tensor
+    target: Tensor
+    cells: int
+
+
+@dataclass(frozen=True)
+class LidarBatch:
+    """LiDAR rays with what they measured: depth_m, intensity (N,), returned (N,) bool."""
+
+    rays: RayBatch
+    depth_m: Tensor
+    intensity: Tensor
+    returned: Tensor
+
+
+def ray_batch(origins: FloatArray, directions: FloatArray, time_s: FloatArray) -> RayBatch:
+    """Rays as tensors."""
+    return RayBatch(
+        torch.as_tensor(np.ascontiguousarray(origins, np.float32)),
+        torch.as_tensor(np.ascontiguousarray(directions, np.float32)),
+        torch.as_tensor(np.ascontiguousarray(time_s, np.float64)),
+    )
+
+
+class CameraData:
+    """The images of some cameras and frames, at one width."""
+
+    def __init__(self, log: Log, cameras: list[str], frames: list[int], width: int | None) -> None:
+        self.views: list[tuple[int, Camera, int, np.ndarray]] = []
+        self.cameras: dict[str, Camera] = {}
+        for number, name in enumerate(cameras):
+            recorded = log.drive.cameras[name]
+            model = recorded.model.resized(width) if width else recorded.model
+            camera = Camera(name, model, recorded.world_from_camera, recorded.time_s)
+            self.cameras[name] = camera
+            have = set(log.image_frames(name))
+            self.views += [(number, camera, f, resize_image(log.image(name, f), model)) for f in frames if f in have]
+        if not self.views:
+            raise LogError(f"{log.path}: no image of {', '.join(cameras)} in the frames asked for")
+
+    def patches(self, rng: np.random.Generator, count: int, cells: int, up: int) -> PatchBatch:
+        """``count`` patches of cells x cells feature cells from random places of random images."""
+        origins, directions, times, targets, numbers = [], [], [], [], []
+        for index in rng.integers(len(self.views), size=count):
+            number, camera, frame, image = self.views[index]
+            edge = cells * up
+            if image.shape[0] < edge or image.shape[1] < edge:
+                raise LogError(f"images of {camera.sensor_id} are {image.shape[1]}x{image.shape[0]}, smaller than a patch of {edge}")
+            y, x = rng.integers(image.shape[0] - edge + 1), rng.integers(image.shape[1] - edge + 1)
+            v, u = np.meshgrid(y + (np.arange(cells) + 0.5) * up, x + (np.arange(cells) + 0.5) * up, indexing="ij")
+            rays = camera_rays(camera, frame, u.ravel(), v.ravel())
+            origins.append(rays.origins)
+            directions.append(rays.directions)
+            times.append(rays.time_s)
+            targets.append(image[y : y + edge, x : x + edge])
+            numbers.append(number)
+        target = torch.as_tensor(np.stack(targets)).permute(0, 3, 1, 2).float() / 255
+        rays = ray_batch(np.concatenate(origins), np.concatenate(directions), np.concatenate(times))
+        return PatchBatch(rays, torch.tensor(numbers), target, cells)
+
+
+class LidarData:
+    """All rays of some sweeps, drops included, the ego vehicle's own cells left out."""
+
+    def __init__(self, log: Log, lidars: list[str], frames: list[int]) -> None:
+        parts: dict[str, list[np.ndarray]] = {k: [] for k in ("o", "d", "t", "depth", "intensity", "returned")}
+        for name in lidars:
+            have = set(log.sweep_frames(name))
+            for frame in (f for f in frames if f in have):
+                grid = log.sweep_grid(name, frame)
+                keep = ~grid.blocked
+                parts["o"].append(grid.origins[keep].astype(np.float32))
+                parts["d"].append(grid.directions[keep].astype(np.float32))
+                parts["t"].append(grid.time_s[keep])
+                parts["depth"].append(grid.depth_m[keep])
+                parts["intensity"].append(grid.intensity[keep])
+                parts["returned"].append(grid.returned[keep])
+        if not parts["o"]:
+            raise LogError(f"{log.path}: no sweep in the frames asked for")
+        whole = {k: np.concatenate(v) for k, v in parts.items()}
+        self.origins, self.directions, self.time_s = whole["o"], whole["d"], whole["t"]
+        self.depth_m, self.intensity, self.returned = whole["depth"], whole["intensity"], whole["returned"]
+        self._hits, self._drops = np.flatnonzero(self.returned), np.flatnonzero(~self.returned)
+
+    @property
+    def points(self) -> FloatArray:
+        """Every return (N, 3), world frame."""
+        h = self._hits
+        return self.origins[h] + self.directions[h] * self.depth_m[h, None].astype(np.float64)
+
+    def static_returns(self, log: Log) -> tuple[FloatArray, FloatArray]:
+        """Origins and points (N, 3) of the returns that lie in no actor's box."""
+        points, h = self.points, self._hits
+        inside = np.zeros(len(points), bool)
+        times = self.time_s[h]
+        for actor in log.drive.actors.values():
+            near = actor.present(times)
+            grown = np.asarray(actor.size_m) + 0.2
+            if not actor.is_moving:
+                pose = actor.world_from_actor.at((actor.start_s + actor.end_s) / 2)
+                inside[near] |= points_in_box(points[near], pose, grown)
+                continue
+            at = np.flatnonzero(near)
+            centre = actor.world_from_actor.at((actor.start_s + actor.end_s) / 2)[:3, 3]
+            reach = np.linalg.norm(actor.world_from_actor.positions - centre, axis=1).max() + np.linalg.norm(grown)
+            at = at[((points[at] - centre) ** 2).sum(1) < reach**2]
+            if len(at) == 0:
+                continue
+            local = transform_points(invert_pose(actor.world_from_actor.at(times[at])), points[at][:, None])[:, 0]
+            inside[at] |= (np.abs(local) <= grown / 2).all(1)
+        return self.origins[h][~inside].astype(np.float64), points[~inside]
+
+    def sample(self, rng: np.random.Generator, count: int, drops: float = 0.15) -> LidarBatch:
+        """``count`` random rays, a share of them drops."""
+        n_drops = int(count * drops) if len(self._drops) else 0
+        index = np.concatenate([
+            self._hits[rng.integers(len(self._hits), size=count - n_drops)],
+            self._drops[rng.integers(len(self._drops), size=n_drops)] if n_drops else np.zeros(0, np.int64),
+        ])  # fmt: skip
+        return LidarBatch(
+            ray_batch(self.origins[index], self.directions[index], self.time_s[index]),
+            torch.as_tensor(self.depth_m[index]).float(),
+            torch.as_tensor(self.intensity[index]).float(),
+            torch.as_tensor(self.returned[index]),
+        )

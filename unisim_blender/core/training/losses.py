@@ -1,0 +1,99 @@
+"""The terms of the training loss."""
+
+from __future__ import annotations
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor
+
+from ..trace import Traced
+from .data import LidarBatch
+
+SURFACE_M = 0.1
+"""Further than this from a return, a ray meets nothing (epsilon of UniSim, eq. 8)."""
+
+
+def _window(channels: int, like: Tensor, size: int = 11, sigma: float = 1.5) -> Tensor:
+    x = torch.arange(size, dtype=like.dtype, device=like.device) - size // 2
+    g = torch.exp(-x * x / (2 * sigma * sigma))
+    g = g / g.sum()
+    return (g[:, None] * g[None]).expand(channels, 1, size, size)
+
+
+def ssim(a: Tensor, b: Tensor) -> Tensor:
+    """Mean structural similarity of images (B, 3, H, W) in 0..1, Gaussian window of 11 with sigma 1.5 (Wang et al., 2004)."""
+    w = _window(a.shape[1], a)
+    c = a.shape[1]
+
+    def blur(x: Tensor) -> Tensor:
+        return F.conv2d(x, w, groups=c)
+
+    ma, mb = blur(a), blur(b)
+    va, vb, cov = blur(a * a) - ma * ma, blur(b * b) - mb * mb, blur(a * b) - ma * mb
+    c1, c2 = 0.01**2, 0.03**2
+    return (((2 * ma * mb + c1) * (2 * cov + c2)) / ((ma * ma + mb * mb + c1) * (va + vb + c2))).mean()
+
+
+def gradient_difference(a: Tensor, b: Tensor) -> Tensor:
+    """Mean absolute difference of horizontal and vertical gradients, at full and half size."""
+    total = a.new_zeros(())
+    for _ in range(2):
+        total = total + (a.diff(dim=-1) - b.diff(dim=-1)).abs().mean() + (a.diff(dim=-2) - b.diff(dim=-2)).abs().mean()
+        a, b = F.avg_pool2d(a, 2), F.avg_pool2d(b, 2)
+    return total
+
+
+def perceptual_stand_in(a: Tensor, b: Tensor) -> Tensor:
+    """What takes the place of VGG features where the user gave none: 1 - SSIM plus the difference of gradients."""
+    return 1 - ssim(a, b) + gradient_difference(a, b)
+
+
+def lidar_terms(traced: Traced, batch: LidarBatch, keep: float = 0.95) -> tuple[dict[str, Tensor], Tensor]:
+    """Depth and free-space terms of LiDAR rays, and which rays (N,) are among the best ``keep`` of those that returned.
+
+    Rays with the largest depth errors (glass, leaves, boxes that do not fit) are left out, as in UniSim.
+    """
+    error = (traced.depth_m - batch.depth_m).abs()
+    miss = torch.where(traced.opacity > 0.5, error, error.detach() + 100)
+    with torch.no_grad():
+        limit = torch.quantile(miss[batch.returned], keep)
+        good = batch.returned & (miss <= limit)
+    # a ray that is not stopped has no depth to compare: its opacity is asked for first
+    expected = traced.depth_m * traced.opacity + (1 - traced.opacity) * 100
+    depth = F.smooth_l1_loss(torch.where(traced.opacity > 0.05, traced.depth_m, expected)[good], batch.depth_m[good], beta=0.1)
+    opacity = -torch.log(traced.opacity[good].clamp_min(1e-4)).mean()
+    free = traced.feature.new_zeros(())
+    for strand in traced.strands:
+        assert strand.interval_weight is not None
+        place = torch.cat([strand.t[:, :1], (strand.t[:, 1:] + strand.t[:, :-1]) / 2], -1)
+        far = (place - batch.depth_m[strand.ray, None]).abs() > SURFACE_M * 2
+        used = good[strand.ray]
+        free = free + (strand.interval_weight**2 * (far & used[:, None])).sum()
+    return {"depth": depth, "opacity": opacity, "free": free / good.sum().clamp_min(1)}, good
+
+
+def distance_band(s: Tensor, offset_m: Tensor) -> Tensor:
+    """Signed distances s (N,) at points ``offset_m`` (N,) before (+) or behind (-) a LiDAR return along its ray.
+
+    At the return the distance is 0; before it, it is positive and at most the offset; behind, negative and at least it.
+    """
+    zero = offset_m == 0
+    sign = torch.sign(offset_m)
+    wrong_side = F.relu(0.2 * offset_m.abs() - sign * s)
+    too_far = F.relu(sign * s - offset_m.abs())
+    return torch.where(zero, s.abs(), wrong_side + too_far).mean()
+
+
+def eikonal(differences: Tensor) -> Tensor:
+    """(|gradient| - 1)^2 of gradients (N, 3)."""
+    return ((differences.norm(dim=-1) - 1) ** 2).mean()
+
+
+def spread(traced: Traced) -> Tensor:
+    """How far a ray's weight is spread in log depth: the distortion of mip-NeRF 360 (eq. 15), on the static strands."""
+    strand = traced.strands[0]
+    w = strand.interval_weight
+    assert w is not None
+    place = torch.log(torch.cat([strand.t[:, :1], (strand.t[:, 1:] + strand.t[:, :-1]) / 2], -1).clamp_min(0.1))
+    total, first = w.cumsum(-1) - w, (w * place).cumsum(-1) - w * place
+    return 2 * (w * (place * total - first)).sum(-1).mean()

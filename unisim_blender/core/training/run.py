@@ -1,0 +1,231 @@
+"""A training from start to end: progress, previews, checkpoints that survive a kill at any moment, the finished scene."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import os
+import signal
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import torch
+from PIL import Image
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import save_file
+from torch import Tensor
+from tqdm import tqdm
+
+from ..drive import Drive
+from ..errors import SceneError
+from ..fields.checkpoint import Scene, save_scene
+from ..geometry import Trajectory
+from ..log import Log
+from ..render import Renderer, observe
+from ..scene_file import SceneHeader
+from .config import TrainConfig
+from .trainer import Trainer
+
+CHECKPOINT = "checkpoint.safetensors"
+
+
+def train(log: Log, config: TrainConfig, out: Path, resume: bool = False, quiet: bool = False) -> SceneHeader:
+    """Train a scene into folder ``out``; with ``resume``, go on from its checkpoint.
+
+    Ctrl-C and SIGTERM end it after the step at hand, with a checkpoint. Raises SceneError where ``out`` holds another training.
+    """
+    file = out / CHECKPOINT
+    if not resume and (file.exists() or (out / "scene.json").exists()):
+        raise SceneError(f"{out} holds a trained scene already: give another folder, or --resume to go on")
+    if resume and not file.exists():
+        raise SceneError(f"{file}: there is no checkpoint to resume")
+    out.mkdir(parents=True, exist_ok=True)
+    _unpage_allocations()
+    trainer = Trainer(log, config)
+    if resume:
+        load_checkpoint(file, trainer)
+    with _stoppable() as stopped:
+        _loop(trainer, out, stopped, quiet)
+    if stopped and trainer.progress < 1:
+        save_checkpoint(file, trainer)
+        raise KeyboardInterrupt
+    save_checkpoint(file, trainer)
+    return finish(trainer, out)
+
+
+def _unpage_allocations() -> None:
+    """Have glibc keep what it was given back: a step's buffers are the same each time, and new pages are slow."""
+    import ctypes
+
+    try:
+        libc = ctypes.CDLL("libc.so.6")
+        libc.mallopt(-3, 32 << 20)
+        libc.mallopt(-1, 1 << 30)
+    except (OSError, AttributeError):
+        return
+
+
+@contextmanager
+def _stoppable() -> Iterator[list[int]]:
+    """A list that SIGINT or SIGTERM makes non-empty."""
+    stopped: list[int] = []
+    before = {}
+    for number in (signal.SIGINT, signal.SIGTERM):
+        try:
+            before[number] = signal.signal(number, lambda n, _: stopped.append(n))
+        except ValueError:  # not the main thread: whoever runs this thread stops it
+            break
+    try:
+        yield stopped
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _loop(trainer: Trainer, out: Path, stopped: list[int], quiet: bool) -> None:
+    config = trainer.config
+    begun = time.monotonic() - trainer.elapsed_s
+    saved = shown = time.monotonic()
+    smooth: dict[str, float] = {}
+    bar = tqdm(total=100, unit="%", disable=quiet, bar_format="{percentage:5.1f}% |{bar}| {elapsed} {postfix}")
+    with bar, (out / "training.jsonl").open("a") as history:
+        while trainer.progress < 1 and not stopped:
+            figures = trainer.step()
+            trainer.elapsed_s = time.monotonic() - begun
+            for name, value in figures.items():
+                smooth[name] = value if name not in smooth else 0.98 * smooth[name] + 0.02 * value
+            done = trainer.progress
+            if trainer.iteration % 10 == 0:
+                left = trainer.elapsed_s * (1 / max(done, 1e-6) - 1)
+                bar.n = 100 * done
+                bar.set_postfix_str(
+                    f"step {trainer.iteration} loss {smooth['loss']:.4f} PSNR {smooth['psnr']:.2f} dB "
+                    f"LiDAR {100 * smooth['lidar_m']:.1f} cm, {left / 60:.1f} min left"
+                )
+            if trainer.iteration % 100 == 0:
+                record = {"iteration": trainer.iteration, "seconds": trainer.elapsed_s, **smooth}
+                history.write(json.dumps(record) + "\n")
+                history.flush()
+            now = time.monotonic()
+            if now - saved > config.checkpoint_s:
+                save_checkpoint(out / CHECKPOINT, trainer)
+                saved = time.monotonic()
+            if now - shown > config.preview_s:
+                preview(trainer, out / "preview.png")
+                shown = time.monotonic()
+
+
+def _state(trainer: Trainer) -> dict[str, Tensor]:
+    tensors = {f"model.{k}": v for k, v in trainer.model.state_dict().items()}
+    tensors |= {f"tracklets.{k}": v for k, v in trainer.tracklets.named_parameters()}
+    tensors |= {f"occupancy.{k}": v.to(torch.uint8) if v.dtype == torch.bool else v for k, v in trainer.occupancy.state().items()}
+    for number, state in trainer.optimiser.state_dict()["state"].items():
+        tensors |= {f"optimiser.{number}.{k}": v for k, v in state.items()}
+    return {k: v.detach().cpu().contiguous() for k, v in tensors.items()}
+
+
+def _settings(config: TrainConfig) -> str:
+    kept = {k: v for k, v in dataclasses.asdict(config).items() if k not in ("minutes", "iterations", "device", "checkpoint_s", "preview_s")}
+    return json.dumps(kept, sort_keys=True)
+
+
+def save_checkpoint(file: Path, trainer: Trainer) -> None:
+    """Everything that the next step needs, whole or not at all."""
+    about = {"iteration": str(trainer.iteration), "elapsed_s": repr(trainer.elapsed_s), "settings": _settings(trainer.config)}
+    temporary = file.with_name(f".{file.name}.part")
+    try:
+        save_file(_state(trainer), temporary, metadata=about)
+        os.replace(temporary, file)
+    except (OSError, SafetensorError) as error:
+        temporary.unlink(missing_ok=True)
+        raise SceneError(f"{file} cannot be written: {error}") from error
+
+
+def load_checkpoint(file: Path, trainer: Trainer) -> None:
+    """The inverse of `save_checkpoint`; SceneError where the file is of a training with other settings."""
+    try:
+        with safe_open(file, framework="pt") as stored:
+            about = stored.metadata() or {}
+            tensors = {name: stored.get_tensor(name) for name in stored.keys()}  # noqa: SIM118
+    except (OSError, SafetensorError) as error:
+        raise SceneError(f"{file} cannot be read: {error}") from error
+    if about.get("settings") != _settings(trainer.config):
+        raise SceneError(f"{file} is of a training with other settings; give the same cameras, frames, width, preset and seed")
+
+    def under(prefix: str) -> dict[str, Tensor]:
+        return {name[len(prefix) :]: value for name, value in tensors.items() if name.startswith(prefix)}
+
+    try:
+        trainer.model.load_state_dict(under("model."))
+        trainer.tracklets.load_state_dict(under("tracklets."), strict=False)
+        trainer.occupancy.load_state({k: v.to(trainer.occupancy.state()[k].dtype) for k, v in under("occupancy.").items()})
+    except (RuntimeError, KeyError) as error:
+        raise SceneError(f"{file} does not fit this log or version: {error}") from error
+    state: dict[int, dict[str, Tensor]] = {}
+    for name, value in under("optimiser.").items():
+        number, key = name.split(".", 1)
+        state.setdefault(int(number), {})[key] = value
+    whole = trainer.optimiser.state_dict()
+    trainer.optimiser.load_state_dict({"state": state, "param_groups": whole["param_groups"]})
+    trainer.iteration, trainer.elapsed_s = int(about["iteration"]), float(about["elapsed_s"])
+
+
+def refined_drive(trainer: Trainer) -> Drive:
+    """The log's drive with the tracklets as training refined them."""
+    drive = trainer.log.drive
+    positions, quaternions = (t.detach().cpu().double().numpy() for t in trainer.tracklets.keys())
+    actors = {}
+    for i, uid in enumerate(sorted(drive.actors)):
+        actor = drive.actors[uid]
+        k = len(actor.world_from_actor.times_s)
+        q = quaternions[i, :k] / np.linalg.norm(quaternions[i, :k], axis=1, keepdims=True)
+        actors[uid] = dataclasses.replace(actor, world_from_actor=Trajectory(actor.world_from_actor.times_s, positions[i, :k], q))
+    return dataclasses.replace(drive, actors=actors)
+
+
+def header_of(trainer: Trainer, out: Path) -> SceneHeader:
+    """What `scene.json` is to say."""
+    config, log = trainer.config, trainer.log
+    training = {
+        "preset": config.preset, "cameras": list(config.cameras), "lidars": list(config.lidars), "frames": list(config.frames),
+        "width": config.width, "iterations": trainer.iteration, "seconds": round(trainer.elapsed_s, 1), "seed": config.seed,
+        "device": config.device,
+    }  # fmt: skip
+    return SceneHeader(
+        path=out, name=out.name, log_name=log.drive.name, log_path=os.path.relpath(log.path, out), world_origin=log.drive.world_origin,
+        model=trainer.model.config.to_dict(), volume=trainer.volume.to_dict(), drive=refined_drive(trainer), training=training,
+    )  # fmt: skip
+
+
+def _as_scene(trainer: Trainer, out: Path) -> Scene:
+    with torch.no_grad():
+        return Scene(out, header_of(trainer, out), trainer.model, trainer.model.actors.tables())
+
+
+def finish(trainer: Trainer, out: Path) -> SceneHeader:
+    """Free what was never seen, note which voxels the recording supports, write the scene."""
+    trainer.occupancy.finish()
+    for parameter in trainer.model.parameters():
+        parameter.grad = None
+    scene = _as_scene(trainer, out)
+    trainer.model.eval()
+    observe(scene, trainer.config.cameras, trainer.config.frames, trainer.config.width, trainer.lidar.points)
+    save_scene(out, scene.header, trainer.model)
+    return scene.header
+
+
+def preview(trainer: Trainer, file: Path) -> None:
+    """The middle frame of the first camera: recorded beside rendered."""
+    views = trainer.cameras.views
+    _, camera, frame, image = views[len(views) // 2]
+    trainer.model.eval()
+    renderer = Renderer(_as_scene(trainer, file.parent), trainer.log.drive)
+    rendered = renderer.camera(camera.sensor_id, frame, width=camera.model.width).rgb
+    trainer.model.train()
+    both = np.concatenate([image, np.round(rendered * 255).astype(np.uint8)], 1)
+    temporary = file.with_name(f".{file.name}")
+    Image.fromarray(both).save(temporary, format="png")
+    os.replace(temporary, file)

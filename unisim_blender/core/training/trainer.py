@@ -1,0 +1,279 @@
+"""The training loop: batches in, one optimiser step out, checkpoints that survive a kill."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+import torch.nn.functional as F
+from torch import Tensor
+
+from ..cast import Cast, Troupe
+from ..drive import Drive
+from ..errors import SceneError
+from ..fields.config import preset
+from ..fields.fields import HashTable
+from ..fields.ground import ground_heights
+from ..fields.occupancy import OccupancyTrainer, seed_voxels
+from ..fields.scene import SceneModel
+from ..fields.tracklets import Tracklets
+from ..fields.volume import Volume
+from ..geometry import invert_pose, transform_points
+from ..log import Log
+from ..trace import RayBatch, Sampling, Traced, trace
+from .config import VEHICLES, TrainConfig
+from .data import CameraData, LidarBatch, LidarData, PatchBatch
+from .losses import distance_band, eikonal, lidar_terms, perceptual_stand_in, spread
+from .perceptual import VggLoss
+
+_TETRAHEDRON = torch.tensor([[1.0, -1, -1], [-1, -1, 1], [-1, 1, -1], [1, 1, 1]])
+
+
+class Trainer:
+    """Trains one scene on one log."""
+
+    def __init__(self, log: Log, config: TrainConfig) -> None:
+        self.log, self.config = log, config
+        torch.manual_seed(config.seed)
+        self.cameras = CameraData(log, list(config.cameras), list(config.frames), config.width)
+        self.lidar = LidarData(log, list(config.lidars), list(config.frames))
+        drive = log.drive
+        self.volume = Volume.along(drive)
+        model = SceneModel(preset(config.preset), self.volume, tuple(sorted(drive.actors)), config.cameras)
+        origins, points = self.lidar.static_returns(log)
+        into = invert_pose(self.volume.world_from_volume)
+        origins, points = transform_points(into, origins), transform_points(into, points)
+        heights = ground_heights(points, self.volume.size_m)
+        shape = tuple(model.occupancy.values.shape)
+        seeded = seed_voxels(origins, points, (shape[0], shape[1], shape[2]), model.config.voxel_m, heights)
+        model.occupancy.values.copy_(torch.as_tensor(seeded))
+        model.ground.heights.copy_(torch.as_tensor(heights))
+        self.model = model.to(config.device)
+        self.occupancy = OccupancyTrainer(self.model.occupancy)
+        actors = [drive.actors[uid] for uid in sorted(drive.actors)]
+        self.tracklets = Tracklets(actors, refine=True).to(config.device)
+        self.rows = torch.arange(len(actors), device=config.device)
+        mirrored = [any(word in a.label.lower() for word in VEHICLES) for a in actors]
+        self.mirror = torch.tensor(mirrored, dtype=torch.bool, device=config.device)
+        self.still_boxes = self._still_boxes(drive)
+        self.perceptual = VggLoss(Path(config.vgg)).to(config.device) if config.vgg else perceptual_stand_in
+        self.iteration, self.elapsed_s = 0, 0.0
+        self._make_optimiser()
+
+    def _still_boxes(self, drive: Drive) -> tuple[Tensor, Tensor] | None:
+        still = [a for _, a in sorted(drive.actors.items()) if not a.is_moving]
+        if not still:
+            return None
+        poses = np.stack([a.world_from_actor.at((a.start_s + a.end_s) / 2) for a in still])
+        sizes = np.stack([a.size_m for a in still])
+        device = self.config.device
+        return torch.as_tensor(poses).float().to(device), torch.as_tensor(sizes).float().to(device)
+
+    def _make_optimiser(self) -> None:
+        tables, networks = [], []
+        for module in self.model.modules():
+            if isinstance(module, HashTable):
+                tables.append(module.table)
+                if self.config.device == "cpu":
+                    module.table.grad = torch.zeros_like(module.table)
+                    module.sink_gradient = True
+        known = {id(p) for p in tables}
+        networks = [p for p in self.model.parameters() if id(p) not in known]
+        c = self.config
+        self.optimiser = torch.optim.Adam(
+            [
+                {"params": tables, "rates": c.rate_tables, "eps": 1e-15},
+                {"params": networks, "rates": c.rate_networks, "eps": 1e-10},
+                {"params": list(self.tracklets.parameters()), "rates": c.rate_poses, "eps": 1e-10},
+            ],
+            lr=1e-3,
+            betas=(0.9, 0.99),
+            fused=c.device != "mps",
+        )
+
+    # ---- one step
+
+    @property
+    def progress(self) -> float:
+        """How much of the training is done, 0 to 1."""
+        if self.config.iterations is not None:
+            return min(1.0, self.iteration / self.config.iterations)
+        assert self.config.minutes is not None
+        return min(1.0, self.elapsed_s / (self.config.minutes * 60))
+
+    def _cast(self) -> Cast:
+        tables = self.model.actors.tables()
+        uids = tuple(sorted(self.log.drive.actors))
+        return Cast(Troupe(self.model, tables, self.tracklets, self.rows, uids))
+
+    def step(self) -> dict[str, float]:
+        """One batch, one update; the figures of its loss."""
+        c, w, done = self.config, self.config.weights, self.progress
+        # seeded by the iteration: a resumed run draws what an uninterrupted one would
+        rng = np.random.default_rng([c.seed, self.iteration])
+        generator = torch.Generator(device=c.device).manual_seed(c.seed * 1_000_003 + self.iteration)
+        self._set_rates(done)
+        cast = self._cast()
+        patch = self._to_device(self.cameras.patches(rng, c.patches, c.patch_cells, self.model.config.upsample))
+        lidar = self._to_device(self.lidar.sample(rng, c.lidar_rays))
+        sampling = Sampling(jitter=True, mirror=self.mirror, generator=generator)
+        seen = trace(self.model, cast, patch.rays, sampling)
+        image = self._decode(seen, patch)
+        mse = F.mse_loss(image, patch.target)
+        terms = {"rgb": mse, "spread": w.spread * spread(seen)}
+        if done >= c.perceptual_from:
+            terms["perceptual"] = w.perceptual * self.perceptual(image, patch.target)
+        swept = trace(self.model, cast, lidar.rays, dataclasses.replace(sampling, far=False))
+        terms |= self._lidar_loss(swept, lidar)
+        terms |= self._shape_loss(cast, swept, seen, lidar, generator)
+        terms["latent"] = w.latent * self.model.actors.latents.square().mean()
+        loss = torch.stack(list(terms.values())).sum()
+        if not bool(torch.isfinite(loss)):
+            bad = [name for name, value in terms.items() if not bool(torch.isfinite(value))]
+            raise SceneError(f"training diverged at iteration {self.iteration}: {', '.join(bad)} is not a finite number")
+        self.optimiser.zero_grad(set_to_none=False)
+        loss.backward()
+        if done < c.poses_from:
+            for parameter in self.tracklets.parameters():
+                parameter.grad = None
+        self.optimiser.step()
+        self._update_occupancy([seen, swept], [patch.rays, lidar.rays])
+        self.iteration += 1
+        figures = {name: float(value.detach()) for name, value in terms.items()}
+        figures["loss"] = float(loss.detach())
+        figures["psnr"] = -10 * float(torch.log10(mse.detach().clamp_min(1e-10)))
+        hit = lidar.returned
+        figures["lidar_m"] = float((swept.depth_m - lidar.depth_m)[hit].detach().abs().median())
+        return figures
+
+    def _set_rates(self, done: float) -> None:
+        for group in self.optimiser.param_groups:
+            first, last = group["rates"]
+            warm = min(1.0, (self.iteration + 1) / 100)
+            group["lr"] = warm * first * (last / first) ** done
+
+    def _decode(self, seen: Traced, patch: PatchBatch) -> Tensor:
+        cells = patch.cells
+        camera = patch.camera.repeat_interleave(cells * cells)
+        features = self.model.ray_head(seen.feature, patch.rays.directions, camera)
+        features = features.view(len(patch.camera), cells, cells, -1).permute(0, 3, 1, 2)
+        image: Tensor = self.model.camera_decoder(features)
+        return image
+
+    def _lidar_loss(self, swept: Traced, lidar: LidarBatch) -> dict[str, Tensor]:
+        w = self.config.weights
+        terms, good = lidar_terms(swept, lidar)
+        intensity, logit = self.model.lidar_head(swept.feature, lidar.rays.directions, swept.depth_m, swept.opacity)
+        return {
+            "depth": w.lidar_depth * terms["depth"],
+            "opacity": w.lidar_opacity * terms["opacity"],
+            "free": w.lidar_free * terms["free"],
+            "intensity": w.lidar_intensity * F.mse_loss(intensity[good], lidar.intensity[good]),
+            "drop": w.lidar_drop * F.binary_cross_entropy_with_logits(logit, lidar.returned.float()),
+        }
+
+    def _shape_loss(
+        self, cast: Cast, swept: Traced, seen: Traced, lidar: LidarBatch, generator: torch.Generator
+    ) -> dict[str, Tensor]:
+        """Signed distances at LiDAR returns and gradients of length 1 round them; the ground under boxes that never move."""
+        w, model = self.config.weights, self.model
+        o, d = model.frame.points(lidar.rays.origins), model.frame.vectors(lidar.rays.directions)
+        in_box = torch.zeros_like(lidar.returned)
+        end = o + d * lidar.depth_m[:, None]
+        above = model.ground.above(end)
+        band = o.new_zeros(())
+        for strand in swept.strands:
+            if strand.bounds is None:
+                continue
+            depth = lidar.depth_m[strand.ray]
+            met = lidar.returned[strand.ray] & above[strand.ray] & (depth > strand.bounds[0]) & (depth < strand.bounds[1])
+            in_box[strand.ray[met]] = True
+            if not bool(met.any()):
+                continue
+            # a strand's points lie on a line: where it is at any depth follows from two of them
+            t0, t1 = strand.t[met, :1], strand.t[met, -1:]
+            p0, p1 = strand.points[met, 0], strand.points[met, -1]
+            offset = self._offsets(int(met.sum()), generator, 0.15)
+            x = p0 + (depth[met, None] - offset[:, None] - t0) / (t1 - t0).clamp_min(1e-4) * (p1 - p0)
+            s = model.actors.distance(cast.own.tables, x.clamp(0, 1), strand.medium[met])
+            band = band + distance_band(s, offset)
+        static = lidar.returned & ~in_box
+        offset = self._offsets(int(static.sum()), generator, 0.3)
+        x = o[static] + d[static] * (lidar.depth_m[static] - offset)[:, None]
+        band = band + distance_band(model.static.distance(x), offset)
+        points = [x.detach()[torch.randperm(len(x), generator=generator, device=x.device)[:512]]]
+        strand = seen.strands[0]
+        assert strand.weight is not None
+        likely = torch.nonzero(strand.weight.detach().flatten() > 0.05)[:, 0]
+        if strand.bounds is None and len(likely):
+            pick = likely[torch.randint(len(likely), (512,), generator=generator, device=x.device)]
+            points.append(strand.points.detach().reshape(-1, 3)[pick])
+        centre = torch.cat(points)
+        h = 0.06
+        corners = _TETRAHEDRON.to(centre)
+        values = model.static.distance((centre[:, None] + h * corners).reshape(-1, 3)).view(-1, 4)
+        gradient = torch.einsum("nk,kj->nj", values, corners) / (4 * h)
+        terms = {"band": w.band * band, "eikonal": w.eikonal * eikonal(gradient)}
+        if self.still_boxes is not None:
+            terms["hidden"] = w.hidden_ground * self._hidden_ground(generator)
+        return terms
+
+    def _offsets(self, count: int, generator: torch.Generator, reach_m: float) -> Tensor:
+        """Offsets (N,) before (+) and behind (-) a return; a third of them exactly at it."""
+        device = self.config.device
+        offset = (torch.rand(count, generator=generator, device=device) * 2 - 1) * reach_m
+        offset = torch.where(offset < 0, offset * 0.3, offset)
+        at = torch.rand(count, generator=generator, device=device) < 0.34
+        return torch.where(at, torch.zeros_like(offset), offset)
+
+    def _hidden_ground(self, generator: torch.Generator) -> Tensor:
+        """Under a box that never moves nobody saw the ground: nothing above it, and the look of its surroundings."""
+        assert self.still_boxes is not None
+        poses, sizes = self.still_boxes
+        device, model = poses.device, self.model
+        n = 384
+        which = torch.randint(len(poses), (n,), generator=generator, device=device)
+        unit = torch.rand(n, 3, generator=generator, device=device) - 0.5
+
+        def place(local: Tensor) -> Tensor:
+            world = torch.einsum("nij,nj->ni", poses[which][:, :3, :3], local) + poses[which][:, :3, 3]
+            return model.frame.points(world)
+
+        inside = place(unit * sizes[which])
+        ground = model.ground.height(inside)
+        s = model.static.distance(inside)
+        expected = (inside[:, 2] - ground).clamp(-0.3, 0.3)
+        height = F.smooth_l1_loss(s.clamp(-0.3, 0.3), expected, beta=0.05)
+        on_ground = torch.cat([inside[:, :2], ground[:, None]], -1)
+        # the nearer long side, and a little beyond it
+        side = torch.sign(unit[:, 1]) * (0.5 * sizes[which][:, 1] + 0.2 + 0.8 * torch.rand(n, generator=generator, device=device))
+        beyond = place(torch.stack([unit[:, 0] * sizes[which][:, 0], side, unit[:, 2] * 0], -1))
+        beyond = torch.cat([beyond[:, :2], model.ground.height(beyond)[:, None]], -1)
+        s_ground, look = model.static(on_ground)
+        with torch.no_grad():
+            _, outside = model.static(beyond)
+        return height + s_ground.abs().mean() + 0.1 * F.smooth_l1_loss(look, outside)
+
+    @torch.no_grad()
+    def _update_occupancy(self, traced: list[Traced], rays: list[RayBatch]) -> None:
+        for result in traced:
+            strand = result.strands[0]
+            if strand.bounds is None and strand.weight is not None:
+                self.occupancy.update(strand.points.reshape(-1, 3), strand.weight.reshape(-1), self.iteration >= self.config.prune_from)
+
+    def _to_device(self, batch: Any) -> Any:
+        device = self.config.device
+        if device == "cpu":
+            return batch
+
+        def move(value: Any) -> Any:
+            if isinstance(value, Tensor):
+                return value.to(device)
+            if dataclasses.is_dataclass(value) and not isinstance(value, type):
+                return dataclasses.replace(value, **{f.name: move(getattr(value, f.name)) for f in dataclasses.fields(value)})
+            return value
+
+        return move(batch)
