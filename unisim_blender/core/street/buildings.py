@@ -74,6 +74,18 @@ class Awning(Material):
         return surface(mix(np.tile(linear("#e8e1d2"), (len(band), 1)), linear(self.color), band))
 
 
+@dataclass(frozen=True, eq=False)
+class _Front:
+    """Puts shapes at x, y, z of a house's front."""
+
+    world_from_front: FloatArray
+
+    def __call__(self, shape: Shape, material: Material, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> Part:
+        pose = self.world_from_front.copy()
+        pose[:3, 3] += pose[:3, :3] @ [x, y, z]
+        return Part(shape, material, pose)
+
+
 def house(rng: np.random.Generator, world_from_front: FloatArray, width: float, number: int, plain: bool = False) -> list[Part]:
     """A house whose front's lower left corner stands at ``world_from_front`` (4, 4); ``plain`` leaves off what sticks out."""
     kind = str(rng.choice(["brick", "plaster", "plaster", "stone"]))
@@ -90,11 +102,7 @@ def house(rng: np.random.Generator, world_from_front: FloatArray, width: float, 
         str(rng.choice(_DOORS)), number,
     )  # fmt: skip
 
-    def put(shape: Shape, material: Material, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> Part:
-        pose = world_from_front.copy()
-        pose[:3, 3] += pose[:3, :3] @ [x, y, z]
-        return Part(shape, material, pose)
-
+    put = _Front(world_from_front)
     parts = [put(front, paint)]
     reach = float(rng.uniform(0.22, 0.42))
     parts.append(put(box((0.0, 0.0, 0.0), (width, reach + 0.2, 0.34), 0.04), Plain(trim, 0.1), 0.0, -reach, height - 0.3))
@@ -147,7 +155,7 @@ def _storeys(rng: np.random.Generator, width: float, ground: float, upper: int, 
     return (below, *above)
 
 
-def _roof(rng: np.random.Generator, put, width: float, height: float, plain: bool) -> list[Part]:  # type: ignore[no-untyped-def]
+def _roof(rng: np.random.Generator, put: _Front, width: float, height: float, plain: bool) -> list[Part]:
     parts: list[Part] = []
     if rng.random() < 0.6:
         ridge = float(rng.uniform(2.2, 3.4))
@@ -164,7 +172,7 @@ def _roof(rng: np.random.Generator, put, width: float, height: float, plain: boo
     return parts
 
 
-def _balconies(rng: np.random.Generator, put, storeys: tuple[Storey, ...]) -> list[Part]:  # type: ignore[no-untyped-def]
+def _balconies(rng: np.random.Generator, put: _Front, storeys: tuple[Storey, ...]) -> list[Part]:
     parts: list[Part] = []
     rail = str(rng.choice(["#2d2f31", "#4a4f4d", "#e2ddd0"]))
     for storey in storeys[1:]:
@@ -180,5 +188,5 @@ def _balconies(rng: np.random.Generator, put, storeys: tuple[Storey, ...]) -> li
 
 
 def front_pose(x: float, y: float, z: float, yaw: float) -> FloatArray:
-    """world_from_front (4, 4) of a house: its front's lower left corner, as one looks at it, at (x, y, z); yaw 0 looks along -y."""
+    """Pose (4, 4) of a house's front: its lower left corner, as one looks at it, at (x, y, z); yaw 0 looks along -y."""
     return make_pose(np.array([x, y, z]), quaternion_from_yaw(yaw))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -76,7 +77,7 @@ def tile_image(values: FloatArray) -> FloatArray:
     return np.ascontiguousarray(split.swapaxes(1, 2)).reshape(-1, TILE * TILE, *tail)
 
 
-def untile_image(tiles: NDArray[np.generic], height: int, width: int) -> NDArray[np.generic]:
+def untile_image(tiles: NDArray[Any], height: int, width: int) -> NDArray[Any]:
     """The image (H, W, ...) of `tile_image`'s tiles."""
     rows, columns = -(-height // TILE), -(-width // TILE)
     tail = tiles.shape[2:]

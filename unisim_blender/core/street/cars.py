@@ -110,7 +110,7 @@ class BodyPaint(Material):
         z = p.asset[:, 2] + s.height / 2
         foot, half = p.footprint, s.length / 2
         albedo = np.tile(linear(self.color), (len(x), 1))
-        gloss = np.full(len(x), 0.05)
+        gloss = np.full(len(x), 0.035)
         glass = np.zeros(len(x))
         dirt = np.clip(0.25 - 0.35 * (z - 0.25), 0, 0.3) * (1 + 0.3 * noises()["blotch"](x * 3, z * 3, p.spread * 3))
         albedo = mix(albedo, linear("#7a7266"), np.clip(dirt, 0, 1))
@@ -177,7 +177,7 @@ class CabinPaint(Material):
         tint = tint * (1 - 0.55 * seats)[:, None]
         albedo = mix(np.tile(linear(self.color), (len(x), 1)), linear("#0b0b0c"), seal)
         albedo = mix(albedo, tint, glass)
-        return surface(albedo, 0.05 + 0.05 * glass, 0.9 * glass)
+        return surface(albedo, 0.035 + 0.055 * glass, 0.9 * glass)
 
 
 @dataclass(frozen=True)

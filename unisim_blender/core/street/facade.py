@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry import FloatArray
-from .shapes import Shape, _first, _slab
+from .shapes import Shape, first_inside, slab
 
 _SLACK = 1e-7
 """Metres by which an opening's cheeks, found with rounding, may lie beside it."""
@@ -61,9 +61,9 @@ class Facade(Shape):
         return left, left + width, low, high, depth
 
     def intersect(self, origins: FloatArray, directions: FloatArray, t_min: FloatArray) -> FloatArray:
-        x, y, z = (_slab(origins[:, i], directions[:, i], self.low[i], self.high[i]) for i in range(3))
+        x, y, z = (slab(origins[:, i], directions[:, i], self.low[i], self.high[i]) for i in range(3))
         far = np.minimum(np.minimum(x[1], y[1]), z[1])
-        t = _first(np.maximum(np.maximum(x[0], y[0]), z[0]), far, t_min)
+        t = first_inside(np.maximum(np.maximum(x[0], y[0]), z[0]), far, t_min)
         rows = np.flatnonzero(np.isfinite(t))
         start = origins[rows] + t[rows, None] * directions[rows]
         storey, column = self.cell(start)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..geometry import FloatArray
 from .facade import Facade
@@ -106,8 +107,8 @@ class FrontPaint(Material):
         v: FloatArray,
         width: FloatArray,
         height: FloatArray,
-        storey: np.ndarray,
-        column: np.ndarray,
+        storey: NDArray[np.int64],
+        column: NDArray[np.int64],
         footprint: FloatArray,
     ) -> tuple[FloatArray, FloatArray]:
         """Albedo (N, 3) and glassiness (N,) at u from the middle and v above the foot of an opening's back."""

@@ -93,8 +93,7 @@ def _houses(rng: np.random.Generator, plan: RoadPlan) -> list[Part]:
                 x += width + (0.0 if rng.random() < 0.8 else float(rng.uniform(1.5, 3.0)))
     # houses that close the street at both ends, and the side street
     middle = (plan.crossing[0] + plan.crossing[1]) / 2
-    closing = [(plan.end_x + 9.0, 1.0, -np.pi / 2), (plan.start_x - 9.0, 1.0, np.pi / 2)]
-    for x, _, yaw in closing:
+    for x, yaw in ((plan.end_x + 9.0, -np.pi / 2), (plan.start_x - 9.0, np.pi / 2)):
         for i in range(-2, 3):
             corner = (x, -14.0 * i + 7.0) if yaw < 0 else (x, -14.0 * i - 7.0)
             parts += house(rng, front_pose(corner[0], corner[1], 0.0, yaw), 14.0, number, plain=True)
@@ -174,15 +173,18 @@ def _add_cars(
         trajectory = Trajectory(times if moving else times[:1], keys, quaternion_from_yaw(yaw))
         actors[uid] = _actor(uid, style.label, style.size_m, trajectory, moving, times)
 
-    moving = (
-        ("sedan", 17.0, -LANE_M / 2 + 0.05, 8.9, 0.0, 0.25),
-        ("truck", 52.0, -LANE_M / 2, 7.6, 0.0, 0.0),
-        ("suv", 34.0, LANE_M / 2, 8.2, np.pi, 0.0),
-        ("hatchback", 58.0, LANE_M / 2 + 0.1, 9.4, np.pi, -0.3),
-        ("pickup", -13.0, -LANE_M / 2 - 0.05, 8.1, 0.0, 0.0),
-    )
+    # kind, x, y, speed, heading, and metres that it gains on that speed in its first seconds
+    moving = [
+        ("sedan", 16.0, -LANE_M / 2 + 0.05, SPEED_M_S, 0.0, 8.0),
+        ("truck", 50.0, -LANE_M / 2, SPEED_M_S, 0.0, -4.0),
+        ("suv", 34.0, LANE_M / 2, 8.4, np.pi, 0.0),
+        ("hatchback", 58.0, LANE_M / 2 + 0.1, 8.4, np.pi, 3.0),
+        ("pickup", -13.0, -LANE_M / 2 - 0.05, SPEED_M_S, 0.0, 1.5),
+    ]
+    for x in np.arange(95.0, 60.0 + 2 * travel, 37.0):
+        moving.append((_PARKED_STYLES[int(rng.integers(len(_PARKED_STYLES)))], float(x), LANE_M / 2, 8.4, np.pi, 0.0))
     for kind, x, y, speed, yaw, gain in moving:
-        run = speed * times + 0.5 * gain * times**2
+        run = speed * times + gain * (1 - np.exp(-times / 3.0))
         path = np.stack([x + run * np.cos(yaw), np.full_like(run, y) + 0.06 * np.sin(run / 9.0), np.zeros_like(run)], -1)
         lean = np.arctan2(0.06 / 9.0 * np.cos(run / 9.0), 1.0) * np.cos(yaw)
         add(kind, path, yaw + lean, True)

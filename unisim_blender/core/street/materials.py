@@ -90,7 +90,7 @@ class Foliage(Material):
         leaf = noises()["leaf"]
         # seen along the axis nearest to the normal, so that no leaf is smeared round a clump
         axis = np.abs(p.normal).argmax(1)
-        tone = leaf(np.choose(axis, (y, x, x)) + 0.9 * axis, np.choose(axis, (z, z, y)), p.spread)
+        tone = leaf(np.choose(axis, (y, x, x)) + 0.9 * axis.astype(np.float64), np.choose(axis, (z, z, y)), p.spread)
         base = linear(self.color) * np.clip(1 + 0.5 * tone, 0.25, 2.2)[:, None]
         warm = np.array([0.025, 0.025, 0.0]) * np.clip(tone, 0, 2)[:, None]
         return surface(base + warm, reflectivity=np.clip(0.35 + 0.12 * tone, 0.1, 0.7))

@@ -17,13 +17,13 @@ from ..geometry import FloatArray
 _TINY = 1e-12
 
 
-def _first(near: FloatArray, far: FloatArray, t_min: FloatArray) -> FloatArray:
+def first_inside(near: FloatArray, far: FloatArray, t_min: FloatArray) -> FloatArray:
     """The first t >= t_min of the interval [near, far], inf where it is empty."""
     t = np.maximum(near, t_min)
     return np.where(t < far, t, np.inf)
 
 
-def _slab(origin: FloatArray, direction: FloatArray, low: float, high: float) -> tuple[FloatArray, FloatArray]:
+def slab(origin: FloatArray, direction: FloatArray, low: float, high: float) -> tuple[FloatArray, FloatArray]:
     """Interval (N,), (N,) in which ``origin + t direction`` lies between low and high."""
     safe = np.where(np.abs(direction) < _TINY, np.copysign(_TINY, direction), direction)
     a, b = (low - origin) / safe, (high - origin) / safe
@@ -81,7 +81,7 @@ class Convex(Shape):
         t = gap / np.where(np.abs(slope) < _TINY, np.copysign(_TINY, slope), slope)
         near = np.where(slope < 0, t, -np.inf).max(0)
         far = np.where(slope < 0, np.inf, t).min(0)
-        return _first(near, far, t_min)
+        return first_inside(near, far, t_min)
 
     def distances(self, points: FloatArray) -> FloatArray:
         """Signed distances (N, K) to the planes, negative inside."""
@@ -130,7 +130,7 @@ class Cone(Shape):
         a = dx * dx + dy * dy - grow * grow
         b = ox * dx + oy * dy - radius * grow
         c = ox * ox + oy * oy - radius * radius
-        low, high = _slab(oz, dz, 0.0, self.height)
+        low, high = slab(oz, dz, 0.0, self.height)
         # a <= 0: the ray is steeper than the mantle, so it leaves through the caps and the mantle cuts one end only
         steep = a <= _TINY
         near, far = _quadratic(np.where(steep, 1.0, a), b, c)
@@ -140,7 +140,7 @@ class Cone(Shape):
         toward_wide = grow > 0
         near = np.where(steep, np.where(toward_wide, second, -np.inf), near)
         far = np.where(steep, np.where(toward_wide, np.inf, first), far)
-        return _first(np.maximum(near, low), np.minimum(far, high), t_min)
+        return first_inside(np.maximum(near, low), np.minimum(far, high), t_min)
 
     def normals(self, points: FloatArray) -> FloatArray:
         x, y, z = points.T
@@ -163,7 +163,7 @@ class Ellipsoid(Shape):
     def intersect(self, origins: FloatArray, directions: FloatArray, t_min: FloatArray) -> FloatArray:
         o, d = origins / self.radii, directions / self.radii
         near, far = _quadratic((d * d).sum(-1), (o * d).sum(-1), (o * o).sum(-1) - 1.0)
-        return _first(near, far, t_min)
+        return first_inside(near, far, t_min)
 
     def normals(self, points: FloatArray) -> FloatArray:
         return _unit(points / self.radii**2)
@@ -192,7 +192,7 @@ class Spheres(Shape):
             rays, spheres = np.nonzero(discriminant >= 0)
             root = np.sqrt(discriminant[rays, spheres])
             middle_t = -b[rays, spheres]
-            t = _first(middle_t - root, middle_t + root, t_min[part][rays])
+            t = first_inside(middle_t - root, middle_t + root, t_min[part][rays])
             np.minimum.at(best, start + rays, t)
         return best
 

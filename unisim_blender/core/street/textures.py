@@ -13,7 +13,7 @@ from ..geometry import FloatArray
 class Noise:
     """Tileable noise of zero mean and unit deviation, filtered to the footprint it is asked at.
 
-    Its spectrum is ``frequency ** -roll`` between one cycle a ``longest`` metres and one a ``shortest``; a tile is ``tile_m`` wide.
+    Its spectrum is ``frequency ** -roll`` between one cycle in ``longest_m`` and one in ``shortest_m``; tiles are ``tile_m`` wide.
     """
 
     def __init__(self, seed: int, tile_m: float, longest_m: float, shortest_m: float, roll: float, size: int = 512) -> None:
@@ -41,7 +41,7 @@ class Noise:
         lower = level.astype(np.int64)
         fraction = (level - lower).astype(np.float32)
         u, v = u / self.tile_m, v / self.tile_m
-        return self._bilinear(u, v, lower) * (1 - fraction) + self._bilinear(u, v, lower + 1) * fraction
+        return np.asarray(self._bilinear(u, v, lower) * (1 - fraction) + self._bilinear(u, v, lower + 1) * fraction)
 
     def _bilinear(self, u: FloatArray, v: FloatArray, level: NDArray[np.int64]) -> NDArray[np.float32]:
         size, start = self._sizes[level], self._starts[level]

@@ -6,7 +6,7 @@ the static world holds, copied elsewhere. Actors are where they are at each ray'
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -98,7 +98,6 @@ class Hits:
     t: FloatArray
     placement: NDArray[np.int16]
     part: NDArray[np.int16]
-    tested: int = field(default=0)
 
 
 def boxes_meet(corners: FloatArray, box: Box) -> NDArray[np.bool_]:
@@ -163,7 +162,6 @@ def _trace_placement(
             t = _first_outside(part, o[rays], d[rays], t_min[rays], placement.holes)
         else:
             t = part.shape.intersect(*part.to_part(o[rays], d[rays]), t_min[rays])
-        hits.tested += len(rays)
         t[t > t_max[rays]] = np.inf
         target = rows[chosen]
         t = t.reshape(len(chosen), k)

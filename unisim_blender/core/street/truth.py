@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +18,7 @@ from .light import SUN, display, shade, sky, sun_directions
 from .street import Street
 from .surface_hits import Surfaces, look_up
 from .trace import Hits, Placement, lit, to_asset, trace
-from .world import GROUND, World, lidar_pose, make_world
+from .world import GROUND, World, make_world
 
 _LIFT_M = 1e-3
 """How far off its surface a shadow ray starts."""
@@ -135,12 +136,12 @@ def _shade_under(placement: Placement, size_m: FloatArray, points: FloatArray, t
     return out
 
 
-def _image(values: FloatArray, view: View) -> NDArray[np.generic]:
+def _image(values: NDArray[Any], view: View) -> NDArray[Any]:
     """Flat values (M, ...) as an image of subsamples (H s, W s, ...)."""
     return untile_image(values.reshape(*view.bundles.shape, *values.shape[1:]), view.height, view.width)
 
 
-def _average(image: NDArray[np.generic], samples: int) -> FloatArray:
+def _average(image: NDArray[Any], samples: int) -> FloatArray:
     height, width = image.shape[0] // samples, image.shape[1] // samples
     return np.asarray(image.reshape(height, samples, width, samples, -1).astype(np.float64).mean((1, 3)))
 
@@ -193,13 +194,13 @@ def truth_lidar(street: Street, drive: Drive, lidar_id: str, frame: int) -> Lida
     returned[seen.rays], intensity[seen.rays] = back, np.clip(brightness, 0, 1) * back
     instance = np.maximum(hits.placement.astype(np.int32) - world.first_actor + 1, 0)
 
-    def grid(values: FloatArray) -> NDArray[np.generic]:
+    def grid(values: NDArray[Any]) -> NDArray[Any]:
         return untile_image(values.reshape(bundles.shape), beams, columns)
 
     came_back = grid(returned) > 0
     return LidarFrame(
         model=lidar.model,
-        world_from_lidar=lidar_pose(lidar, frame),
+        world_from_lidar=lidar.world_from_lidar.at(lidar.time_s[frame]),
         origins=rays.origins,
         directions=rays.directions,
         time_s=rays.time_s,
@@ -207,7 +208,7 @@ def truth_lidar(street: Street, drive: Drive, lidar_id: str, frame: int) -> Lida
         intensity=grid(intensity).astype(np.float32),
         return_probability=came_back.astype(np.float32),
         returned=came_back,
-        instance=np.where(came_back, grid(instance.astype(np.float64)), 0).astype(np.int32),
+        instance=np.where(came_back, grid(instance), 0).astype(np.int32),
         instances=world.instances,
         stats=RenderStats(rays=beams * columns),
     )

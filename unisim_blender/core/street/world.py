@@ -7,14 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..drive import Actor, Box, Drive, Lidar
+from ..drive import Actor, Box, Drive
 from ..errors import ScenarioError
 from ..geometry import FloatArray, Trajectory, invert_pose
 from .street import Street, street_origin
 from .trace import Asset, Placement
 
-GROUND, STATIC = 0, 1
-"""Numbers of the first two placements; copies of static things follow, then the actors."""
+GROUND = 0
+"""Number of the ground's placement; static things, copies of them and the actors follow."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,8 +77,3 @@ def _window(drive: Drive, actor: Actor) -> tuple[float, float] | None:
 
 def _moved(pose: FloatArray, box: Box) -> Box:
     return Box(pose @ box.world_from_box, np.asarray(box.size_m, np.float64))
-
-
-def lidar_pose(lidar: Lidar, frame: int) -> FloatArray:
-    """The sensor's pose (4, 4) at a frame's time."""
-    return lidar.world_from_lidar.at(lidar.time_s[frame])
