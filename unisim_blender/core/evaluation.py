@@ -179,7 +179,8 @@ def _lidar_frame(renderer: RayRenderer, log: Log, name: str, frame: int) -> tupl
     cells = ~grid.blocked
     origins, directions = grid.origins[cells], grid.directions[cells]
     depth, intensity, probability, _ = renderer.rays_lidar(origins, directions, grid.time_s[cells])
-    returned, recorded_returned = probability >= 0.5, grid.returned[cells]
+    in_range = (depth >= grid.model.min_range_m) & (depth <= grid.model.max_range_m)
+    returned, recorded_returned = (probability >= 0.5) & in_range, grid.returned[cells]
     found: dict[str, Any] = lidar_metrics(
         depth, intensity, returned, grid.depth_m[cells], grid.intensity[cells], recorded_returned
     )

@@ -8,8 +8,11 @@ from typing import Any
 import click
 from tqdm import tqdm
 
+from ..logs.splits import SPLITS
 from ..selection import split_names
-from ..splits import SPLITS, TEST_FRAMES
+
+HELD_OUT = "1::2"
+"""Frames that a split is measured on: even frames train, odd frames test."""
 
 
 @click.command()
@@ -55,7 +58,7 @@ def command(
         if split is None:
             figures = evaluate_scene(scene, log, out, wishes, _progress)
         else:
-            wishes = EvaluationWishes(frames or TEST_FRAMES, split_names(cameras), width, quality, lpips_weights, device)
+            wishes = EvaluationWishes(frames or HELD_OUT, split_names(cameras), width, quality, lpips_weights, device)
             figures = evaluate_split(SPLITS[split], scene, log, out, wishes, _progress)
     for name, value in flat_figures(figures):
         click.echo(f"{name:45} {value}")

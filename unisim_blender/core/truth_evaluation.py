@@ -1,0 +1,109 @@
+"""Edited frames against the truth of their edit, and beside them the unedited drive's frames against theirs.
+
+The edited region is where the truth itself changes: pixels that show something else than before, and shadow pixels, whose light
+alone changed. A pixel is seen where what it shows stood in some picture that was trained on. The replay's figures are measured on
+the same frames, and within the same pixels, so that the cost of an edit can be read off as their difference.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .evaluation import RayRenderer, camera_figures, finite, picture_metrics
+from .frames import LidarFrame
+from .geometry import BoolArray, FloatArray
+from .metrics import Picture, chamfer, lidar_metrics, mean_of
+
+REGIONS = (
+    "edited",
+    "outside_edit",
+    "edited_without_shadow",
+    "frame_without_shadow",
+    "edited_seen",
+    "edited_never_seen",
+    "frame_seen",
+    "frame_never_seen",
+)
+
+
+@dataclass(frozen=True)
+class EditRegions:
+    """Masks (H, W): pixels that show something else, those whose light alone changed, and what was seen in training."""
+
+    edited: BoolArray
+    shadow: BoolArray
+    seen: BoolArray
+
+    @property
+    def changed(self) -> BoolArray:
+        """The edited region, its shadow pixels included."""
+        return self.edited | self.shadow
+
+    def masks(self) -> dict[str, BoolArray]:
+        """A mask for each of `REGIONS`."""
+        changed = self.changed
+        return {
+            "edited": changed,
+            "outside_edit": ~changed,
+            "edited_without_shadow": self.edited & ~self.shadow,
+            "frame_without_shadow": ~self.shadow,
+            "edited_seen": changed & self.seen,
+            "edited_never_seen": changed & ~self.seen,
+            "frame_seen": self.seen,
+            "frame_never_seen": ~self.seen,
+        }
+
+
+def picture_figures(rendered: Picture, truth: Picture, regions: EditRegions) -> dict[str, Any]:
+    """Figures of a rendered picture over the frame and within each region."""
+    return picture_metrics(rendered, truth, regions.masks())
+
+
+@dataclass(frozen=True)
+class Cloud:
+    """Returned points (N, 3), world frame, and their intensity (N,)."""
+
+    points: FloatArray
+    intensity: NDArray[np.float32]
+
+
+def lidar_figures_beside(
+    renderer: RayRenderer, truth: LidarFrame, blocked: BoolArray | None
+) -> tuple[dict[str, Any], Cloud, Cloud]:
+    """Render the rays of a true sweep, those that the vehicle blocks left out; the figures, and rendered and true points."""
+    cells = np.ones(truth.returned.shape, bool) if blocked is None else ~blocked
+    origins, directions = truth.origins[cells], truth.directions[cells]
+    depth, intensity, probability, _ = renderer.rays_lidar(origins, directions, truth.time_s[cells])
+    returned = (probability >= 0.5) & (depth >= truth.model.min_range_m) & (depth <= truth.model.max_range_m)
+    true_depth, true_intensity, true_returned = truth.depth_m[cells], truth.intensity[cells], truth.returned[cells]
+    figures: dict[str, Any] = lidar_metrics(depth, intensity, returned, true_depth, true_intensity, true_returned)
+    rendered_points = origins[returned] + directions[returned] * depth[returned, None].astype(np.float64)
+    true_points = origins[true_returned] + directions[true_returned] * true_depth[true_returned, None].astype(np.float64)
+    figures |= chamfer(rendered_points, true_points)
+    return figures, Cloud(rendered_points, intensity[returned]), Cloud(true_points, true_intensity[true_returned])
+
+
+def summarise_truth(per_frame: list[dict[str, Any]]) -> dict[str, Any]:
+    """Mean figures of edit and replay over all frames and sensors, and what the edit costs in dB beside the replay."""
+    summary: dict[str, Any] = {"camera": {}, "lidar": {}}
+    for part in ("edit", "replay"):
+        images = [found[part] for record in per_frame for found in record["camera"].values() if part in found]
+        sweeps = [found[part] for record in per_frame for found in record["lidar"].values() if part in found]
+        summary["camera"][part] = camera_figures(images, REGIONS)
+        summary["lidar"][part] = {"sweeps": len(sweeps), **{name: mean_of(sweeps, name) for name in (sweeps or [{}])[0]}}
+    edit, replay = summary["camera"]["edit"], summary["camera"]["replay"]
+    summary["camera"]["edit_costs_db"] = {
+        "frame": _difference(replay["psnr_db"], edit["psnr_db"]),
+        **{region: _difference(replay[region]["psnr_db"], edit[region]["psnr_db"]) for region in REGIONS},
+        "edited_beside_whole_replay": _difference(replay["psnr_db"], edit["edited"]["psnr_db"]),
+    }
+    result: dict[str, Any] = finite(summary)
+    return result
+
+
+def _difference(replay: float | None, edit: float | None) -> float | None:
+    return None if replay is None or edit is None else replay - edit
