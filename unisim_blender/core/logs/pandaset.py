@@ -198,7 +198,8 @@ class PandasetLog:
     def _note_missing(self, missing: list[str], where: str, what: str, files: dict[int, Path]) -> None:
         absent = [frame for frame in self._setup.frames if frame not in files]
         if absent:
-            missing.append(f"{where}: no {what} of frames {ranges(absent)}" if files else f"{where}: no {what}")
+            share = f"{len(absent)} of {len(self._setup.frames)} frames: {ranges(absent)}"
+            missing.append(f"{where}: no {what} of {share}" if files else f"{where}: no {what}")
 
 
 def _pandaset_setup(path: Path, start_s: float, origin: FloatArray, frames: int) -> LogSetup:

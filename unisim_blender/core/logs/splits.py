@@ -38,8 +38,3 @@ def split_sequences(name: str) -> tuple[str, ...]:
     if name not in SPLITS:
         raise LogError(f"there is no split {name!r}, only {', '.join(SPLITS)}")
     return SPLITS[name]
-
-
-def is_training_frame(frame: int) -> bool:
-    """Even frames are trained on, odd ones are for testing."""
-    return frame % 2 == 0
