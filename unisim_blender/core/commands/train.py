@@ -19,7 +19,7 @@ from ..errors import LogError
 @click.option("--minutes", type=float, help="Train this long.")
 @click.option("--iterations", type=int, help="Train this many steps: with fixed threads, always to the same weights.")
 @click.option("--device", default="cpu", show_default=True, help="cpu, cuda or mps.")
-@click.option("--seed", type=int, default=0, show_default=True)
+@click.option("--seed", type=int, default=0, show_default=True, help="Seed of every random choice.")
 @click.option("--vgg", type=click.Path(), help="VGG-16 weights (torchvision's names) for the perceptual term.")
 @click.option("--adversarial", is_flag=True, help="Add a patch discriminator on views from shifted origins.")
 @click.option("--resume", is_flag=True, help="Go on from the folder's checkpoint.")
