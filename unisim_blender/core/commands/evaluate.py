@@ -23,7 +23,9 @@ HELD_OUT = "1::2"
 @click.option("--cameras", metavar="A,B", help="Cameras by name. [default: those that were trained on]")
 @click.option("--width", type=click.IntRange(min=16), help="Width of the pictures. [default: the width that was trained at]")
 @click.option("--split", type=click.Choice(sorted(SPLITS)), help="SCENE and LOG hold a folder for each log of this split.")
-@click.option("--quality", type=click.Choice(["fast", "balanced", "reference"]), default="balanced", show_default=True)
+@click.option(
+    "--quality", type=click.Choice(["fast", "balanced", "reference"]), default="balanced", show_default=True, help="Samples a ray."
+)
 @click.option(
     "--lpips", "lpips_weights", metavar="FILE", type=click.Path(path_type=Path), help="Weights of LPIPS, to measure it."
 )
