@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import torch
 from tiny_drive import FakeSource, tiny_drive, tiny_plan
 
 from unisim_blender.core import sequence
@@ -218,10 +219,13 @@ class DyingSource:
         os.kill(os.getpid(), signal.SIGKILL)
 
 
-def test_threads_are_shared_among_jobs(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("OMP_NUM_THREADS", "7")
-    sequence.limit_threads(3)
-    assert os.environ["OMP_NUM_THREADS"] == "3"
+def test_torch_renders_with_one_thread_and_gets_its_own_back() -> None:
+    before = torch.get_num_threads()
+    torch.set_num_threads(2)
+    with sequence.single_threaded():
+        assert torch.get_num_threads() == 1
+    assert torch.get_num_threads() == 2
+    torch.set_num_threads(before)
 
 
 @pytest.mark.parametrize(

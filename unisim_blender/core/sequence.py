@@ -2,7 +2,8 @@
 
 Every finished frame leaves a record of what it was rendered from and of its files' hashes, written after the files. A frame whose
 record and files agree with what is asked for is not rendered again. The manifest is made of the records, so it does not depend on
-how often or where a run was interrupted.
+how often or where a run was interrupted. Every process renders with one thread of torch: where torch cuts an array among threads
+it changes the last bit of what lies at the cuts, and the bytes must not depend on threads.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -32,6 +33,7 @@ STATE_FOLDER = ".state"
 MANIFEST_NAME = "manifest.json"
 TIMINGS_NAME = "timings.json"
 MANIFEST_VERSION = 1
+THREAD_VARIABLES = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 
 
 @dataclass(frozen=True)
@@ -178,15 +180,16 @@ FrameSeconds = tuple[int, dict[str, float]]
 
 
 def _render_here(plan: RenderPlan, out: Path, key: str, frames: list[int], jobs: int) -> Iterator[FrameSeconds]:
-    renderer = plan.make_renderer() if frames else None
-    for frame in frames:
-        assert renderer is not None
-        yield frame, render_frame(plan, renderer, out, key, frame)
+    if not frames:
+        return
+    with single_threaded():
+        renderer = plan.make_renderer()
+        for frame in frames:
+            yield frame, render_frame(plan, renderer, out, key, frame)
 
 
 def _render_in_processes(plan: RenderPlan, out: Path, key: str, frames: list[int], jobs: int) -> Iterator[FrameSeconds]:
-    threads = max(1, (os.cpu_count() or 1) // jobs)
-    with _pool(min(jobs, len(frames)), (plan, out, key, threads)) as pool:
+    with _pool(min(jobs, len(frames)), (plan, out, key)) as pool:
         waiting: set[Future[FrameSeconds]] = {pool.submit(_worker_frame, frame) for frame in frames}
         while waiting:
             finished, waiting = wait(waiting, return_when=FIRST_COMPLETED)
@@ -201,7 +204,7 @@ def _render_in_processes(plan: RenderPlan, out: Path, key: str, frames: list[int
 
 
 @contextmanager
-def _pool(jobs: int, arguments: tuple[RenderPlan, Path, str, int]) -> Iterator[ProcessPoolExecutor]:
+def _pool(jobs: int, arguments: tuple[RenderPlan, Path, str]) -> Iterator[ProcessPoolExecutor]:
     """Worker processes; where the body fails or is interrupted they end at once, in the middle of their frames."""
     pool = ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn"), _start_worker, arguments)
     try:
@@ -214,15 +217,18 @@ def _pool(jobs: int, arguments: tuple[RenderPlan, Path, str, int]) -> Iterator[P
         pool.shutdown(wait=True, cancel_futures=True)
 
 
+_threads = ExitStack()
 _worker: tuple[RenderPlan, FrameRenderer, Path, str] | None = None
 """What a worker process renders with, made once when it starts."""
 
 
-def _start_worker(plan: RenderPlan, out: Path, key: str, threads: int) -> None:
+def _start_worker(plan: RenderPlan, out: Path, key: str) -> None:
     global _worker
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the whole group; the parent decides
     threading.Thread(target=_exit_with_parent, daemon=True).start()
-    limit_threads(threads)
+    for name in THREAD_VARIABLES:
+        os.environ[name] = "1"  # for libraries that are imported from here on
+    _threads.enter_context(single_threaded())
     _worker = plan, plan.make_renderer(), out, key
 
 
@@ -240,9 +246,16 @@ def _worker_frame(frame: int) -> FrameSeconds:
     return frame, render_frame(plan, renderer, out, key, frame)
 
 
-def limit_threads(threads: int) -> None:
-    """Let the numeric libraries of this process use so many threads."""
-    for name in ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
-        os.environ[name] = str(threads)
-    if "torch" in sys.modules:
-        sys.modules["torch"].set_num_threads(threads)
+@contextmanager
+def single_threaded() -> Iterator[None]:
+    """Let torch, where it has been imported, use one thread."""
+    torch = sys.modules.get("torch")
+    if torch is None:
+        yield
+        return
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)

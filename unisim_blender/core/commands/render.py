@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import click
@@ -13,6 +14,9 @@ from ..scenario_plan import SEQUENCE_FORMATS, Wishes, plan_scenario, sequence_fo
 from ..selection import split_names
 from ..sequence import render_sequence
 
+MOST_JOBS = 8
+"""Processes that are started unasked: each holds the scene."""
+
 
 @click.command()
 @click.argument("scenario", type=click.Path(path_type=Path))
@@ -22,7 +26,9 @@ from ..sequence import render_sequence
 @click.option("--passes", metavar="A,B", help="rgb, depth, normal, instance, opacity, support. [default: the scenario's, or rgb]")
 @click.option("--width", type=click.IntRange(min=8), help="Width of the images; heights follow. [default: the cameras' own]")
 @click.option("--quality", type=click.Choice(["fast", "balanced", "reference"]), help="[default: the scenario's, or balanced]")
-@click.option("--jobs", type=click.IntRange(min=1), default=1, show_default=True, help="Processes; cores are shared among them.")
+@click.option(
+    "--jobs", type=click.IntRange(min=1), help=f"Processes, of one thread each. [default: one a core, at most {MOST_JOBS}]"
+)
 @click.option("--resume", is_flag=True, help="Continue a render; finished frames whose inputs did not change are kept.")
 @click.option(
     "--format", "formats", type=click.Choice(["pandaset"]), multiple=True, help="Write a whole log in this layout, too."
@@ -37,7 +43,7 @@ def command(
     passes: str | None,
     width: int | None,
     quality: str | None,
-    jobs: int,
+    jobs: int | None,
     resume: bool,
     formats: tuple[str, ...],
     video: bool,
@@ -48,12 +54,19 @@ def command(
     plan, prepared = plan_scenario(scenario, wishes)
     wanted = {*sequence_formats(prepared.scenario), *formats, *(("video",) if video else ())}
     with tqdm(total=len(plan.frames), unit="frame", dynamic_ncols=True, smoothing=0.1) as bar:
-        report = render_sequence(plan, out, jobs, resume, on_frame=lambda frame: bar.update(), on_kept=bar.update)
+        report = render_sequence(
+            plan, out, jobs or default_jobs(), resume, on_frame=lambda frame: bar.update(), on_kept=bar.update
+        )
     for name in SEQUENCE_FORMATS:
         if name in wanted:
             WRITERS[name](plan, out)
     kept = f", {len(report.kept)} were there already" if report.kept else ""
     click.echo(f"{len(report.rendered)} frames rendered in {report.seconds:.1f} s{kept}: {out}")
+
+
+def default_jobs() -> int:
+    """One process a core, within reason."""
+    return min(os.cpu_count() or 1, MOST_JOBS)
 
 
 def _write_pandaset(plan: RenderPlan, out: Path) -> None:
