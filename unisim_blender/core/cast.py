@@ -62,7 +62,9 @@ def gather_troupe(scene: SceneModel, tables: Tensor, actors: list[Actor]) -> Tro
     for actor in actors:
         if actor.look.actor not in scene.actor_ids:
             where = f" at {actor.look.scene}" if actor.look.scene else ""
-            raise SceneError(f"actor {actor.uid!r} has the look of {actor.look.actor!r}, which the trained scene{where} does not hold")
+            raise SceneError(
+                f"actor {actor.uid!r} has the look of {actor.look.actor!r}, which the trained scene{where} does not hold"
+            )
     rows = torch.tensor([scene.actor_ids[a.look.actor] for a in actors], dtype=torch.long)
     return Troupe(scene, tables, Tracklets(actors), rows, tuple(a.uid for a in actors))
 

@@ -41,14 +41,18 @@ class Segment:
 
 def stratified(rays: int, count: int, jitter: bool, like: Tensor, generator: torch.Generator | None = None) -> Tensor:
     """Quantiles (rays, count), one in each of ``count`` equal parts of [0, 1]: its middle, or anywhere in it."""
-    offset = torch.rand(rays, count, generator=generator, device=like.device) if jitter else torch.full((rays, count), 0.5, device=like.device)
+    offset = (
+        torch.rand(rays, count, generator=generator, device=like.device)
+        if jitter
+        else torch.full((rays, count), 0.5, device=like.device)
+    )
     return ((torch.arange(count, device=like.device) + offset) / count).to(like.dtype)
 
 
 def propose_reference(voxels: Voxels, segment: Segment, u: Tensor) -> tuple[Tensor, Tensor]:
     """Places t (N, K) at quantiles u (N, K), rising along each row, of the occupied voxels' distribution; its mass (N,).
 
-    A ray is cut into steps of half a voxel; a step's mass is its voxel's value p, times exp(-DECAY_PER_M * metres of p before it).
+    A ray is cut into steps of half a voxel; a step's mass is its voxel's value p times exp(-DECAY_PER_M * metres of p before).
     A mass of 0 says that the ray meets nothing.
     """
     step = voxels.voxel_m / 2

@@ -1,15 +1,16 @@
 """The render path: rays → trace (march, fields, composite) → decode → a frame.
 
-    camera_rays / lidar_rays   which rays, when, from where            sensors/
-    trace                      samples, fields, depth order, features  trace.py, march.py, composite.py, fields/
-    ray_head, camera_decoder   features to pixels                      decode.py
-    lidar_head                 features to intensity and returns       decode.py
+camera_rays / lidar_rays   which rays, when, from where            sensors/
+trace                      samples, fields, depth order, features  trace.py, march.py, composite.py, fields/
+ray_head, camera_decoder   features to pixels                      decode.py
+lidar_head                 features to intensity and returns       decode.py
 """
 
 from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from typing import Any, TypeVar
 
 import numpy as np
 import torch
@@ -17,11 +18,12 @@ import torch.nn.functional as F
 from numpy.typing import NDArray
 from torch import Tensor
 
-from .cast import gather_cast
+from .cast import Cast, gather_cast
 from .drive import Camera, CameraModel, Drive, Lidar
 from .errors import SceneError
 from .fields.checkpoint import Scene
-from .frames import CAMERA_PASSES, CameraFrame, LidarFrame, RenderStats
+from .fields.scene import SceneModel
+from .frames import CameraFrame, LidarFrame, RenderStats
 from .geometry import FloatArray, invert_pose, transform_points
 from .sensors.camera import camera_rays, pixel_grid
 from .sensors.lidar import lidar_rays
@@ -31,6 +33,8 @@ from .trace import RayBatch, Sampling, Traced, trace
 QUALITY = {"fast": 0.67, "balanced": 1.0, "reference": 4.0}
 """Samples along a ray, beside the scene's own number."""
 CHUNK_RAYS = 16384
+Maps = dict[str, NDArray[Any]]
+"""One array (N, ...) for each pass."""
 UNIFORM_STEP_M = 0.2
 """What saved samples are counted beside: a march through the volume in steps of this length."""
 
@@ -76,9 +80,10 @@ class Renderer:
         rays = lidar_rays(lidar, frame)
         shape = rays.time_s.shape
         stats = RenderStats()
-        depth, intensity, probability, instance = (
-            x.reshape(shape) for x in self.rays_lidar(*_parts(rays.flat()), stats=stats)
-        )  # fmt: skip
+        flat = rays.flat()
+        measured = self.rays_lidar(flat.origins, flat.directions, flat.time_s, stats=stats)
+        depth, intensity, probability = (x.reshape(shape) for x in measured[:3])
+        instance = measured[3].reshape(shape)
         returned = (probability >= 0.5) & (depth >= lidar.model.min_range_m) & (depth <= lidar.model.max_range_m)
         if lidar.blocked is not None:
             returned &= ~lidar.blocked
@@ -108,7 +113,7 @@ class Renderer:
         probability = torch.sigmoid(logit) * (traced.opacity > 0.5)
         return traced.depth_m.cpu().numpy(), intensity.cpu().numpy(), probability.cpu().numpy(), maps["instance"].astype(np.int32)
 
-    def _trace(self, rays: Rays, passes: set[str], stats: RenderStats, far: bool) -> tuple[Traced, dict[str, NDArray]]:  # type: ignore[type-arg]
+    def _trace(self, rays: Rays, passes: set[str], stats: RenderStats, far: bool) -> tuple[Traced, Maps]:
         """All rays in chunks; features joined, and for each pass one array (N, ...)."""
         batch = to_batch(rays, self.device)
         among = self._visible(rays, stats)
@@ -165,8 +170,8 @@ class Renderer:
         stats.samples_spent += spent
         stats.samples_saved += max(0, uniform - spent)
 
-    def _maps(self, part: RayBatch, traced: Traced, passes: set[str]) -> dict[str, NDArray]:  # type: ignore[type-arg]
-        maps: dict[str, NDArray] = {}  # type: ignore[type-arg]
+    def _maps(self, part: RayBatch, traced: Traced, passes: set[str]) -> Maps:
+        maps: Maps = {}
         solid = traced.opacity > 0.5
         if passes & {"depth", "normal", "support"}:
             maps["depth"] = torch.where(solid, traced.depth_m, torch.inf).cpu().numpy()
@@ -175,27 +180,30 @@ class Renderer:
         if "instance" in passes:
             maps["instance"] = _instances(traced, len(part)).cpu().numpy()
         if "normal" in passes:
-            maps["normal"] = _normals(self.scene, traced, part, solid).cpu().numpy()
+            maps["normal"] = _normals(self.scene, self.cast, traced, part, solid).cpu().numpy()
         if "support" in passes:
             maps["support"] = (~_supported(self.scene, traced, part, solid)).cpu().numpy()
         return maps
 
-    def _decode(self, traced: Traced, rays: Rays, camera_id: str, shape: tuple[int, ...], model: CameraModel) -> NDArray[np.float32]:
+    def _decode(
+        self, traced: Traced, rays: Rays, camera_id: str, shape: tuple[int, ...], model: CameraModel
+    ) -> NDArray[np.float32]:
         directions = torch.as_tensor(rays.directions.reshape(-1, 3), dtype=torch.float32, device=self.device)
 
-        def image(scene: Scene | None, network: torch.nn.Module, feature: Tensor) -> Tensor:
+        def image(network: SceneModel, feature: Tensor) -> Tensor:
             code = network.camera_ids.get(camera_id, -1)
             number = torch.full((len(feature),), code, dtype=torch.long, device=self.device)
             features = network.ray_head(feature, directions, number)
-            return network.camera_decoder(features.view(1, *shape, -1).permute(0, 3, 1, 2))
+            decoded: Tensor = network.camera_decoder(features.view(1, *shape, -1).permute(0, 3, 1, 2))
+            return decoded
 
         own = traced.feature if traced.without_guests is None else traced.without_guests
-        rgb = image(self.scene, self.scene.model, own)
+        rgb = image(self.scene.model, own)
         for i, troupe in enumerate(self.cast.guests.values()):
             # each scene's features are its own decoder's: the pictures are laid over each other, not the features
             share = traced.guest_opacity[i].clamp(0, 1)
             feature = _spread_over_edges(traced.guest_features[i], share, shape)
-            other = image(None, troupe.scene, feature)
+            other = image(troupe.scene, feature)
             alpha = F.interpolate(share.view(1, 1, *shape), size=rgb.shape[-2:], mode="bilinear", align_corners=False)
             if other.shape != rgb.shape:
                 other = F.interpolate(other, size=rgb.shape[-2:], mode="bilinear", align_corners=False)
@@ -233,27 +241,28 @@ def to_batch(rays: Rays, device: torch.device) -> RayBatch:
     )
 
 
-def _parts(rays: Rays) -> tuple[FloatArray, FloatArray, FloatArray]:
-    return rays.origins, rays.directions, rays.time_s
+Sensor = TypeVar("Sensor")
 
 
-def _pick(sensors: dict, sensor_id: str, kind: str):  # type: ignore[no-untyped-def, type-arg]
+def _pick(sensors: dict[str, Sensor], sensor_id: str, kind: str) -> Sensor:
     if sensor_id not in sensors:
         raise SceneError(f"no {kind} {sensor_id!r} in the drive: there are {', '.join(sensors) or 'none'}")
     return sensors[sensor_id]
 
 
 def _join(pieces: list[Traced]) -> Traced:
-    def cat(get):  # type: ignore[no-untyped-def]
-        return torch.cat([get(p) for p in pieces])
-
     guests = range(len(pieces[0].guest_features))
     return Traced(
-        cat(lambda p: p.feature), cat(lambda p: p.depth_m), cat(lambda p: p.opacity), cat(lambda p: p.behind), [],
-        sum(p.samples for p in pieces), [cat(lambda p, i=i: p.guest_features[i]) for i in guests],
-        [cat(lambda p, i=i: p.guest_opacity[i]) for i in guests],
-        None if pieces[0].without_guests is None else cat(lambda p: p.without_guests),
-    )  # fmt: skip
+        feature=torch.cat([p.feature for p in pieces]),
+        depth_m=torch.cat([p.depth_m for p in pieces]),
+        opacity=torch.cat([p.opacity for p in pieces]),
+        behind=torch.cat([p.behind for p in pieces]),
+        strands=[],
+        samples=sum(p.samples for p in pieces),
+        guest_features=[torch.cat([p.guest_features[i] for p in pieces]) for i in guests],
+        guest_opacity=[torch.cat([p.guest_opacity[i] for p in pieces]) for i in guests],
+        without_guests=torch.cat([p.without_guests for p in pieces if p.without_guests is not None]) if guests else None,
+    )
 
 
 def _instances(traced: Traced, rays: int) -> Tensor:
@@ -276,32 +285,42 @@ def _instances(traced: Traced, rays: int) -> Tensor:
     return torch.where(best > background, out, torch.zeros_like(out))
 
 
-def _surface(traced: Traced, part: RayBatch, solid: Tensor) -> tuple[Tensor, Tensor]:
-    ray = torch.nonzero(solid)[:, 0]
-    return ray, part.origins[ray] + part.directions[ray] * traced.depth_m[ray, None]
+_TETRAHEDRON = torch.tensor([[1.0, -1, -1], [-1, -1, 1], [-1, 1, -1], [1, 1, 1]])
+_STEP_M = 0.03
 
 
-def _normals(scene: Scene, traced: Traced, part: RayBatch, solid: Tensor) -> Tensor:
-    """Unit normals (N, 3), world frame: the weighted mean of the distance's gradient along each strand."""
-    model = scene.model
+def _normals(scene: Scene, cast: Cast, traced: Traced, part: RayBatch, solid: Tensor) -> Tensor:
+    """Unit normals (N, 3), world frame, 0 where nothing solid is: each strand's gradient of the distance at its heaviest sample,
+    by central differences on a tetrahedron, weighted with what the strand gives to the ray."""
+    offsets = _STEP_M * _TETRAHEDRON.to(part.directions)
     out = torch.zeros_like(part.directions)
-    h = 0.03
-    offsets = torch.tensor([[1.0, -1, -1], [-1, -1, 1], [-1, 1, -1], [1, 1, 1]], device=out.device)
-    ray, place = _surface(traced, part, solid)
-    if len(ray) == 0:
-        return out
-    x = (place[:, None] + h * offsets).reshape(-1, 3)
-    s = model.static.distance(model.frame.points(x)).view(-1, 4)
-    normal = torch.einsum("nk,kj->nj", s, offsets)
-    out[ray] = F.normalize(normal, dim=-1)
-    return out
+    troupes = [cast.own, *cast.guests.values()]
+    for strand in traced.strands:
+        assert strand.weight is not None
+        weight, heaviest = strand.weight.sum(1), strand.weight.argmax(1)
+        x = strand.points[torch.arange(len(heaviest), device=heaviest.device), heaviest]
+        if strand.bounds is None:
+            around = (x[:, None] + offsets).reshape(-1, 3)
+            s = scene.model.static.distance(around)
+            gradient = torch.einsum("nk,kj->nj", s.view(-1, 4), offsets) @ scene.model.frame.rotation
+        else:
+            assert strand.size_m is not None and strand.world_from_box is not None
+            troupe = troupes[strand.guest + 1]
+            first = sum(len(t.uids) for t in troupes[: strand.guest + 1])
+            row = troupe.rows[strand.medium - first].repeat_interleave(4)
+            around = (x[:, None] + offsets / strand.size_m[:, None]).reshape(-1, 3)
+            s = troupe.scene.actors.distance(troupe.tables, around, row)
+            gradient = torch.einsum("nij,nj->ni", strand.world_from_box, torch.einsum("nk,kj->nj", s.view(-1, 4), offsets))
+        out.index_add_(0, strand.ray, weight[:, None] * F.normalize(gradient, dim=-1))
+    return torch.where(solid[:, None], F.normalize(out, dim=-1), torch.zeros_like(out))
 
 
 def _supported(scene: Scene, traced: Traced, part: RayBatch, solid: Tensor) -> Tensor:
     """Which rays (N,) end where the recording saw something: an observed voxel, an actor, or beyond the volume."""
     model = scene.model
     out = torch.ones_like(solid)
-    ray, place = _surface(traced, part, solid)
+    ray = torch.nonzero(solid)[:, 0]
+    place = part.origins[ray] + part.directions[ray] * traced.depth_m[ray, None]
     out[ray] = model.observed.view(-1)[model.occupancy.cells(model.frame.points(place))] > 0
     return out | (_instances(traced, len(part)) > 0)
 
@@ -317,12 +336,10 @@ def _spread_over_edges(feature: Tensor, share: Tensor, shape: tuple[int, ...]) -
     return (f / a.clamp_min(1e-3)).permute(0, 2, 3, 1).reshape(-1, f.shape[1])
 
 
-def _fill_passes(
-    out: CameraFrame, maps: dict[str, NDArray], rays: Rays, shape: tuple[int, ...], up: int  # type: ignore[type-arg]
-) -> None:
+def _fill_passes(out: CameraFrame, maps: Maps, rays: Rays, shape: tuple[int, ...], up: int) -> None:
     h, w = out.model.height, out.model.width
 
-    def full(values: NDArray) -> NDArray:  # type: ignore[type-arg]
+    def full(values: NDArray[Any]) -> NDArray[Any]:
         grid = values.reshape(*shape, *values.shape[1:])
         return np.repeat(np.repeat(grid, up, 0), up, 1)[:h, :w]
 
@@ -339,6 +356,3 @@ def _fill_passes(
         out.opacity = full(maps["opacity"]).astype(np.float32)
     if "support" in maps:
         out.unsupported = full(maps["support"]).astype(np.bool_)
-
-
-assert set(CAMERA_PASSES) == {"rgb", "depth", "normal", "instance", "opacity", "support"}

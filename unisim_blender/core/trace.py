@@ -36,7 +36,7 @@ class RayBatch:
 
 @dataclass(frozen=True)
 class Sampling:
-    """``jitter`` draws samples at random in their strata; ``fine`` multiplies the number of samples; ``far`` asks for the far field."""
+    """``jitter`` draws samples at random in their strata; ``fine`` multiplies their number; ``far`` asks for the far field."""
 
     jitter: bool = False
     fine: float = 1.0
@@ -66,6 +66,10 @@ class Strands:
     """Which guest troupe's features these are; -1 for the scene's own."""
     bounds: tuple[Tensor, Tensor] | None = None
     """Where the strand enters and leaves its box (P,), (P,)."""
+    world_from_box: Tensor | None = None
+    """Rotation of the strand's box (P, 3, 3), for an actor."""
+    size_m: Tensor | None = None
+    """Edges of the strand's box (P, 3), for an actor."""
     weight: Tensor | None = None
     """Weights of the samples (P, K), once composited."""
     interval_weight: Tensor | None = None
@@ -86,7 +90,7 @@ class Traced:
     guest_features: list[Tensor]
     guest_opacity: list[Tensor]
     without_guests: Tensor | None = None
-    static_mass: Tensor | None = None
+    """``feature`` as if no guest were there; None where none is."""
 
 
 def trace(scene: SceneModel, cast: Cast, rays: RayBatch, sampling: Sampling, among: Tensor | None = None) -> Traced:
@@ -102,9 +106,16 @@ def trace(scene: SceneModel, cast: Cast, rays: RayBatch, sampling: Sampling, amo
     strands = [s for s in strands if len(s.ray)]
     if boxed or cast.removals is not None:
         _clear_static_in_boxes(scene, cast, rays, strands)
+    if cast.guests:
+        # what the scene's own decoder is to see: everything but the guests
+        own = _composite(scene, len(rays), [s for s in strands if s.guest < 0], 0, rays.origins)
+        if sampling.far:
+            _add_far(scene, rays, sampling, own)
     traced = _composite(scene, len(rays), strands, len(cast.guests), rays.origins)
     if sampling.far:
         _add_far(scene, rays, sampling, traced)
+    if cast.guests:
+        traced.without_guests = own.feature
     traced.samples = sum(s.t.numel() for s in strands)
     return traced
 
@@ -178,7 +189,22 @@ def _actor_strands(
     feature = scene.directed(feature, rays.directions[hits.ray].repeat_interleave(t.shape[1], 0))
     s = s.view(t.shape)
     tau, share = _intervals(scene, s, t, actor=True)
-    return [Strands(hits.ray, t, s, feature.view(*t.shape, -1), tau, share, points, hits.actor + first, guest, (hits.t_near, hits.t_far))]
+    return [
+        Strands(
+            hits.ray,
+            t,
+            s,
+            feature.view(*t.shape, -1),
+            tau,
+            share,
+            points,
+            hits.actor + first,
+            guest,
+            (hits.t_near, hits.t_far),
+            hits.world_from_box,
+            size,
+        )
+    ]
 
 
 def _copy_strands(scene: SceneModel, cast: Cast, rays: RayBatch, sampling: Sampling) -> list[Strands]:
@@ -241,46 +267,36 @@ def _clear_static_in_boxes(scene: SceneModel, cast: Cast, rays: RayBatch, strand
 
 def _composite(scene: SceneModel, rays: int, strands: list[Strands], guests: int, like: Tensor) -> Traced:
     width = scene.config.features
-    feature, depth = like.new_zeros(rays, width), like.new_zeros(rays)
-    log_behind = like.new_zeros(rays)
-    traced = Traced(
-        feature, depth, like.new_zeros(rays), like.new_ones(rays), strands, 0,
-        [like.new_zeros(rays, width) for _ in range(guests)], [like.new_zeros(rays) for _ in range(guests)],
-    )  # fmt: skip
-    if not strands:
-        return traced
-    transmittances = _transmittances(rays, strands)
-    parts, stops = [], []
-    for strand, front in zip(strands, transmittances, strict=True):
-        alpha = -torch.expm1(-strand.tau)
-        strand.interval_weight = front * alpha
+    feature, depth, total, log_behind = like.new_zeros(rays, width), *(like.new_zeros(rays) for _ in range(3))
+    guest_features = [like.new_zeros(rays, width) for _ in range(guests)]
+    guest_opacity = [like.new_zeros(rays) for _ in range(guests)]
+    for strand, front in zip(strands, _transmittances(rays, strands), strict=True):
+        strand.interval_weight = front * -torch.expm1(-strand.tau)
         far_part = front * strand.share
         near_part = strand.interval_weight - far_part
         # an interval's weight goes to the samples at its two ends; interval 0 has only its own
         weight = far_part + torch.cat([near_part[:, 1:], torch.zeros_like(near_part[:, :1])], -1)
         weight = torch.cat([weight[:, :1] + strand.interval_weight[:, :1], weight[:, 1:]], -1)
         strand.weight = weight
-        parts.append((strand, (weight[..., None] * strand.features).sum(1)))
-        stops.append((strand.ray, (weight * strand.t).sum(1), weight.sum(1)))
-        log_behind = log_behind.index_add(0, strand.ray, -strand.tau.sum(1))
-    for strand, part in parts:
+        part, share = (weight[..., None] * strand.features).sum(1), weight.sum(1)
         if strand.guest < 0:
             feature = feature.index_add(0, strand.ray, part)
         else:
-            traced.guest_features[strand.guest] = traced.guest_features[strand.guest].index_add(0, strand.ray, part)
-            traced.guest_opacity[strand.guest] = traced.guest_opacity[strand.guest].index_add(0, strand.ray, strand.weight.sum(1))
-    total = like.new_zeros(rays)
-    for ray, stop, weight in stops:
-        depth, total = depth.index_add(0, ray, stop), total.index_add(0, ray, weight)
-    traced.feature = feature
-    traced.opacity = -torch.expm1(log_behind)
-    traced.behind = torch.exp(log_behind)
-    traced.depth_m = depth / total.clamp_min(1e-6)
-    return traced
+            guest_features[strand.guest] = guest_features[strand.guest].index_add(0, strand.ray, part)
+            guest_opacity[strand.guest] = guest_opacity[strand.guest].index_add(0, strand.ray, share)
+        depth = depth.index_add(0, strand.ray, (weight * strand.t).sum(1))
+        total = total.index_add(0, strand.ray, share)
+        log_behind = log_behind.index_add(0, strand.ray, -strand.tau.sum(1))
+    return Traced(
+        feature=feature, depth_m=depth / total.clamp_min(1e-6), opacity=-torch.expm1(log_behind), behind=torch.exp(log_behind),
+        strands=strands, samples=0, guest_features=guest_features, guest_opacity=guest_opacity,
+    )  # fmt: skip
 
 
 def _transmittances(rays: int, strands: list[Strands]) -> list[Tensor]:
     """The transmittance in front of every interval (P, K) of each group of strands, all media of a ray in one order of depth."""
+    if not strands:
+        return []
     if len(strands) == 1 and len(torch.unique(strands[0].ray)) == len(strands[0].ray):
         return [weights_from_tau(strands[0].tau)[0]]
     device = strands[0].t.device

@@ -108,6 +108,8 @@ class ActorField(nn.Module):
         nn.init.zeros_(last.bias)
         self.network = mlp(self.grid.shape.width, config.hidden, 1 + config.features)
         _start_outside(self.network)
+        self.gradient: Tensor | None = None
+        """Where it is set, of `tables`' shape, the tables' gradient is added up here and autograd sees none."""
 
     def tables(self) -> Tensor:
         """Every actor's grid (actors, rows, features), from its latent."""
@@ -116,9 +118,12 @@ class ActorField(nn.Module):
 
     def forward(self, tables: Tensor, x: Tensor, actor: Tensor) -> tuple[Tensor, Tensor]:
         """Signed distances (N,) and features (N, F) at points x (N, 3) in the unit cube of each point's actor (N,)."""
-        out = self.network(encode(self.grid, tables, x, actor))
+        out = self.network(self._encode(tables, x, actor))
         return out[:, 0], out[:, 1:]
 
     def distance(self, tables: Tensor, x: Tensor, actor: Tensor) -> Tensor:
         """Signed distances (N,) alone."""
-        return _first_output(self.network, encode(self.grid, tables, x, actor))
+        return _first_output(self.network, self._encode(tables, x, actor))
+
+    def _encode(self, tables: Tensor, x: Tensor, actor: Tensor) -> Tensor:
+        return encode(self.grid, tables, x, actor, sink=self.gradient if torch.is_grad_enabled() else None)

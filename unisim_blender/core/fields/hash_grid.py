@@ -86,9 +86,8 @@ class GridArrays:
         self.stride_y = np.array(strides_y, np.uint32)
         self.stride_z = np.array(strides_z, np.uint32)
         self.scale = np.array(shape.scale, np.float32)
-        self.struct = native.GridStruct(
-            shape.levels, shape.features, self.rows, *(a.ctypes.data for a in (self.scale, self.offset, self.size, self.stride_y, self.stride_z))
-        )  # fmt: skip
+        arrays = (self.scale, self.offset, self.size, self.stride_y, self.stride_z)
+        self.struct = native.GridStruct(shape.levels, shape.features, self.rows, *(a.ctypes.data for a in arrays))
 
 
 def encode_reference(grid: GridArrays, table: Tensor, x: Tensor, index: Tensor | None = None) -> Tensor:
@@ -97,7 +96,7 @@ def encode_reference(grid: GridArrays, table: Tensor, x: Tensor, index: Tensor |
     table (rows, features), or (grids, rows, features) with the number of each point's grid in ``index`` (N,).
     """
     flat = table.reshape(-1, grid.shape.features)
-    base = 0 if index is None else index.long() * grid.rows
+    base: Tensor | int = 0 if index is None else index.long() * grid.rows
     out = []
     for level in range(grid.shape.levels):
         scale = torch.as_tensor(grid.scale[level], dtype=x.dtype, device=x.device)
@@ -115,10 +114,9 @@ def encode_reference(grid: GridArrays, table: Tensor, x: Tensor, index: Tensor |
             else:
                 mixed = v[0] ^ (v[1] * _PRIMES[1] & 0xFFFFFFFF) ^ (v[2] * _PRIMES[2] & 0xFFFFFFFF)
                 row = mixed & (int(grid.size[level]) - 1)
-            weight = 1
-            for a in range(3):
-                weight = weight * (fraction[:, a] if bits[a] else 1 - fraction[:, a])
-            total = total + weight[:, None] * flat[base + int(grid.offset[level]) + row]  # type: ignore[index]
+            near = [fraction[:, a] if bits[a] else 1 - fraction[:, a] for a in range(3)]
+            weight = near[0] * near[1] * near[2]
+            total = total + weight[:, None] * flat[base + int(grid.offset[level]) + row]
         out.append(total)
     return torch.cat(out, -1)
 
@@ -138,7 +136,8 @@ class _Encode(torch.autograd.Function):
         table, x = table.contiguous(), x.contiguous()
         out = torch.empty(len(x), grid.shape.width)
         status = lib.unisim_encode_forward(
-            ctypes.byref(grid.struct), x.data_ptr(), _pointer(index), len(x), table.data_ptr(), out.data_ptr(), torch.get_num_threads()
+            ctypes.byref(grid.struct), x.data_ptr(), _pointer(index), len(x), table.data_ptr(), out.data_ptr(),
+            torch.get_num_threads(),
         )  # fmt: skip
         assert status == 0, status
         ctx.grid, ctx.index = grid, index
@@ -154,11 +153,12 @@ class _Encode(torch.autograd.Function):
         grid, index, threads = ctx.grid, ctx.index, torch.get_num_threads()
         grad_table = grad_x = None
         if ctx.needs_input_grad[1]:
-            sink = ctx.sink
-            grad_table = torch.zeros_like(table) if sink is None else None
+            # a sink takes the sum itself, and autograd sees no gradient
+            grad_table = None if ctx.sink is not None else torch.zeros_like(table)
+            target: Tensor = ctx.sink if grad_table is None else grad_table
             lib.unisim_encode_backward_table(
                 ctypes.byref(grid.struct), x.data_ptr(), _pointer(index), len(x), grad.data_ptr(),
-                (grad_table if sink is None else sink).data_ptr(), threads,
+                target.data_ptr(), threads,
             )  # fmt: skip
         if ctx.needs_input_grad[2]:
             grad_x = torch.empty_like(x)
@@ -178,5 +178,7 @@ def encode(grid: GridArrays, table: Tensor, x: Tensor, index: Tensor | None = No
     on_cpu = x.device.type == "cpu" and x.dtype == torch.float32 and table.dtype == torch.float32
     if not on_cpu or native.library() is None:
         return encode_reference(grid, table, x, index)
-    out: Tensor = _Encode.apply(grid, table, x, None if index is None else index.to(torch.int32).contiguous(), sink)
+    out: Tensor = _Encode.apply(  # type: ignore[no-untyped-call]
+        grid, table, x, None if index is None else index.to(torch.int32).contiguous(), sink
+    )
     return out

@@ -9,13 +9,14 @@ SH_WIDTH = 16
 
 
 def mlp(width_in: int, hidden: int, width_out: int, layers: int = 2) -> nn.Sequential:
-    """``layers`` linear layers with ReLU between them."""
+    """``layers`` linear layers with ReLU between them; only the last has a bias, as in Instant-NGP."""
     widths = [width_in] + [hidden] * (layers - 1) + [width_out]
     parts: list[nn.Module] = []
     for i in range(layers):
-        parts.append(nn.Linear(widths[i], widths[i + 1]))
-        if i + 1 < layers:
-            parts.append(nn.ReLU())
+        last = i + 1 == layers
+        parts.append(nn.Linear(widths[i], widths[i + 1], bias=last))
+        if not last:
+            parts.append(nn.ReLU(inplace=True))
     return nn.Sequential(*parts)
 
 

@@ -10,6 +10,7 @@ import torch
 from torch import Tensor, nn
 
 from ..drive import Actor
+from ..geometry import FloatArray
 
 BIN_S = 0.05
 
@@ -74,7 +75,8 @@ def slerp(a: Tensor, b: Tensor, u: Tensor) -> Tensor:
 
 @dataclass(frozen=True)
 class Hits:
-    """Pairs of a ray and a box that it meets: ray, actor (P,); t_near, t_far (P,); origins, directions (P, 3) in box axes."""
+    """Pairs of a ray and a box that it meets: ray, actor (P,); t_near, t_far (P,); origins, directions (P, 3) in box axes;
+    world_from_box (P, 3, 3) its rotation."""
 
     ray: Tensor
     actor: Tensor
@@ -82,6 +84,7 @@ class Hits:
     t_far: Tensor
     origins: Tensor
     directions: Tensor
+    world_from_box: Tensor
 
 
 class Tracklets(nn.Module):
@@ -100,10 +103,14 @@ class Tracklets(nn.Module):
             rotations[i, :k] = way.poses[:, :3, :3]
         self.count = n
         self.register_buffer("times", torch.as_tensor(times), persistent=False)
-        self.register_buffer("lengths", torch.tensor([len(a.world_from_actor.times_s) for a in actors], dtype=torch.long), persistent=False)
+        self.register_buffer(
+            "lengths", torch.tensor([len(a.world_from_actor.times_s) for a in actors], dtype=torch.long), persistent=False
+        )
         self.register_buffer("positions", torch.as_tensor(positions).float(), persistent=False)
         self.register_buffer("quaternions", torch.as_tensor(quaternions).float(), persistent=False)
-        self.register_buffer("sizes_m", torch.as_tensor(np.array([a.size_m for a in actors]).reshape(-1, 3)).float(), persistent=False)
+        self.register_buffer(
+            "sizes_m", torch.as_tensor(np.array([a.size_m for a in actors]).reshape(-1, 3)).float(), persistent=False
+        )
         self.register_buffer("start_s", torch.tensor([a.start_s for a in actors], dtype=torch.float64), persistent=False)
         self.register_buffer("end_s", torch.tensor([a.end_s for a in actors], dtype=torch.float64), persistent=False)
         self._make_bounds(actors)
@@ -145,7 +152,7 @@ class Tracklets(nn.Module):
         self.register_buffer("bound_centres", torch.as_tensor(centres).float(), persistent=False)
         self.register_buffer("bound_radii", torch.as_tensor(radii).float(), persistent=False)
 
-    def bounds_between(self, actor: int, first_s: float, last_s: float) -> tuple[np.ndarray, np.ndarray] | None:
+    def bounds_between(self, actor: int, first_s: float, last_s: float) -> tuple[FloatArray, FloatArray] | None:
         """Spheres (K, 3), (K,) round one actor over a span of time, world frame; None where it is absent throughout."""
         last_bin = len(self.bound_radii) - 1
         low = min(max(int((first_s - self.first_bin_s) // BIN_S), 0), last_bin)
@@ -174,7 +181,9 @@ class Tracklets(nn.Module):
         lower = (upper - 1).clamp_min(0)
         t0 = times.gather(1, lower[:, None])[:, 0]
         t1 = times.gather(1, upper[:, None])[:, 0]
-        u = torch.where(single, torch.zeros_like(t0), (time_s - t0) / torch.where(single, torch.ones_like(t0), t1 - t0)).to(positions.dtype)
+        u = torch.where(single, torch.zeros_like(t0), (time_s - t0) / torch.where(single, torch.ones_like(t0), t1 - t0)).to(
+            positions.dtype
+        )
         p0, p1 = positions[actor, lower], positions[actor, upper]
         q = slerp(quaternions[actor, lower], quaternions[actor, upper], u)
         return p0 + u[:, None] * (p1 - p0), rotation_from_quaternion(q)
@@ -199,7 +208,7 @@ class Tracklets(nn.Module):
         ray, actor = ray[there], actor[there]
         if len(ray) == 0:
             empty = origins.new_zeros(0)
-            return Hits(ray, actor, empty, empty, origins.new_zeros(0, 3), origins.new_zeros(0, 3))
+            return Hits(ray, actor, empty, empty, origins.new_zeros(0, 3), origins.new_zeros(0, 3), origins.new_zeros(0, 3, 3))
         position, rotation = self.poses_at(actor, time_s[ray], self.keys())
         o = torch.einsum("pji,pj->pi", rotation, origins[ray] - position)
         d = torch.einsum("pji,pj->pi", rotation, directions[ray])
@@ -210,4 +219,4 @@ class Tracklets(nn.Module):
             t_near = torch.minimum(a, b).amax(-1).clamp_min(near_m)
             t_far = torch.maximum(a, b).amin(-1)
             keep = t_far > t_near
-        return Hits(ray[keep], actor[keep], t_near[keep], t_far[keep], o[keep], d[keep])
+        return Hits(ray[keep], actor[keep], t_near[keep], t_far[keep], o[keep], d[keep], rotation[keep])

@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from ..drive import Drive
-from ..geometry import FloatArray, quaternion_from_yaw, transform_points, invert_pose, make_pose
+from ..geometry import FloatArray, invert_pose, make_pose, quaternion_from_yaw, transform_points
 
 
 @dataclass(frozen=True)

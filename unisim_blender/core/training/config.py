@@ -42,7 +42,7 @@ class TrainConfig:
     seed: int = 0
     patches: int = 16
     patch_cells: int = 16
-    lidar_rays: int = 1536
+    lidar_rays: int = 1024
     perceptual_from: float = 0.1
     poses_from: float = 0.3
     prune_from: int = 300

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from ..drive import Camera
 from ..errors import LogError
-from ..geometry import FloatArray, transform_points, invert_pose, points_in_box
+from ..geometry import FloatArray, invert_pose, points_in_box, transform_points
 from ..images import resize_image
 from ..log import Log
 from ..sensors.camera import camera_rays
@@ -50,7 +52,7 @@ class CameraData:
     """The images of some cameras and frames, at one width."""
 
     def __init__(self, log: Log, cameras: list[str], frames: list[int], width: int | None) -> None:
-        self.views: list[tuple[int, Camera, int, np.ndarray]] = []
+        self.views: list[tuple[int, Camera, int, NDArray[np.uint8]]] = []
         self.cameras: dict[str, Camera] = {}
         for number, name in enumerate(cameras):
             recorded = log.drive.cameras[name]
@@ -69,7 +71,9 @@ class CameraData:
             number, camera, frame, image = self.views[index]
             edge = cells * up
             if image.shape[0] < edge or image.shape[1] < edge:
-                raise LogError(f"images of {camera.sensor_id} are {image.shape[1]}x{image.shape[0]}, smaller than a patch of {edge}")
+                raise LogError(
+                    f"images of {camera.sensor_id} are {image.shape[1]}x{image.shape[0]}, smaller than a patch of {edge}"
+                )
             y, x = rng.integers(image.shape[0] - edge + 1), rng.integers(image.shape[1] - edge + 1)
             v, u = np.meshgrid(y + (np.arange(cells) + 0.5) * up, x + (np.arange(cells) + 0.5) * up, indexing="ij")
             rays = camera_rays(camera, frame, u.ravel(), v.ravel())
@@ -79,15 +83,15 @@ class CameraData:
             targets.append(image[y : y + edge, x : x + edge])
             numbers.append(number)
         target = torch.as_tensor(np.stack(targets)).permute(0, 3, 1, 2).float() / 255
-        rays = ray_batch(np.concatenate(origins), np.concatenate(directions), np.concatenate(times))
-        return PatchBatch(rays, torch.tensor(numbers), target, cells)
+        batch = ray_batch(np.concatenate(origins), np.concatenate(directions), np.concatenate(times))
+        return PatchBatch(batch, torch.tensor(numbers), target, cells)
 
 
 class LidarData:
     """All rays of some sweeps, drops included, the ego vehicle's own cells left out."""
 
     def __init__(self, log: Log, lidars: list[str], frames: list[int]) -> None:
-        parts: dict[str, list[np.ndarray]] = {k: [] for k in ("o", "d", "t", "depth", "intensity", "returned")}
+        parts: dict[str, list[NDArray[Any]]] = {k: [] for k in ("o", "d", "t", "depth", "intensity", "returned")}
         for name in lidars:
             have = set(log.sweep_frames(name))
             for frame in (f for f in frames if f in have):

@@ -128,7 +128,11 @@ def _state(trainer: Trainer) -> dict[str, Tensor]:
 
 
 def _settings(config: TrainConfig) -> str:
-    kept = {k: v for k, v in dataclasses.asdict(config).items() if k not in ("minutes", "iterations", "device", "checkpoint_s", "preview_s")}
+    kept = {
+        k: v
+        for k, v in dataclasses.asdict(config).items()
+        if k not in ("minutes", "iterations", "device", "checkpoint_s", "preview_s")
+    }
     return json.dumps(kept, sort_keys=True)
 
 
@@ -195,9 +199,16 @@ def header_of(trainer: Trainer, out: Path) -> SceneHeader:
         "device": config.device,
     }  # fmt: skip
     return SceneHeader(
-        path=out, name=out.name, log_name=log.drive.name, log_path=os.path.relpath(log.path, out), world_origin=log.drive.world_origin,
-        model=trainer.model.config.to_dict(), volume=trainer.volume.to_dict(), drive=refined_drive(trainer), training=training,
-    )  # fmt: skip
+        path=out,
+        name=out.name,
+        log_name=log.drive.name,
+        log_path=os.path.relpath(log.path, out),
+        world_origin=log.drive.world_origin,
+        model=trainer.model.config.to_dict(),
+        volume=trainer.volume.to_dict(),
+        drive=refined_drive(trainer),
+        training=training,
+    )
 
 
 def _as_scene(trainer: Trainer, out: Path) -> Scene:

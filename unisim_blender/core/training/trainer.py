@@ -104,8 +104,7 @@ class Trainer:
         assert self.config.minutes is not None
         return min(1.0, self.elapsed_s / (self.config.minutes * 60))
 
-    def _cast(self) -> Cast:
-        tables = self.model.actors.tables()
+    def _cast(self, tables: Tensor) -> Cast:
         uids = tuple(sorted(self.log.drive.actors))
         return Cast(Troupe(self.model, tables, self.tracklets, self.rows, uids))
 
@@ -116,7 +115,11 @@ class Trainer:
         rng = np.random.default_rng([c.seed, self.iteration])
         generator = torch.Generator(device=c.device).manual_seed(c.seed * 1_000_003 + self.iteration)
         self._set_rates(done)
-        cast = self._cast()
+        tables = self.model.actors.tables()
+        # many encodings read the tables in one step: their gradient is added up once, then taken through the hypernetwork
+        cut = tables.detach().requires_grad_()
+        self.model.actors.gradient = cut.grad = torch.zeros_like(cut)
+        cast = self._cast(cut)
         patch = self._to_device(self.cameras.patches(rng, c.patches, c.patch_cells, self.model.config.upsample))
         lidar = self._to_device(self.lidar.sample(rng, c.lidar_rays))
         sampling = Sampling(jitter=True, mirror=self.mirror, generator=generator)
@@ -136,10 +139,12 @@ class Trainer:
             raise SceneError(f"training diverged at iteration {self.iteration}: {', '.join(bad)} is not a finite number")
         self.optimiser.zero_grad(set_to_none=False)
         loss.backward()
+        tables.backward(cut.grad)
         if done < c.poses_from:
             for parameter in self.tracklets.parameters():
                 parameter.grad = None
         self.optimiser.step()
+        self.model.actors.gradient = None
         self._update_occupancy([seen, swept], [patch.rays, lidar.rays])
         self.iteration += 1
         figures = {name: float(value.detach()) for name, value in terms.items()}
@@ -262,7 +267,9 @@ class Trainer:
         for result in traced:
             strand = result.strands[0]
             if strand.bounds is None and strand.weight is not None:
-                self.occupancy.update(strand.points.reshape(-1, 3), strand.weight.reshape(-1), self.iteration >= self.config.prune_from)
+                self.occupancy.update(
+                    strand.points.reshape(-1, 3), strand.weight.reshape(-1), self.iteration >= self.config.prune_from
+                )
 
     def _to_device(self, batch: Any) -> Any:
         device = self.config.device
