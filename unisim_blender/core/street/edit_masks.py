@@ -53,7 +53,8 @@ def edit_masks(
 ) -> EditMasks:
     """Masks of one image of ``edited``; a pixel is edited or shadowed where one of its samples x samples rays is.
 
-    The training images are those of ``train_cameras`` (None: all that ``recorded`` has) at ``train_frames``.
+    The training images are those of ``train_cameras`` (None: all that ``recorded`` has) at ``train_frames``; for an actor of
+    another street those of its own drive's cameras at the same frame numbers.
     """
     camera = resize(edited.cameras[camera_id], width)
     worlds = [make_world(street, drive) for drive in (recorded, edited)]
@@ -62,8 +63,17 @@ def edit_masks(
     light = [_light(world, view, samples) for world, view in zip(worlds, (before, after), strict=True)]
     shaded = ~changed & (np.abs(light[0] - light[1]) > _SHADE).any(-1)
     masks = [_any_sample(mask, after, samples) for mask in (changed, shaded)]
-    cameras = [recorded.cameras[name] for name in (train_cameras or recorded.cameras)]
-    return EditMasks(masks[0], masks[1] & ~masks[0], _seen(worlds, cameras, camera, frame, train_frames))
+    homes = [_Home(worlds[0], [recorded.cameras[name] for name in (train_cameras or recorded.cameras)])]
+    homes += [_Home(make_world(other, other.drive), list(other.drive.cameras.values())) for other in street.others.values()]
+    return EditMasks(masks[0], masks[1] & ~masks[0], _seen(homes, worlds[1], camera, frame, train_frames))
+
+
+@dataclass(frozen=True)
+class _Home:
+    """A recorded world and the cameras that recorded it: the drive's own, or the one an inserted actor comes from."""
+
+    world: World
+    cameras: list[Camera]
 
 
 def _any_sample(mask: BoolArray, view: View, samples: int) -> BoolArray:
@@ -104,21 +114,19 @@ def _light(world: World, view: View, samples: int) -> FloatArray:
     return out
 
 
-def _seen(worlds: list[World], cameras: Sequence[Camera], camera: Camera, frame: int, train_frames: Sequence[int]) -> BoolArray:
-    recorded, edited = worlds
+def _seen(homes: list[_Home], edited: World, camera: Camera, frame: int, train_frames: Sequence[int]) -> BoolArray:
     view = trace_view(edited, camera, frame, 1, painted=False)
-    places: dict[Asset, int] = {placement.asset: number for number, placement in enumerate(recorded.placements)}
-    seen_by = np.array([places.get(placement.asset, -1) for placement in edited.placements])
-    targets = _Targets.of(view, seen_by)
     done = np.zeros(view.hits.t.size, bool)
     near_first = sorted(train_frames, key=lambda other: (abs(other - frame), other))
-    for other in near_first:
-        for source in cameras:
-            if other in source.time_s:
-                open_rays = np.flatnonzero(~done & (targets.placement >= -1))
-                done[open_rays] = _visible(recorded, source, other, targets, open_rays)
-    image = untile_image(done.reshape(view.bundles.shape), view.height, view.width)
-    return np.asarray(image)
+    for home in homes:
+        places: dict[Asset, int] = {placement.asset: number for number, placement in enumerate(home.world.placements)}
+        targets = _Targets.of(view, np.array([places.get(placement.asset, -1) for placement in edited.placements]))
+        for other in near_first:
+            for source in home.cameras:
+                if other in source.time_s:
+                    open_rays = np.flatnonzero(~done & (targets.placement >= -1))
+                    done[open_rays] = _visible(home.world, source, other, targets, open_rays)
+    return np.asarray(untile_image(done.reshape(view.bundles.shape), view.height, view.width))
 
 
 @dataclass(frozen=True)

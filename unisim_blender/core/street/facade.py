@@ -72,12 +72,11 @@ class Facade(Shape):
         hollow = (column >= 0) & (start[:, 1] < depth - _SLACK)
         rows = rows[hollow]
         o, d = origins[rows], directions[rows]
-        exits = [
-            (np.where(d[:, 0] > 0, right[hollow], left[hollow]) - o[:, 0]) / _safe(d[:, 0]),
-            (np.where(d[:, 2] > 0, high[hollow], low[hollow]) - o[:, 2]) / _safe(d[:, 2]),
-            np.where(d[:, 1] > 0, (depth[hollow] - o[:, 1]) / _safe(d[:, 1]), np.inf),
-        ]
-        t_exit = np.minimum(np.minimum(exits[0], exits[1]), exits[2])
+        walls = np.stack([np.where(d[:, 0] > 0, right[hollow], left[hollow]), np.where(d[:, 2] > 0, high[hollow], low[hollow])])
+        sides = np.stack([o[:, 0], o[:, 2]]), np.stack([d[:, 0], d[:, 2]])
+        across = np.where(np.abs(sides[1]) > 1e-12, (walls - sides[0]) / _safe(sides[1]), np.inf).min(0)
+        back = np.where(d[:, 1] > 0, (depth[hollow] - o[:, 1]) / _safe(d[:, 1]), np.inf)
+        t_exit = np.minimum(across, back)
         leaves = (d[:, 1] < 0) & (-o[:, 1] / _safe(d[:, 1]) <= t_exit)
         t[rows] = np.where(leaves, np.inf, np.maximum(t_exit, t[rows]))
         return t

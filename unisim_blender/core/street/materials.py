@@ -90,7 +90,8 @@ class Foliage(Material):
         leaf = noises()["leaf"]
         # seen along the axis nearest to the normal, so that no leaf is smeared round a clump
         axis = np.abs(p.normal).argmax(1)
-        tone = leaf(np.choose(axis, (y, x, x)) + 0.9 * axis.astype(np.float64), np.choose(axis, (z, z, y)), p.spread)
+        across = np.where(axis == 0, y, x + 0.9 * axis)
+        tone = leaf(across, np.where(axis == 2, y, z), p.spread)
         base = linear(self.color) * np.clip(1 + 0.5 * tone, 0.25, 2.2)[:, None]
         warm = np.array([0.025, 0.025, 0.0]) * np.clip(tone, 0, 2)[:, None]
         return surface(base + warm, reflectivity=np.clip(0.35 + 0.12 * tone, 0.1, 0.7))
@@ -147,5 +148,5 @@ class Slats(Material):
         across = np.where(np.abs(p.normal[:, 2]) > 0.7, p.part[:, 1], p.part[:, 2])
         gap = stripes(across, self.pitch, 0.18 * self.pitch, p.spread)
         board = np.floor(across / self.pitch + 0.5).astype(np.int64)
-        tone = 1 + 0.18 * (hashed(board, 7) - 0.5) + 0.05 * noises()["grain"](p.part[:, 0] * 0.3, across * 2, p.spread)
+        tone = 1 + 0.18 * (hashed(board, 7) - 0.5) + 0.05 * noises()["grain"](p.part[:, 0] * 0.3, across * 2.0, p.spread)
         return surface(linear(self.color) * (tone * (1 - 0.6 * gap))[:, None])

@@ -131,15 +131,19 @@ class Cone(Shape):
         b = ox * dx + oy * dy - radius * grow
         c = ox * ox + oy * oy - radius * radius
         low, high = slab(oz, dz, 0.0, self.height)
-        # a <= 0: the ray is steeper than the mantle, so it leaves through the caps and the mantle cuts one end only
-        steep = a <= _TINY
-        near, far = _quadratic(np.where(steep, 1.0, a), b, c)
+        near, far = _quadratic(np.where(a > _TINY, a, 1.0), b, c)
+        # a < 0: the ray is steeper than the mantle, which cuts one end only; the other root is on the mirrored cone
+        steep = a < -_TINY
         root = np.sqrt(np.maximum(b * b - a * c, 0.0))
-        safe = np.where(np.abs(a) < _TINY, -_TINY, a)
-        first, second = np.minimum((-b - root) / safe, (-b + root) / safe), np.maximum((-b - root) / safe, (-b + root) / safe)
-        toward_wide = grow > 0
-        near = np.where(steep, np.where(toward_wide, second, -np.inf), near)
-        far = np.where(steep, np.where(toward_wide, np.inf, first), far)
+        safe = np.where(steep, a, -1.0)
+        near = np.where(steep, np.where(grow > 0, (-b - root) / safe, -np.inf), near)
+        far = np.where(steep, np.where(grow > 0, np.inf, (-b + root) / safe), far)
+        # a = 0: along the mantle, b = 0 too: along the axis of a cylinder
+        along = np.abs(a) <= _TINY
+        linear = np.abs(b) > _TINY
+        end = -c / (2 * np.where(linear, b, 1.0))
+        near = np.where(along, np.where(linear, np.where(b < 0, end, -np.inf), np.where(c <= 0, -np.inf, np.inf)), near)
+        far = np.where(along, np.where(linear & (b > 0), end, np.inf), far)
         return first_inside(np.maximum(near, low), np.minimum(far, high), t_min)
 
     def normals(self, points: FloatArray) -> FloatArray:

@@ -83,7 +83,8 @@ class Street:
 
     def with_scene(self, scene: str, street: Street) -> Street:
         """The same street, looks of the trained scene ``scene`` being drawn from that scene's street."""
-        return replace(self, others={**self.others, scene: street})
+        same = street.recipe == self.recipe
+        return replace(self, others={**self.others, scene: self if same else street})
 
 
 def build_street(

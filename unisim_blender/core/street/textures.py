@@ -13,7 +13,7 @@ from ..geometry import FloatArray
 class Noise:
     """Tileable noise of zero mean and unit deviation, filtered to the footprint it is asked at.
 
-    Its spectrum is ``frequency ** -roll`` between one cycle in ``longest_m`` and one in ``shortest_m``; tiles are ``tile_m`` wide.
+    Its spectrum is ``frequency ** -roll`` between wavelengths of ``longest_m`` and ``shortest_m``; a tile is ``tile_m`` wide.
     """
 
     def __init__(self, seed: int, tile_m: float, longest_m: float, shortest_m: float, roll: float, size: int = 512) -> None:
