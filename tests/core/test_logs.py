@@ -320,6 +320,20 @@ def test_a_moving_car_is_keyed_before_the_timestamp_and_a_log_of_ours_at_it(log_
     )
 
 
+def test_a_car_that_crosses_the_seam_has_no_two_keys_in_a_moment(log_path: Path) -> None:
+    """Behind the vehicle, from its right, where the turn ends, to its left, where the next one begins."""
+    times = [0.1 * frame for frame in range(4)]
+    still = [{"position": dict.fromkeys("xyz", 0.0), "heading": {"w": 1.0, "x": 0.0, "y": 0.0, "z": 0.0}}] * 4
+    edit_json(log_path / "lidar/timestamps.json", lambda _: times)
+    edit_json(log_path / "lidar/poses.json", lambda _: still)
+    for frame, side in enumerate([1.5, 0.5, -0.5, -1.5]):  # x is to the right
+        for column, value in {"position.x": side, "position.y": -15.0, "position.z": 1.0}.items():
+            edit_table(log_path / f"annotations/cuboids/{frame:02d}.pkl.gz", column, 0, value)
+    track = open_log(as_pandaset(log_path)).drive.actors["car-1"].world_from_actor
+    assert len(track.times_s) == 3 and (np.diff(track.times_s) > 0.03).all()
+    assert np.abs(np.diff(track.positions[:, 0]) / np.diff(track.times_s)).max() < 25
+
+
 def test_jitter_of_a_parked_car_is_evened_out(log_path: Path) -> None:
     path = log_path / "annotations/cuboids/02.pkl.gz"
     row = list(read_table(path)["uuid"]).index("van")
@@ -352,17 +366,31 @@ def test_of_two_returns_in_a_cell_the_nearer_stays_and_drops_near_the_seam_take_
     pose = Trajectory(np.array([0.0, 1.0]), np.array([[0.0, 0, 0], [10, 0, 0]]), quaternion_from_yaw(np.zeros(2)))
     lidar = Lidar("l", model, pose, {0: 0.5})
     times = column_times(lidar, 0)
-    local = beam_directions(model)[10, [0, 2, 2]] * np.array([[10.0], [9.0], [4.0]])
-    at = np.array([times[0] + model.sweep_s, times[2], times[2]])  # the first belongs to the end of the turn
+    local = beam_directions(model)[10, [1, 3, 3]] * np.array([[10.0], [9.0], [4.0]])
+    at = np.array([times[1] + model.sweep_s, times[3], times[3]])  # the first belongs to the end of the turn
     origins = pose.at(at)[:, :3, 3]
     ring, column = find_cells(local, model)
     sweep = Sweep(local + origins, origins, at, np.array([0.1, 0.2, 0.3], np.float32), ring, column, ring)
     grid = make_grid(sweep, lidar, 0, np.ones((64, 36), bool))
-    assert grid.returned.sum() == 2 and grid.depth_m[10, 2] == pytest.approx(4.0) and grid.intensity[10, 2] == np.float32(0.3)
-    assert not grid.blocked[10, 0] and grid.blocked[10, 1]
+    assert grid.returned.sum() == 2 and grid.depth_m[10, 3] == pytest.approx(4.0) and grid.intensity[10, 3] == np.float32(0.3)
+    assert not grid.blocked[10, 1] and grid.blocked[10, 0]
     assert grid.time_s[10, 0] == pytest.approx(times[0] + 0.1)
-    assert grid.time_s[10, 3] == pytest.approx(times[3]) and grid.time_s[9, 0] == pytest.approx(times[0])
     np.testing.assert_allclose(grid.origins[10, 0], pose.at(times[0] + 0.1)[:3, 3])
+    np.testing.assert_allclose(grid.directions[10, 0], beam_directions(model)[10, 0])
+    assert grid.time_s[10, 4] == pytest.approx(times[4]) and grid.time_s[9, 0] == pytest.approx(times[0])
+
+
+def test_a_cell_that_returns_in_another_frame_is_a_drop_and_not_blocked(log_path: Path) -> None:
+    table = read_table(log_path / SWEEP)
+    classes = read_table(log_path / "annotations/semseg/01.pkl.gz")
+    sweep = open_log(log_path).sweep("pandar64", 1)
+    gone = (sweep.ring == 3) & (sweep.column == 8)
+    assert gone.sum() == 1
+    write_table(log_path / SWEEP, {name: column[~gone] for name, column in table.items()})
+    write_table(log_path / "annotations/semseg/01.pkl.gz", {"class": classes["class"][~gone]})
+    grid = open_log(log_path).sweep_grid("pandar64", 1)
+    assert not grid.returned[3, 8] and not grid.blocked[3, 8]
+    assert not grid.returned[3, 7] and grid.blocked[3, 7]
 
 
 # Words and names

@@ -51,7 +51,7 @@ class _Dtype:
 
     def numpy(self) -> np.dtype[Any]:
         if self.code not in _DTYPES:
-            raise _RefusedError(f"holds numbers of the kind '{self.code}'")
+            raise _RefusedError(f"holds numbers of the kind {self.code[:40]!r}")
         return np.dtype(self.order + self.code if self.order in ("<", ">") else self.code)
 
 
