@@ -230,13 +230,21 @@ def test_torch_renders_with_one_thread_and_gets_its_own_back() -> None:
 
 @pytest.mark.parametrize(
     ("text", "expected"),
-    [(None, (0, 1, 2, 4, 5)), ("1:5:2", (1,)), ("::2", (0, 2, 4)), ("4", (4,)), ("2:", (2, 4, 5)), ("1:5", (1, 2, 4))],
+    [
+        (None, (0, 1, 2, 4, 5)),
+        ("1:5:2", (1,)),
+        ("::2", (0, 2, 4)),
+        ("4", (4,)),
+        ("2:", (2, 4, 5)),
+        ("1:5", (1, 2, 4)),
+        ("5,0:2", (0, 1, 5)),
+    ],
 )
 def test_frames_are_named_by_number(text: str | None, expected: tuple[int, ...]) -> None:
     assert select_frames(text, (0, 1, 2, 4, 5)) == expected
 
 
-@pytest.mark.parametrize("text", ["3", "7:9", "a", "1:2:0", "1:2:3:4", "::-1"])
+@pytest.mark.parametrize("text", ["3", "7:9", "a", "1:2:0", "1:2:3:4", "::-1", "1,,2", ""])
 def test_frames_that_are_not_there_are_refused(text: str | None) -> None:
     with pytest.raises(UnisimError, match="--frames"):
         select_frames(text, (0, 1, 2, 4, 5))

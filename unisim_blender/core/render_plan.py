@@ -19,6 +19,10 @@ from .files import sha256_of_file
 from .frames import CameraFrame, LidarFrame
 from .scene_file import drive_to_json
 
+CODE_SUFFIXES = (".py", ".so", ".dll", ".dylib")
+NOT_RENDERING = ("commands", "logs", "street", "training")
+"""Folders of core that change no rendered frame."""
+
 
 class FrameRenderer(Protocol):
     """What renders one sensor's frame: the neural renderer, or the street's exact one."""
@@ -81,10 +85,12 @@ def plan_key(plan: RenderPlan) -> str:
 
 @cache
 def code_identity() -> dict[str, str]:
-    """The package's version, and a digest of the sources and native libraries that render."""
+    """The package's version, and a digest of core's sources and native libraries, less those that take no part in rendering."""
     root = Path(__file__).parent
     digest = hashlib.sha256()
-    for path in sorted(p for p in root.rglob("*") if p.suffix in (".py", ".so", ".dll", ".dylib") and p.is_file()):
+    for path in sorted(p for p in root.rglob("*") if p.suffix in CODE_SUFFIXES and p.is_file()):
+        if path.relative_to(root).parts[0] in NOT_RENDERING:
+            continue
         digest.update(f"{path.relative_to(root).as_posix()}\0{sha256_of_file(path)}\n".encode())
     try:
         release = version("unisim_blender")

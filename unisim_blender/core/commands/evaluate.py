@@ -14,6 +14,9 @@ from ..selection import split_names
 HELD_OUT = "1::2"
 """Frames that a split is measured on: even frames train, odd frames test."""
 
+LEFT_TO_THE_FILE = ("by_sensor", "pixels", "chamfer_squared_m2", "depth_median_squared_m2")
+"""Figures that are written and not printed."""
+
 
 @click.command()
 @click.argument("paths", nargs=-1, metavar="SCENE LOG | SCENARIO...", type=click.Path(path_type=Path))
@@ -24,7 +27,11 @@ HELD_OUT = "1::2"
 @click.option("--width", type=click.IntRange(min=16), help="Width of the pictures. [default: the width that was trained at]")
 @click.option("--split", type=click.Choice(sorted(SPLITS)), help="SCENE and LOG hold a folder for each log of this split.")
 @click.option(
-    "--quality", type=click.Choice(["fast", "balanced", "reference"]), default="balanced", show_default=True, help="Samples a ray."
+    "--quality",
+    type=click.Choice(["fast", "balanced", "reference"]),
+    default="balanced",
+    show_default=True,
+    help="Samples a ray.",
 )
 @click.option(
     "--lpips", "lpips_weights", metavar="FILE", type=click.Path(path_type=Path), help="Weights of LPIPS, to measure it."
@@ -63,7 +70,8 @@ def command(
             wishes = EvaluationWishes(frames or HELD_OUT, split_names(cameras), width, quality, lpips_weights, device)
             figures = evaluate_split(SPLITS[split], scene, log, out, wishes, _progress)
     for name, value in flat_figures(figures):
-        click.echo(f"{name:45} {value}")
+        if not any(part in LEFT_TO_THE_FILE for part in name.split(".")):
+            click.echo(f"{name:45} {value}")
     click.echo(f"Figures: {out / 'metrics.json'}   pictures: {out / 'index.html'}")
 
 
