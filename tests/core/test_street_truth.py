@@ -291,3 +291,13 @@ def test_the_same_recipe_is_the_same_street(street: Street, image: CameraFrame, 
 def test_bad_recipes_are_refused(values: dict[str, object]) -> None:
     with pytest.raises(LogError, match=str(next(iter(values)))):
         build_street(**values)  # type: ignore[arg-type]
+
+
+def test_an_image_in_strips_is_the_image(street: Street, image: CameraFrame, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("unisim_blender.core.street.truth._RAYS_AT_ONCE", 160 * 4 * 20)
+    striped = truth_camera(street, street.drive, CAMERA, 3)
+    np.testing.assert_allclose(striped.rgb, image.rgb, atol=1e-5)
+    assert striped.instance is not None and image.instance is not None
+    assert striped.depth_m is not None and image.depth_m is not None
+    np.testing.assert_array_equal(striped.instance, image.instance)
+    np.testing.assert_allclose(striped.depth_m, image.depth_m, rtol=1e-6)

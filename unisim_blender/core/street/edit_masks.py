@@ -15,7 +15,7 @@ from .bundles import make_bundles, untile_image
 from .street import Street
 from .surface_hits import Surfaces, look_up
 from .trace import Asset, trace
-from .truth import View, contact, resize, sun_visibility, trace_view
+from .truth import View, contact, resize, strips, sun_visibility, trace_view
 from .world import World, make_world
 
 _SAME_M = 1e-4
@@ -58,14 +58,24 @@ def edit_masks(
     """
     camera = resize(edited.cameras[camera_id], width)
     worlds = [make_world(street, drive) for drive in (recorded, edited)]
-    before, after = (trace_view(world, camera, frame, samples, painted=False) for world in worlds)
+    homes = [_Home(worlds[0], [recorded.cameras[name] for name in (train_cameras or recorded.cameras)])]
+    homes += [_Home(make_world(other, other.drive), list(other.drive.cameras.values())) for other in street.others.values()]
+    near_first = sorted(train_frames, key=lambda other: (abs(other - frame), other))
+    parts = []
+    for rows in strips(camera, samples):
+        view = trace_view(worlds[1], camera, frame, 1, rows, painted=False)
+        parts.append((*_changes(worlds, camera, frame, samples, rows), _seen(homes, worlds[1], view, near_first)))
+    return EditMasks(*(np.concatenate(mask) for mask in zip(*parts, strict=True)))
+
+
+def _changes(worlds: list[World], camera: Camera, frame: int, samples: int, rows: tuple[int, int]) -> tuple[BoolArray, BoolArray]:
+    """Which pixels of rows differ between two worlds, and which in their light alone."""
+    before, after = (trace_view(world, camera, frame, samples, rows, painted=False) for world in worlds)
     changed = ~_same(worlds[0], before, worlds[1], after)
     light = [_light(world, view, samples) for world, view in zip(worlds, (before, after), strict=True)]
     shaded = ~changed & (np.abs(light[0] - light[1]) > _SHADE).any(-1)
-    masks = [_any_sample(mask, after, samples) for mask in (changed, shaded)]
-    homes = [_Home(worlds[0], [recorded.cameras[name] for name in (train_cameras or recorded.cameras)])]
-    homes += [_Home(make_world(other, other.drive), list(other.drive.cameras.values())) for other in street.others.values()]
-    return EditMasks(masks[0], masks[1] & ~masks[0], _seen(homes, worlds[1], camera, frame, train_frames))
+    edited, shadow = (_any_sample(mask, after, samples) for mask in (changed, shaded))
+    return edited, shadow & ~edited
 
 
 @dataclass(frozen=True)
@@ -114,18 +124,17 @@ def _light(world: World, view: View, samples: int) -> FloatArray:
     return out
 
 
-def _seen(homes: list[_Home], edited: World, camera: Camera, frame: int, train_frames: Sequence[int]) -> BoolArray:
-    view = trace_view(edited, camera, frame, 1, painted=False)
+def _seen(homes: list[_Home], edited: World, view: View, train_frames: Sequence[int]) -> BoolArray:
+    """Which of a view's pixels, one ray each, some training image shows."""
     done = np.zeros(view.hits.t.size, bool)
-    near_first = sorted(train_frames, key=lambda other: (abs(other - frame), other))
     for home in homes:
         places: dict[Asset, int] = {placement.asset: number for number, placement in enumerate(home.world.placements)}
         targets = _Targets.of(view, np.array([places.get(placement.asset, -1) for placement in edited.placements]))
-        for other in near_first:
+        for frame in train_frames:
             for source in home.cameras:
-                if other in source.time_s:
+                if frame in source.time_s:
                     open_rays = np.flatnonzero(~done & (targets.placement >= -1))
-                    done[open_rays] = _visible(home.world, source, other, targets, open_rays)
+                    done[open_rays] = _visible(home.world, source, frame, targets, open_rays)
     return np.asarray(untile_image(done.reshape(view.bundles.shape), view.height, view.width))
 
 

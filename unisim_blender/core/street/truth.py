@@ -13,13 +13,14 @@ from ..frames import CameraFrame, LidarFrame, RenderStats
 from ..geometry import FloatArray, rotate_vectors, transform_points
 from ..sensors.camera import camera_rays
 from ..sensors.lidar import lidar_rays
-from .bundles import Bundles, make_bundles, tile_image, untile_image
+from .bundles import TILE, Bundles, make_bundles, tile_image, untile_image
 from .light import SUN, display, shade, sky, sun_directions
 from .street import Street
 from .surface_hits import Surfaces, look_up
 from .trace import Hits, Placement, lit, to_asset, trace
 from .world import GROUND, World, make_world
 
+_RAYS_AT_ONCE = 2**19
 _LIFT_M = 1e-3
 """How far off its surface a shadow ray starts."""
 _SPARSE_RETURN = 0.02
@@ -44,11 +45,19 @@ def resize(camera: Camera, width: int | None) -> Camera:
     return camera if width is None else replace(camera, model=camera.model.resized(width))
 
 
-def trace_view(world: World, camera: Camera, frame: int, samples: int, painted: bool = True) -> View:
-    """Trace samples x samples rays a pixel."""
+def strips(camera: Camera, samples: int) -> list[tuple[int, int]]:
+    """Ranges of pixel rows, few enough at a time that their rays fit into some 500 MB."""
     model = camera.model
-    height, width = model.height * samples, model.width * samples
-    v, u = np.meshgrid((np.arange(height) + 0.5) / samples, (np.arange(width) + 0.5) / samples, indexing="ij")
+    whole_tiles = TILE // samples if TILE % samples == 0 else TILE
+    most = max(_RAYS_AT_ONCE // (model.width * samples**2) // whole_tiles * whole_tiles, whole_tiles)
+    return [(start, min(start + most, model.height)) for start in range(0, model.height, most)]
+
+
+def trace_view(world: World, camera: Camera, frame: int, samples: int, rows: tuple[int, int], painted: bool = True) -> View:
+    """Trace samples x samples rays a pixel of the pixel rows from rows[0] up to but without rows[1]."""
+    model = camera.model
+    height, width = (rows[1] - rows[0]) * samples, model.width * samples
+    v, u = np.meshgrid(rows[0] + (np.arange(height) + 0.5) / samples, (np.arange(width) + 0.5) / samples, indexing="ij")
     rays = camera_rays(camera, frame, u, v)
     origins = transform_points(world.street_from_world, rays.origins.reshape(-1, 3)).reshape(rays.origins.shape)
     directions = rotate_vectors(world.street_from_world, rays.directions.reshape(-1, 3)).reshape(rays.directions.shape)
@@ -70,11 +79,19 @@ def truth_camera(
     """
     world = make_world(street, drive)
     camera = resize(drive.cameras[camera_id], width)
-    view = trace_view(world, camera, frame, samples)
-    rgb = _average(_image(_radiance(world, view, samples), view), samples)
-    frame_out = _geometry(world, camera, frame, view, samples)
-    frame_out.rgb = display(rgb)
-    return frame_out
+    pose = camera.world_from_camera.at(camera.time_s[frame])
+    parts = []
+    for rows in strips(camera, samples):
+        view = trace_view(world, camera, frame, samples, rows)
+        rgb = display(_average(_image(_radiance(world, view, samples), view), samples))
+        parts.append({"rgb": rgb, **_geometry(world, pose, view, samples)})
+    return CameraFrame(
+        model=camera.model,
+        world_from_camera=pose,
+        instances=world.instances,
+        stats=RenderStats(rays=camera.model.height * camera.model.width * samples**2),
+        **{name: np.concatenate([part[name] for part in parts]) for name in parts[0]},
+    )
 
 
 def _radiance(world: World, view: View, samples: int) -> FloatArray:
@@ -146,8 +163,8 @@ def _average(image: NDArray[Any], samples: int) -> FloatArray:
     return np.asarray(image.reshape(height, samples, width, samples, -1).astype(np.float64).mean((1, 3)))
 
 
-def _geometry(world: World, camera: Camera, frame: int, view: View, samples: int) -> CameraFrame:
-    """The frame without its colours."""
+def _geometry(world: World, pose: FloatArray, view: View, samples: int) -> dict[str, NDArray[Any]]:
+    """The passes of a `CameraFrame` besides its colours."""
     seen, centre = view.surfaces, samples // 2
     normals = np.zeros((view.hits.t.size, 3))
     normals[seen.rays] = rotate_vectors(world.street_from_world.swapaxes(0, 1), seen.normals)
@@ -155,21 +172,15 @@ def _geometry(world: World, camera: Camera, frame: int, view: View, samples: int
     hit = np.isfinite(view.hits.t)
     pick = (slice(centre, None, samples), slice(centre, None, samples))
     depth = _image(view.hits.t.reshape(-1), view)[pick].astype(np.float32)
-    pose = camera.world_from_camera.at(camera.time_s[frame])
     axis = rotate_vectors(world.street_from_world, pose[None, :3, 2])[0]
     cosine = _image((view.bundles.directions @ axis).reshape(-1), view)[pick]
-    return CameraFrame(
-        model=camera.model,
-        world_from_camera=pose,
-        rgb=np.zeros((0, 0, 3), np.float32),
-        depth_m=depth,
-        z_depth_m=(depth * cosine).astype(np.float32),
-        normal=_image(normals, view)[pick].astype(np.float32),
-        instance=_image(instance.reshape(-1), view)[pick].astype(np.int32),
-        opacity=_average(_image(hit.reshape(-1), view), samples)[..., 0].astype(np.float32),
-        instances=world.instances,
-        stats=RenderStats(rays=view.height * view.width),
-    )
+    return {
+        "depth_m": depth,
+        "z_depth_m": (depth * cosine).astype(np.float32),
+        "normal": _image(normals, view)[pick].astype(np.float32),
+        "instance": _image(instance.reshape(-1), view)[pick].astype(np.int32),
+        "opacity": _average(_image(hit.reshape(-1), view), samples)[..., 0].astype(np.float32),
+    }
 
 
 def truth_lidar(street: Street, drive: Drive, lidar_id: str, frame: int) -> LidarFrame:
