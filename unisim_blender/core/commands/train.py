@@ -12,7 +12,7 @@ from ..errors import LogError
 @click.command()
 @click.argument("log", type=click.Path(path_type=Path))
 @click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder of the trained scene.")
-@click.option("--preset", default="small", show_default=True, help="Shapes of the model: tiny, small or paper.")
+@click.option("--preset", default="small", show_default=True, help="Shapes of the model: tiny, compact, small or paper.")
 @click.option("--cameras", default="front_camera", show_default=True, help="Cameras, separated by commas, or all.")
 @click.option("--frames", default="::2", show_default=True, help="START:STOP:STEP.")
 @click.option("--width", type=int, help="Width of the images in pixels [default: as recorded].")

@@ -1,4 +1,4 @@
-"""A trained scene on disk: `scene.json` (see scene_file.py) and `weights.safetensors`, tables in half precision. No pickle."""
+"""A trained scene on disk: `scene.json` (see scene_file.py) and `weights.safetensors`, tables in half precision, actors' grids baked. No pickle."""
 
 from __future__ import annotations
 
@@ -35,6 +35,8 @@ class Scene:
 def _pack(model: SceneModel) -> dict[str, Tensor]:
     tensors = {}
     for name, value in model.state_dict().items():
+        if name.startswith(("actors.hypernetwork", "actors.latents")):
+            continue
         if name in ("occupancy.values", "observed"):
             # nearly all of them are 0: numbers of the others and their values
             index = torch.nonzero(value.view(-1))[:, 0]
@@ -74,6 +76,7 @@ def load_scene(path: str | Path, device: str = "cpu") -> Scene:
         raise SceneError(f"{file} cannot be read: {error}") from error
     cameras = tuple(str(name) for name in header.training.get("cameras", ()))
     model = SceneModel(config, volume, tuple(sorted(header.drive.actors)), cameras)
+    model.actors.drop_hypernetwork()
     tables = tensors.pop("actors.tables", None)
     state = _unpack(file, tensors, model)
     expected = (len(header.drive.actors), model.actors.grid.rows, config.actor_grid.features)

@@ -96,6 +96,12 @@ PRESETS: dict[str, ModelConfig] = {
         actor_grid=GridConfig(4, 64, 6, 4, 12),
         samples=SampleConfig(16, 12, 10, 8, 4),
     ),
+    "compact": ModelConfig(
+        static_grid=GridConfig(3.2, 0.05, 8, 4, 16),
+        far_grid=GridConfig(8, 1024, 6, 4, 14),
+        actor_grid=GridConfig(4, 48, 5, 4, 11),
+        samples=SampleConfig(16, 12, 10, 8, 4),
+    ),
     "paper": ModelConfig(
         static_grid=GridConfig(7.5, 0.03, 16, 2, 21),
         far_grid=GridConfig(16, 4096, 16, 2, 19),
@@ -109,7 +115,7 @@ PRESETS: dict[str, ModelConfig] = {
         upsample=3,
     ),
 }
-"""``tiny`` for tests, ``small`` for two CPU cores, ``paper`` with the re-implementation's sizes."""
+"""``tiny`` for tests, ``compact`` for scenes of some megabytes, ``small`` for two CPU cores, ``paper`` with the re-implementation's sizes."""
 
 
 def preset(name: str) -> ModelConfig:

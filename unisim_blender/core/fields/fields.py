@@ -92,7 +92,7 @@ class FarField(nn.Module):
 class ActorField(nn.Module):
     """All actors: each one's latent goes through one hypernetwork to that actor's own hash grid; they share the network behind.
 
-    ``tables`` holds the grids when they were baked; rendering then needs no hypernetwork.
+    A trained scene keeps the grids themselves; only training needs the hypernetwork.
     """
 
     def __init__(self, config: ModelConfig, actors: int) -> None:
@@ -110,6 +110,10 @@ class ActorField(nn.Module):
         _start_outside(self.network)
         self.gradient: Tensor | None = None
         """Where it is set, of `tables`' shape, the tables' gradient is added up here and autograd sees none."""
+
+    def drop_hypernetwork(self) -> None:
+        """Leave only what grids that were baked need."""
+        del self.hypernetwork, self.latents
 
     def tables(self) -> Tensor:
         """Every actor's grid (actors, rows, features), from its latent."""
