@@ -16,7 +16,6 @@ import pytest
 import torch
 from tiny_drive import FakeSource, tiny_drive, tiny_plan
 
-from unisim_blender.core import sequence
 from unisim_blender.core.errors import OutputError, UnisimError
 from unisim_blender.core.selection import select_frames
 from unisim_blender.core.sequence import render_sequence
@@ -156,7 +155,7 @@ def start_run(tmp_path: Path, jobs: int) -> tuple[subprocess.Popen[bytes], Path]
 def test_killed_and_resumed_gives_the_same_bytes(jobs: int, reference: dict[str, bytes], tmp_path: Path) -> None:
     process, out = start_run(tmp_path, jobs)
     process.kill()
-    process.communicate()
+    process.communicate(timeout=20)
     time.sleep(0.2)  # workers end by themselves when the parent is gone
     assert not (out / "manifest.json").exists()
     finished = len(list((out / ".state").glob("*.json")))
@@ -219,13 +218,27 @@ class DyingSource:
         os.kill(os.getpid(), signal.SIGKILL)
 
 
-def test_torch_renders_with_one_thread_and_gets_its_own_back() -> None:
+class OneThreadSource(FakeSource):
+    """A renderer that finds out how many threads torch would use."""
+
+    def __call__(self) -> Any:
+        import torch
+
+        assert torch.get_num_threads() == 1
+        return super().__call__()
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_torch_renders_with_one_thread(jobs: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("OMP_NUM_THREADS", "2")  # what the workers would inherit
     before = torch.get_num_threads()
     torch.set_num_threads(2)
-    with sequence.single_threaded():
-        assert torch.get_num_threads() == 1
-    assert torch.get_num_threads() == 2
-    torch.set_num_threads(before)
+    try:
+        plan = tiny_plan(frames=2)
+        render_sequence(replace(plan, make_renderer=OneThreadSource(plan.drive)), tmp_path / "out", jobs)
+        assert torch.get_num_threads() == 2, "the caller gets its own number back"
+    finally:
+        torch.set_num_threads(before)
 
 
 @pytest.mark.parametrize(

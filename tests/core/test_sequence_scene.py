@@ -1,0 +1,127 @@
+"""The way from a scenario's file to rendered files with the neural renderer, on a scene of random weights."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from click.testing import CliRunner
+from PIL import Image
+from tiny_drive import tiny_drive
+
+from unisim_blender.core.cli import unisim
+from unisim_blender.core.fields.checkpoint import save_scene
+from unisim_blender.core.fields.config import preset
+from unisim_blender.core.fields.scene import SceneModel
+from unisim_blender.core.fields.volume import Volume
+from unisim_blender.core.scene_file import SceneHeader
+
+
+@pytest.fixture(scope="module")
+def scenario(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A scenario on the tiny drive, whose scene has random weights and is occupied here and there."""
+    folder = tmp_path_factory.mktemp("scene")
+    drive = tiny_drive()
+    torch.manual_seed(0)
+    config = preset("tiny")
+    volume = Volume.along(drive, behind_m=10, ahead_m=30, width_m=30, height_m=10)
+    model = SceneModel(config, volume, tuple(sorted(drive.actors)), tuple(drive.cameras))
+    model.occupancy.values.copy_(torch.where(torch.rand(model.occupancy.values.shape) < 0.02, 255, 0))
+    header = SceneHeader(
+        path=folder / "scene",
+        name="random",
+        log_name=drive.name,
+        log_path="log",
+        world_origin=drive.world_origin,
+        model=config.to_dict(),
+        volume=volume.to_dict(),
+        drive=drive,
+        training={"frames": [0, 2, 4], "cameras": ["front"], "lidars": ["top"], "width": None},
+    )
+    save_scene(folder / "scene", header, model)
+    document = {
+        "format": "unisim-scenario",
+        "version": 1,
+        "name": "tiny",
+        "log": "log",
+        "scene": "scene",
+        "frames": [1, 2, 3],
+        "edits": [{"type": "remove", "actor": "cone"}],
+        "outputs": {"passes": ["rgb", "depth", "instance"], "formats": ["png", "exr", "npz", "labels"]},
+    }
+    path = folder / "scenario.json"
+    path.write_text(json.dumps(document))
+    return path
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {
+        str(path.relative_to(folder)): path.read_bytes()
+        for path in sorted(folder.rglob("*"))
+        if path.is_file() and path.name != "timings.json"
+    }
+
+
+def render(*arguments: object) -> str:
+    result = CliRunner().invoke(unisim, ["render", *map(str, arguments)], catch_exceptions=False)
+    assert result.exit_code == 0, result.output
+    return result.output
+
+
+def test_jobs_and_resuming_change_no_byte(scenario: Path, tmp_path: Path) -> None:
+    render(scenario, "--out", tmp_path / "one", "--jobs", 1)
+    render(scenario, "--out", tmp_path / "jobs", "--jobs", 2, "--frames", "1:3")
+    render(scenario, "--out", tmp_path / "jobs", "--jobs", 2, "--resume")
+    one = contents(tmp_path / "one")
+    assert contents(tmp_path / "jobs") == one
+    assert {"camera/front/000002.png", "camera/front/000002.exr", "lidar/top/000002.npz", "labels/000002.json"} < set(one)
+    assert not [name for name in one if name.endswith(".ply")], "the scenario's formats have none"
+    manifest = json.loads(one["manifest.json"])
+    assert manifest["samples"]["samples_spent"] > 0
+    assert str(scenario.parent) not in one["manifest.json"].decode(), "no paths: the same bytes wherever it lies"
+
+
+def test_command_line_goes_before_the_scenario(scenario: Path, tmp_path: Path) -> None:
+    arguments = ("--frames", 5, "--sensors", "front", "--passes", "rgb", "--width", 16, "--jobs", 1)
+    output = render(scenario, "--out", tmp_path / "out", *arguments)
+    assert "1 frames rendered" in output
+    assert Image.open(tmp_path / "out/camera/front/000005.png").size == (16, 9)
+    assert not (tmp_path / "out/lidar").exists()
+    labels = json.loads((tmp_path / "out/labels/000005.json").read_text())
+    assert [box["id"] for box in labels["boxes"]] == ["car"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["--sensors", "nose"], 'sensor "nose": is not one of front, top'),
+        (["--passes", "heat"], 'pass "heat"'),
+        (["--frames", "90:"], "selects none"),
+    ],
+)
+def test_unknown_names_are_refused_before_anything_is_written(
+    arguments: list[str], sentence: str, scenario: Path, tmp_path: Path
+) -> None:
+    result = CliRunner().invoke(unisim, ["render", str(scenario), "--out", str(tmp_path / "out"), *arguments])
+    assert sentence in str(result.exception) and not (tmp_path / "out").exists()
+
+
+def test_edits_change_the_key_and_paths_do_not(scenario: Path) -> None:
+    from unisim_blender.core.render_plan import plan_key
+    from unisim_blender.core.scenario_plan import Wishes, plan_scenario
+
+    plan, _ = plan_scenario(scenario, Wishes())
+    other, _ = plan_scenario(scenario, Wishes(frames="0:2"))
+    assert plan_key(plan) == plan_key(other), "which frames are asked for changes none of them"
+    assert plan_key(replace(plan, drive=tiny_drive())) != plan_key(plan)
+    assert plan_key(replace(plan, scenes={"": "0" * 64})) != plan_key(plan)
+
+
+def test_pictures_are_not_constant(scenario: Path, tmp_path: Path) -> None:
+    render(scenario, "--out", tmp_path / "out", "--frames", 1, "--jobs", 1)
+    pictures = np.asarray(Image.open(tmp_path / "out/camera/front/000001.png"))
+    assert pictures.std() > 0
