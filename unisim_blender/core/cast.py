@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from .drive import Actor, Box, Drive, Look
+from .drive import FRAME_MARGIN_S, Actor, Box, Drive, Look, StaticCopy
 from .errors import SceneError
 from .fields.scene import SceneModel
 from .fields.tracklets import Tracklets
-from .geometry import FloatArray, Trajectory, invert_pose
+from .geometry import Trajectory, invert_pose
 
 
 @dataclass
@@ -56,9 +57,14 @@ class Cast:
         return self.own.uids + tuple(uid for troupe in self.guests.values() for uid in troupe.uids)
 
 
+def on_stage(drive: Drive, actors: Iterable[Actor]) -> list[Actor]:
+    """Actors in the order of their ids, so that overlapping ones composite alike in any list, present in their windows."""
+    windows = ((actor, drive.window(actor)) for actor in sorted(actors, key=lambda a: a.uid))
+    return [replace(actor, start_s=start, end_s=end) for actor, (start, end) in windows]
+
+
 def gather_troupe(scene: SceneModel, tables: Tensor, actors: list[Actor]) -> Troupe:
-    """Actors with looks of ``scene``, in the order of their ids: overlapping ones then composite alike in any list."""
-    actors = sorted(actors, key=lambda a: a.uid)
+    """Actors, as `on_stage` gives them, with looks of ``scene``."""
     for actor in actors:
         if actor.look.actor not in scene.actor_ids:
             where = f" at {actor.look.scene}" if actor.look.scene else ""
@@ -81,18 +87,19 @@ def gather_cast(scene: SceneModel, tables: Tensor, drive: Drive, others: dict[st
     for path in sorted({a.look.scene for a in drive.actors.values() if a.look.scene}):
         if path not in others:
             raise SceneError(f"{path}: this trained scene is needed for an inserted actor and was not loaded")
-        guests[path] = gather_troupe(*others[path], [a for a in drive.actors.values() if a.look.scene == path])
-    cast = Cast(gather_troupe(scene, tables, own), guests)
+        guests[path] = gather_troupe(*others[path], on_stage(drive, (a for a in drive.actors.values() if a.look.scene == path)))
+    cast = Cast(gather_troupe(scene, tables, on_stage(drive, own)), guests)
     if drive.static_removals:
         cast.removals = _boxes(drive.static_removals)
     if drive.static_copies:
-        targets = [_target(copy.uid, copy.world_from_target, copy.source.size_m) for copy in drive.static_copies]
+        targets = [_target(drive, copy) for copy in drive.static_copies]
         cast.copies = Tracklets(targets)
         cast.copy_source = torch.as_tensor(np.stack([c.source.world_from_box for c in drive.static_copies])).float()
     return cast
 
 
-def _target(uid: str, pose: FloatArray, size_m: FloatArray) -> Actor:
-
-    way = Trajectory.from_poses(np.zeros(1), pose[None])
-    return Actor(uid, "Static", size_m, way, -np.inf, np.inf, False, Look(uid))
+def _target(drive: Drive, copy: StaticCopy) -> Actor:
+    """A copy's box as an actor that stands still throughout the drive."""
+    way = Trajectory.from_poses(np.zeros(1), copy.world_from_target[None])
+    start, end = drive.time_s[drive.frames[0]] - FRAME_MARGIN_S, drive.time_s[drive.frames[-1]] + FRAME_MARGIN_S
+    return Actor(copy.uid, "Static", copy.source.size_m, way, start, end, False, Look(copy.uid))

@@ -14,6 +14,9 @@ import numpy as np
 
 from .geometry import BoolArray, FloatArray, Trajectory
 
+FRAME_MARGIN_S = 0.25
+"""No sensor of a frame measures further from the frame's time than this."""
+
 
 @dataclass(frozen=True)
 class RollingShutter:
@@ -157,6 +160,14 @@ class Drive:
     static_removals: tuple[Box, ...] = ()
     world_origin: FloatArray = field(default_factory=lambda: np.zeros(3))
     """What was subtracted from the log's own world coordinates, float64."""
+
+    def window(self, actor: Actor) -> tuple[float, float]:
+        """When an actor is there, seconds. One of the first (last) frame is there before (after) it too: a frame's sensors look
+        earlier and later than its time."""
+        first, last = self.time_s[self.frames[0]], self.time_s[self.frames[-1]]
+        start = actor.start_s - FRAME_MARGIN_S if actor.start_s <= first else actor.start_s
+        end = actor.end_s + FRAME_MARGIN_S if actor.end_s >= last else actor.end_s
+        return start, end
 
     @property
     def duration_s(self) -> float:

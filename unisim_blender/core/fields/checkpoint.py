@@ -1,4 +1,6 @@
-"""A trained scene on disk: `scene.json` (see scene_file.py) and `weights.safetensors`, tables in half precision, actors' grids baked. No pickle."""
+"""A trained scene on disk: `scene.json` (see scene_file.py) and `weights.safetensors`.
+
+Tables in half precision, actors' grids baked. No pickle."""
 
 from __future__ import annotations
 

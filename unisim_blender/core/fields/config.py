@@ -115,7 +115,8 @@ PRESETS: dict[str, ModelConfig] = {
         upsample=3,
     ),
 }
-"""``tiny`` for tests, ``compact`` for scenes of some megabytes, ``small`` for two CPU cores, ``paper`` with the re-implementation's sizes."""
+"""``tiny`` for tests, ``compact`` for scenes of some megabytes, ``small`` for two CPU cores,
+``paper`` with the re-implementation's sizes."""
 
 
 def preset(name: str) -> ModelConfig:

@@ -137,10 +137,9 @@ class Tracklets(nn.Module):
 
     def _make_bounds(self, actors: Sequence[Actor]) -> None:
         """A sphere round each actor for every bin of time, so that most rays are sorted out without a pose."""
-        first = min((a.start_s for a in actors), default=0.0)
+        self.first_bin_s = min((a.start_s for a in actors), default=0.0)
         last = max((a.end_s for a in actors), default=0.0)
-        self.first_bin_s = float(first) if np.isfinite(first) else -1e3
-        bins = int(np.ceil((min(last, self.first_bin_s + 1e4) - self.first_bin_s) / BIN_S)) + 1
+        bins = int(np.ceil((last - self.first_bin_s) / BIN_S)) + 1
         centres, radii = np.zeros((bins, len(actors), 3)), np.full((bins, len(actors)), -1.0)
         edges = self.first_bin_s + BIN_S * np.arange(bins + 1)
         for i, actor in enumerate(actors):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -49,7 +48,7 @@ def make_world(street: Street, drive: Drive) -> World:
     for uid in instances:
         actor = drive.actors[uid]
         motion = actor.world_from_actor.transformed(left=street_from_world)
-        placements.append(Placement(uid, asset_of(street, actor), motion, _window(drive, actor)))
+        placements.append(Placement(uid, asset_of(street, actor), motion, drive.window(actor)))
     return World(placements, instances, [drive.actors[uid].size_m for uid in instances], street_from_world)
 
 
@@ -66,13 +65,6 @@ def asset_of(street: Street, actor: Actor) -> Asset:
     if look.actor not in source.assets:
         raise ScenarioError(f"actor {actor.uid!r} looks like {look.actor!r}, which street {source.recipe.seed} does not have")
     return source.assets[look.actor]
-
-
-def _window(drive: Drive, actor: Actor) -> tuple[float, float] | None:
-    """When an actor is there. One of the first (last) frame is there before (after) it too: sensors see a sweep's margin."""
-    start = -math.inf if actor.start_s <= drive.time_s[drive.frames[0]] else actor.start_s
-    end = math.inf if actor.end_s >= drive.time_s[drive.frames[-1]] else actor.end_s
-    return None if start == -math.inf and end == math.inf else (start, end)
 
 
 def _moved(pose: FloatArray, box: Box) -> Box:

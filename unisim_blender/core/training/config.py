@@ -12,7 +12,7 @@ VEHICLES = ("car", "truck", "bus", "van", "vehicle", "trailer", "towed", "motorc
 class LossWeights:
     """Weights of the terms; rgb is 1."""
 
-    perceptual: float = 0.03
+    perceptual: float = 0.01
     lidar_depth: float = 0.05
     lidar_opacity: float = 0.01
     lidar_free: float = 0.05
@@ -47,8 +47,10 @@ class TrainConfig:
     poses_from: float = 0.3
     prune_from: int = 300
     rate_tables: tuple[float, float] = (1e-2, 1e-3)
-    rate_networks: tuple[float, float] = (2e-3, 2e-4)
+    rate_networks: tuple[float, float] = (5e-3, 3e-4)
     rate_poses: tuple[float, float] = (1e-3, 1e-4)
+    rate_cameras: tuple[float, float] = (1e-4, 1e-5)
+    cameras_every: int = 4
     checkpoint_s: float = 120.0
     preview_s: float = 120.0
     vgg: str | None = None

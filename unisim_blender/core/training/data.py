@@ -21,11 +21,13 @@ from ..trace import RayBatch
 
 @dataclass(frozen=True)
 class PatchBatch:
-    """Camera rays of B patches of n x n feature cells: rays (B * n * n), camera (B,) numbers, target (B, 3, n * up, n * up)."""
+    """Camera rays of B patches of n x n feature cells: rays (B * n * n), camera (B,) numbers, target (B, 3, n * up, n * up);
+    world_from_camera (B, 3, 3) each patch's rotation."""
 
     rays: RayBatch
     camera: Tensor
     target: Tensor
+    world_from_camera: Tensor
     cells: int
 
 
@@ -66,7 +68,7 @@ class CameraData:
 
     def patches(self, rng: np.random.Generator, count: int, cells: int, up: int) -> PatchBatch:
         """``count`` patches of cells x cells feature cells from random places of random images."""
-        origins, directions, times, targets, numbers = [], [], [], [], []
+        origins, directions, times, targets, numbers, rotations = [], [], [], [], [], []
         for index in rng.integers(len(self.views), size=count):
             number, camera, frame, image = self.views[index]
             edge = cells * up
@@ -82,9 +84,10 @@ class CameraData:
             times.append(rays.time_s)
             targets.append(image[y : y + edge, x : x + edge])
             numbers.append(number)
+            rotations.append(camera.world_from_camera.at(camera.time_s[frame])[:3, :3])
         target = torch.as_tensor(np.stack(targets)).permute(0, 3, 1, 2).float() / 255
         batch = ray_batch(np.concatenate(origins), np.concatenate(directions), np.concatenate(times))
-        return PatchBatch(batch, torch.tensor(numbers), target, cells)
+        return PatchBatch(batch, torch.tensor(numbers), target, torch.as_tensor(np.stack(rotations)).float(), cells)
 
 
 class LidarData:

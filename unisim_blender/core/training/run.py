@@ -121,6 +121,7 @@ def _loop(trainer: Trainer, out: Path, stopped: list[int], quiet: bool) -> None:
 def _state(trainer: Trainer) -> dict[str, Tensor]:
     tensors = {f"model.{k}": v for k, v in trainer.model.state_dict().items()}
     tensors |= {f"tracklets.{k}": v for k, v in trainer.tracklets.named_parameters()}
+    tensors |= {f"camera_poses.{k}": v for k, v in trainer.camera_poses.named_parameters()}
     tensors |= {f"occupancy.{k}": v.to(torch.uint8) if v.dtype == torch.bool else v for k, v in trainer.occupancy.state().items()}
     for number, state in trainer.optimiser.state_dict()["state"].items():
         tensors |= {f"optimiser.{number}.{k}": v for k, v in state.items()}
@@ -165,6 +166,7 @@ def load_checkpoint(file: Path, trainer: Trainer) -> None:
     try:
         trainer.model.load_state_dict(under("model."))
         trainer.tracklets.load_state_dict(under("tracklets."), strict=False)
+        trainer.camera_poses.load_state_dict(under("camera_poses."))
         trainer.occupancy.load_state({k: v.to(trainer.occupancy.state()[k].dtype) for k, v in under("occupancy.").items()})
     except (RuntimeError, KeyError) as error:
         raise SceneError(f"{file} does not fit this log or version: {error}") from error
@@ -178,7 +180,7 @@ def load_checkpoint(file: Path, trainer: Trainer) -> None:
 
 
 def refined_drive(trainer: Trainer) -> Drive:
-    """The log's drive with the tracklets as training refined them."""
+    """The log's drive with the tracklets and camera mounts as training refined them."""
     drive = trainer.log.drive
     positions, quaternions = (t.detach().cpu().double().numpy() for t in trainer.tracklets.keys())
     actors = {}
@@ -187,7 +189,10 @@ def refined_drive(trainer: Trainer) -> Drive:
         k = len(actor.world_from_actor.times_s)
         q = quaternions[i, :k] / np.linalg.norm(quaternions[i, :k], axis=1, keepdims=True)
         actors[uid] = dataclasses.replace(actor, world_from_actor=Trajectory(actor.world_from_actor.times_s, positions[i, :k], q))
-    return dataclasses.replace(drive, actors=actors)
+    cameras = dict(drive.cameras)
+    for number, name in enumerate(trainer.config.cameras):
+        cameras[name] = trainer.camera_poses.corrected(cameras[name], number)
+    return dataclasses.replace(drive, actors=actors, cameras=cameras)
 
 
 def header_of(trainer: Trainer, out: Path) -> SceneHeader:
@@ -233,7 +238,8 @@ def preview(trainer: Trainer, file: Path) -> None:
     views = trainer.cameras.views
     _, camera, frame, image = views[len(views) // 2]
     trainer.model.eval()
-    renderer = Renderer(_as_scene(trainer, file.parent), trainer.log.drive)
+    scene = _as_scene(trainer, file.parent)
+    renderer = Renderer(scene, scene.header.drive)
     rendered = renderer.camera(camera.sensor_id, frame, width=camera.model.width).rgb
     trainer.model.train()
     both = np.concatenate([image, np.round(rendered * 255).astype(np.uint8)], 1)

@@ -11,7 +11,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-from ..cast import Cast, Troupe
+from ..cast import Cast, Troupe, on_stage
 from ..drive import Drive
 from ..errors import SceneError
 from ..fields.config import preset
@@ -24,6 +24,7 @@ from ..fields.volume import Volume
 from ..geometry import invert_pose, transform_points
 from ..log import Log
 from ..trace import RayBatch, Sampling, Traced, trace
+from .camera_poses import CameraPoses
 from .config import VEHICLES, TrainConfig
 from .data import CameraData, LidarBatch, LidarData, PatchBatch
 from .losses import distance_band, eikonal, lidar_terms, perceptual_stand_in, spread
@@ -53,7 +54,7 @@ class Trainer:
         model.ground.heights.copy_(torch.as_tensor(heights))
         self.model = model.to(config.device)
         self.occupancy = OccupancyTrainer(self.model.occupancy)
-        actors = [drive.actors[uid] for uid in sorted(drive.actors)]
+        actors = on_stage(drive, drive.actors.values())
         self.tracklets = Tracklets(actors, refine=True).to(config.device)
         self.rows = torch.arange(len(actors), device=config.device)
         mirrored = [any(word in a.label.lower() for word in VEHICLES) for a in actors]
@@ -61,6 +62,7 @@ class Trainer:
         self.still_boxes = self._still_boxes(drive)
         self.perceptual = VggLoss(Path(config.vgg)).to(config.device) if config.vgg else perceptual_stand_in
         self.iteration, self.elapsed_s = 0, 0.0
+        self.camera_poses = CameraPoses(len(config.cameras)).to(config.device)
         self._make_optimiser()
 
     def _still_boxes(self, drive: Drive) -> tuple[Tensor, Tensor] | None:
@@ -88,6 +90,7 @@ class Trainer:
                 {"params": tables, "rates": c.rate_tables, "eps": 1e-15},
                 {"params": networks, "rates": c.rate_networks, "eps": 1e-10},
                 {"params": list(self.tracklets.parameters()), "rates": c.rate_poses, "eps": 1e-10},
+                {"params": list(self.camera_poses.parameters()), "rates": c.rate_cameras, "eps": 1e-10},
             ],
             lr=1e-3,
             betas=(0.9, 0.99),
@@ -123,6 +126,10 @@ class Trainer:
         patch = self._to_device(self.cameras.patches(rng, c.patches, c.patch_cells, self.model.config.upsample))
         lidar = self._to_device(self.lidar.sample(rng, c.lidar_rays))
         sampling = Sampling(jitter=True, mirror=self.mirror, generator=generator)
+        # gradients with respect to the static field's points are dear: most steps go without
+        learn_cameras = done >= c.poses_from and self.iteration % c.cameras_every == 0
+        rays = self.camera_poses(patch.rays, patch.camera, patch.world_from_camera, learn_cameras)
+        patch = dataclasses.replace(patch, rays=rays)
         seen = trace(self.model, cast, patch.rays, sampling)
         image = self._decode(seen, patch)
         mse = F.mse_loss(image, patch.target)
@@ -140,9 +147,7 @@ class Trainer:
         self.optimiser.zero_grad(set_to_none=False)
         loss.backward()
         tables.backward(cut.grad)
-        if done < c.poses_from:
-            for parameter in self.tracklets.parameters():
-                parameter.grad = None
+        self._hold_poses(done < c.poses_from, not learn_cameras)
         self.optimiser.step()
         self.model.actors.gradient = None
         self._update_occupancy([seen, swept], [patch.rays, lidar.rays])
@@ -153,6 +158,11 @@ class Trainer:
         hit = lidar.returned
         figures["lidar_m"] = float((swept.depth_m - lidar.depth_m)[hit].detach().abs().median())
         return figures
+
+    def _hold_poses(self, tracklets: bool, cameras: bool) -> None:
+        held = [*(self.tracklets.parameters() if tracklets else ()), *(self.camera_poses.parameters() if cameras else ())]
+        for parameter in held:
+            parameter.grad = None
 
     def _set_rates(self, done: float) -> None:
         for group in self.optimiser.param_groups:
