@@ -41,14 +41,20 @@ def logistic_intervals(s: Tensor, beta: Tensor | float) -> tuple[Tensor, Tensor]
 
 
 def unisim_intervals(s: Tensor, t: Tensor, beta: Tensor | float, step_m: float) -> tuple[Tensor, Tensor]:
-    """The paper's density at the same intervals: tau (N, K), share (N, K) with all of an interval's weight at its far sample."""
+    """The paper's density at the same intervals: tau (N, K), share (N, K) with all of an interval's weight at its far sample.
+
+    Interval 0 is one step that ends at sample 0; as in `logistic_intervals` it stands at that sample and its share is 0.
+    """
     per_step = F.softplus(-beta * s)  # -log(1 - sigmoid(-beta s))
     length = torch.diff(t, dim=1, prepend=t[:, :1] - step_m) / step_m
     tau = per_step * length
-    return tau, -torch.expm1(-tau)
+    alpha = -torch.expm1(-tau)
+    return tau, torch.cat([torch.zeros_like(alpha[:, :1]), alpha[:, 1:]], -1)
 
 
 def weights_from_tau(tau: Tensor) -> tuple[Tensor, Tensor]:
     """Transmittances in front of each interval (N, K) and behind the last (N,), of optical depths in depth order (N, K)."""
     total = torch.cumsum(tau, -1)
-    return torch.exp(-(total - tau)), torch.exp(-total[:, -1])
+    # shifted, for total - tau would lose what a thin interval before a dense one has taken away
+    before = torch.cat([torch.zeros_like(total[:, :1]), total[:, :-1]], -1)
+    return torch.exp(-before), torch.exp(-total[:, -1])
