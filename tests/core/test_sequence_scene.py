@@ -31,6 +31,9 @@ def scenario(tmp_path_factory: pytest.TempPathFactory) -> Path:
     volume = Volume.along(drive, behind_m=10, ahead_m=30, width_m=30, height_m=10)
     model = SceneModel(config, volume, tuple(sorted(drive.actors)), tuple(drive.cameras))
     model.occupancy.values.copy_(torch.where(torch.rand(model.occupancy.values.shape) < 0.02, 255, 0))
+    with torch.no_grad():
+        output_layer(model.static)[0] = -0.1  # solid wherever it is occupied
+        output_layer(model.lidar_head)[1] = 2.0  # and it returns
     header = SceneHeader(
         path=folder / "scene",
         name="random",
@@ -56,6 +59,13 @@ def scenario(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = folder / "scenario.json"
     path.write_text(json.dumps(document))
     return path
+
+
+def output_layer(network: torch.nn.Module) -> torch.Tensor:
+    """The bias of a network's last linear layer."""
+    return next(
+        part.bias for part in reversed(list(network.modules())) if isinstance(part, torch.nn.Linear) and part.bias is not None
+    )
 
 
 def contents(folder: Path) -> dict[str, bytes]:
@@ -125,3 +135,37 @@ def test_pictures_are_not_constant(scenario: Path, tmp_path: Path) -> None:
     render(scenario, "--out", tmp_path / "out", "--frames", 1, "--jobs", 1)
     pictures = np.asarray(Image.open(tmp_path / "out/camera/front/000001.png"))
     assert pictures.std() > 0
+
+
+def test_a_scene_agrees_with_the_log_that_it_rendered(scenario: Path, tmp_path: Path) -> None:
+    """Render the unedited drive as a log and evaluate the scene against it: what is left is JPEG's and float32's error."""
+    document = json.loads(scenario.read_text()) | {"edits": [], "frames": [0, 1, 2, 3]}
+    unedited = scenario.with_name("unedited.json")
+    unedited.write_text(json.dumps(document))
+    render(unedited, "--out", tmp_path / "out", "--jobs", 1, "--format", "pandaset")
+    arguments = ["eval", scenario.parent / "scene", tmp_path / "out/pandaset", "--out", tmp_path / "eval"]
+    result = CliRunner().invoke(unisim, [str(part) for part in arguments], catch_exceptions=False)
+    assert result.exit_code == 0, result.output
+    figures = json.loads((tmp_path / "eval/metrics.json").read_text())
+    assert figures["frames"] == [1, 3], "those that were not trained on"
+    assert figures["camera"]["psnr_db"] > 38 and figures["camera"]["ssim"] > 0.9
+    assert figures["camera"]["driving"]["images"] == 2
+    lidar = figures["lidar"]
+    assert lidar["sweeps"] == 2 and lidar["hit_rate"] > 0.99 and lidar["drop_accuracy"] > 0.99
+    assert lidar["depth_p90_m"] < 1e-4 and lidar["chamfer_m"] < 1e-4
+    assert (tmp_path / "eval/index.html").is_file()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["--split", "seed10"], "001: is missing"),
+        (["--cameras", "nose"], 'camera "nose"'),
+        (["--lpips", "gone.pth"], "gone.pth"),
+    ],
+)
+def test_evaluation_refuses_what_is_not_there(arguments: list[str], sentence: str, scenario: Path, tmp_path: Path) -> None:
+    render(scenario, "--out", tmp_path / "out", "--jobs", 1, "--format", "pandaset")
+    paths = [str(scenario.parent / "scene"), str(tmp_path / "out/pandaset")]
+    result = CliRunner().invoke(unisim, ["eval", *paths, "--out", str(tmp_path / "eval"), *arguments])
+    assert sentence in str(result.exception) and not (tmp_path / "eval").exists()
