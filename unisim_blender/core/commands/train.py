@@ -6,8 +6,6 @@ from pathlib import Path
 
 import click
 
-from ..errors import LogError
-
 
 @click.command()
 @click.argument("log", type=click.Path(path_type=Path))
@@ -30,6 +28,7 @@ def command(  # noqa: PLR0913
 ) -> None:  # fmt: skip
     """Train the neural scene of the drive at LOG."""
     from ..logs import open_log
+    from ..selection import check_names, select_frames, split_names
     from ..training.config import TrainConfig
     from ..training.run import train
 
@@ -39,29 +38,12 @@ def command(  # noqa: PLR0913
         raise click.UsageError("--minutes and --iterations must be positive")
     recorded = open_log(log)
     available = [c for c in recorded.drive.cameras if recorded.image_frames(c)]
-    names = available if cameras == "all" else [name.strip() for name in cameras.split(",")]
-    for name in names:
-        if name not in available:
-            raise LogError(f"{log}: no images of camera {name!r}; there are {', '.join(available)}")
-    lidars = [name for name in recorded.drive.lidars if name != "pandar_gt" and recorded.sweep_frames(name)]
+    names = tuple(available) if cameras == "all" else split_names(cameras) or ()
+    check_names("--cameras", names, available)
+    lidars = [name for name in recorded.drive.lidars if recorded.drive.lidars[name].model.beams and recorded.sweep_frames(name)]
     config = TrainConfig(
-        cameras=tuple(names), lidars=tuple(lidars), frames=parse_frames(frames, recorded.drive.frames), width=width,
+        cameras=names, lidars=tuple(lidars), frames=select_frames(frames, recorded.drive.frames), width=width,
         preset=preset, minutes=minutes, iterations=iterations, device=device, seed=seed, vgg=vgg, adversarial=adversarial,
     )  # fmt: skip
     header = train(recorded, config, out, resume=resume, quiet=quiet)
     click.echo(f"{out}: {header.training['iterations']} steps in {header.training['seconds'] / 60:.1f} minutes")
-
-
-def parse_frames(text: str, frames: tuple[int, ...]) -> tuple[int, ...]:
-    """Those of ``frames`` that START:STOP:STEP names; frame numbers, not positions."""
-    try:
-        parts = [int(p) if p else None for p in text.split(":")]
-        if not 1 <= len(parts) <= 3:
-            raise ValueError
-        wanted = {parts[0]} if len(parts) == 1 else set(range(frames[-1] + 1)[slice(*parts)])
-    except ValueError as error:
-        raise click.BadParameter(f"{text!r} is not START:STOP:STEP") from error
-    chosen = tuple(f for f in frames if f in wanted)
-    if not chosen:
-        raise LogError(f"frames {text}: the log has none of them (it has {frames[0]} to {frames[-1]})")
-    return chosen
