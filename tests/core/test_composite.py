@@ -133,7 +133,9 @@ def test_share_is_the_integral_inside_the_interval() -> None:
     for a, b, beta in ((0.3, -0.2, 20.0), (0.05, 0.02, 20.0), (-0.3, -0.9, 30.0), (0.201, 0.2, 5.0), (-3.0, -3.2, 80.0)):
         x = np.linspace(0, 1, 400_001)
         s = torch.tensor(a + (b - a) * x)
-        survival = torch.exp(torch.nn.functional.softplus(torch.tensor(-beta * a)) - torch.nn.functional.softplus(-beta * s)).numpy()
+        survival = torch.exp(
+            torch.nn.functional.softplus(torch.tensor(-beta * a)) - torch.nn.functional.softplus(-beta * s)
+        ).numpy()
         stop = -np.diff(survival)
         expected = float((stop * (x[1:] + x[:-1]) / 2).sum())
         share = logistic_intervals(torch.tensor([[a, b]], dtype=torch.float64), beta)[1][0, 1].item()

@@ -303,6 +303,8 @@ def _normals(scene: Scene, cast: Cast, traced: Traced, part: RayBatch, solid: Te
             around = (x[:, None] + offsets).reshape(-1, 3)
             s = scene.model.static.distance(around)
             gradient = torch.einsum("nk,kj->nj", s.view(-1, 4), offsets) @ scene.model.frame.rotation
+            if strand.world_from_box is not None:
+                gradient = torch.einsum("nij,nj->ni", strand.world_from_box, gradient)
         else:
             assert strand.size_m is not None and strand.world_from_box is not None
             troupe = troupes[strand.guest + 1]

@@ -13,6 +13,7 @@ from torch import Tensor
 
 from .cast import Cast, Troupe
 from .composite import logistic_intervals, unisim_intervals, weights_from_tau
+from .fields.ground import CLEARANCE_M
 from .fields.scene import SceneModel
 from .fields.tracklets import Hits
 from .march import Segment, propose, refine_quantiles, stratified
@@ -20,6 +21,8 @@ from .march import Segment, propose, refine_quantiles, stratified
 NEAR_M = 0.5
 OPAQUE = 1e-3
 """Transmittance under which nothing behind is computed."""
+EMPTY_M = 10.0
+"""The distance that stands for empty space."""
 
 
 @dataclass(frozen=True)
@@ -67,13 +70,20 @@ class Strands:
     bounds: tuple[Tensor, Tensor] | None = None
     """Where the strand enters and leaves its box (P,), (P,)."""
     world_from_box: Tensor | None = None
-    """Rotation of the strand's box (P, 3, 3), for an actor."""
+    """Rotation of the strand's box (P, 3, 3), for an actor; for a copied box the one from the source to the copy."""
     size_m: Tensor | None = None
     """Edges of the strand's box (P, 3), for an actor."""
     weight: Tensor | None = None
     """Weights of the samples (P, K), once composited."""
     interval_weight: Tensor | None = None
     """Weights of the intervals (P, K), once composited."""
+
+    @property
+    def place(self) -> Tensor:
+        """Where each interval stops what it stops, on average (P, K), metres along the ray."""
+        alpha = -torch.expm1(-self.tau)
+        fraction = torch.where(alpha > 1e-6, self.share / alpha.clamp_min(1e-6), 0.5)[:, 1:]
+        return torch.cat([self.t[:, :1], torch.lerp(self.t[:, :-1], self.t[:, 1:], fraction)], -1)
 
 
 @dataclass
@@ -95,23 +105,20 @@ class Traced:
 
 def trace(scene: SceneModel, cast: Cast, rays: RayBatch, sampling: Sampling, among: Tensor | None = None) -> Traced:
     """Features, depths and opacities of rays. ``among`` names the own actors that can be met; the others are skipped."""
-    strands = [_static_strands(scene, cast, rays, sampling)]
-    strands += _actor_strands(cast.own, rays, sampling, among, first=0, guest=-1)
+    actors = _actor_strands(cast.own, rays, sampling, among, first=0, guest=-1)
     first = len(cast.own.uids)
     for i, troupe in enumerate(cast.guests.values()):
-        strands += _actor_strands(troupe, rays, sampling, None, first=first, guest=i)
+        actors += _actor_strands(troupe, rays, sampling, None, first=first, guest=i)
         first += len(troupe.uids)
-    boxed = len(strands) > 1
-    strands += _copy_strands(scene, cast, rays, sampling)
-    strands = [s for s in strands if len(s.ray)]
-    if boxed or cast.removals is not None:
-        _clear_static_in_boxes(scene, cast, rays, strands)
+    static = _static_strands(scene, cast, rays, sampling, actors)
+    strands = [s for s in (static, *actors, *_copy_strands(scene, cast, rays, sampling)) if len(s.ray)]
+    widths = [troupe.scene.config.features for troupe in cast.guests.values()]
     if cast.guests:
         # what the scene's own decoder is to see: everything but the guests
-        own = _composite(scene, len(rays), [s for s in strands if s.guest < 0], 0, rays.origins)
+        own = _composite(scene, len(rays), [s for s in strands if s.guest < 0], [], rays.origins)
         if sampling.far:
             _add_far(scene, rays, sampling, own)
-    traced = _composite(scene, len(rays), strands, len(cast.guests), rays.origins)
+    traced = _composite(scene, len(rays), strands, widths, rays.origins)
     if sampling.far:
         _add_far(scene, rays, sampling, traced)
     if cast.guests:
@@ -131,7 +138,7 @@ def _count(n: int, sampling: Sampling) -> int:
     return max(2, round(n * sampling.fine))
 
 
-def _static_strands(scene: SceneModel, cast: Cast, rays: RayBatch, sampling: Sampling) -> Strands:
+def _static_strands(scene: SceneModel, cast: Cast, rays: RayBatch, sampling: Sampling, actors: list[Strands]) -> Strands:
     o, d = scene.frame.points(rays.origins), scene.frame.vectors(rays.directions)
     t_near, t_far = scene.frame.span(o, d, NEAR_M)
     n, samples = len(rays), scene.config.samples
@@ -142,17 +149,19 @@ def _static_strands(scene: SceneModel, cast: Cast, rays: RayBatch, sampling: Sam
         # free space: rays that meet no occupied voxel take no sample
         o, d, u, t = o[ray], d[ray], u[ray], t[ray]
         segment = Segment(o, d, t_near[ray], t_far[ray])
-        s = scene.static.distance((o[:, None] + t[..., None] * d[:, None]).reshape(-1, 3)).view(t.shape)
+        points = o[:, None] + t[..., None] * d[:, None]
+        s = scene.static.distance(points.reshape(-1, 3)).view(t.shape)
+        s = _cleared(scene, cast, rays, actors, ray, t, points, s)
         jitter = stratified(len(ray), _count(samples.static, sampling), sampling.jitter, o, sampling.generator)
         quantiles = refine_quantiles(u, t, s, float(scene.beta(False)), jitter.shape[1], jitter)
         t, _ = propose(scene.occupancy.voxels, segment, quantiles)
     points = o[:, None] + t[..., None] * d[:, None]
     s, feature = scene.static(points.reshape(-1, 3))
     feature = scene.directed(feature, rays.directions[ray].repeat_interleave(t.shape[1], 0))
-    s = s.view(t.shape)
+    s = _cleared(scene, cast, rays, actors, ray, t, points, s.view(t.shape))
     tau, share = _intervals(scene, s, t, actor=False)
     medium = torch.full_like(ray, -1)
-    return Strands(ray, t, s, feature.view(*t.shape, -1), tau, share, points, medium)
+    return Strands(ray, t, s, feature.view(*t.shape, scene.config.features), tau, share, points, medium)
 
 
 def _actor_strands(
@@ -194,7 +203,7 @@ def _actor_strands(
             hits.ray,
             t,
             s,
-            feature.view(*t.shape, -1),
+            feature.view(*t.shape, scene.config.features),
             tau,
             share,
             points,
@@ -224,52 +233,59 @@ def _copy_strands(scene: SceneModel, cast: Cast, rays: RayBatch, sampling: Sampl
     points = o[:, None] + t[..., None] * d[:, None]
     s, feature = scene.static(points.reshape(-1, 3))
     # the source's ground stays where it is
-    s = torch.where(scene.ground.above(points.reshape(-1, 3)), s, s.abs() + 0.1).view(t.shape)
+    s = torch.where(scene.ground.above(points.reshape(-1, 3)), s, EMPTY_M).view(t.shape)
     feature = scene.directed(feature, rays.directions[hits.ray].repeat_interleave(t.shape[1], 0))
     tau, share = _intervals(scene, s, t, actor=False)
     medium = torch.full_like(hits.ray, -2)
-    return [Strands(hits.ray, t, s, feature.view(*t.shape, -1), tau, share, points, medium)]
+    strands = Strands(hits.ray, t, s, feature.view(*t.shape, scene.config.features), tau, share, points, medium)
+    strands.world_from_box = hits.world_from_box @ pose[:, :3, :3].mT
+    return [strands]
 
 
-def _clear_static_in_boxes(scene: SceneModel, cast: Cast, rays: RayBatch, strands: list[Strands]) -> None:
-    """Inside a present actor's box, and in a removed box, the static field counts only below the ground."""
-    static = strands[0]
-    if static.medium.numel() == 0 or int(static.medium[0]) != -1:
-        return
-    with torch.no_grad():
-        place = torch.cat([static.t[:, :1], (static.t[:, 1:] + static.t[:, :-1]) / 2], -1)
-        covers = torch.zeros_like(place)
-        row_of_ray = torch.full((len(rays),), -1, dtype=torch.long, device=place.device)
-        row_of_ray[static.ray] = torch.arange(len(static.ray), device=place.device)
-        for strand in strands[1:]:
-            if strand.bounds is None:
-                continue
-            row = row_of_ray[strand.ray]
-            known = row >= 0
-            row, near, far = row[known], strand.bounds[0][known], strand.bounds[1][known]
-            covered = (place[row] >= near[:, None]) & (place[row] <= far[:, None])
-            covers.index_put_((row,), covered.to(covers.dtype), accumulate=True)
-        inside = covers > 0
-        if cast.removals is not None:
-            pose, size = cast.removals
-            x = rays.origins[static.ray][:, None] + place[..., None] * rays.directions[static.ray][:, None]
-            local = torch.einsum("rij,pkj->rpki", pose[:, :3, :3], x) + pose[:, None, None, :3, 3]
-            inside |= (local.abs() <= size[:, None, None] / 2).all(-1).any(0)
-        rows, columns = torch.nonzero(inside, as_tuple=True)
-        o = scene.frame.points(rays.origins[static.ray[rows]])
-        d = scene.frame.vectors(rays.directions[static.ray[rows]])
-        above = scene.ground.above(o + place[rows, columns, None] * d)
-        keep = torch.ones_like(static.tau)
-        keep[rows[above], columns[above]] = 0
-    static.tau = static.tau * keep
-    static.share = static.share * keep
+def _cleared(
+    scene: SceneModel, cast: Cast, rays: RayBatch, actors: list[Strands], ray: Tensor, t: Tensor, points: Tensor, s: Tensor
+) -> Tensor:
+    """The static field's distances s (P, K) at samples t (P, K), points (P, K, 3), of rays (P,), as a ray may meet them.
+
+    Inside a present actor's box, and in a removed box, nothing stands above the ground: the ground is then all that is near.
+    """
+    inside = _in_boxes(cast, rays, actors, ray, t)
+    rows, columns = torch.nonzero(inside, as_tuple=True)
+    if len(rows) == 0:
+        return s
+    x = points[rows, columns]
+    height = x[:, 2] - scene.ground.height(x)
+    own = s[rows, columns]
+    return s.index_put((rows, columns), torch.where(height > CLEARANCE_M, torch.maximum(own, height), own))
 
 
-def _composite(scene: SceneModel, rays: int, strands: list[Strands], guests: int, like: Tensor) -> Traced:
+@torch.no_grad()
+def _in_boxes(cast: Cast, rays: RayBatch, actors: list[Strands], ray: Tensor, t: Tensor) -> Tensor:
+    """Which samples t (P, K) of rays (P,) lie in the box of an actor that the ray meets, or in a removed one: (P, K)."""
+    covers = torch.zeros_like(t)
+    row_of_ray = torch.full((len(rays),), -1, dtype=torch.long, device=t.device)
+    row_of_ray[ray] = torch.arange(len(ray), device=t.device)
+    for strand in actors:
+        assert strand.bounds is not None
+        row = row_of_ray[strand.ray]
+        known = row >= 0
+        row, near, far = row[known], strand.bounds[0][known], strand.bounds[1][known]
+        covered = (t[row] >= near[:, None]) & (t[row] <= far[:, None])
+        covers.index_put_((row,), covered.to(covers.dtype), accumulate=True)
+    inside = covers > 0
+    if cast.removals is not None:
+        for pose, size in zip(*cast.removals, strict=True):
+            x = rays.origins[ray][:, None] + t[..., None] * rays.directions[ray][:, None]
+            inside |= ((x @ pose[:3, :3].mT + pose[:3, 3]).abs() <= size / 2).all(-1)
+    return inside
+
+
+def _composite(scene: SceneModel, rays: int, strands: list[Strands], guests: list[int], like: Tensor) -> Traced:
+    """Everything on each ray in order of depth; ``guests`` are the lengths of the guest scenes' features."""
     width = scene.config.features
     feature, depth, total, log_behind = like.new_zeros(rays, width), *(like.new_zeros(rays) for _ in range(3))
-    guest_features = [like.new_zeros(rays, width) for _ in range(guests)]
-    guest_opacity = [like.new_zeros(rays) for _ in range(guests)]
+    guest_features = [like.new_zeros(rays, own) for own in guests]
+    guest_opacity = [like.new_zeros(rays) for _ in guests]
     for strand, front in zip(strands, _transmittances(rays, strands), strict=True):
         strand.interval_weight = front * -torch.expm1(-strand.tau)
         far_part = front * strand.share
@@ -297,18 +313,14 @@ def _transmittances(rays: int, strands: list[Strands]) -> list[Tensor]:
     """The transmittance in front of every interval (P, K) of each group of strands, all media of a ray in one order of depth."""
     if not strands:
         return []
-    if len(strands) == 1 and len(torch.unique(strands[0].ray)) == len(strands[0].ray):
-        return [weights_from_tau(strands[0].tau)[0]]
-    device = strands[0].t.device
-    crossed = torch.zeros(rays, dtype=torch.bool, device=device)
-    for strand in strands[1:]:
-        crossed[strand.ray] = True
-    if len(strands) == 1:
-        crossed[strands[0].ray] = True
-    alone = ~crossed[strands[0].ray]
-    mixed_ray = torch.cumsum(crossed, 0) - 1
-    # every crossed ray gets a row, every strand of it a slot in the row
+    out = [weights_from_tau(strand.tau)[0] for strand in strands]
     all_rays = torch.cat([s.ray for s in strands])
+    crossed = torch.bincount(all_rays, minlength=rays) > 1
+    if not bool(crossed.any()):
+        return out
+    device = all_rays.device
+    mixed_ray = torch.cumsum(crossed, 0) - 1
+    # every ray with several strands gets a row, every strand of it a slot in the row
     order = torch.argsort(all_rays, stable=True)
     _, counts = torch.unique_consecutive(all_rays[order], return_counts=True)
     starts = torch.cumsum(counts, 0) - counts
@@ -320,28 +332,18 @@ def _transmittances(rays: int, strands: list[Strands]) -> list[Tensor]:
     place = strands[0].t.new_full((rows * slots, longest), float("inf"))
     at, begin = [], 0
     for strand in strands:
-        mine = crossed[strand.ray]
-        cell = mixed_ray[strand.ray] * slots + slot[begin : begin + len(strand.ray)]
+        mine = torch.nonzero(crossed[strand.ray])[:, 0]
+        cell = mixed_ray[strand.ray[mine]] * slots + slot[begin : begin + len(strand.ray)][mine]
         begin += len(strand.ray)
-        at.append((mine, cell[mine]))
-        k = strand.t.shape[1]
-        middle = torch.cat([strand.t[:, :1], (strand.t[:, 1:] + strand.t[:, :-1]) / 2], -1).detach()
-        pad = (0, longest - k)
-        tau = tau.index_put((cell[mine],), torch.nn.functional.pad(strand.tau[mine], pad))
-        place = place.index_put((cell[mine],), torch.nn.functional.pad(middle[mine], pad, value=float("inf")))
+        at.append((mine, cell))
+        pad = (0, longest - strand.t.shape[1])
+        tau = tau.index_put((cell,), torch.nn.functional.pad(strand.tau[mine], pad))
+        place = place.index_put((cell,), torch.nn.functional.pad(strand.place[mine].detach(), pad, value=float("inf")))
     tau, place = tau.view(rows, -1), place.view(rows, -1)
     by_depth = torch.argsort(place, dim=1, stable=True)
     front, _ = weights_from_tau(tau.gather(1, by_depth))
     front = torch.zeros_like(front).scatter(1, by_depth, front).view(rows * slots, longest)
-    out = []
-    for i, (strand, (mine, cell)) in enumerate(zip(strands, at, strict=True)):
-        own = front[cell][:, : strand.t.shape[1]]
-        if i == 0 and bool(alone.any()):
-            merged = torch.zeros_like(strand.tau).index_put((torch.nonzero(mine)[:, 0],), own)
-            lonely = torch.nonzero(alone)[:, 0]
-            own = merged.index_put((lonely,), weights_from_tau(strand.tau[lonely])[0])
-        out.append(own)
-    return out
+    return [own.index_put((mine,), front[cell][:, : own.shape[1]]) for own, (mine, cell) in zip(out, at, strict=True)]
 
 
 def _add_far(scene: SceneModel, rays: RayBatch, sampling: Sampling, traced: Traced) -> None:

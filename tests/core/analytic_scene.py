@@ -1,0 +1,197 @@
+"""A scene model whose fields are known in closed form, and drives through it: what tracing is held against."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from unisim_blender.core.cast import Cast, gather_cast
+from unisim_blender.core.drive import Actor, Box, Camera, CameraModel, Drive, Lidar, LidarModel, Look, StaticCopy
+from unisim_blender.core.fields.checkpoint import Scene
+from unisim_blender.core.fields.config import ModelConfig, preset
+from unisim_blender.core.fields.scene import SceneModel
+from unisim_blender.core.fields.volume import Volume
+from unisim_blender.core.geometry import FloatArray, Trajectory, make_pose, quaternion_from_matrix, quaternion_from_yaw
+from unisim_blender.core.scene_file import SceneHeader
+from unisim_blender.core.trace import RayBatch, Sampling, Traced, trace
+
+GROUND_M = 0.0
+"""World height of the ground, where a scene has one."""
+EMPTY = 9.0
+Points = Sequence[float] | FloatArray
+Distance = Callable[[Tensor], Tensor]
+"""Signed distances (N,) in metres at points (N, 3)."""
+
+
+def empty(x: Tensor) -> Tensor:
+    return torch.full_like(x[:, 0], EMPTY)
+
+
+def ground(x: Tensor) -> Tensor:
+    """The plane z = GROUND_M of world points."""
+    return x[:, 2] - GROUND_M
+
+
+def sphere(centre: Points, radius: float) -> Distance:
+    return lambda x: (x - torch.tensor(centre, dtype=x.dtype)).norm(dim=-1) - radius
+
+
+def wall(x_m: float) -> Distance:
+    """Everything beyond x = ``x_m``."""
+    return lambda x: x_m - x[:, 0]
+
+
+def block(size_m: Points) -> Distance:
+    """A box about the origin."""
+
+    def distance(x: Tensor) -> Tensor:
+        q = x.abs() - torch.tensor(size_m, dtype=x.dtype) / 2
+        return q.clamp_min(0).norm(dim=-1) + q.amax(-1).clamp_max(0)
+
+    return distance
+
+
+def union(*parts: Distance) -> Distance:
+    return lambda x: torch.stack([part(x) for part in parts]).amin(0)
+
+
+def mark(number: int, width: int) -> Tensor:
+    """A feature that tells one medium from another: 1 in its own place."""
+    return torch.nn.functional.one_hot(torch.tensor(number), width).float()
+
+
+def analytic_scene(
+    static: Distance, actors: dict[str, tuple[Distance, FloatArray]], config: ModelConfig | None = None, beta: float = 200.0
+) -> SceneModel:
+    """A model in a volume of 60 x 40 x 16 m about the origin, 4 m of it under the ground, turned by 30 degrees.
+
+    ``static`` takes world points; ``actors`` are by id a distance about the box's centre and the box's size. Features say where
+    weight came from: place 0 the static field, place n the n-th actor in the order of ids. Voxels that a surface may cross are
+    occupied.
+    """
+    config = config or preset("tiny")
+    yaw = quaternion_from_yaw(np.radians(30))
+    corner = make_pose(np.zeros(3), yaw) @ np.array([-30.0, -20.0, 0, 1])
+    volume = Volume(make_pose(np.array([corner[0], corner[1], GROUND_M - 4]), yaw), np.array([60.0, 40.0, 16.0]))
+    uids = tuple(sorted(actors))
+    torch.manual_seed(0)
+    scene = SceneModel(config, volume, uids, ("front",))
+    with torch.no_grad():
+        scene.log_beta.fill_(np.log(beta))
+        scene.log_beta_actor.fill_(np.log(beta))
+        scene.ground.heights.fill_(4.0)
+    into = torch.as_tensor(volume.world_from_volume).float()
+
+    def static_distance(x: Tensor) -> Tensor:
+        return static(x @ into[:3, :3].T + into[:3, 3])
+
+    def actor_distance(tables: Tensor, x: Tensor, row: Tensor) -> Tensor:
+        out = torch.empty_like(x[:, 0])
+        for i, uid in enumerate(uids):
+            distance, size = actors[uid]
+            mine = row == i
+            out[mine] = distance((x[mine] - 0.5) * torch.as_tensor(size, dtype=x.dtype))
+        return out
+
+    step = config.voxel_m
+    axes = (torch.arange(n) * step + step / 2 for n in scene.occupancy.values.shape)
+    centres = torch.stack(torch.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3)
+    near = static_distance(centres).abs() < 1.5 * step
+    scene.occupancy.values.copy_(near.view(scene.occupancy.values.shape) * 255)
+    marks = torch.stack([mark(n, config.features) for n in range(len(uids) + 1)])
+    parts: Any = (scene.static, scene.actors)
+    parts[0].distance, parts[1].distance = static_distance, actor_distance
+    parts[0].forward = lambda x: (static_distance(x), marks[:1].expand(len(x), -1))
+    parts[1].forward = lambda tables, x, row: (actor_distance(tables, x, row), marks[row + 1])
+    return scene.requires_grad_(False).eval()
+
+
+def still(uid: str, position: Points, size: Points, yaw: float = 0.0, **changes: Any) -> Actor:
+    """An actor that stands still, throughout."""
+    way = Trajectory(np.zeros(1), np.array([position], float), quaternion_from_yaw(np.array([yaw])))
+    return replace(Actor(uid, "Car", np.array(size, float), way, 0.0, 0.5, False, Look(uid)), **changes)
+
+
+FRONT = quaternion_from_matrix(np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]]))
+
+
+def drive_of(actors: Sequence[Actor], copies: tuple[StaticCopy, ...] = (), removals: tuple[Box, ...] = ()) -> Drive:
+    """Six frames from 0 to 0.5 s of an ego that stands at (-20, 0) and looks along x, with one camera and one LiDAR."""
+    times = {frame: 0.1 * frame for frame in range(6)}
+
+    def stands(quaternion: FloatArray) -> Trajectory:
+        return Trajectory(np.zeros(1), np.array([[-20.0, 0, 1.6]]), quaternion[None])
+
+    camera = Camera("front", CameraModel(48, 32, 40.0, 40.0, 24.0, 16.0), stands(FRONT), times)
+    level = np.array([1.0, 0, 0, 0])
+    model = LidarModel(np.radians([3.0, 0.0, -3.0, -8.0]), np.zeros(4), columns=180)
+    lidar = Lidar("top", model, stands(level), times)
+    return Drive(
+        "analytic",
+        tuple(times),
+        times,
+        stands(level),
+        {"front": camera},
+        {"top": lidar},
+        {a.uid: a for a in actors},
+        copies,
+        removals,
+    )
+
+
+@dataclass
+class Stage:
+    """A scene with who is on, ready to be traced."""
+
+    scene: SceneModel
+    drive: Drive
+    others: dict[str, SceneModel] = field(default_factory=dict)
+
+    def cast(self) -> Cast:
+        return gather_cast(
+            self.scene, tables(self.scene), self.drive, {path: (scene, tables(scene)) for path, scene in self.others.items()}
+        )
+
+    def trace(
+        self, origins: Any, directions: Any, time_s: Any = 0.0, fine: float = 4.0, far: bool = False, among: Tensor | None = None
+    ) -> Traced:
+        """Rays (N, 3) or one (3,), at one time or each at its own; directions need no unit length."""
+        o, d = np.broadcast_arrays(np.atleast_2d(origins).astype(float), np.atleast_2d(directions).astype(float))
+        d = d / np.linalg.norm(d, axis=1, keepdims=True)
+        batch = RayBatch(
+            torch.tensor(o, dtype=torch.float32),
+            torch.tensor(d, dtype=torch.float32),
+            torch.tensor(np.broadcast_to(time_s, len(o)).copy(), dtype=torch.float64),
+        )
+        with torch.no_grad():
+            return trace(self.scene, self.cast(), batch, Sampling(fine=fine, far=far), among)
+
+    def as_scene(self, path: str = "scene") -> Scene:
+        """The scene as a renderer takes it."""
+        return Scene(Path(path), header_of(self.scene, self.drive, Path(path)), self.scene, tables(self.scene))
+
+
+def tables(scene: SceneModel) -> Tensor:
+    with torch.no_grad():
+        return scene.actors.tables()
+
+
+def header_of(scene: SceneModel, drive: Drive, path: Path) -> SceneHeader:
+    """What `scene.json` says of it."""
+    return SceneHeader(
+        path,
+        "analytic",
+        "none",
+        "../none",
+        np.zeros(3),
+        scene.config.to_dict(),
+        scene.volume.to_dict(),
+        drive,
+        {"cameras": ["front"]},
+    )
