@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
 from analytic_scene import Stage, analytic_scene, block, drive_of, empty, ground, sphere, still, union, wall
 
-from unisim_blender.core.drive import Box
-from unisim_blender.core.geometry import FloatArray, Trajectory, make_pose, quaternion_from_yaw
+from unisim_blender.core.cast import gather_cast
+from unisim_blender.core.drive import Box, Look, StaticCopy
+from unisim_blender.core.errors import SceneError
+from unisim_blender.core.fields.config import preset
+from unisim_blender.core.fields.scene import SceneModel
+from unisim_blender.core.geometry import FloatArray, Trajectory, intersect_boxes, invert_pose, make_pose, quaternion_from_yaw
+from unisim_blender.core.trace import RayBatch, Sampling, trace
 
 LEVEL = np.array([1.0, 0, 0, 0])
 EYE = np.array([-20.0, 0.0, 1.6])
@@ -59,8 +66,6 @@ def test_a_box_inside_a_moving_turned_actor() -> None:
     poses = way.at(time)
     aim = np.einsum("nij,nj->ni", poses[:, :3, :3], rng.uniform(-0.45, 0.45, (300, 3)) * inner) + poses[:, :3, 3]
     traced = stage.trace(EYE, aim - EYE, time)
-    from unisim_blender.core.geometry import intersect_boxes, invert_pose
-
     d = (aim - EYE) / np.linalg.norm(aim - EYE, axis=1, keepdims=True)
     near, _ = intersect_boxes(np.broadcast_to(EYE, d.shape), d, invert_pose(poses)[:, None], inner[None])
     error = np.abs(traced.depth_m.numpy() - near[:, 0])
@@ -178,3 +183,191 @@ def test_mean_depth_across_free_space() -> None:
     d = fan(100, spread=0.01)
     traced = Stage(scene, drive_of([])).trace(EYE, d, fine=1.0)
     np.testing.assert_allclose(traced.depth_m, 32 / d[:, 0], atol=0.25)
+
+
+def test_an_actor_is_there_only_in_its_time() -> None:
+    size = np.array([4.0, 4.0, 4.0])
+    actor = still("car", [0, 0, 1.6], size, start_s=0.15, end_s=0.35)
+    traced = Stage(analytic_scene(empty, {"car": (block(size * 0.9), size)}), drive_of([actor])).trace(
+        EYE, np.tile([1.0, 0, 0], (5, 1)), np.array([0.0, 0.149, 0.15, 0.35, 0.351])
+    )
+    np.testing.assert_allclose(traced.opacity, [0, 0, 1, 1, 0], atol=1e-4)
+
+
+def test_a_cleared_box_is_cleared_only_in_the_actors_time() -> None:
+    actor = still("car", [0, 0, 1.3], HOLLOW, start_s=0.15, end_s=0.35)
+    scene = analytic_scene(sphere([0.0, 0, 1.3], 1.0), {"car": (empty, HOLLOW)})
+    traced = Stage(scene, drive_of([actor])).trace([-20, 0, 1.3], np.tile([1.0, 0, 0], (2, 1)), np.array([0.1, 0.2]))
+    np.testing.assert_allclose(traced.opacity, [1, 0], atol=1e-3)
+
+
+def pillar_with_copy(turn: float = 0.0) -> tuple[Stage, FloatArray]:
+    """A block on the ground at (0, 0), turned by 0.4, copied to (2, 8) with another turn; the place of the copy (4, 4)."""
+    to = np.cos(-0.4), np.sin(-0.4)
+
+    def turned(x: torch.Tensor) -> torch.Tensor:
+        local = torch.stack([to[0] * x[:, 0] - to[1] * x[:, 1], to[1] * x[:, 0] + to[0] * x[:, 1], x[:, 2] - 0.8], -1)
+        return block([1.0, 0.5, 1.6])(local)
+
+    source = Box(make_pose(np.array([0.0, 0, 0.8]), quaternion_from_yaw(0.4)), np.array([1.6, 1.2, 2.4]))
+    target = make_pose(np.array([2.0, 8.0, 0.8]), quaternion_from_yaw(0.4 + turn))
+    copy = StaticCopy("pillar-copy", source, target)
+    return Stage(analytic_scene(union(ground, turned), {}), drive_of([], copies=(copy,))), target
+
+
+@pytest.mark.parametrize("turn", (0.0, 1.2))
+def test_a_static_copy_stands_where_it_was_put(turn: float) -> None:
+    stage, target = pillar_with_copy(turn)
+    local = np.random.default_rng(1).uniform(-0.9, 0.9, (300, 3)) * [0.5, 0.25, 0.7]
+    rays = []
+    for pose in (make_pose(np.array([0.0, 0, 0.8]), quaternion_from_yaw(0.4)), target):
+        eye = pose[:3, :3] @ [-6.0, -3.0, 1.0] + pose[:3, 3]
+        rays.append(stage.trace(eye, local @ pose[:3, :3].T + pose[:3, 3] - eye))
+    np.testing.assert_allclose(rays[1].depth_m, rays[0].depth_m, atol=0.05)
+    assert np.quantile(np.abs(rays[1].depth_m - rays[0].depth_m), 0.9) < 0.02
+
+
+def test_a_static_copy_brings_no_ground_along() -> None:
+    """The source's box reaches under the ground; lifted up, only the block hangs there."""
+    source = Box(make_pose(np.array([0.0, 0, 0.4]), LEVEL), np.array([3.0, 3.0, 3.0]))
+    copy = StaticCopy("up", source, make_pose(np.array([0.0, 10, 5.4]), LEVEL))
+    scene = analytic_scene(union(ground, lambda x: block([1.0, 1.0, 1.6])(x - torch.tensor([0, 0, 0.8]))), {})
+    stage = Stage(scene, drive_of([], copies=(copy,)))
+    aim = np.array([[0.0, 10, 5.8], [1.3, 10, 4.2], [-1.3, 10, 4.5]])
+    traced = stage.trace([0.0, 2, 5.5], aim - [0.0, 2, 5.5])
+    np.testing.assert_allclose(traced.depth_m[0], np.linalg.norm([0, 7.5, 0.3]), atol=0.05)
+    assert float(traced.depth_m[1:].min()) > 12 or float(traced.opacity[1:].max()) < 0.05
+
+
+GUEST = "elsewhere"
+
+
+def stage_with_guest(x_m: float, static: object = None, features: int = 15) -> Stage:
+    """A wall at x = 8 and an actor of another scene at ``x_m``."""
+    size = np.array([3.0, 3.0, 3.0])
+    config = replace(preset("tiny"), features=features)
+    other = analytic_scene(empty, {"car": (block([2.0, 2.0, 2.0]), size), "bus": (empty, size)}, config, beta=300.0)
+    guest = still("new", [x_m, 0, 1.6], size, look=Look("car", GUEST))
+    own = analytic_scene(static or wall(8.0), {"bike": (block([1.0, 1, 1]), size)})  # type: ignore[arg-type]
+    return Stage(own, drive_of([guest, still("bike", [-5, 5, 1.6], size)]), {GUEST: other})
+
+
+@pytest.mark.parametrize("features", (15, 7))
+def test_a_guest_hides_what_is_behind_it(features: int) -> None:
+    traced = stage_with_guest(2.0, features=features).trace(EYE, fan(50, spread=0.01))
+    np.testing.assert_allclose(traced.guest_opacity[0], 1, atol=1e-3)
+    np.testing.assert_allclose(traced.guest_features[0][:, 2], 1, atol=1e-3)
+    assert traced.guest_features[0].shape == (50, features)
+    np.testing.assert_allclose(traced.feature.abs().max(), 0, atol=1e-3)
+    assert traced.without_guests is not None
+    np.testing.assert_allclose(traced.without_guests[:, 0], 1, atol=1e-3)
+    np.testing.assert_allclose(traced.depth_m, 21, atol=0.1)
+
+
+def test_a_guest_is_hidden_by_what_stands_before_it() -> None:
+    traced = stage_with_guest(12.0).trace(EYE, fan(50, spread=0.01))
+    np.testing.assert_allclose(traced.guest_opacity[0], 0, atol=1e-3)
+    np.testing.assert_allclose(traced.feature[:, 0], 1, atol=1e-3)
+
+
+def test_own_actors_hide_guests_and_guests_own_actors() -> None:
+    size = np.array([2.0, 3.0, 3.0])
+    body = block([1.4, 2.6, 2.6])
+    other = analytic_scene(empty, {"car": (body, size)})
+    for own_x, guest_x in ((-4.0, 4.0), (4.0, -4.0)):
+        actors = [still("own", [own_x, 0, 1.6], size), still("new", [guest_x, 0, 1.6], size, look=Look("car", GUEST))]
+        traced = Stage(analytic_scene(empty, {"own": (body, size)}), drive_of(actors), {GUEST: other}).trace(
+            EYE, fan(50, spread=0.01)
+        )
+        expected = float(own_x < guest_x)
+        np.testing.assert_allclose(traced.feature[:, 1], expected, atol=1e-3)
+        np.testing.assert_allclose(traced.guest_opacity[0], 1 - expected, atol=1e-3)
+
+
+def test_two_actors_on_one_ray_and_a_guest_on_another() -> None:
+    """Where no static voxel is met, strands of the first medium must still see each other."""
+    size = np.array([2.0, 3.0, 3.0])
+    body = (block([1.4, 2.6, 2.6]), size)
+    guest = still("new", [0, 8, 1.6], size, look=Look("car", GUEST))
+    actors = [still("a", [3.0, 0, 1.6], size), still("b", [-3.0, 0, 1.6], size), guest]
+    stage = Stage(analytic_scene(empty, {"a": body, "b": body}), drive_of(actors), {GUEST: analytic_scene(empty, {"car": body})})
+    traced = stage.trace(EYE, [[20.0, 0, 0], [20, 8, 0]])
+    np.testing.assert_allclose(traced.feature[:, 1:3], [[0, 1], [0, 0]], atol=1e-3)
+    np.testing.assert_allclose(traced.guest_opacity[0], [0, 1], atol=1e-3)
+    np.testing.assert_allclose(traced.depth_m[0], 20 - 3 - 0.7, atol=0.05)
+
+
+def test_duplicates_of_an_actor_share_its_look() -> None:
+    size = np.array([2.0, 3.0, 3.0])
+    scene = analytic_scene(empty, {"a": (empty, size), "b": (block([1.4, 2.6, 2.6]), size)})
+    actors = [still("copy of b", [0, 0, 1.6], size, look=Look("b")), still("a", [-5, 0, 1.6], size)]
+    traced = Stage(scene, drive_of(actors)).trace(EYE, fan(20, spread=0.01))
+    np.testing.assert_allclose(traced.feature[:, 2], 1, atol=1e-3)
+
+
+def test_a_look_that_the_scene_does_not_hold() -> None:
+    stage = Stage(analytic_scene(empty, {}), drive_of([still("car", [0, 0, 1], [1, 1, 1], look=Look("lorry"))]))
+    with pytest.raises(SceneError, match="'car' has the look of 'lorry'"):
+        stage.cast()
+    absent = Stage(analytic_scene(empty, {}), drive_of([still("car", [0, 0, 1], [1, 1, 1], look=Look("car", GUEST))]))
+    with pytest.raises(SceneError, match=GUEST):
+        absent.cast()
+
+
+def test_free_space_spends_no_sample() -> None:
+    stage = Stage(analytic_scene(sphere([0.0, 0, 1.6], 1.0), {}), drive_of([]))
+    away = stage.trace(EYE, [[-1.0, 0, 0], [0, 1, 0], [0.1, 0, 1]], far=False)
+    assert away.samples == 0 and bool((away.depth_m == 0).all()) and bool((away.behind == 1).all())
+    toward = stage.trace(EYE, [[1.0, 0, 0]], fine=1.0)
+    assert toward.samples == stage.scene.config.samples.static
+    t = toward.strands[0].t
+    assert 17 < float(t.min()) and float(t.max()) < 23, "all of them near the sphere"
+
+
+def test_the_far_field_is_asked_only_where_it_is_seen() -> None:
+    stage = Stage(analytic_scene(wall(4.0), {}), drive_of([]))
+    asked: list[int] = []
+    forward = stage.scene.far.forward
+    stage.scene.far.forward = lambda x: (asked.append(len(x)), forward(x))[1]  # type: ignore[method-assign, func-returns-value]
+    stage.trace(EYE, [[1.0, 0, 0], [1.0, 0.1, 0], [-1.0, 0, 0]], far=True)
+    assert asked == [stage.scene.config.samples.far]
+
+
+def test_a_ray_that_never_enters_the_volume_sees_the_far_field() -> None:
+    stage = Stage(analytic_scene(wall(4.0), {}), drive_of([]))
+    traced = stage.trace([0.0, 0, 100.0], [[0.0, 0, 1], [1, 0, 0], [0.6, 0.0, 0.8]], far=True)
+    assert bool(torch.isfinite(traced.feature).all()) and bool((traced.feature.abs().sum(1) > 0).all())
+    assert bool((traced.opacity == 0).all())
+
+
+def test_the_papers_density() -> None:
+    """Opacity of steps of its own length: a plane head-on is met within a step before or behind it."""
+    config = replace(preset("tiny"), density="unisim", unisim_step_m=0.2)
+    scene = analytic_scene(wall(4.0), {}, config, beta=40.0)
+    traced = Stage(scene, drive_of([])).trace(EYE, fan(20, spread=0.01), fine=8.0)
+    np.testing.assert_allclose(traced.depth_m, 24, atol=0.3)
+    torch.testing.assert_close(traced.feature[:, 0], traced.opacity, atol=1e-5, rtol=0)
+
+
+def test_gradients_reach_every_medium() -> None:
+    torch.manual_seed(1)
+    size = np.array([4.0, 3.0, 3.0])
+    drive = drive_of([still("car", [0, 0, 1.0], size)])
+    volume = analytic_scene(empty, {}).volume
+    scene = SceneModel(preset("tiny"), volume, ("car",), ("front",))
+    scene.occupancy.values.fill_(255)
+    drawn = fan(64, spread=0.1)
+    batch = RayBatch(torch.tensor(np.tile(EYE, (64, 1))).float(), torch.tensor(drawn).float(), torch.zeros(64).double())
+    cast = gather_cast(scene, scene.actors.tables(), drive, {})
+    traced = trace(scene, cast, batch, Sampling(jitter=True, generator=torch.Generator().manual_seed(2)))
+    (traced.feature.sum() + traced.depth_m.sum() + traced.behind.sum()).backward()
+    for name in (
+        "static.grid.table",
+        "far.grid.table",
+        "actors.latents",
+        "log_beta",
+        "log_beta_actor",
+        "static.network.0.weight",
+    ):
+        gradient = scene.get_parameter(name).grad
+        assert gradient is not None and bool(torch.isfinite(gradient).all()) and bool((gradient != 0).any()), name
