@@ -63,7 +63,7 @@ class Renderer:
         u, v = pixel_grid(model, up)
         rays = camera_rays(camera, frame, u, v)
         stats = RenderStats()
-        traced, maps = self._trace(rays.flat(), set(passes), stats, far=True)
+        traced, maps = self._trace(rays.flat(), set(passes), stats, sky=True)
         traced_s = time.perf_counter()
         image = self._decode(traced, rays, camera_id, u.shape, model)
         stats.seconds = {"trace": traced_s - begun, "decode": time.perf_counter() - traced_s}
@@ -100,7 +100,7 @@ class Renderer:
         """Depth in metres, intensity in 0..1, probability of a return, instance (N,) of any LiDAR rays (N, 3), world frame."""
         stats = RenderStats() if stats is None else stats
         rays = Rays(origins, directions, time_s)
-        traced, maps = self._trace(rays, {"instance"}, stats, far=False)
+        traced, maps = self._trace(rays, {"instance"}, stats, sky=False)
         directions_t = torch.as_tensor(directions, dtype=torch.float32, device=self.device)
         head = self.scene.model.lidar_head
         intensity, logit = head(traced.feature, directions_t, traced.depth_m, traced.opacity)
@@ -109,15 +109,15 @@ class Renderer:
             own = traced.guest_features[i] / share.clamp_min(1e-3)[:, None]
             i_guest, l_guest = guest.scene.lidar_head(own, directions_t, traced.depth_m, traced.opacity)
             intensity, logit = torch.lerp(intensity, i_guest, share), torch.lerp(logit, l_guest, share)
-        # what meets nothing inside the volume returns nothing
+        # what meets nothing returns nothing
         probability = torch.sigmoid(logit) * (traced.opacity > 0.5)
         return traced.depth_m.cpu().numpy(), intensity.cpu().numpy(), probability.cpu().numpy(), maps["instance"].astype(np.int32)
 
-    def _trace(self, rays: Rays, passes: set[str], stats: RenderStats, far: bool) -> tuple[Traced, Maps]:
+    def _trace(self, rays: Rays, passes: set[str], stats: RenderStats, sky: bool) -> tuple[Traced, Maps]:
         """All rays in chunks; features joined, and for each pass one array (N, ...)."""
         batch = to_batch(rays, self.device)
         among = self._visible(rays, stats)
-        sampling = Sampling(fine=self.sampling.fine, far=far)
+        sampling = Sampling(fine=self.sampling.fine, sky=sky)
         pieces, maps = [], []
         for begin in range(0, len(batch), CHUNK_RAYS):
             part = RayBatch(*(x[begin : begin + CHUNK_RAYS] for x in (batch.origins, batch.directions, batch.time_s)))
@@ -212,7 +212,10 @@ class Renderer:
 
 
 def observe(scene: Scene, cameras: Sequence[str], frames: Sequence[int], width: int | None, points: FloatArray) -> None:
-    """Mark the voxels that training images and LiDAR returns (N, 3) show, for the mask of what nothing recorded supports."""
+    """Mark the voxels that training images and LiDAR returns (N, 3) show, for the mask of what nothing recorded supports.
+
+    Those next to them are marked too: a surface on the border of two voxels is in one at one time, in the other at another.
+    """
     model = scene.model
     seen = model.observed.view(-1)
     into = invert_pose(model.volume.world_from_volume)
@@ -225,11 +228,13 @@ def observe(scene: Scene, cameras: Sequence[str], frames: Sequence[int], width: 
             u, v = pixel_grid(renderer.drive.cameras[camera].model, max(1, renderer.drive.cameras[camera].model.width // 96))
             rays = camera_rays(renderer.drive.cameras[camera], frame, u, v).flat()
             with torch.no_grad():
-                traced, _ = renderer._trace(rays, {"depth"}, RenderStats(), far=False)
+                traced, _ = renderer._trace(rays, {"depth"}, RenderStats(), sky=False)
                 batch = to_batch(rays, renderer.device)
                 hit = traced.opacity > 0.5
                 x = model.frame.points(batch.origins + batch.directions * traced.depth_m[:, None])[hit]
                 seen[model.occupancy.cells(x)] = 1
+    grown = F.max_pool3d(model.observed[None, None].float(), 3, stride=1, padding=1)[0, 0]
+    model.observed.copy_(grown)
 
 
 def to_batch(rays: Rays, device: torch.device) -> RayBatch:
@@ -323,7 +328,9 @@ def _supported(scene: Scene, traced: Traced, part: RayBatch, solid: Tensor) -> T
     out = torch.ones_like(solid)
     ray = torch.nonzero(solid)[:, 0]
     place = part.origins[ray] + part.directions[ray] * traced.depth_m[ray, None]
-    out[ray] = model.observed.view(-1)[model.occupancy.cells(model.frame.points(place))] > 0
+    x = model.frame.points(place)
+    outside = ((x < 0) | (x > model.frame.size_m)).any(-1)
+    out[ray] = outside | (model.observed.view(-1)[model.occupancy.cells(x)] > 0)
     return out | (_instances(traced, len(part)) > 0)
 
 
