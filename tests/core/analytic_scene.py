@@ -105,10 +105,12 @@ def analytic_scene(
     near = static_distance(centres).abs() < 1.5 * step
     scene.occupancy.values.copy_(near.view(scene.occupancy.values.shape) * 255)
     marks = torch.stack([mark(n, config.features) for n in range(len(uids) + 1)])
-    parts: Any = (scene.static, scene.actors)
+    parts: Any = (scene.static, scene.actors, scene.far)
     parts[0].distance, parts[1].distance = static_distance, actor_distance
     parts[0].forward = lambda x: (static_distance(x), marks[:1].expand(len(x), -1))
     parts[1].forward = lambda tables, x, row: (actor_distance(tables, x, row), marks[row + 1])
+    # nothing but the sky lies beyond the volume
+    parts[2].forward = lambda x: (torch.full_like(x[:, 0], -100.0), x.new_zeros(len(x), config.features))
     return scene.requires_grad_(False).eval()
 
 

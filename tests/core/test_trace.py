@@ -340,6 +340,17 @@ def test_a_ray_that_never_enters_the_volume_sees_the_far_field() -> None:
     assert bool((traced.opacity == 0).all())
 
 
+def test_what_lies_beyond_the_volume_has_a_depth_and_the_sky_has_none() -> None:
+    stage = Stage(analytic_scene(wall(4.0), {}), drive_of([]))
+    sky = stage.trace(EYE, [-1.0, 0, 0.05], far=True)
+    assert float(sky.opacity) == 0 and float(sky.depth_m) == 0 and float(sky.feature.abs().sum()) > 0
+    features = stage.scene.config.features
+    stage.scene.far.forward = lambda x: (torch.full_like(x[:, 0], 50.0), x.new_ones(len(x), features))  # type: ignore[method-assign]
+    hill = stage.trace(EYE, [-1.0, 0, 0.05], far=True)
+    assert float(hill.opacity) == pytest.approx(1) and 10 < float(hill.depth_m) < 3000
+    torch.testing.assert_close(hill.feature, torch.ones_like(hill.feature))
+
+
 def test_the_papers_density() -> None:
     """Opacity of steps of its own length: a plane head-on is met within a step before or behind it."""
     config = replace(preset("tiny"), density="unisim", unisim_step_m=0.2)
