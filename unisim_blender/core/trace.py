@@ -39,13 +39,15 @@ class RayBatch:
 
 @dataclass(frozen=True)
 class Sampling:
-    """``jitter`` draws samples at random in their strata; ``fine`` multiplies their number; ``far`` asks for the far field."""
+    """``jitter`` draws samples at random in their strata; ``fine`` multiplies their number; ``far`` asks for the far field,
+    ``sky`` for what lies behind that: a camera sees it, a LiDAR does not."""
 
     jitter: bool = False
     fine: float = 1.0
     far: bool = True
+    sky: bool = True
     mirror: Tensor | None = None
-    """(looks,) bool: which looks may be mirrored at random, in training."""
+    """(looks,) chance that a look is mirrored, in training."""
     generator: torch.Generator | None = None
 
 
@@ -88,8 +90,8 @@ class Strands:
 
 @dataclass
 class Traced:
-    """What the rays met. feature (N, F) composited, without the far field for rays that do not ask for it; depth_m (N,) mean
-    distance of what stopped the ray, 0 where nothing did; opacity (N,); behind (N,) transmittance at the volume's end."""
+    """What the rays met. feature (N, F) composited, the far field and the sky included where they were asked for; depth_m (N,)
+    mean distance of what stopped the ray, 0 where nothing did; opacity (N,) and behind (N,), 1 - opacity, without the sky."""
 
     feature: Tensor
     depth_m: Tensor
@@ -176,8 +178,8 @@ def _actor_strands(
     size, row = troupe.tracklets.sizes_m[hits.actor], troupe.rows[hits.actor]
     flip = None
     if sampling.mirror is not None:
-        chance = torch.rand(len(row), generator=sampling.generator, device=row.device) < 0.5
-        flip = torch.where(chance & sampling.mirror[row], -1.0, 1.0)
+        chance = torch.rand(len(row), generator=sampling.generator, device=row.device)
+        flip = torch.where(chance < sampling.mirror[row], -1.0, 1.0)
 
     def unit(t: Tensor) -> Tensor:
         x = (hits.origins[:, None] + t[..., None] * hits.directions[:, None]) / size[:, None]
@@ -347,7 +349,7 @@ def _transmittances(rays: int, strands: list[Strands]) -> list[Tensor]:
 
 
 def _add_far(scene: SceneModel, rays: RayBatch, sampling: Sampling, traced: Traced) -> None:
-    """The far field behind the volume, where anything of it can be seen: even in disparity, then the sky."""
+    """The far field behind the volume, where anything of it can be seen: samples even in disparity, then the sky."""
     ray = torch.nonzero(traced.behind.detach() > OPAQUE)[:, 0]
     if len(ray) == 0:
         return
@@ -356,15 +358,22 @@ def _add_far(scene: SceneModel, rays: RayBatch, sampling: Sampling, traced: Trac
     count = scene.config.samples.far
     u = stratified(len(ray), count, sampling.jitter, o, sampling.generator)
     t0 = t_far.clamp_min(NEAR_M)[:, None]
-    disparity = (1 - u) / t0 + u / scene.config.far_m
-    x = o[:, None] + d[:, None] / disparity[..., None]
+    t = 1 / ((1 - u) / t0 + u / scene.config.far_m)
+    x = o[:, None] + d[:, None] * t[..., None]
     raw, feature = scene.far(x.reshape(-1, 3))
     tau = torch.nn.functional.softplus(raw.view(u.shape))
     front, behind = weights_from_tau(tau)
     weight = front * -torch.expm1(-tau)
     directions = rays.directions[ray]
     feature = scene.directed(feature, directions.repeat_interleave(count, 0)).view(*u.shape, -1)
-    sky = scene.directed(scene.far.sky(d), directions)
-    far = (weight[..., None] * feature).sum(1) + behind[:, None] * sky
-    traced.feature = traced.feature.index_add(0, ray, traced.behind[ray, None] * far)
+    far = (weight[..., None] * feature).sum(1)
+    if sampling.sky:
+        far = far + behind[:, None] * scene.directed(scene.far.sky(d), directions)
+    reach = traced.behind[ray]
+    stopped = traced.depth_m * traced.opacity
+    stopped = stopped.index_add(0, ray, reach * (weight * t).sum(1))
+    traced.feature = traced.feature.index_add(0, ray, reach[:, None] * far)
+    traced.behind = traced.behind.index_put((ray,), reach * behind)
+    traced.opacity = 1 - traced.behind
+    traced.depth_m = stopped / traced.opacity.clamp_min(1e-6)
     traced.samples += u.numel() + len(ray)

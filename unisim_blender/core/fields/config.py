@@ -94,13 +94,13 @@ PRESETS: dict[str, ModelConfig] = {
         static_grid=GridConfig(3.2, 0.05, 8, 4, 19),
         far_grid=GridConfig(8, 2048, 8, 4, 17),
         actor_grid=GridConfig(4, 64, 6, 4, 12),
-        samples=SampleConfig(16, 12, 10, 8, 4),
+        samples=SampleConfig(16, 12, 10, 8, 6),
     ),
     "compact": ModelConfig(
         static_grid=GridConfig(3.2, 0.05, 8, 4, 16),
         far_grid=GridConfig(8, 1024, 6, 4, 14),
         actor_grid=GridConfig(4, 48, 5, 4, 11),
-        samples=SampleConfig(16, 12, 10, 8, 4),
+        samples=SampleConfig(16, 12, 10, 8, 6),
     ),
     "paper": ModelConfig(
         static_grid=GridConfig(7.5, 0.03, 16, 2, 21),

@@ -16,8 +16,13 @@ CLEARANCE_M = 0.1
 """What lies higher than this above the ground is not the ground."""
 
 
-def ground_heights(points: FloatArray, size_m: FloatArray) -> NDArray[np.float32]:
-    """Heights (X, Y) of the ground in cells of 1 m, in volume coordinates, from static points (N, 3) in volume coordinates.
+KNOWN_M = 8.0
+"""Up to this far from a cell that LiDAR saw, the ground is taken to go on."""
+
+
+def ground_heights(points: FloatArray, size_m: FloatArray) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+    """Heights (X, Y) of the ground in cells of 1 m, in volume coordinates, from static points (N, 3) in volume coordinates; and
+    in which cells (X, Y) they can be trusted.
 
     The lowest returns of a cell, opened over 9 m so that roofs and walls do not count, median-smoothed; cells that no LiDAR saw
     take their nearest neighbour's.
@@ -35,11 +40,13 @@ def ground_heights(points: FloatArray, size_m: FloatArray) -> NDArray[np.float32
     lowest[flat[starts]] = z[starts + (counts * 0.05).astype(np.int64)] if len(flat) else np.inf
     heights = lowest.reshape(shape)
     if not np.isfinite(heights).any():
-        return np.zeros(shape, np.float32)
+        return np.zeros(shape, np.float32), np.zeros(shape, np.bool_)
     heights = _fill(heights)
     opened = ndimage.grey_opening(heights, size=(9, 9))
-    heights = _fill(np.where(heights > opened + 0.4, np.inf, heights))
-    return ndimage.median_filter(heights, size=5).astype(np.float32)
+    trusted = np.isfinite(lowest.reshape(shape)) & (heights <= opened + 0.4)
+    known = ndimage.distance_transform_edt(~trusted) * CELL_M <= KNOWN_M
+    heights = _fill(np.where(trusted, heights, np.inf))
+    return ndimage.median_filter(heights, size=5).astype(np.float32), known
 
 
 def _fill(heights: FloatArray) -> FloatArray:

@@ -18,12 +18,17 @@ _MIN_HIT = 64
 
 
 def seed_voxels(
-    origins: FloatArray, points: FloatArray, shape: tuple[int, int, int], voxel_m: float, ground: NDArray[np.float32]
+    origins: FloatArray,
+    points: FloatArray,
+    shape: tuple[int, int, int],
+    voxel_m: float,
+    ground: NDArray[np.float32],
+    known: NDArray[np.bool_],
 ) -> NDArray[np.uint8]:
     """Values (X, Y, Z) from LiDAR rays, volume coordinates: origins (N, 3) to static returns (N, 3).
 
-    HIT where a return lies, one voxel round it included (UniSim, section 3.2); FREE where rays only passed, and under the
-    ground (heights (X', Y') in cells of 1 m); UNKNOWN where none came.
+    HIT where a return lies, one voxel round it included (UniSim, section 3.2), and at the ground between returns (heights and
+    where they are known (X', Y'), cells of 1 m); FREE where rays only passed, and under the ground; UNKNOWN where none came.
     """
     hit = np.zeros(shape, bool)
     passed = np.zeros(shape, np.uint8)
@@ -50,7 +55,10 @@ def seed_voxels(
     top = (np.arange(shape[2]) + 1) * voxel_m
     column = np.minimum(((np.arange(shape[0]) + 0.5) * voxel_m).astype(int), ground.shape[0] - 1)
     row = np.minimum(((np.arange(shape[1]) + 0.5) * voxel_m).astype(int), ground.shape[1] - 1)
-    under = top[None, None] < ground[column][:, row][..., None] - 0.5
+    height, trusted = ground[column][:, row][..., None], known[column][:, row][..., None]
+    under = top[None, None] < height - 0.5
+    at_ground = trusted & (top[None, None] > height - 0.3) & (top[None, None] - voxel_m < height + 0.15)
+    values[at_ground] = HIT
     values[under & ~near] = FREE
     return values
 

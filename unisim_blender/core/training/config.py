@@ -14,6 +14,7 @@ class LossWeights:
 
     perceptual: float = 0.01
     lidar_depth: float = 0.05
+    lidar_reach: float = 0.02
     lidar_opacity: float = 0.01
     lidar_free: float = 0.05
     lidar_intensity: float = 0.1
@@ -45,6 +46,9 @@ class TrainConfig:
     lidar_rays: int = 1024
     perceptual_from: float = 0.1
     poses_from: float = 0.3
+    mirrored: float = 0.1
+    """Chance that a ray sees a vehicle mirrored. What was never recorded learns from the other side all the same; with a half,
+    a lit side and a shaded one would blend."""
     prune_from: int = 300
     rate_tables: tuple[float, float] = (1e-2, 1e-3)
     rate_networks: tuple[float, float] = (5e-3, 3e-4)

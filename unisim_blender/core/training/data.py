@@ -33,12 +33,14 @@ class PatchBatch:
 
 @dataclass(frozen=True)
 class LidarBatch:
-    """LiDAR rays with what they measured: depth_m, intensity (N,), returned (N,) bool."""
+    """LiDAR rays with what they measured: depth_m, intensity (N,), returned (N,) bool; weight (N,) makes drops, of which more
+    are drawn than there are, count as often as they occur."""
 
     rays: RayBatch
     depth_m: Tensor
     intensity: Tensor
     returned: Tensor
+    weight: Tensor
 
 
 def ray_batch(origins: FloatArray, directions: FloatArray, time_s: FloatArray) -> RayBatch:
@@ -141,6 +143,11 @@ class LidarData:
             inside[at] |= (np.abs(local) <= grown / 2).all(1)
         return self.origins[h][~inside].astype(np.float64), points[~inside]
 
+    def _weights(self, drops: float) -> tuple[float, float]:
+        """Weights of hits and of drops, where drops are this share of a batch."""
+        share = len(self._drops) / (len(self._drops) + len(self._hits))
+        return (1 - share) / (1 - drops), share / drops if drops else 0.0
+
     def sample(self, rng: np.random.Generator, count: int, drops: float = 0.15) -> LidarBatch:
         """``count`` random rays, a share of them drops."""
         n_drops = int(count * drops) if len(self._drops) else 0
@@ -153,4 +160,5 @@ class LidarData:
             torch.as_tensor(self.depth_m[index]).float(),
             torch.as_tensor(self.intensity[index]).float(),
             torch.as_tensor(self.returned[index]),
+            torch.as_tensor(np.where(self.returned[index], *self._weights(n_drops / count))).float(),
         )

@@ -61,7 +61,10 @@ def lidar_terms(traced: Traced, batch: LidarBatch, keep: float = 0.95) -> tuple[
     # a ray that is not stopped has no depth to compare: its opacity is asked for first
     expected = traced.depth_m * traced.opacity + (1 - traced.opacity) * 100
     depth = F.smooth_l1_loss(torch.where(traced.opacity > 0.05, traced.depth_m, expected)[good], batch.depth_m[good], beta=0.1)
-    opacity = -torch.log(traced.opacity[good].clamp_min(1e-4)).mean()
+    hit = batch.returned
+    # whatever returned a beam is there, also where the depth is among the worst
+    opacity = -torch.log(traced.opacity[hit].clamp_min(1e-4)).mean()
+    reach = F.smooth_l1_loss(expected[hit].clamp_min(0.1).log(), batch.depth_m[hit].log(), beta=0.05)
     free = traced.feature.new_zeros(())
     for strand in traced.strands:
         assert strand.interval_weight is not None
@@ -69,7 +72,7 @@ def lidar_terms(traced: Traced, batch: LidarBatch, keep: float = 0.95) -> tuple[
         far = (place - batch.depth_m[strand.ray, None]).abs() > SURFACE_M * 2
         used = good[strand.ray]
         free = free + (strand.interval_weight**2 * (far & used[:, None])).sum()
-    return {"depth": depth, "opacity": opacity, "free": free / good.sum().clamp_min(1)}, good
+    return {"depth": depth, "reach": reach, "opacity": opacity, "free": free / good.sum().clamp_min(1)}, good
 
 
 def distance_band(s: Tensor, offset_m: Tensor) -> Tensor:

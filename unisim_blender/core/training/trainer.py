@@ -16,7 +16,7 @@ from ..drive import Drive
 from ..errors import SceneError
 from ..fields.config import preset
 from ..fields.fields import HashTable
-from ..fields.ground import ground_heights
+from ..fields.ground import CELL_M, ground_heights
 from ..fields.occupancy import OccupancyTrainer, seed_voxels
 from ..fields.scene import SceneModel
 from ..fields.tracklets import Tracklets
@@ -47,18 +47,19 @@ class Trainer:
         origins, points = self.lidar.static_returns(log)
         into = invert_pose(self.volume.world_from_volume)
         origins, points = transform_points(into, origins), transform_points(into, points)
-        heights = ground_heights(points, self.volume.size_m)
+        heights, known = ground_heights(points, self.volume.size_m)
         shape = tuple(model.occupancy.values.shape)
-        seeded = seed_voxels(origins, points, (shape[0], shape[1], shape[2]), model.config.voxel_m, heights)
+        seeded = seed_voxels(origins, points, (shape[0], shape[1], shape[2]), model.config.voxel_m, heights, known)
         model.occupancy.values.copy_(torch.as_tensor(seeded))
         model.ground.heights.copy_(torch.as_tensor(heights))
+        self.known_ground = torch.as_tensor(np.argwhere(known)).float().to(config.device)
         self.model = model.to(config.device)
         self.occupancy = OccupancyTrainer(self.model.occupancy)
         actors = on_stage(drive, drive.actors.values())
         self.tracklets = Tracklets(actors, refine=True).to(config.device)
         self.rows = torch.arange(len(actors), device=config.device)
-        mirrored = [any(word in a.label.lower() for word in VEHICLES) for a in actors]
-        self.mirror = torch.tensor(mirrored, dtype=torch.bool, device=config.device)
+        mirrored = [config.mirrored * any(word in a.label.lower() for word in VEHICLES) for a in actors]
+        self.mirror = torch.tensor(mirrored, device=config.device)
         self.still_boxes = self._still_boxes(drive)
         self.perceptual = VggLoss(Path(config.vgg)).to(config.device) if config.vgg else perceptual_stand_in
         self.iteration, self.elapsed_s = 0, 0.0
@@ -136,7 +137,7 @@ class Trainer:
         terms = {"rgb": mse, "spread": w.spread * spread(seen)}
         if done >= c.perceptual_from:
             terms["perceptual"] = w.perceptual * self.perceptual(image, patch.target)
-        swept = trace(self.model, cast, lidar.rays, dataclasses.replace(sampling, far=False))
+        swept = trace(self.model, cast, lidar.rays, dataclasses.replace(sampling, sky=False))
         terms |= self._lidar_loss(swept, lidar)
         terms |= self._shape_loss(cast, swept, seen, lidar, generator)
         terms["latent"] = w.latent * self.model.actors.latents.square().mean()
@@ -184,10 +185,11 @@ class Trainer:
         intensity, logit = self.model.lidar_head(swept.feature, lidar.rays.directions, swept.depth_m, swept.opacity)
         return {
             "depth": w.lidar_depth * terms["depth"],
+            "reach": w.lidar_reach * terms["reach"],
             "opacity": w.lidar_opacity * terms["opacity"],
             "free": w.lidar_free * terms["free"],
             "intensity": w.lidar_intensity * F.mse_loss(intensity[good], lidar.intensity[good]),
-            "drop": w.lidar_drop * F.binary_cross_entropy_with_logits(logit, lidar.returned.float()),
+            "drop": w.lidar_drop * F.binary_cross_entropy_with_logits(logit, lidar.returned.float(), lidar.weight),
         }
 
     def _shape_loss(
@@ -218,7 +220,7 @@ class Trainer:
         static = lidar.returned & ~in_box
         offset = self._offsets(int(static.sum()), generator, 0.3)
         x = o[static] + d[static] * (lidar.depth_m[static] - offset)[:, None]
-        band = band + distance_band(model.static.distance(x), offset)
+        band = band + distance_band(model.static.distance(x), offset) + self._ground_band(end[static & ~above], generator)
         points = [x.detach()[torch.randperm(len(x), generator=generator, device=x.device)[:512]]]
         strand = seen.strands[0]
         assert strand.weight is not None
@@ -235,6 +237,25 @@ class Trainer:
         if self.still_boxes is not None:
             terms["hidden"] = w.hidden_ground * self._hidden_ground(generator)
         return terms
+
+    def _ground_band(self, returns: Tensor, generator: torch.Generator) -> Tensor:
+        """Over and under returns from the ground (N, 3) the distance is the height; deeper, anywhere, it is well below zero.
+
+        A ray that grazes the road would else pass a hair's breadth below it, where a distance of 0 stops nothing.
+        """
+        device = self.config.device
+        if len(returns) == 0:
+            return returns.new_zeros(())
+        height = torch.rand(len(returns), generator=generator, device=device) * 0.6 - 0.4
+        height = torch.where(height > 0.1, torch.zeros_like(height), height)
+        s = self.model.static.distance(returns + F.pad(height[:, None], (2, 0)))
+        band = distance_band(s, height) + F.relu(s - 0.8 * height)[height < 0].sum() / len(returns)
+        cells = self.known_ground[torch.randint(len(self.known_ground), (256,), generator=generator, device=device)]
+        place = (cells + torch.rand(256, 2, generator=generator, device=device)) * CELL_M
+        deep = 0.15 + 0.35 * torch.rand(256, generator=generator, device=device)
+        x = torch.cat([place, torch.zeros_like(deep)[:, None]], -1)
+        x = torch.cat([place, (self.model.ground.height(x) - deep)[:, None]], -1)
+        return band + F.relu(self.model.static.distance(x) + 0.1).mean()
 
     def _offsets(self, count: int, generator: torch.Generator, reach_m: float) -> Tensor:
         """Offsets (N,) before (+) and behind (-) a return; a third of them exactly at it."""
