@@ -16,8 +16,9 @@ from safetensors.torch import load_file, save_file
 from torch import Tensor
 
 from ..errors import SceneError
-from ..scene_file import SceneHeader, read_scene_header, write_scene_header
+from ..scene_file import HEADER_NAME, SceneHeader, read_scene_header, write_scene_header
 from .config import ModelConfig
+from .config_check import check_config
 from .scene import SceneModel
 from .volume import Volume
 
@@ -68,6 +69,7 @@ def load_scene(path: str | Path, device: str = "cpu") -> Scene:
     path = Path(path)
     header = read_scene_header(path)
     config = ModelConfig.from_dict(header.model)
+    check_config(config, f"{path / HEADER_NAME}: model")
     volume = Volume.from_dict(header.volume)
     file = path / WEIGHTS
     if not file.is_file():

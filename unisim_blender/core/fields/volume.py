@@ -10,7 +10,11 @@ import torch
 from torch import Tensor
 
 from ..drive import Drive
+from ..errors import SceneError
 from ..geometry import FloatArray, invert_pose, make_pose, quaternion_from_yaw, transform_points
+
+MOST_M = 1e4
+"""Edges of a volume are shorter."""
 
 
 @dataclass(frozen=True)
@@ -47,8 +51,19 @@ class Volume:
 
     @staticmethod
     def from_dict(values: dict[str, Any]) -> Volume:
-        """The inverse of `to_dict`."""
-        return Volume(np.array(values["world_from_volume"], np.float64), np.array(values["size_m"], np.float64))
+        """The inverse of `to_dict`; SceneError names what does not fit."""
+        read = {}
+        for name, shape in (("world_from_volume", (4, 4)), ("size_m", (3,))):
+            try:
+                read[name] = np.array(values[name], np.float64)
+            except (KeyError, TypeError, ValueError) as error:
+                raise SceneError(f"scene.json: the volume's {name} is missing or no array of numbers") from error
+            if read[name].shape != shape or not np.isfinite(read[name]).all():
+                raise SceneError(f"scene.json: the volume's {name} is not {shape} finite numbers")
+        size = read["size_m"]
+        if not ((size > 0) & (size < MOST_M)).all():
+            raise SceneError(f"scene.json: the volume's size_m is {size.tolist()}, not above 0 and below {MOST_M:.0f} m")
+        return Volume(read["world_from_volume"], size)
 
 
 class VolumeFrame(torch.nn.Module):
