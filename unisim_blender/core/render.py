@@ -262,6 +262,8 @@ def _join(pieces: list[Traced]) -> Traced:
         depth_m=torch.cat([p.depth_m for p in pieces]),
         opacity=torch.cat([p.opacity for p in pieces]),
         behind=torch.cat([p.behind for p in pieces]),
+        near_depth_m=torch.cat([p.near_depth_m for p in pieces]),
+        near_opacity=torch.cat([p.near_opacity for p in pieces]),
         strands=[],
         samples=sum(p.samples for p in pieces),
         guest_features=[torch.cat([p.guest_features[i] for p in pieces]) for i in guests],

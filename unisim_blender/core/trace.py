@@ -101,6 +101,9 @@ class Traced:
     samples: int
     guest_features: list[Tensor]
     guest_opacity: list[Tensor]
+    near_depth_m: Tensor
+    """Mean distance (N,) of what stopped the ray inside the volume, the far field left out."""
+    near_opacity: Tensor
     without_guests: Tensor | None = None
     """``feature`` as if no guest were there; None where none is."""
 
@@ -305,9 +308,10 @@ def _composite(scene: SceneModel, rays: int, strands: list[Strands], guests: lis
         depth = depth.index_add(0, strand.ray, (weight * strand.t).sum(1))
         total = total.index_add(0, strand.ray, share)
         log_behind = log_behind.index_add(0, strand.ray, -strand.tau.sum(1))
+    depth, opacity = depth / total.clamp_min(1e-6), -torch.expm1(log_behind)
     return Traced(
-        feature=feature, depth_m=depth / total.clamp_min(1e-6), opacity=-torch.expm1(log_behind), behind=torch.exp(log_behind),
-        strands=strands, samples=0, guest_features=guest_features, guest_opacity=guest_opacity,
+        feature=feature, depth_m=depth, opacity=opacity, behind=torch.exp(log_behind), strands=strands, samples=0,
+        guest_features=guest_features, guest_opacity=guest_opacity, near_depth_m=depth, near_opacity=opacity,
     )  # fmt: skip
 
 

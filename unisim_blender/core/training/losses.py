@@ -48,23 +48,29 @@ def perceptual_stand_in(a: Tensor, b: Tensor) -> Tensor:
     return 1 - ssim(a, b) + gradient_difference(a, b)
 
 
-def lidar_terms(traced: Traced, batch: LidarBatch, keep: float = 0.95) -> tuple[dict[str, Tensor], Tensor]:
+def lidar_terms(traced: Traced, batch: LidarBatch, inside: Tensor, keep: float = 0.95) -> tuple[dict[str, Tensor], Tensor]:
     """Depth and free-space terms of LiDAR rays, and which rays (N,) are among the best ``keep`` of those that returned.
 
-    Rays with the largest depth errors (glass, leaves, boxes that do not fit) are left out, as in UniSim.
+    Rays with the largest depth errors (glass, leaves, boxes that do not fit) are left out, as in UniSim. ``inside`` (N,) says
+    which returns lie in the volume: there the far field must not stand in for what stopped the ray.
     """
-    error = (traced.depth_m - batch.depth_m).abs()
-    miss = torch.where(traced.opacity > 0.5, error, error.detach() + 100)
+    near = batch.returned & inside
+    error = (traced.near_depth_m - batch.depth_m).abs()
+    miss = torch.where(traced.near_opacity > 0.5, error, error.detach() + 100)
     with torch.no_grad():
-        limit = torch.quantile(miss[batch.returned], keep)
-        good = batch.returned & (miss <= limit)
+        limit = torch.quantile(miss[near], keep)
+        good = near & (miss <= limit)
     # a ray that is not stopped has no depth to compare: its opacity is asked for first
-    expected = traced.depth_m * traced.opacity + (1 - traced.opacity) * 100
-    depth = F.smooth_l1_loss(torch.where(traced.opacity > 0.05, traced.depth_m, expected)[good], batch.depth_m[good], beta=0.1)
-    hit = batch.returned
+    expected = traced.near_depth_m * traced.near_opacity + (1 - traced.near_opacity) * 100
+    compared = torch.where(traced.near_opacity > 0.05, traced.near_depth_m, expected)
+    depth = F.smooth_l1_loss(compared[good], batch.depth_m[good], beta=0.1)
     # whatever returned a beam is there, also where the depth is among the worst
-    opacity = -torch.log(traced.opacity[hit].clamp_min(1e-4)).mean()
-    reach = F.smooth_l1_loss(expected[hit].clamp_min(0.1).log(), batch.depth_m[hit].log(), beta=0.05)
+    opacity = -torch.log(traced.near_opacity[near].clamp_min(1e-4)).mean()
+    far = batch.returned & ~inside
+    reach = traced.feature.new_zeros(())
+    if bool(far.any()):
+        reach = F.smooth_l1_loss(traced.depth_m[far].clamp_min(1).log(), batch.depth_m[far].log(), beta=0.05)
+        opacity = opacity - torch.log(traced.opacity[far].clamp_min(1e-4)).mean() * far.sum() / near.sum().clamp_min(1)
     free = traced.feature.new_zeros(())
     for strand in traced.strands:
         assert strand.interval_weight is not None

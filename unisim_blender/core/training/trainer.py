@@ -157,7 +157,7 @@ class Trainer:
         figures["loss"] = float(loss.detach())
         figures["psnr"] = -10 * float(torch.log10(mse.detach().clamp_min(1e-10)))
         hit = lidar.returned
-        figures["lidar_m"] = float((swept.depth_m - lidar.depth_m)[hit].detach().abs().median())
+        figures["lidar_m"] = float((swept.near_depth_m - lidar.depth_m)[hit].detach().abs().median())
         return figures
 
     def _hold_poses(self, tracklets: bool, cameras: bool) -> None:
@@ -181,7 +181,8 @@ class Trainer:
 
     def _lidar_loss(self, swept: Traced, lidar: LidarBatch) -> dict[str, Tensor]:
         w = self.config.weights
-        terms, good = lidar_terms(swept, lidar)
+        end = self.model.frame.points(lidar.rays.origins + lidar.rays.directions * lidar.depth_m[:, None])
+        terms, good = lidar_terms(swept, lidar, ((end > 0) & (end < self.model.frame.size_m)).all(-1))
         intensity, logit = self.model.lidar_head(swept.feature, lidar.rays.directions, swept.depth_m, swept.opacity)
         return {
             "depth": w.lidar_depth * terms["depth"],
