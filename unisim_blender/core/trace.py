@@ -128,7 +128,7 @@ def trace(scene: SceneModel, cast: Cast, rays: RayBatch, sampling: Sampling, amo
         _add_far(scene, rays, sampling, traced)
     if cast.guests:
         traced.without_guests = own.feature
-    traced.samples = sum(s.t.numel() for s in strands)
+    traced.samples += sum(s.t.numel() for s in strands)
     return traced
 
 

@@ -104,7 +104,6 @@ class OccupancyTrainer:
         """Samples at x (N, 3), volume coordinates, got these weights (N,) in this step."""
         values = self.occupancy.values.view(-1)
         cells = self.occupancy.cells(x)
-        best = torch.zeros_like(self.score[:0]).new_zeros(0)
         unique, where = torch.unique(cells, return_inverse=True)
         best = weight.new_zeros(len(unique)).scatter_reduce_(0, where, weight, "amax")
         self.visited[unique] = True
