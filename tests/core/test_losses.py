@@ -125,7 +125,7 @@ def test_a_scene_that_fits_its_sweep_has_no_lidar_loss() -> None:
     right = {name: float(value) for name, value in terms.items()}
     wrong = {name: float(value) for name, value in terms_of(*measured(200, 0.9))[0].items()}
     assert right["depth"] < 0.05 and right["opacity"] < 0.05 and right["free"] < 0.1
-    assert wrong["depth"] > 10 * right["depth"] and wrong["free"] > 3 * right["free"]
+    assert wrong["depth"] > 10 * right["depth"] and wrong["free"] > 1.5 * right["free"]
     assert int(good.sum()) == 190, "the best 95 %"
 
 

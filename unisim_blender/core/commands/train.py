@@ -13,7 +13,7 @@ import click
 @click.option("--preset", default="small", show_default=True, help="Shapes of the model: tiny, compact, small or paper.")
 @click.option("--cameras", default="front_camera", show_default=True, help="Cameras, separated by commas, or all.")
 @click.option("--frames", default="::2", show_default=True, help="START:STOP:STEP.")
-@click.option("--width", type=int, help="Width of the images in pixels [default: as recorded].")
+@click.option("--width", type=click.IntRange(min=16), help="Width of the images in pixels [default: as recorded].")
 @click.option("--minutes", type=float, help="Train this long.")
 @click.option("--iterations", type=int, help="Train this many steps: with fixed threads, always to the same weights.")
 @click.option("--device", default="cpu", show_default=True, help="cpu, cuda or mps.")

@@ -42,9 +42,10 @@ def train(log: Log, config: TrainConfig, out: Path, resume: bool = False, quiet:
         raise SceneError(f"{out} holds a trained scene already: give another folder, or --resume to go on")
     if resume and not file.exists():
         raise SceneError(f"{file}: there is no checkpoint to resume")
-    out.mkdir(parents=True, exist_ok=True)
+    _check_device(config.device)
     _unpage_allocations()
     trainer = Trainer(log, config)
+    out.mkdir(parents=True, exist_ok=True)
     if resume:
         load_checkpoint(file, trainer)
     with _stoppable() as stopped:
@@ -54,6 +55,13 @@ def train(log: Log, config: TrainConfig, out: Path, resume: bool = False, quiet:
         raise KeyboardInterrupt
     save_checkpoint(file, trainer)
     return finish(trainer, out)
+
+
+def _check_device(name: str) -> None:
+    try:
+        torch.zeros(1, device=name)
+    except (RuntimeError, AssertionError, NotImplementedError) as error:
+        raise SceneError(f"device {name!r} cannot be used here: {str(error).splitlines()[0]}") from error
 
 
 def _unpage_allocations() -> None:

@@ -1,0 +1,327 @@
+"""Training from end to end on logs of a few frames: it learns, resumes to the bit, and survives being stopped."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from PIL import Image
+from safetensors.torch import load_file, save_file
+from small_log import write_small_log
+
+from unisim_blender.core.cli import run
+from unisim_blender.core.errors import LogError, SceneError
+from unisim_blender.core.fields.checkpoint import load_scene
+from unisim_blender.core.log import Log
+from unisim_blender.core.logs import open_log
+from unisim_blender.core.logs.pandaset_writer import PandasetWriter
+from unisim_blender.core.render import Renderer
+from unisim_blender.core.sensors.camera import camera_rays, pixel_grid
+from unisim_blender.core.street.street import build_street
+from unisim_blender.core.street.truth import truth_camera, truth_lidar
+from unisim_blender.core.training.config import TrainConfig
+from unisim_blender.core.training.data import CameraData, LidarData
+from unisim_blender.core.training.run import CHECKPOINT, _settings, load_checkpoint, preview, save_checkpoint, train
+from unisim_blender.core.training.trainer import Trainer
+
+SMALL = TrainConfig(
+    cameras=("front_camera",), lidars=("pandar64",), frames=(0, 1, 2, 3), preset="tiny", iterations=6, patches=2, patch_cells=8,
+    lidar_rays=64, perceptual_from=0.2, poses_from=0.4,
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("training") / "log"
+    write_small_log(out)
+    return out
+
+
+@pytest.fixture(scope="module")
+def log(path: Path) -> Log:
+    return open_log(path)
+
+
+@pytest.fixture(scope="module")
+def street(tmp_path_factory: pytest.TempPathFactory) -> Log:
+    """Three frames of a street, with the LiDAR's every third column's worth of rays."""
+    out = tmp_path_factory.mktemp("training") / "street"
+    made = build_street(3, 2, 64, 48, ("front_camera",), 0.0)
+    writer = PandasetWriter(out, made.drive)
+    for frame in made.drive.frames:
+        rgb = truth_camera(made, made.drive, "front_camera", frame).rgb
+        writer.write_image("front_camera", frame, np.rint(rgb * 255).astype(np.uint8))
+        writer.write_sweep(frame, {"pandar64": truth_lidar(made, made.drive, "pandar64", frame)})
+        writer.write_cuboids(frame)
+    writer.finish()
+    return open_log(out)
+
+
+def stop_after(steps: int, number: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Send this process a signal in the middle of a step."""
+    step = Trainer.step
+
+    def stopped(trainer: Trainer) -> dict[str, float]:
+        if trainer.iteration + 1 == steps:
+            os.kill(os.getpid(), number)
+        return step(trainer)
+
+    monkeypatch.setattr(Trainer, "step", stopped)
+
+
+def files(path: Path) -> set[str]:
+    return {file.name for file in path.iterdir()}
+
+
+@pytest.fixture(scope="module")
+def whole(log: Log, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Six steps without a stop."""
+    out = tmp_path_factory.mktemp("training") / "whole"
+    train(log, SMALL, out, quiet=True)
+    return out
+
+
+@pytest.fixture(scope="module")
+def trainer(log: Log) -> Trainer:
+    """One whose state does not matter."""
+    return Trainer(log, SMALL)
+
+
+@pytest.mark.parametrize("number", (signal.SIGINT, signal.SIGTERM))
+@pytest.mark.parametrize("adversarial", (False, True))
+def test_a_stopped_training_resumes_to_the_same_weights(
+    log: Log, whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: int, adversarial: bool
+) -> None:
+    if adversarial and number == signal.SIGTERM:
+        pytest.skip("one signal is enough")
+    config = replace(SMALL, adversarial=adversarial)
+    reference = whole
+    if adversarial:
+        reference = tmp_path / "reference"
+        train(log, config, reference, quiet=True)
+        first, plain = (load_file(p / "weights.safetensors") for p in (reference, whole))
+        assert any(not torch.equal(first[name], plain[name]) for name in plain), "the adversary has its say"
+    out = tmp_path / "parts"
+    with monkeypatch.context() as patch:
+        stop_after(3, number, patch)
+        with pytest.raises(KeyboardInterrupt):
+            train(log, config, out, quiet=True)
+    assert CHECKPOINT in files(out) and "scene.json" not in files(out)
+    header = train(log, config, out, resume=True, quiet=True)
+    assert header.training["iterations"] == 6
+    assert (out / "weights.safetensors").read_bytes() == (reference / "weights.safetensors").read_bytes()
+    before, after = (load_file(p / CHECKPOINT) for p in (reference, out))
+    assert before.keys() == after.keys()
+    for name, value in before.items():
+        assert torch.equal(value, after[name]), name
+
+
+def test_what_a_finished_training_leaves(log: Log, whole: Path) -> None:
+    assert files(whole) >= {CHECKPOINT, "scene.json", "weights.safetensors", "training.jsonl"}
+    assert not [name for name in files(whole) if name.startswith(".")]
+    scene = load_scene(whole)
+    training = scene.header.training
+    assert training["iterations"] == 6 and training["cameras"] == ["front_camera"] and training["preset"] == "tiny"
+    assert (whole / scene.header.log_path).resolve() == log.path.resolve()
+    frame = Renderer(scene, scene.header.drive).camera("front_camera", 1)
+    assert frame.rgb.shape == (32, 48, 3) and np.isfinite(frame.rgb).all()
+    assert int(scene.model.observed.sum()) > 100
+
+
+def test_another_seed_gives_other_weights(log: Log, whole: Path, tmp_path: Path) -> None:
+    train(log, replace(SMALL, seed=1), tmp_path / "other", quiet=True)
+    assert (tmp_path / "other/weights.safetensors").read_bytes() != (whole / "weights.safetensors").read_bytes()
+
+
+def test_a_finished_training_can_be_finished_again(log: Log, whole: Path, tmp_path: Path) -> None:
+    """Resumed with nothing left to do, it writes the same scene."""
+    out = tmp_path / "again"
+    out.mkdir()
+    (out / CHECKPOINT).write_bytes((whole / CHECKPOINT).read_bytes())
+    train(log, SMALL, out, resume=True, quiet=True)
+    assert (out / "weights.safetensors").read_bytes() == (whole / "weights.safetensors").read_bytes()
+
+
+def test_a_folder_in_use_is_refused(log: Log, whole: Path, tmp_path: Path) -> None:
+    with pytest.raises(SceneError, match="holds a trained scene already"):
+        train(log, SMALL, whole, quiet=True)
+    with pytest.raises(SceneError, match=r"checkpoint\.safetensors: there is no checkpoint to resume"):
+        train(log, SMALL, tmp_path / "new", resume=True, quiet=True)
+    assert not (tmp_path / "new").exists()
+
+
+@pytest.mark.parametrize("change", ({"seed": 5}, {"preset": "compact"}, {"frames": (0, 1)}, {"width": 24}, {"adversarial": True}))
+def test_a_checkpoint_of_other_settings_is_refused(
+    trainer: Trainer, whole: Path, monkeypatch: pytest.MonkeyPatch, change: dict[str, object]
+) -> None:
+    monkeypatch.setattr(trainer, "config", replace(SMALL, **change))  # type: ignore[arg-type]
+    with pytest.raises(SceneError, match="is of a training with other settings"):
+        load_checkpoint(whole / CHECKPOINT, trainer)
+
+
+def test_broken_checkpoints(trainer: Trainer, whole: Path, tmp_path: Path) -> None:
+    file = tmp_path / CHECKPOINT
+    file.write_bytes((whole / CHECKPOINT).read_bytes()[:-100])
+    with pytest.raises(SceneError, match=r"checkpoint\.safetensors cannot be read"):
+        load_checkpoint(file, trainer)
+    save_checkpoint(file, trainer)
+    tensors = load_file(file)
+    del tensors["model.log_beta"]
+    save_file(tensors, file, metadata={"iteration": "1", "elapsed_s": "1.0", "settings": _settings(SMALL)})
+    with pytest.raises(SceneError, match="does not fit this log or version"):
+        load_checkpoint(file, trainer)
+
+
+KILLED = """
+import sys
+from dataclasses import replace
+from pathlib import Path
+sys.path.insert(0, sys.argv[1])
+import test_training as t
+from unisim_blender.core.logs import open_log
+config = replace(t.SMALL, iterations=100000, checkpoint_s=0.0)
+t.train(open_log(Path(sys.argv[2])), config, Path(sys.argv[3]), resume=len(sys.argv) > 4, quiet=True)
+"""
+
+
+def test_a_kill_leaves_a_checkpoint(path: Path, trainer: Trainer, tmp_path: Path) -> None:
+    out = tmp_path / "killed"
+    file = out / CHECKPOINT
+    command = [sys.executable, "-c", KILLED, os.path.dirname(__file__), str(path), str(out)]
+    iterations: list[int] = []
+    for delay in (0.05, 0.21):
+        seen = file.stat().st_mtime_ns if iterations else 0
+        process = subprocess.Popen([*command, "resume"] if iterations else command, env={**os.environ, "OMP_NUM_THREADS": "1"})
+        try:
+            deadline = time.monotonic() + 100
+            while not file.exists() or file.stat().st_mtime_ns == seen:
+                assert time.monotonic() < deadline and process.poll() is None
+                time.sleep(0.02)
+            time.sleep(delay)
+        finally:
+            process.kill()
+            process.wait()
+        load_checkpoint(file, trainer)
+        iterations.append(trainer.iteration)
+    assert 1 <= iterations[0] < iterations[1]
+
+
+def test_the_loss_falls_on_a_street(street: Log) -> None:
+    config = replace(SMALL, frames=(0, 1), iterations=60, patches=4, lidar_rays=256, rate_tables=(3e-2, 3e-2))
+    trainer = Trainer(street, config)
+    figures = []
+    for _ in range(60):
+        figures.append(trainer.step())
+    first, last = ({name: np.mean([f[name] for f in part]) for name in figures[0]} for part in (figures[:15], figures[-15:]))
+    assert last["depth"] < 0.7 * first["depth"], (first, last)
+    assert last["psnr"] > first["psnr"] + 0.2 and last["intensity"] < first["intensity"], (first, last)
+
+
+def test_what_nobody_saw_is_free_in_the_end(street: Log, tmp_path: Path) -> None:
+    trainer = Trainer(street, replace(SMALL, frames=(0, 1), iterations=2))
+    values = trainer.model.occupancy.values
+    unknown = int(((values > 0) & (values < 255)).sum())
+    trainer.step()
+    trainer.occupancy.finish()
+    assert int(((values > 0) & (values < 255)).sum()) < unknown / 100 and int((values == 255).sum()) > 1000
+
+
+def test_previews_show_recorded_beside_rendered(trainer: Trainer, tmp_path: Path) -> None:
+    before = {name: value.clone() for name, value in trainer.model.state_dict().items()}
+    preview(trainer, tmp_path / "preview.png")
+    with Image.open(tmp_path / "preview.png") as image:
+        assert image.size == (96, 32)
+        np.testing.assert_array_equal(np.asarray(image)[:, :48], trainer.cameras.views[2][3])
+    assert trainer.model.training and files(tmp_path) == {"preview.png"}
+    for name, value in trainer.model.state_dict().items():
+        assert torch.equal(value, before[name]), name
+
+
+def test_patches_are_pixels_with_their_rays(log: Log) -> None:
+    data = CameraData(log, ["front_camera"], [0, 1, 2], None)
+    batch = data.patches(np.random.default_rng(0), 12, 4, 2)
+    assert batch.target.shape == (12, 3, 8, 8) and len(batch.rays) == 12 * 16
+    rays = {}
+    for _, camera, frame, image in data.views:
+        u, v = pixel_grid(camera.model)
+        # rays through the corners of pixels: the centres of cells of two
+        whole = camera_rays(camera, frame, u + 0.5, v + 0.5)
+        for y in range(image.shape[0]):
+            for x in range(image.shape[1]):
+                rays[frame, whole.directions[y, x].astype(np.float32).tobytes()] = image, y, x
+    times = {round(float(batch.rays.time_s.view(12, 16)[i, 0]), 2): i for i in range(12)}
+    assert len(times) >= 3, "of several frames"
+    directions = batch.rays.directions.view(12, 16, 3).numpy()
+    for i in range(12):
+        key = directions[i, 0].tobytes()
+        image, y, x = next(rays[frame, key] for frame in range(3) if (frame, key) in rays)
+        expected = image[y : y + 8, x : x + 8].transpose(2, 0, 1) / np.float32(255)
+        np.testing.assert_allclose(batch.target[i].numpy(), expected, atol=1e-6)
+
+
+def test_sweeps_give_returns_and_drops(log: Log) -> None:
+    data = LidarData(log, ["pandar64"], [0, 1])
+    batch = data.sample(np.random.default_rng(0), 400)
+    assert int(batch.returned.sum()) == 340
+    np.testing.assert_array_equal(batch.depth_m.numpy() > 0, batch.returned.numpy())
+    share = len(data.points) / len(data.returned)
+    # weighted, drops count as often as they occur
+    assert float((batch.weight * batch.returned).mean()) == pytest.approx(share, abs=1e-6)
+    assert float(batch.weight.mean()) == pytest.approx(1, abs=1e-6)
+    origins, points = data.static_returns(log)
+    assert origins.shape == points.shape and 0 < len(points) <= len(data.points)
+
+
+def test_logs_without_what_training_needs(log: Log) -> None:
+    with pytest.raises(LogError, match="no image of front_camera in the frames asked for"):
+        CameraData(log, ["front_camera"], [77], None)
+    with pytest.raises(LogError, match="no sweep in the frames asked for"):
+        LidarData(log, ["pandar64"], [77])
+    with pytest.raises(LogError, match="are 48x32, smaller than a patch of 64"):
+        CameraData(log, ["front_camera"], [0], None).patches(np.random.default_rng(0), 1, 32, 2)
+
+
+def test_the_command_line(path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "scene"
+    options = ["--preset", "tiny", "--iterations", "1", "--frames", "1:3", "--width", "64", "--quiet"]
+    assert run(["train", str(path), "--out", str(out), *options]) == 0
+    assert "1 steps" in capsys.readouterr().out
+    training = json.loads((out / "scene.json").read_text())["training"]
+    assert training["frames"] == [1, 2] and training["iterations"] == 1 and training["width"] == 64
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    (
+        ((), "either --minutes or --iterations"),
+        (("--minutes", 1, "--iterations", 1), "either --minutes or --iterations"),
+        (("--iterations", 0), "must be positive"),
+        (("--minutes", "nan"), "must be positive"),
+        (("--iterations", 1, "--preset", "huge"), "no preset 'huge': there are tiny, small"),
+        (("--iterations", 1, "--cameras", "rear"), '"rear": is not one of front_camera'),
+        (("--iterations", 1, "--frames", "50:"), "selects none of the frames"),
+        (("--iterations", 1, "--width", -5), "width"),
+        (("--iterations", 1, "--device", "abacus"), "abacus"),
+        (("--iterations", 1, "--device", "cuda"), "cuda"),
+        (("--iterations", 1, "--vgg", "none.pth"), "none.pth: VGG weights cannot be read"),
+        (("--iterations", 1, "--resume"), "there is no checkpoint to resume"),
+    ),
+)
+def test_errors_of_the_command_line(
+    path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], arguments: tuple[object, ...], message: str
+) -> None:
+    if "cuda" in arguments and torch.cuda.is_available():
+        pytest.skip("this machine has a GPU")
+    code = run(["train", str(path), "--out", str(tmp_path / "scene"), "--quiet", *map(str, arguments)])
+    error = capsys.readouterr().err
+    assert code in (1, 2) and message in error and "Traceback" not in error, error
+    assert not (tmp_path / "scene").exists() or not any((tmp_path / "scene").iterdir())
