@@ -25,6 +25,7 @@ from .fields.checkpoint import Scene
 from .fields.scene import SceneModel
 from .frames import CameraFrame, LidarFrame, RenderStats
 from .geometry import FloatArray, invert_pose, transform_points
+from .median import median_depth
 from .sensors.camera import camera_rays, pixel_grid
 from .sensors.lidar import lidar_rays
 from .sensors.rays import Rays
@@ -100,7 +101,7 @@ class Renderer:
         """Depth in metres, intensity in 0..1, probability of a return, instance (N,) of any LiDAR rays (N, 3), world frame."""
         stats = RenderStats() if stats is None else stats
         rays = Rays(origins, directions, time_s)
-        traced, maps = self._trace(rays, {"instance"}, stats, sky=False)
+        traced, maps = self._trace(rays, {"instance", "depth"}, stats, sky=False)
         directions_t = torch.as_tensor(directions, dtype=torch.float32, device=self.device)
         head = self.scene.model.lidar_head
         intensity, logit = head(traced.feature, directions_t, traced.depth_m, traced.opacity)
@@ -111,7 +112,8 @@ class Renderer:
             intensity, logit = torch.lerp(intensity, i_guest, share), torch.lerp(logit, l_guest, share)
         # what meets nothing returns nothing
         probability = torch.sigmoid(logit) * (traced.opacity > 0.5)
-        return traced.depth_m.cpu().numpy(), intensity.cpu().numpy(), probability.cpu().numpy(), maps["instance"].astype(np.int32)
+        depth = np.nan_to_num(maps["depth"], posinf=0.0)
+        return depth, intensity.cpu().numpy(), probability.cpu().numpy(), maps["instance"].astype(np.int32)
 
     def _trace(self, rays: Rays, passes: set[str], stats: RenderStats, sky: bool) -> tuple[Traced, Maps]:
         """All rays in chunks; features joined, and for each pass one array (N, ...)."""
@@ -174,7 +176,8 @@ class Renderer:
         maps: Maps = {}
         solid = traced.opacity > 0.5
         if passes & {"depth", "normal", "support"}:
-            maps["depth"] = torch.where(solid, traced.depth_m, torch.inf).cpu().numpy()
+            depth = torch.where(solid, median_depth(self.scene.model, traced), torch.inf)
+            maps["depth"] = depth.cpu().numpy()
         if "opacity" in passes:
             maps["opacity"] = traced.opacity.cpu().numpy()
         if "instance" in passes:
@@ -182,7 +185,7 @@ class Renderer:
         if "normal" in passes:
             maps["normal"] = _normals(self.scene, self.cast, traced, part, solid).cpu().numpy()
         if "support" in passes:
-            maps["support"] = (~_supported(self.scene, traced, part, solid)).cpu().numpy()
+            maps["support"] = (~_supported(self.scene, traced, part, depth)).cpu().numpy()
         return maps
 
     def _decode(
@@ -228,11 +231,10 @@ def observe(scene: Scene, cameras: Sequence[str], frames: Sequence[int], width: 
             u, v = pixel_grid(renderer.drive.cameras[camera].model, max(1, renderer.drive.cameras[camera].model.width // 96))
             rays = camera_rays(renderer.drive.cameras[camera], frame, u, v).flat()
             with torch.no_grad():
-                traced, _ = renderer._trace(rays, {"depth"}, RenderStats(), sky=False)
+                depth = torch.as_tensor(renderer._trace(rays, {"depth"}, RenderStats(), sky=False)[1]["depth"])
                 batch = to_batch(rays, renderer.device)
-                hit = traced.opacity > 0.5
-                x = model.frame.points(batch.origins + batch.directions * traced.depth_m[:, None])[hit]
-                seen[model.occupancy.cells(x)] = 1
+                x = model.frame.points(batch.origins + batch.directions * depth.to(renderer.device)[:, None])
+                seen[model.occupancy.cells(x[((x > 0) & (x < model.frame.size_m)).all(-1)])] = 1
     grown = F.max_pool3d(model.observed[None, None].float(), 3, stride=1, padding=1)[0, 0]
     model.observed.copy_(grown)
 
@@ -324,16 +326,13 @@ def _normals(scene: Scene, cast: Cast, traced: Traced, part: RayBatch, solid: Te
     return torch.where(solid[:, None], F.normalize(out, dim=-1), torch.zeros_like(out))
 
 
-def _supported(scene: Scene, traced: Traced, part: RayBatch, solid: Tensor) -> Tensor:
+def _supported(scene: Scene, traced: Traced, part: RayBatch, depth_m: Tensor) -> Tensor:
     """Which rays (N,) end where the recording saw something: an observed voxel, an actor, or beyond the volume."""
     model = scene.model
-    out = torch.ones_like(solid)
-    ray = torch.nonzero(solid)[:, 0]
-    place = part.origins[ray] + part.directions[ray] * traced.depth_m[ray, None]
-    x = model.frame.points(place)
+    x = model.frame.points(part.origins + part.directions * torch.nan_to_num(depth_m, posinf=1e6)[:, None])
     outside = ((x < 0) | (x > model.frame.size_m)).any(-1)
-    out[ray] = outside | (model.observed.view(-1)[model.occupancy.cells(x)] > 0)
-    return out | (_instances(traced, len(part)) > 0)
+    seen = model.observed.view(-1)[model.occupancy.cells(x)] > 0
+    return outside | seen | (_instances(traced, len(part)) > 0)
 
 
 def _spread_over_edges(feature: Tensor, share: Tensor, shape: tuple[int, ...]) -> Tensor:

@@ -75,6 +75,10 @@ class Strands:
     """Rotation of the strand's box (P, 3, 3), for an actor; for a copied box the one from the source to the copy."""
     size_m: Tensor | None = None
     """Edges of the strand's box (P, 3), for an actor."""
+    beta: float = 0.0
+    """The density's sharpness in this medium, 1 / metres."""
+    front: Tensor | None = None
+    """Transmittance in front of the intervals (P, K), once composited."""
     weight: Tensor | None = None
     """Weights of the samples (P, K), once composited."""
     interval_weight: Tensor | None = None
@@ -104,6 +108,8 @@ class Traced:
     near_depth_m: Tensor
     """Mean distance (N,) of what stopped the ray inside the volume, the far field left out."""
     near_opacity: Tensor
+    far: tuple[Tensor, Tensor, Tensor, Tensor] | None = None
+    """What the far field gave: ray (R,), t, tau, and the transmittance in front (R, K)."""
     without_guests: Tensor | None = None
     """``feature`` as if no guest were there; None where none is."""
 
@@ -133,7 +139,7 @@ def trace(scene: SceneModel, cast: Cast, rays: RayBatch, sampling: Sampling, amo
 
 
 def _intervals(scene: SceneModel, s: Tensor, t: Tensor, actor: bool) -> tuple[Tensor, Tensor]:
-    beta = scene.beta(actor)
+    beta = scene.beta()
     if scene.config.density == "unisim":
         return unisim_intervals(s, t, beta, scene.config.unisim_step_m if not actor else scene.config.unisim_step_m / 4)
     return logistic_intervals(s, beta)
@@ -158,7 +164,7 @@ def _static_strands(scene: SceneModel, cast: Cast, rays: RayBatch, sampling: Sam
         s = scene.static.distance(points.reshape(-1, 3)).view(t.shape)
         s = _cleared(scene, cast, rays, actors, ray, t, points, s)
         jitter = stratified(len(ray), _count(samples.static, sampling), sampling.jitter, o, sampling.generator)
-        quantiles = refine_quantiles(u, t, s, float(scene.beta(False)), jitter.shape[1], jitter)
+        quantiles = refine_quantiles(u, t, s, float(scene.beta()), jitter.shape[1], jitter)
         t, _ = propose(scene.occupancy.voxels, segment, quantiles)
     points = o[:, None] + t[..., None] * d[:, None]
     s, feature = scene.static(points.reshape(-1, 3))
@@ -166,7 +172,8 @@ def _static_strands(scene: SceneModel, cast: Cast, rays: RayBatch, sampling: Sam
     s = _cleared(scene, cast, rays, actors, ray, t, points, s.view(t.shape))
     tau, share = _intervals(scene, s, t, actor=False)
     medium = torch.full_like(ray, -1)
-    return Strands(ray, t, s, feature.view(*t.shape, scene.config.features), tau, share, points, medium)
+    feature = feature.view(*t.shape, scene.config.features)
+    return Strands(ray, t, s, feature, tau, share, points, medium, beta=float(scene.beta()))
 
 
 def _actor_strands(
@@ -197,7 +204,7 @@ def _actor_strands(
         t = hits.t_near[:, None] + u * span
         s = scene.actors.distance(troupe.tables, unit(t).reshape(-1, 3), row.repeat_interleave(count)).view(t.shape)
         jitter = stratified(len(row), _count(samples.actor, sampling), sampling.jitter, span, sampling.generator)
-        t = hits.t_near[:, None] + refine_quantiles(u, t, s, float(scene.beta(True)), jitter.shape[1], jitter) * span
+        t = hits.t_near[:, None] + refine_quantiles(u, t, s, float(scene.beta()), jitter.shape[1], jitter) * span
     points = unit(t)
     s, feature = scene.actors(troupe.tables, points.reshape(-1, 3), row.repeat_interleave(t.shape[1]))
     feature = scene.directed(feature, rays.directions[hits.ray].repeat_interleave(t.shape[1], 0))
@@ -217,6 +224,7 @@ def _actor_strands(
             (hits.t_near, hits.t_far),
             hits.world_from_box,
             size,
+            float(scene.beta()),
         )
     ]
 
@@ -242,7 +250,8 @@ def _copy_strands(scene: SceneModel, cast: Cast, rays: RayBatch, sampling: Sampl
     feature = scene.directed(feature, rays.directions[hits.ray].repeat_interleave(t.shape[1], 0))
     tau, share = _intervals(scene, s, t, actor=False)
     medium = torch.full_like(hits.ray, -2)
-    strands = Strands(hits.ray, t, s, feature.view(*t.shape, scene.config.features), tau, share, points, medium)
+    feature = feature.view(*t.shape, scene.config.features)
+    strands = Strands(hits.ray, t, s, feature, tau, share, points, medium, beta=float(scene.beta()))
     strands.world_from_box = hits.world_from_box @ pose[:, :3, :3].mT
     return [strands]
 
@@ -292,6 +301,7 @@ def _composite(scene: SceneModel, rays: int, strands: list[Strands], guests: lis
     guest_features = [like.new_zeros(rays, own) for own in guests]
     guest_opacity = [like.new_zeros(rays) for _ in guests]
     for strand, front in zip(strands, _transmittances(rays, strands), strict=True):
+        strand.front = front
         strand.interval_weight = front * -torch.expm1(-strand.tau)
         far_part = front * strand.share
         near_part = strand.interval_weight - far_part
@@ -376,6 +386,7 @@ def _add_far(scene: SceneModel, rays: RayBatch, sampling: Sampling, traced: Trac
     reach = traced.behind[ray]
     stopped = traced.depth_m * traced.opacity
     stopped = stopped.index_add(0, ray, reach * (weight * t).sum(1))
+    traced.far = (ray, t, tau, reach[:, None] * front)
     traced.feature = traced.feature.index_add(0, ray, reach[:, None] * far)
     traced.behind = traced.behind.index_put((ray,), reach * behind)
     traced.opacity = 1 - traced.behind

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import torch
 from torch import Tensor
+from torch.autograd.function import once_differentiable
 
 from .. import native
 
@@ -145,6 +146,7 @@ class _Encode(torch.autograd.Function):
         return out
 
     @staticmethod
+    @once_differentiable  # type: ignore[untyped-decorator]
     def backward(ctx: Any, *grads: Tensor) -> tuple[None, Tensor | None, Tensor | None, None, None]:
         lib = native.library()
         assert lib is not None
@@ -175,6 +177,8 @@ def encode(grid: GridArrays, table: Tensor, x: Tensor, index: Tensor | None = No
     ``sink``, of the table's shape, takes the table's gradient by addition, and autograd then sees none: that spares a
     training step the making and adding of one table for each call. It must be the table's own ``grad``.
     """
+    assert x.shape[1:] == (3,), x.shape
+    assert table.shape[-2:] == (grid.rows, grid.shape.features), table.shape
     on_cpu = x.device.type == "cpu" and x.dtype == torch.float32 and table.dtype == torch.float32
     if not on_cpu or native.library() is None:
         return encode_reference(grid, table, x, index)

@@ -32,7 +32,6 @@ class SceneModel(nn.Module):
         self.ground = Ground(volume.size_m)
         self.register_buffer("observed", torch.zeros_like(self.occupancy.values))
         self.log_beta = nn.Parameter(torch.tensor(math.log(config.beta)))
-        self.log_beta_actor = nn.Parameter(torch.tensor(math.log(config.beta)))
         if config.head == "sample":
             self.sample_head = mlp(config.features + SH_WIDTH, config.hidden, config.features, layers=3)
         self.ray_head = RayHead(config, len(cameras))
@@ -48,6 +47,6 @@ class SceneModel(nn.Module):
         out: Tensor = self.sample_head(torch.cat([feature, spherical_harmonics(directions)], -1))
         return out
 
-    def beta(self, actor: bool) -> Tensor:
-        """The density's sharpness, 1 / metres."""
-        return (self.log_beta_actor if actor else self.log_beta).exp().clamp_max(1e4)
+    def beta(self) -> Tensor:
+        """The density's sharpness, 1 / metres: one for all fields, for an actor's own would outrun its few samples."""
+        return self.log_beta.exp().clamp_max(1e4)

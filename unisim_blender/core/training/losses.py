@@ -77,7 +77,8 @@ def lidar_terms(traced: Traced, batch: LidarBatch, inside: Tensor, keep: float =
         place = torch.cat([strand.t[:, :1], (strand.t[:, 1:] + strand.t[:, :-1]) / 2], -1)
         far = (place - batch.depth_m[strand.ray, None]).abs() > SURFACE_M * 2
         used = good[strand.ray]
-        free = free + (strand.interval_weight**2 * (far & used[:, None])).sum()
+        # the weight itself, not its square: a thousandth far behind moves a mean depth by metres
+        free = free + (strand.interval_weight * (far & used[:, None])).sum()
     return {"depth": depth, "reach": reach, "opacity": opacity, "free": free / good.sum().clamp_min(1)}, good
 
 

@@ -131,6 +131,8 @@ def _state(trainer: Trainer) -> dict[str, Tensor]:
     tensors |= {f"tracklets.{k}": v for k, v in trainer.tracklets.named_parameters()}
     tensors |= {f"camera_poses.{k}": v for k, v in trainer.camera_poses.named_parameters()}
     tensors |= {f"occupancy.{k}": v.to(torch.uint8) if v.dtype == torch.bool else v for k, v in trainer.occupancy.state().items()}
+    if trainer.adversary:
+        tensors |= {f"adversary.{k}": v for k, v in trainer.adversary.state().items()}
     for number, state in trainer.optimiser.state_dict()["state"].items():
         tensors |= {f"optimiser.{number}.{k}": v for k, v in state.items()}
     return {k: v.detach().cpu().contiguous() for k, v in tensors.items()}
@@ -174,6 +176,8 @@ def load_checkpoint(file: Path, trainer: Trainer) -> None:
     try:
         trainer.model.load_state_dict(under("model."))
         trainer.tracklets.load_state_dict(under("tracklets."), strict=False)
+        if trainer.adversary:
+            trainer.adversary.load_state(under("adversary."))
         trainer.camera_poses.load_state_dict(under("camera_poses."))
         trainer.occupancy.load_state({k: v.to(trainer.occupancy.state()[k].dtype) for k, v in under("occupancy.").items()})
     except (RuntimeError, KeyError) as error:

@@ -23,7 +23,8 @@ from ..fields.tracklets import Tracklets
 from ..fields.volume import Volume
 from ..geometry import invert_pose, transform_points
 from ..log import Log
-from ..trace import RayBatch, Sampling, Traced, trace
+from ..trace import RayBatch, Sampling, Strands, Traced, trace
+from .adversarial import Adversary, shifted
 from .camera_poses import CameraPoses
 from .config import VEHICLES, TrainConfig
 from .data import CameraData, LidarBatch, LidarData, PatchBatch
@@ -31,6 +32,8 @@ from .losses import distance_band, eikonal, lidar_terms, perceptual_stand_in, sp
 from .perceptual import VggLoss
 
 _TETRAHEDRON = torch.tensor([[1.0, -1, -1], [-1, -1, 1], [-1, 1, -1], [1, 1, 1]])
+_STEP_M = 0.06
+"""Over this distance the signed distance's gradient is taken: about the finest cell."""
 
 
 class Trainer:
@@ -64,6 +67,7 @@ class Trainer:
         self.perceptual = VggLoss(Path(config.vgg)).to(config.device) if config.vgg else perceptual_stand_in
         self.iteration, self.elapsed_s = 0, 0.0
         self.camera_poses = CameraPoses(len(config.cameras)).to(config.device)
+        self.adversary = Adversary(config.device, config.seed) if config.adversarial else None
         self._make_optimiser()
 
     def _still_boxes(self, drive: Drive) -> tuple[Tensor, Tensor] | None:
@@ -137,6 +141,11 @@ class Trainer:
         terms = {"rgb": mse, "spread": w.spread * spread(seen)}
         if done >= c.perceptual_from:
             terms["perceptual"] = w.perceptual * self.perceptual(image, patch.target)
+        fake = None
+        if self.adversary and done >= c.poses_from:
+            beside = shifted(patch, generator)
+            fake = self._decode(trace(self.model, cast, beside.rays, sampling), beside)
+            terms["adversarial"] = w.adversarial * self.adversary.generator_loss(fake)
         swept = trace(self.model, cast, lidar.rays, dataclasses.replace(sampling, sky=False))
         terms |= self._lidar_loss(swept, lidar)
         terms |= self._shape_loss(cast, swept, seen, lidar, generator)
@@ -151,6 +160,8 @@ class Trainer:
         self._hold_poses(done < c.poses_from, not learn_cameras)
         self.optimiser.step()
         self.model.actors.gradient = None
+        if self.adversary and fake is not None:
+            self.adversary.update(patch.target, fake)
         self._update_occupancy([seen, swept], [patch.rays, lidar.rays])
         self.iteration += 1
         figures = {name: float(value.detach()) for name, value in terms.items()}
@@ -222,22 +233,36 @@ class Trainer:
         offset = self._offsets(int(static.sum()), generator, 0.3)
         x = o[static] + d[static] * (lidar.depth_m[static] - offset)[:, None]
         band = band + distance_band(model.static.distance(x), offset) + self._ground_band(end[static & ~above], generator)
-        points = [x.detach()[torch.randperm(len(x), generator=generator, device=x.device)[:512]]]
-        strand = seen.strands[0]
-        assert strand.weight is not None
-        likely = torch.nonzero(strand.weight.detach().flatten() > 0.05)[:, 0]
-        if strand.bounds is None and len(likely):
-            pick = likely[torch.randint(len(likely), (512,), generator=generator, device=x.device)]
-            points.append(strand.points.detach().reshape(-1, 3)[pick])
-        centre = torch.cat(points)
-        h = 0.06
-        corners = _TETRAHEDRON.to(centre)
-        values = model.static.distance((centre[:, None] + h * corners).reshape(-1, 3)).view(-1, 4)
-        gradient = torch.einsum("nk,kj->nj", values, corners) / (4 * h)
-        terms = {"band": w.band * band, "eikonal": w.eikonal * eikonal(gradient)}
+        centre = x.detach()[torch.randperm(len(x), generator=generator, device=x.device)[:512]]
+        gradients = [self._static_gradient(centre)]
+        for strand in (*seen.strands, *swept.strands):
+            gradients.append(self._gradient(strand, cast.own.tables, generator))
+        terms = {"band": w.band * band, "eikonal": w.eikonal * eikonal(torch.cat(gradients))}
         if self.still_boxes is not None:
             terms["hidden"] = w.hidden_ground * self._hidden_ground(generator)
         return terms
+
+    def _static_gradient(self, x: Tensor) -> Tensor:
+        """Gradients (N, 3) of the static distance at points (N, 3), by differences on a tetrahedron."""
+        corners = _TETRAHEDRON.to(x)
+        values = self.model.static.distance((x[:, None] + _STEP_M * corners).reshape(-1, 3))
+        return torch.einsum("nk,kj->nj", values.view(-1, 4), corners) / (4 * _STEP_M)
+
+    def _gradient(self, strand: Strands, tables: Tensor, generator: torch.Generator) -> Tensor:
+        """Gradients (N, 3) of the distance at some of a strand's samples that carry weight."""
+        assert strand.weight is not None
+        likely = torch.nonzero(strand.weight.detach().flatten() > 0.02)[:, 0]
+        if len(likely) == 0:
+            return strand.t.new_zeros(0, 3)
+        pick = likely[torch.randint(len(likely), (384,), generator=generator, device=likely.device)]
+        x = strand.points.detach().reshape(-1, 3)[pick]
+        if strand.size_m is None:
+            return self._static_gradient(x)
+        row = pick // strand.t.shape[1]
+        corners = _TETRAHEDRON.to(x)
+        around = x[:, None] + _STEP_M * corners / strand.size_m[row][:, None]
+        values = self.model.actors.distance(tables, around.reshape(-1, 3), strand.medium[row].repeat_interleave(4))
+        return torch.einsum("nk,kj->nj", values.view(-1, 4), corners) / (4 * _STEP_M)
 
     def _ground_band(self, returns: Tensor, generator: torch.Generator) -> Tensor:
         """Over and under returns from the ground (N, 3) the distance is the height; deeper, anywhere, it is well below zero.
