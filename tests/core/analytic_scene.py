@@ -84,7 +84,6 @@ def analytic_scene(
     scene = SceneModel(config, volume, uids, ("front",))
     with torch.no_grad():
         scene.log_beta.fill_(np.log(beta))
-        scene.log_beta_actor.fill_(np.log(beta))
         scene.ground.heights.fill_(4.0)
     into = torch.as_tensor(volume.world_from_volume).float()
 

@@ -114,6 +114,23 @@ def test_sum_of_gradients_is_the_same_for_any_number_of_threads() -> None:
         assert torch.equal(one, three)
 
 
+@needs_library
+def test_second_derivatives_are_refused_not_wrong() -> None:
+    grid = GridArrays(SHAPES["dense"])
+    x = torch.full((4, 3), 0.3, requires_grad=True)
+    (slope,) = torch.autograd.grad(encode(grid, table(grid), x).square().sum(), x, create_graph=True)
+    with pytest.raises(RuntimeError, match="once_differentiable"):
+        slope.sum().backward()
+
+
+def test_shapes_that_do_not_fit() -> None:
+    grid = GridArrays(SHAPES["dense"])
+    with pytest.raises(AssertionError):
+        encode(grid, table(grid), torch.zeros(4, 2))
+    with pytest.raises(AssertionError):
+        encode(grid, table(grid)[:-1], torch.zeros(4, 3))
+
+
 def test_the_reference_against_finite_differences() -> None:
     grid = GridArrays(GridShape.unit(2, 5, 2, 2, 5))
     rng = np.random.default_rng(8)
