@@ -182,5 +182,6 @@ def encode(grid: GridArrays, table: Tensor, x: Tensor, index: Tensor | None = No
     on_cpu = x.device.type == "cpu" and x.dtype == torch.float32 and table.dtype == torch.float32
     if not on_cpu or native.library() is None:
         return encode_reference(grid, table, x, index)
-    out: Tensor = _Encode.apply(grid, table, x, None if index is None else index.to(torch.int32).contiguous(), sink)
+    numbers = None if index is None else index.to(torch.int32).contiguous()
+    out: Tensor = _Encode.apply(grid, table, x, numbers, sink)  # type: ignore[no-untyped-call]
     return out
