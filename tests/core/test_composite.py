@@ -154,6 +154,16 @@ def test_unisim_density_is_the_papers_at_its_own_step() -> None:
     assert bool((share[:, 0] == 0).all())
 
 
+def test_unisim_density_of_other_steps_adds_up() -> None:
+    """Two half steps through even density stop as much as a whole one."""
+    opacities = []
+    for count in (11, 21, 81):
+        t = torch.linspace(1.0, 3.0, count, dtype=torch.float64)[None]
+        tau, _ = unisim_intervals(torch.full_like(t, 0.07), t, 20.0, 0.2)
+        opacities.append(float(tau[:, 1:].sum()))
+    assert opacities == pytest.approx([10 * np.log1p(np.exp(-1.4))] * 3)
+
+
 def loop(alpha: NDArray[np.float64]) -> NDArray[np.float64]:
     """w_i = alpha_i * prod_{j < i} (1 - alpha_j), one ray."""
     out, left = [], 1.0

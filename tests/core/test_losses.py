@@ -99,7 +99,7 @@ def test_spread_is_mip_nerfs_distortion() -> None:
     traced = scene().trace(*rays(), fine=1.0)
     strand = traced.strands[0]
     assert strand.interval_weight is not None
-    place = torch.cat([strand.t[:, :1], (strand.t[:, 1:] + strand.t[:, :-1]) / 2], -1).log()
+    place = strand.stops().log()
     w = strand.interval_weight
     plain = (w[:, :, None] * w[:, None] * (place[:, :, None] - place[:, None]).abs()).sum((1, 2)).mean()
     assert float(spread(traced)) == pytest.approx(float(plain), rel=1e-4) and float(plain) > 1e-4
@@ -124,7 +124,7 @@ def test_a_scene_that_fits_its_sweep_has_no_lidar_loss() -> None:
     terms, good = terms_of(*measured(200))
     right = {name: float(value) for name, value in terms.items()}
     wrong = {name: float(value) for name, value in terms_of(*measured(200, 0.9))[0].items()}
-    assert right["depth"] < 0.05 and right["opacity"] < 0.05 and right["free"] < 0.1
+    assert right["depth"] < 0.05 and right["opacity"] < 0.05 and right["free"] < 0.15
     assert wrong["depth"] > 10 * right["depth"] and wrong["free"] > 1.5 * right["free"]
     assert int(good.sum()) == 190, "the best 95 %"
 

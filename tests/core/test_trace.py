@@ -377,7 +377,6 @@ def test_gradients_reach_every_medium() -> None:
         "far.grid.table",
         "actors.latents",
         "log_beta",
-        "log_beta_actor",
         "static.network.0.weight",
     ):
         gradient = scene.get_parameter(name).grad

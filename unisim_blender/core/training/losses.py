@@ -9,8 +9,9 @@ from torch import Tensor
 from ..trace import Traced
 from .data import LidarBatch
 
-SURFACE_M = 0.1
-"""Further than this from a return, a ray meets nothing (epsilon of UniSim, eq. 8)."""
+SURFACE_M, SURFACE_SHARE = 0.2, 0.04
+"""Further than this, and this share of its length, from a return a ray meets nothing (epsilon of UniSim, eq. 8). The share is for
+rays that graze the road: the same sharpness is blurred there by the sine of the angle."""
 
 
 def _window(channels: int, like: Tensor, size: int = 11, sigma: float = 1.5) -> Tensor:
@@ -71,11 +72,10 @@ def lidar_terms(traced: Traced, batch: LidarBatch, inside: Tensor, keep: float =
     if bool(far.any()):
         reach = F.smooth_l1_loss(traced.depth_m[far].clamp_min(1).log(), batch.depth_m[far].log(), beta=0.05)
         opacity = opacity - torch.log(traced.opacity[far].clamp_min(1e-4)).mean() * far.sum() / near.sum().clamp_min(1)
-    free = traced.feature.new_zeros(())
+    free, surface_m = traced.feature.new_zeros(()), SURFACE_M + SURFACE_SHARE * batch.depth_m
     for strand in traced.strands:
         assert strand.interval_weight is not None
-        place = torch.cat([strand.t[:, :1], (strand.t[:, 1:] + strand.t[:, :-1]) / 2], -1)
-        far = (place - batch.depth_m[strand.ray, None]).abs() > SURFACE_M * 2
+        far = (strand.stops() - batch.depth_m[strand.ray, None]).abs() > surface_m[strand.ray, None]
         used = good[strand.ray]
         # the weight itself, not its square: a thousandth far behind moves a mean depth by metres
         free = free + (strand.interval_weight * (far & used[:, None])).sum()
@@ -104,6 +104,6 @@ def spread(traced: Traced) -> Tensor:
     strand = traced.strands[0]
     w = strand.interval_weight
     assert w is not None
-    place = torch.log(torch.cat([strand.t[:, :1], (strand.t[:, 1:] + strand.t[:, :-1]) / 2], -1).clamp_min(0.1))
+    place = torch.log(strand.stops().clamp_min(0.1))
     total, first = w.cumsum(-1) - w, (w * place).cumsum(-1) - w * place
     return 2 * (w * (place * total - first)).sum(-1).mean()
