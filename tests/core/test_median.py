@@ -1,0 +1,104 @@
+"""Median depths of rays through scenes that are known in closed form, and against a plain search along the ray."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from analytic_scene import Stage, analytic_scene, block, drive_of, empty, ground, sphere, still, union, wall
+
+from unisim_blender.core.fields.config import preset
+from unisim_blender.core.median import median_depth
+from unisim_blender.core.trace import Traced
+
+EYE = np.array([-20.0, 0.0, 1.6])
+
+
+def searched(traced: Traced, ray: int) -> float:
+    """Where the transmittance of one ray falls past half of what it loses: intervals cut into 2000 pieces, in depth order."""
+    beta = 30.0
+    pieces = []
+    for strand in traced.strands:
+        for row in torch.nonzero(strand.ray == ray)[:, 0].tolist():
+            t, s = strand.t[row].double(), strand.s[row].double()
+            pieces.append((t[:1], torch.nn.functional.softplus(-beta * s[:1])))
+            for k in range(1, len(t)):
+                u = torch.linspace(0, 1, 2001, dtype=torch.float64)
+                outside = torch.nn.functional.softplus(-beta * (s[k - 1] + u * (s[k] - s[k - 1])))
+                pieces.append((t[k - 1] + (u[1:] + u[:-1]) / 2 * (t[k] - t[k - 1]), outside.diff().clamp_min(0)))
+    t, tau = (torch.cat(part) for part in zip(*pieces, strict=True))
+    order = torch.argsort(t, stable=True)
+    left = torch.exp(-tau[order].cumsum(0))
+    return float(t[order][int((left <= (1 + left[-1]) / 2).to(torch.uint8).argmax())])
+
+
+@pytest.mark.parametrize("angle_deg", (60.0, 20.0, 5.0))
+def test_median_on_a_plane(angle_deg: float) -> None:
+    stage = Stage(analytic_scene(ground, {}, beta=60.0), drive_of([]))
+    slope = np.radians(angle_deg)
+    yaw = np.radians(np.arange(0, 360, 30))
+    d = np.stack([np.cos(slope) * np.cos(yaw), np.cos(slope) * np.sin(yaw), np.full_like(yaw, -np.sin(slope))], -1)
+    traced = stage.trace([0.0, 0, 1.2], d)
+    np.testing.assert_allclose(median_depth(stage.scene, traced), 1.2 / np.sin(slope), rtol=3e-3)
+
+
+def test_median_against_a_search() -> None:
+    """One medium on each ray, blurred: edges, grazing rays, rays that are stopped in part."""
+    stage = Stage(analytic_scene(union(ground, wall(9.0), sphere([-4.0, 1.0, 1.5], 1.2)), {}, beta=30.0), drive_of([]))
+    d = np.random.default_rng(0).normal([1, 0, -0.03], [0, 0.15, 0.06], (60, 3))
+    traced = stage.trace(EYE, d, fine=2.0)
+    expected = [searched(traced, ray) for ray in range(60)]
+    np.testing.assert_allclose(median_depth(stage.scene, traced), expected, rtol=1e-3, atol=5e-3)
+
+
+def test_between_an_edge_and_the_wall_behind_it_lies_nothing() -> None:
+    size = np.array([2.0, 4.0, 4.0])
+    stage = Stage(
+        analytic_scene(wall(9.0), {"car": (block([1.0, 2.0, 2.0]), size)}, beta=20.0), drive_of([still("car", [0, 0, 1.6], size)])
+    )
+    across = np.linspace(0.9, 1.1, 81) / 19.5
+    traced = stage.trace(EYE, np.stack([np.ones(81), across, np.zeros(81)], -1))
+    depth = median_depth(stage.scene, traced).numpy()
+    mean = traced.depth_m.numpy()
+    on_car, on_wall = np.abs(depth - 19.6) < 1.3, np.abs(depth - 29) < 0.3
+    assert (on_car | on_wall).all() and on_car.sum() > 20 and on_wall.sum() > 20
+    assert (np.abs(mean - 24) < 2).any(), "the mean lies on neither"
+
+
+def test_a_veil_moves_the_mean_and_not_the_median() -> None:
+    stage = Stage(analytic_scene(union(wall(9.0), lambda x: sphere([-10.0, 0, 1.6], 1.0)(x)), {}, beta=4.0), drive_of([]))
+    traced = stage.trace(EYE, [1.0, 0.132, 0.0], fine=8.0)
+    depth, mean = float(median_depth(stage.scene, traced)), float(traced.depth_m)
+    exact = 29 * np.sqrt(1 + 0.132**2)
+    assert exact - mean > 2 and abs(depth - exact) < 0.5
+
+
+def test_where_nothing_is_met() -> None:
+    stage = Stage(analytic_scene(sphere([0.0, 0, 1.6], 1.0), {}), drive_of([]))
+    traced = stage.trace(EYE, [[-1.0, 0, 0], [0, 1, 0]], far=True)
+    np.testing.assert_allclose(median_depth(stage.scene, traced), 0, atol=1e-6)
+
+
+def test_the_far_field_counts() -> None:
+    stage = Stage(analytic_scene(empty, {}), drive_of([]))
+    features = stage.scene.config.features
+    stage.scene.far.forward = lambda x: (torch.full_like(x[:, 0], 50.0), x.new_ones(len(x), features))  # type: ignore[method-assign]
+    traced = stage.trace(EYE, [1.0, 0, 0], far=True)
+    depth = float(median_depth(stage.scene, traced))
+    assert depth == pytest.approx(float(traced.depth_m), rel=1e-4) and depth > 45
+
+
+def test_a_ray_that_starts_inside_something_stops_at_once() -> None:
+    stage = Stage(analytic_scene(wall(-21.0), {}), drive_of([]))
+    stage.scene.occupancy.values.fill_(255)
+    traced = stage.trace(EYE, [1.0, 0, 0])
+    assert float(median_depth(stage.scene, traced)) == pytest.approx(float(traced.strands[0].t[0, 0]))
+
+
+def test_median_of_the_papers_density() -> None:
+    config = replace(preset("tiny"), density="unisim", unisim_step_m=0.2)
+    stage = Stage(analytic_scene(wall(4.0), {}, config, beta=40.0), drive_of([]))
+    depth = median_depth(stage.scene, stage.trace(EYE, [[1.0, 0, 0], [1.0, 0.1, 0]], fine=8.0))
+    np.testing.assert_allclose(depth, [24, 24 * np.sqrt(1.01)], atol=0.3)
