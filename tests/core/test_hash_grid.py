@@ -93,6 +93,9 @@ def test_a_sink_takes_the_tables_gradient(grids: int) -> None:
     encode(grid, sunk, x, index, sink=sink).square().sum().backward()
     assert sunk.grad is sink
     torch.testing.assert_close(sink - before, plain.grad, rtol=1e-4, atol=1e-4)
+    unseen = table(grid, grids).requires_grad_()
+    encode(grid, unseen, x.clone().requires_grad_(), index, sink=torch.zeros_like(sink)).sum().backward()
+    assert unseen.grad is None, "autograd gets nothing to add up again"
 
 
 @needs_library

@@ -154,7 +154,7 @@ def random_actors(n: int, rng: np.random.Generator) -> list[Actor]:
         way = Trajectory(keys, positions, quaternion_from_yaw(rng.uniform(-3, 3, 3)))
         start, end = np.sort(rng.uniform(-0.1, 0.6, 2))
         uid = f"a{i:03}"
-        actors.append(Actor(uid, "Car", rng.uniform(0.5, 12, 3), way, start, end, True, Look("car")))
+        actors.append(Actor(uid, "Car", rng.choice([4.0, 40.0]) * rng.uniform(0.1, 1, 3), way, start, end, True, Look("car")))
     return actors
 
 
@@ -266,6 +266,20 @@ def test_a_guest_in_a_sweep() -> None:
     assert hit.sum() > 3 and np.isfinite(sweep.intensity).all()
     points = sweep.origins[hit] + sweep.directions[hit] * sweep.depth_m[hit][:, None]
     np.testing.assert_allclose(np.median(points[:, 0]), -6 - 1.8, atol=0.1)
+
+
+def test_a_guest_answers_a_lidar_as_in_its_own_scene() -> None:
+    stage = guest_stage(7, 3)
+    home = drive_of([replace(stage.drive.actors["new"], look=Look("car"))])
+    other = Stage(stage.others["elsewhere"], home).as_scene("elsewhere")
+    there = Renderer(other, home).lidar("top", 0)
+    here = Renderer(stage.as_scene(), stage.drive, others={"elsewhere": other}).lidar("top", 0)
+    hit = (here.instance == 1) & (there.instance == 1)
+    assert hit.sum() > 3
+    # at its edges the wall behind has its share
+    for name in ("depth_m", "intensity", "return_probability"):
+        difference = np.abs(getattr(here, name)[hit] - getattr(there, name)[hit])
+        assert np.quantile(difference, 0.7) < 1e-4, name
 
 
 def test_what_the_recording_saw(stage: Stage) -> None:

@@ -84,13 +84,6 @@ class Strands:
     interval_weight: Tensor | None = None
     """Weights of the intervals (P, K), once composited."""
 
-    @property
-    def place(self) -> Tensor:
-        """Where each interval stops what it stops, on average (P, K), metres along the ray."""
-        alpha = -torch.expm1(-self.tau)
-        fraction = torch.where(alpha > 1e-6, self.share / alpha.clamp_min(1e-6), 0.5)[:, 1:]
-        return torch.cat([self.t[:, :1], torch.lerp(self.t[:, :-1], self.t[:, 1:], fraction)], -1)
-
     def stops(self) -> Tensor:
         """Where a ray that stops in an interval is expected to (P, K), metres along the ray; without gradients."""
         with torch.no_grad():
@@ -172,7 +165,7 @@ def _static_strands(scene: SceneModel, cast: Cast, rays: RayBatch, sampling: Sam
         s = scene.static.distance(points.reshape(-1, 3)).view(t.shape)
         s = _cleared(scene, cast, rays, actors, ray, t, points, s)
         jitter = stratified(len(ray), _count(samples.static, sampling), sampling.jitter, o, sampling.generator)
-        quantiles = refine_quantiles(u, t, s, float(scene.beta()), jitter.shape[1], jitter)
+        quantiles = refine_quantiles(u, t, s, float(scene.beta().detach()), jitter.shape[1], jitter)
         t, _ = propose(scene.occupancy.voxels, segment, quantiles)
     points = o[:, None] + t[..., None] * d[:, None]
     s, feature = scene.static(points.reshape(-1, 3))
@@ -181,7 +174,7 @@ def _static_strands(scene: SceneModel, cast: Cast, rays: RayBatch, sampling: Sam
     tau, share = _intervals(scene, s, t, actor=False)
     medium = torch.full_like(ray, -1)
     feature = feature.view(*t.shape, scene.config.features)
-    return Strands(ray, t, s, feature, tau, share, points, medium, beta=float(scene.beta()))
+    return Strands(ray, t, s, feature, tau, share, points, medium, beta=float(scene.beta().detach()))
 
 
 def _actor_strands(
@@ -212,7 +205,7 @@ def _actor_strands(
         t = hits.t_near[:, None] + u * span
         s = scene.actors.distance(troupe.tables, unit(t).reshape(-1, 3), row.repeat_interleave(count)).view(t.shape)
         jitter = stratified(len(row), _count(samples.actor, sampling), sampling.jitter, span, sampling.generator)
-        t = hits.t_near[:, None] + refine_quantiles(u, t, s, float(scene.beta()), jitter.shape[1], jitter) * span
+        t = hits.t_near[:, None] + refine_quantiles(u, t, s, float(scene.beta().detach()), jitter.shape[1], jitter) * span
     points = unit(t)
     s, feature = scene.actors(troupe.tables, points.reshape(-1, 3), row.repeat_interleave(t.shape[1]))
     feature = scene.directed(feature, rays.directions[hits.ray].repeat_interleave(t.shape[1], 0))
@@ -232,7 +225,7 @@ def _actor_strands(
             (hits.t_near, hits.t_far),
             hits.world_from_box,
             size,
-            float(scene.beta()),
+            float(scene.beta().detach()),
         )
     ]
 
@@ -259,7 +252,7 @@ def _copy_strands(scene: SceneModel, cast: Cast, rays: RayBatch, sampling: Sampl
     tau, share = _intervals(scene, s, t, actor=False)
     medium = torch.full_like(hits.ray, -2)
     feature = feature.view(*t.shape, scene.config.features)
-    strands = Strands(hits.ray, t, s, feature, tau, share, points, medium, beta=float(scene.beta()))
+    strands = Strands(hits.ray, t, s, feature, tau, share, points, medium, beta=float(scene.beta().detach()))
     strands.world_from_box = hits.world_from_box @ pose[:, :3, :3].mT
     return [strands]
 
@@ -362,7 +355,7 @@ def _transmittances(rays: int, strands: list[Strands]) -> list[Tensor]:
         at.append((mine, cell))
         pad = (0, longest - strand.t.shape[1])
         tau = tau.index_put((cell,), torch.nn.functional.pad(strand.tau[mine], pad))
-        place = place.index_put((cell,), torch.nn.functional.pad(strand.place[mine].detach(), pad, value=float("inf")))
+        place = place.index_put((cell,), torch.nn.functional.pad(strand.stops()[mine], pad, value=float("inf")))
     tau, place = tau.view(rows, -1), place.view(rows, -1)
     by_depth = torch.argsort(place, dim=1, stable=True)
     front, _ = weights_from_tau(tau.gather(1, by_depth))
