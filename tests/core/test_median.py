@@ -53,6 +53,16 @@ def test_median_against_a_search() -> None:
     np.testing.assert_allclose(median_depth(stage.scene, traced), expected, rtol=1e-3, atol=5e-3)
 
 
+def test_median_of_rays_that_are_stopped_in_part() -> None:
+    stage = Stage(analytic_scene(sphere([-4.0, 0.0, 1.6], 2.0), {}, beta=30.0), drive_of([]))
+    d = np.stack([np.full(40, 16.0), np.linspace(2.0, 2.25, 40), np.zeros(40)], -1)
+    traced = stage.trace(EYE, d, fine=4.0)
+    part = torch.nonzero((traced.opacity > 0.02) & (traced.opacity < 0.6))[:, 0].tolist()
+    assert len(part) > 8
+    expected = [searched(traced, ray) for ray in part]
+    np.testing.assert_allclose(median_depth(stage.scene, traced)[part], expected, rtol=1e-3, atol=5e-3)
+
+
 def test_between_an_edge_and_the_wall_behind_it_lies_nothing() -> None:
     size = np.array([2.0, 4.0, 4.0])
     stage = Stage(
