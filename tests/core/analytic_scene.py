@@ -155,9 +155,8 @@ class Stage:
     others: dict[str, SceneModel] = field(default_factory=dict)
 
     def cast(self) -> Cast:
-        return gather_cast(
-            self.scene, tables(self.scene), self.drive, {path: (scene, tables(scene)) for path, scene in self.others.items()}
-        )
+        guests = {path: (scene, tables(scene)) for path, scene in self.others.items()}
+        return gather_cast(self.scene, tables(self.scene), self.drive, guests, self.drive)
 
     def trace(
         self, origins: Any, directions: Any, time_s: Any = 0.0, fine: float = 4.0, far: bool = False, among: Tensor | None = None

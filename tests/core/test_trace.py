@@ -9,7 +9,7 @@ import pytest
 import torch
 from analytic_scene import Stage, analytic_scene, block, drive_of, empty, ground, sphere, still, union, wall
 
-from unisim_blender.core.cast import gather_cast
+from unisim_blender.core.cast import gather_cast, vacated
 from unisim_blender.core.drive import Box, Look, StaticCopy
 from unisim_blender.core.errors import SceneError
 from unisim_blender.core.fields.config import preset
@@ -369,7 +369,7 @@ def test_gradients_reach_every_medium() -> None:
     scene.occupancy.values.fill_(255)
     drawn = fan(64, spread=0.1)
     batch = RayBatch(torch.tensor(np.tile(EYE, (64, 1))).float(), torch.tensor(drawn).float(), torch.zeros(64).double())
-    cast = gather_cast(scene, scene.actors.tables(), drive, {})
+    cast = gather_cast(scene, scene.actors.tables(), drive, {}, drive)
     traced = trace(scene, cast, batch, Sampling(jitter=True, generator=torch.Generator().manual_seed(2)))
     (traced.feature.sum() + traced.depth_m.sum() + traced.behind.sum()).backward()
     for name in (
@@ -381,3 +381,17 @@ def test_gradients_reach_every_medium() -> None:
     ):
         gradient = scene.get_parameter(name).grad
         assert gradient is not None and bool(torch.isfinite(gradient).all()) and bool((gradient != 0).any()), name
+
+
+def test_what_stood_still_leaves_an_empty_box() -> None:
+    parked = still("car", (0.0, 0.0, 1.0), (4.0, 2.0, 2.0))
+    assert not parked.is_moving
+    recorded, gone = drive_of([parked]), drive_of([])
+    (box,) = vacated(recorded, gone)
+    np.testing.assert_array_equal(box.size_m, parked.size_m)
+    assert vacated(recorded, recorded) == ()
+    away = np.eye(4)
+    away[0, 3] = 3.0
+    moved = replace(parked, world_from_actor=parked.world_from_actor.transformed(away))
+    assert len(vacated(recorded, drive_of([moved]))) == 1
+    assert vacated(drive_of([replace(parked, is_moving=True)]), gone) == (), "the road under a moving car was seen"

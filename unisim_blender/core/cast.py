@@ -80,8 +80,25 @@ def _boxes(boxes: tuple[Box, ...]) -> tuple[Tensor, Tensor]:
     return torch.as_tensor(poses).float(), torch.as_tensor(np.stack([b.size_m for b in boxes])).float()
 
 
-def gather_cast(scene: SceneModel, tables: Tensor, drive: Drive, others: dict[str, tuple[SceneModel, Tensor]]) -> Cast:
-    """The cast of a drive; ``tables`` are the scene's baked actor grids, ``others`` the same of scenes by path."""
+def vacated(recorded: Drive, drive: Drive) -> tuple[Box, ...]:
+    """Boxes of actors that stood still throughout the recording and are not there any more.
+
+    Whatever stood in such a box was the actor: behind its surface nobody saw anything, so the static field is empty there.
+    """
+    boxes = []
+    for uid, actor in recorded.actors.items():
+        now = drive.actors.get(uid)
+        stays = now is not None and not now.is_moving and np.array_equal(now.world_from_actor.poses, actor.world_from_actor.poses)
+        if not actor.is_moving and not stays:
+            boxes.append(Box(actor.world_from_actor.poses[0], actor.size_m))
+    return tuple(boxes)
+
+
+def gather_cast(
+    scene: SceneModel, tables: Tensor, drive: Drive, others: dict[str, tuple[SceneModel, Tensor]], recorded: Drive
+) -> Cast:
+    """The cast of a drive; ``tables`` are the scene's baked actor grids, ``others`` the same of scenes by path, ``recorded`` the
+    drive that the scene was trained on."""
     own = [a for a in drive.actors.values() if not a.look.scene]
     guests = {}
     for path in sorted({a.look.scene for a in drive.actors.values() if a.look.scene}):
@@ -89,8 +106,9 @@ def gather_cast(scene: SceneModel, tables: Tensor, drive: Drive, others: dict[st
             raise SceneError(f"{path}: this trained scene is needed for an inserted actor and was not loaded")
         guests[path] = gather_troupe(*others[path], on_stage(drive, (a for a in drive.actors.values() if a.look.scene == path)))
     cast = Cast(gather_troupe(scene, tables, on_stage(drive, own)), guests)
-    if drive.static_removals:
-        cast.removals = _boxes(drive.static_removals)
+    emptied = drive.static_removals + vacated(recorded, drive)
+    if emptied:
+        cast.removals = _boxes(emptied)
     if drive.static_copies:
         targets = [_target(drive, copy) for copy in drive.static_copies]
         cast.copies = Tracklets(targets)

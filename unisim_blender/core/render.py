@@ -48,9 +48,8 @@ class Renderer:
             raise SceneError(f"no quality {quality!r}: there are {', '.join(QUALITY)}")
         self.scene, self.drive = scene, drive
         self.device = scene.actor_tables.device
-        self.cast = gather_cast(
-            scene.model, scene.actor_tables, drive, {path: (s.model, s.actor_tables) for path, s in (others or {}).items()}
-        ).to(self.device)
+        guests = {path: (s.model, s.actor_tables) for path, s in (others or {}).items()}
+        self.cast = gather_cast(scene.model, scene.actor_tables, drive, guests, scene.header.drive).to(self.device)
         self.sampling = Sampling(fine=QUALITY[quality])
 
     @torch.no_grad()

@@ -15,6 +15,8 @@ FREE, UNKNOWN, HIT = 0, 20, 255
 _FORGET = 0.97
 _PRUNE_BELOW = 0.004
 _MIN_HIT = 64
+_SHOWN = 0.08
+"""A voxel's score starts at UNKNOWN / 255, just below this, and exceeds it only where a sample had weight."""
 
 
 def seed_voxels(
@@ -119,9 +121,9 @@ class OccupancyTrainer:
 
     @torch.no_grad()
     def finish(self) -> None:
-        """Voxels that no LiDAR hit and no sample ever visited are free."""
+        """Voxels that no LiDAR hit are free where no sample came, or none that showed anything: what a car hid, for one."""
         values = self.occupancy.values.view(-1)
-        values[~self.visited & ~self.hit] = FREE
+        values[~self.hit & (~self.visited | (self.score < _SHOWN))] = FREE
 
     def state(self) -> dict[str, Tensor]:
         """What a checkpoint needs beside the voxels."""
