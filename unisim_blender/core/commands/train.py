@@ -15,8 +15,10 @@ import click
 @click.option("--frames", default="::2", show_default=True, help="START:STOP:STEP.")
 @click.option("--width", type=click.IntRange(min=16), help="Width of the images in pixels [default: as recorded].")
 @click.option("--minutes", type=float, help="Train this long.")
-@click.option("--iterations", type=int, help="Train this many steps: with fixed threads, always to the same weights.")
-@click.option("--device", default="cpu", show_default=True, help="cpu, cuda or mps.")
+@click.option(
+    "--iterations", type=int, help="Train this many steps: with fixed threads, always to the same weights, resumed or not."
+)
+@click.option("--device", default="cpu", show_default=True, help="cpu or cuda; a device needs float64.")
 @click.option("--seed", type=int, default=0, show_default=True, help="Seed of every random choice.")
 @click.option("--vgg", type=click.Path(), help="VGG-16 weights (torchvision's names) for the perceptual term.")
 @click.option("--adversarial", is_flag=True, help="Add a patch discriminator on views from shifted origins.")

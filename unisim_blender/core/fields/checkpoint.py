@@ -45,7 +45,8 @@ def _pack(model: SceneModel) -> dict[str, Tensor]:
             index = torch.nonzero(value.view(-1))[:, 0]
             tensors[f"{name}.index"], tensors[f"{name}.value"] = index.int(), value.view(-1)[index]
         else:
-            tensors[name] = (value.half() if value.ndim >= 2 and value.numel() > 1 << 15 else value).contiguous().cpu()
+            large = value.ndim >= 2 and value.numel() > 1 << 15 and name != "ground.heights"  # heights need their centimetres
+            tensors[name] = (value.half() if large else value).contiguous().cpu()
     with torch.no_grad():
         tensors["actors.tables"] = model.actors.tables().half().cpu().contiguous()
     return tensors

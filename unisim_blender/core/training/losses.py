@@ -59,7 +59,7 @@ def lidar_terms(traced: Traced, batch: LidarBatch, inside: Tensor, keep: float =
     error = (traced.near_depth_m - batch.depth_m).abs()
     miss = torch.where(traced.near_opacity > 0.5, error, error.detach() + 100)
     with torch.no_grad():
-        limit = torch.quantile(miss[near], keep)
+        limit = torch.quantile(miss[near], keep) if bool(near.any()) else miss.new_zeros(())
         good = near & (miss <= limit)
     # a ray that is not stopped has no depth to compare: its opacity is asked for first
     expected = traced.near_depth_m * traced.near_opacity + (1 - traced.near_opacity) * 100
@@ -101,7 +101,9 @@ def eikonal(differences: Tensor) -> Tensor:
 
 def spread(traced: Traced) -> Tensor:
     """How far a ray's weight is spread in log depth: the distortion of mip-NeRF 360 (eq. 15), on the static strands."""
-    strand = traced.strands[0]
+    strand = next((s for s in traced.strands if s.bounds is None), None)
+    if strand is None:
+        return traced.feature.new_zeros(())
     w = strand.interval_weight
     assert w is not None
     place = torch.log(strand.stops().clamp_min(0.1))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +33,8 @@ from .losses import distance_band, eikonal, lidar_terms, perceptual_stand_in, sp
 from .perceptual import VggLoss
 
 _TETRAHEDRON = torch.tensor([[1.0, -1, -1], [-1, -1, 1], [-1, 1, -1], [1, 1, 1]])
+BETA_MAX = 300.0
+"""Sharper than this, 1 / metres, a surface is far thinner than the finest cell, and no gradient comes from beside it."""
 _STEP_M = 0.06
 """Over this distance the signed distance's gradient is taken: about the finest cell."""
 
@@ -159,6 +162,8 @@ class Trainer:
         tables.backward(cut.grad)
         self._hold_poses(done < c.poses_from, not learn_cameras)
         self.optimiser.step()
+        with torch.no_grad():
+            self.model.log_beta.clamp_(max=math.log(BETA_MAX))
         self.model.actors.gradient = None
         if self.adversary and fake is not None:
             self.adversary.update(patch.target, fake)
@@ -270,7 +275,7 @@ class Trainer:
         A ray that grazes the road would else pass a hair's breadth below it, where a distance of 0 stops nothing.
         """
         device = self.config.device
-        if len(returns) == 0:
+        if len(returns) == 0 or len(self.known_ground) == 0:
             return returns.new_zeros(())
         height = torch.rand(len(returns), generator=generator, device=device) * 0.6 - 0.4
         height = torch.where(height > 0.1, torch.zeros_like(height), height)
@@ -322,8 +327,8 @@ class Trainer:
     @torch.no_grad()
     def _update_occupancy(self, traced: list[Traced], rays: list[RayBatch]) -> None:
         for result in traced:
-            strand = result.strands[0]
-            if strand.bounds is None and strand.weight is not None:
+            strand = next((s for s in result.strands if s.bounds is None), None)
+            if strand is not None and strand.weight is not None:
                 self.occupancy.update(
                     strand.points.reshape(-1, 3), strand.weight.reshape(-1), self.iteration >= self.config.prune_from
                 )
