@@ -9,7 +9,7 @@ lidar_head                 features to intensity and returns       decode.py
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, TypeVar
 
 import numpy as np
@@ -22,6 +22,7 @@ from .cast import Cast, gather_cast
 from .drive import Camera, CameraModel, Drive, Lidar
 from .errors import SceneError
 from .fields.checkpoint import Scene
+from .fields.gradient import CORNERS, distance_gradient
 from .fields.scene import SceneModel
 from .frames import CameraFrame, LidarFrame, RenderStats
 from .geometry import FloatArray, invert_pose, transform_points
@@ -29,7 +30,7 @@ from .median import median_depth
 from .sensors.camera import camera_rays, pixel_grid
 from .sensors.lidar import lidar_rays
 from .sensors.rays import Rays
-from .trace import RayBatch, Sampling, Traced, trace
+from .trace import RayBatch, Sampling, Strands, Traced, trace
 
 QUALITY = {"fast": 0.67, "balanced": 1.0, "reference": 4.0}
 """Samples along a ray, beside the scene's own number."""
@@ -293,36 +294,35 @@ def _instances(traced: Traced, rays: int) -> Tensor:
     return torch.where(best > background, out, torch.zeros_like(out))
 
 
-_TETRAHEDRON = torch.tensor([[1.0, -1, -1], [-1, -1, 1], [-1, 1, -1], [1, 1, 1]])
 _STEP_M = 0.03
 
 
 def _normals(scene: Scene, cast: Cast, traced: Traced, part: RayBatch, solid: Tensor) -> Tensor:
     """Unit normals (N, 3), world frame, 0 where nothing solid is: each strand's gradient of the distance at its heaviest sample,
     by central differences on a tetrahedron, weighted with what the strand gives to the ray."""
-    offsets = _STEP_M * _TETRAHEDRON.to(part.directions)
     out = torch.zeros_like(part.directions)
-    troupes = [cast.own, *cast.guests.values()]
     for strand in traced.strands:
         assert strand.weight is not None
         weight, heaviest = strand.weight.sum(1), strand.weight.argmax(1)
         x = strand.points[torch.arange(len(heaviest), device=heaviest.device), heaviest]
+        gradient = distance_gradient(_distance_of(scene, cast, strand), x, _STEP_M, strand.size_m)
         if strand.bounds is None:
-            around = (x[:, None] + offsets).reshape(-1, 3)
-            s = scene.model.static.distance(around)
-            gradient = torch.einsum("nk,kj->nj", s.view(-1, 4), offsets) @ scene.model.frame.rotation
-            if strand.world_from_box is not None:
-                gradient = torch.einsum("nij,nj->ni", strand.world_from_box, gradient)
-        else:
-            assert strand.size_m is not None and strand.world_from_box is not None
-            troupe = troupes[strand.guest + 1]
-            first = sum(len(t.uids) for t in troupes[: strand.guest + 1])
-            row = troupe.rows[strand.medium - first].repeat_interleave(4)
-            around = (x[:, None] + offsets / strand.size_m[:, None]).reshape(-1, 3)
-            s = troupe.scene.actors.distance(troupe.tables, around, row)
-            gradient = torch.einsum("nij,nj->ni", strand.world_from_box, torch.einsum("nk,kj->nj", s.view(-1, 4), offsets))
+            gradient = gradient @ scene.model.frame.rotation
+        if strand.world_from_box is not None:
+            gradient = torch.einsum("nij,nj->ni", strand.world_from_box, gradient)
         out.index_add_(0, strand.ray, weight[:, None] * F.normalize(gradient, dim=-1))
     return torch.where(solid[:, None], F.normalize(out, dim=-1), torch.zeros_like(out))
+
+
+def _distance_of(scene: Scene, cast: Cast, strand: Strands) -> Callable[[Tensor], Tensor]:
+    """The signed distance in a strand's medium, of points in its own coordinates, `CORNERS` for each row."""
+    if strand.bounds is None:
+        return scene.model.static.distance
+    troupes = [cast.own, *cast.guests.values()]
+    troupe = troupes[strand.guest + 1]
+    first = sum(len(t.uids) for t in troupes[: strand.guest + 1])
+    row = troupe.rows[strand.medium - first].repeat_interleave(CORNERS)
+    return lambda y: troupe.scene.actors.distance(troupe.tables, y, row)
 
 
 def _supported(scene: Scene, traced: Traced, part: RayBatch, depth_m: Tensor) -> Tensor:

@@ -33,16 +33,7 @@ def duplicate(drive: Drive, edit: Duplicate, place: str, context: Context) -> Dr
         start, end = source.start_s + later, source.end_s + later
     if edit.present is not None:
         start, end = context.presence(edit.present, place)
-    copy = replace(
-        source,
-        uid=edit.id,
-        world_from_actor=trajectory,
-        start_s=start,
-        end_s=end,
-        is_moving=is_moving(trajectory),
-        inserted=True,
-    )
-    return _with(drive, copy)
+    return _with(drive, _newcomer(source, edit.id, trajectory, start, end))
 
 
 def insert(drive: Drive, edit: Insert, place: str, context: Context) -> Drive:
@@ -51,18 +42,13 @@ def insert(drive: Drive, edit: Insert, place: str, context: Context) -> Drive:
     _check_new(drive, edit.id, place, context)
     trajectory = context.trajectory(edit.pose, edit.trajectory, edit.outside, place)
     start, end = context.presence(edit.present, place)
-    return _with(
-        drive,
-        replace(
-            source,
-            uid=edit.id,
-            world_from_actor=trajectory,
-            start_s=start,
-            end_s=end,
-            is_moving=is_moving(trajectory),
-            inserted=True,
-        ),
-    )
+    return _with(drive, _newcomer(source, edit.id, trajectory, start, end))
+
+
+def _newcomer(source: Actor, uid: str, trajectory: Trajectory, start_s: float, end_s: float) -> Actor:
+    """An actor that the recording does not have, with the source's look."""
+    moving = is_moving(trajectory)
+    return replace(source, uid=uid, world_from_actor=trajectory, start_s=start_s, end_s=end_s, is_moving=moving, inserted=True)
 
 
 def move(drive: Drive, edit: Move, place: str, context: Context) -> Drive:

@@ -17,6 +17,7 @@ from ..drive import Drive
 from ..errors import SceneError
 from ..fields.config import preset
 from ..fields.fields import HashTable
+from ..fields.gradient import CORNERS, distance_gradient
 from ..fields.ground import CELL_M, ground_heights
 from ..fields.occupancy import OccupancyTrainer, seed_voxels
 from ..fields.scene import SceneModel
@@ -32,7 +33,6 @@ from .data import CameraData, LidarBatch, LidarData, PatchBatch
 from .losses import distance_band, eikonal, lidar_terms, perceptual_stand_in, spread
 from .perceptual import VggLoss
 
-_TETRAHEDRON = torch.tensor([[1.0, -1, -1], [-1, -1, 1], [-1, 1, -1], [1, 1, 1]])
 BETA_MAX = 300.0
 """Sharper than this, 1 / metres, a surface is far thinner than the finest cell, and no gradient comes from beside it."""
 _STEP_M = 0.06
@@ -248,10 +248,7 @@ class Trainer:
         return terms
 
     def _static_gradient(self, x: Tensor) -> Tensor:
-        """Gradients (N, 3) of the static distance at points (N, 3), by differences on a tetrahedron."""
-        corners = _TETRAHEDRON.to(x)
-        values = self.model.static.distance((x[:, None] + _STEP_M * corners).reshape(-1, 3))
-        return torch.einsum("nk,kj->nj", values.view(-1, 4), corners) / (4 * _STEP_M)
+        return distance_gradient(self.model.static.distance, x, _STEP_M)
 
     def _gradient(self, strand: Strands, tables: Tensor, generator: torch.Generator) -> Tensor:
         """Gradients (N, 3) of the distance at some of a strand's samples that carry weight."""
@@ -264,10 +261,8 @@ class Trainer:
         if strand.size_m is None:
             return self._static_gradient(x)
         row = pick // strand.t.shape[1]
-        corners = _TETRAHEDRON.to(x)
-        around = x[:, None] + _STEP_M * corners / strand.size_m[row][:, None]
-        values = self.model.actors.distance(tables, around.reshape(-1, 3), strand.medium[row].repeat_interleave(4))
-        return torch.einsum("nk,kj->nj", values.view(-1, 4), corners) / (4 * _STEP_M)
+        actor = strand.medium[row].repeat_interleave(CORNERS)
+        return distance_gradient(lambda y: self.model.actors.distance(tables, y, actor), x, _STEP_M, strand.size_m[row])
 
     def _ground_band(self, returns: Tensor, generator: torch.Generator) -> Tensor:
         """Over and under returns from the ground (N, 3) the distance is the height; deeper, anywhere, it is well below zero.
