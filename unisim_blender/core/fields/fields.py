@@ -11,6 +11,8 @@ from .networks import mlp
 from .volume import Volume, VolumeFrame, contract, contract_direction
 
 INITIAL_DISTANCE_M = 0.1
+INITIAL_ACTOR_DISTANCE_M = 0.3
+"""An actor's box is entered from outside: there its field must not stop a ray from the start."""
 
 
 class HashTable(nn.Module):
@@ -28,12 +30,12 @@ class HashTable(nn.Module):
         return encode(self.grid, self.table, x, sink=sink)
 
 
-def _start_outside(network: nn.Sequential) -> None:
+def _start_outside(network: nn.Sequential, distance_m: float = INITIAL_DISTANCE_M) -> None:
     """A new field is empty: its distance starts a little above zero everywhere."""
     last = network[-1]
     assert isinstance(last, nn.Linear)
     with torch.no_grad():
-        last.bias[0] = INITIAL_DISTANCE_M
+        last.bias[0] = distance_m
 
 
 class StaticField(nn.Module):
@@ -107,7 +109,7 @@ class ActorField(nn.Module):
         nn.init.uniform_(last.weight, -1e-3, 1e-3)
         nn.init.zeros_(last.bias)
         self.network = mlp(self.grid.shape.width, config.hidden, 1 + config.features)
-        _start_outside(self.network)
+        _start_outside(self.network, INITIAL_ACTOR_DISTANCE_M)
         self.gradient: Tensor | None = None
         """Where it is set, of `tables`' shape, the tables' gradient is added up here and autograd sees none."""
 

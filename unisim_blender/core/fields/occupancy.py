@@ -11,10 +11,13 @@ from torch import Tensor, nn
 from ..geometry import FloatArray
 from ..march import Voxels
 
-FREE, UNKNOWN, HIT = 0, 20, 255
+FREE, UNKNOWN, BESIDE, HIT = 0, 20, 254, 255
+"""BESIDE is next to a return."""
 _FORGET = 0.97
 _PRUNE_BELOW = 0.004
 _MIN_HIT = 64
+_OPEN = 0.2
+"""A sample with less transmittance in front of it says nothing about what is there."""
 _SHOWN = 0.08
 """A voxel's score starts at UNKNOWN / 255, just below this, and exceeds it only where a sample had weight."""
 
@@ -29,8 +32,8 @@ def seed_voxels(
 ) -> NDArray[np.uint8]:
     """Values (X, Y, Z) from LiDAR rays, volume coordinates: origins (N, 3) to static returns (N, 3).
 
-    HIT where a return lies, one voxel round it included (UniSim, section 3.2), and at the ground between returns (heights and
-    where they are known (X', Y'), cells of 1 m); FREE where rays only passed, and under the ground; UNKNOWN where none came.
+    HIT where a return lies and at the ground between returns (heights and where they are known (X', Y'), cells of 1 m); BESIDE
+    in the voxels round a return (UniSim, section 3.2); FREE where rays only passed, and under the ground; UNKNOWN elsewhere.
     """
     hit = np.zeros(shape, bool)
     passed = np.zeros(shape, np.uint8)
@@ -53,7 +56,8 @@ def seed_voxels(
     near = ndimage.binary_dilation(hit, np.ones((3, 3, 3), bool))
     values = np.full(shape, UNKNOWN, np.uint8)
     values[passed > 0] = FREE
-    values[near] = HIT
+    values[near] = BESIDE
+    values[hit] = HIT
     top = (np.arange(shape[2]) + 1) * voxel_m
     column = np.minimum(((np.arange(shape[0]) + 0.5) * voxel_m).astype(int), ground.shape[0] - 1)
     row = np.minimum(((np.arange(shape[1]) + 0.5) * voxel_m).astype(int), ground.shape[1] - 1)
@@ -98,14 +102,21 @@ class OccupancyTrainer:
         self.occupancy = occupancy
         flat = occupancy.values.view(-1)
         self.score = flat.float() / 255
-        self.hit = flat == HIT
+        self.hit = flat >= BESIDE
+        self.beside = flat == BESIDE
         self.visited = torch.zeros_like(self.hit)
+        self.seen = torch.zeros_like(self.hit)
 
     @torch.no_grad()
-    def update(self, x: Tensor, weight: Tensor, prune: bool) -> None:
-        """Samples at x (N, 3), volume coordinates, got these weights (N,) in this step."""
+    def update(self, x: Tensor, weight: Tensor, front: Tensor, prune: bool, settled: bool) -> None:
+        """Samples at x (N, 3), volume coordinates, got these weights (N,), with these transmittance before of them (N,).
+
+        ``prune`` frees voxels that show nothing; ``settled`` says that surfaces hide what is behind them by now.
+        """
         values = self.occupancy.values.view(-1)
         cells = self.occupancy.cells(x)
+        if settled:
+            self.seen[cells[front > _OPEN]] = True
         unique, where = torch.unique(cells, return_inverse=True)
         best = weight.new_zeros(len(unique)).scatter_reduce_(0, where, weight, "amax")
         self.visited[unique] = True
@@ -120,17 +131,28 @@ class OccupancyTrainer:
         values[unique] = torch.where(alive, value, torch.zeros_like(value)).to(torch.uint8)
 
     @torch.no_grad()
-    def finish(self) -> None:
-        """Voxels that no LiDAR hit are free where no sample came, or none that showed anything: what a car hid, for one."""
+    def hidden(self, x: Tensor, alive: bool = True) -> Tensor:
+        """Which points (N, 3), volume coordinates, lie where no ray looked: (N,) bool; ``alive`` leaves out free voxels."""
+        cells = self.occupancy.cells(x)
+        hidden = ~self.seen[cells]
+        return hidden & (self.occupancy.values.view(-1)[cells] > FREE) if alive else hidden
+
+    @torch.no_grad()
+    def finish(self, continued: Tensor) -> None:
+        """Voxels where no LiDAR beam returned are free if no sample came, or none that showed anything: fog that nobody saw.
+
+        All but those ``continued`` (M,), flat numbers: what goes on there unseen, see `training.hidden`.
+        """
         values = self.occupancy.values.view(-1)
         values[~self.hit & (~self.visited | (self.score < _SHOWN))] = FREE
+        values[self.beside & (~self.visited | (self.score < _PRUNE_BELOW))] = FREE
+        values[continued] = HIT
 
     def state(self) -> dict[str, Tensor]:
         """What a checkpoint needs beside the voxels."""
-        return {"score": self.score, "hit": self.hit, "visited": self.visited}
+        return {"score": self.score, "hit": self.hit, "beside": self.beside, "visited": self.visited, "seen": self.seen}
 
     def load_state(self, state: dict[str, Tensor]) -> None:
         """The inverse of `state`."""
-        self.score.copy_(state["score"])
-        self.hit.copy_(state["hit"])
-        self.visited.copy_(state["visited"])
+        for name, own in self.state().items():
+            own.copy_(state[name])

@@ -22,7 +22,7 @@ class LossWeights:
     band: float = 0.1
     eikonal: float = 0.005
     spread: float = 0.001
-    hidden_ground: float = 0.02
+    hidden: float = 0.02
     adversarial: float = 0.001
     latent: float = 1e-5
 
@@ -50,6 +50,8 @@ class TrainConfig:
     """Chance that a ray sees a vehicle mirrored. What was never recorded learns from the other side all the same; with a half,
     a lit side and a shaded one would blend."""
     prune_from: int = 300
+    settled_from: float = 0.1
+    hidden_every: int = 2
     rate_tables: tuple[float, float] = (1e-2, 1e-3)
     rate_networks: tuple[float, float] = (5e-3, 3e-4)
     rate_poses: tuple[float, float] = (1e-3, 1e-4)

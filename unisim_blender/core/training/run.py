@@ -235,7 +235,7 @@ def _as_scene(trainer: Trainer, out: Path) -> Scene:
 
 def finish(trainer: Trainer, out: Path) -> SceneHeader:
     """Free what was never seen, note which voxels the recording supports, write the scene."""
-    trainer.occupancy.finish()
+    trainer.occupancy.finish(trainer.hidden.continued())
     for parameter in trainer.model.parameters():
         parameter.grad = None
     scene = _as_scene(trainer, out)

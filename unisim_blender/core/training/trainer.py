@@ -25,11 +25,12 @@ from ..fields.tracklets import Tracklets
 from ..fields.volume import Volume
 from ..geometry import invert_pose, transform_points
 from ..log import Log
-from ..trace import RayBatch, Sampling, Strands, Traced, trace
+from ..trace import Sampling, Strands, Traced, trace
 from .adversarial import Adversary, shifted
 from .camera_poses import CameraPoses
 from .config import VEHICLES, TrainConfig
 from .data import CameraData, LidarBatch, LidarData, PatchBatch
+from .hidden import Hidden
 from .losses import distance_band, eikonal, lidar_terms, perceptual_stand_in, spread
 from .perceptual import VggLoss
 
@@ -66,7 +67,7 @@ class Trainer:
         self.rows = torch.arange(len(actors), device=config.device)
         mirrored = [config.mirrored * any(word in a.label.lower() for word in VEHICLES) for a in actors]
         self.mirror = torch.tensor(mirrored, device=config.device)
-        self.still_boxes = self._still_boxes(drive)
+        self.hidden = Hidden(self.model, self.occupancy, self.known_ground, self._still_boxes(drive))
         self.perceptual = VggLoss(Path(config.vgg)).to(config.device) if config.vgg else perceptual_stand_in
         self.iteration, self.elapsed_s = 0, 0.0
         self.camera_poses = CameraPoses(len(config.cameras)).to(config.device)
@@ -167,7 +168,7 @@ class Trainer:
         self.model.actors.gradient = None
         if self.adversary and fake is not None:
             self.adversary.update(patch.target, fake)
-        self._update_occupancy([seen, swept], [patch.rays, lidar.rays])
+        self._update_occupancy([seen, swept])
         self.iteration += 1
         figures = {name: float(value.detach()) for name, value in terms.items()}
         figures["loss"] = float(loss.detach())
@@ -243,8 +244,8 @@ class Trainer:
         for strand in (*seen.strands, *swept.strands):
             gradients.append(self._gradient(strand, cast.own.tables, generator))
         terms = {"band": w.band * band, "eikonal": w.eikonal * eikonal(torch.cat(gradients))}
-        if self.still_boxes is not None:
-            terms["hidden"] = w.hidden_ground * self._hidden_ground(generator)
+        if self.iteration % self.config.hidden_every == 0:
+            terms["hidden"] = w.hidden * self.hidden.loss(generator)
         return terms
 
     def _static_gradient(self, x: Tensor) -> Tensor:
@@ -291,42 +292,16 @@ class Trainer:
         at = torch.rand(count, generator=generator, device=device) < 0.34
         return torch.where(at, torch.zeros_like(offset), offset)
 
-    def _hidden_ground(self, generator: torch.Generator) -> Tensor:
-        """Under a box that never moves nobody saw the ground: nothing above it, and the look of its surroundings."""
-        assert self.still_boxes is not None
-        poses, sizes = self.still_boxes
-        device, model = poses.device, self.model
-        n = 384
-        which = torch.randint(len(poses), (n,), generator=generator, device=device)
-        unit = torch.rand(n, 3, generator=generator, device=device) - 0.5
-
-        def place(local: Tensor) -> Tensor:
-            world = torch.einsum("nij,nj->ni", poses[which][:, :3, :3], local) + poses[which][:, :3, 3]
-            return model.frame.points(world)
-
-        inside = place(unit * sizes[which])
-        ground = model.ground.height(inside)
-        s = model.static.distance(inside)
-        expected = (inside[:, 2] - ground).clamp(-0.3, 0.3)
-        height = F.smooth_l1_loss(s.clamp(-0.3, 0.3), expected, beta=0.05)
-        on_ground = torch.cat([inside[:, :2], ground[:, None]], -1)
-        # the nearer long side, and a little beyond it
-        side = torch.sign(unit[:, 1]) * (0.5 * sizes[which][:, 1] + 0.2 + 0.8 * torch.rand(n, generator=generator, device=device))
-        beyond = place(torch.stack([unit[:, 0] * sizes[which][:, 0], side, unit[:, 2] * 0], -1))
-        beyond = torch.cat([beyond[:, :2], model.ground.height(beyond)[:, None]], -1)
-        s_ground, look = model.static(on_ground)
-        with torch.no_grad():
-            _, outside = model.static(beyond)
-        return height + s_ground.abs().mean() + 0.1 * F.smooth_l1_loss(look, outside)
-
     @torch.no_grad()
-    def _update_occupancy(self, traced: list[Traced], rays: list[RayBatch]) -> None:
+    def _update_occupancy(self, traced: list[Traced]) -> None:
         for result in traced:
             strand = next((s for s in result.strands if s.bounds is None), None)
             if strand is not None and strand.weight is not None:
+                assert strand.front is not None
                 self.occupancy.update(
-                    strand.points.reshape(-1, 3), strand.weight.reshape(-1), self.iteration >= self.config.prune_from
-                )
+                    strand.points.reshape(-1, 3), strand.weight.flatten(), strand.front.flatten(),
+                    prune=self.iteration >= self.config.prune_from, settled=self.progress >= self.config.settled_from,
+                )  # fmt: skip
 
     def _to_device(self, batch: Any) -> Any:
         device = self.config.device

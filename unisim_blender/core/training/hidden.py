@@ -1,0 +1,126 @@
+"""What nobody saw, continued from what is above it and beside it.
+
+A parked car hides the pavement and the foot of the wall behind it. Nothing recorded says what is there, and an edit that takes
+the car away shows it. So the ground goes on level and looks like its surroundings; what stands above it goes on downwards: a
+wall reaches the ground, and open air stays open.
+"""
+
+from __future__ import annotations
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor
+
+from ..fields.ground import CELL_M
+from ..fields.occupancy import OccupancyTrainer
+from ..fields.scene import SceneModel
+
+REACH_M = 2.0
+"""How high above the ground things are continued downwards: a van's height."""
+_DRAWS, _POINTS = 4096, 384
+_BAND_M = 0.3
+"""Distances further than this from a surface are not compared."""
+
+
+class Hidden:
+    """Draws hidden places and compares them with what is next to them.
+
+    ``known_ground`` (C, 2) are the cells whose ground height can be trusted; ``still_boxes`` the poses (B, 4, 4), box to world,
+    and sizes (B, 3) of actors that never move, whose inside the static field is never asked for.
+    """
+
+    def __init__(
+        self, model: SceneModel, occupancy: OccupancyTrainer, known_ground: Tensor, still_boxes: tuple[Tensor, Tensor] | None
+    ) -> None:
+        self.model, self.occupancy, self.known_ground, self.still_boxes = model, occupancy, known_ground, still_boxes
+
+    def loss(self, generator: torch.Generator) -> Tensor:
+        """Mean disagreement of hidden places with their surroundings."""
+        total = self.model.ground.heights.new_zeros(())
+        if len(self.known_ground):
+            total = total + self._unseen(generator)
+        if self.still_boxes is not None:
+            total = total + self._under_boxes(*self.still_boxes, generator)
+        return total
+
+    def _unseen(self, generator: torch.Generator) -> Tensor:
+        model, device = self.model, self.known_ground.device
+
+        def rand(*shape: int) -> Tensor:
+            return torch.rand(*shape, generator=generator, device=device)
+
+        cells = self.known_ground[torch.randint(len(self.known_ground), (_DRAWS,), generator=generator, device=device)]
+        place = (cells + rand(_DRAWS, 2)) * CELL_M
+        height = rand(_DRAWS) * REACH_M
+        # every other point is on the ground itself
+        height[::2] = 0.0
+        x = torch.cat([place, (_ground(model, place) + height)[:, None]], -1)
+        pick = torch.nonzero(self.occupancy.hidden(x))[:_POINTS, 0]
+        x, height = x[pick], height[pick]
+        aloft = height > 0
+        total = x.new_zeros(())
+        if bool(aloft.any()):
+            s, look = model.static(x[aloft])
+            with torch.no_grad():
+                above = x[aloft] + F.pad(0.1 + 0.5 * rand(len(s), 1), (2, 0))
+                s_above, look_above = model.static(above)
+                expected = torch.minimum(s_above, height[aloft])
+            total = total + F.smooth_l1_loss(s.clamp(-_BAND_M, _BAND_M), expected.clamp(-_BAND_M, _BAND_M), beta=0.05)
+            total = total + 0.1 * F.smooth_l1_loss(look, look_above)
+        if not bool(aloft.all()):
+            ground = x[~aloft]
+            s, look = model.static(ground)
+            with torch.no_grad():
+                beside = ground[:, :2] + (2 * rand(len(ground), 2) - 1)
+                _, look_beside = model.static(torch.cat([beside, _ground(model, beside)[:, None]], -1))
+            total = total + s.abs().mean() + 0.1 * F.smooth_l1_loss(look, look_beside)
+        return total
+
+    def _under_boxes(self, poses: Tensor, sizes: Tensor, generator: torch.Generator) -> Tensor:
+        """Under a box that never moves nobody saw the ground: nothing above it, and the look of its surroundings."""
+        model, device, n = self.model, poses.device, _POINTS
+        which = torch.randint(len(poses), (n,), generator=generator, device=device)
+        unit = torch.rand(n, 3, generator=generator, device=device) - 0.5
+
+        def place(local: Tensor) -> Tensor:
+            world = torch.einsum("nij,nj->ni", poses[which][:, :3, :3], local) + poses[which][:, :3, 3]
+            return model.frame.points(world)
+
+        inside = place(unit * sizes[which])
+        ground = model.ground.height(inside)
+        s = model.static.distance(inside)
+        expected = (inside[:, 2] - ground).clamp(-_BAND_M, _BAND_M)
+        height = F.smooth_l1_loss(s.clamp(-_BAND_M, _BAND_M), expected, beta=0.05)
+        on_ground = torch.cat([inside[:, :2], ground[:, None]], -1)
+        # the nearer long side, and a little beyond it
+        side = torch.sign(unit[:, 1]) * (0.5 * sizes[which][:, 1] + 0.2 + 0.8 * torch.rand(n, generator=generator, device=device))
+        beyond = place(torch.stack([unit[:, 0] * sizes[which][:, 0], side, unit[:, 2] * 0], -1))
+        beyond = torch.cat([beyond[:, :2], model.ground.height(beyond)[:, None]], -1)
+        s_ground, look = model.static(on_ground)
+        with torch.no_grad():
+            _, outside = model.static(beyond)
+        return height + s_ground.abs().mean() + 0.1 * F.smooth_l1_loss(look, outside)
+
+    @torch.no_grad()
+    def continued(self) -> Tensor:
+        """Hidden voxels (M,), flat numbers, near the ground in which the field has a surface all the same."""
+        if len(self.known_ground) == 0:
+            return torch.zeros(0, dtype=torch.long, device=self.known_ground.device)
+        model, voxel = self.model, self.model.config.voxel_m
+        grid = torch.arange(0, CELL_M, voxel / 2, device=self.known_ground.device) + voxel / 4
+        heights = torch.arange(voxel / 4, REACH_M, voxel / 2, device=grid.device)
+        corner = torch.cartesian_prod(grid, grid)
+        found = []
+        for cells in self.known_ground.split(2048):
+            place = (cells[:, None] * CELL_M + corner).reshape(-1, 2)
+            z = _ground(model, place)[:, None] + heights
+            x = torch.cat([place[:, None].expand(-1, len(heights), -1), z[..., None]], -1).reshape(-1, 3)
+            x = x[self.occupancy.hidden(x, alive=False)]
+            near = model.static.distance(x) < voxel / 4
+            found.append(model.occupancy.cells(x[near]).unique())
+        return torch.cat(found).unique()
+
+
+def _ground(model: SceneModel, place: Tensor) -> Tensor:
+    """Ground heights (N,) at places (N, 2), volume coordinates."""
+    return model.ground.height(F.pad(place, (0, 1)))
