@@ -7,11 +7,11 @@ import pytest
 from tiny_drive import GreyRenderer, tiny_drive
 
 from unisim_blender.core.demo import demo_frames
-from unisim_blender.core.evaluation_runs import mean_figures
+from unisim_blender.core.evaluate.metrics import Picture
+from unisim_blender.core.evaluate.pictures import Tile, depth_picture, difference_picture, outline, sheet, sweep_picture, turbo
+from unisim_blender.core.evaluate.recorded_runs import mean_figures
+from unisim_blender.core.evaluate.truth import EditRegions, lidar_figures_beside, picture_figures, summarise_truth
 from unisim_blender.core.geometry import FloatArray
-from unisim_blender.core.metrics import Picture
-from unisim_blender.core.pictures import Tile, depth_picture, difference_picture, outline, sheet, sweep_picture, turbo
-from unisim_blender.core.truth_evaluation import EditRegions, lidar_figures_beside, picture_figures, summarise_truth
 
 
 def grey(value: float) -> Picture:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from unisim_blender.core.evaluate.metrics import chamfer, lidar_metrics, mean_of, psnr, ssim
 from unisim_blender.core.geometry import FloatArray
-from unisim_blender.core.metrics import chamfer, lidar_metrics, mean_of, psnr, ssim
 
 
 def test_psnr_of_a_constant_offset() -> None:

@@ -11,7 +11,7 @@ from safetensors.torch import save_file
 from torch import Tensor
 
 from unisim_blender.core.errors import UnisimError
-from unisim_blender.core.lpips import Lpips
+from unisim_blender.core.evaluate.lpips import Lpips
 
 SHAPES = {
     "alex": {

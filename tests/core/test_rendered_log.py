@@ -14,8 +14,8 @@ from tiny_drive import tiny_plan
 from unisim_blender.core.commands.render import WRITERS
 from unisim_blender.core.errors import OutputError
 from unisim_blender.core.logs import open_log
-from unisim_blender.core.rendered_log import write_rendered_log
-from unisim_blender.core.sequence import render_sequence
+from unisim_blender.core.sequence.rendered_log import write_rendered_log
+from unisim_blender.core.sequence.run import render_sequence
 
 
 def test_log_reads_back(tmp_path: Path) -> None:

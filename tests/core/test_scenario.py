@@ -13,8 +13,8 @@ import pytest
 
 from unisim_blender.core.errors import ScenarioError
 from unisim_blender.core.scenario import load_scenario, save_scenario, scenario_from_json, scenario_to_json
-from unisim_blender.core.scenario_checks import scenario_schema
-from unisim_blender.core.scenario_types import EDIT_TYPES
+from unisim_blender.core.scenario.checks import scenario_schema
+from unisim_blender.core.scenario.types import EDIT_TYPES
 
 KEYS = [
     {"time_s": 0.0, "position": [1, 2.5, 3], "yaw_deg": 10},

@@ -17,8 +17,8 @@ import torch
 from tiny_drive import FakeSource, tiny_drive, tiny_plan
 
 from unisim_blender.core.errors import OutputError, UnisimError
-from unisim_blender.core.selection import select_frames
-from unisim_blender.core.sequence import render_sequence
+from unisim_blender.core.prepare.selection import select_frames
+from unisim_blender.core.sequence.run import render_sequence
 
 
 def contents(folder: Path) -> dict[str, bytes]:
@@ -130,7 +130,7 @@ import sys
 from pathlib import Path
 sys.path.insert(0, {tests!r})
 from tiny_drive import tiny_plan
-from unisim_blender.core.sequence import render_sequence
+from unisim_blender.core.sequence.run import render_sequence
 if __name__ == "__main__":
     render_sequence(tiny_plan(delay_s=0.3), Path(sys.argv[1]), jobs=int(sys.argv[2]))
 """

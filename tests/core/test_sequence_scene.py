@@ -121,8 +121,8 @@ def test_unknown_names_are_refused_before_anything_is_written(
 
 
 def test_edits_change_the_key_and_paths_do_not(scenario: Path) -> None:
-    from unisim_blender.core.render_plan import plan_key
-    from unisim_blender.core.scenario_plan import Wishes, plan_scenario
+    from unisim_blender.core.prepare.scenario_plan import Wishes, plan_scenario
+    from unisim_blender.core.sequence.plan import plan_key
 
     plan, _ = plan_scenario(scenario, Wishes())
     other, _ = plan_scenario(scenario, Wishes(frames="0:2"))

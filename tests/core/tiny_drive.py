@@ -15,8 +15,8 @@ from unisim_blender.core.drive import Actor, Camera, CameraModel, Drive, Lidar, 
 from unisim_blender.core.frames import CameraFrame, LidarFrame, RenderStats
 from unisim_blender.core.geometry import FloatArray, Trajectory, make_pose, quaternion_from_matrix
 from unisim_blender.core.log import Sweep, SweepGrid
-from unisim_blender.core.render_plan import RenderPlan, SequenceSettings
 from unisim_blender.core.sensors.lidar import lidar_rays
+from unisim_blender.core.sequence.plan import RenderPlan, SequenceSettings
 
 IDENTITY = np.array([1.0, 0, 0, 0])
 FRONT = quaternion_from_matrix(np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]]))

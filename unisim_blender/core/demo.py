@@ -8,14 +8,14 @@ from pathlib import Path
 from typing import Any
 
 from .errors import ScenarioError
-from .evaluation_runs import EvaluationWishes, Progress, trained_frames
-from .render_plan import RenderPlan
+from .evaluate.recorded_runs import EvaluationWishes, Progress, trained_frames
+from .evaluate.truth_runs import evaluate_scenario
+from .prepare.scenario_plan import Wishes, plan_scenario
 from .scenario import load_scenario
-from .scenario_plan import Wishes, plan_scenario
-from .scenario_types import StreetLog
+from .scenario.types import StreetLog
 from .scene_file import read_scene_header
-from .sequence import render_sequence
-from .truth_runs import evaluate_scenario
+from .sequence.plan import RenderPlan
+from .sequence.run import render_sequence
 
 MakeLog = Callable[[Path, dict[str, float | str]], object]
 """Writes a street's log to a folder, with the options of `unisim synth`."""

@@ -9,7 +9,7 @@ import click
 from tqdm import tqdm
 
 from ..logs.splits import SPLITS
-from ..selection import split_names
+from ..prepare.selection import split_names
 
 HELD_OUT = "1::2"
 """Frames that a split is measured on: even frames train, odd frames test."""
@@ -50,12 +50,12 @@ def command(
     device: str,
 ) -> None:
     """Render held-out frames of SCENE and compare them with LOG; with --truth, compare SCENARIOs with a street's truth."""
-    from ..evaluation_runs import EvaluationWishes, evaluate_scene, evaluate_split
-    from ..report import flat_figures
+    from ..evaluate.recorded_runs import EvaluationWishes, evaluate_scene, evaluate_split
+    from ..evaluate.report import flat_figures
 
     wishes = EvaluationWishes(frames, split_names(cameras), width, quality, lpips_weights, device)
     if truth is not None:
-        from ..truth_runs import evaluate_scenarios
+        from ..evaluate.truth_runs import evaluate_scenarios
 
         if not paths or split is not None:
             raise click.UsageError("--truth takes scenarios, and no --split")

@@ -16,7 +16,7 @@ from ..json_file import read_json
 from ..log import Log
 
 if TYPE_CHECKING:
-    from ..scenario_types import Scenario
+    from ..scenario.types import Scenario
     from ..scene_file import SceneHeader
 
 
@@ -79,7 +79,7 @@ def describe_scene(header: SceneHeader) -> dict[str, Any]:
 
 def describe_scenario(scenario: Scenario) -> dict[str, Any]:
     """A scenario: its log and scene, its edits by type, and which of its files are missing."""
-    from ..scenario_types import FrameRange
+    from ..scenario.types import FrameRange
 
     wanted = [path for path in (scenario.log_path, scenario.scene_path) if path is not None]
     return {

@@ -8,11 +8,11 @@ from pathlib import Path
 import click
 from tqdm import tqdm
 
-from ..outputs import camera_path
-from ..render_plan import RenderPlan
-from ..scenario_plan import SEQUENCE_FORMATS, Wishes, plan_scenario, sequence_formats
-from ..selection import split_names
-from ..sequence import render_sequence
+from ..output.frame_files import camera_path
+from ..prepare.scenario_plan import SEQUENCE_FORMATS, Wishes, plan_scenario, sequence_formats
+from ..prepare.selection import split_names
+from ..sequence.plan import RenderPlan
+from ..sequence.run import render_sequence
 
 MOST_JOBS = 8
 """Processes that are started unasked: each holds the scene."""
@@ -70,13 +70,13 @@ def default_jobs() -> int:
 
 
 def _write_pandaset(plan: RenderPlan, out: Path) -> None:
-    from ..rendered_log import write_rendered_log
+    from ..sequence.rendered_log import write_rendered_log
 
     write_rendered_log(plan, out)
 
 
 def _write_videos(plan: RenderPlan, out: Path) -> None:
-    from ..video import write_video
+    from ..output.video import write_video
 
     times = [plan.drive.time_s[frame] for frame in plan.frames]
     rate = (len(times) - 1) / (times[-1] - times[0]) if len(times) > 1 else 10.0

@@ -30,7 +30,7 @@ def command(  # noqa: PLR0913
 ) -> None:  # fmt: skip
     """Train the neural scene of the drive at LOG."""
     from ..logs import open_log
-    from ..selection import check_names, select_frames, split_names
+    from ..prepare.selection import check_names, select_frames, split_names
     from ..training.config import TrainConfig
     from ..training.run import train
 

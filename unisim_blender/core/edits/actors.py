@@ -8,7 +8,7 @@ import numpy as np
 
 from ..drive import Actor, Drive
 from ..geometry import FloatArray, Trajectory, quaternion_from_yaw
-from ..scenario_types import Duplicate, Insert, Move, Remove, Retime, Swap
+from ..scenario.types import Duplicate, Insert, Move, Remove, Retime, Swap
 from .context import Context, actor_of, fail
 from .motion import TimeMap, displaced, is_moving, offset_curve, quaternion_product, retimed
 

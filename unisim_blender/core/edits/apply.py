@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 from ..drive import Drive
-from ..scenario_types import (
+from ..scenario.types import (
     CopyStatic,
     Duplicate,
     Ego,

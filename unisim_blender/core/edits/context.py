@@ -12,8 +12,8 @@ import numpy as np
 from ..drive import Actor, Drive, Look
 from ..errors import ScenarioError, UnisimError
 from ..geometry import FloatArray, Trajectory, make_pose, quaternion_from_yaw
-from ..scenario_checks import listed
-from ..scenario_types import Keyframe, Placement, Present, Rotation, Scenario, ShiftKey
+from ..scenario.checks import listed
+from ..scenario.types import Keyframe, Placement, Present, Rotation, Scenario, ShiftKey
 from .motion import held, quaternion_product
 
 TIME_TOLERANCE_S = 1e-6

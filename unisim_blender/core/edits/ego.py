@@ -9,7 +9,7 @@ import numpy as np
 
 from ..drive import Drive
 from ..geometry import FloatArray, Trajectory, invert_pose
-from ..scenario_types import Ego
+from ..scenario.types import Ego
 from .context import SENSOR_MARGIN_S, Context
 from .motion import displaced, merged_times, offset_curve, sampled
 

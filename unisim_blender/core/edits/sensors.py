@@ -9,8 +9,8 @@ import numpy as np
 
 from ..drive import Camera, CameraModel, Drive, Lidar, LidarModel, RollingShutter
 from ..geometry import FloatArray, Trajectory, matrix_from_quaternion
-from ..scenario_checks import listed
-from ..scenario_types import CameraSpec, LidarSpec, Offset, Placement, Shutter
+from ..scenario.checks import listed
+from ..scenario.types import CameraSpec, LidarSpec, Offset, Placement, Shutter
 from ..sensors.beam_tables import BEAM_TABLES
 from .context import SENSOR_MARGIN_S, Context, fail, pose_of, rotation_of
 from .motion import merged_times, sampled

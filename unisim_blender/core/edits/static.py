@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..drive import Box, Drive, StaticCopy
-from ..scenario_types import BoxSpec, CopyStatic, RemoveStatic
+from ..scenario.types import BoxSpec, CopyStatic, RemoveStatic
 from .context import Context, fail, pose_of
 
 

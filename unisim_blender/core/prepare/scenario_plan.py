@@ -7,14 +7,14 @@ import json
 from dataclasses import dataclass
 from pathlib import Path
 
-from .errors import ScenarioError
-from .frames import CAMERA_PASSES
-from .outputs import FORMATS
-from .prepare import PreparedScenario, prepare_scenario
-from .render_plan import RenderPlan, SequenceSettings
+from ..errors import ScenarioError
+from ..frames import CAMERA_PASSES
+from ..output.frame_files import FORMATS
+from ..scenario import scenario_to_json
+from ..scenario.types import Outputs, Scenario
+from ..sequence.plan import RenderPlan, SequenceSettings
 from .renderers import SceneSource, scene_hashes
-from .scenario import scenario_to_json
-from .scenario_types import Outputs, Scenario
+from .scenario import PreparedScenario, prepare_scenario
 from .selection import check_names, select_frames
 
 SEQUENCE_FORMATS = ("pandaset", "video")

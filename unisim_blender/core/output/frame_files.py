@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 from PIL import Image
 from plyfile import PlyData, PlyElement
 
+from ..drive import Drive
+from ..files import write_file
+from ..frames import CameraFrame, LidarFrame
+from ..geometry import invert_pose, transform_points
 from .colour import bytes_from_srgb
-from .drive import Drive
 from .exr import camera_metadata, write_exr
-from .files import write_file
-from .frames import CameraFrame, LidarFrame
-from .geometry import invert_pose, transform_points
 from .labels import frame_labels
 
 FORMATS = ("png", "exr", "ply", "npz", "labels")

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from .drive import Drive
-from .files import sha256_of_file
-from .scene_file import HEADER_NAME, WEIGHTS_NAME
+from ..drive import Drive
+from ..files import sha256_of_file
+from ..scene_file import HEADER_NAME, WEIGHTS_NAME
 
 if TYPE_CHECKING:
-    from .render import Renderer
+    from ..render import Renderer
 
 
 def other_scenes(drive: Drive) -> tuple[str, ...]:
@@ -42,8 +42,8 @@ class SceneSource:
 
     def __call__(self) -> Renderer:
         """Load the scene and those that actors were inserted from. Raises `SceneError`."""
-        from .fields.checkpoint import load_scene
-        from .render import Renderer
+        from ..fields.checkpoint import load_scene
+        from ..render import Renderer
 
         others = {name: load_scene(name, self.device) for name in other_scenes(self.drive)}
         return Renderer(load_scene(self.scene, self.device), self.drive, quality=self.quality, others=others)

@@ -14,13 +14,13 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from .drive import Drive
-from .files import sha256_of_file
-from .frames import CameraFrame, LidarFrame
-from .scene_file import drive_to_json
+from ..drive import Drive
+from ..files import sha256_of_file
+from ..frames import CameraFrame, LidarFrame
+from ..scene_file import drive_to_json
 
 CODE_SUFFIXES = (".py", ".so", ".dll", ".dylib")
-NOT_RENDERING = ("commands", "logs", "street", "training")
+NOT_RENDERING = ("commands", "evaluate", "logs", "street", "training")
 """Folders of core that change no rendered frame."""
 
 
@@ -86,7 +86,7 @@ def plan_key(plan: RenderPlan) -> str:
 @cache
 def code_identity() -> dict[str, str]:
     """The package's version, and a digest of core's sources and native libraries, less those that take no part in rendering."""
-    root = Path(__file__).parent
+    root = Path(__file__).parents[1]
     digest = hashlib.sha256()
     for path in sorted(p for p in root.rglob("*") if p.suffix in CODE_SUFFIXES and p.is_file()):
         if path.relative_to(root).parts[0] in NOT_RENDERING:

@@ -6,9 +6,9 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
-from .evaluation import FramePictures
-from .files import write_file
-from .outputs import png_bytes
+from ..files import write_file
+from ..output.frame_files import png_bytes
+from .recorded import FramePictures
 
 STYLE = """
 body { background: #181818; color: #e6e6e6; font: 14px/1.5 sans-serif; margin: 2em; }

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Sequence
 
-from .errors import UnisimError
+from ..errors import UnisimError
 
 RANGE = re.compile(r"(-?\d*):(-?\d*)(?::(\d*))?")
 

@@ -8,27 +8,27 @@ from typing import Any
 
 import numpy as np
 
+from ..drive import Drive
+from ..errors import ScenarioError
+from ..files import write_file
+from ..output.frame_files import json_bytes
+from ..prepare.renderers import SceneSource, other_scenes, scene_hash
+from ..prepare.scenario import PreparedScenario, prepare_scenario
+from ..prepare.scenario_plan import scenario_hash
+from ..prepare.selection import check_names, select_frames
+from ..render import Renderer
+from ..scene_file import SceneHeader, read_scene_header
+from ..sequence.plan import code_identity
+from ..street.edit_masks import edit_masks
+from ..street.street import Street, load_street
+from ..street.truth import truth_camera, truth_lidar
 from .contact_sheet import camera_row, sweep_tile, write_contact_sheet
-from .drive import Drive
-from .errors import ScenarioError
-from .evaluation import FramePictures, finite
-from .evaluation_runs import EvaluationWishes, Progress, trained_frames
-from .files import write_file
 from .metrics import Picture
-from .outputs import json_bytes
 from .pictures import Tile
-from .prepare import PreparedScenario, prepare_scenario
-from .render import Renderer
-from .render_plan import code_identity
-from .renderers import SceneSource, other_scenes, scene_hash
+from .recorded import FramePictures, finite
+from .recorded_runs import EvaluationWishes, Progress, trained_frames
 from .report import Report
-from .scenario_plan import scenario_hash
-from .scene_file import SceneHeader, read_scene_header
-from .selection import check_names, select_frames
-from .street.edit_masks import edit_masks
-from .street.street import Street, load_street
-from .street.truth import truth_camera, truth_lidar
-from .truth_evaluation import EditRegions, lidar_figures_beside, picture_figures, summarise_truth
+from .truth import EditRegions, lidar_figures_beside, picture_figures, summarise_truth
 
 
 @dataclass

@@ -19,7 +19,7 @@ from safetensors import SafetensorError
 from safetensors.torch import load_file
 from torch import Tensor
 
-from .errors import UnisimError
+from ..errors import UnisimError
 from .metrics import Picture
 
 SHIFT = (-0.030, -0.088, -0.188)

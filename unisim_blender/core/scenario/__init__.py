@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import json
-import types
 from dataclasses import fields, is_dataclass
 from pathlib import Path
+from types import UnionType
 from typing import Any, Union, get_args, get_origin, get_type_hints
 
-from .errors import ScenarioError
-from .json_file import check_finite, read_json, write_text
-from .scenario_checks import check_document, check_scenario
-from .scenario_types import EDIT_TYPES, Edit, Scenario
+from ..errors import ScenarioError
+from ..json_file import check_finite, read_json, write_text
+from .checks import check_document, check_scenario
+from .types import EDIT_TYPES, Edit, Scenario
 
 FORMAT = "unisim-scenario"
 VERSION = 1
@@ -66,7 +66,7 @@ def _build(hint: Any, value: Any) -> Any:
         kind = EDIT_TYPES[value["type"]]
         return _build(kind, {key: member for key, member in value.items() if key != "type"})
     origin, choices = get_origin(hint), get_args(hint)
-    if origin in (Union, types.UnionType):
+    if origin in (Union, UnionType):
         return _build(next(choice for choice in choices if _accepts(choice, value)), value)
     if origin is tuple:
         items = choices if choices[-1] is not Ellipsis else choices[:1] * len(value)

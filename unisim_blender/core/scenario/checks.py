@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from .errors import ScenarioError
-from .scenario_types import (
+from ..errors import ScenarioError
+from .types import (
     CameraSpec,
     CopyStatic,
     Duplicate,
@@ -37,7 +37,7 @@ QUATERNION_TOLERANCE = 1e-3
 @cache
 def scenario_schema() -> dict[str, Any]:
     """The published JSON Schema of scenario documents."""
-    schema: dict[str, Any] = json.loads(files(__package__).joinpath("scenario_schema.json").read_text(encoding="utf-8"))
+    schema: dict[str, Any] = json.loads(files(__package__).joinpath("schema.json").read_text(encoding="utf-8"))
     return schema
 
 

@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from .drive import Drive
-from .errors import OutputError
-from .geometry import transform_points
-from .log import Sweep
-from .logs.pandaset_writer import PandasetWriter
-from .outputs import camera_path, lidar_path
-from .render_plan import RenderPlan
+from ..drive import Drive
+from ..errors import OutputError
+from ..geometry import transform_points
+from ..log import Sweep
+from ..logs.pandaset_writer import PandasetWriter
+from ..output.frame_files import camera_path, lidar_path
+from .plan import RenderPlan
 
 LOG_FOLDER = "pandaset"
 

@@ -9,17 +9,17 @@ from typing import Any
 
 import numpy as np
 
-from .drive import Drive
-from .errors import SceneError, UnisimError
-from .evaluation import EvaluationPlan, Perceptual, evaluate
-from .files import write_file
-from .logs import open_log
-from .outputs import json_bytes
-from .render_plan import code_identity
-from .renderers import SceneSource, scene_hash
+from ..drive import Drive
+from ..errors import SceneError, UnisimError
+from ..files import write_file
+from ..logs import open_log
+from ..output.frame_files import json_bytes
+from ..prepare.renderers import SceneSource, scene_hash
+from ..prepare.selection import check_names, select_frames
+from ..scene_file import SceneHeader, read_scene_header
+from ..sequence.plan import code_identity
+from .recorded import EvaluationPlan, Perceptual, evaluate
 from .report import Report
-from .scene_file import SceneHeader, read_scene_header
-from .selection import check_names, select_frames
 
 ORIGIN_TOLERANCE_M = 1e-6
 

@@ -8,14 +8,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .drive import Actor, Drive
-from .edits import apply_scenario
-from .errors import LogError, ScenarioError
-from .geometry import FloatArray
-from .logs import open_log
-from .scenario import load_scenario
-from .scenario_types import Scenario, StreetLog
-from .scene_file import SceneHeader, read_scene_header
+from ..drive import Actor, Drive
+from ..edits import apply_scenario
+from ..errors import LogError, ScenarioError
+from ..geometry import FloatArray
+from ..logs import open_log
+from ..scenario import load_scenario
+from ..scenario.types import Scenario, StreetLog
+from ..scene_file import SceneHeader, read_scene_header
 
 ORIGIN_TOLERANCE_M = 1e-6
 SAME_DRIVE_M = 1.0

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from skimage.metrics import structural_similarity
 
-from .geometry import BoolArray, FloatArray
+from ..geometry import BoolArray, FloatArray
 
 Picture = NDArray[np.float32]
 SSIM_WINDOW = 11

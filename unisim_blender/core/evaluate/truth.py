@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .evaluation import RayRenderer, camera_figures, finite, picture_metrics
-from .frames import LidarFrame
-from .geometry import BoolArray, FloatArray
+from ..frames import LidarFrame
+from ..geometry import BoolArray, FloatArray
 from .metrics import Picture, chamfer, lidar_metrics, mean_of
+from .recorded import RayRenderer, camera_figures, finite, picture_metrics
 
 REGIONS = (
     "edited",

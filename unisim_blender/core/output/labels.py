@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from .drive import Actor, Drive
-from .geometry import FloatArray, invert_pose, quaternion_from_matrix
+from ..drive import Actor, Drive
+from ..geometry import FloatArray, invert_pose, quaternion_from_matrix
 
 VELOCITY_STEP_S = 0.05
 

@@ -23,11 +23,11 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from .errors import OutputError
-from .files import remove_partial_files, sha256_of_file, write_file
-from .frames import RenderStats
-from .outputs import json_bytes, write_camera, write_labels, write_lidar
-from .render_plan import FrameRenderer, RenderPlan, code_identity, environment, plan_key
+from ..errors import OutputError
+from ..files import remove_partial_files, sha256_of_file, write_file
+from ..frames import RenderStats
+from ..output.frame_files import json_bytes, write_camera, write_labels, write_lidar
+from .plan import FrameRenderer, RenderPlan, code_identity, environment, plan_key
 
 STATE_FOLDER = ".state"
 MANIFEST_NAME = "manifest.json"

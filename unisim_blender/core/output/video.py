@@ -9,7 +9,7 @@ import imageio_ffmpeg
 import numpy as np
 from PIL import Image
 
-from .files import partial_file
+from ..files import partial_file
 
 
 def write_video(pictures: list[Path], path: Path, frames_per_second: float) -> None:

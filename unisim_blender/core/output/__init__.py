@@ -1,0 +1,1 @@
+"""One frame's files: pictures, sweeps and labels, and films of many."""
