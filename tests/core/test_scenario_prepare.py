@@ -111,11 +111,13 @@ def test_a_scene_of_another_drive_is_refused(tmp_path: Path, with_log: Drive) ->
     other = replace(with_log, world_from_ego=replace(ego, positions=ego.positions + [0, 5, 0]))
     write_scene(tmp_path, other)
     message = refusal(write_scenario(tmp_path, scene="scene"))
-    assert f"s.json: scene: scene was trained on another drive than {tmp_path}/log, whose vehicle is 5.0 m away" in message
+    assert (
+        f"s.json: scene: {tmp_path}/scene: was trained on another drive than {tmp_path}/log, whose vehicle is 5.0 m away"
+        in message
+    )
 
 
 def test_a_scene_with_another_origin_is_refused(tmp_path: Path, with_log: Drive) -> None:
     write_scene(tmp_path, replace(with_log, world_origin=np.array([0.5, 0, 0])))
-    assert "s.json: scene: scene has its origin at [0.5, 0.0, 0.0], the log at" in refusal(
-        write_scenario(tmp_path, scene="scene")
-    )
+    message = refusal(write_scenario(tmp_path, scene="scene"))
+    assert f"s.json: scene: {tmp_path}/scene: has its origin at [0.5, 0.0, 0.0], {tmp_path}/log at" in message

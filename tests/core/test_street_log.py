@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -83,10 +86,32 @@ def test_sweeps_are_the_truth_within_the_noise(street: Street, log: PandasetLog)
 def test_writing_again_gives_the_same_bytes(path: Path, tmp_path: Path) -> None:
     again = CliRunner().invoke(command, [str(tmp_path / "again"), *OPTIONS, "--jobs", "1"], catch_exceptions=False)
     assert again.exit_code == 0, again.output
-    files = sorted(p.relative_to(path) for p in path.rglob("*") if p.is_file())
-    assert files == sorted(p.relative_to(tmp_path / "again") for p in (tmp_path / "again").rglob("*") if p.is_file())
-    for file in files:
-        assert (path / file).read_bytes() == (tmp_path / "again" / file).read_bytes(), file
+    assert contents(tmp_path / "again") == contents(path)
+
+
+def test_a_kill_leaves_no_log_and_no_process_and_the_next_run_completes_it(path: Path, tmp_path: Path) -> None:
+    out = tmp_path / "log"
+    command_line = [sys.executable, "-m", "unisim_blender", "synth", str(out), *OPTIONS, "--jobs", "2"]
+    process = subprocess.Popen(command_line, stdout=subprocess.PIPE)
+    try:
+        deadline = time.monotonic() + 100
+        while not list(out.rglob("*.jpg")):
+            assert process.poll() is None and time.monotonic() < deadline
+            time.sleep(0.01)
+    finally:
+        process.kill()
+    process.communicate(timeout=60)  # the pipe is closed when the last worker has ended
+    (out / "lidar").mkdir(exist_ok=True)
+    (out / "lidar" / ".00.pkl.gz.77.partial").write_bytes(b"half")
+    with pytest.raises(LogError, match=r"lidar/timestamps\.json: is missing"):
+        PandasetLog(out)
+    again = CliRunner().invoke(command, [str(out), *OPTIONS, "--jobs", "2"], catch_exceptions=False)
+    assert again.exit_code == 0, again.output
+    assert contents(out) == contents(path)
+
+
+def contents(folder: Path) -> dict[Path, bytes]:
+    return {file.relative_to(folder): file.read_bytes() for file in folder.rglob("*") if file.is_file()}
 
 
 def test_a_folder_that_holds_something_else_is_left_alone(street: Street, tmp_path: Path) -> None:

@@ -3,25 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ..drive import Drive
-from ..errors import SceneError, UnisimError
+from ..errors import UnisimError
 from ..files import write_file
 from ..logs import open_log
 from ..output.frame_files import json_bytes
 from ..prepare.renderers import SceneSource, scene_hash
+from ..prepare.replay import replayed_drive
 from ..prepare.selection import check_names, select_frames
 from ..scene_file import SceneHeader, read_scene_header
 from ..sequence.plan import code_identity
 from .recorded import EvaluationPlan, Perceptual, evaluate
 from .report import Report
-
-ORIGIN_TOLERANCE_M = 1e-6
 
 Progress = Callable[[Iterable[int], str], Iterable[int]]
 """Shows a loop's progress; the loop's items and what they belong to."""
@@ -45,7 +44,7 @@ def evaluate_scene(scene: Path, log_path: Path, out: Path, wishes: EvaluationWis
     Raises `UnisimError`.
     """
     header, log = read_scene_header(scene), open_log(log_path)
-    drive = replayed_drive(header, log.drive)
+    drive = replayed_drive(header, log.drive, log_path)
     plan = _plan(header, log.drive, wishes)
     renderer = SceneSource(scene, drive, wishes.quality, wishes.device)()
     report = Report(out, f"{header.name} against {log.drive.name}")
@@ -91,23 +90,6 @@ def mean_figures(logs: list[dict[str, Any]]) -> dict[str, Any]:
         else:
             means[name] = float(np.mean(values)) if values else None
     return means
-
-
-def replayed_drive(header: SceneHeader, recorded: Drive) -> Drive:
-    """The scene's refined drive with all of the log's frames and sensors. Raises `SceneError` where the two do not fit."""
-    if header.log_name != recorded.name:
-        raise SceneError(f'{header.path}: was trained on "{header.log_name}", the log is "{recorded.name}"')
-    if np.abs(header.world_origin - recorded.world_origin).max() > ORIGIN_TOLERANCE_M:
-        raise SceneError(
-            f"{header.path}: has its origin at {header.world_origin.tolist()}, the log at {recorded.world_origin.tolist()}"
-        )
-    return replace(
-        header.drive,
-        frames=recorded.frames,
-        time_s=recorded.time_s,
-        cameras={**recorded.cameras, **header.drive.cameras},
-        lidars={**recorded.lidars, **header.drive.lidars},
-    )
 
 
 def trained_frames(header: SceneHeader) -> tuple[int, ...]:

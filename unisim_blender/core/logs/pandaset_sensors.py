@@ -1,4 +1,4 @@
-"""PandaSet's sensors: names, mounts, the Pandar64's beams, and when images' rows are exposed.
+"""PandaSet's sensors: names, mounts, how the Pandar64 turns, and when images' rows are exposed.
 
 The log's lidar pose is the vehicle's, x right, y forward, z up; ours is x forward, y left. The mounts are given in ours. They
 were fitted to sequence 002 (points of a standing vehicle lie within 0.007 degrees of the beams' elevations, median), and
@@ -7,10 +7,13 @@ PandaSet was recorded with one vehicle throughout.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from ..drive import LidarModel, RollingShutter
 from ..geometry import FloatArray, make_pose
+from ..sensors import beam_tables
 
 CAMERAS = ("front_camera", "front_left_camera", "front_right_camera", "left_camera", "right_camera", "back_camera")
 PANDAR64, PANDAR_GT = "pandar64", "pandar_gt"
@@ -30,26 +33,10 @@ shift's slope over the vehicle's speed), so the middle row is some 15 ms earlier
 BODY_MIN_M, BODY_MAX_M = np.array([-1.5, -0.9, 0.3]), np.array([1.5, 0.9, 1.7])
 """Box in the ego frame in which a return comes from the vehicle's own roof."""
 
-_ELEVATION_DEG = (
-    *(14.882, 11.032, 8.059, 5.057, 3.04, 2.028, 1.86, 1.688, 1.522, 1.351, 1.184, 1.013, 0.846, 0.675, 0.508, 0.337, 0.169),
-    *(0.0, -0.169, -0.337, -0.508, -0.675, -0.846, -1.013, -1.184, -1.351, -1.522, -1.688, -1.86, -2.028, -2.198, -2.365),
-    *(-2.536, -2.7, -2.873, -3.04, -3.21, -3.375, -3.548, -3.712, -3.884, -4.05, -4.221, -4.385, -4.558, -4.72, -4.892),
-    *(-5.057, -5.229, -5.391, -5.565, -5.726, -5.898, -6.061, -7.063, -8.059, -9.06, -9.885, -11.032, -12.006, -12.974),
-    *(-13.93, -18.889, -24.897),
-)
-_CYCLE_DEG = (1.042, 3.125, 5.208, -5.208, -3.125, -1.042)
-_AZIMUTH_OFFSET_DEG = (*(-1.042,) * 6, *_CYCLE_DEG * 8, *(-1.042,) * 10)
-"""Hesai's channel distribution, clockwise."""
-
 
 def pandar64() -> LidarModel:
-    """The Pandar64: 64 beams, 1800 columns of 0.2 degrees, clockwise from the rear."""
-    return LidarModel(
-        elevation_rad=np.radians(_ELEVATION_DEG),
-        azimuth_offset_rad=-np.radians(_AZIMUTH_OFFSET_DEG),
-        start_azimuth_rad=float(np.radians(181.872)),
-        time_offset_s=0.0001,
-    )
+    """PandaSet's Pandar64: its first column looks to the rear, and the frame's time is 0.1 ms before the sweep's end."""
+    return replace(beam_tables.pandar64(), start_azimuth_rad=float(np.radians(181.872)), time_offset_s=0.0001)
 
 
 def pandar_gt() -> LidarModel:

@@ -13,7 +13,6 @@ import multiprocessing
 import os
 import signal
 import sys
-import threading
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
@@ -27,13 +26,13 @@ from ..errors import OutputError
 from ..files import remove_partial_files, sha256_of_file, write_file
 from ..frames import RenderStats
 from ..output.frame_files import json_bytes, write_camera, write_labels, write_lidar
+from ..processes import THREAD_VARIABLES, end_with_parent
 from .plan import FrameRenderer, RenderPlan, code_identity, environment, plan_key
 
 STATE_FOLDER = ".state"
 MANIFEST_NAME = "manifest.json"
 TIMINGS_NAME = "timings.json"
 MANIFEST_VERSION = 1
-THREAD_VARIABLES = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 
 
 @dataclass(frozen=True)
@@ -225,19 +224,11 @@ _worker: tuple[RenderPlan, FrameRenderer, Path, str] | None = None
 def _start_worker(plan: RenderPlan, out: Path, key: str) -> None:
     global _worker
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the whole group; the parent decides
-    threading.Thread(target=_exit_with_parent, daemon=True).start()
+    end_with_parent()
     for name in THREAD_VARIABLES:
         os.environ[name] = "1"  # for libraries that are imported from here on
     _threads.enter_context(single_threaded())
     _worker = plan, plan.make_renderer(), out, key
-
-
-def _exit_with_parent() -> None:
-    """End this process when the parent is gone, killed or not: nobody would wait for its frames."""
-    parent = multiprocessing.parent_process()
-    assert parent is not None
-    parent.join()
-    os._exit(1)
 
 
 def _worker_frame(frame: int) -> FrameSeconds:

@@ -15,15 +15,15 @@ import numpy as np
 from tqdm import tqdm
 
 from ..errors import LogError, OutputError
-from ..files import write_file
+from ..files import remove_partial_files, write_file
 from ..frames import LidarFrame
 from ..logs.pandaset_sensors import PANDAR64
 from ..logs.pandaset_writer import PandasetWriter
+from ..processes import THREAD_VARIABLES, end_with_parent
 from .street import RECIPE_FILE, Street, load_street, recipe_document
 from .truth import truth_camera, truth_lidar
 
 _worker: tuple[Street, PandasetWriter] | None = None
-_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
 def write_log(street: Street, out: Path, jobs: int, progress: bool = True) -> None:
@@ -32,6 +32,7 @@ def write_log(street: Street, out: Path, jobs: int, progress: bool = True) -> No
     Raises `OutputError` where ``out`` holds anything else.
     """
     _claim(street, out)
+    remove_partial_files(out)
     with _single_threaded():
         context = multiprocessing.get_context("spawn")  # a forked child would keep the parent's threaded BLAS
         with ProcessPoolExecutor(jobs, context, _start, (out,)) as pool:
@@ -68,8 +69,8 @@ def _claim(street: Street, out: Path) -> None:
 @contextmanager
 def _single_threaded() -> Iterator[None]:
     """Let processes started meanwhile use one thread each: as fast, and the same bits whatever the machine."""
-    before = {name: os.environ.get(name) for name in _THREADS}
-    os.environ.update(dict.fromkeys(_THREADS, "1"))
+    before = {name: os.environ.get(name) for name in THREAD_VARIABLES}
+    os.environ.update(dict.fromkeys(THREAD_VARIABLES, "1"))
     try:
         yield
     finally:
@@ -82,6 +83,7 @@ def _single_threaded() -> Iterator[None]:
 
 def _start(out: Path) -> None:
     global _worker
+    end_with_parent()
     street = load_street(out)
     _worker = street, PandasetWriter(out, street.drive)
 

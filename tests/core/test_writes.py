@@ -1,0 +1,126 @@
+"""What a full disk and a kill in the middle of a write leave of a trained scene, a checkpoint, a log and a film."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from analytic_scene import header_of
+from PIL import Image
+from small_log import small_drive
+from test_checkpoint import random_scene
+
+from unisim_blender.core.errors import UnisimError
+from unisim_blender.core.fields.checkpoint import load_scene, save_scene, weights_hash
+from unisim_blender.core.logs.pandaset_writer import PandasetWriter
+from unisim_blender.core.logs.table_file import write_table
+from unisim_blender.core.output.video import write_video
+from unisim_blender.core.training import run
+from unisim_blender.core.training.config import TrainConfig
+
+resource = pytest.importorskip("resource", reason="limits on files' sizes are POSIX's")
+
+LIMIT_BYTES = 4096
+NOISE = np.random.default_rng(0).integers(0, 256, (64, 96, 3), np.uint8)
+
+
+@contextmanager
+def full_disk() -> Iterator[None]:
+    """No file grows beyond `LIMIT_BYTES`: the system refuses the write as it does where the disk is full."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (LIMIT_BYTES, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+
+def write_weights(folder: Path, seed: int = 0) -> Path:
+    scene, drive = random_scene(seed)
+    save_scene(folder, header_of(scene, drive, folder), scene)
+    return folder / "weights.safetensors"
+
+
+def write_checkpoint(folder: Path) -> Path:
+    weight = torch.nn.Parameter(torch.arange(10_000.0))
+    module: Any = SimpleNamespace(state_dict=lambda: {"w": weight}, named_parameters=list)
+    trainer: Any = SimpleNamespace(
+        iteration=1, elapsed_s=1.0, config=TrainConfig(cameras=("front",), lidars=(), frames=(0,)), model=module,
+        tracklets=module, camera_poses=module, occupancy=SimpleNamespace(state=dict), adversary=None,
+        optimiser=torch.optim.Adam([weight]),
+    )  # fmt: skip
+    run.save_checkpoint(folder / run.CHECKPOINT, trainer)
+    return folder / run.CHECKPOINT
+
+
+def write_sweep(folder: Path) -> Path:
+    write_table(folder / "00.pkl.gz", {"x": np.random.default_rng(0).random(3000)})
+    return folder / "00.pkl.gz"
+
+
+def write_image(folder: Path) -> Path:
+    drive = small_drive()
+    model = drive.cameras["front_camera"].model
+    PandasetWriter(folder, drive).write_image("front_camera", 0, np.resize(NOISE, (model.height, model.width, 3)))
+    return folder / "camera" / "front_camera" / "00.jpg"
+
+
+def write_film(folder: Path) -> Path:
+    picture = folder.parent / "0.png"
+    if not picture.exists():
+        Image.fromarray(NOISE).save(picture)
+    write_video([picture] * 10, folder / "film.mp4", 10)
+    return folder / "film.mp4"
+
+
+@pytest.mark.parametrize("write", [write_weights, write_checkpoint, write_sweep, write_image, write_film])
+def test_a_full_disk_is_one_sentence_and_what_was_there_stays(write: Callable[[Path], Path], tmp_path: Path) -> None:
+    folder = tmp_path / "out"
+    folder.mkdir()
+    file = write(folder)
+    assert file.stat().st_size > LIMIT_BYTES, "it would have been written"
+    before = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+    with full_disk(), pytest.raises(UnisimError, match=rf"{file.name}.* cannot be written: ") as caught:
+        write(folder)
+    assert "\n" not in str(caught.value)
+    assert {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()} == before
+
+
+KILLED = """
+import os, signal, sys
+from pathlib import Path
+sys.path.insert(0, sys.argv[1])
+import test_writes
+from unisim_blender.core.fields import checkpoint
+whole = checkpoint.save_file
+def half(tensors, file):
+    whole(tensors, file)
+    os.truncate(file, file.stat().st_size // 2)
+    os.kill(os.getpid(), signal.SIGKILL)
+checkpoint.save_file = half
+test_writes.write_weights(Path(sys.argv[2]), seed=1)
+"""
+
+
+def test_a_kill_in_the_middle_of_the_weights_leaves_the_scene_before(tmp_path: Path) -> None:
+    folder = tmp_path / "scene"
+    write_weights(folder)
+    before = weights_hash(folder)
+    done = subprocess.run([sys.executable, "-c", KILLED, os.path.dirname(__file__), str(folder)], timeout=100, check=False)
+    assert done.returncode == -signal.SIGKILL
+    assert len(list(folder.iterdir())) == 3, "half a file stays, under another name"
+    assert weights_hash(folder) == before
+    load_scene(folder)
+    write_weights(folder, seed=1)
+    assert weights_hash(folder) != before
+    assert sorted(path.name for path in folder.iterdir()) == ["scene.json", "weights.safetensors"]
