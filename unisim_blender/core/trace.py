@@ -40,7 +40,7 @@ class RayBatch:
 @dataclass(frozen=True)
 class Sampling:
     """``jitter`` draws samples at random in their strata; ``fine`` multiplies their number; ``far`` asks for the far field,
-    ``sky`` for what lies behind that: a camera sees it, a LiDAR does not."""
+    ``sky`` for what lies behind that and for the light it gives: a camera sees them, a LiDAR does not."""
 
     jitter: bool = False
     fine: float = 1.0
@@ -208,7 +208,14 @@ def _actor_strands(
         t = hits.t_near[:, None] + refine_quantiles(u, t, s, float(scene.beta().detach()), jitter.shape[1], jitter) * span
     points = unit(t)
     s, feature = scene.actors(troupe.tables, points.reshape(-1, 3), row.repeat_interleave(t.shape[1]))
-    feature = scene.directed(feature, rays.directions[hits.ray].repeat_interleave(t.shape[1], 0))
+    if sampling.sky and scene.light is not None:
+        middle = rays.origins[hits.ray] + t[:, t.shape[1] // 2, None] * rays.directions[hits.ray]
+        place = scene.frame.points(middle) if guest < 0 else scene.light.home[row]
+        feature = scene.lit(feature.view(*t.shape, -1), place).flatten(0, 1)
+    directions = rays.directions[hits.ray]
+    if flip is not None:
+        directions = _mirrored(directions, hits.world_from_box[:, :, 1], flip)
+    feature = scene.directed(feature, directions.repeat_interleave(t.shape[1], 0))
     s = s.view(t.shape)
     tau, share = _intervals(scene, s, t, actor=True)
     return [
@@ -228,6 +235,11 @@ def _actor_strands(
             float(scene.beta().detach()),
         )
     ]
+
+
+def _mirrored(directions: Tensor, across: Tensor, flip: Tensor) -> Tensor:
+    """Directions (P, 3) as a box sees them whose axis ``across`` (P, 3) is flipped where ``flip`` (P,) is -1."""
+    return directions + ((flip - 1) * (directions * across).sum(-1))[:, None] * across
 
 
 def _copy_strands(scene: SceneModel, cast: Cast, rays: RayBatch, sampling: Sampling) -> list[Strands]:

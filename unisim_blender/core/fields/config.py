@@ -46,6 +46,8 @@ class ModelConfig:
     """Where the view direction enters: once a ray, behind compositing, or at every sample as in the paper."""
     density: Literal["logistic", "unisim"] = "logistic"
     unisim_step_m: float = 0.2
+    light: Literal["fixed", "ground"] = "fixed"
+    """Whether an actor's look is one for all places, as in the paper, or follows the light on the ground under it."""
     beta: float = 20.0
     latent: int = 64
     hyper_hidden: int = 64
@@ -83,6 +85,7 @@ PRESETS: dict[str, ModelConfig] = {
         far_grid=GridConfig(8, 256, 4, 4, 13),
         actor_grid=GridConfig(4, 32, 4, 4, 11),
         samples=SampleConfig(12, 8, 6, 4, 2),
+        light="ground",
         hidden=32,
         features=15,
         latent=16,
@@ -95,12 +98,14 @@ PRESETS: dict[str, ModelConfig] = {
         far_grid=GridConfig(8, 2048, 8, 4, 17),
         actor_grid=GridConfig(4, 64, 6, 4, 12),
         samples=SampleConfig(16, 12, 10, 8, 6),
+        light="ground",
     ),
     "compact": ModelConfig(
         static_grid=GridConfig(3.2, 0.05, 8, 4, 16),
         far_grid=GridConfig(8, 1024, 6, 4, 14),
         actor_grid=GridConfig(4, 48, 5, 4, 11),
         samples=SampleConfig(16, 12, 10, 8, 6),
+        light="ground",
     ),
     "paper": ModelConfig(
         static_grid=GridConfig(7.5, 0.03, 16, 2, 21),

@@ -71,6 +71,10 @@ class Ground(nn.Module):
         grid = self.heights.to(x.dtype)[None, None]
         return F.grid_sample(grid, place[None, None], padding_mode="border", align_corners=False)[0, 0, 0]
 
+    def under(self, x: Tensor) -> Tensor:
+        """The points (N, 3) of the ground that lie over or under points (N, 3)."""
+        return torch.cat([x[:, :2], self.height(x)[:, None]], -1)
+
     def above(self, x: Tensor) -> Tensor:
         """Which points (N, 3) are above the ground: (N,) bool."""
         return x[:, 2] > self.height(x) + CLEARANCE_M

@@ -5,12 +5,14 @@ from __future__ import annotations
 import math
 
 import torch
+import torch.nn.functional as F
 from torch import Tensor, nn
 
 from ..decode import CameraDecoder, LidarHead, RayHead
 from .config import ModelConfig
 from .fields import ActorField, FarField, StaticField
 from .ground import Ground
+from .light import Light
 from .networks import SH_WIDTH, mlp, spherical_harmonics
 from .occupancy import Occupancy
 from .volume import Volume, VolumeFrame
@@ -32,6 +34,7 @@ class SceneModel(nn.Module):
         self.ground = Ground(volume.size_m)
         self.register_buffer("observed", torch.zeros_like(self.occupancy.values))
         self.log_beta = nn.Parameter(torch.tensor(math.log(config.beta)))
+        self.light = Light(config, len(actors)) if config.light == "ground" else None
         if config.head == "sample":
             self.sample_head = mlp(config.features + SH_WIDTH, config.hidden, config.features, layers=3)
         self.ray_head = RayHead(config, len(cameras))
@@ -46,6 +49,16 @@ class SceneModel(nn.Module):
             return feature
         out: Tensor = self.sample_head(torch.cat([feature, spherical_harmonics(directions)], -1))
         return out
+
+    def lit(self, feature: Tensor, place: Tensor) -> Tensor:
+        """Features (P, K, F) of actors as the light at places (P, 3), volume coordinates, has them look."""
+        if self.light is None:
+            return feature
+        around = (place[:, None] + F.pad(self.light.around, (0, 1))).reshape(-1, 3)
+        with torch.no_grad():
+            look = self.static(self.ground.under(around))[1].view(len(place), len(self.light.around), -1).mean(1)
+        lit: Tensor = self.light(feature, look)
+        return lit
 
     def beta(self) -> Tensor:
         """The density's sharpness, 1 / metres: one for all fields, for an actor's own would outrun its few samples."""

@@ -50,8 +50,9 @@ class TrainConfig:
     """Chance that a ray sees a vehicle mirrored. What was never recorded learns from the other side all the same; with a half,
     a lit side and a shaded one would blend."""
     prune_from: int = 300
-    settled_from: float = 0.1
-    hidden_every: int = 2
+    settled_from: float = 0.08
+    """From here on surfaces hide what is behind them: where no ray has come since, nobody saw anything."""
+    hidden_from: float = 0.15
     rate_tables: tuple[float, float] = (1e-2, 1e-3)
     rate_networks: tuple[float, float] = (5e-3, 3e-4)
     rate_poses: tuple[float, float] = (1e-3, 1e-4)

@@ -17,7 +17,8 @@ from ..fields.scene import SceneModel
 
 REACH_M = 2.0
 """How high above the ground things are continued downwards: a van's height."""
-_DRAWS, _POINTS = 4096, 384
+_DRAWS, _POINTS = 2048, 192
+_BESIDE_M = 2.0
 _BAND_M = 0.3
 """Distances further than this from a surface are not compared."""
 
@@ -54,7 +55,7 @@ class Hidden:
         height = rand(_DRAWS) * REACH_M
         # every other point is on the ground itself
         height[::2] = 0.0
-        x = torch.cat([place, (_ground(model, place) + height)[:, None]], -1)
+        x = model.ground.under(place) + F.pad(height[:, None], (2, 0))
         pick = torch.nonzero(self.occupancy.hidden(x))[:_POINTS, 0]
         x, height = x[pick], height[pick]
         aloft = height > 0
@@ -66,15 +67,24 @@ class Hidden:
                 s_above, look_above = model.static(above)
                 expected = torch.minimum(s_above, height[aloft])
             total = total + F.smooth_l1_loss(s.clamp(-_BAND_M, _BAND_M), expected.clamp(-_BAND_M, _BAND_M), beta=0.05)
-            total = total + 0.1 * F.smooth_l1_loss(look, look_above)
+            total = total + 0.1 * self._alike(look, look_above, above)
         if not bool(aloft.all()):
             ground = x[~aloft]
             s, look = model.static(ground)
             with torch.no_grad():
-                beside = ground[:, :2] + (2 * rand(len(ground), 2) - 1)
-                _, look_beside = model.static(torch.cat([beside, _ground(model, beside)[:, None]], -1))
-            total = total + s.abs().mean() + 0.1 * F.smooth_l1_loss(look, look_beside)
+                beside = model.ground.under(ground[:, :2] + _BESIDE_M * (2 * rand(len(ground), 2) - 1))
+                _, look_beside = model.static(beside)
+            total = total + s.abs().mean() + 0.1 * self._alike(look, look_beside, beside)
         return total
+
+    def _alike(self, look: Tensor, model_look: Tensor, at: Tensor) -> Tensor:
+        """How unlike looks (N, F) are to their models at points (N, 3), of which those count that somebody saw.
+
+        Hidden places that copy each other drift: nothing holds their looks.
+        """
+        seen = ~self.occupancy.hidden(at, alive=False)
+        unlike = F.smooth_l1_loss(look, model_look, reduction="none").mean(-1)
+        return (unlike * seen).sum() / seen.sum().clamp_min(1)
 
     def _under_boxes(self, poses: Tensor, sizes: Tensor, generator: torch.Generator) -> Tensor:
         """Under a box that never moves nobody saw the ground: nothing above it, and the look of its surroundings."""
@@ -87,15 +97,14 @@ class Hidden:
             return model.frame.points(world)
 
         inside = place(unit * sizes[which])
-        ground = model.ground.height(inside)
+        on_ground = model.ground.under(inside)
         s = model.static.distance(inside)
-        expected = (inside[:, 2] - ground).clamp(-_BAND_M, _BAND_M)
+        expected = (inside - on_ground)[:, 2].clamp(-_BAND_M, _BAND_M)
         height = F.smooth_l1_loss(s.clamp(-_BAND_M, _BAND_M), expected, beta=0.05)
-        on_ground = torch.cat([inside[:, :2], ground[:, None]], -1)
         # the nearer long side, and a little beyond it
         side = torch.sign(unit[:, 1]) * (0.5 * sizes[which][:, 1] + 0.2 + 0.8 * torch.rand(n, generator=generator, device=device))
         beyond = place(torch.stack([unit[:, 0] * sizes[which][:, 0], side, unit[:, 2] * 0], -1))
-        beyond = torch.cat([beyond[:, :2], model.ground.height(beyond)[:, None]], -1)
+        beyond = model.ground.under(beyond)
         s_ground, look = model.static(on_ground)
         with torch.no_grad():
             _, outside = model.static(beyond)
@@ -113,14 +122,8 @@ class Hidden:
         found = []
         for cells in self.known_ground.split(2048):
             place = (cells[:, None] * CELL_M + corner).reshape(-1, 2)
-            z = _ground(model, place)[:, None] + heights
-            x = torch.cat([place[:, None].expand(-1, len(heights), -1), z[..., None]], -1).reshape(-1, 3)
+            x = (model.ground.under(place)[:, None] + F.pad(heights[:, None], (2, 0))).reshape(-1, 3)
             x = x[self.occupancy.hidden(x, alive=False)]
             near = model.static.distance(x) < voxel / 4
             found.append(model.occupancy.cells(x[near]).unique())
         return torch.cat(found).unique()
-
-
-def _ground(model: SceneModel, place: Tensor) -> Tensor:
-    """Ground heights (N,) at places (N, 2), volume coordinates."""
-    return model.ground.height(F.pad(place, (0, 1)))

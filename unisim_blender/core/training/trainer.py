@@ -13,7 +13,7 @@ import torch.nn.functional as F
 from torch import Tensor
 
 from ..cast import Cast, Troupe, on_stage
-from ..drive import Drive
+from ..drive import Actor, Drive
 from ..errors import SceneError
 from ..fields.config import preset
 from ..fields.fields import HashTable
@@ -23,7 +23,7 @@ from ..fields.occupancy import OccupancyTrainer, seed_voxels
 from ..fields.scene import SceneModel
 from ..fields.tracklets import Tracklets
 from ..fields.volume import Volume
-from ..geometry import invert_pose, transform_points
+from ..geometry import FloatArray, invert_pose, transform_points
 from ..log import Log
 from ..trace import Sampling, Strands, Traced, trace
 from .adversarial import Adversary, shifted
@@ -34,7 +34,7 @@ from .hidden import Hidden
 from .losses import distance_band, eikonal, lidar_terms, perceptual_stand_in, spread
 from .perceptual import VggLoss
 
-BETA_MAX = 300.0
+BETA_MAX = 100.0
 """Sharper than this, 1 / metres, a surface is far thinner than the finest cell, and no gradient comes from beside it."""
 _STEP_M = 0.06
 """Over this distance the signed distance's gradient is taken: about the finest cell."""
@@ -59,6 +59,9 @@ class Trainer:
         seeded = seed_voxels(origins, points, (shape[0], shape[1], shape[2]), model.config.voxel_m, heights, known)
         model.occupancy.values.copy_(torch.as_tensor(seeded))
         model.ground.heights.copy_(torch.as_tensor(heights))
+        if model.light is not None:
+            home = [_middle(drive.actors[uid])[:3, 3] for uid in model.actor_ids]
+            model.light.home.copy_(torch.as_tensor(transform_points(into, np.reshape(home, (-1, 3)))))
         self.known_ground = torch.as_tensor(np.argwhere(known)).float().to(config.device)
         self.model = model.to(config.device)
         self.occupancy = OccupancyTrainer(self.model.occupancy)
@@ -78,7 +81,7 @@ class Trainer:
         still = [a for _, a in sorted(drive.actors.items()) if not a.is_moving]
         if not still:
             return None
-        poses = np.stack([a.world_from_actor.at((a.start_s + a.end_s) / 2) for a in still])
+        poses = np.stack([_middle(a) for a in still])
         sizes = np.stack([a.size_m for a in still])
         device = self.config.device
         return torch.as_tensor(poses).float().to(device), torch.as_tensor(sizes).float().to(device)
@@ -244,7 +247,7 @@ class Trainer:
         for strand in (*seen.strands, *swept.strands):
             gradients.append(self._gradient(strand, cast.own.tables, generator))
         terms = {"band": w.band * band, "eikonal": w.eikonal * eikonal(torch.cat(gradients))}
-        if self.iteration % self.config.hidden_every == 0:
+        if self.progress >= self.config.hidden_from:
             terms["hidden"] = w.hidden * self.hidden.loss(generator)
         return terms
 
@@ -316,3 +319,8 @@ class Trainer:
             return value
 
         return move(batch)
+
+
+def _middle(actor: Actor) -> FloatArray:
+    """An actor's pose (4, 4) in the middle of its time."""
+    return actor.world_from_actor.at((actor.start_s + actor.end_s) / 2)

@@ -1,0 +1,81 @@
+"""What nobody saw goes on from above and beside; what was seen is left alone."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+
+from unisim_blender.core.fields.config import preset
+from unisim_blender.core.fields.occupancy import OccupancyTrainer
+from unisim_blender.core.fields.scene import SceneModel
+from unisim_blender.core.fields.volume import Volume
+from unisim_blender.core.training.hidden import REACH_M, Hidden
+
+GROUND_M = 2.0
+WALL_X_M = 6.0
+
+
+@pytest.fixture
+def model() -> SceneModel:
+    """A volume of 10 m, its ground at 2 m, and a static field that is a wall in x above 3 m and nothing lower."""
+    torch.manual_seed(0)
+    model = SceneModel(preset("tiny"), Volume(np.eye(4), np.full(3, 10.0)), (), ())
+    model.ground.heights.fill_(GROUND_M)
+    model.occupancy.values.fill_(255)
+    return model
+
+
+def learn(model: SceneModel, hidden: Hidden, teach: bool, steps: int = 120) -> None:
+    generator = torch.Generator().manual_seed(0)
+    optimiser = torch.optim.Adam(model.static.parameters(), lr=1e-2)
+    for _ in range(steps):
+        x = torch.rand(1024, 3, generator=generator) * 10
+        x[:, 2] = GROUND_M + 1.2 + x[:, 2] / 10 * 2
+        wanted = (WALL_X_M - x[:, 0]).clamp(-0.3, 0.3)
+        loss = (model.static.distance(x) - wanted).abs().mean()
+        if teach:
+            loss = loss + hidden.loss(generator)
+        optimiser.zero_grad()
+        loss.backward()
+        optimiser.step()
+
+
+def test_a_wall_that_was_seen_above_goes_down_to_the_ground(model: SceneModel) -> None:
+    occupancy = OccupancyTrainer(model.occupancy)
+    cells = torch.as_tensor(np.argwhere(np.ones((10, 10), bool))).float()
+    hidden = Hidden(model, occupancy, cells, None)
+    learn(model, hidden, teach=True)
+    y = torch.linspace(1, 9, 50)
+    low = torch.stack([torch.full_like(y, 5.0), y, torch.full_like(y, GROUND_M + 0.6)], -1)
+    behind = low + torch.tensor([2.0, 0, 0])
+    with torch.no_grad():
+        free, solid = model.static.distance(low), model.static.distance(behind)
+        ground = model.static.distance(low - torch.tensor([0, 0, 0.6]))
+    assert float(free.median()) > 0.15 and float(solid.median()) < -0.15
+    assert float(ground.abs().median()) < 0.1
+    # the voxels that hold the wall's foot stay, those of the air before it need not
+    continued = hidden.continued()
+    assert bool(torch.isin(model.occupancy.cells(behind), continued).float().mean() > 0.9)
+    assert bool(torch.isin(model.occupancy.cells(low), continued).float().mean() < 0.2)
+    assert int(model.occupancy.cells(torch.tensor([[5.0, 5.0, GROUND_M + REACH_M + 1.0]])).item()) not in continued.tolist()
+
+
+def test_what_was_seen_is_left_alone(model: SceneModel) -> None:
+    occupancy = OccupancyTrainer(model.occupancy)
+    everywhere = torch.cartesian_prod(*[torch.arange(0.25, 10, 0.5)] * 3)
+    ones = torch.ones(len(everywhere))
+    occupancy.update(everywhere, ones, ones, prune=False, settled=False)
+    assert bool(occupancy.hidden(everywhere).all())
+    occupancy.update(everywhere, ones, torch.full_like(ones, 0.1), prune=False, settled=True)
+    assert bool(occupancy.hidden(everywhere).all())  # behind something
+    occupancy.update(everywhere, ones, ones, prune=False, settled=True)
+    assert not bool(occupancy.hidden(everywhere).any())
+    hidden = Hidden(model, occupancy, torch.zeros(1, 2), None)
+    assert len(hidden.continued()) == 0
+    assert float(hidden.loss(torch.Generator().manual_seed(0))) == 0.0
+
+
+def test_without_known_ground_nothing_is_continued(model: SceneModel) -> None:
+    hidden = Hidden(model, OccupancyTrainer(model.occupancy), torch.zeros(0, 2), None)
+    assert float(hidden.loss(torch.Generator().manual_seed(0))) == 0.0 and len(hidden.continued()) == 0
