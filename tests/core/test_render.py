@@ -233,6 +233,19 @@ def test_a_sweep(stage: Stage) -> None:
     assert (away == 0).all(), "what meets nothing returns nothing"
 
 
+def test_drawn_returns_follow_their_probability(stage: Stage) -> None:
+    with torch.no_grad():
+        stage.scene.get_parameter("lidar_head.network.4.weight")[1] = 0.0
+        stage.scene.get_parameter("lidar_head.network.4.bias")[1] = -1.0
+    settled = Renderer(stage.as_scene(), stage.drive).lidar("top", 2)
+    assert not settled.returned.any() and settled.return_probability.max() == pytest.approx(0.2689, abs=1e-3)
+    drawn = [Renderer(stage.as_scene(), stage.drive, draw=seed).lidar("top", 2).returned for seed in (1, 1, 2)]
+    meets = settled.return_probability > 0
+    assert drawn[0][meets].mean() == pytest.approx(0.2689, abs=0.08) and not drawn[0][~meets].any()
+    np.testing.assert_array_equal(drawn[0], drawn[1])
+    assert (drawn[0] != drawn[2]).any()
+
+
 def guest_stage(features: int, upsample: int) -> Stage:
     config = replace(preset("tiny"), features=features, upsample=upsample)
     other = analytic_scene(empty, {"car": (block([3.6, 1.8, 1.6]), SIZE)}, config)

@@ -42,12 +42,20 @@ UNIFORM_STEP_M = 0.2
 
 
 class Renderer:
-    """Renders a drive with a trained scene. ``others`` are scenes by path, for actors that come from them."""
+    """Renders a drive with a trained scene. ``others`` are scenes by path, for actors that come from them; ``draw`` seeds the
+    draw of the beams that return, which without it are those whose probability is half or more."""
 
-    def __init__(self, scene: Scene, drive: Drive, quality: str = "balanced", others: dict[str, Scene] | None = None) -> None:
+    def __init__(
+        self,
+        scene: Scene,
+        drive: Drive,
+        quality: str = "balanced",
+        others: dict[str, Scene] | None = None,
+        draw: int | None = None,
+    ) -> None:
         if quality not in QUALITY:
             raise SceneError(f"no quality {quality!r}: there are {', '.join(QUALITY)}")
-        self.scene, self.drive = scene, drive
+        self.scene, self.drive, self.draw = scene, drive, draw
         self.device = scene.actor_tables.device
         guests = {path: (s.model, s.actor_tables) for path, s in (others or {}).items()}
         self.cast = gather_cast(scene.model, scene.actor_tables, drive, guests, scene.header.drive).to(self.device)
@@ -85,7 +93,11 @@ class Renderer:
         measured = self.rays_lidar(flat.origins, flat.directions, flat.time_s, stats=stats)
         depth, intensity, probability = (x.reshape(shape) for x in measured[:3])
         instance = measured[3].reshape(shape)
-        returned = (probability >= 0.5) & (depth >= lidar.model.min_range_m) & (depth <= lidar.model.max_range_m)
+        returned = (
+            (probability >= self._thresholds(lidar_id, frame, shape))
+            & (depth >= lidar.model.min_range_m)
+            & (depth <= lidar.model.max_range_m)
+        )
         if lidar.blocked is not None:
             returned &= ~lidar.blocked
         stats.seconds = {"trace": time.perf_counter() - begun}
@@ -93,6 +105,12 @@ class Renderer:
             lidar.model, lidar.world_from_lidar.at(lidar.time_s[frame]), rays.origins, rays.directions, rays.time_s,
             depth, intensity, probability, returned, instance, self.cast.uids, stats,
         )  # fmt: skip
+
+    def _thresholds(self, lidar_id: str, frame: int, shape: tuple[int, ...]) -> FloatArray | float:
+        """What a beam's probability must reach: half, or a number in (0, 1] that depends on the seed and the sweep alone."""
+        if self.draw is None:
+            return 0.5
+        return 1.0 - np.random.default_rng([self.draw, frame, *lidar_id.encode()]).random(shape)
 
     @torch.no_grad()
     def rays_lidar(

@@ -34,6 +34,12 @@ MOST_JOBS = 8
     "--format", "formats", type=click.Choice(["pandaset"]), multiple=True, help="Write a whole log in this layout, too."
 )
 @click.option("--video", is_flag=True, help="Write a film of every camera, too.")
+@click.option(
+    "--draw",
+    metavar="SEED",
+    type=click.IntRange(min=0),
+    help="Draw whether a LiDAR beam returns from its probability. [default: it returns where that is half or more]",
+)
 @click.option("--device", default="cpu", show_default=True, help="cpu, cuda or mps.")
 def command(
     scenario: Path,
@@ -47,10 +53,11 @@ def command(
     resume: bool,
     formats: tuple[str, ...],
     video: bool,
+    draw: int | None,
     device: str,
 ) -> None:
     """Render SCENARIO's sensors into a folder: pictures, sweeps, labels and a manifest."""
-    wishes = Wishes(frames, split_names(sensors), split_names(passes), width, quality, device)
+    wishes = Wishes(frames, split_names(sensors), split_names(passes), width, quality, device, draw)
     plan, prepared = plan_scenario(scenario, wishes)
     wanted = {*sequence_formats(prepared.scenario), *formats, *(("video",) if video else ())}
     with tqdm(total=len(plan.frames), unit="frame", dynamic_ncols=True, smoothing=0.1) as bar:

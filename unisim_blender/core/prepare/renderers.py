@@ -39,6 +39,7 @@ class SceneSource:
     drive: Drive
     quality: str = "balanced"
     device: str = "cpu"
+    draw: int | None = None
 
     def __call__(self) -> Renderer:
         """Load the scene and those that actors were inserted from. Raises `SceneError`."""
@@ -46,4 +47,4 @@ class SceneSource:
         from ..render import Renderer
 
         others = {name: load_scene(name, self.device) for name in other_scenes(self.drive)}
-        return Renderer(load_scene(self.scene, self.device), self.drive, quality=self.quality, others=others)
+        return Renderer(load_scene(self.scene, self.device), self.drive, self.quality, others, self.draw)

@@ -31,6 +31,7 @@ class Wishes:
     width: int | None = None
     quality: str | None = None
     device: str = "cpu"
+    draw: int | None = None
 
 
 def plan_scenario(path: Path, wishes: Wishes) -> tuple[RenderPlan, PreparedScenario]:
@@ -54,12 +55,13 @@ def plan_scenario(path: Path, wishes: Wishes) -> tuple[RenderPlan, PreparedScena
         width=wishes.width or outputs.width,
         quality=quality,
         device=wishes.device,
+        draw=wishes.draw,
     )
     about = {
         "scenario": {"name": prepared.scenario.name, "sha256": scenario_hash(prepared.scenario)},
         "log": {"name": drive.name, "world_origin": drive.world_origin.tolist()},
     }
-    source = SceneSource(prepared.scene_path, drive, quality, wishes.device)
+    source = SceneSource(prepared.scene_path, drive, quality, wishes.device, wishes.draw)
     return RenderPlan(drive, frames, settings, source, scene_hashes(prepared.scene_path, drive), about), prepared
 
 

@@ -47,6 +47,8 @@ class SequenceSettings:
     width: int | None = None
     quality: str = "balanced"
     device: str = "cpu"
+    draw: int | None = None
+    """Seed of the draw that decides which beams return; None takes those with a probability of half or more."""
 
 
 @dataclass(frozen=True)
