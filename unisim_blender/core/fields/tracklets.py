@@ -139,7 +139,7 @@ class Tracklets(nn.Module):
         """A sphere round each actor for every bin of time, so that most rays are sorted out without a pose."""
         self.first_bin_s = min((a.start_s for a in actors), default=0.0)
         last = max((a.end_s for a in actors), default=0.0)
-        bins = int(np.ceil((last - self.first_bin_s) / BIN_S)) + 1
+        bins = max(1, int(np.ceil((last - self.first_bin_s) / BIN_S)) + 1)
         centres, radii = np.zeros((bins, len(actors), 3)), np.full((bins, len(actors)), -1.0)
         edges = self.first_bin_s + BIN_S * np.arange(bins + 1)
         for i, actor in enumerate(actors):
