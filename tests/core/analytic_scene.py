@@ -19,7 +19,8 @@ from unisim_blender.core.fields.scene import SceneModel
 from unisim_blender.core.fields.volume import Volume
 from unisim_blender.core.geometry import FloatArray, Trajectory, make_pose, quaternion_from_matrix, quaternion_from_yaw
 from unisim_blender.core.scene_file import SceneHeader
-from unisim_blender.core.trace import RayBatch, Sampling, Traced, trace
+from unisim_blender.core.strands import RayBatch, Traced
+from unisim_blender.core.trace import Sampling, trace
 
 GROUND_M = 0.0
 """World height of the ground, where a scene has one."""

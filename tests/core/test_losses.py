@@ -14,7 +14,7 @@ from skimage.metrics import structural_similarity
 from torch import Tensor
 
 from unisim_blender.core.errors import UnisimError
-from unisim_blender.core.trace import RayBatch
+from unisim_blender.core.strands import RayBatch
 from unisim_blender.core.training.adversarial import Adversary, PatchDiscriminator, shifted
 from unisim_blender.core.training.data import LidarBatch, PatchBatch
 from unisim_blender.core.training.losses import (

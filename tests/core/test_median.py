@@ -11,7 +11,7 @@ from analytic_scene import Stage, analytic_scene, block, drive_of, empty, ground
 
 from unisim_blender.core.fields.config import preset
 from unisim_blender.core.median import median_depth
-from unisim_blender.core.trace import Traced
+from unisim_blender.core.strands import Traced
 
 EYE = np.array([-20.0, 0.0, 1.6])
 

@@ -15,7 +15,8 @@ from unisim_blender.core.errors import SceneError
 from unisim_blender.core.fields.config import preset
 from unisim_blender.core.fields.scene import SceneModel
 from unisim_blender.core.geometry import FloatArray, Trajectory, intersect_boxes, invert_pose, make_pose, quaternion_from_yaw
-from unisim_blender.core.trace import RayBatch, Sampling, trace
+from unisim_blender.core.strands import RayBatch
+from unisim_blender.core.trace import Sampling, trace
 
 LEVEL = np.array([1.0, 0, 0, 0])
 EYE = np.array([-20.0, 0.0, 1.6])

@@ -11,7 +11,7 @@ import torch.nn.functional as F
 from torch import Tensor
 
 from .fields.scene import SceneModel
-from .trace import Strands, Traced
+from .strands import Strands, Traced
 
 
 @torch.no_grad()

@@ -1,7 +1,8 @@
 """The render path: rays → trace (march, fields, composite) → decode → a frame.
 
 camera_rays / lidar_rays   which rays, when, from where            sensors/
-trace                      samples, fields, depth order, features  trace.py, march.py, composite.py, fields/
+trace                      samples, fields, depth order, features  trace.py, march.py, fields/, density.py, composite.py
+ray_passes                 depth, normal, instance, support        passes.py
 ray_head, camera_decoder   features to pixels                      decode.py
 lidar_head                 features to intensity and returns       decode.py
 """
@@ -9,8 +10,8 @@ lidar_head                 features to intensity and returns       decode.py
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
-from typing import Any, TypeVar
+from collections.abc import Sequence
+from typing import TypeVar
 
 import numpy as np
 import torch
@@ -18,25 +19,23 @@ import torch.nn.functional as F
 from numpy.typing import NDArray
 from torch import Tensor
 
-from .cast import Cast, gather_cast
+from .cast import gather_cast
 from .drive import Camera, CameraModel, Drive, Lidar
 from .errors import SceneError
 from .fields.checkpoint import Scene
-from .fields.gradient import CORNERS, distance_gradient
 from .fields.scene import SceneModel
 from .frames import CameraFrame, LidarFrame, RenderStats
 from .geometry import FloatArray, invert_pose, transform_points
-from .median import median_depth
+from .passes import Maps, fill_passes, ray_passes
 from .sensors.camera import camera_rays, pixel_grid
 from .sensors.lidar import lidar_rays
 from .sensors.rays import Rays
-from .trace import RayBatch, Sampling, Strands, Traced, trace
+from .strands import RayBatch, Traced
+from .trace import Sampling, trace
 
 QUALITY = {"fast": 0.67, "balanced": 1.0, "reference": 4.0}
 """Samples along a ray, beside the scene's own number."""
 CHUNK_RAYS = 16384
-Maps = dict[str, NDArray[Any]]
-"""One array (N, ...) for each pass."""
 UNIFORM_STEP_M = 0.2
 """What saved samples are counted beside: a march through the volume in steps of this length."""
 
@@ -78,7 +77,7 @@ class Renderer:
         stats.seconds = {"trace": traced_s - begun, "decode": time.perf_counter() - traced_s}
         pose = camera.world_from_camera.at(camera.time_s[frame])
         out = CameraFrame(model, pose, image, instances=self.cast.uids, stats=stats)
-        _fill_passes(out, maps, rays, u.shape, up)
+        fill_passes(out, maps, rays, u.shape, up)
         return out
 
     @torch.no_grad()
@@ -143,7 +142,7 @@ class Renderer:
             part = RayBatch(*(x[begin : begin + CHUNK_RAYS] for x in (batch.origins, batch.directions, batch.time_s)))
             traced = trace(self.scene.model, self.cast, part, sampling, among)
             self._count(part, traced, stats)
-            maps.append(self._maps(part, traced, passes))
+            maps.append(ray_passes(self.scene, self.cast, part, traced, passes))
             traced.strands = []
             pieces.append(traced)
         return _join(pieces), {name: np.concatenate([m[name] for m in maps]) for name in maps[0]}
@@ -189,22 +188,6 @@ class Renderer:
         stats.rays += len(part)
         stats.samples_spent += spent
         stats.samples_saved += max(0, uniform - spent)
-
-    def _maps(self, part: RayBatch, traced: Traced, passes: set[str]) -> Maps:
-        maps: Maps = {}
-        solid = traced.opacity > 0.5
-        if passes & {"depth", "normal", "support"}:
-            depth = torch.where(solid, median_depth(self.scene.model, traced), torch.inf)
-            maps["depth"] = depth.cpu().numpy()
-        if "opacity" in passes:
-            maps["opacity"] = traced.opacity.cpu().numpy()
-        if "instance" in passes:
-            maps["instance"] = _instances(traced, len(part)).cpu().numpy()
-        if "normal" in passes:
-            maps["normal"] = _normals(self.scene, self.cast, traced, part, solid).cpu().numpy()
-        if "support" in passes:
-            maps["support"] = (~_supported(self.scene, traced, part, depth)).cpu().numpy()
-        return maps
 
     def _decode(
         self, traced: Traced, rays: Rays, camera_id: str, shape: tuple[int, ...], model: CameraModel
@@ -292,66 +275,6 @@ def _join(pieces: list[Traced]) -> Traced:
     )
 
 
-def _instances(traced: Traced, rays: int) -> Tensor:
-    """1 + the number of the actor with the largest weight on each ray (N,), 0 where the rest outweighs it."""
-    best = traced.feature.new_zeros(rays)
-    out = torch.zeros(rays, dtype=torch.long, device=best.device)
-    background = traced.behind.clone()
-    for strand in traced.strands:
-        assert strand.weight is not None
-        total = strand.weight.sum(1)
-        if strand.bounds is None:
-            background.index_add_(0, strand.ray, total)
-            continue
-        # several strands of one ray: the heaviest last, so that its number stays
-        order = torch.argsort(total, stable=True)
-        ray, total, medium = strand.ray[order], total[order], strand.medium[order]
-        heavier = total > best[ray]
-        out[ray[heavier]] = medium[heavier] + 1
-        best.index_put_((ray[heavier],), total[heavier])
-    return torch.where(best > background, out, torch.zeros_like(out))
-
-
-_STEP_M = 0.03
-
-
-def _normals(scene: Scene, cast: Cast, traced: Traced, part: RayBatch, solid: Tensor) -> Tensor:
-    """Unit normals (N, 3), world frame, 0 where nothing solid is: each strand's gradient of the distance at its heaviest sample,
-    by central differences on a tetrahedron, weighted with what the strand gives to the ray."""
-    out = torch.zeros_like(part.directions)
-    for strand in traced.strands:
-        assert strand.weight is not None
-        weight, heaviest = strand.weight.sum(1), strand.weight.argmax(1)
-        x = strand.points[torch.arange(len(heaviest), device=heaviest.device), heaviest]
-        gradient = distance_gradient(_distance_of(scene, cast, strand), x, _STEP_M, strand.size_m)
-        if strand.bounds is None:
-            gradient = gradient @ scene.model.frame.rotation
-        if strand.world_from_box is not None:
-            gradient = torch.einsum("nij,nj->ni", strand.world_from_box, gradient)
-        out.index_add_(0, strand.ray, weight[:, None] * F.normalize(gradient, dim=-1))
-    return torch.where(solid[:, None], F.normalize(out, dim=-1), torch.zeros_like(out))
-
-
-def _distance_of(scene: Scene, cast: Cast, strand: Strands) -> Callable[[Tensor], Tensor]:
-    """The signed distance in a strand's medium, of points in its own coordinates, `CORNERS` for each row."""
-    if strand.bounds is None:
-        return scene.model.static.distance
-    troupes = [cast.own, *cast.guests.values()]
-    troupe = troupes[strand.guest + 1]
-    first = sum(len(t.uids) for t in troupes[: strand.guest + 1])
-    row = troupe.rows[strand.medium - first].repeat_interleave(CORNERS)
-    return lambda y: troupe.scene.actors.distance(troupe.tables, y, row)
-
-
-def _supported(scene: Scene, traced: Traced, part: RayBatch, depth_m: Tensor) -> Tensor:
-    """Which rays (N,) end where the recording saw something: an observed voxel, an actor, or beyond the volume."""
-    model = scene.model
-    x = model.frame.points(part.origins + part.directions * torch.nan_to_num(depth_m, posinf=1e6)[:, None])
-    outside = ((x < 0) | (x > model.frame.size_m)).any(-1)
-    seen = model.observed.view(-1)[model.occupancy.cells(x)] > 0
-    return outside | seen | (_instances(traced, len(part)) > 0)
-
-
 def _spread_over_edges(feature: Tensor, share: Tensor, shape: tuple[int, ...]) -> Tensor:
     """A guest's features (N, F), divided by its share of the ray and carried past its edges, where the decoder looks too."""
     f = feature.view(1, *shape, -1).permute(0, 3, 1, 2)
@@ -361,25 +284,3 @@ def _spread_over_edges(feature: Tensor, share: Tensor, shape: tuple[int, ...]) -
         empty = a < 1e-3
         f, a = torch.where(empty, blurred_f, f), torch.where(empty, blurred_a, a)
     return (f / a.clamp_min(1e-3)).permute(0, 2, 3, 1).reshape(-1, f.shape[1])
-
-
-def _fill_passes(out: CameraFrame, maps: Maps, rays: Rays, shape: tuple[int, ...], up: int) -> None:
-    h, w = out.model.height, out.model.width
-
-    def full(values: NDArray[Any]) -> NDArray[Any]:
-        grid = values.reshape(*shape, *values.shape[1:])
-        return np.repeat(np.repeat(grid, up, 0), up, 1)[:h, :w]
-
-    if "depth" in maps:
-        out.depth_m = full(maps["depth"]).astype(np.float32)
-        axis = out.world_from_camera[:3, 2]
-        along = full((rays.directions @ axis).reshape(-1))
-        out.z_depth_m = (out.depth_m * along).astype(np.float32)
-    if "normal" in maps:
-        out.normal = full(maps["normal"]).astype(np.float32)
-    if "instance" in maps:
-        out.instance = full(maps["instance"]).astype(np.int32)
-    if "opacity" in maps:
-        out.opacity = full(maps["opacity"]).astype(np.float32)
-    if "support" in maps:
-        out.unsupported = full(maps["support"]).astype(np.bool_)

@@ -1,7 +1,6 @@
 """Rays through the scene: samples placed, fields asked, everything along one ray put in depth order, weights, features.
 
-The one path that training and rendering share. A *strand* is one ray inside one medium (the static field, one actor's box, one
-copied box of space); it has K samples and K intervals, see `composite.logistic_intervals`.
+The one path that training and rendering share.
 """
 
 from __future__ import annotations
@@ -12,29 +11,19 @@ import torch
 from torch import Tensor
 
 from .cast import Cast, Troupe
-from .composite import logistic_intervals, unisim_intervals, weights_from_tau
+from .composite import composite
+from .density import logistic_intervals, unisim_intervals, weights_from_tau
 from .fields.ground import CLEARANCE_M
 from .fields.scene import SceneModel
 from .fields.tracklets import Hits
 from .march import Segment, propose, refine_quantiles, stratified
+from .strands import RayBatch, Strands, Traced
 
 NEAR_M = 0.5
 OPAQUE = 1e-3
 """Transmittance under which nothing behind is computed."""
 EMPTY_M = 10.0
 """The distance that stands for empty space."""
-
-
-@dataclass(frozen=True)
-class RayBatch:
-    """Rays as tensors: origins, directions (N, 3) world frame float32, time_s (N,) float64."""
-
-    origins: Tensor
-    directions: Tensor
-    time_s: Tensor
-
-    def __len__(self) -> int:
-        return len(self.origins)
 
 
 @dataclass(frozen=True)
@@ -51,70 +40,6 @@ class Sampling:
     generator: torch.Generator | None = None
 
 
-@dataclass
-class Strands:
-    """Strands of one medium: ray (P,), samples t (P, K), signed distances s, features (P, K, F), tau and share (P, K).
-
-    ``points`` (P, K, 3) in the medium's own coordinates (volume, metres; or an actor's unit cube); ``medium`` (P,) is -1 for the
-    static field, else the actor's number in the cast.
-    """
-
-    ray: Tensor
-    t: Tensor
-    s: Tensor
-    features: Tensor
-    tau: Tensor
-    share: Tensor
-    points: Tensor
-    medium: Tensor
-    guest: int = -1
-    """Which guest troupe's features these are; -1 for the scene's own."""
-    bounds: tuple[Tensor, Tensor] | None = None
-    """Where the strand enters and leaves its box (P,), (P,)."""
-    world_from_box: Tensor | None = None
-    """Rotation of the strand's box (P, 3, 3), for an actor; for a copied box the one from the source to the copy."""
-    size_m: Tensor | None = None
-    """Edges of the strand's box (P, 3), for an actor."""
-    beta: float = 0.0
-    """The density's sharpness in this medium, 1 / metres."""
-    front: Tensor | None = None
-    """Transmittance in front of the intervals (P, K), once composited."""
-    weight: Tensor | None = None
-    """Weights of the samples (P, K), once composited."""
-    interval_weight: Tensor | None = None
-    """Weights of the intervals (P, K), once composited."""
-
-    def stops(self) -> Tensor:
-        """Where a ray that stops in an interval is expected to (P, K), metres along the ray; without gradients."""
-        with torch.no_grad():
-            near = torch.cat([self.t[:, :1], self.t[:, :-1]], -1)
-            alpha = -torch.expm1(-self.tau)
-            inside = torch.where(alpha > 1e-6, self.share / alpha.clamp_min(1e-6), torch.full_like(alpha, 0.5))
-            return near + inside * (self.t - near)
-
-
-@dataclass
-class Traced:
-    """What the rays met. feature (N, F) composited, the far field and the sky included where they were asked for; depth_m (N,)
-    mean distance of what stopped the ray, 0 where nothing did; opacity (N,) and behind (N,), 1 - opacity, without the sky."""
-
-    feature: Tensor
-    depth_m: Tensor
-    opacity: Tensor
-    behind: Tensor
-    strands: list[Strands]
-    samples: int
-    guest_features: list[Tensor]
-    guest_opacity: list[Tensor]
-    near_depth_m: Tensor
-    """Mean distance (N,) of what stopped the ray inside the volume, the far field left out."""
-    near_opacity: Tensor
-    far: tuple[Tensor, Tensor, Tensor, Tensor] | None = None
-    """What the far field gave: ray (R,), t, tau, and the transmittance in front (R, K)."""
-    without_guests: Tensor | None = None
-    """``feature`` as if no guest were there; None where none is."""
-
-
 def trace(scene: SceneModel, cast: Cast, rays: RayBatch, sampling: Sampling, among: Tensor | None = None) -> Traced:
     """Features, depths and opacities of rays. ``among`` names the own actors that can be met; the others are skipped."""
     actors = _actor_strands(cast.own, rays, sampling, among, first=0, guest=-1)
@@ -127,10 +52,10 @@ def trace(scene: SceneModel, cast: Cast, rays: RayBatch, sampling: Sampling, amo
     widths = [troupe.scene.config.features for troupe in cast.guests.values()]
     if cast.guests:
         # what the scene's own decoder is to see: everything but the guests
-        own = _composite(scene, len(rays), [s for s in strands if s.guest < 0], [], rays.origins)
+        own = composite(len(rays), [s for s in strands if s.guest < 0], scene.config.features, [], rays.origins)
         if sampling.far:
             _add_far(scene, rays, sampling, own)
-    traced = _composite(scene, len(rays), strands, widths, rays.origins)
+    traced = composite(len(rays), strands, scene.config.features, widths, rays.origins)
     if sampling.far:
         _add_far(scene, rays, sampling, traced)
     if cast.guests:
@@ -305,74 +230,6 @@ def _in_boxes(cast: Cast, rays: RayBatch, actors: list[Strands], ray: Tensor, t:
             x = rays.origins[ray][:, None] + t[..., None] * rays.directions[ray][:, None]
             inside |= ((x @ pose[:3, :3].mT + pose[:3, 3]).abs() <= size / 2).all(-1)
     return inside
-
-
-def _composite(scene: SceneModel, rays: int, strands: list[Strands], guests: list[int], like: Tensor) -> Traced:
-    """Everything on each ray in order of depth; ``guests`` are the lengths of the guest scenes' features."""
-    width = scene.config.features
-    feature, depth, total, log_behind = like.new_zeros(rays, width), *(like.new_zeros(rays) for _ in range(3))
-    guest_features = [like.new_zeros(rays, own) for own in guests]
-    guest_opacity = [like.new_zeros(rays) for _ in guests]
-    for strand, front in zip(strands, _transmittances(rays, strands), strict=True):
-        strand.front = front
-        strand.interval_weight = front * -torch.expm1(-strand.tau)
-        far_part = front * strand.share
-        near_part = strand.interval_weight - far_part
-        # an interval's weight goes to the samples at its two ends; interval 0 has only its own
-        weight = far_part + torch.cat([near_part[:, 1:], torch.zeros_like(near_part[:, :1])], -1)
-        weight = torch.cat([weight[:, :1] + strand.interval_weight[:, :1], weight[:, 1:]], -1)
-        strand.weight = weight
-        part, share = (weight[..., None] * strand.features).sum(1), weight.sum(1)
-        if strand.guest < 0:
-            feature = feature.index_add(0, strand.ray, part)
-        else:
-            guest_features[strand.guest] = guest_features[strand.guest].index_add(0, strand.ray, part)
-            guest_opacity[strand.guest] = guest_opacity[strand.guest].index_add(0, strand.ray, share)
-        depth = depth.index_add(0, strand.ray, (weight * strand.t).sum(1))
-        total = total.index_add(0, strand.ray, share)
-        log_behind = log_behind.index_add(0, strand.ray, -strand.tau.sum(1))
-    depth, opacity = depth / total.clamp_min(1e-6), -torch.expm1(log_behind)
-    return Traced(
-        feature=feature, depth_m=depth, opacity=opacity, behind=torch.exp(log_behind), strands=strands, samples=0,
-        guest_features=guest_features, guest_opacity=guest_opacity, near_depth_m=depth, near_opacity=opacity,
-    )  # fmt: skip
-
-
-def _transmittances(rays: int, strands: list[Strands]) -> list[Tensor]:
-    """The transmittance in front of every interval (P, K) of each group of strands, all media of a ray in one order of depth."""
-    if not strands:
-        return []
-    out = [weights_from_tau(strand.tau)[0] for strand in strands]
-    all_rays = torch.cat([s.ray for s in strands])
-    crossed = torch.bincount(all_rays, minlength=rays) > 1
-    if not bool(crossed.any()):
-        return out
-    device = all_rays.device
-    mixed_ray = torch.cumsum(crossed, 0) - 1
-    # every ray with several strands gets a row, every strand of it a slot in the row
-    order = torch.argsort(all_rays, stable=True)
-    _, counts = torch.unique_consecutive(all_rays[order], return_counts=True)
-    starts = torch.cumsum(counts, 0) - counts
-    slot = torch.empty_like(all_rays)
-    slot[order] = torch.arange(len(all_rays), device=device) - starts.repeat_interleave(counts)
-    slots, longest = int(counts.max()), max(s.t.shape[1] for s in strands)
-    rows = int(crossed.sum())
-    tau = strands[0].t.new_zeros(rows * slots, longest)
-    place = strands[0].t.new_full((rows * slots, longest), float("inf"))
-    at, begin = [], 0
-    for strand in strands:
-        mine = torch.nonzero(crossed[strand.ray])[:, 0]
-        cell = mixed_ray[strand.ray[mine]] * slots + slot[begin : begin + len(strand.ray)][mine]
-        begin += len(strand.ray)
-        at.append((mine, cell))
-        pad = (0, longest - strand.t.shape[1])
-        tau = tau.index_put((cell,), torch.nn.functional.pad(strand.tau[mine], pad))
-        place = place.index_put((cell,), torch.nn.functional.pad(strand.stops()[mine], pad, value=float("inf")))
-    tau, place = tau.view(rows, -1), place.view(rows, -1)
-    by_depth = torch.argsort(place, dim=1, stable=True)
-    front, _ = weights_from_tau(tau.gather(1, by_depth))
-    front = torch.zeros_like(front).scatter(1, by_depth, front).view(rows * slots, longest)
-    return [own.index_put((mine,), front[cell][:, : own.shape[1]]) for own, (mine, cell) in zip(out, at, strict=True)]
 
 
 def _add_far(scene: SceneModel, rays: RayBatch, sampling: Sampling, traced: Traced) -> None:

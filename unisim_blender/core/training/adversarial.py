@@ -12,7 +12,7 @@ import torch.nn.functional as F
 from torch import Tensor, nn
 from torch.nn.utils.parametrizations import spectral_norm
 
-from ..trace import RayBatch
+from ..strands import RayBatch
 from .data import PatchBatch
 
 SHIFT_M = 2.0

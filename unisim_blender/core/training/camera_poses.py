@@ -10,7 +10,7 @@ from torch import Tensor, nn
 
 from ..drive import Camera
 from ..geometry import FloatArray
-from ..trace import RayBatch
+from ..strands import RayBatch
 
 
 class CameraPoses(nn.Module):

@@ -16,7 +16,7 @@ from ..geometry import FloatArray, invert_pose, points_in_box, transform_points
 from ..images import resize_image
 from ..log import Log
 from ..sensors.camera import camera_rays
-from ..trace import RayBatch
+from ..strands import RayBatch
 
 
 @dataclass(frozen=True)

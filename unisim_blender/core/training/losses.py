@@ -6,7 +6,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-from ..trace import Traced
+from ..strands import Traced
 from .data import LidarBatch
 
 SURFACE_M, SURFACE_SHARE = 0.2, 0.04

@@ -25,7 +25,8 @@ from ..fields.tracklets import Tracklets
 from ..fields.volume import Volume
 from ..geometry import FloatArray, invert_pose, transform_points
 from ..log import Log
-from ..trace import Sampling, Strands, Traced, trace
+from ..strands import Strands, Traced
+from ..trace import Sampling, trace
 from .adversarial import Adversary, shifted
 from .camera_poses import CameraPoses
 from .config import VEHICLES, TrainConfig

@@ -1,0 +1,88 @@
+"""Rays, what they run through, and what they met: the types that tracing, compositing and the passes share.
+
+A *strand* is one ray inside one medium (the static field, one actor's box, one copied box of space); it has K samples and K
+intervals, see `density.logistic_intervals`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+
+@dataclass(frozen=True)
+class RayBatch:
+    """Rays as tensors: origins, directions (N, 3) world frame float32, time_s (N,) float64."""
+
+    origins: Tensor
+    directions: Tensor
+    time_s: Tensor
+
+    def __len__(self) -> int:
+        return len(self.origins)
+
+
+@dataclass
+class Strands:
+    """Strands of one medium: ray (P,), samples t (P, K), signed distances s, features (P, K, F), tau and share (P, K).
+
+    ``points`` (P, K, 3) in the medium's own coordinates (volume, metres; or an actor's unit cube); ``medium`` (P,) is -1 for the
+    static field, else the actor's number in the cast.
+    """
+
+    ray: Tensor
+    t: Tensor
+    s: Tensor
+    features: Tensor
+    tau: Tensor
+    share: Tensor
+    points: Tensor
+    medium: Tensor
+    guest: int = -1
+    """Which guest troupe's features these are; -1 for the scene's own."""
+    bounds: tuple[Tensor, Tensor] | None = None
+    """Where the strand enters and leaves its box (P,), (P,)."""
+    world_from_box: Tensor | None = None
+    """Rotation of the strand's box (P, 3, 3), for an actor; for a copied box the one from the source to the copy."""
+    size_m: Tensor | None = None
+    """Edges of the strand's box (P, 3), for an actor."""
+    beta: float = 0.0
+    """The density's sharpness in this medium, 1 / metres."""
+    front: Tensor | None = None
+    """Transmittance in front of the intervals (P, K), once composited."""
+    weight: Tensor | None = None
+    """Weights of the samples (P, K), once composited."""
+    interval_weight: Tensor | None = None
+    """Weights of the intervals (P, K), once composited."""
+
+    def stops(self) -> Tensor:
+        """Where a ray that stops in an interval is expected to (P, K), metres along the ray; without gradients."""
+        with torch.no_grad():
+            near = torch.cat([self.t[:, :1], self.t[:, :-1]], -1)
+            alpha = -torch.expm1(-self.tau)
+            inside = torch.where(alpha > 1e-6, self.share / alpha.clamp_min(1e-6), torch.full_like(alpha, 0.5))
+            return near + inside * (self.t - near)
+
+
+@dataclass
+class Traced:
+    """What the rays met. feature (N, F) composited, the far field and the sky included where they were asked for; depth_m (N,)
+    mean distance of what stopped the ray, 0 where nothing did; opacity (N,) and behind (N,), 1 - opacity, without the sky."""
+
+    feature: Tensor
+    depth_m: Tensor
+    opacity: Tensor
+    behind: Tensor
+    strands: list[Strands]
+    samples: int
+    guest_features: list[Tensor]
+    guest_opacity: list[Tensor]
+    near_depth_m: Tensor
+    """Mean distance (N,) of what stopped the ray inside the volume, the far field left out."""
+    near_opacity: Tensor
+    far: tuple[Tensor, Tensor, Tensor, Tensor] | None = None
+    """What the far field gave: ray (R,), t, tau, and the transmittance in front (R, K)."""
+    without_guests: Tensor | None = None
+    """``feature`` as if no guest were there; None where none is."""
