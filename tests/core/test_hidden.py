@@ -79,3 +79,11 @@ def test_what_was_seen_is_left_alone(model: SceneModel) -> None:
 def test_without_known_ground_nothing_is_continued(model: SceneModel) -> None:
     hidden = Hidden(model, OccupancyTrainer(model.occupancy), torch.zeros(0, 2), None)
     assert float(hidden.loss(torch.Generator().manual_seed(0))) == 0.0 and len(hidden.continued()) == 0
+
+
+def test_only_tables_learn_from_hidden_places(model: SceneModel) -> None:
+    cells = torch.as_tensor(np.argwhere(np.ones((10, 10), bool))).float()
+    hidden = Hidden(model, OccupancyTrainer(model.occupancy), cells, (torch.eye(4)[None], torch.full((1, 3), 2.0)))
+    hidden.loss(torch.Generator().manual_seed(0)).backward()
+    assert all(p.grad is None and p.requires_grad for p in model.static.network.parameters())
+    assert model.static.grid.table.grad is not None and bool((model.static.grid.table.grad != 0).any())

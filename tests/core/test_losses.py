@@ -13,13 +13,15 @@ from safetensors.torch import save_file
 from skimage.metrics import structural_similarity
 from torch import Tensor
 
+from unisim_blender.core.composite import composite
 from unisim_blender.core.errors import UnisimError
-from unisim_blender.core.strands import RayBatch
+from unisim_blender.core.strands import RayBatch, Strands
 from unisim_blender.core.training.adversarial import Adversary, PatchDiscriminator, shifted
 from unisim_blender.core.training.data import LidarBatch, PatchBatch
 from unisim_blender.core.training.losses import (
     distance_band,
     eikonal,
+    expected_error,
     gradient_difference,
     lidar_terms,
     perceptual_stand_in,
@@ -86,8 +88,8 @@ def test_eikonal() -> None:
     assert float(eikonal(torch.tensor([[2.0, 0, 0], [0, 0, 0]]))) == pytest.approx(1.0)
 
 
-def scene() -> Stage:
-    return Stage(analytic_scene(union(ground, wall(10.0)), {}, beta=30.0), drive_of([]))
+def scene(beta: float = 30.0) -> Stage:
+    return Stage(analytic_scene(union(ground, wall(10.0)), {}, beta=beta), drive_of([]))
 
 
 def rays(n: int = 60) -> tuple[np.ndarray, np.ndarray]:  # type: ignore[type-arg]
@@ -107,7 +109,7 @@ def test_spread_is_mip_nerfs_distortion() -> None:
 
 def measured(n: int, factor: float = 1.0, returned: float = 1.0) -> tuple[Stage, LidarBatch]:
     """What a perfect LiDAR measures of the scene, its depths times ``factor``."""
-    stage = scene()
+    stage = scene(3000.0)
     o, d = rays(n)
     depth = torch.tensor(np.where(d[:, 2] < 0, -1.6 / d[:, 2], np.inf)).clamp_max(torch.tensor(30 / d[:, 0])).float()
     batch = RayBatch(torch.tensor(np.tile(o, (n, 1))).float(), torch.tensor(d).float(), torch.zeros(n).double())
@@ -127,6 +129,19 @@ def test_a_scene_that_fits_its_sweep_has_no_lidar_loss() -> None:
     assert right["depth"] < 0.05 and right["opacity"] < 0.05 and right["free"] < 0.15
     assert wrong["depth"] > 10 * right["depth"] and wrong["free"] > 1.5 * right["free"]
     assert int(good.sum()) == 190, "the best 95 %"
+
+
+def test_the_expected_error_is_least_at_the_median() -> None:
+    """A tenth of a ray leaks to 40 m: what stops the rest belongs where the beam returned, not in front of it."""
+    t = torch.tensor([[10.0, 40.0]])
+    tau = -torch.log1p(-torch.tensor([[0.9, 0.999]]))
+    share = torch.tensor([[0.0, 0.999]])
+    leak = [Strands(torch.tensor([0]), t, t, torch.zeros(1, 2, 1), tau, share, torch.zeros(1, 2, 3), torch.tensor([-1]))]
+    traced = composite(1, leak, 1, [], torch.zeros(1, 3))
+    at = {d: float(expected_error(traced, torch.tensor([d]), worst_m=100.0)) for d in (9.0, 10.0, 11.0, 13.0)}
+    assert min(at, key=lambda d: at[d]) == 10.0 and float(traced.near_depth_m) == pytest.approx(13.0, abs=0.1)
+    # a ten-thousandth is never stopped
+    assert at[10.0] == pytest.approx(0.0999 * 30.0 + 1e-4 * 100.0, abs=1e-3)
 
 
 def test_drops_have_no_depth() -> None:

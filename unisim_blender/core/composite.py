@@ -71,7 +71,7 @@ def _transmittances(rays: int, strands: list[Strands]) -> list[Tensor]:
         at.append((mine, cell))
         pad = (0, longest - strand.t.shape[1])
         tau = tau.index_put((cell,), torch.nn.functional.pad(strand.tau[mine], pad))
-        place = place.index_put((cell,), torch.nn.functional.pad(strand.stops()[mine], pad, value=float("inf")))
+        place = place.index_put((cell,), torch.nn.functional.pad(strand.stops().detach()[mine], pad, value=float("inf")))
     tau, place = tau.view(rows, -1), place.view(rows, -1)
     by_depth = torch.argsort(place, dim=1, stable=True)
     front, _ = weights_from_tau(tau.gather(1, by_depth))

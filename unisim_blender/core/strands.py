@@ -58,12 +58,11 @@ class Strands:
     """Weights of the intervals (P, K), once composited."""
 
     def stops(self) -> Tensor:
-        """Where a ray that stops in an interval is expected to (P, K), metres along the ray; without gradients."""
-        with torch.no_grad():
-            near = torch.cat([self.t[:, :1], self.t[:, :-1]], -1)
-            alpha = -torch.expm1(-self.tau)
-            inside = torch.where(alpha > 1e-6, self.share / alpha.clamp_min(1e-6), torch.full_like(alpha, 0.5))
-            return near + inside * (self.t - near)
+        """Where a ray that stops in an interval is expected to (P, K), metres along the ray."""
+        near = torch.cat([self.t[:, :1], self.t[:, :-1]], -1)
+        alpha = -torch.expm1(-self.tau)
+        inside = torch.where(alpha > 1e-4, self.share / alpha.clamp_min(1e-4), torch.full_like(alpha, 0.5))
+        return near + inside * (self.t - near)
 
 
 @dataclass

@@ -38,10 +38,14 @@ class Hidden:
     def loss(self, generator: torch.Generator) -> Tensor:
         """Mean disagreement of hidden places with their surroundings."""
         total = self.model.ground.heights.new_zeros(())
+        # only the tables of hidden places learn: through the network that all places share, looks and their models would grow
+        # together without end
+        network = self.model.static.network.requires_grad_(False)
         if len(self.known_ground):
             total = total + self._unseen(generator)
         if self.still_boxes is not None:
             total = total + self._under_boxes(*self.still_boxes, generator)
+        network.requires_grad_(True)
         return total
 
     def _unseen(self, generator: torch.Generator) -> Tensor:

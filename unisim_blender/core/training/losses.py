@@ -52,19 +52,17 @@ def perceptual_stand_in(a: Tensor, b: Tensor) -> Tensor:
 def lidar_terms(traced: Traced, batch: LidarBatch, inside: Tensor, keep: float = 0.95) -> tuple[dict[str, Tensor], Tensor]:
     """Depth and free-space terms of LiDAR rays, and which rays (N,) are among the best ``keep`` of those that returned.
 
-    Rays with the largest depth errors (glass, leaves, boxes that do not fit) are left out, as in UniSim. ``inside`` (N,) says
-    which returns lie in the volume: there the far field must not stand in for what stopped the ray.
+    The depth term is the expected error of a ray that stops at random, not the error of the expected depth: with that, a surface
+    moves towards the sensor to make up for what leaks through it. Rays with the largest errors (glass, leaves, boxes that do not
+    fit) are left out, as in UniSim. ``inside`` (N,) says which returns lie in the volume: there the far field must not stand in
+    for what stopped the ray.
     """
     near = batch.returned & inside
-    error = (traced.near_depth_m - batch.depth_m).abs()
-    miss = torch.where(traced.near_opacity > 0.5, error, error.detach() + 100)
+    miss = expected_error(traced, batch.depth_m)
     with torch.no_grad():
         limit = torch.quantile(miss[near], keep) if bool(near.any()) else miss.new_zeros(())
         good = near & (miss <= limit)
-    # a ray that is not stopped has no depth to compare: its opacity is asked for first
-    expected = traced.near_depth_m * traced.near_opacity + (1 - traced.near_opacity) * 100
-    compared = torch.where(traced.near_opacity > 0.05, traced.near_depth_m, expected)
-    depth = F.smooth_l1_loss(compared[good], batch.depth_m[good], beta=0.1)
+    depth = miss[good].sum() / good.sum().clamp_min(1)
     # whatever returned a beam is there, also where the depth is among the worst
     opacity = -torch.log(traced.near_opacity[near].clamp_min(1e-4)).mean()
     far = batch.returned & ~inside
@@ -80,6 +78,17 @@ def lidar_terms(traced: Traced, batch: LidarBatch, inside: Tensor, keep: float =
         # the weight itself, not its square: a thousandth far behind moves a mean depth by metres
         free = free + (strand.interval_weight * (far & used[:, None])).sum()
     return {"depth": depth, "reach": reach, "opacity": opacity, "free": free / good.sum().clamp_min(1)}, good
+
+
+def expected_error(traced: Traced, depth_m: Tensor, worst_m: float = 10.0) -> Tensor:
+    """Mean distance in metres (N,) between where rays stop inside the volume and depths (N,), at most ``worst_m`` each, which
+    also counts for what is not stopped. It is least where half of what stops a ray has done so at the depth."""
+    error = (1 - traced.near_opacity) * worst_m
+    for strand in traced.strands:
+        assert strand.interval_weight is not None
+        gap = (strand.stops() - depth_m[strand.ray, None]).abs().clamp_max(worst_m)
+        error = error.index_add(0, strand.ray, (strand.interval_weight * gap).sum(1))
+    return error
 
 
 def distance_band(s: Tensor, offset_m: Tensor) -> Tensor:
@@ -106,6 +115,6 @@ def spread(traced: Traced) -> Tensor:
         return traced.feature.new_zeros(())
     w = strand.interval_weight
     assert w is not None
-    place = torch.log(strand.stops().clamp_min(0.1))
+    place = torch.log(strand.stops().detach().clamp_min(0.1))
     total, first = w.cumsum(-1) - w, (w * place).cumsum(-1) - w * place
     return 2 * (w * (place * total - first)).sum(-1).mean()
