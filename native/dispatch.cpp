@@ -13,7 +13,10 @@
                                                           const float *, const float *, float *, int);                         \
     extern "C" int unisim_propose_##variant(const float *, const float *, const float *, const float *, int64_t,               \
                                             const uint8_t *, const int32_t *, const float *, const float *, float, float,      \
-                                            const float *, int, float *, float *, int);
+                                            const float *, int, float *, float *, int);                                        \
+    extern "C" int unisim_mlp_forward_##variant(const unisim_mlp *, const float *, int64_t, float *, int);                     \
+    extern "C" int unisim_mlp_backward_##variant(const unisim_mlp *, const float *, int64_t, const float *, float *, float *,  \
+                                                 float *, float *, int);
 
 DECLARE(portable)
 #ifdef UNISIM_HAS_AVX2
@@ -31,10 +34,15 @@ struct Variant {
     decltype(&unisim_encode_backward_table_portable) encode_backward_table;
     decltype(&unisim_encode_backward_input_portable) encode_backward_input;
     decltype(&unisim_propose_portable) propose;
+    decltype(&unisim_mlp_forward_portable) mlp_forward;
+    decltype(&unisim_mlp_backward_portable) mlp_backward;
 };
 
 #define VARIANT(v)                                                                                                             \
-    Variant { #v, unisim_encode_forward_##v, unisim_encode_backward_table_##v, unisim_encode_backward_input_##v, unisim_propose_##v }
+    Variant {                                                                                                                  \
+        #v, unisim_encode_forward_##v, unisim_encode_backward_table_##v, unisim_encode_backward_input_##v, unisim_propose_##v, \
+            unisim_mlp_forward_##v, unisim_mlp_backward_##v                                                                    \
+    }
 
 Variant choose() {
     const char *wanted = std::getenv("UNISIM_NATIVE_VARIANT");
@@ -61,7 +69,7 @@ const Variant chosen = choose();
 #define EXPORT extern "C" __attribute__((visibility("default")))
 #endif
 
-EXPORT int unisim_abi_version() { return 1; }
+EXPORT int unisim_abi_version() { return 2; }
 
 EXPORT const char *unisim_variant() { return chosen.name; }
 
@@ -85,4 +93,13 @@ EXPORT int unisim_propose(const float *origins, const float *directions, const f
                           float decay, const float *u, int count, float *t, float *mass, int threads) {
     return chosen.propose(origins, directions, t_near, t_far, n, voxels, shape, lower, voxel_m, step, decay, u, count, t, mass,
                           threads);
+}
+
+EXPORT int unisim_mlp_forward(const unisim_mlp *net, const float *x, int64_t n, float *out, int threads) {
+    return chosen.mlp_forward(net, x, n, out, threads);
+}
+
+EXPORT int unisim_mlp_backward(const unisim_mlp *net, const float *x, int64_t n, const float *grad_out, float *grad_x,
+                               float *grad_w1, float *grad_w2, float *grad_bias, int threads) {
+    return chosen.mlp_backward(net, x, n, grad_out, grad_x, grad_w1, grad_w2, grad_bias, threads);
 }

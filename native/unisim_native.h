@@ -15,3 +15,13 @@ struct unisim_grid {
     const uint32_t *stride_y;  // (levels)
     const uint32_t *stride_z;  // (levels)
 };
+
+// A perceptron of two layers: out = w2 relu(w1 x) + bias.
+struct unisim_mlp {
+    int32_t inputs;
+    int32_t hidden;
+    int32_t outputs;
+    const float *w1;   // (hidden, inputs)
+    const float *w2;   // (outputs, hidden)
+    const float *bias; // (outputs)
+};

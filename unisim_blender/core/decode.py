@@ -7,7 +7,7 @@ import torch.nn.functional as F
 from torch import Tensor, nn
 
 from .fields.config import ModelConfig
-from .fields.networks import SH_WIDTH, mlp, spherical_harmonics
+from .fields.networks import SH_WIDTH, mlp, run_mlp, spherical_harmonics
 
 
 class RayHead(nn.Module):
@@ -23,8 +23,7 @@ class RayHead(nn.Module):
     def forward(self, feature: Tensor, directions: Tensor, camera: Tensor) -> Tensor:
         """``camera`` (N,) numbers the codes; -1 stands for a camera that was not trained and takes their mean."""
         codes = torch.where((camera < 0)[:, None], self.codes.mean(0), self.codes[camera.clamp_min(0)])
-        out: Tensor = self.network(torch.cat([feature, spherical_harmonics(directions), codes.to(feature.dtype)], -1))
-        return out
+        return run_mlp(self.network, torch.cat([feature, spherical_harmonics(directions), codes.to(feature.dtype)], -1))
 
 
 class Block(nn.Module):

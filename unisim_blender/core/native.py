@@ -10,7 +10,7 @@ import sys
 import warnings
 from pathlib import Path
 
-ABI_VERSION = 1
+ABI_VERSION = 2
 _SUFFIX = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
 
 
@@ -26,6 +26,19 @@ class GridStruct(ctypes.Structure):
         ("size", ctypes.c_void_p),
         ("stride_y", ctypes.c_void_p),
         ("stride_z", ctypes.c_void_p),
+    ]
+
+
+class MlpStruct(ctypes.Structure):
+    """`unisim_mlp` of native/unisim_native.h."""
+
+    _fields_ = [
+        ("inputs", ctypes.c_int32),
+        ("hidden", ctypes.c_int32),
+        ("outputs", ctypes.c_int32),
+        ("w1", ctypes.c_void_p),
+        ("w2", ctypes.c_void_p),
+        ("bias", ctypes.c_void_p),
     ]
 
 
@@ -49,6 +62,8 @@ def library() -> ctypes.CDLL | None:
     lib.unisim_encode_backward_table.argtypes = [p, p, p, i64, p, p, i32]
     lib.unisim_encode_backward_input.argtypes = [p, p, p, i64, p, p, p, i32]
     lib.unisim_propose.argtypes = [p, p, p, p, i64, p, p, p, p, f32, f32, p, i32, p, p, i32]
+    lib.unisim_mlp_forward.argtypes = [p, p, i64, p, i32]
+    lib.unisim_mlp_backward.argtypes = [p, p, i64, p, p, p, p, p, i32]
     return lib
 
 

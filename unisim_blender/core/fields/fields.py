@@ -7,7 +7,7 @@ from torch import Tensor, nn
 
 from .config import ModelConfig
 from .hash_grid import GridArrays, GridShape, encode
-from .networks import mlp
+from .networks import mlp, run_mlp
 from .volume import Volume, VolumeFrame, contract, contract_direction
 
 INITIAL_DISTANCE_M = 0.1
@@ -54,19 +54,12 @@ class StaticField(nn.Module):
 
     def forward(self, x: Tensor) -> tuple[Tensor, Tensor]:
         """Signed distances in metres (N,) and features (N, F) at points (N, 3) in volume coordinates."""
-        out = self.network(self.grid(x / self.size_m))
+        out = run_mlp(self.network, self.grid(x / self.size_m))
         return out[:, 0], out[:, 1:]
 
     def distance(self, x: Tensor) -> Tensor:
         """Signed distances (N,) alone: the last layer's other rows are not computed."""
-        return _first_output(self.network, self.grid(x / self.size_m))
-
-
-def _first_output(network: nn.Sequential, encoding: Tensor) -> Tensor:
-    last = network[-1]
-    assert isinstance(last, nn.Linear)
-    hidden = network[:-1](encoding)
-    return hidden @ last.weight[0] + last.bias[0]
+        return run_mlp(self.network, self.grid(x / self.size_m), 1)[:, 0]
 
 
 class FarField(nn.Module):
@@ -82,13 +75,12 @@ class FarField(nn.Module):
 
     def forward(self, x: Tensor) -> tuple[Tensor, Tensor]:
         """Raw densities (N,) and features (N, F) at points (N, 3) in volume coordinates."""
-        out = self.network(self.grid(contract(x - self.frame.size_m / 2, self.radius_m)))
+        out = run_mlp(self.network, self.grid(contract(x - self.frame.size_m / 2, self.radius_m)))
         return out[:, 0], out[:, 1:]
 
     def sky(self, d: Tensor) -> Tensor:
         """Features (N, F) at infinity, along directions (N, 3) in volume axes."""
-        out: Tensor = self.network(self.grid(contract_direction(d)))
-        return out[:, 1:]
+        return run_mlp(self.network, self.grid(contract_direction(d)))[:, 1:]
 
 
 class ActorField(nn.Module):
@@ -124,12 +116,12 @@ class ActorField(nn.Module):
 
     def forward(self, tables: Tensor, x: Tensor, actor: Tensor) -> tuple[Tensor, Tensor]:
         """Signed distances (N,) and features (N, F) at points x (N, 3) in the unit cube of each point's actor (N,)."""
-        out = self.network(self._encode(tables, x, actor))
+        out = run_mlp(self.network, self._encode(tables, x, actor))
         return out[:, 0], out[:, 1:]
 
     def distance(self, tables: Tensor, x: Tensor, actor: Tensor) -> Tensor:
         """Signed distances (N,) alone."""
-        return _first_output(self.network, self._encode(tables, x, actor))
+        return run_mlp(self.network, self._encode(tables, x, actor), 1)[:, 0]
 
     def _encode(self, tables: Tensor, x: Tensor, actor: Tensor) -> Tensor:
         return encode(self.grid, tables, x, actor, sink=self.gradient if torch.is_grad_enabled() else None)

@@ -11,7 +11,7 @@ import torch
 from torch import Tensor, nn
 
 from .config import ModelConfig
-from .networks import mlp
+from .networks import mlp, run_mlp
 
 REACH_M = 0.6
 """The look is a mean of four places this far from the one asked for: a lane mark is no light."""
@@ -40,6 +40,6 @@ class Light(nn.Module):
 
     def forward(self, feature: Tensor, look: Tensor) -> Tensor:
         """Features (P, K, F) of actors over ground that looks like this (P, F)."""
-        scale, shift = self.network(look)[:, None].chunk(2, -1)
+        scale, shift = run_mlp(self.network, look)[:, None].chunk(2, -1)
         lit: Tensor = feature * (1 + scale) + shift
         return lit

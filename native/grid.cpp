@@ -2,36 +2,12 @@
 //
 // The functions are the same as the plain torch ones in fields/hash_grid.py and march.py, which are the specification.
 #include "unisim_native.h"
+#include "variant.h"
 
-#include <algorithm>
-#include <atomic>
 #include <cmath>
 #include <cstring>
-#include <thread>
-#include <vector>
-
-#ifndef UNISIM_VARIANT
-#define UNISIM_VARIANT portable
-#endif
-#define UNISIM_JOIN_(a, b) a##_##b
-#define UNISIM_JOIN(a, b) UNISIM_JOIN_(a, b)
-#define UNISIM_NAME(name) UNISIM_JOIN(name, UNISIM_VARIANT)
 
 namespace {
-
-// Runs body(begin, end) over [0, n) in blocks; which thread takes which block never changes a result.
-template <class Body> void parallel_blocks(int64_t n, int64_t block, int threads, const Body &body) {
-    const int64_t blocks = (n + block - 1) / block;
-    const int workers = static_cast<int>(std::min<int64_t>(threads, blocks));
-    std::atomic<int64_t> next{0};
-    const auto work = [&] {
-        for (int64_t b = next++; b < blocks; b = next++) body(b * block, std::min(n, (b + 1) * block));
-    };
-    std::vector<std::thread> pool;
-    for (int i = 1; i < workers; ++i) pool.emplace_back(work);
-    work();
-    for (auto &thread : pool) thread.join();
-}
 
 // The corners of up to BLOCK points in one level, one array each, so that the compiler can do many points at once.
 constexpr int BLOCK = 64;
