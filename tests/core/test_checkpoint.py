@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -103,6 +104,15 @@ def test_equal_scenes_have_equal_files(saved: Path, tmp_path: Path) -> None:
     other, _ = random_scene(seed=1)
     save_scene(tmp_path, header_of(other, drive, tmp_path), other)
     assert weights_hash(saved) != weights_hash(tmp_path)
+
+
+def test_weights_beside_another_scenes_header_are_refused(saved: Path, tmp_path: Path) -> None:
+    other, drive = random_scene(seed=1)
+    save_scene(tmp_path, header_of(other, drive, tmp_path), other)
+    load_scene(tmp_path)
+    shutil.copy(saved / "weights.safetensors", tmp_path)
+    with pytest.raises(SceneError, match=r"weights.safetensors does not belong to the scene.json beside it"):
+        load_scene(tmp_path)
 
 
 def test_nothing_half_written_stays(saved: Path) -> None:

@@ -12,6 +12,7 @@ import click
 
 from . import commands
 from .errors import UnisimError
+from .processes import wait_briefly
 
 DISTRIBUTION = "unisim_blender"
 EXIT_ERROR = 1
@@ -82,4 +83,5 @@ def _fail(sentence: str) -> int:
 
 def main() -> None:
     """Entry point of the console script."""
+    wait_briefly()
     sys.exit(run())

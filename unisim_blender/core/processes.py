@@ -10,6 +10,12 @@ THREAD_VARIABLES = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"
 """How many threads libraries use that are imported after these are set."""
 
 
+def wait_briefly() -> None:
+    """Have OpenMP's threads give their core up soon when they wait: by default they keep it busy for milliseconds, which the
+    kernels' own threads need. To be called before torch is imported; what the user set stays."""
+    os.environ.setdefault("GOMP_SPINCOUNT", "2000")
+
+
 def end_with_parent() -> None:
     """Have this process end when its parent is gone, killed or not: nobody would wait for its work."""
     threading.Thread(target=_wait_for_parent, daemon=True).start()

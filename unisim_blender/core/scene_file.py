@@ -30,7 +30,8 @@ WEIGHTS_NAME = "weights.safetensors"
 class SceneHeader:
     """What `scene.json` holds. ``path`` is the scene's folder; ``drive`` has the refined tracklets and camera poses.
 
-    ``model``, ``volume`` and ``training`` are free dictionaries that the trainer writes and the loader reads.
+    ``model``, ``volume`` and ``training`` are free dictionaries that the trainer writes and the loader reads. ``weights`` is the
+    SHA-256 of the weights that the header belongs to, "" where it is not known.
     """
 
     path: Path
@@ -42,6 +43,7 @@ class SceneHeader:
     volume: dict[str, Any]
     drive: Drive
     training: dict[str, Any]
+    weights: str = ""
 
 
 def header_path(path: Path) -> Path:
@@ -70,6 +72,7 @@ def read_scene_header(path: Path) -> SceneHeader:
         volume=document.key("volume").object(),
         drive=_read_drive(document.key("drive")),
         training=document.key("training").object(),
+        weights=document.key("weights").text() if "weights" in document.object() else "",
     )
 
 
@@ -85,6 +88,7 @@ def write_scene_header(path: Path, header: SceneHeader) -> None:
         "model": header.model,
         "volume": header.volume,
         "training": header.training,
+        "weights": header.weights,
         "drive": drive_to_json(header.drive),
     }
     lines = []

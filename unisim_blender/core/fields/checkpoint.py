@@ -4,6 +4,7 @@ Tables in half precision, actors' grids baked. No pickle."""
 
 from __future__ import annotations
 
+import dataclasses
 import hashlib
 import os
 from dataclasses import dataclass
@@ -62,7 +63,8 @@ def save_scene(path: Path, header: SceneHeader, model: SceneModel) -> None:
     except (OSError, SafetensorError) as error:
         temporary.unlink(missing_ok=True)
         raise SceneError(f"{path / WEIGHTS} cannot be written: {error}") from error
-    write_scene_header(path, header)
+    # a kill between the two leaves a header that does not belong to the weights, and says so
+    write_scene_header(path, dataclasses.replace(header, weights=weights_hash(path)))
 
 
 def load_scene(path: str | Path, device: str = "cpu") -> Scene:
@@ -88,6 +90,10 @@ def load_scene(path: str | Path, device: str = "cpu") -> Scene:
     if tables is None or tuple(tables.shape) != expected:
         raise SceneError(f"{file}: actors.tables has shape {None if tables is None else tuple(tables.shape)}, not {expected}")
     _check_finite(file, "actors.tables", tables)
+    if header.weights and header.weights != weights_hash(path):
+        raise SceneError(
+            f"{file} does not belong to the {HEADER_NAME} beside it: one of the two was written or copied without the other"
+        )
     model.load_state_dict(state)
     model.eval().requires_grad_(False).to(device)
     return Scene(path, header, model, tables.float().to(device))
