@@ -51,7 +51,7 @@ class _TwoLayers(torch.autograd.Function):
             ctypes.byref(_struct(w1, w2, bias)), x.data_ptr(), len(x), grad.data_ptr(), grad_x.data_ptr(),
             *(None if w is None else w.data_ptr() for w in learnt), torch.get_num_threads(),
         )  # fmt: skip
-        return grad_x, *learnt  # type: ignore[return-value]
+        return grad_x, *learnt
 
 
 def _struct(w1: Tensor, w2: Tensor, bias: Tensor) -> native.MlpStruct:
