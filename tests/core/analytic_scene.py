@@ -110,7 +110,8 @@ def analytic_scene(
     parts[0].forward = lambda x: (static_distance(x), marks[:1].expand(len(x), -1))
     parts[1].forward = lambda tables, x, row: (actor_distance(tables, x, row), marks[row + 1])
     # nothing but the sky lies beyond the volume
-    parts[2].forward = lambda x: (torch.full_like(x[:, 0], -100.0), x.new_zeros(len(x), config.features))
+    parts[2].forward = lambda x: (torch.zeros_like(x[:, 0]), x.new_zeros(len(x), config.features))
+    parts[2].density = lambda x: torch.zeros_like(x[:, 0])
     return scene.requires_grad_(False).eval()
 
 

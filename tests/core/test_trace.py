@@ -352,6 +352,34 @@ def test_what_lies_beyond_the_volume_has_a_depth_and_the_sky_has_none() -> None:
     torch.testing.assert_close(hill.feature, torch.ones_like(hill.feature))
 
 
+def test_the_far_fields_samples_go_where_it_is_dense() -> None:
+    stage = Stage(analytic_scene(empty, {}), drive_of([]))
+    scene, ahead = stage.scene, torch.tensor([1.0, 0.0, 0.0])
+    at = torch.as_tensor(EYE).float() @ scene.frame.rotation.T + scene.frame.translation
+
+    def density(x: torch.Tensor) -> torch.Tensor:
+        return 30.0 * ((x - at).norm(dim=-1) - 400.0).abs().lt(60.0)
+
+    scene.far.density = density  # type: ignore[method-assign]
+    scene.far.forward = lambda x: (density(x), x.new_ones(len(x), scene.config.features))  # type: ignore[method-assign]
+    scene.config = replace(scene.config, samples=replace(scene.config.samples, far_proposals=32, far=6))
+    traced = stage.trace(EYE, ahead.tolist(), far=True)
+    assert traced.far is not None
+    assert int(((traced.far[1] - 400).abs() < 60).sum()) >= 3, "most of the samples lie in the shell"
+    assert float(traced.depth_m) == pytest.approx(400, abs=60)
+
+
+def test_even_places_of_the_far_field_share_its_way() -> None:
+    stage = Stage(analytic_scene(empty, {}), drive_of([]))
+    scene = stage.scene
+    scene.far.density = lambda x: torch.full_like(x[:, 0], 0.7)  # type: ignore[method-assign]
+    scene.far.forward = lambda x: (torch.full_like(x[:, 0], 0.7), x.new_ones(len(x), scene.config.features))  # type: ignore[method-assign]
+    for samples in (2, 9):
+        scene.config = replace(scene.config, samples=replace(scene.config.samples, far=samples))
+        traced = stage.trace(EYE, [1.0, 0, 0], far=True)
+        assert float(traced.opacity) == pytest.approx(1 - np.exp(-0.7), rel=1e-5), "however many there are"
+
+
 def test_the_papers_density() -> None:
     """Opacity of steps of its own length: a plane head-on is met within a step before or behind it."""
     config = replace(preset("tiny"), density="unisim", unisim_step_m=0.2)

@@ -47,9 +47,10 @@ class CameraDecoder(nn.Module):
         super().__init__()
         c, k = config.decoder_channels, config.decoder_kernel
         self.blocks = nn.Sequential(*(Block(c, k) for _ in range(config.decoder_blocks)))
-        self.last = nn.Conv2d(c, 3 * config.upsample**2, 3, padding=1, padding_mode="replicate")
+        k_last = min(k, 3)
+        self.last = nn.Conv2d(c, 3 * config.upsample**2, k_last, padding=k_last // 2, padding_mode="replicate")
         self.upsample = config.upsample
-        self.reach = config.decoder_blocks * 2 * (k // 2) + 1
+        self.reach = config.decoder_blocks * 2 * (k // 2) + k_last // 2
         """How many feature cells away an output pixel can depend on."""
 
     def forward(self, features: Tensor) -> Tensor:

@@ -8,6 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import torch
+import torch.nn.functional as F
 from torch import Tensor
 
 from .cast import Cast, Troupe
@@ -36,7 +37,7 @@ class Sampling:
     far: bool = True
     sky: bool = True
     mirror: Tensor | None = None
-    """(looks,) chance that a look is mirrored, in training."""
+    """(looks,) chance that a look is mirrored, in training: on all the rays that are traced together."""
     generator: torch.Generator | None = None
 
 
@@ -114,8 +115,9 @@ def _actor_strands(
     size, row = troupe.tracklets.sizes_m[hits.actor], troupe.rows[hits.actor]
     flip = None
     if sampling.mirror is not None:
-        chance = torch.rand(len(row), generator=sampling.generator, device=row.device)
-        flip = torch.where(chance < sampling.mirror[row], -1.0, 1.0)
+        # an actor at a time: rays that turned one by one would be noise, which the decoder learns to blur
+        chance = torch.rand(len(sampling.mirror), generator=sampling.generator, device=row.device)
+        flip = torch.where(chance < sampling.mirror, -1.0, 1.0)[row]
 
     def unit(t: Tensor) -> Tensor:
         x = (hits.origins[:, None] + t[..., None] * hits.directions[:, None]) / size[:, None]
@@ -232,20 +234,46 @@ def _in_boxes(cast: Cast, rays: RayBatch, actors: list[Strands], ray: Tensor, t:
     return inside
 
 
+def _disparity(u: Tensor, t0: Tensor, far_m: float) -> Tensor:
+    """Distances at shares u (N, K) of the way from t0 (N, 1) to far_m, even in disparity."""
+    return 1 / ((1 - u) / t0 + u / far_m)
+
+
+@torch.no_grad()
+def _far_places(scene: SceneModel, o: Tensor, d: Tensor, t0: Tensor, sampling: Sampling) -> tuple[Tensor, Tensor]:
+    """Where behind the volume, whose end is t0 (N, 1), the far field is asked, as shares of disparity (N, K), and the lengths
+    (N, K) of the intervals round the places: most where a first, even set of densities says that something is."""
+    samples = scene.config.samples
+    u = stratified(len(o), samples.far_proposals, sampling.jitter, o, sampling.generator)
+    x = o[:, None] + d[:, None] * _disparity(u, t0, scene.config.far_m)[..., None]
+    tau = scene.far.density(x.reshape(-1, 3)).view(u.shape) / samples.far_proposals
+    weight = weights_from_tau(tau)[0] * -torch.expm1(-tau) + 1e-3
+    cdf = F.pad((0.8 * weight / weight.sum(-1, keepdim=True) + 0.2 / samples.far_proposals).cumsum(-1), (1, 0))
+    cdf = cdf / cdf[:, -1:]
+    ends = torch.linspace(0, 1, samples.far + 1, device=o.device, dtype=o.dtype).expand(len(o), -1).contiguous()
+    j = torch.searchsorted(cdf, ends, right=True).clamp(1, samples.far_proposals)
+    c0, c1 = cdf.gather(1, j - 1), cdf.gather(1, j)
+    edges = (j - 1 + (ends - c0) / (c1 - c0)) / samples.far_proposals
+    width = torch.diff(edges, dim=-1)
+    inside = stratified(len(o), samples.far, sampling.jitter, o, sampling.generator) * samples.far
+    inside = inside - torch.arange(samples.far, device=o.device)
+    return edges[:, :-1] + inside * width, width
+
+
 def _add_far(scene: SceneModel, rays: RayBatch, sampling: Sampling, traced: Traced) -> None:
-    """The far field behind the volume, where anything of it can be seen: samples even in disparity, then the sky."""
+    """The far field behind the volume, where anything of it can be seen, then the sky."""
     ray = torch.nonzero(traced.behind.detach() > OPAQUE)[:, 0]
     if len(ray) == 0:
         return
     o, d = scene.frame.points(rays.origins[ray]), scene.frame.vectors(rays.directions[ray])
     _, t_far = scene.frame.span(o, d, NEAR_M)
     count = scene.config.samples.far
-    u = stratified(len(ray), count, sampling.jitter, o, sampling.generator)
     t0 = t_far.clamp_min(NEAR_M)[:, None]
-    t = 1 / ((1 - u) / t0 + u / scene.config.far_m)
+    u, width = _far_places(scene, o, d, t0, sampling)
+    t = _disparity(u, t0, scene.config.far_m)
     x = o[:, None] + d[:, None] * t[..., None]
-    raw, feature = scene.far(x.reshape(-1, 3))
-    tau = torch.nn.functional.softplus(raw.view(u.shape))
+    density, feature = scene.far(x.reshape(-1, 3))
+    tau = density.view(u.shape) * width
     front, behind = weights_from_tau(tau)
     weight = front * -torch.expm1(-tau)
     directions = rays.directions[ray]

@@ -22,12 +22,13 @@ class GridConfig:
 
 @dataclass(frozen=True)
 class SampleConfig:
-    """Samples a ray. ``static_proposals`` and ``actor_proposals`` evaluate the signed distance only, to place the others."""
+    """Samples a ray. Proposals evaluate the signed distance or the density only, to place the others."""
 
     static_proposals: int
     static: int
     actor_proposals: int
     actor: int
+    far_proposals: int
     far: int
 
 
@@ -84,7 +85,7 @@ PRESETS: dict[str, ModelConfig] = {
         static_grid=GridConfig(3.2, 0.1, 6, 4, 15),
         far_grid=GridConfig(8, 256, 4, 4, 13),
         actor_grid=GridConfig(4, 32, 4, 4, 11),
-        samples=SampleConfig(12, 8, 6, 4, 2),
+        samples=SampleConfig(12, 8, 6, 4, 4, 2),
         light="ground",
         hidden=32,
         features=15,
@@ -96,22 +97,28 @@ PRESETS: dict[str, ModelConfig] = {
     "small": ModelConfig(
         static_grid=GridConfig(3.2, 0.05, 8, 4, 19),
         far_grid=GridConfig(8, 2048, 8, 4, 17),
-        actor_grid=GridConfig(4, 64, 6, 4, 12),
-        samples=SampleConfig(16, 12, 10, 8, 6),
+        actor_grid=GridConfig(4, 64, 6, 4, 13),
+        samples=SampleConfig(32, 12, 10, 8, 16, 6),
         light="ground",
+        decoder_blocks=1,
+        decoder_kernel=1,
+        upsample=1,
     ),
     "compact": ModelConfig(
-        static_grid=GridConfig(3.2, 0.05, 8, 4, 16),
-        far_grid=GridConfig(8, 1024, 6, 4, 14),
-        actor_grid=GridConfig(4, 48, 5, 4, 11),
-        samples=SampleConfig(16, 12, 10, 8, 6),
+        static_grid=GridConfig(3.2, 0.05, 8, 4, 17),
+        far_grid=GridConfig(8, 1024, 6, 4, 15),
+        actor_grid=GridConfig(4, 48, 5, 4, 12),
+        samples=SampleConfig(32, 12, 10, 8, 16, 6),
         light="ground",
+        decoder_blocks=1,
+        decoder_kernel=1,
+        upsample=1,
     ),
     "paper": ModelConfig(
         static_grid=GridConfig(7.5, 0.03, 16, 2, 21),
         far_grid=GridConfig(16, 4096, 16, 2, 19),
         actor_grid=GridConfig(16, 256, 8, 2, 14),
-        samples=SampleConfig(48, 32, 24, 24, 16),
+        samples=SampleConfig(48, 32, 24, 24, 24, 16),
         hidden=32,
         features=32,
         head="sample",

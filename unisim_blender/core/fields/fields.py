@@ -14,6 +14,9 @@ INITIAL_DISTANCE_M = 0.1
 INITIAL_ACTOR_DISTANCE_M = 0.3
 """An actor's box is entered from outside: there its field must not stop a ray from the start."""
 
+INITIAL_LOG_DENSITY, MAX_LOG_DENSITY = -1.0, 8.0
+"""Of the far field."""
+
 
 class HashTable(nn.Module):
     """A learnable table of one grid. While it trains, its gradient is added up in place, see `encode`."""
@@ -36,6 +39,10 @@ def _start_outside(network: nn.Sequential, distance_m: float = INITIAL_DISTANCE_
     assert isinstance(last, nn.Linear)
     with torch.no_grad():
         last.bias[0] = distance_m
+
+
+def _density(raw: Tensor) -> Tensor:
+    return torch.exp(raw.clamp_max(MAX_LOG_DENSITY))
 
 
 class StaticField(nn.Module):
@@ -72,11 +79,25 @@ class FarField(nn.Module):
         self.network = mlp(self.grid.grid.shape.width, config.hidden, 1 + config.features)
         self.radius_m = float(min(volume.size_m[:2]) / 2)
         self.frame = VolumeFrame(volume)
+        last = self.network[-1]
+        assert isinstance(last, nn.Linear)
+        with torch.no_grad():
+            # nearly empty: the sky comes first, and matter where it moves against the sky
+            last.bias[0] = INITIAL_LOG_DENSITY
 
     def forward(self, x: Tensor) -> tuple[Tensor, Tensor]:
-        """Raw densities (N,) and features (N, F) at points (N, 3) in volume coordinates."""
-        out = run_mlp(self.network, self.grid(contract(x - self.frame.size_m / 2, self.radius_m)))
-        return out[:, 0], out[:, 1:]
+        """Densities (N,), optical depth over the whole way beyond the volume, even in disparity, and features (N, F) at points
+        (N, 3) in volume coordinates."""
+        out = run_mlp(self.network, self._encode(x))
+        return _density(out[:, 0]), out[:, 1:]
+
+    def density(self, x: Tensor) -> Tensor:
+        """Densities (N,) alone."""
+        return _density(run_mlp(self.network, self._encode(x), 1)[:, 0])
+
+    def _encode(self, x: Tensor) -> Tensor:
+        out: Tensor = self.grid(contract(x - self.frame.size_m / 2, self.radius_m))
+        return out
 
     def sky(self, d: Tensor) -> Tensor:
         """Features (N, F) at infinity, along directions (N, 3) in volume axes."""

@@ -13,6 +13,8 @@ from ..drive import Actor
 from ..geometry import FloatArray
 
 BIN_S = 0.05
+SMOOTH_S = 0.2
+"""Corrections of poses change as slowly as this: what some frames teach holds for the ones between."""
 
 
 def rotation_from_6d(r: Tensor) -> Tensor:
@@ -73,6 +75,14 @@ def slerp(a: Tensor, b: Tensor, u: Tensor) -> Tensor:
     return q / q.norm(dim=-1, keepdim=True)
 
 
+def _smoothing(times_s: Tensor) -> Tensor:
+    """Means (A, K, K) of keys' neighbours in time (A, K), by a Gaussian of SMOOTH_S; keys that only pad have no weight."""
+    real = torch.isfinite(times_s)
+    t = torch.where(real, times_s, torch.zeros_like(times_s))
+    w = torch.exp(-(((t[:, :, None] - t[:, None]) / SMOOTH_S) ** 2) / 2) * real[:, None]
+    return (w / w.sum(-1, keepdim=True).clamp_min(1e-12)).float()
+
+
 @dataclass(frozen=True)
 class Hits:
     """Pairs of a ray and a box that it meets: ray, actor (P,); t_near, t_far (P,); origins, directions (P, 3) in box axes;
@@ -122,6 +132,7 @@ class Tracklets(nn.Module):
             self.turn_6d = nn.Parameter(torch.zeros(n, keys, 6))
             still = torch.tensor([not a.is_moving for a in actors])
             self.register_buffer("still", still, persistent=False)
+            self.register_buffer("smoothing", _smoothing(torch.as_tensor(times)), persistent=False)
 
     times: Tensor
     lengths: Tensor
@@ -132,6 +143,7 @@ class Tracklets(nn.Module):
     end_s: Tensor
     rotation_6d: Tensor
     still: Tensor
+    smoothing: Tensor
     bound_centres: Tensor
     bound_radii: Tensor
 
@@ -165,8 +177,8 @@ class Tracklets(nn.Module):
         if not self.refine:
             return self.positions, self.quaternions
         still = self.still[:, None, None]
-        shift = torch.where(still, self.shift_m.mean(1, keepdim=True), self.shift_m)
-        turn = torch.where(still, self.turn_6d.mean(1, keepdim=True), self.turn_6d)
+        shift = torch.where(still, self.shift_m.mean(1, keepdim=True), self.smoothing @ self.shift_m)
+        turn = torch.where(still, self.turn_6d.mean(1, keepdim=True), self.smoothing @ self.turn_6d)
         return self.positions + shift, quaternion_from_rotation(rotation_from_6d(self.rotation_6d + turn))
 
     def poses_at(self, actor: Tensor, time_s: Tensor, keys: tuple[Tensor, Tensor]) -> tuple[Tensor, Tensor]:

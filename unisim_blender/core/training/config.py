@@ -43,11 +43,14 @@ class TrainConfig:
     seed: int = 0
     patches: int = 16
     patch_cells: int = 16
+    scattered: float = 0.75
+    """Share of the patches that is taken apart, a ray here and a ray there, where the decoder looks at each by itself: a step
+    then touches many more places. What is left serves the perceptual term."""
     lidar_rays: int = 1024
     perceptual_from: float = 0.1
     poses_from: float = 0.3
     mirrored: float = 0.1
-    """Chance that a ray sees a vehicle mirrored. What was never recorded learns from the other side all the same; with a half,
+    """Chance that a step sees a vehicle mirrored. What was never recorded learns from the other side all the same; with a half,
     a lit side and a shaded one would blend."""
     prune_from: int = 300
     settled_from: float = 0.08
@@ -56,8 +59,10 @@ class TrainConfig:
     rate_tables: tuple[float, float] = (1e-2, 1e-3)
     rate_networks: tuple[float, float] = (5e-3, 3e-4)
     rate_poses: tuple[float, float] = (1e-3, 1e-4)
-    rate_cameras: tuple[float, float] = (1e-4, 1e-5)
-    cameras_every: int = 4
+    rate_cameras: tuple[float, float] = (2e-4, 2e-5)
+    slow_every: int = 4
+    """Steps whose gradients are added up before the hypernetwork, the tracklets and the camera mounts are updated: few rays of a
+    step tell about one pose, and taking a gradient through the hypernetwork costs the same for one step as for four."""
     checkpoint_s: float = 120.0
     preview_s: float = 120.0
     vgg: str | None = None

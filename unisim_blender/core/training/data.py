@@ -69,27 +69,31 @@ class CameraData:
             raise LogError(f"{log.path}: no image of {', '.join(cameras)} in the frames asked for")
 
     def patches(self, rng: np.random.Generator, count: int, cells: int, up: int) -> PatchBatch:
-        """``count`` patches of cells x cells feature cells from random places of random images."""
+        """``count`` patches of cells x cells feature cells from random places of random images, those of an image together."""
         origins, directions, times, targets, numbers, rotations = [], [], [], [], [], []
-        for index in rng.integers(len(self.views), size=count):
+        edge = cells * up
+        drawn, counts = np.unique(rng.integers(len(self.views), size=count), return_counts=True)
+        for index, n in zip(drawn, counts, strict=True):
             number, camera, frame, image = self.views[index]
-            edge = cells * up
             if image.shape[0] < edge or image.shape[1] < edge:
                 raise LogError(
                     f"images of {camera.sensor_id} are {image.shape[1]}x{image.shape[0]}, smaller than a patch of {edge}"
                 )
-            y, x = rng.integers(image.shape[0] - edge + 1), rng.integers(image.shape[1] - edge + 1)
-            v, u = np.meshgrid(y + (np.arange(cells) + 0.5) * up, x + (np.arange(cells) + 0.5) * up, indexing="ij")
+            y = rng.integers(image.shape[0] - edge + 1, size=n)[:, None, None]
+            x = rng.integers(image.shape[1] - edge + 1, size=n)[:, None, None]
+            centre, pixel = (np.arange(cells) + 0.5) * up, np.arange(edge)
+            v, u = np.broadcast_arrays(y + centre[:, None], x + centre)
             rays = camera_rays(camera, frame, u.ravel(), v.ravel())
             origins.append(rays.origins)
             directions.append(rays.directions)
             times.append(rays.time_s)
-            targets.append(image[y : y + edge, x : x + edge])
-            numbers.append(number)
-            rotations.append(camera.world_from_camera.at(camera.time_s[frame])[:3, :3])
-        target = torch.as_tensor(np.stack(targets)).permute(0, 3, 1, 2).float() / 255
+            targets.append(image[y + pixel[:, None], x + pixel])
+            numbers.append(np.full(n, number))
+            rotations.append(np.broadcast_to(camera.world_from_camera.at(camera.time_s[frame])[:3, :3], (n, 3, 3)))
+        target = torch.as_tensor(np.concatenate(targets)).permute(0, 3, 1, 2).float() / 255
         batch = ray_batch(np.concatenate(origins), np.concatenate(directions), np.concatenate(times))
-        return PatchBatch(batch, torch.tensor(numbers), target, torch.as_tensor(np.stack(rotations)).float(), cells)
+        turned = torch.as_tensor(np.concatenate(rotations)).float()
+        return PatchBatch(batch, torch.as_tensor(np.concatenate(numbers)), target, turned, cells)
 
 
 class LidarData:

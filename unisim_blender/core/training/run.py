@@ -133,9 +133,15 @@ def _state(trainer: Trainer) -> dict[str, Tensor]:
     tensors |= {f"occupancy.{k}": v.to(torch.uint8) if v.dtype == torch.bool else v for k, v in trainer.occupancy.state().items()}
     if trainer.adversary:
         tensors |= {f"adversary.{k}": v for k, v in trainer.adversary.state().items()}
-    for number, state in trainer.optimiser.state_dict()["state"].items():
-        tensors |= {f"optimiser.{number}.{k}": v for k, v in state.items()}
+    for name, optimiser in _optimisers(trainer):
+        for number, state in optimiser.state_dict()["state"].items():
+            tensors |= {f"{name}.{number}.{k}": v for k, v in state.items()}
+    tensors |= {f"held.{k}": v for k, v in trainer.held_gradients().items()}
     return {k: v.detach().cpu().contiguous() for k, v in tensors.items()}
+
+
+def _optimisers(trainer: Trainer) -> tuple[tuple[str, torch.optim.Optimizer], ...]:
+    return ("optimiser", trainer.optimiser), ("slow", trainer.slow)
 
 
 def _settings(config: TrainConfig) -> str:
@@ -182,12 +188,13 @@ def load_checkpoint(file: Path, trainer: Trainer) -> None:
         trainer.occupancy.load_state({k: v.to(trainer.occupancy.state()[k].dtype) for k, v in under("occupancy.").items()})
     except (RuntimeError, KeyError) as error:
         raise SceneError(f"{file} does not fit this log or version: {error}") from error
-    state: dict[int, dict[str, Tensor]] = {}
-    for name, value in under("optimiser.").items():
-        number, key = name.split(".", 1)
-        state.setdefault(int(number), {})[key] = value
-    whole = trainer.optimiser.state_dict()
-    trainer.optimiser.load_state_dict({"state": state, "param_groups": whole["param_groups"]})
+    for prefix, optimiser in _optimisers(trainer):
+        state: dict[int, dict[str, Tensor]] = {}
+        for name, value in under(f"{prefix}.").items():
+            number, key = name.split(".", 1)
+            state.setdefault(int(number), {})[key] = value
+        optimiser.load_state_dict({"state": state, "param_groups": optimiser.state_dict()["param_groups"]})
+    trainer.hold_gradients(under("held."))
     trainer.iteration, trainer.elapsed_s = int(about["iteration"]), float(about["elapsed_s"])
 
 

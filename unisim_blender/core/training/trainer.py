@@ -25,7 +25,7 @@ from ..fields.tracklets import Tracklets
 from ..fields.volume import Volume
 from ..geometry import FloatArray, invert_pose, transform_points
 from ..log import Log
-from ..strands import Strands, Traced
+from ..strands import RayBatch, Strands, Traced
 from ..trace import Sampling, trace
 from .adversarial import Adversary, shifted
 from .camera_poses import CameraPoses
@@ -95,20 +95,23 @@ class Trainer:
                 if self.config.device == "cpu":
                     module.table.grad = torch.zeros_like(module.table)
                     module.sink_gradient = True
-        known = {id(p) for p in tables}
+        looks = [self.model.actors.latents, *self.model.actors.hypernetwork.parameters()]
+        known = {id(p) for p in (*tables, *looks)}
         networks = [p for p in self.model.parameters() if id(p) not in known]
         c = self.config
-        self.optimiser = torch.optim.Adam(
-            [
-                {"params": tables, "rates": c.rate_tables, "eps": 1e-15},
-                {"params": networks, "rates": c.rate_networks, "eps": 1e-10},
-                {"params": list(self.tracklets.parameters()), "rates": c.rate_poses, "eps": 1e-10},
-                {"params": list(self.camera_poses.parameters()), "rates": c.rate_cameras, "eps": 1e-10},
-            ],
-            lr=1e-3,
-            betas=(0.9, 0.99),
-            fused=c.device != "mps",
+        fast = [
+            {"params": tables, "rates": c.rate_tables, "eps": 1e-15},
+            {"params": networks, "rates": c.rate_networks, "eps": 1e-10},
+        ]
+        slow = [
+            {"params": looks, "rates": c.rate_networks, "eps": 1e-10},
+            {"params": list(self.tracklets.parameters()), "rates": c.rate_poses, "eps": 1e-10},
+            {"params": list(self.camera_poses.parameters()), "rates": c.rate_cameras, "eps": 1e-10},
+        ]
+        self.optimiser, self.slow = (
+            torch.optim.Adam(groups, lr=1e-3, betas=(0.9, 0.99), fused=c.device != "mps") for groups in (fast, slow)
         )
+        self._tables: tuple[Tensor, Tensor] | None = None
 
     # ---- one step
 
@@ -131,28 +134,30 @@ class Trainer:
         rng = np.random.default_rng([c.seed, self.iteration])
         generator = torch.Generator(device=c.device).manual_seed(c.seed * 1_000_003 + self.iteration)
         self._set_rates(done)
-        tables = self.model.actors.tables()
-        # many encodings read the tables in one step: their gradient is added up once, then taken through the hypernetwork
-        cut = tables.detach().requires_grad_()
-        self.model.actors.gradient = cut.grad = torch.zeros_like(cut)
-        cast = self._cast(cut)
-        patch = self._to_device(self.cameras.patches(rng, c.patches, c.patch_cells, self.model.config.upsample))
+        tables = self.actor_tables()
+        self.model.actors.gradient = tables.grad
+        cast = self._cast(tables)
+        batches = self._draw_pixels(rng)
         lidar = self._to_device(self.lidar.sample(rng, c.lidar_rays))
         sampling = Sampling(jitter=True, mirror=self.mirror, generator=generator)
         # gradients with respect to the static field's points are dear: most steps go without
-        learn_cameras = done >= c.poses_from and self.iteration % c.cameras_every == 0
-        rays = self.camera_poses(patch.rays, patch.camera, patch.world_from_camera, learn_cameras)
-        patch = dataclasses.replace(patch, rays=rays)
-        seen = trace(self.model, cast, patch.rays, sampling)
-        image = self._decode(seen, patch)
-        mse = F.mse_loss(image, patch.target)
+        learn_cameras = done >= c.poses_from and self.iteration % c.slow_every == 0
+        batches = [
+            dataclasses.replace(b, rays=self.camera_poses(b.rays, b.camera, b.world_from_camera, learn_cameras)) for b in batches
+        ]
+        seen = trace(self.model, cast, _together([b.rays for b in batches]), sampling)
+        features = seen.feature.split([len(b.rays) for b in batches])
+        images = [self._decode(f, b) for f, b in zip(features, batches, strict=True)]
+        errors = [F.mse_loss(i, b.target, reduction="sum") for i, b in zip(images, batches, strict=True)]
+        mse = torch.stack(errors).sum() / sum(i.numel() for i in images)
+        image, patch = images[0], batches[0]
         terms = {"rgb": mse, "spread": w.spread * spread(seen)}
         if done >= c.perceptual_from:
             terms["perceptual"] = w.perceptual * self.perceptual(image, patch.target)
         fake = None
         if self.adversary and done >= c.poses_from:
             beside = shifted(patch, generator)
-            fake = self._decode(trace(self.model, cast, beside.rays, sampling), beside)
+            fake = self._decode(trace(self.model, cast, beside.rays, sampling).feature, beside)
             terms["adversarial"] = w.adversarial * self.adversary.generator_loss(fake)
         swept = trace(self.model, cast, lidar.rays, dataclasses.replace(sampling, sky=False))
         terms |= self._lidar_loss(swept, lidar)
@@ -164,12 +169,12 @@ class Trainer:
             raise SceneError(f"training diverged at iteration {self.iteration}: {', '.join(bad)} is not a finite number")
         self.optimiser.zero_grad(set_to_none=False)
         loss.backward()
-        tables.backward(cut.grad)
-        self._hold_poses(done < c.poses_from, not learn_cameras)
         self.optimiser.step()
         with torch.no_grad():
             self.model.log_beta.clamp_(max=math.log(BETA_MAX))
         self.model.actors.gradient = None
+        if (self.iteration + 1) % c.slow_every == 0:
+            self._update_slow(done >= c.poses_from)
         if self.adversary and fake is not None:
             self.adversary.update(patch.target, fake)
         self._update_occupancy([seen, swept])
@@ -181,21 +186,62 @@ class Trainer:
         figures["lidar_m"] = float((swept.near_depth_m - lidar.depth_m)[hit].detach().abs().median())
         return figures
 
-    def _hold_poses(self, tracklets: bool, cameras: bool) -> None:
-        held = [*(self.tracklets.parameters() if tracklets else ()), *(self.camera_poses.parameters() if cameras else ())]
-        for parameter in held:
-            parameter.grad = None
+    def actor_tables(self) -> Tensor:
+        """Every actor's grid as it stands between two slow updates; its gradient, of many encodings and steps, is added up."""
+        if self._tables is None:
+            tables = self.model.actors.tables()
+            cut = tables.detach().requires_grad_()
+            cut.grad = torch.zeros_like(cut)
+            self._tables = tables, cut
+        return self._tables[1]
+
+    def _update_slow(self, poses: bool) -> None:
+        assert self._tables is not None
+        tables, cut = self._tables
+        tables.backward(cut.grad)
+        if not poses:
+            for parameter in self.tracklets.parameters():
+                parameter.grad = None
+        self.slow.step()
+        self.slow.zero_grad()
+        self._tables = None
+
+    def held_gradients(self) -> dict[str, Tensor]:
+        """What has been added up since the last slow update, by name."""
+        parameters = [p for group in self.slow.param_groups for p in group["params"]]
+        held = {str(i): p.grad for i, p in enumerate(parameters) if p.grad is not None}
+        if self._tables is not None:
+            assert self._tables[1].grad is not None
+            held["tables"] = self._tables[1].grad
+        return held
+
+    def hold_gradients(self, held: dict[str, Tensor]) -> None:
+        """The inverse of `held_gradients`."""
+        parameters = [p for group in self.slow.param_groups for p in group["params"]]
+        self._tables = None
+        for name, value in held.items():
+            parameter = self.actor_tables() if name == "tables" else parameters[int(name)]
+            parameter.grad = value.to(parameter.device)
 
     def _set_rates(self, done: float) -> None:
-        for group in self.optimiser.param_groups:
+        for group in (*self.optimiser.param_groups, *self.slow.param_groups):
             first, last = group["rates"]
             warm = min(1.0, (self.iteration + 1) / 100)
             group["lr"] = warm * first * (last / first) ** done
 
-    def _decode(self, seen: Traced, patch: PatchBatch) -> Tensor:
+    def _draw_pixels(self, rng: np.random.Generator) -> list[PatchBatch]:
+        """Patches, then as many single cells as the patches that were taken apart held."""
+        c, up = self.config, self.model.config.upsample
+        apart = min(round(c.patches * c.scattered), c.patches - 1) if self.model.camera_decoder.reach == 0 else 0
+        batches = [self.cameras.patches(rng, c.patches - apart, c.patch_cells, up)]
+        if apart:
+            batches.append(self.cameras.patches(rng, apart * c.patch_cells**2, 1, up))
+        return [self._to_device(b) for b in batches]
+
+    def _decode(self, feature: Tensor, patch: PatchBatch) -> Tensor:
         cells = patch.cells
         camera = patch.camera.repeat_interleave(cells * cells)
-        features = self.model.ray_head(seen.feature, patch.rays.directions, camera)
+        features = self.model.ray_head(feature, patch.rays.directions, camera)
         features = features.view(len(patch.camera), cells, cells, -1).permute(0, 3, 1, 2)
         image: Tensor = self.model.camera_decoder(features)
         return image
@@ -320,6 +366,10 @@ class Trainer:
             return value
 
         return move(batch)
+
+
+def _together(parts: list[RayBatch]) -> RayBatch:
+    return RayBatch(*(torch.cat([getattr(p, name) for p in parts]) for name in ("origins", "directions", "time_s")))
 
 
 def _middle(actor: Actor) -> FloatArray:
