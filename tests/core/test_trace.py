@@ -389,6 +389,24 @@ def test_the_papers_density() -> None:
     torch.testing.assert_close(traced.feature[:, 0], traced.opacity, atol=1e-5, rtol=0)
 
 
+def test_a_look_is_mirrored_on_all_rays_or_on_none() -> None:
+    """A block in the left half of its box alone: mirrored, it stands in the right half."""
+    size = np.array([2.0, 4.0, 2.0])
+
+    def left(x: torch.Tensor) -> torch.Tensor:
+        return block([1.8, 1.6, 1.8])(x - torch.tensor([0.0, 1.1, 0.0]))
+
+    stage = Stage(analytic_scene(empty, {"car": (left, size)}), drive_of([still("car", [0, 0, 1.6], size)]))
+    across = torch.stack([torch.full((40,), -20.0), torch.linspace(-1.7, 1.7, 40), torch.full((40,), 1.6)], -1)
+    rays = RayBatch(across, torch.tensor([[1.0, 0, 0]]).expand(40, 3), torch.zeros(40, dtype=torch.float64))
+    sides = []
+    for seed in range(12):
+        sampling = Sampling(fine=4.0, far=False, mirror=torch.tensor([0.5]), generator=torch.Generator().manual_seed(seed))
+        met = trace(stage.scene, stage.cast(), rays, sampling).opacity > 0.5
+        sides.append((bool(met[across[:, 1] > 0.4].all()), bool(met[across[:, 1] < -0.4].all())))
+    assert set(sides) == {(True, False), (False, True)}, "one side or the other, never some rays of each"
+
+
 def test_gradients_reach_every_medium() -> None:
     torch.manual_seed(1)
     size = np.array([4.0, 3.0, 3.0])

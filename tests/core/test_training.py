@@ -21,6 +21,7 @@ from small_log import write_small_log
 from unisim_blender.core.cli import run
 from unisim_blender.core.errors import LogError, SceneError
 from unisim_blender.core.fields.checkpoint import load_scene
+from unisim_blender.core.fields.config import PRESETS, preset
 from unisim_blender.core.log import Log
 from unisim_blender.core.logs import open_log
 from unisim_blender.core.logs.pandaset_writer import PandasetWriter
@@ -268,6 +269,31 @@ def test_patches_are_pixels_with_their_rays(log: Log) -> None:
         image, y, x = next(rays[frame, key] for frame in range(3) if (frame, key) in rays)
         expected = image[y : y + 8, x : x + 8].transpose(2, 0, 1) / np.float32(255)
         np.testing.assert_allclose(batch.target[i].numpy(), expected, atol=1e-6)
+
+
+def test_rays_are_drawn_apart_where_the_decoder_looks_at_pixels_alone(
+    log: Log, monkeypatch: pytest.MonkeyPatch, trainer: Trainer
+) -> None:
+    together = trainer._draw_pixels(np.random.default_rng(0))
+    assert [(len(b.camera), b.cells) for b in together] == [(2, 8)], "a patch for a decoder that sees a pixel's neighbours"
+    alone = replace(preset("tiny"), decoder_kernel=1, upsample=1)
+    monkeypatch.setitem(PRESETS, "alone", alone)
+    apart = Trainer(log, replace(SMALL, preset="alone", patches=4, iterations=1))
+    batches = apart._draw_pixels(np.random.default_rng(0))
+    assert [(len(b.camera), b.cells) for b in batches] == [(1, 8), (3 * 64, 1)], "as many rays as the patches had"
+    assert len(torch.unique(batches[1].rays.time_s)) > 20, "from all over: rows of several frames"
+    assert np.isfinite(apart.step()["loss"])
+
+
+def test_what_changes_slowly_is_updated_every_few_steps(log: Log) -> None:
+    trainer = Trainer(log, replace(SMALL, slow_every=3, poses_from=0.0))
+    slow = [p for group in trainer.slow.param_groups for p in group["params"]]
+    moved = []
+    for _ in range(6):
+        before = [p.detach().clone() for p in slow]
+        trainer.step()
+        moved.append(any(not torch.equal(a, b) for a, b in zip(before, slow, strict=True)))
+    assert moved == [False, False, True, False, False, True]
 
 
 def test_sweeps_give_returns_and_drops(log: Log) -> None:
