@@ -233,7 +233,7 @@ def test_what_nobody_saw_is_free_in_the_end(street: Log, tmp_path: Path) -> None
     unknown = int(((values > 0) & (values < 254)).sum())
     beside = int((values == 254).sum())
     trainer.step()
-    trainer.occupancy.finish(torch.zeros(0, dtype=torch.long))
+    trainer.occupancy.free_unshown()
     assert int(((values > 0) & (values < 254)).sum()) < unknown / 100 and int((values == 254).sum()) < beside
     assert int((values == 255).sum()) > 1000
 

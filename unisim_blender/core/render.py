@@ -10,7 +10,7 @@ lidar_head                 features to intensity and returns       decode.py
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import TypeVar
 
 import numpy as np
@@ -31,7 +31,7 @@ from .sensors.camera import camera_rays, pixel_grid
 from .sensors.lidar import lidar_rays
 from .sensors.rays import Rays
 from .strands import RayBatch, Traced
-from .trace import Sampling, trace
+from .trace import NEAR_M, Sampling, trace
 
 QUALITY = {"fast": 0.67, "balanced": 1.0, "reference": 4.0}
 """Samples along a ray, beside the scene's own number."""
@@ -215,13 +215,14 @@ class Renderer:
         return rgb[0].permute(1, 2, 0)[: model.height, : model.width].cpu().numpy().astype(np.float32)
 
 
-def observe(scene: Scene, cameras: Sequence[str], frames: Sequence[int], width: int | None, points: FloatArray) -> None:
+def observe(scene: Scene, cameras: Sequence[str], frames: Sequence[int], points: FloatArray) -> torch.Tensor:
     """Mark the voxels that training images and LiDAR returns (N, 3) show, for the mask of what nothing recorded supports.
 
     Those next to them are marked too: a surface on the border of two voxels is in one at one time, in the other at another.
+    Returns which voxels (V,) bool, flat, the images look through on the way: nobody saw anything there, and it was in view.
     """
     model = scene.model
-    seen = model.observed.view(-1)
+    seen, through = model.observed.view(-1), torch.zeros_like(model.observed, dtype=torch.bool).view(-1)
     into = invert_pose(model.volume.world_from_volume)
     seen[model.occupancy.cells(torch.as_tensor(transform_points(into, points)).float().to(seen.device))] = 1
     renderer = Renderer(scene, scene.header.drive, quality="fast")
@@ -232,12 +233,30 @@ def observe(scene: Scene, cameras: Sequence[str], frames: Sequence[int], width: 
             u, v = pixel_grid(renderer.drive.cameras[camera].model, max(1, renderer.drive.cameras[camera].model.width // 96))
             rays = camera_rays(renderer.drive.cameras[camera], frame, u, v).flat()
             with torch.no_grad():
-                depth = torch.as_tensor(renderer._trace(rays, {"depth"}, RenderStats(), sky=False)[1]["depth"])
+                depth = torch.as_tensor(renderer._trace(rays, {"depth"}, RenderStats(), sky=False)[1]["depth"]).to(seen.device)
                 batch = to_batch(rays, renderer.device)
-                x = model.frame.points(batch.origins + batch.directions * depth.to(renderer.device)[:, None])
-                seen[model.occupancy.cells(x[((x > 0) & (x < model.frame.size_m)).all(-1)])] = 1
+                x = model.frame.points(batch.origins + batch.directions * depth[:, None])
+                seen[model.occupancy.cells(x[_within(model, x)])] = 1
+                for cells in _ways(model, batch, depth - model.config.voxel_m):
+                    through[cells] = True
     grown = F.max_pool3d(model.observed[None, None].float(), 3, stride=1, padding=1)[0, 0]
     model.observed.copy_(grown)
+    return through
+
+
+def _within(model: SceneModel, x: torch.Tensor) -> torch.Tensor:
+    return ((x > 0) & (x < model.frame.size_m)).all(-1)
+
+
+def _ways(model: SceneModel, rays: RayBatch, depth_m: torch.Tensor) -> Iterator[torch.Tensor]:
+    """Flat voxel numbers that rays come through before depths (N,), a part of the rays at a time."""
+    o, d = model.frame.points(rays.origins), model.frame.vectors(rays.directions)
+    reach = torch.minimum(depth_m, model.frame.span(o, d, NEAR_M)[1])
+    step = model.config.voxel_m / 2
+    for part in torch.arange(len(o), device=o.device).split(1024):
+        t = (torch.arange(int(reach[part].max().clamp_min(0) / step) + 1, device=o.device) + 0.5) * step
+        x = o[part, None] + t[:, None] * d[part, None]
+        yield model.occupancy.cells(x[(t < reach[part, None]) & _within(model, x)])
 
 
 def to_batch(rays: Rays, device: torch.device) -> RayBatch:

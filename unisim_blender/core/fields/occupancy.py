@@ -106,6 +106,7 @@ class OccupancyTrainer:
         self.beside = flat == BESIDE
         self.visited = torch.zeros_like(self.hit)
         self.seen = torch.zeros_like(self.hit)
+        self.passed = flat == FREE
 
     @torch.no_grad()
     def update(self, x: Tensor, weight: Tensor, front: Tensor, prune: bool, settled: bool) -> None:
@@ -138,15 +139,21 @@ class OccupancyTrainer:
         return hidden & (self.occupancy.values.view(-1)[cells] > FREE) if alive else hidden
 
     @torch.no_grad()
-    def finish(self, continued: Tensor) -> None:
-        """Voxels where no LiDAR beam returned are free if no sample came, or none that showed anything: fog that nobody saw.
-
-        All but those ``continued`` (M,), flat numbers: what goes on there unseen, see `training.hidden`.
-        """
+    def free_unshown(self) -> None:
+        """Voxels where no LiDAR beam returned are free if no sample came, or none that showed anything: fog that nobody saw."""
         values = self.occupancy.values.view(-1)
         values[~self.hit & (~self.visited | (self.score < _SHOWN))] = FREE
         values[self.beside & (~self.visited | (self.score < _PRUNE_BELOW))] = FREE
-        values[continued] = HIT
+
+    @torch.no_grad()
+    def look_through(self, through: Tensor) -> None:
+        """Voxels (V,) bool that images looked through, and those that LiDAR did, hide nothing: pruned, they have no samples."""
+        self.seen |= through | self.passed
+
+    @torch.no_grad()
+    def go_on(self, continued: Tensor) -> None:
+        """Voxels (M,), flat numbers, hold what goes on there unseen, see `training.hidden`."""
+        self.occupancy.values.view(-1)[continued] = HIT
 
     def state(self) -> dict[str, Tensor]:
         """What a checkpoint needs beside the voxels."""

@@ -242,12 +242,13 @@ def _as_scene(trainer: Trainer, out: Path) -> Scene:
 
 def finish(trainer: Trainer, out: Path) -> SceneHeader:
     """Free what was never seen, note which voxels the recording supports, write the scene."""
-    trainer.occupancy.finish(trainer.hidden.continued())
     for parameter in trainer.model.parameters():
         parameter.grad = None
     scene = _as_scene(trainer, out)
     trainer.model.eval()
-    observe(scene, trainer.config.cameras, trainer.config.frames, trainer.config.width, trainer.lidar.points)
+    trainer.occupancy.free_unshown()
+    trainer.occupancy.look_through(observe(scene, trainer.config.cameras, trainer.config.frames, trainer.lidar.points))
+    trainer.occupancy.go_on(trainer.hidden.continued())
     save_scene(out, scene.header, trainer.model)
     return scene.header
 
