@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import torch
 from numpy.typing import NDArray
@@ -146,14 +148,21 @@ class OccupancyTrainer:
         values[self.beside & (~self.visited | (self.score < _PRUNE_BELOW))] = FREE
 
     @torch.no_grad()
-    def look_through(self, through: Tensor) -> None:
-        """Voxels (V,) bool that images looked through, and those that LiDAR did, hide nothing: pruned, they have no samples."""
+    def free_hidden(self, through: Tensor, continued: Callable[[], Tensor]) -> None:
+        """Voxels in which no beam returned and nobody looked are free too, all but those ``continued`` (M,), flat numbers.
+
+        ``through`` (V,) bool are voxels that images look through: those, and what LiDAR passed, hide nothing, though pruned as
+        they are they have no samples.
+        """
+        values = self.occupancy.values.view(-1)
         self.seen |= through | self.passed
+        values[~self.seen & (self.beside | ~self.hit)] = FREE
+        values[continued()] = HIT
 
     @torch.no_grad()
-    def go_on(self, continued: Tensor) -> None:
-        """Voxels (M,), flat numbers, hold what goes on there unseen, see `training.hidden`."""
-        self.occupancy.values.view(-1)[continued] = HIT
+    def shown(self) -> Tensor:
+        """Voxels (V,) bool that somebody looked into and that showed something."""
+        return self.seen & (self.occupancy.values.view(-1) > FREE) & (self.score >= _SHOWN)
 
     def state(self) -> dict[str, Tensor]:
         """What a checkpoint needs beside the voxels."""

@@ -116,18 +116,22 @@ class Hidden:
 
     @torch.no_grad()
     def continued(self) -> Tensor:
-        """Hidden voxels (M,), flat numbers, near the ground in which the field has a surface all the same."""
-        if len(self.known_ground) == 0:
-            return torch.zeros(0, dtype=torch.long, device=self.known_ground.device)
-        model, voxel = self.model, self.model.config.voxel_m
-        grid = torch.arange(0, CELL_M, voxel / 2, device=self.known_ground.device) + voxel / 4
-        heights = torch.arange(voxel / 4, REACH_M, voxel / 2, device=grid.device)
-        corner = torch.cartesian_prod(grid, grid)
+        """Hidden voxels (M,), flat numbers, under something that was seen: it goes on down to the ground.
+
+        Voxels decide, not the field: where nobody looked it has surfaces of its own making.
+        """
+        model, device = self.model, self.known_ground.device
+        voxel, shape = model.config.voxel_m, model.occupancy.values.shape
+        corner = torch.arange(0, CELL_M, voxel, device=device)
+        place = ((self.known_ground * CELL_M)[:, None] + torch.cartesian_prod(corner, corner) + voxel / 4).reshape(-1, 2)
+        column = model.occupancy.cells(model.ground.under(place)).unique()
+        ground, levels = column % shape[2], round(REACH_M / voxel)
+        seen, shown = self.occupancy.seen, self.occupancy.shown()
+        goes_on = shown[column - ground + (ground + levels).clamp_max(shape[2] - 1)]
         found = []
-        for cells in self.known_ground.split(2048):
-            place = (cells[:, None] * CELL_M + corner).reshape(-1, 2)
-            x = (model.ground.under(place)[:, None] + F.pad(heights[:, None], (2, 0))).reshape(-1, 3)
-            x = x[self.occupancy.hidden(x, alive=False)]
-            near = model.static.distance(x) < voxel / 4
-            found.append(model.occupancy.cells(x[near]).unique())
+        for level in reversed(range(levels)):
+            cell = column - ground + (ground + level).clamp_max(shape[2] - 1)
+            below = goes_on & ~seen[cell]
+            found.append(cell[below])
+            goes_on = below | shown[cell]
         return torch.cat(found).unique()

@@ -247,8 +247,8 @@ def finish(trainer: Trainer, out: Path) -> SceneHeader:
     scene = _as_scene(trainer, out)
     trainer.model.eval()
     trainer.occupancy.free_unshown()
-    trainer.occupancy.look_through(observe(scene, trainer.config.cameras, trainer.config.frames, trainer.lidar.points))
-    trainer.occupancy.go_on(trainer.hidden.continued())
+    through = observe(scene, trainer.config.cameras, trainer.config.frames, trainer.lidar.points)
+    trainer.occupancy.free_hidden(through, trainer.hidden.continued)
     save_scene(out, scene.header, trainer.model)
     return scene.header
 
