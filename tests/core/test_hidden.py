@@ -14,6 +14,7 @@ from unisim_blender.core.training.hidden import Hidden
 
 GROUND_M = 2.0
 WALL_X_M = 6.0
+NOTHING = torch.zeros(0, 3)
 
 
 @pytest.fixture
@@ -44,7 +45,7 @@ def learn(model: SceneModel, hidden: Hidden, teach: bool, steps: int = 120) -> N
 def test_a_wall_that_was_seen_above_goes_down_to_the_ground(model: SceneModel) -> None:
     occupancy = OccupancyTrainer(model.occupancy)
     cells = torch.as_tensor(np.argwhere(np.ones((10, 10), bool))).float()
-    hidden = Hidden(model, occupancy, cells, None)
+    hidden = Hidden(model, occupancy, cells, None, NOTHING)
     learn(model, hidden, teach=True)
     y = torch.linspace(1, 9, 50)
     low = torch.stack([torch.full_like(y, 5.0), y, torch.full_like(y, GROUND_M + 0.6)], -1)
@@ -66,9 +67,9 @@ def test_voxels_under_a_wall_stay_and_hidden_air_is_free(model: SceneModel) -> N
     wall, crown = (above[:, 0] - 6.25).abs() < 0.1, (above[:, 0] < 3) & (above[:, 2] > GROUND_M + 3)
     ones = torch.ones(len(above))
     for _ in range(300):
-        occupancy.update(above, (wall | crown).float(), ones, prune=True, settled=True)
+        occupancy.update(above, (wall | crown).float(), ones, prune=True, settled=True, camera=True)
     occupancy.free_unshown()
-    hidden = Hidden(model, occupancy, torch.cartesian_prod(torch.arange(10.0), torch.arange(10.0)), None)
+    hidden = Hidden(model, occupancy, torch.cartesian_prod(torch.arange(10.0), torch.arange(10.0)), None, NOTHING)
     occupancy.free_hidden(torch.zeros_like(occupancy.seen), hidden.continued)
     low = everywhere[(everywhere[:, 2] > GROUND_M) & (everywhere[:, 2] < GROUND_M + 1)]
     alive = model.occupancy.values.view(-1)[model.occupancy.cells(low)] > 0
@@ -81,9 +82,9 @@ def test_what_was_looked_through_is_not_continued(model: SceneModel) -> None:
     model.occupancy.values.fill_(20)
     occupancy = OccupancyTrainer(model.occupancy)
     top = torch.tensor([[6.25, 5.25, GROUND_M + 2.25]])
-    occupancy.update(top, torch.ones(1), torch.ones(1), prune=True, settled=True)
+    occupancy.update(top, torch.ones(1), torch.ones(1), prune=True, settled=True, camera=True)
     occupancy.free_unshown()
-    hidden = Hidden(model, occupancy, torch.tensor([[6.0, 5.0]]), None)
+    hidden = Hidden(model, occupancy, torch.tensor([[6.0, 5.0]]), None, NOTHING)
     through = torch.zeros_like(occupancy.seen)
     through[model.occupancy.cells(top - torch.tensor([0, 0, 1.0]))] = True
     occupancy.free_hidden(through, hidden.continued)
@@ -96,25 +97,70 @@ def test_what_was_seen_is_left_alone(model: SceneModel) -> None:
     occupancy = OccupancyTrainer(model.occupancy)
     everywhere = torch.cartesian_prod(*[torch.arange(0.25, 10, 0.5)] * 3)
     ones = torch.ones(len(everywhere))
-    occupancy.update(everywhere, ones, ones, prune=False, settled=False)
+    occupancy.update(everywhere, ones, ones, prune=False, settled=False, camera=True)
     assert bool(occupancy.hidden(everywhere).all())
-    occupancy.update(everywhere, ones, torch.full_like(ones, 0.1), prune=False, settled=True)
+    occupancy.update(everywhere, ones, torch.full_like(ones, 0.1), prune=False, settled=True, camera=True)
     assert bool(occupancy.hidden(everywhere).all())  # behind something
-    occupancy.update(everywhere, ones, ones, prune=False, settled=True)
+    occupancy.update(everywhere, ones, ones, prune=False, settled=True, camera=True)
     assert not bool(occupancy.hidden(everywhere).any())
-    hidden = Hidden(model, occupancy, torch.zeros(1, 2), None)
+    hidden = Hidden(model, occupancy, torch.zeros(1, 2), None, NOTHING)
     assert len(hidden.continued()) == 0
     assert float(hidden.loss(torch.Generator().manual_seed(0))) == 0.0
 
 
 def test_without_known_ground_nothing_is_continued(model: SceneModel) -> None:
-    hidden = Hidden(model, OccupancyTrainer(model.occupancy), torch.zeros(0, 2), None)
+    hidden = Hidden(model, OccupancyTrainer(model.occupancy), torch.zeros(0, 2), None, NOTHING)
     assert float(hidden.loss(torch.Generator().manual_seed(0))) == 0.0 and len(hidden.continued()) == 0
+
+
+def test_lidar_sees_no_looks(model: SceneModel) -> None:
+    """A beam shows where something is, not how it looks: that goes on from what an image shows."""
+    occupancy = OccupancyTrainer(model.occupancy)
+    everywhere = torch.cartesian_prod(*[torch.arange(0.25, 10, 0.5)] * 3)
+    ones = torch.ones(len(everywhere))
+    occupancy.update(everywhere, ones, ones, prune=False, settled=True, camera=False)
+    assert not bool(occupancy.hidden(everywhere).any()) and not bool(occupancy.in_view(everywhere).any())
+    high = everywhere[everywhere[:, 2] > GROUND_M + 1]
+    occupancy.update(high, ones[: len(high)], ones[: len(high)], prune=False, settled=True, camera=True)
+    assert bool(occupancy.in_view(high).all())
+    y = torch.linspace(1, 9, 40)
+    foot = torch.stack([torch.full_like(y, WALL_X_M), y, torch.full_like(y, GROUND_M + 0.7)], -1)
+    hidden = Hidden(model, occupancy, torch.zeros(0, 2), None, foot)
+    # a wall that looks one way, up to where no image shows it
+    wanted = torch.linspace(-1, 1, model.config.features)
+    generator, optimiser = torch.Generator().manual_seed(0), torch.optim.Adam(model.static.parameters(), lr=1e-2)
+    for _ in range(200):
+        z = GROUND_M + 1.1 + 2 * torch.rand(40, generator=generator)
+        look = model.static(torch.stack([foot[:, 0], y, z], -1))[1]
+        optimiser.zero_grad()
+        ((look - wanted).square().mean() + 10 * hidden.loss(generator)).backward()
+        optimiser.step()
+    with torch.no_grad():
+        unlike = (model.static(foot)[1] - wanted).abs().mean()
+    assert float(unlike) < 0.1
+
+
+def test_over_clear_ground_that_no_image_shows_there_is_nothing(model: SceneModel) -> None:
+    occupancy = OccupancyTrainer(model.occupancy)
+    cells = torch.as_tensor(np.argwhere(np.ones((10, 10), bool))).float()
+    axis = torch.arange(0.25, 9, 0.5)
+    ground = torch.cat([torch.cartesian_prod(axis, axis), torch.full((len(axis) ** 2, 1), GROUND_M)], -1)
+    bin_ = torch.tensor([[2.25, 2.25, GROUND_M + 0.6]])
+    hidden = Hidden(model, occupancy, cells, None, torch.cat([ground, bin_]))
+    clear = torch.zeros(20, 20, dtype=torch.bool)
+    clear[:18, :18] = True
+    clear[3:6, 3:6] = False
+    assert torch.equal(hidden.clear.view(20, 20), clear), "where a beam met the ground, and nothing stands"
+    learn(model, hidden, teach=True)
+    x = torch.rand(200, 3) * torch.tensor([3.0, 3, 0.3]) + torch.tensor([5.5, 5.5, GROUND_M + 0.12])
+    with torch.no_grad():
+        error = (model.static.distance(x) - (x[:, 2] - GROUND_M).clamp_max(0.3)).abs()
+    assert float(error.median()) < 0.08
 
 
 def test_only_tables_learn_from_hidden_places(model: SceneModel) -> None:
     cells = torch.as_tensor(np.argwhere(np.ones((10, 10), bool))).float()
-    hidden = Hidden(model, OccupancyTrainer(model.occupancy), cells, (torch.eye(4)[None], torch.full((1, 3), 2.0)))
+    hidden = Hidden(model, OccupancyTrainer(model.occupancy), cells, (torch.eye(4)[None], torch.full((1, 3), 2.0)), NOTHING)
     hidden.loss(torch.Generator().manual_seed(0)).backward()
     assert all(p.grad is None and p.requires_grad for p in model.static.network.parameters())
     assert model.static.grid.table.grad is not None and bool((model.static.grid.table.grad != 0).any())

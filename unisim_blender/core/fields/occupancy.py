@@ -108,18 +108,22 @@ class OccupancyTrainer:
         self.beside = flat == BESIDE
         self.visited = torch.zeros_like(self.hit)
         self.seen = torch.zeros_like(self.hit)
+        self.viewed = torch.zeros_like(self.hit)
         self.passed = flat == FREE
 
     @torch.no_grad()
-    def update(self, x: Tensor, weight: Tensor, front: Tensor, prune: bool, settled: bool) -> None:
+    def update(self, x: Tensor, weight: Tensor, front: Tensor, prune: bool, settled: bool, camera: bool) -> None:
         """Samples at x (N, 3), volume coordinates, got these weights (N,), with these transmittance before of them (N,).
 
-        ``prune`` frees voxels that show nothing; ``settled`` says that surfaces hide what is behind them by now.
+        ``prune`` frees voxels that show nothing; ``settled`` says that surfaces hide what is behind them by now; ``camera`` that
+        an image showed them, not LiDAR.
         """
         values = self.occupancy.values.view(-1)
         cells = self.occupancy.cells(x)
         if settled:
             self.seen[cells[front > _OPEN]] = True
+            if camera:
+                self.viewed[cells[front > _OPEN]] = True
         unique, where = torch.unique(cells, return_inverse=True)
         best = weight.new_zeros(len(unique)).scatter_reduce_(0, where, weight, "amax")
         self.visited[unique] = True
@@ -134,11 +138,10 @@ class OccupancyTrainer:
         values[unique] = torch.where(alive, value, torch.zeros_like(value)).to(torch.uint8)
 
     @torch.no_grad()
-    def hidden(self, x: Tensor, alive: bool = True) -> Tensor:
-        """Which points (N, 3), volume coordinates, lie where no ray looked: (N,) bool; ``alive`` leaves out free voxels."""
+    def hidden(self, x: Tensor) -> Tensor:
+        """Which points (N, 3), volume coordinates, lie where no ray looked, in voxels that are not free: (N,) bool."""
         cells = self.occupancy.cells(x)
-        hidden = ~self.seen[cells]
-        return hidden & (self.occupancy.values.view(-1)[cells] > FREE) if alive else hidden
+        return ~self.seen[cells] & (self.occupancy.values.view(-1)[cells] > FREE)
 
     @torch.no_grad()
     def free_unshown(self) -> None:
@@ -164,9 +167,15 @@ class OccupancyTrainer:
         """Voxels (V,) bool that somebody looked into and that showed something."""
         return self.seen & (self.occupancy.values.view(-1) > FREE) & (self.score >= _SHOWN)
 
+    @torch.no_grad()
+    def in_view(self, x: Tensor) -> Tensor:
+        """Which points (N, 3), volume coordinates, lie where some image shows how things look: (N,) bool."""
+        return self.viewed[self.occupancy.cells(x)]
+
     def state(self) -> dict[str, Tensor]:
         """What a checkpoint needs beside the voxels."""
-        return {"score": self.score, "hit": self.hit, "beside": self.beside, "visited": self.visited, "seen": self.seen}
+        names = ("score", "hit", "beside", "visited", "seen", "viewed")
+        return {name: getattr(self, name) for name in names}
 
     def load_state(self, state: dict[str, Tensor]) -> None:
         """The inverse of `state`."""

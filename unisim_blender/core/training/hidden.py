@@ -18,22 +18,45 @@ from ..fields.scene import SceneModel
 REACH_M = 2.0
 """How high above the ground things are continued downwards: a van's height."""
 _DRAWS, _POINTS = 2048, 192
-_BESIDE_M = 2.0
+_ALONG_M, _ACROSS_M = 6.0, 0.3
+"""Where ground looks for what it may look like: a street goes on along the drive, and across it pavement turns into road."""
+_UP_M = 3.0
+"""How far up a wall does."""
 _BAND_M = 0.3
 """Distances further than this from a surface are not compared."""
+_CLEAR_M = (0.25, 1.0)
+"""Where LiDAR met the ground, and nothing between these heights above it, the ground is all there is."""
 
 
 class Hidden:
     """Draws hidden places and compares them with what is next to them.
 
     ``known_ground`` (C, 2) are the cells whose ground height can be trusted; ``still_boxes`` the poses (B, 4, 4), box to world,
-    and sizes (B, 3) of actors that never move, whose inside the static field is never asked for.
+    and sizes (B, 3) of actors that never move, whose inside the static field is never asked for; ``returns`` (R, 3) what LiDAR
+    met outside of boxes, volume coordinates.
     """
 
     def __init__(
-        self, model: SceneModel, occupancy: OccupancyTrainer, known_ground: Tensor, still_boxes: tuple[Tensor, Tensor] | None
+        self,
+        model: SceneModel,
+        occupancy: OccupancyTrainer,
+        known_ground: Tensor,
+        still_boxes: tuple[Tensor, Tensor] | None,
+        returns: Tensor,
     ) -> None:
         self.model, self.occupancy, self.known_ground, self.still_boxes = model, occupancy, known_ground, still_boxes
+        self.returns = returns.to(known_ground.device)
+        height = (self.returns - model.ground.under(self.returns))[:, 2]
+        stands = self._columns(self.returns[(height > _CLEAR_M[0]) & (height < _CLEAR_M[1])])
+        lies = self._columns(self.returns[height.abs() < _CLEAR_M[0]])
+        self.clear = (lies & (F.max_pool2d(stands[None].float(), 3, stride=1, padding=1)[0] == 0)).view(-1)
+
+    def _columns(self, x: Tensor) -> Tensor:
+        """Columns of voxels (X, Y) bool in which points (N, 3) lie."""
+        shape = self.model.occupancy.values.shape
+        out = torch.zeros(shape[0] * shape[1], dtype=torch.bool, device=x.device)
+        out[self.model.occupancy.cells(x) // shape[2]] = True
+        return out.view(shape[0], shape[1])
 
     def loss(self, generator: torch.Generator) -> Tensor:
         """Mean disagreement of hidden places with their surroundings."""
@@ -42,51 +65,71 @@ class Hidden:
         # together without end
         network = self.model.static.network.requires_grad_(False)
         if len(self.known_ground):
-            total = total + self._unseen(generator)
+            total = total + self._aloft(generator) + self._on_ground(generator)
+        if len(self.returns):
+            total = total + self._looks_of_returns(generator)
         if self.still_boxes is not None:
             total = total + self._under_boxes(*self.still_boxes, generator)
         network.requires_grad_(True)
         return total
 
-    def _unseen(self, generator: torch.Generator) -> Tensor:
-        model, device = self.model, self.known_ground.device
-
-        def rand(*shape: int) -> Tensor:
-            return torch.rand(*shape, generator=generator, device=device)
-
+    def _near_ground(self, reach_m: float, generator: torch.Generator) -> tuple[Tensor, Tensor]:
+        """Points (N, 3) over known ground and their heights (N,) up to ``reach_m``."""
+        device = self.known_ground.device
         cells = self.known_ground[torch.randint(len(self.known_ground), (_DRAWS,), generator=generator, device=device)]
-        place = (cells + rand(_DRAWS, 2)) * CELL_M
-        height = rand(_DRAWS) * REACH_M
-        # every other point is on the ground itself
-        height[::2] = 0.0
-        x = model.ground.under(place) + F.pad(height[:, None], (2, 0))
-        pick = torch.nonzero(self.occupancy.hidden(x))[:_POINTS, 0]
-        x, height = x[pick], height[pick]
-        aloft = height > 0
-        total = x.new_zeros(())
-        if bool(aloft.any()):
-            s, look = model.static(x[aloft])
-            with torch.no_grad():
-                above = x[aloft] + F.pad(0.1 + 0.5 * rand(len(s), 1), (2, 0))
-                s_above, look_above = model.static(above)
-                expected = torch.minimum(s_above, height[aloft])
-            total = total + F.smooth_l1_loss(s.clamp(-_BAND_M, _BAND_M), expected.clamp(-_BAND_M, _BAND_M), beta=0.05)
-            total = total + 0.1 * self._alike(look, look_above, above)
-        if not bool(aloft.all()):
-            ground = x[~aloft]
-            s, look = model.static(ground)
-            with torch.no_grad():
-                beside = model.ground.under(ground[:, :2] + _BESIDE_M * (2 * rand(len(ground), 2) - 1))
-                _, look_beside = model.static(beside)
-            total = total + s.abs().mean() + 0.1 * self._alike(look, look_beside, beside)
-        return total
+        place = (cells + torch.rand(_DRAWS, 2, generator=generator, device=device)) * CELL_M
+        height = torch.rand(_DRAWS, generator=generator, device=device) * reach_m
+        return self.model.ground.under(place) + F.pad(height[:, None], (2, 0)), height
 
-    def _alike(self, look: Tensor, model_look: Tensor, at: Tensor) -> Tensor:
-        """How unlike looks (N, F) are to their models at points (N, 3), of which those count that somebody saw.
+    def _aloft(self, generator: torch.Generator) -> Tensor:
+        """What stands above hidden places goes on downwards; close over clear ground there is nothing."""
+        model, device = self.model, self.known_ground.device
+        x, height = self._near_ground(REACH_M, generator)
+        low = torch.arange(len(x), device=device) % 2 == 0
+        height = torch.where(low, height * (_CLEAR_M[1] / REACH_M / 2), height)
+        x = model.ground.under(x) + F.pad(height[:, None], (2, 0))
+        column = model.occupancy.cells(x) // model.occupancy.values.shape[2]
+        clear = low & self.clear[column] & ~self.occupancy.in_view(x)
+        pick = torch.nonzero(clear | (~low & self.occupancy.hidden(x)))[: 2 * _POINTS, 0]
+        if len(pick) == 0:
+            return x.new_zeros(())
+        x, height, clear = x[pick], height[pick], clear[pick]
+        s = model.static.distance(x)
+        with torch.no_grad():
+            above = x + F.pad(0.1 + 0.5 * torch.rand(len(x), 1, generator=generator, device=device), (2, 0))
+            expected = torch.where(clear, height, torch.minimum(model.static.distance(above), height))
+        return F.smooth_l1_loss(s.clamp(-_BAND_M, _BAND_M), expected.clamp(-_BAND_M, _BAND_M), beta=0.05)
+
+    def _on_ground(self, generator: torch.Generator) -> Tensor:
+        """Ground that no image shows looks like ground along the street."""
+        model, device = self.model, self.known_ground.device
+        x, _ = self._near_ground(0.0, generator)
+        x = x[~self.occupancy.in_view(x)][:_POINTS]
+        if len(x) == 0:
+            return x.new_zeros(())
+        s, look = model.static(x)
+        reach = torch.tensor([_ALONG_M, _ACROSS_M], device=device)
+        beside = model.ground.under(x[:, :2] + reach * (2 * torch.rand(len(x), 2, generator=generator, device=device) - 1))
+        return s.abs().mean() + 0.1 * self._alike(look, beside)
+
+    def _looks_of_returns(self, generator: torch.Generator) -> Tensor:
+        """What LiDAR met and no image shows looks like what is above it."""
+        device = self.returns.device
+        x = self.returns[torch.randint(len(self.returns), (_DRAWS,), generator=generator, device=device)]
+        x = x[self.model.ground.above(x) & ~self.occupancy.in_view(x)][:_POINTS]
+        if len(x) == 0:
+            return x.new_zeros(())
+        above = x + F.pad(0.2 + _UP_M * torch.rand(len(x), 1, generator=generator, device=device), (2, 0))
+        return 0.1 * self._alike(self.model.static(x)[1], above)
+
+    def _alike(self, look: Tensor, at: Tensor) -> Tensor:
+        """How unlike looks (N, F) are to those at points (N, 3), of which the ones count that some image shows.
 
         Hidden places that copy each other drift: nothing holds their looks.
         """
-        seen = ~self.occupancy.hidden(at, alive=False)
+        with torch.no_grad():
+            _, model_look = self.model.static(at)
+        seen = self.occupancy.in_view(at)
         unlike = F.smooth_l1_loss(look, model_look, reduction="none").mean(-1)
         return (unlike * seen).sum() / seen.sum().clamp_min(1)
 

@@ -71,7 +71,9 @@ class Trainer:
         self.rows = torch.arange(len(actors), device=config.device)
         mirrored = [config.mirrored * any(word in a.label.lower() for word in VEHICLES) for a in actors]
         self.mirror = torch.tensor(mirrored, device=config.device)
-        self.hidden = Hidden(self.model, self.occupancy, self.known_ground, self._still_boxes(drive))
+        self.hidden = Hidden(
+            self.model, self.occupancy, self.known_ground, self._still_boxes(drive), torch.as_tensor(points).float()
+        )
         self.perceptual = VggLoss(Path(config.vgg)).to(config.device) if config.vgg else perceptual_stand_in
         self.iteration, self.elapsed_s = 0, 0.0
         self.camera_poses = CameraPoses(len(config.cameras)).to(config.device)
@@ -177,7 +179,8 @@ class Trainer:
             self._update_slow(done >= c.poses_from)
         if self.adversary and fake is not None:
             self.adversary.update(patch.target, fake)
-        self._update_occupancy([seen, swept])
+        self._update_occupancy(seen, camera=True)
+        self._update_occupancy(swept, camera=False)
         self.iteration += 1
         figures = {name: float(value.detach()) for name, value in terms.items()}
         figures["loss"] = float(loss.detach())
@@ -343,15 +346,15 @@ class Trainer:
         return torch.where(at, torch.zeros_like(offset), offset)
 
     @torch.no_grad()
-    def _update_occupancy(self, traced: list[Traced]) -> None:
-        for result in traced:
-            strand = next((s for s in result.strands if s.bounds is None), None)
-            if strand is not None and strand.weight is not None:
-                assert strand.front is not None
-                self.occupancy.update(
-                    strand.points.reshape(-1, 3), strand.weight.flatten(), strand.front.flatten(),
-                    prune=self.iteration >= self.config.prune_from, settled=self.progress >= self.config.settled_from,
-                )  # fmt: skip
+    def _update_occupancy(self, traced: Traced, camera: bool) -> None:
+        strand = next((s for s in traced.strands if s.bounds is None), None)
+        if strand is None or strand.weight is None:
+            return
+        assert strand.front is not None
+        self.occupancy.update(
+            strand.points.reshape(-1, 3), strand.weight.flatten(), strand.front.flatten(),
+            prune=self.iteration >= self.config.prune_from, settled=self.progress >= self.config.settled_from, camera=camera,
+        )  # fmt: skip
 
     def _to_device(self, batch: Any) -> Any:
         device = self.config.device
