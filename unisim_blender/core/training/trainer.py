@@ -149,7 +149,7 @@ class Trainer:
         ]
         seen = trace(self.model, cast, _together([b.rays for b in batches]), sampling)
         features = seen.feature.split([len(b.rays) for b in batches])
-        images = [self._decode(f, b) for f, b in zip(features, batches, strict=True)]
+        images = [self._decode(f, b, generator) for f, b in zip(features, batches, strict=True)]
         errors = [F.mse_loss(i, b.target, reduction="sum") for i, b in zip(images, batches, strict=True)]
         mse = torch.stack(errors).sum() / sum(i.numel() for i in images)
         image, patch = images[0], batches[0]
@@ -159,7 +159,7 @@ class Trainer:
         fake = None
         if self.adversary and done >= c.poses_from:
             beside = shifted(patch, generator)
-            fake = self._decode(trace(self.model, cast, beside.rays, sampling).feature, beside)
+            fake = self._decode(trace(self.model, cast, beside.rays, sampling).feature, beside, generator)
             terms["adversarial"] = w.adversarial * self.adversary.generator_loss(fake)
         swept = trace(self.model, cast, lidar.rays, dataclasses.replace(sampling, sky=False))
         terms |= self._lidar_loss(swept, lidar)
@@ -241,10 +241,13 @@ class Trainer:
             batches.append(self.cameras.patches(rng, apart * c.patch_cells**2, 1, up))
         return [self._to_device(b) for b in batches]
 
-    def _decode(self, feature: Tensor, patch: PatchBatch) -> Tensor:
-        cells = patch.cells
+    def _decode(self, feature: Tensor, patch: PatchBatch, generator: torch.Generator) -> Tensor:
+        cells, directions = patch.cells, patch.rays.directions
         camera = patch.camera.repeat_interleave(cells * cells)
-        features = self.model.ray_head(feature, patch.rays.directions, camera)
+        # a patch turns as one, for it is looked at as one
+        turn = torch.randn(len(patch.camera), 3, generator=generator, device=directions.device) * self.config.turned_rad
+        turned = directions + torch.linalg.cross(turn.repeat_interleave(cells * cells, 0), directions)
+        features = self.model.ray_head(feature, F.normalize(turned, dim=-1), camera)
         features = features.view(len(patch.camera), cells, cells, -1).permute(0, 3, 1, 2)
         image: Tensor = self.model.camera_decoder(features)
         return image
