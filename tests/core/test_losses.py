@@ -26,6 +26,7 @@ from unisim_blender.core.training.losses import (
     lidar_terms,
     perceptual_stand_in,
     spread,
+    turning,
     ssim,
 )
 from unisim_blender.core.training.perceptual import VggLoss
@@ -81,6 +82,12 @@ def test_gradient_difference_by_hand() -> None:
 )
 def test_distances_about_a_return(offset: float, s: float, loss: float) -> None:
     assert float(distance_band(torch.tensor([s]), torch.tensor([offset]))) == pytest.approx(loss, abs=1e-6)
+
+
+def test_turning_is_the_angle_between_normals_however_long() -> None:
+    a = torch.tensor([[2.0, 0, 0], [0, 3, 0], [0, 0, 0.5]])
+    b = torch.tensor([[0.1, 0, 0], [0, -1, 0], [0, 1.0, 0]])
+    assert float(turning(a, b)) == pytest.approx((0 + 2 + 2**0.5) / 3)
 
 
 def test_eikonal() -> None:

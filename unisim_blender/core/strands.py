@@ -85,3 +85,8 @@ class Traced:
     """What the far field gave: ray (R,), t, tau, and the transmittance in front (R, K)."""
     without_guests: Tensor | None = None
     """``feature`` as if no guest were there; None where none is."""
+
+    @property
+    def static(self) -> Strands | None:
+        """The strands through the static field; None where no ray met it."""
+        return next((strand for strand in self.strands if strand.bounds is None), None)

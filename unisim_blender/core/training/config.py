@@ -21,6 +21,7 @@ class LossWeights:
     lidar_drop: float = 0.02
     band: float = 0.1
     eikonal: float = 0.005
+    flat: float = 0.002
     spread: float = 0.001
     hidden: float = 0.02
     adversarial: float = 0.001
@@ -62,7 +63,7 @@ class TrainConfig:
     rate_tables: tuple[float, float] = (1e-2, 1e-3)
     rate_networks: tuple[float, float] = (5e-3, 3e-4)
     rate_poses: tuple[float, float] = (1e-3, 1e-4)
-    rate_cameras: tuple[float, float] = (2e-4, 2e-5)
+    rate_cameras: tuple[float, float] = (5e-5, 5e-6)
     slow_every: int = 4
     """Steps whose gradients are added up before the hypernetwork, the tracklets and the camera mounts are updated: few rays of a
     step tell about one pose, and taking a gradient through the hypernetwork costs the same for one step as for four."""

@@ -108,9 +108,17 @@ def eikonal(differences: Tensor) -> Tensor:
     return ((differences.norm(dim=-1) - 1) ** 2).mean()
 
 
+def turning(a: Tensor, b: Tensor) -> Tensor:
+    """How much directions turn from gradients a (N, 3) to b (N, 3): mean length of the difference of their unit vectors.
+
+    The length, not its square: edges turn a lot, and are meant to.
+    """
+    return (F.normalize(a, dim=-1) - F.normalize(b, dim=-1)).norm(dim=-1).mean()
+
+
 def spread(traced: Traced) -> Tensor:
     """How far a ray's weight is spread in log depth: the distortion of mip-NeRF 360 (eq. 15), on the static strands."""
-    strand = next((s for s in traced.strands if s.bounds is None), None)
+    strand = traced.static
     if strand is None:
         return traced.feature.new_zeros(())
     w = strand.interval_weight

@@ -17,28 +17,26 @@ from ..drive import Actor, Drive
 from ..errors import SceneError
 from ..fields.config import preset
 from ..fields.fields import HashTable
-from ..fields.gradient import CORNERS, distance_gradient
-from ..fields.ground import CELL_M, ground_heights
+from ..fields.ground import ground_heights
 from ..fields.occupancy import OccupancyTrainer, seed_voxels
 from ..fields.scene import SceneModel
 from ..fields.tracklets import Tracklets
 from ..fields.volume import Volume
 from ..geometry import FloatArray, invert_pose, transform_points
 from ..log import Log
-from ..strands import RayBatch, Strands, Traced
+from ..strands import RayBatch, Traced
 from ..trace import Sampling, trace
 from .adversarial import Adversary, shifted
 from .camera_poses import CameraPoses
 from .config import VEHICLES, TrainConfig
 from .data import CameraData, LidarBatch, LidarData, PatchBatch
 from .hidden import Hidden
-from .losses import distance_band, eikonal, lidar_terms, perceptual_stand_in, spread
+from .losses import lidar_terms, perceptual_stand_in, spread
 from .perceptual import VggLoss
+from .shape import Shape
 
 BETA_MAX = 100.0
 """Sharper than this, 1 / metres, a surface is far thinner than the finest cell, and no gradient comes from beside it."""
-_STEP_M = 0.06
-"""Over this distance the signed distance's gradient is taken: about the finest cell."""
 
 
 class Trainer:
@@ -71,12 +69,13 @@ class Trainer:
         self.rows = torch.arange(len(actors), device=config.device)
         mirrored = [config.mirrored * any(word in a.label.lower() for word in VEHICLES) for a in actors]
         self.mirror = torch.tensor(mirrored, device=config.device)
+        self.shape = Shape(self.model, self.known_ground)
         self.hidden = Hidden(
             self.model, self.occupancy, self.known_ground, self._still_boxes(drive), torch.as_tensor(points).float()
         )
         self.perceptual = VggLoss(Path(config.vgg)).to(config.device) if config.vgg else perceptual_stand_in
         self.iteration, self.elapsed_s = 0, 0.0
-        self.camera_poses = CameraPoses(len(config.cameras)).to(config.device)
+        self.camera_poses = CameraPoses(self.cameras.times_s()).to(config.device)
         self.adversary = Adversary(config.device, config.seed) if config.adversarial else None
         self._make_optimiser()
 
@@ -163,7 +162,9 @@ class Trainer:
             terms["adversarial"] = w.adversarial * self.adversary.generator_loss(fake)
         swept = trace(self.model, cast, lidar.rays, dataclasses.replace(sampling, sky=False))
         terms |= self._lidar_loss(swept, lidar)
-        terms |= self._shape_loss(cast, swept, seen, lidar, generator)
+        terms |= {name: getattr(w, name) * term for name, term in self.shape.terms(tables, swept, seen, lidar, generator).items()}
+        if done >= c.hidden_from:
+            terms["hidden"] = w.hidden * self.hidden.loss(generator)
         terms["latent"] = w.latent * self.model.actors.latents.square().mean()
         loss = torch.stack(list(terms.values())).sum()
         if not bool(torch.isfinite(loss)):
@@ -266,91 +267,9 @@ class Trainer:
             "drop": w.lidar_drop * F.binary_cross_entropy_with_logits(logit, lidar.returned.float(), lidar.weight),
         }
 
-    def _shape_loss(
-        self, cast: Cast, swept: Traced, seen: Traced, lidar: LidarBatch, generator: torch.Generator
-    ) -> dict[str, Tensor]:
-        """Signed distances at LiDAR returns and gradients of length 1 round them; the ground under boxes that never move."""
-        w, model = self.config.weights, self.model
-        o, d = model.frame.points(lidar.rays.origins), model.frame.vectors(lidar.rays.directions)
-        in_box = torch.zeros_like(lidar.returned)
-        end = o + d * lidar.depth_m[:, None]
-        above = model.ground.above(end)
-        band = o.new_zeros(())
-        for strand in swept.strands:
-            if strand.bounds is None:
-                continue
-            depth = lidar.depth_m[strand.ray]
-            met = lidar.returned[strand.ray] & above[strand.ray] & (depth > strand.bounds[0]) & (depth < strand.bounds[1])
-            in_box[strand.ray[met]] = True
-            if not bool(met.any()):
-                continue
-            # a strand's points lie on a line: where it is at any depth follows from two of them
-            t0, t1 = strand.t[met, :1], strand.t[met, -1:]
-            p0, p1 = strand.points[met, 0], strand.points[met, -1]
-            offset = self._offsets(int(met.sum()), generator, 0.15)
-            x = p0 + (depth[met, None] - offset[:, None] - t0) / (t1 - t0).clamp_min(1e-4) * (p1 - p0)
-            s = model.actors.distance(cast.own.tables, x.clamp(0, 1), strand.medium[met])
-            band = band + distance_band(s, offset)
-        static = lidar.returned & ~in_box
-        offset = self._offsets(int(static.sum()), generator, 0.3)
-        x = o[static] + d[static] * (lidar.depth_m[static] - offset)[:, None]
-        band = band + distance_band(model.static.distance(x), offset) + self._ground_band(end[static & ~above], generator)
-        centre = x.detach()[torch.randperm(len(x), generator=generator, device=x.device)[:512]]
-        gradients = [self._static_gradient(centre)]
-        for strand in (*seen.strands, *swept.strands):
-            gradients.append(self._gradient(strand, cast.own.tables, generator))
-        terms = {"band": w.band * band, "eikonal": w.eikonal * eikonal(torch.cat(gradients))}
-        if self.progress >= self.config.hidden_from:
-            terms["hidden"] = w.hidden * self.hidden.loss(generator)
-        return terms
-
-    def _static_gradient(self, x: Tensor) -> Tensor:
-        return distance_gradient(self.model.static.distance, x, _STEP_M)
-
-    def _gradient(self, strand: Strands, tables: Tensor, generator: torch.Generator) -> Tensor:
-        """Gradients (N, 3) of the distance at some of a strand's samples that carry weight."""
-        assert strand.weight is not None
-        likely = torch.nonzero(strand.weight.detach().flatten() > 0.02)[:, 0]
-        if len(likely) == 0:
-            return strand.t.new_zeros(0, 3)
-        pick = likely[torch.randint(len(likely), (384,), generator=generator, device=likely.device)]
-        x = strand.points.detach().reshape(-1, 3)[pick]
-        if strand.size_m is None:
-            return self._static_gradient(x)
-        row = pick // strand.t.shape[1]
-        actor = strand.medium[row].repeat_interleave(CORNERS)
-        return distance_gradient(lambda y: self.model.actors.distance(tables, y, actor), x, _STEP_M, strand.size_m[row])
-
-    def _ground_band(self, returns: Tensor, generator: torch.Generator) -> Tensor:
-        """Over and under returns from the ground (N, 3) the distance is the height; deeper, anywhere, it is well below zero.
-
-        A ray that grazes the road would else pass a hair's breadth below it, where a distance of 0 stops nothing.
-        """
-        device = self.config.device
-        if len(returns) == 0 or len(self.known_ground) == 0:
-            return returns.new_zeros(())
-        height = torch.rand(len(returns), generator=generator, device=device) * 0.6 - 0.4
-        height = torch.where(height > 0.1, torch.zeros_like(height), height)
-        s = self.model.static.distance(returns + F.pad(height[:, None], (2, 0)))
-        band = distance_band(s, height) + F.relu(s - 0.8 * height)[height < 0].sum() / len(returns)
-        cells = self.known_ground[torch.randint(len(self.known_ground), (256,), generator=generator, device=device)]
-        place = (cells + torch.rand(256, 2, generator=generator, device=device)) * CELL_M
-        deep = 0.15 + 0.35 * torch.rand(256, generator=generator, device=device)
-        x = torch.cat([place, torch.zeros_like(deep)[:, None]], -1)
-        x = torch.cat([place, (self.model.ground.height(x) - deep)[:, None]], -1)
-        return band + F.relu(self.model.static.distance(x) + 0.1).mean()
-
-    def _offsets(self, count: int, generator: torch.Generator, reach_m: float) -> Tensor:
-        """Offsets (N,) before (+) and behind (-) a return; a third of them exactly at it."""
-        device = self.config.device
-        offset = (torch.rand(count, generator=generator, device=device) * 2 - 1) * reach_m
-        offset = torch.where(offset < 0, offset * 0.3, offset)
-        at = torch.rand(count, generator=generator, device=device) < 0.34
-        return torch.where(at, torch.zeros_like(offset), offset)
-
     @torch.no_grad()
     def _update_occupancy(self, traced: Traced, camera: bool) -> None:
-        strand = next((s for s in traced.strands if s.bounds is None), None)
+        strand = traced.static
         if strand is None or strand.weight is None:
             return
         assert strand.front is not None

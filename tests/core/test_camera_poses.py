@@ -1,0 +1,61 @@
+"""Corrections of cameras: training and the finished scene see along the same rays, and frames between learn from both sides."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import torch
+from turning_drive import turning_drive
+
+from unisim_blender.core.drive import RollingShutter
+from unisim_blender.core.sensors.camera import camera_rays
+from unisim_blender.core.strands import RayBatch
+from unisim_blender.core.training.camera_poses import CameraPoses
+from unisim_blender.core.training.data import ray_batch
+
+
+def test_the_finished_camera_sees_along_the_rays_that_training_saw_along() -> None:
+    recorded = turning_drive().cameras["front"]
+    # rows at other times than the image's would see the poses between two keys
+    camera = replace(recorded, model=replace(recorded.model, shutter=RollingShutter()))
+    frames = sorted(camera.time_s)[::2]
+    poses = CameraPoses([np.array([camera.time_s[f] for f in frames])])
+    generator = torch.Generator().manual_seed(0)
+    with torch.no_grad():
+        poses.shift_m.copy_(0.05 * torch.randn(poses.shift_m.shape, generator=generator))
+        poses.turn_rad.copy_(0.002 * torch.randn(poses.turn_rad.shape, generator=generator))
+    after = poses.corrected(camera, 0)
+    for frame in frames:
+        u, v = np.array([0.5, 3.5, 7.5]), np.array([0.5, 2.5, 1.5])
+        before, wanted = camera_rays(camera, frame, u, v), camera_rays(after, frame, u, v)
+        rotation = camera.world_from_camera.at(camera.time_s[frame])[:3, :3]
+        rays = ray_batch(before.origins, before.directions, before.time_s)
+        got = poses(rays, torch.zeros(1, dtype=torch.long), torch.as_tensor(rotation)[None], learn=True)
+        assert np.abs(got.origins.detach().numpy() - wanted.origins).max() < 1e-5
+        assert np.abs(got.directions.detach().numpy() - wanted.directions).max() < 1e-5
+
+
+def test_a_frame_between_two_is_corrected_as_both_are() -> None:
+    poses = CameraPoses([np.array([0.0, 0.2, 0.4]), np.array([0.1])])
+    with torch.no_grad():
+        poses.turn_rad[0, :, 0] = torch.tensor([0.0, 1e-3, 3e-3])
+        poses.shift_m[1, 0] = torch.tensor([1.0, 2.0, 3.0])
+    camera, time = torch.tensor([0, 0, 1, 1, 0]), torch.tensor([0.3, 0.2, 0.1, 9.0, -50.0], dtype=torch.float64)
+    shift, turn = poses.at(camera, time)
+    turn[0].sum().backward()
+    shift, turn = shift.detach(), turn.detach()
+    assert abs(float(turn[0, 0]) - 2e-3) < 2e-4
+    assert abs(float(turn[1, 0]) - 1e-3) < 4e-4
+    assert torch.equal(shift[2:4], torch.tensor([[1.0, 2.0, 3.0]] * 2)), "a camera of one image is corrected as a whole"
+    assert float(turn[4, 0]) == 0, "long before the first image it is as in the first"
+    grad = poses.turn_rad.grad
+    assert grad is not None and float(grad[0, 1, 0]) > 0.4 and float(grad[0, 2, 0]) > 0.4
+
+
+def test_no_gradient_where_cameras_do_not_learn() -> None:
+    poses = CameraPoses([np.array([0.0, 0.1])])
+    rays = RayBatch(torch.zeros(2, 3), torch.eye(3)[:2], torch.zeros(2, dtype=torch.float64))
+    pose = torch.eye(3)[None]
+    assert not poses(rays, torch.zeros(1, dtype=torch.long), pose, learn=False).directions.requires_grad
+    assert poses(rays, torch.zeros(1, dtype=torch.long), pose, learn=True).directions.requires_grad

@@ -1,0 +1,133 @@
+"""What shapes the signed distances in training, beside what rays see of them: LiDAR returns, slopes, the ground."""
+
+from __future__ import annotations
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor
+
+from ..fields.gradient import CORNERS, distance_gradient
+from ..fields.ground import CELL_M
+from ..fields.scene import SceneModel
+from ..strands import Strands, Traced
+from .data import LidarBatch
+from .losses import distance_band, eikonal, turning
+
+_FLAT_M = 0.4
+"""Surfaces are compared with themselves up to this far away."""
+_STEP_M = 0.06
+"""Over this distance the signed distance's gradient is taken: about the finest cell."""
+
+
+class Shape:
+    """The loss's terms about a model's distances; ``known_ground`` (C, 2) are the cells whose ground height can be trusted."""
+
+    def __init__(self, model: SceneModel, known_ground: Tensor) -> None:
+        self.model, self.known_ground = model, known_ground
+
+    def terms(
+        self, tables: Tensor, swept: Traced, seen: Traced, lidar: LidarBatch, generator: torch.Generator
+    ) -> dict[str, Tensor]:
+        """``band``: signed distances at LiDAR returns; ``eikonal``: gradients of length 1; ``flat``: normals that turn little.
+
+        ``tables`` are the actors' grids; ``swept`` and ``seen`` what the rays of ``lidar`` and of the cameras met.
+        """
+        model = self.model
+        o, d = model.frame.points(lidar.rays.origins), model.frame.vectors(lidar.rays.directions)
+        in_box = torch.zeros_like(lidar.returned)
+        end = o + d * lidar.depth_m[:, None]
+        above = model.ground.above(end)
+        band = o.new_zeros(())
+        for strand in swept.strands:
+            if strand.bounds is None:
+                continue
+            depth = lidar.depth_m[strand.ray]
+            met = lidar.returned[strand.ray] & above[strand.ray] & (depth > strand.bounds[0]) & (depth < strand.bounds[1])
+            in_box[strand.ray[met]] = True
+            if not bool(met.any()):
+                continue
+            # a strand's points lie on a line: where it is at any depth follows from two of them
+            t0, t1 = strand.t[met, :1], strand.t[met, -1:]
+            p0, p1 = strand.points[met, 0], strand.points[met, -1]
+            offset = self._offsets(int(met.sum()), generator, 0.15)
+            x = p0 + (depth[met, None] - offset[:, None] - t0) / (t1 - t0).clamp_min(1e-4) * (p1 - p0)
+            s = model.actors.distance(tables, x.clamp(0, 1), strand.medium[met])
+            band = band + distance_band(s, offset)
+        static = lidar.returned & ~in_box
+        offset = self._offsets(int(static.sum()), generator, 0.3)
+        x = o[static] + d[static] * (lidar.depth_m[static] - offset)[:, None]
+        band = band + distance_band(model.static.distance(x), offset) + self._ground_band(end[static & ~above], generator)
+        centre = x.detach()[torch.randperm(len(x), generator=generator, device=x.device)[:512]]
+        gradients = [self._static_gradient(centre)]
+        for strand in (*seen.strands, *swept.strands):
+            gradients.append(self._gradient(strand, tables, generator))
+        return {"band": band, "eikonal": eikonal(torch.cat(gradients)), "flat": self._flatness(seen, generator)}
+
+    def _flatness(self, seen: Traced, generator: torch.Generator) -> Tensor:
+        """How much the normals of what images show turn within _FLAT_M along the surface: mean length of the difference.
+
+        Where no LiDAR reaches, high up and far away, images alone tell depth, and a drive straight on tells them little.
+        """
+        strand = seen.static
+        if strand is None:
+            return seen.feature.new_zeros(())
+        x = strand.points.detach().reshape(-1, 3)[self._likely(strand, 256, generator)]
+        if len(x) == 0:
+            return seen.feature.new_zeros(())
+        beside = torch.randn(x.shape, generator=generator, device=x.device)
+        with torch.no_grad():
+            normal = F.normalize(self._static_gradient(x), dim=-1)
+            beside = F.normalize(beside - (beside * normal).sum(-1, keepdim=True) * normal, dim=-1)
+            beside = x + _FLAT_M * torch.rand(len(x), 1, generator=generator, device=x.device) * beside
+        both = self._static_gradient(torch.cat([x, beside])).view(2, -1, 3)
+        return turning(both[0], both[1])
+
+    def _static_gradient(self, x: Tensor) -> Tensor:
+        return distance_gradient(self.model.static.distance, x, _STEP_M)
+
+    def _likely(self, strand: Strands, count: int, generator: torch.Generator) -> Tensor:
+        """Numbers (count,) of random samples of a strand that carry weight; none (0,) where it has none."""
+        assert strand.weight is not None
+        likely = torch.nonzero(strand.weight.detach().flatten() > 0.02)[:, 0]
+        if len(likely) == 0:
+            return likely
+        return likely[torch.randint(len(likely), (count,), generator=generator, device=likely.device)]
+
+    def _gradient(self, strand: Strands, tables: Tensor, generator: torch.Generator) -> Tensor:
+        """Gradients (N, 3) of the distance at some of a strand's samples that carry weight."""
+        pick = self._likely(strand, 384, generator)
+        x = strand.points.detach().reshape(-1, 3)[pick]
+        if len(pick) == 0:
+            return x
+        if strand.size_m is None:
+            return self._static_gradient(x)
+        row = pick // strand.t.shape[1]
+        actor = strand.medium[row].repeat_interleave(CORNERS)
+        return distance_gradient(lambda y: self.model.actors.distance(tables, y, actor), x, _STEP_M, strand.size_m[row])
+
+    def _ground_band(self, returns: Tensor, generator: torch.Generator) -> Tensor:
+        """Over and under returns from the ground (N, 3) the distance is the height; deeper, anywhere, it is well below zero.
+
+        A ray that grazes the road would else pass a hair's breadth below it, where a distance of 0 stops nothing.
+        """
+        device = self.known_ground.device
+        if len(returns) == 0 or len(self.known_ground) == 0:
+            return returns.new_zeros(())
+        height = torch.rand(len(returns), generator=generator, device=device) * 0.6 - 0.4
+        height = torch.where(height > 0.1, torch.zeros_like(height), height)
+        s = self.model.static.distance(returns + F.pad(height[:, None], (2, 0)))
+        band = distance_band(s, height) + F.relu(s - 0.8 * height)[height < 0].sum() / len(returns)
+        cells = self.known_ground[torch.randint(len(self.known_ground), (256,), generator=generator, device=device)]
+        place = (cells + torch.rand(256, 2, generator=generator, device=device)) * CELL_M
+        deep = 0.15 + 0.35 * torch.rand(256, generator=generator, device=device)
+        x = torch.cat([place, torch.zeros_like(deep)[:, None]], -1)
+        x = torch.cat([place, (self.model.ground.height(x) - deep)[:, None]], -1)
+        return band + F.relu(self.model.static.distance(x) + 0.1).mean()
+
+    def _offsets(self, count: int, generator: torch.Generator, reach_m: float) -> Tensor:
+        """Offsets (N,) before (+) and behind (-) a return; a third of them exactly at it."""
+        device = self.known_ground.device
+        offset = (torch.rand(count, generator=generator, device=device) * 2 - 1) * reach_m
+        offset = torch.where(offset < 0, offset * 0.3, offset)
+        at = torch.rand(count, generator=generator, device=device) < 0.34
+        return torch.where(at, torch.zeros_like(offset), offset)
