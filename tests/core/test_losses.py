@@ -26,8 +26,8 @@ from unisim_blender.core.training.losses import (
     lidar_terms,
     perceptual_stand_in,
     spread,
-    turning,
     ssim,
+    turning,
 )
 from unisim_blender.core.training.perceptual import VggLoss
 

@@ -97,6 +97,24 @@ def trainer(log: Log) -> Trainer:
     return Trainer(log, SMALL)
 
 
+def test_a_device_without_float64_trains_and_renders_alike(
+    log: Log, whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As Apple's mps: times are float32 there."""
+    monkeypatch.setattr("unisim_blender.core.devices.has_float64", lambda device: False)
+    trainer = Trainer(log, SMALL)
+    kept = (trainer.model, trainer.tracklets, trainer.camera_poses)
+    assert not any(b.dtype == torch.float64 for module in kept for b in module.buffers())
+    train(log, SMALL, tmp_path, quiet=True)
+    scene, wanted = load_scene(tmp_path), load_scene(whole)
+    renderer = Renderer(scene, scene.header.drive)
+    assert renderer.cast.own.tracklets.times.dtype == torch.float32
+    got = renderer.camera("front_camera", 1).rgb
+    monkeypatch.undo()
+    expected = Renderer(wanted, wanted.header.drive).camera("front_camera", 1).rgb
+    assert np.abs(got - expected).mean() < 0.01
+
+
 @pytest.mark.parametrize("number", (signal.SIGINT, signal.SIGTERM))
 @pytest.mark.parametrize("adversarial", (False, True))
 def test_a_stopped_training_resumes_to_the_same_weights(

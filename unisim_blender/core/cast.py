@@ -9,6 +9,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from .devices import module_to
 from .drive import FRAME_MARGIN_S, Actor, Box, Drive, Look, StaticCopy
 from .errors import SceneError
 from .fields.scene import SceneModel
@@ -43,12 +44,12 @@ class Cast:
     def to(self, device: torch.device) -> Cast:
         """The same on another device."""
         for troupe in (self.own, *self.guests.values()):
-            troupe.tracklets.to(device)
+            module_to(troupe.tracklets, device)
             troupe.rows = troupe.rows.to(device)
         if self.removals is not None:
             self.removals = (self.removals[0].to(device), self.removals[1].to(device))
         if self.copies is not None and self.copy_source is not None:
-            self.copies, self.copy_source = self.copies.to(device), self.copy_source.to(device)
+            self.copies, self.copy_source = module_to(self.copies, device), self.copy_source.to(device)
         return self
 
     @property

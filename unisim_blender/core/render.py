@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from .cast import gather_cast
+from .devices import tensor_to
 from .drive import Camera, CameraModel, Drive, Lidar
 from .errors import SceneError
 from .fields.checkpoint import Scene
@@ -264,7 +265,7 @@ def to_batch(rays: Rays, device: torch.device) -> RayBatch:
     return RayBatch(
         torch.as_tensor(rays.origins, dtype=torch.float32).to(device).contiguous(),
         torch.as_tensor(rays.directions, dtype=torch.float32).to(device).contiguous(),
-        torch.as_tensor(rays.time_s, dtype=torch.float64).to(device).contiguous(),
+        tensor_to(torch.as_tensor(rays.time_s, dtype=torch.float64), device).contiguous(),
     )
 
 

@@ -14,7 +14,7 @@ from torch import Tensor
 
 @dataclass(frozen=True)
 class RayBatch:
-    """Rays as tensors: origins, directions (N, 3) world frame float32, time_s (N,) float64."""
+    """Rays as tensors: origins, directions (N, 3) world frame float32, time_s (N,) float64 where the device has it."""
 
     origins: Tensor
     directions: Tensor

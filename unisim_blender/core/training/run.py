@@ -59,7 +59,7 @@ def train(log: Log, config: TrainConfig, out: Path, resume: bool = False, quiet:
 
 def _check_device(name: str) -> None:
     try:
-        torch.zeros(1, device=name, dtype=torch.float64)  # times need their digits
+        torch.zeros(1, device=name)
     except (RuntimeError, AssertionError, NotImplementedError, TypeError) as error:
         raise SceneError(f"device {name!r} cannot be used here: {str(error).splitlines()[0]}") from error
 

@@ -13,6 +13,7 @@ import torch.nn.functional as F
 from torch import Tensor
 
 from ..cast import Cast, Troupe, on_stage
+from ..devices import module_to, tensor_to
 from ..drive import Actor, Drive
 from ..errors import SceneError
 from ..fields.config import preset
@@ -65,7 +66,7 @@ class Trainer:
         self.model = model.to(config.device)
         self.occupancy = OccupancyTrainer(self.model.occupancy)
         actors = on_stage(drive, drive.actors.values())
-        self.tracklets = Tracklets(actors, refine=True).to(config.device)
+        self.tracklets = module_to(Tracklets(actors, refine=True), config.device)
         self.rows = torch.arange(len(actors), device=config.device)
         mirrored = [config.mirrored * any(word in a.label.lower() for word in VEHICLES) for a in actors]
         self.mirror = torch.tensor(mirrored, device=config.device)
@@ -75,7 +76,7 @@ class Trainer:
         )
         self.perceptual = VggLoss(Path(config.vgg)).to(config.device) if config.vgg else perceptual_stand_in
         self.iteration, self.elapsed_s = 0, 0.0
-        self.camera_poses = CameraPoses(self.cameras.times_s()).to(config.device)
+        self.camera_poses = module_to(CameraPoses(self.cameras.times_s()), config.device)
         self.adversary = Adversary(config.device, config.seed) if config.adversarial else None
         self._make_optimiser()
 
@@ -280,12 +281,10 @@ class Trainer:
 
     def _to_device(self, batch: Any) -> Any:
         device = self.config.device
-        if device == "cpu":
-            return batch
 
         def move(value: Any) -> Any:
             if isinstance(value, Tensor):
-                return value.to(device)
+                return tensor_to(value, device)
             if dataclasses.is_dataclass(value) and not isinstance(value, type):
                 return dataclasses.replace(value, **{f.name: move(getattr(value, f.name)) for f in dataclasses.fields(value)})
             return value
