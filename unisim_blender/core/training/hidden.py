@@ -61,16 +61,22 @@ class Hidden:
     def loss(self, generator: torch.Generator) -> Tensor:
         """Mean disagreement of hidden places with their surroundings."""
         total = self.model.ground.heights.new_zeros(())
-        # only the tables of hidden places learn: through the network that all places share, looks and their models would grow
+        # only the tables of hidden places learn: through networks that all places share, looks and their models would grow
         # together without end
-        network = self.model.static.network.requires_grad_(False)
+        model = self.model
+        shared = [model.static.network, model.ray_head, model.camera_decoder]
+        if model.config.head == "sample":
+            shared.append(model.sample_head)
+        for module in shared:
+            module.requires_grad_(False)
         if len(self.known_ground):
             total = total + self._aloft(generator) + self._on_ground(generator)
         if len(self.returns):
             total = total + self._looks_of_returns(generator)
         if self.still_boxes is not None:
             total = total + self._under_boxes(*self.still_boxes, generator)
-        network.requires_grad_(True)
+        for module in shared:
+            module.requires_grad_(True)
         return total
 
     def _near_ground(self, reach_m: float, generator: torch.Generator) -> tuple[Tensor, Tensor]:
@@ -110,7 +116,7 @@ class Hidden:
         s, look = model.static(x)
         reach = torch.tensor([_ALONG_M, _ACROSS_M], device=device)
         beside = model.ground.under(x[:, :2] + reach * (2 * torch.rand(len(x), 2, generator=generator, device=device) - 1))
-        return s.abs().mean() + 0.1 * self._alike(look, beside)
+        return s.abs().mean() + self._alike(look, beside, generator)
 
     def _looks_of_returns(self, generator: torch.Generator) -> Tensor:
         """What LiDAR met and no image shows looks like what is above it."""
@@ -120,18 +126,31 @@ class Hidden:
         if len(x) == 0:
             return x.new_zeros(())
         above = x + F.pad(0.2 + _UP_M * torch.rand(len(x), 1, generator=generator, device=device), (2, 0))
-        return 0.1 * self._alike(self.model.static(x)[1], above)
+        return self._alike(self.model.static(x)[1], above, generator)
 
-    def _alike(self, look: Tensor, at: Tensor) -> Tensor:
+    def _alike(self, look: Tensor, at: Tensor, generator: torch.Generator) -> Tensor:
         """How unlike looks (N, F) are to those at points (N, 3), of which the ones count that some image shows.
 
         Hidden places that copy each other drift: nothing holds their looks.
         """
         with torch.no_grad():
-            _, model_look = self.model.static(at)
+            _, wanted = self.model.static(at)
         seen = self.occupancy.in_view(at)
-        unlike = F.smooth_l1_loss(look, model_look, reduction="none").mean(-1)
-        return (unlike * seen).sum() / seen.sum().clamp_min(1)
+        return (self._unlike(look, wanted, generator) * seen).sum() / seen.sum().clamp_min(1)
+
+    def _unlike(self, look: Tensor, wanted: Tensor, generator: torch.Generator) -> Tensor:
+        """Differences (N,) of looks (N, F): of their colours, from anywhere, and of the features themselves, for LiDAR.
+
+        A place learns from many others. What is between two colours is a colour between; features between two can mean any.
+        """
+        model = self.model
+        directions = torch.randn(len(look), 3, generator=generator, device=look.device)
+        directions = F.normalize(torch.cat([directions[:, :2], -directions[:, 2:].abs()], -1), dim=-1).repeat(2, 1)
+        both = torch.cat([look, wanted])
+        camera = torch.full((len(both),), -1, device=look.device)
+        colour = model.camera_decoder(model.ray_head(model.directed(both, directions), directions, camera)[:, :, None, None])
+        a, b = colour.mean((2, 3)).view(2, -1, 3)
+        return (a - b.detach()).abs().mean(-1) + 0.02 * F.smooth_l1_loss(look, wanted, reduction="none").mean(-1)
 
     def _under_boxes(self, poses: Tensor, sizes: Tensor, generator: torch.Generator) -> Tensor:
         """Under a box that never moves nobody saw the ground: nothing above it, and the look of its surroundings."""
@@ -155,7 +174,7 @@ class Hidden:
         s_ground, look = model.static(on_ground)
         with torch.no_grad():
             _, outside = model.static(beyond)
-        return height + s_ground.abs().mean() + 0.1 * F.smooth_l1_loss(look, outside)
+        return height + s_ground.abs().mean() + self._unlike(look, outside, generator).mean()
 
     @torch.no_grad()
     def continued(self) -> Tensor:
