@@ -53,7 +53,7 @@ class TrainConfig:
     mirrored: float = 0.1
     """Chance that a step sees a vehicle mirrored. What was never recorded learns from the other side all the same; with a half,
     a lit side and a shaded one would blend."""
-    turned_rad: float = 0.15
+    turned_rad: float = 0.1
     """Standard deviation by which the directions that looks depend on are turned at random: a drive sees each place from a narrow
     fan of directions, and fine detail that hangs on them instead of on the place is gone a lane further to the side."""
     prune_from: int = 300
