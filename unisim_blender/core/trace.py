@@ -51,16 +51,20 @@ def trace(scene: SceneModel, cast: Cast, rays: RayBatch, sampling: Sampling, amo
     static = _static_strands(scene, cast, rays, sampling, actors)
     strands = [s for s in (static, *actors, *_copy_strands(scene, cast, rays, sampling)) if len(s.ray)]
     widths = [troupe.scene.config.features for troupe in cast.guests.values()]
+    seen = []
     if cast.guests:
-        # what the scene's own decoder is to see: everything but the guests
-        own = composite(len(rays), [s for s in strands if s.guest < 0], scene.config.features, [], rays.origins)
-        if sampling.far:
-            _add_far(scene, rays, sampling, own)
+        # what the scene's own decoder is to see: everything but the guests. First, for strands keep the weights of the last
+        own = [strand for strand in strands if strand.guest < 0]
+        seen.append(composite(len(rays), own, scene.config.features, [], rays.origins))
     traced = composite(len(rays), strands, scene.config.features, widths, rays.origins)
-    if sampling.far:
-        _add_far(scene, rays, sampling, traced)
+    seen.append(traced)
+    far = _far(scene, rays, sampling, seen[0].behind) if sampling.far else None
+    if far is not None:
+        traced.samples += far.t.numel() + len(far.ray)
+        for result in seen:
+            _add_far(far, result)
     if cast.guests:
-        traced.without_guests = own.feature
+        traced.without_guests = seen[0].feature
     traced.samples += sum(s.t.numel() for s in strands)
     return traced
 
@@ -260,33 +264,49 @@ def _far_places(scene: SceneModel, o: Tensor, d: Tensor, t0: Tensor, sampling: S
     return edges[:, :-1] + inside * width, width
 
 
-def _add_far(scene: SceneModel, rays: RayBatch, sampling: Sampling, traced: Traced) -> None:
-    """The far field behind the volume, where anything of it can be seen, then the sky."""
-    ray = torch.nonzero(traced.behind.detach() > OPAQUE)[:, 0]
+@dataclass(frozen=True)
+class _Far:
+    """The far field and the sky along rays (R,): places t, densities times lengths tau, weights (R, K) of what stops there,
+    transmittance in front of each (R, K) and behind all (R,), features (R, F)."""
+
+    ray: Tensor
+    t: Tensor
+    tau: Tensor
+    weight: Tensor
+    front: Tensor
+    behind: Tensor
+    feature: Tensor
+
+
+def _far(scene: SceneModel, rays: RayBatch, sampling: Sampling, reach: Tensor) -> _Far | None:
+    """What lies behind the volume, along those rays of which a share ``reach`` (N,) that can be seen comes through; None for none."""
+    ray = torch.nonzero(reach.detach() > OPAQUE)[:, 0]
     if len(ray) == 0:
-        return
+        return None
     o, d = scene.frame.points(rays.origins[ray]), scene.frame.vectors(rays.directions[ray])
     _, t_far = scene.frame.span(o, d, NEAR_M)
-    count = scene.config.samples.far
     t0 = t_far.clamp_min(NEAR_M)[:, None]
     u, width = _far_places(scene, o, d, t0, sampling)
     t = _disparity(u, t0, scene.config.far_m)
-    x = o[:, None] + d[:, None] * t[..., None]
-    density, feature = scene.far(x.reshape(-1, 3))
+    density, feature = scene.far((o[:, None] + d[:, None] * t[..., None]).reshape(-1, 3))
     tau = density.view(u.shape) * width
     front, behind = weights_from_tau(tau)
     weight = front * -torch.expm1(-tau)
     directions = rays.directions[ray]
-    feature = scene.directed(feature, directions.repeat_interleave(count, 0)).view(*u.shape, -1)
-    far = (weight[..., None] * feature).sum(1)
+    feature = scene.directed(feature, directions.repeat_interleave(u.shape[1], 0)).view(*u.shape, -1)
+    feature = (weight[..., None] * feature).sum(1)
     if sampling.sky:
-        far = far + behind[:, None] * scene.directed(scene.far.sky(d), directions)
-    reach = traced.behind[ray]
+        feature = feature + behind[:, None] * scene.directed(scene.far.sky(d), directions)
+    return _Far(ray, t, tau, weight, front, behind, feature)
+
+
+def _add_far(far: _Far, traced: Traced) -> None:
+    """Put the far field behind what was met in the volume."""
+    ray, reach = far.ray, traced.behind[far.ray]
     stopped = traced.depth_m * traced.opacity
-    stopped = stopped.index_add(0, ray, reach * (weight * t).sum(1))
-    traced.far = (ray, t, tau, reach[:, None] * front)
-    traced.feature = traced.feature.index_add(0, ray, reach[:, None] * far)
-    traced.behind = traced.behind.index_put((ray,), reach * behind)
+    stopped = stopped.index_add(0, ray, reach * (far.weight * far.t).sum(1))
+    traced.far = (ray, far.t, far.tau, reach[:, None] * far.front)
+    traced.feature = traced.feature.index_add(0, ray, reach[:, None] * far.feature)
+    traced.behind = traced.behind.index_put((ray,), reach * far.behind)
     traced.opacity = 1 - traced.behind
     traced.depth_m = stopped / traced.opacity.clamp_min(1e-6)
-    traced.samples += u.numel() + len(ray)
