@@ -279,7 +279,7 @@ class _Far:
 
 
 def _far(scene: SceneModel, rays: RayBatch, sampling: Sampling, reach: Tensor) -> _Far | None:
-    """What lies behind the volume, along those rays of which a share ``reach`` (N,) that can be seen comes through; None for none."""
+    """What lies behind the volume, along the rays of which a share ``reach`` (N,) that counts comes through; None for none."""
     ray = torch.nonzero(reach.detach() > OPAQUE)[:, 0]
     if len(ray) == 0:
         return None

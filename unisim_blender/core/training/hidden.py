@@ -20,8 +20,8 @@ REACH_M = 2.0
 _DRAWS, _POINTS = 2048, 192
 _ALONG_M, _ACROSS_M = 6.0, 0.3
 """Where ground looks for what it may look like: a street goes on along the drive, and across it pavement turns into road."""
-_UP_M = 3.0
-"""How far up a wall does."""
+_NEAR_M, _CANDIDATES = 6.0, 64
+"""How far from a wall's foot the wall is looked for, and how many of LiDAR's returns are tried: the nearest one is taken."""
 _BAND_M = 0.3
 """Distances further than this from a surface are not compared."""
 _CLEAR_M = (0.25, 1.0)
@@ -45,10 +45,12 @@ class Hidden:
         returns: Tensor,
     ) -> None:
         self.model, self.occupancy, self.known_ground, self.still_boxes = model, occupancy, known_ground, still_boxes
-        self.returns = returns.to(known_ground.device)
-        height = (self.returns - model.ground.under(self.returns))[:, 2]
-        stands = self._columns(self.returns[(height > _CLEAR_M[0]) & (height < _CLEAR_M[1])])
-        lies = self._columns(self.returns[height.abs() < _CLEAR_M[0]])
+        returns = returns.to(known_ground.device)
+        height = (returns - model.ground.under(returns))[:, 2]
+        self.standing = returns[model.ground.above(returns)]
+        self.standing = self.standing[self.standing[:, 0].argsort()]
+        stands = self._columns(returns[(height > _CLEAR_M[0]) & (height < _CLEAR_M[1])])
+        lies = self._columns(returns[height.abs() < _CLEAR_M[0]])
         self.clear = (lies & (F.max_pool2d(stands[None].float(), 3, stride=1, padding=1)[0] == 0)).view(-1)
 
     def _columns(self, x: Tensor) -> Tensor:
@@ -71,7 +73,7 @@ class Hidden:
             module.requires_grad_(False)
         if len(self.known_ground):
             total = total + self._aloft(generator) + self._on_ground(generator)
-        if len(self.returns):
+        if len(self.standing):
             total = total + self._looks_of_returns(generator)
         if self.still_boxes is not None:
             total = total + self._under_boxes(*self.still_boxes, generator)
@@ -119,14 +121,24 @@ class Hidden:
         return s.abs().mean() + self._alike(look, beside, generator)
 
     def _looks_of_returns(self, generator: torch.Generator) -> Tensor:
-        """What LiDAR met and no image shows looks like what is above it."""
-        device = self.returns.device
-        x = self.returns[torch.randint(len(self.returns), (_DRAWS,), generator=generator, device=device)]
-        x = x[self.model.ground.above(x) & ~self.occupancy.in_view(x)][:_POINTS]
+        """What LiDAR met above the ground and no image shows looks like what it met near by and one does."""
+        standing, device = self.standing, self.standing.device
+        x = standing[torch.randint(len(standing), (_DRAWS,), generator=generator, device=device)]
+        x = x[~self.occupancy.in_view(x)][:_POINTS]
         if len(x) == 0:
             return x.new_zeros(())
-        above = x + F.pad(0.2 + _UP_M * torch.rand(len(x), 1, generator=generator, device=device), (2, 0))
-        return self._alike(self.model.static(x)[1], above, generator)
+        along = standing[:, 0].contiguous()
+        first = torch.searchsorted(along, x[:, 0] - _NEAR_M)
+        count = torch.searchsorted(along, x[:, 0] + _NEAR_M) - first
+        draw = torch.rand(len(x), _CANDIDATES, generator=generator, device=device)
+        other = standing[first[:, None] + (draw * count[:, None]).long().clamp_max(count[:, None] - 1)]
+        away = (other - x[:, None]).norm(dim=-1)
+        away = torch.where(self.occupancy.in_view(other.view(-1, 3)).view(away.shape), away, torch.inf)
+        nearest, which = away.min(1)
+        x, other = x[nearest < _NEAR_M], other[torch.arange(len(x), device=device), which][nearest < _NEAR_M]
+        if len(x) == 0:
+            return x.new_zeros(())
+        return self._alike(self.model.static(x)[1], other, generator)
 
     def _alike(self, look: Tensor, at: Tensor, generator: torch.Generator) -> Tensor:
         """How unlike looks (N, F) are to those at points (N, 3), of which the ones count that some image shows.
@@ -172,9 +184,7 @@ class Hidden:
         beyond = place(torch.stack([unit[:, 0] * sizes[which][:, 0], side, unit[:, 2] * 0], -1))
         beyond = model.ground.under(beyond)
         s_ground, look = model.static(on_ground)
-        with torch.no_grad():
-            _, outside = model.static(beyond)
-        return height + s_ground.abs().mean() + self._unlike(look, outside, generator).mean()
+        return height + s_ground.abs().mean() + self._alike(look, beyond, generator)
 
     @torch.no_grad()
     def continued(self) -> Tensor:
