@@ -158,11 +158,17 @@ def test_drops_have_no_depth() -> None:
     assert not bool(good[100:].any()) and float(terms["depth"]) < 0.05
 
 
-def test_the_worst_rays_are_left_out() -> None:
+def test_the_worst_rays_are_left_out_but_what_they_passed_is_free() -> None:
+    """Eight returns of 200 come from far behind a surface: no depth to learn from, but nothing can stand in front of them."""
+    right = float(terms_of(*measured(200))[0]["free"])
     stage, batch = measured(200)
     batch.depth_m[:8] += 500.0
     terms, good = terms_of(stage, batch)
     assert not bool(good[:8].any()) and float(terms["depth"]) < 0.05
+    assert float(terms["free"]) == pytest.approx(right + 8 / 200, abs=0.01)
+    batch.depth_m[:8] = 1.0
+    terms, good = terms_of(stage, batch)
+    assert not bool(good[:8].any()) and float(terms["free"]) < right + 0.01, "behind a return among the worst anything may be"
 
 
 def vgg_state(tmp_path: Path) -> dict[str, Tensor]:

@@ -168,6 +168,11 @@ class OccupancyTrainer:
         return self.seen & (self.occupancy.values.view(-1) > FREE) & (self.score >= _SHOWN)
 
     @torch.no_grad()
+    def met(self, x: Tensor) -> Tensor:
+        """Which points (N, 3), volume coordinates, lie in voxels in which LiDAR met something: (N,) bool."""
+        return (self.hit & ~self.beside)[self.occupancy.cells(x)]
+
+    @torch.no_grad()
     def in_view(self, x: Tensor) -> Tensor:
         """Which points (N, 3), volume coordinates, lie where some image shows how things look: (N,) bool."""
         return self.viewed[self.occupancy.cells(x)]

@@ -54,8 +54,8 @@ def lidar_terms(traced: Traced, batch: LidarBatch, inside: Tensor, keep: float =
 
     The depth term is the expected error of a ray that stops at random, not the error of the expected depth: with that, a surface
     moves towards the sensor to make up for what leaks through it. Rays with the largest errors (glass, leaves, boxes that do not
-    fit) are left out, as in UniSim. ``inside`` (N,) says which returns lie in the volume: there the far field must not stand in
-    for what stopped the ray.
+    fit) are left out of it, as in UniSim. ``inside`` (N,) says which returns lie in the volume: there the far field must not stand
+    in for what stopped the ray.
     """
     near = batch.returned & inside
     miss = expected_error(traced, batch.depth_m)
@@ -73,11 +73,13 @@ def lidar_terms(traced: Traced, batch: LidarBatch, inside: Tensor, keep: float =
     free, surface_m = traced.feature.new_zeros(()), SURFACE_M + SURFACE_SHARE * batch.depth_m
     for strand in traced.strands:
         assert strand.interval_weight is not None
-        far = (strand.stops() - batch.depth_m[strand.ray, None]).abs() > surface_m[strand.ray, None]
-        used = good[strand.ray]
+        gap, surface = strand.stops() - batch.depth_m[strand.ray, None], surface_m[strand.ray, None]
+        # a beam that came back was free up to where it did, also among the worst: a false surface that stops a whole wall's rays
+        # makes them the worst, and would stay for ever
+        wrong = (gap < -surface) & batch.returned[strand.ray, None] | (gap > surface) & good[strand.ray, None]
         # the weight itself, not its square: a thousandth far behind moves a mean depth by metres
-        free = free + (strand.interval_weight * (far & used[:, None])).sum()
-    return {"depth": depth, "reach": reach, "opacity": opacity, "free": free / good.sum().clamp_min(1)}, good
+        free = free + (strand.interval_weight * wrong).sum()
+    return {"depth": depth, "reach": reach, "opacity": opacity, "free": free / batch.returned.sum().clamp_min(1)}, good
 
 
 def expected_error(traced: Traced, depth_m: Tensor, worst_m: float = 10.0) -> Tensor:

@@ -8,6 +8,7 @@ from torch import Tensor
 
 from ..fields.gradient import CORNERS, distance_gradient
 from ..fields.ground import CELL_M
+from ..fields.occupancy import OccupancyTrainer
 from ..fields.scene import SceneModel
 from ..strands import Strands, Traced
 from .data import LidarBatch
@@ -22,8 +23,8 @@ _STEP_M = 0.06
 class Shape:
     """The loss's terms about a model's distances; ``known_ground`` (C, 2) are the cells whose ground height can be trusted."""
 
-    def __init__(self, model: SceneModel, known_ground: Tensor) -> None:
-        self.model, self.known_ground = model, known_ground
+    def __init__(self, model: SceneModel, occupancy: OccupancyTrainer, known_ground: Tensor) -> None:
+        self.model, self.occupancy, self.known_ground = model, occupancy, known_ground
 
     def terms(
         self, tables: Tensor, swept: Traced, seen: Traced, lidar: LidarBatch, generator: torch.Generator
@@ -64,14 +65,15 @@ class Shape:
         return {"band": band, "eikonal": eikonal(torch.cat(gradients)), "flat": self._flatness(seen, generator)}
 
     def _flatness(self, seen: Traced, generator: torch.Generator) -> Tensor:
-        """How much the normals of what images show turn within _FLAT_M along the surface: mean length of the difference.
+        """How much the normals of what images alone show turn within _FLAT_M along the surface: mean length of the difference.
 
-        Where no LiDAR reaches, high up and far away, images alone tell depth, and a drive straight on tells them little.
+        No LiDAR reaches high up and far away, and a drive straight on tells images little about depth.
         """
         strand = seen.static
         if strand is None:
             return seen.feature.new_zeros(())
-        x = strand.points.detach().reshape(-1, 3)[self._likely(strand, 256, generator)]
+        x = strand.points.detach().reshape(-1, 3)[self._likely(strand, 512, generator)]
+        x = x[~self.occupancy.met(x)]
         if len(x) == 0:
             return seen.feature.new_zeros(())
         beside = torch.randn(x.shape, generator=generator, device=x.device)

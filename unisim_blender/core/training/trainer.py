@@ -70,7 +70,7 @@ class Trainer:
         self.rows = torch.arange(len(actors), device=config.device)
         mirrored = [config.mirrored * any(word in a.label.lower() for word in VEHICLES) for a in actors]
         self.mirror = torch.tensor(mirrored, device=config.device)
-        self.shape = Shape(self.model, self.known_ground)
+        self.shape = Shape(self.model, self.occupancy, self.known_ground)
         self.hidden = Hidden(
             self.model, self.occupancy, self.known_ground, self._still_boxes(drive), torch.as_tensor(points).float()
         )
