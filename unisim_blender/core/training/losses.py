@@ -53,9 +53,9 @@ def lidar_terms(traced: Traced, batch: LidarBatch, inside: Tensor, keep: float =
     """Depth and free-space terms of LiDAR rays, and which rays (N,) are among the best ``keep`` of those that returned.
 
     The depth term is the expected error of a ray that stops at random, not the error of the expected depth: with that, a surface
-    moves towards the sensor to make up for what leaks through it. Rays with the largest errors (glass, leaves, boxes that do not
-    fit) are left out of it, as in UniSim. ``inside`` (N,) says which returns lie in the volume: there the far field must not stand
-    in for what stopped the ray.
+    moves towards the sensor to make up for what leaks through it. It leaves out the rays with the largest errors (glass, leaves,
+    boxes that do not fit), as in UniSim. ``inside`` (N,) says which returns lie in the volume: there the far field must not
+    stand in for what stopped the ray.
     """
     near = batch.returned & inside
     miss = expected_error(traced, batch.depth_m)
