@@ -14,6 +14,12 @@ from ..strands import Strands, Traced
 from .data import LidarBatch
 from .losses import distance_band, eikonal, turning
 
+_BAND_M = 0.3
+"""So far before a return the distance is between bounds that the way to it gives."""
+_PASSED_M, _FREE_M = 4.0, 0.02
+"""So far before it the way is free, and the distance at least this."""
+_SENSOR_M = 1.0
+"""Nothing is said about the sensor's own vehicle."""
 _FLAT_M = 0.4
 """Surfaces are compared with themselves up to this far away."""
 _STEP_M = 0.06
@@ -29,7 +35,8 @@ class Shape:
     def terms(
         self, tables: Tensor, swept: Traced, seen: Traced, lidar: LidarBatch, generator: torch.Generator
     ) -> dict[str, Tensor]:
-        """``band``: signed distances at LiDAR returns; ``eikonal``: gradients of length 1; ``flat``: normals that turn little.
+        """``band``: signed distances at and before LiDAR returns; ``eikonal``: gradients of length 1; ``flat``: normals that turn
+        little.
 
         ``tables`` are the actors' grids; ``swept`` and ``seen`` what the rays of ``lidar`` and of the cameras met.
         """
@@ -54,15 +61,29 @@ class Shape:
             x = p0 + (depth[met, None] - offset[:, None] - t0) / (t1 - t0).clamp_min(1e-4) * (p1 - p0)
             s = model.actors.distance(tables, x.clamp(0, 1), strand.medium[met])
             band = band + distance_band(s, offset)
-        static = lidar.returned & ~in_box
-        offset = self._offsets(int(static.sum()), generator, 0.3)
+        within = ((end > 0) & (end < model.frame.size_m)).all(-1)
+        static = lidar.returned & within & ~in_box
+        offset = self._offsets(int(static.sum()), generator, _BAND_M)
         x = o[static] + d[static] * (lidar.depth_m[static] - offset)[:, None]
         band = band + distance_band(model.static.distance(x), offset) + self._ground_band(end[static & ~above], generator)
+        band = band + self._passed(o[static], d[static], lidar.depth_m[static], generator)
         centre = x.detach()[torch.randperm(len(x), generator=generator, device=x.device)[:512]]
         gradients = [self._static_gradient(centre)]
         for strand in (*seen.strands, *swept.strands):
             gradients.append(self._gradient(strand, tables, generator))
         return {"band": band, "eikonal": eikonal(torch.cat(gradients)), "flat": self._flatness(seen, generator)}
+
+    def _passed(self, o: Tensor, d: Tensor, depth_m: Tensor, generator: torch.Generator) -> Tensor:
+        """In front of returns, on rays o, d (N, 3) at depth_m (N,), the distance is above zero: mean depth of what lies below.
+
+        What a ray sees of a solid wall that is not there has no slope: nothing gets through it that could be a little more.
+        """
+        if len(o) == 0:
+            return depth_m.new_zeros(())
+        back = _BAND_M + (_PASSED_M - _BAND_M) * torch.rand(len(o), generator=generator, device=o.device)
+        t = depth_m - back
+        x = (o + d * t[:, None])[t > _SENSOR_M]
+        return F.relu(_FREE_M - self.model.static.distance(x)).sum() / len(o)
 
     def _flatness(self, seen: Traced, generator: torch.Generator) -> Tensor:
         """How much the normals of what images alone show turn within _FLAT_M along the surface: mean length of the difference.
