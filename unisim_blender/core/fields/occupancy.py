@@ -170,7 +170,8 @@ class OccupancyTrainer:
     @torch.no_grad()
     def met(self, x: Tensor) -> Tensor:
         """Which points (N, 3), volume coordinates, lie in voxels in which LiDAR met something: (N,) bool."""
-        return (self.hit & ~self.beside)[self.occupancy.cells(x)]
+        cells = self.occupancy.cells(x)
+        return self.hit[cells] & ~self.beside[cells]
 
     @torch.no_grad()
     def in_view(self, x: Tensor) -> Tensor:

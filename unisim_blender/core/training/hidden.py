@@ -49,6 +49,7 @@ class Hidden:
         height = (returns - model.ground.under(returns))[:, 2]
         self.standing = returns[model.ground.above(returns)]
         self.standing = self.standing[self.standing[:, 0].argsort()]
+        self.along = self.standing[:, 0].contiguous()
         stands = self._columns(returns[(height > _CLEAR_M[0]) & (height < _CLEAR_M[1])])
         lies = self._columns(returns[height.abs() < _CLEAR_M[0]])
         self.clear = (lies & (F.max_pool2d(stands[None].float(), 3, stride=1, padding=1)[0] == 0)).view(-1)
@@ -81,21 +82,21 @@ class Hidden:
             module.requires_grad_(True)
         return total
 
-    def _near_ground(self, reach_m: float, generator: torch.Generator) -> tuple[Tensor, Tensor]:
-        """Points (N, 3) over known ground and their heights (N,) up to ``reach_m``."""
+    def _known_places(self, generator: torch.Generator) -> Tensor:
+        """Points (N, 3) of known ground."""
         device = self.known_ground.device
         cells = self.known_ground[torch.randint(len(self.known_ground), (_DRAWS,), generator=generator, device=device)]
         place = (cells + torch.rand(_DRAWS, 2, generator=generator, device=device)) * CELL_M
-        height = torch.rand(_DRAWS, generator=generator, device=device) * reach_m
-        return self.model.ground.under(place) + F.pad(height[:, None], (2, 0)), height
+        return self.model.ground.under(place)
 
     def _aloft(self, generator: torch.Generator) -> Tensor:
         """What stands above hidden places goes on downwards; close over clear ground there is nothing."""
         model, device = self.model, self.known_ground.device
-        x, height = self._near_ground(REACH_M, generator)
+        x = self._known_places(generator)
         low = torch.arange(len(x), device=device) % 2 == 0
-        height = torch.where(low, height * (_CLEAR_M[1] / REACH_M / 2), height)
-        x = model.ground.under(x) + F.pad(height[:, None], (2, 0))
+        reach_m = torch.where(low, _CLEAR_M[1] / 2, REACH_M)
+        height = reach_m * torch.rand(len(x), generator=generator, device=device)
+        x = x + F.pad(height[:, None], (2, 0))
         column = model.occupancy.cells(x) // model.occupancy.values.shape[2]
         clear = low & self.clear[column] & ~self.occupancy.in_view(x)
         pick = torch.nonzero(clear | (~low & self.occupancy.hidden(x)))[: 2 * _POINTS, 0]
@@ -111,7 +112,7 @@ class Hidden:
     def _on_ground(self, generator: torch.Generator) -> Tensor:
         """Ground that no image shows looks like ground along the street."""
         model, device = self.model, self.known_ground.device
-        x, _ = self._near_ground(0.0, generator)
+        x = self._known_places(generator)
         x = x[~self.occupancy.in_view(x)][:_POINTS]
         if len(x) == 0:
             return x.new_zeros(())
@@ -127,9 +128,8 @@ class Hidden:
         x = x[~self.occupancy.in_view(x)][:_POINTS]
         if len(x) == 0:
             return x.new_zeros(())
-        along = standing[:, 0].contiguous()
-        first = torch.searchsorted(along, x[:, 0] - _NEAR_M)
-        count = torch.searchsorted(along, x[:, 0] + _NEAR_M) - first
+        first = torch.searchsorted(self.along, x[:, 0] - _NEAR_M)
+        count = torch.searchsorted(self.along, x[:, 0] + _NEAR_M) - first
         draw = torch.rand(len(x), _CANDIDATES, generator=generator, device=device)
         other = standing[first[:, None] + (draw * count[:, None]).long().clamp_max(count[:, None] - 1)]
         away = (other - x[:, None]).norm(dim=-1)

@@ -143,8 +143,7 @@ class Shape:
         cells = self.known_ground[torch.randint(len(self.known_ground), (256,), generator=generator, device=device)]
         place = (cells + torch.rand(256, 2, generator=generator, device=device)) * CELL_M
         deep = 0.15 + 0.35 * torch.rand(256, generator=generator, device=device)
-        x = torch.cat([place, torch.zeros_like(deep)[:, None]], -1)
-        x = torch.cat([place, (self.model.ground.height(x) - deep)[:, None]], -1)
+        x = self.model.ground.under(place) - F.pad(deep[:, None], (2, 0))
         return band + F.relu(self.model.static.distance(x) + 0.1).mean()
 
     def _offsets(self, count: int, generator: torch.Generator, reach_m: float) -> Tensor:
