@@ -237,16 +237,12 @@ def observe(scene: Scene, cameras: Sequence[str], frames: Sequence[int], points:
                 depth = torch.as_tensor(renderer._trace(rays, {"depth"}, RenderStats(), sky=False)[1]["depth"]).to(seen.device)
                 batch = to_batch(rays, renderer.device)
                 x = model.frame.points(batch.origins + batch.directions * depth[:, None])
-                seen[model.occupancy.cells(x[_within(model, x)])] = 1
+                seen[model.occupancy.cells(x[model.frame.inside(x)])] = 1
                 for cells in _ways(model, batch, depth - model.config.voxel_m):
                     through[cells] = True
     grown = F.max_pool3d(model.observed[None, None].float(), 3, stride=1, padding=1)[0, 0]
     model.observed.copy_(grown)
     return through
-
-
-def _within(model: SceneModel, x: torch.Tensor) -> torch.Tensor:
-    return ((x > 0) & (x < model.frame.size_m)).all(-1)
 
 
 def _ways(model: SceneModel, rays: RayBatch, depth_m: torch.Tensor) -> Iterator[torch.Tensor]:
@@ -257,7 +253,7 @@ def _ways(model: SceneModel, rays: RayBatch, depth_m: torch.Tensor) -> Iterator[
     for part in torch.arange(len(o), device=o.device).split(1024):
         t = (torch.arange(int(reach[part].max().clamp_min(0) / step) + 1, device=o.device) + 0.5) * step
         x = o[part, None] + t[:, None] * d[part, None]
-        yield model.occupancy.cells(x[(t < reach[part, None]) & _within(model, x)])
+        yield model.occupancy.cells(x[(t < reach[part, None]) & model.frame.inside(x)])
 
 
 def to_batch(rays: Rays, device: torch.device) -> RayBatch:

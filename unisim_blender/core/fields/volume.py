@@ -88,6 +88,10 @@ class VolumeFrame(torch.nn.Module):
         """World directions (..., 3) along the volume's axes."""
         return d @ self.rotation.T
 
+    def inside(self, x: Tensor) -> Tensor:
+        """Which points (..., 3) in volume coordinates lie in the volume: (...) bool."""
+        return ((x > 0) & (x < self.size_m)).all(-1)
+
     def span(self, o: Tensor, d: Tensor, near_m: float) -> tuple[Tensor, Tensor]:
         """Where rays in volume coordinates (N, 3) are inside it: t_near, t_far (N,); t_far <= t_near where they miss."""
         safe = torch.where(d.abs() < 1e-9, torch.full_like(d, 1e-9), d)

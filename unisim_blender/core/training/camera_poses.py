@@ -10,6 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import torch
+from scipy.spatial.transform import Rotation
 from torch import Tensor, nn
 
 from ..drive import Camera
@@ -65,15 +66,5 @@ class CameraPoses(nn.Module):
         shift, turn = (value.cpu().double().numpy() for value in at)
         rotation = matrix_from_quaternion(way.quaternions_wxyz)
         positions = way.positions + np.einsum("kij,kj->ki", rotation, shift)
-        quaternions = quaternion_from_matrix(rotation @ np.stack([_rotation(t) for t in turn]))
+        quaternions = quaternion_from_matrix(rotation @ Rotation.from_rotvec(turn).as_matrix())
         return dataclasses.replace(camera, world_from_camera=Trajectory(way.times_s, positions, quaternions))
-
-
-def _rotation(turn_rad: FloatArray) -> FloatArray:
-    """The rotation (3, 3) about ``turn_rad`` (3,) by its length (Rodrigues)."""
-    angle = float(np.linalg.norm(turn_rad))
-    if angle == 0:
-        return np.eye(3)
-    x, y, z = turn_rad / angle
-    k = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return np.asarray(np.eye(3) + np.sin(angle) * k + (1 - np.cos(angle)) * k @ k)

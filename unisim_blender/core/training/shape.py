@@ -61,8 +61,7 @@ class Shape:
             x = p0 + (depth[met, None] - offset[:, None] - t0) / (t1 - t0).clamp_min(1e-4) * (p1 - p0)
             s = model.actors.distance(tables, x.clamp(0, 1), strand.medium[met])
             band = band + distance_band(s, offset)
-        within = ((end > 0) & (end < model.frame.size_m)).all(-1)
-        static = lidar.returned & within & ~in_box
+        static = lidar.returned & model.frame.inside(end) & ~in_box
         offset = self._offsets(int(static.sum()), generator, _BAND_M)
         x = o[static] + d[static] * (lidar.depth_m[static] - offset)[:, None]
         band = band + distance_band(model.static.distance(x), offset) + self._ground_band(end[static & ~above], generator)

@@ -257,7 +257,7 @@ class Trainer:
     def _lidar_loss(self, swept: Traced, lidar: LidarBatch) -> dict[str, Tensor]:
         w = self.config.weights
         end = self.model.frame.points(lidar.rays.origins + lidar.rays.directions * lidar.depth_m[:, None])
-        terms, good = lidar_terms(swept, lidar, ((end > 0) & (end < self.model.frame.size_m)).all(-1))
+        terms, good = lidar_terms(swept, lidar, self.model.frame.inside(end))
         intensity, logit = self.model.lidar_head(swept.feature, lidar.rays.directions, swept.depth_m, swept.opacity)
         return {
             "depth": w.lidar_depth * terms["depth"],
