@@ -42,13 +42,12 @@ def ray_passes(scene: Scene, cast: Cast, part: RayBatch, traced: Traced, passes:
     return maps
 
 
-def fill_passes(out: CameraFrame, maps: Maps, rays: Rays, shape: tuple[int, ...], up: int) -> None:
-    """Put passes of rays, one a cell of ``shape``, into a frame; a cell covers ``up`` x ``up`` pixels."""
-    h, w = out.model.height, out.model.width
+def fill_passes(out: CameraFrame, maps: Maps, rays: Rays, shape: tuple[int, ...], up: int, inner: tuple[slice, slice]) -> None:
+    """Put passes of rays, one a cell of ``shape``, into a frame; a cell is ``up`` x ``up`` pixels; ``inner`` of them count."""
 
     def full(values: NDArray[Any]) -> NDArray[Any]:
         grid = values.reshape(*shape, *values.shape[1:])
-        return np.repeat(np.repeat(grid, up, 0), up, 1)[:h, :w]
+        return np.repeat(np.repeat(grid, up, 0), up, 1)[inner]
 
     if "depth" in maps:
         out.depth_m = full(maps["depth"]).astype(np.float32)

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Sequence
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 import torch
@@ -21,7 +21,7 @@ from torch import Tensor
 
 from .cast import gather_cast
 from .devices import tensor_to
-from .drive import Camera, CameraModel, Drive, Lidar
+from .drive import Camera, Drive, Lidar
 from .errors import SceneError
 from .fields.checkpoint import Scene
 from .fields.scene import SceneModel
@@ -37,8 +37,29 @@ from .trace import NEAR_M, Sampling, trace
 QUALITY = {"fast": 0.67, "balanced": 1.0, "reference": 4.0}
 """Samples along a ray, beside the scene's own number."""
 CHUNK_RAYS = 16384
+EDGE_CELLS = 8
+"""How far past its edges a guest is carried on, for the decoder to look at."""
 UNIFORM_STEP_M = 0.2
 """What saved samples are counted beside: a march through the volume in steps of this length."""
+
+
+class Region(NamedTuple):
+    """Part of an image, in pixels from its top left corner; ``right`` and ``bottom`` are the first that do not belong to it."""
+
+    left: int
+    top: int
+    right: int
+    bottom: int
+
+    def cells(self, size: int, reach: int, whole: Region) -> tuple[slice, slice]:
+        """Rows and columns of the cells of ``size`` pixels that the region touches, and ``reach`` more on every side."""
+        spans = ((self.top, self.bottom, whole.bottom), (self.left, self.right, whole.right))
+        return tuple(slice(max(0, a // size - reach), min(-(-end // size), -(-b // size) + reach)) for a, b, end in spans)  # type: ignore[return-value]
+
+    def within(self, cells: tuple[slice, slice], size: int) -> tuple[slice, slice]:
+        """Where the region lies in the pixels of such cells."""
+        rows, columns = (c.start * size for c in cells)
+        return slice(self.top - rows, self.bottom - rows), slice(self.left - columns, self.right - columns)
 
 
 class Renderer:
@@ -62,23 +83,36 @@ class Renderer:
         self.sampling = Sampling(fine=QUALITY[quality])
 
     @torch.no_grad()
-    def camera(self, camera_id: str, frame: int, passes: Sequence[str] = ("rgb",), width: int | None = None) -> CameraFrame:
-        """One image with the passes asked for."""
+    def camera(
+        self,
+        camera_id: str,
+        frame: int,
+        passes: Sequence[str] = ("rgb",),
+        width: int | None = None,
+        region: Region | None = None,
+    ) -> CameraFrame:
+        """One image with the passes asked for, or the ``region`` of it: the frame's arrays are then as large as that."""
         begun = time.perf_counter()
         recorded = _pick(self.drive.cameras, camera_id, "camera")
         model = recorded.model.resized(width) if width else recorded.model
         camera = Camera(camera_id, model, recorded.world_from_camera, recorded.time_s)
         up = self.scene.model.config.upsample
-        u, v = pixel_grid(model, up)
+        whole = Region(0, 0, model.width, model.height)
+        region = whole if region is None else region
+        # what the decoder looks at beside the region is traced with it
+        reach = self.scene.model.camera_decoder.reach + (EDGE_CELLS if self.cast.guests else 0)
+        cells = region.cells(up, reach, whole)
+        u, v = (x[cells] for x in pixel_grid(model, up))
         rays = camera_rays(camera, frame, u, v)
         stats = RenderStats()
         traced, maps = self._trace(rays.flat(), set(passes), stats, sky=True)
         traced_s = time.perf_counter()
-        image = self._decode(traced, rays, camera_id, u.shape, model)
+        image = self._decode(traced, rays, camera_id, u.shape)
         stats.seconds = {"trace": traced_s - begun, "decode": time.perf_counter() - traced_s}
         pose = camera.world_from_camera.at(camera.time_s[frame])
-        out = CameraFrame(model, pose, image, instances=self.cast.uids, stats=stats)
-        fill_passes(out, maps, rays, u.shape, up)
+        inner = region.within(cells, up)
+        out = CameraFrame(model, pose, image[inner], instances=self.cast.uids, stats=stats)
+        fill_passes(out, maps, rays, u.shape, up, inner)
         return out
 
     @torch.no_grad()
@@ -190,9 +224,7 @@ class Renderer:
         stats.samples_spent += spent
         stats.samples_saved += max(0, uniform - spent)
 
-    def _decode(
-        self, traced: Traced, rays: Rays, camera_id: str, shape: tuple[int, ...], model: CameraModel
-    ) -> NDArray[np.float32]:
+    def _decode(self, traced: Traced, rays: Rays, camera_id: str, shape: tuple[int, ...]) -> NDArray[np.float32]:
         directions = torch.as_tensor(rays.directions.reshape(-1, 3), dtype=torch.float32, device=self.device)
 
         def image(network: SceneModel, feature: Tensor) -> Tensor:
@@ -213,7 +245,7 @@ class Renderer:
             if other.shape != rgb.shape:
                 other = F.interpolate(other, size=rgb.shape[-2:], mode="bilinear", align_corners=False)
             rgb = torch.lerp(rgb, other, alpha)
-        return rgb[0].permute(1, 2, 0)[: model.height, : model.width].cpu().numpy().astype(np.float32)
+        return rgb[0].permute(1, 2, 0).cpu().numpy().astype(np.float32)
 
 
 def observe(scene: Scene, cameras: Sequence[str], frames: Sequence[int], points: FloatArray) -> torch.Tensor:
@@ -295,7 +327,7 @@ def _spread_over_edges(feature: Tensor, share: Tensor, shape: tuple[int, ...]) -
     """A guest's features (N, F), divided by its share of the ray and carried past its edges, where the decoder looks too."""
     f = feature.view(1, *shape, -1).permute(0, 3, 1, 2)
     a = share.view(1, 1, *shape)
-    for _ in range(8):
+    for _ in range(EDGE_CELLS):
         blurred_f, blurred_a = F.avg_pool2d(f, 3, 1, 1), F.avg_pool2d(a, 3, 1, 1)
         empty = a < 1e-3
         f, a = torch.where(empty, blurred_f, f), torch.where(empty, blurred_a, a)
