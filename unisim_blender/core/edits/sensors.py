@@ -29,10 +29,10 @@ def select_sensors(drive: Drive, context: Context) -> Drive:
     cameras, lidars = drive.cameras, drive.lidars
     if sensors.cameras is not None:
         specs = [(spec, f"{source}: sensors.cameras[{i}]") for i, spec in enumerate(sensors.cameras)]
-        cameras = {spec.id: _camera(drive, spec, place) for spec, place in specs}
+        cameras = {spec.id: _camera(drive, spec, place, context) for spec, place in specs}
     if sensors.lidars is not None:
         beams = [(spec, f"{source}: sensors.lidars[{i}]") for i, spec in enumerate(sensors.lidars)]
-        lidars = {spec.id: _lidar(drive, spec, place) for spec, place in beams}
+        lidars = {spec.id: _lidar(drive, spec, place, context) for spec, place in beams}
     return replace(drive, cameras=cameras, lidars=lidars)
 
 
@@ -43,8 +43,8 @@ def _base(known: dict[str, Sensor], spec: CameraSpec | LidarSpec, place: str, ki
         return known[key]
     if spec.like is not None:
         fail(f"{place}.like", f'no {kind} "{spec.like}" in the log {listed(known)}')
-    if spec.mount is None:
-        fail(f"{place}.id", f'no {kind} "{spec.id}" in the log {listed(known)}; a new one needs a mount')
+    if spec.mount is None and spec.trajectory is None:
+        fail(f"{place}.id", f'no {kind} "{spec.id}" in the log {listed(known)}; a new one needs a mount or a trajectory')
     return None
 
 
@@ -53,10 +53,11 @@ def _times(drive: Drive, base: Camera | Lidar | None, offset_s: float) -> dict[i
     return {frame: time + offset_s for frame, time in times.items()} if offset_s else dict(times)
 
 
-def _camera(drive: Drive, spec: CameraSpec, place: str) -> Camera:
+def _camera(drive: Drive, spec: CameraSpec, place: str, context: Context) -> Camera:
     base = _base(drive.cameras, spec, place, "camera")
     model = _new_camera_model(spec, place) if base is None else _changed_camera_model(base.model, spec, place)
-    way = _mounted(drive, spec.mount, spec.mount_offset, None if base is None else base.world_from_camera, FRONT_FROM_OPTICAL)
+    recorded = None if base is None else base.world_from_camera
+    way = _way(drive, spec, recorded, FRONT_FROM_OPTICAL, context, place)
     return Camera(spec.id, model, way, _times(drive, base, spec.time_offset_s or 0.0))
 
 
@@ -105,12 +106,12 @@ def _focal_length(spec: CameraSpec, width: int) -> float | None:
     return float(width / 2 / np.tan(np.radians(spec.horizontal_fov_deg) / 2))
 
 
-def _lidar(drive: Drive, spec: LidarSpec, place: str) -> Lidar:
+def _lidar(drive: Drive, spec: LidarSpec, place: str, context: Context) -> Lidar:
     base = _base(drive.lidars, spec, place, "LiDAR")
     model = _lidar_model(None if base is None else base.model, spec, place)
-    way = _mounted(drive, spec.mount, spec.mount_offset, None if base is None else base.world_from_lidar, np.eye(3))
+    way = _way(drive, spec, None if base is None else base.world_from_lidar, np.eye(3), context, place)
     blocked = None
-    if base is not None and base.model is model and spec.mount is None and spec.mount_offset is None:
+    if base is not None and base.model is model and way is base.world_from_lidar:
         blocked = base.blocked  # what the vehicle hides is known for the recorded beams on the recorded mount alone
     return Lidar(spec.id, model, way, _times(drive, base, 0.0), blocked)
 
@@ -144,6 +145,25 @@ def _lidar_model(old: LidarModel | None, spec: LidarSpec, place: str) -> LidarMo
     if model.min_range_m >= model.max_range_m:
         fail(place, f"min_range_m {model.min_range_m:g} must lie below max_range_m {model.max_range_m:g}")
     return model
+
+
+def _way(
+    drive: Drive,
+    spec: CameraSpec | LidarSpec,
+    recorded: Trajectory | None,
+    front_from_sensor: FloatArray,
+    context: Context,
+    place: str,
+) -> Trajectory:
+    """The sensor's trajectory in the world: one of its own, or on the vehicle."""
+    if spec.trajectory is None:
+        return _mounted(drive, spec.mount, spec.mount_offset, recorded, front_from_sensor)
+    # a key with angles looks along x at 0, as a mount does
+    own = context.trajectory(None, spec.trajectory, None, place)
+    turned = np.array([key.quaternion_wxyz is None for key in spec.trajectory])
+    poses = own.poses
+    poses[turned, :3, :3] = poses[turned, :3, :3] @ front_from_sensor
+    return Trajectory.from_poses(own.times_s, poses)
 
 
 def _mounted(

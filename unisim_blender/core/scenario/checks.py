@@ -97,11 +97,9 @@ def _check_sensors(scenario: Scenario) -> None:
             place = f"{scenario.path}: sensors.{kind}[{index}]"
             _require(spec.id not in seen, f"{place}.id", f'"{spec.id}" stands twice')
             seen.add(spec.id)
-            _require(
-                spec.mount is None or spec.mount_offset is None,
-                place,
-                "has both mount and mount_offset, which exclude each other",
-            )
+            given = [name for name in ("mount", "mount_offset", "trajectory") if getattr(spec, name) is not None]
+            _require(len(given) <= 1, place, f"has both {' and '.join(given)}, which exclude each other")
+            _check_keys(spec.trajectory or (), f"{place}.trajectory")
             for member, rotation in (("mount", spec.mount), ("mount_offset", spec.mount_offset)):
                 if rotation is not None:
                     check_rotation(rotation, f"{place}.{member}")

@@ -203,6 +203,7 @@ class CameraSpec:
     time_offset_s: float | None = None
     mount: Placement | None = None
     mount_offset: Offset | None = None
+    trajectory: tuple[Keyframe, ...] | None = None
 
 
 @dataclass(frozen=True)
@@ -223,6 +224,7 @@ class LidarSpec:
     max_range_m: float | None = None
     mount: Placement | None = None
     mount_offset: Offset | None = None
+    trajectory: tuple[Keyframe, ...] | None = None
 
 
 @dataclass(frozen=True)

@@ -37,6 +37,26 @@ def vlp16() -> LidarModel:
     return _model(np.linspace(15.0, -15.0, 16), 1800, 100.0)
 
 
+VLP32C = (
+    *((15.0, -1.4), (10.333, 1.4), (7.0, -1.4), (4.667, 1.4), (3.333, -1.4), (2.333, 1.4), (1.667, -4.2), (1.333, -1.4)),
+    *((1.0, 1.4), (0.667, 4.2), (0.333, -4.2), (0.0, -1.4), (-0.333, 1.4), (-0.667, 4.2), (-1.0, -4.2), (-1.333, -1.4)),
+    *((-1.667, 1.4), (-2.0, 4.2), (-2.333, -4.2), (-2.667, -1.4), (-3.0, 1.4), (-3.333, 4.2), (-3.667, -4.2), (-4.0, -1.4)),
+    *((-4.667, 1.4), (-5.333, 4.2), (-6.148, -1.4), (-7.254, 1.4), (-8.843, -1.4), (-11.31, 1.4), (-15.639, -1.4), (-25.0, 1.4)),
+)
+"""Elevation and azimuth offset, clockwise, of each laser."""
+
+
+def vlp32c() -> LidarModel:
+    """Velodyne VLP-32C (Ultra Puck): 32 beams, dense about the horizon."""
+    elevation, clockwise = np.array(VLP32C).T
+    return _model(elevation, 1800, 200.0, -clockwise)
+
+
+def hdl64e() -> LidarModel:
+    """Velodyne HDL-64E: 32 beams a third of a degree apart from 2 degrees down, then 32 half a degree apart."""
+    return _model(np.concatenate([2.0 - np.arange(32) / 3, -8.0 - 5 / 6 - np.arange(32) / 2]), 1800, 120.0)
+
+
 def hdl32e() -> LidarModel:
     """Velodyne HDL-32E: 32 beams 4/3 degrees apart."""
     return _model(np.linspace(32.0 / 3, -92.0 / 3, 32), 1800, 100.0)
@@ -55,7 +75,9 @@ def os1_128() -> LidarModel:
 BEAM_TABLES: dict[str, Callable[[], LidarModel]] = {
     "pandar64": pandar64,
     "vlp16": vlp16,
+    "vlp32c": vlp32c,
     "hdl32e": hdl32e,
+    "hdl64e": hdl64e,
     "os1-64": os1_64,
     "os1-128": os1_128,
 }
