@@ -164,6 +164,9 @@ class TinyLog:
     def sweep_frames(self, lidar: str) -> tuple[int, ...]:
         return self.drive.frames[:-1]
 
+    def image_path(self, camera: str, frame: int) -> Path | None:
+        return None
+
     def image(self, camera: str, frame: int) -> NDArray[np.uint8]:
         rgb = np.full((18, 32, 3), 0.5 - self.offset + 0.01 * frame**2)
         image: NDArray[np.uint8] = np.rint(rgb * 255).astype(np.uint8)

@@ -64,6 +64,10 @@ class Log(Protocol):
         """Frames of which the LiDAR has a sweep."""
         ...
 
+    def image_path(self, camera: str, frame: int) -> Path | None:
+        """The file of the recorded image; None where there is none."""
+        ...
+
     def image(self, camera: str, frame: int) -> NDArray[np.uint8]:
         """The recorded image (H, W, 3), sRGB."""
         ...

@@ -40,7 +40,7 @@ MOST_JOBS = 8
     type=click.IntRange(min=0),
     help="Draw whether a LiDAR beam returns from its probability. [default: it returns where that is half or more]",
 )
-@click.option("--device", default="cpu", show_default=True, help="cpu, cuda or mps.")
+@click.option("--device", default="cpu", show_default=True, help="cpu, cuda, mps, or auto for the best there is.")
 def command(
     scenario: Path,
     out: Path,
@@ -57,7 +57,9 @@ def command(
     device: str,
 ) -> None:
     """Render SCENARIO's sensors into a folder: pictures, sweeps, labels and a manifest."""
-    wishes = Wishes(frames, split_names(sensors), split_names(passes), width, quality, device, draw)
+    from ..devices import pick
+
+    wishes = Wishes(frames, split_names(sensors), split_names(passes), width, quality, pick(device), draw)
     plan, prepared = plan_scenario(scenario, wishes)
     wanted = {*sequence_formats(prepared.scenario), *formats, *(("video",) if video else ())}
     with tqdm(total=len(plan.frames), unit="frame", dynamic_ncols=True, smoothing=0.1) as bar:

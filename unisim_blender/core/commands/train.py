@@ -18,7 +18,7 @@ import click
 @click.option(
     "--iterations", type=int, help="Train this many steps: with fixed threads, always to the same weights, resumed or not."
 )
-@click.option("--device", default="cpu", show_default=True, help="cpu or cuda; a device needs float64.")
+@click.option("--device", default="cpu", show_default=True, help="cpu, cuda, mps, or auto for the best there is.")
 @click.option("--seed", type=int, default=0, show_default=True, help="Seed of every random choice.")
 @click.option("--vgg", type=click.Path(), help="VGG-16 weights (torchvision's names) for the perceptual term.")
 @click.option("--adversarial", is_flag=True, help="Add a patch discriminator on views from shifted origins.")
@@ -29,6 +29,7 @@ def command(  # noqa: PLR0913
     iterations: int | None, device: str, seed: int, vgg: str | None, adversarial: bool, resume: bool, quiet: bool,
 ) -> None:  # fmt: skip
     """Train the neural scene of the drive at LOG."""
+    from ..devices import pick
     from ..logs import open_log
     from ..prepare.selection import check_names, select_frames, split_names
     from ..training.config import TrainConfig
@@ -45,7 +46,7 @@ def command(  # noqa: PLR0913
     lidars = [name for name in recorded.drive.lidars if recorded.drive.lidars[name].model.beams and recorded.sweep_frames(name)]
     config = TrainConfig(
         cameras=names, lidars=tuple(lidars), frames=select_frames(frames, recorded.drive.frames), width=width,
-        preset=preset, minutes=minutes, iterations=iterations, device=device, seed=seed, vgg=vgg, adversarial=adversarial,
+        preset=preset, minutes=minutes, iterations=iterations, device=pick(device), seed=seed, vgg=vgg, adversarial=adversarial,
     )  # fmt: skip
     header = train(recorded, config, out, resume=resume, quiet=quiet)
     click.echo(f"{out}: {header.training['iterations']} steps in {header.training['seconds'] / 60:.1f} minutes")

@@ -83,6 +83,10 @@ class PandasetLog:
             return self._gt_frames
         return tuple(sorted(self._sweeps))
 
+    def image_path(self, camera: str, frame: int) -> Path | None:
+        """The file of the recorded image; None where there is none."""
+        return self._images.get(camera, {}).get(frame)
+
     def image(self, camera: str, frame: int) -> NDArray[np.uint8]:
         """The recorded image (H, W, 3), sRGB. Decoding needs Pillow."""
         from PIL import Image, UnidentifiedImageError

@@ -31,9 +31,14 @@ def prepare_scenario(path: Path, refined: bool = True) -> PreparedScenario:
     ``refined=False`` takes the log's own, as the truth of a street needs it. Raises `UnisimError`.
     """
     scenario = load_scenario(path)
-    header = None if scenario.scene_path is None else read_scene_header(scenario.scene_path)
-    recorded = _log_drive(scenario) if header is None or not refined else _replayed_drive(scenario, header)
+    recorded = recorded_drive(scenario, refined)
     return PreparedScenario(scenario, recorded, apply_scenario(scenario, recorded, scene_actors), scenario.scene_path)
+
+
+def recorded_drive(scenario: Scenario, refined: bool = True) -> Drive:
+    """The drive that a scenario's edits begin with. Raises `UnisimError`."""
+    header = None if scenario.scene_path is None else read_scene_header(scenario.scene_path)
+    return _log_drive(scenario) if header is None or not refined else _replayed_drive(scenario, header)
 
 
 def scene_actors(path: Path) -> dict[str, Actor]:

@@ -72,5 +72,9 @@ def sequence_formats(scenario: Scenario) -> tuple[str, ...]:
 
 
 def scenario_hash(scenario: Scenario) -> str:
-    """A digest of the document, whatever its layout and wherever it lies."""
-    return hashlib.sha256(json.dumps(scenario_to_json(scenario), sort_keys=True).encode()).hexdigest()
+    """A digest of the document, whatever its layout, and wherever it, its log and its scenes lie."""
+    document = scenario_to_json(scenario)
+    for part in (document, *document.get("edits", ())):
+        for path in ("log", "scene"):
+            part.pop(path, None)
+    return hashlib.sha256(json.dumps(document, sort_keys=True).encode()).hexdigest()

@@ -28,8 +28,8 @@ from ..frames import RenderStats
 from ..output.frame_files import json_bytes, write_camera, write_labels, write_lidar
 from ..processes import THREAD_VARIABLES, end_with_parent
 from .plan import FrameRenderer, RenderPlan, code_identity, environment, plan_key
+from .records import STATE_FOLDER
 
-STATE_FOLDER = ".state"
 MANIFEST_NAME = "manifest.json"
 TIMINGS_NAME = "timings.json"
 MANIFEST_VERSION = 1
