@@ -1,0 +1,59 @@
+"""What the renderer's interpreter runs. It puts this package, and nothing else of Blender's, on the interpreter's path.
+
+python bootstrap.py probe              says in JSON what the interpreter has
+python bootstrap.py serve FOLDER       the worker: requests on stdin, events on stdout, pixels in files in FOLDER
+python bootstrap.py cli ARGUMENTS      the command line `unisim`
+"""
+
+import importlib.util
+import json
+import sys
+from importlib.machinery import ModuleSpec, PathFinder
+from pathlib import Path
+
+
+class Here:
+    """Finds the package's modules in its own folder, also where another copy of it is installed."""
+
+    @staticmethod
+    def find_spec(name: str, path: object = None, target: object = None) -> "ModuleSpec | None":
+        """As importlib asks for it."""
+        return PathFinder.find_spec(name, path) if name.startswith("unisim_blender.") else None  # type: ignore[arg-type]
+
+
+def load(root: Path) -> None:
+    """The package in folder ``root`` under its own name, whatever it is called inside Blender."""
+    sys.meta_path.insert(0, Here)
+    spec = importlib.util.spec_from_file_location("unisim_blender", root / "__init__.py", submodule_search_locations=[str(root)])
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules["unisim_blender"] = module
+    spec.loader.exec_module(module)
+
+
+def main() -> None:
+    """Do what the first argument says."""
+    here = Path(__file__).resolve().parent
+    sys.path[:] = [place for place in sys.path if Path(place).resolve() != here]
+    load(here)
+    what, *arguments = sys.argv[1:]
+    from unisim_blender.core.processes import wait_briefly
+
+    wait_briefly()
+    if what == "probe":
+        from unisim_blender.core.worker.about import about
+
+        print(json.dumps(about()))
+    elif what == "serve":
+        from unisim_blender.core.worker.server import main as serve
+
+        serve(Path(arguments[0]))
+    else:
+        sys.argv[1:] = arguments
+        from unisim_blender.core.cli import main as cli
+
+        cli()
+
+
+if __name__ == "__main__":
+    main()

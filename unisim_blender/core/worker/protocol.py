@@ -1,0 +1,50 @@
+"""What goes through the pipe between Blender and the worker: JSON objects, each after its length in four bytes.
+
+A request has an ``id`` and says what to ``do``. Its events carry the id back and say what ``event`` they are: any number of
+those that the job has of its own, and then one of ``done``, ``cancelled`` and ``error`` (a sentence in ``text``).
+"""
+
+from __future__ import annotations
+
+import json
+import struct
+from typing import Any, BinaryIO
+
+Message = dict[str, Any]
+LENGTH = struct.Struct("<I")
+MAX_BYTES = 256 << 20
+ENDS = ("done", "cancelled", "error")
+
+
+def write_message(stream: BinaryIO, message: Message) -> None:
+    """Send one message. Raises OSError where the other end is gone."""
+    data = json.dumps(message, separators=(",", ":"), allow_nan=False).encode()
+    stream.write(LENGTH.pack(len(data)) + data)
+    stream.flush()
+
+
+def read_message(stream: BinaryIO) -> Message | None:
+    """The next message; None where the other end is gone or does not keep to the protocol."""
+    head = _read(stream, LENGTH.size)
+    if head is None:
+        return None
+    (length,) = LENGTH.unpack(head)
+    data = _read(stream, length) if length <= MAX_BYTES else None
+    if data is None:
+        return None
+    try:
+        message = json.loads(data)
+    except ValueError:
+        return None
+    return message if isinstance(message, dict) else None
+
+
+def _read(stream: BinaryIO, count: int) -> bytes | None:
+    parts = []
+    while count:
+        part = stream.read(count)
+        if not part:
+            return None
+        parts.append(part)
+        count -= len(part)
+    return b"".join(parts)

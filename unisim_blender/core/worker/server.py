@@ -1,0 +1,76 @@
+"""The worker's side: one job at a time, each a generator that is asked between its steps whether it is still wanted."""
+
+from __future__ import annotations
+
+import os
+import queue
+import sys
+import threading
+import traceback
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import BinaryIO
+
+from ..errors import UnisimError
+from .protocol import Message, read_message, write_message
+
+Job = Callable[[Message], Iterator[Message]]
+
+
+class Server:
+    """Runs requests in the order in which they come. ``jobs`` are what can be asked for, by name."""
+
+    def __init__(self, requests: BinaryIO, events: BinaryIO, jobs: dict[str, Job]) -> None:
+        self.requests, self.events, self.jobs = requests, events, jobs
+        self.waiting: queue.SimpleQueue[Message | None] = queue.SimpleQueue()
+        self.cancelled: set[int] = set()
+
+    def run(self) -> None:
+        """Until the other end is gone."""
+        threading.Thread(target=self._listen, daemon=True).start()
+        while (request := self.waiting.get()) is not None:
+            self._do(request)
+
+    def _listen(self) -> None:
+        """A thread of its own: a cancellation is heard while a job runs, and so is the end of Blender."""
+        while (request := read_message(self.requests)) is not None:
+            if request.get("do") == "cancel":
+                self.cancelled.add(int(request["job"]))
+            else:
+                self.waiting.put(request)
+        # nobody is left to render for: the job at hand need not end first
+        os._exit(0)
+
+    def _do(self, request: Message) -> None:
+        number, name = int(request.get("id", -1)), str(request.get("do"))
+        try:
+            if name not in self.jobs:
+                raise UnisimError(f"the worker knows no {name!r}: it is of another version than the extension")
+            if number not in self.cancelled:
+                for event in self.jobs[name](request):
+                    self._tell(number, event)
+                    if number in self.cancelled:
+                        break
+            self._tell(number, {"event": "cancelled" if number in self.cancelled else "done"})
+        except UnisimError as fault:
+            self._tell(number, {"event": "error", "text": str(fault)})
+        except MemoryError:
+            self._tell(number, {"event": "error", "text": "the worker has no memory left for this"})
+        except Exception as fault:
+            traceback.print_exc(file=sys.stderr)
+            self._tell(number, {"event": "error", "text": f"{type(fault).__name__}: {fault}"})
+        finally:
+            self.cancelled.discard(number)
+
+    def _tell(self, number: int, event: Message) -> None:
+        write_message(self.events, {"id": number, **event})
+
+
+def main(folder: Path) -> None:
+    """Serve the process that started this one; ``folder`` is where pixels are left for it."""
+    events = os.fdopen(os.dup(1), "wb")
+    # whatever prints must not break the protocol
+    os.dup2(2, 1)
+    from .jobs import all_jobs
+
+    Server(sys.stdin.buffer, events, all_jobs(folder)).run()

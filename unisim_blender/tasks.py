@@ -1,0 +1,165 @@
+"""Long work in processes of its own: sequences and trainings, run by the command line `unisim` itself.
+
+What such a process has done is read off its folder, so a progress bar survives Blender, and a run that was cancelled goes on
+where it stopped.
+"""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections import deque
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from . import interpreters
+from .core.sequence.records import finished_frames
+
+PATIENCE_S = 20.0
+"""How long a process that was asked to end may take to leave everything whole."""
+
+
+@dataclass
+class Task:
+    """A command that runs. ``arguments`` follow `unisim`; ``total`` is how much there is to do, in frames or minutes."""
+
+    arguments: list[str]
+    folder: Path
+    total: float
+    chosen: str = ""
+    started_s: float = field(default_factory=time.monotonic)
+    process: subprocess.Popen[bytes] | None = None
+    code: int | None = None
+    cancelled: bool = False
+    words: deque[str] = field(default_factory=lambda: deque(maxlen=20))
+    before: float = 0.0
+
+    def start(self) -> None:
+        """Begin; returns at once."""
+        self.before = self.done
+        threading.Thread(target=self._run, daemon=True).start()
+
+    @property
+    def running(self) -> bool:
+        """Whether it goes on."""
+        return self.code is None
+
+    @property
+    def done(self) -> float:
+        """How much of `total` is done."""
+        raise NotImplementedError
+
+    @property
+    def problem(self) -> str:
+        """Why it failed; "" where it did not."""
+        if self.running or self.code == 0 or self.cancelled:
+            return ""
+        lines = [line for line in self.words if line.strip()]
+        own = [line.removeprefix("Error: ") for line in lines if line.startswith("Error: ")]
+        return (own or lines or [f"exit status {self.code}"])[-1]
+
+    def text(self) -> str:
+        """One line for a status bar."""
+        if self.problem:
+            return self.problem
+        if self.cancelled:
+            return f"Stopped at {self.measure()}; start it again to go on"
+        if not self.running:
+            return f"Done: {self.measure()}"
+        spent, new = time.monotonic() - self.started_s, self.done - self.before
+        if new <= 0:
+            return f"{self.measure()}, starting"
+        left = (self.total - self.done) * spent / new
+        return f"{self.measure()}, {self.speed(new / spent)}{int(left) // 60}:{int(left) % 60:02d} left"
+
+    def measure(self) -> str:
+        """How far it is."""
+        raise NotImplementedError
+
+    def speed(self, rate: float) -> str:
+        """How fast it goes, or ""."""
+        return ""
+
+    def cancel(self) -> None:
+        """Ask it to end; what is finished stays."""
+        self.cancelled = True
+        process = self.process
+        if process is not None and process.poll() is None:
+            process.send_signal(signal.SIGTERM if sys.platform == "win32" else signal.SIGINT)
+            threading.Thread(target=_end, args=(process,), daemon=True).start()
+
+    def _run(self) -> None:
+        try:
+            found, failed = interpreters.find(self.chosen)
+            if found is None:
+                self.words.append(interpreters.how_to_mend(failed))
+                self.code = 1
+                return
+            command = interpreters.command(found.path, "cli", *self.arguments)
+            self.process = process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
+            if self.cancelled:
+                process.kill()
+            assert process.stderr is not None
+            for line in process.stderr:
+                self.words.append(line.decode(errors="replace").rstrip())
+            self.code = process.wait()
+        except OSError as fault:
+            self.words.append(str(fault))
+            self.code = 1
+
+
+def _end(process: subprocess.Popen[bytes]) -> None:
+    try:
+        process.wait(PATIENCE_S)
+    except subprocess.TimeoutExpired:
+        process.kill()
+
+
+class SequenceTask(Task):
+    """Frames rendered into a folder."""
+
+    @property
+    def done(self) -> float:
+        """Frames that are finished."""
+        return float(finished_frames(self.folder))
+
+    def measure(self) -> str:
+        """Frames of how many."""
+        return f"{int(self.done)} of {int(self.total)} frames"
+
+    def speed(self, rate: float) -> str:
+        """Frames a second."""
+        return f"{rate:.2f} frames/s, "
+
+    def newest(self) -> Path | None:
+        """The picture that was finished last."""
+        pictures = list((self.folder / "camera").glob("*/*.png"))
+        return max(pictures, key=lambda path: path.stat().st_mtime_ns, default=None)
+
+
+class TrainingTask(Task):
+    """A scene that is trained."""
+
+    def curve(self) -> list[dict[str, float]]:
+        """What the training has noted so far, one entry every hundred steps."""
+        try:
+            lines = (self.folder / "training.jsonl").read_text().splitlines()
+            return [json.loads(line) for line in lines if line.endswith("}")]
+        except OSError:
+            return []
+
+    @property
+    def done(self) -> float:
+        """Minutes of training."""
+        curve = self.curve()
+        return curve[-1]["seconds"] / 60 if curve else 0.0
+
+    def measure(self) -> str:
+        """Minutes of how many, and how good it is."""
+        curve = self.curve()
+        now = f", PSNR {curve[-1]['psnr']:.1f} dB, LiDAR {100 * curve[-1]['lidar_m']:.1f} cm" if curve else ""
+        return f"{self.done:.1f} of {self.total:.1f} minutes{now}"
