@@ -1,13 +1,14 @@
 # make setup   everything into .venv, the native library built
 # make demo    a small street, a scene trained on it and its edits, in pictures
 # make test    lint, types, import rules, tests
+# make extension   the Blender extension as a .zip, in dist/
 # make clean   removes what the others made, .venv included
 PYTHON ?= python3.11
 VENV := .venv
 BIN := $(VENV)/bin
 BUILD_TOOLS := scikit-build-core cmake ninja
 
-.PHONY: setup demo test clean
+.PHONY: setup demo test extension clean
 
 setup: $(VENV)/.built
 
@@ -27,15 +28,23 @@ $(VENV)/.built: $(VENV)/.installed CMakeLists.txt $(wildcard native/*)
 	$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation --editable .
 	touch $@
 
+# Blender's module is a gigabyte that the demo can do without.
+$(VENV)/.blender: $(VENV)/.built
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt bpy==5.0.1
+	touch $@
+
 demo: setup
 	$(BIN)/unisim demo
 
-test: setup
+test: $(VENV)/.blender
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 	OMP_NUM_THREADS=1 $(BIN)/pytest -n 2 --dist loadfile
 
+extension: $(VENV)/.blender
+	$(BIN)/python tools/build_extension.py dist
+
 clean:
-	rm -rf $(VENV) build out unisim_blender/core/_unisim_native.*
+	rm -rf $(VENV) build dist out unisim_blender/core/_unisim_native.*

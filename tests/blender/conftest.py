@@ -1,0 +1,40 @@
+"""Blender as a Python module, empty and with the add-on registered, for each test."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+bpy = pytest.importorskip("bpy", reason="Blender's module is not installed: pip install 'unisim_blender[blender]'")
+
+
+@pytest.fixture(scope="session")
+def addon() -> Iterator[Any]:
+    """The add-on, registered."""
+    import unisim_blender
+
+    unisim_blender.register()
+    yield unisim_blender
+    unisim_blender.unregister()
+
+
+@pytest.fixture
+def scene(addon: Any) -> Any:
+    """An empty scene."""
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    return bpy.context.scene
+
+
+@pytest.fixture
+def street(scene: Any) -> Any:
+    """A scene with the sample's trained street imported."""
+    from helpers import SAMPLE
+
+    assert bpy.ops.unisim.import_scene(filepath=str(SAMPLE / "scene" / "scene.json")) == {"FINISHED"}
+    return scene

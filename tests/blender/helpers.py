@@ -1,0 +1,42 @@
+"""What several of Blender's tests do."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import bpy
+
+from unisim_blender.bridge.source import source_of
+from unisim_blender.bridge.things import things
+from unisim_blender.core.drive import Drive
+from unisim_blender.core.edits import apply_scenario
+from unisim_blender.core.prepare.scenario import scene_actors
+from unisim_blender.core.scenario.types import Scenario
+from unisim_blender.operators.export_scenario import scenario_of
+
+SAMPLE = Path(__file__).parents[2] / "sample"
+
+
+def read(scene: Any) -> Scenario:
+    """The scenario that a scene stands for."""
+    return scenario_of(scene, Path("/tmp/scenario.json"))
+
+
+def edited(scene: Any) -> Drive:
+    """The drive that a scene stands for."""
+    return apply_scenario(read(scene), source_of(scene).drive, scene_actors)
+
+
+def thing(scene: Any, kind: str, uid: str) -> Any:
+    """The object of a kind and id that was imported."""
+    return next(t for t in things(scene, kind) if t.unisim.uid == uid and t.name == t.unisim.home)
+
+
+def select(*objects: Any) -> None:
+    """Select objects and nothing else; the last is active."""
+    for other in bpy.context.selected_objects:
+        other.select_set(False)
+    for one in objects:
+        one.select_set(True)
+        bpy.context.view_layer.objects.active = one

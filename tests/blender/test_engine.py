@@ -1,0 +1,149 @@
+"""F12: the pictures of `unisim render`, passes, borders, and what a user sees when something is wrong."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import bpy
+import numpy as np
+import OpenEXR
+import pytest
+from click.testing import CliRunner
+from helpers import select, thing
+from numpy.typing import NDArray
+from PIL import Image
+
+from unisim_blender.core.cli import unisim
+
+FRAME = 9
+
+
+@pytest.fixture
+def small(street: Any) -> Any:
+    """The street at a fifth of its size."""
+    street.render.engine = "UNISIM"
+    street.render.resolution_percentage = 20
+    street.frame_set(FRAME)
+    return street
+
+
+def shot(scene: Any, path: Path, exr: bool = False) -> Path:
+    """Render the frame that is shown into a file."""
+    settings = scene.render.image_settings
+    if exr:
+        if hasattr(settings, "media_type"):
+            settings.media_type = "MULTI_LAYER_IMAGE"
+        settings.file_format = "OPEN_EXR_MULTILAYER"
+        settings.color_depth = "32"
+    else:
+        settings.file_format = "PNG"
+        settings.color_mode = "RGB"
+    scene.render.filepath = str(path)
+    bpy.ops.render.render(write_still=True)
+    return path
+
+
+def pixels(path: Path) -> NDArray[Any]:
+    """A picture's bytes as integers."""
+    return np.asarray(Image.open(path).convert("RGB")).astype(int)
+
+
+def commanded(scene: Any, folder: Path) -> NDArray[Any]:
+    """The same frame by `unisim render`."""
+    bpy.ops.unisim.export_scenario(filepath=str(folder / "scenario.json"))
+    size = scene.render.resolution_x // 5
+    camera = scene.camera.unisim.uid
+    arguments = [
+        "render",
+        str(folder / "scenario.json"),
+        "--out",
+        str(folder / "out"),
+        "--frames",
+        str(FRAME),
+        "--width",
+        str(size),
+    ]
+    result = CliRunner().invoke(unisim, [*arguments, "--sensors", camera, "--jobs", "1"])
+    assert result.exit_code == 0, result.output
+    (path,) = (folder / "out" / "camera" / camera).glob("*.png")
+    return pixels(path)
+
+
+def test_f12_is_what_the_command_renders(small: Any, tmp_path: Path) -> None:
+    mine = pixels(shot(small, tmp_path / "f12.png"))
+    assert small.frame_current == FRAME
+    theirs = commanded(small, tmp_path)
+    assert mine.shape == theirs.shape
+    assert np.abs(mine - theirs).max() <= 1
+    assert mine.std() > 10
+
+
+def test_f12_of_edits_is_what_the_command_renders(small: Any, tmp_path: Path) -> None:
+    actors = sorted(o.unisim.uid for o in small.objects if o.unisim.kind == "ACTOR")
+    moving = next(uid for uid in actors if thing(small, "ACTOR", uid).animation_data is not None)
+    select(thing(small, "ACTOR", moving))
+    bpy.ops.unisim.duplicate_actor(where="LANE_LEFT")
+    bpy.ops.unisim.retime_actor(way="DELAY", frames=3)
+    bpy.ops.unisim.shift_ego(left_m=0.7)
+    small.frame_set(FRAME)
+    mine = pixels(shot(small, tmp_path / "f12.png"))
+    theirs = commanded(small, tmp_path)
+    assert np.abs(mine - theirs).max() <= 1
+
+
+def test_passes_in_an_exr(small: Any, tmp_path: Path) -> None:
+    layer = small.view_layers[0]
+    layer.use_pass_z = layer.use_pass_normal = layer.use_pass_object_index = True
+    small.unisim.opacity_pass = True
+    path = shot(small, tmp_path / "f12.exr", exr=True)
+    channels: dict[str, NDArray[Any]] = {}
+    with OpenEXR.File(str(path), separate_channels=True) as file:
+        for part in file.parts:
+            channels |= {name: channel.pixels for name, channel in part.channels.items()}
+    short = {name.split(".", 1)[-1]: values for name, values in channels.items()}
+    depth = next(v for k, v in short.items() if k.startswith("Depth"))
+    index = next(v for k, v in short.items() if k.startswith("IndexOB") or k.startswith("Object Index"))
+    normal = np.stack([next(v for k, v in short.items() if k == f"Normal.{axis}") for axis in "XYZ"], -1)
+    opacity = next(v for k, v in short.items() if k.startswith("Opacity"))
+    assert 1 < np.median(depth) < 200
+    assert set(np.unique(index)) - {0} <= {float(o.pass_index) for o in small.objects if o.unisim.kind == "ACTOR"}
+    assert (index > 0).any()
+    length = np.linalg.norm(normal, axis=-1)
+    assert np.minimum(np.abs(length - 1), length).max() < 0.02  # nothing was hit where there is none
+    assert (length[opacity > 0.9] > 0.5).mean() > 0.95
+    lower = normal[-normal.shape[0] // 8 :]
+    assert np.median(lower[..., 2]) > 0.8  # the road looks up
+
+
+def test_a_border_is_a_part_of_the_whole(small: Any, tmp_path: Path) -> None:
+    whole = pixels(shot(small, tmp_path / "whole.png"))
+    render = small.render
+    render.use_border = render.use_crop_to_border = True
+    render.border_min_x, render.border_max_x, render.border_min_y, render.border_max_y = 0.25, 0.75, 0.5, 1.0
+    part = pixels(shot(small, tmp_path / "part.png"))
+    height, width = whole.shape[:2]
+    left, lower = int(0.25 * width), int(0.5 * height)
+    assert np.abs(part - whole[: part.shape[0], left : left + part.shape[1]]).max() <= 1
+    assert part.shape[0] in (height - lower, height - lower - 1)
+    render.use_crop_to_border = False
+    black = pixels(shot(small, tmp_path / "black.png"))
+    assert black.shape == whole.shape and black[-1].max() == 0
+    assert np.abs(black[: part.shape[0] - 1, left : left + part.shape[1]] - part[:-1]).max() <= 1
+
+
+def test_any_camera_sees(small: Any, tmp_path: Path) -> None:
+    data = bpy.data.cameras.new("above")
+    above = bpy.data.objects.new("above", data)
+    small.collection.objects.link(above)
+    above.location = np.array(small.camera.matrix_world.translation) + [0.0, 0.0, 6.0]
+    above.rotation_euler = (np.radians(70), 0.0, np.radians(-90))
+    small.camera = above
+    picture = pixels(shot(small, tmp_path / "above.png"))
+    assert picture.std() > 5
+
+
+def test_a_drive_without_a_trained_scene_says_so(small: Any, tmp_path: Path) -> None:
+    small.unisim.scene = ""
+    with pytest.raises(RuntimeError, match="no log|trained scene"):
+        shot(small, tmp_path / "none.png")

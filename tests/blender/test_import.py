@@ -1,0 +1,106 @@
+"""A drive in a Blender scene: where things are, that a second import changes nothing, that files keep it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import bpy
+import numpy as np
+import pytest
+from helpers import SAMPLE, read, thing
+
+from unisim_blender.bridge.clock import Clock
+from unisim_blender.bridge.poses import optical, rigid, same
+from unisim_blender.bridge.sampling import sample_all
+from unisim_blender.bridge.source import source_of
+from unisim_blender.bridge.things import things
+
+
+def test_everything_of_the_drive_is_there(street: Any) -> None:
+    drive = source_of(street).drive
+    assert {t.unisim.uid for t in things(street, "ACTOR")} == set(drive.actors)
+    assert {t.unisim.uid for t in things(street, "CAMERA")} == set(drive.cameras)
+    assert {t.unisim.uid for t in things(street, "LIDAR")} == set(drive.lidars)
+    assert len(list(things(street, "EGO"))) == 1
+    assert street.camera is not None
+
+
+def test_things_stand_where_the_drive_has_them(street: Any) -> None:
+    drive = source_of(street).drive
+    clock = Clock.of(drive)
+    sampled = sample_all(street, clock)
+    checked = 0
+    for one in sampled.things:
+        if one.kind == "ACTOR":
+            actor = drive.actors[one.uid]
+            times = clock.times_s if actor.is_moving else clock.times_s[:1].repeat(len(clock.times_s))
+            poses = actor.world_from_actor.at(times)
+        elif one.kind == "EGO":
+            poses = drive.world_from_ego.at(clock.times_s)
+        elif one.kind == "CAMERA":
+            camera = drive.cameras[one.uid]
+            known = [i for i, frame in enumerate(clock.frames) if int(frame) in camera.time_s]
+            poses = optical(camera.world_from_camera.at(np.array([camera.time_s[int(clock.frames[i])] for i in known])))
+            assert same(one.poses[known], poses).all(), one.name
+            continue
+        else:
+            continue
+        assert same(one.poses, poses).all(), one.name
+        checked += 1
+    assert checked > 5
+
+
+def test_frame_n_is_the_logs_frame_n_at_its_rate(street: Any) -> None:
+    drive = source_of(street).drive
+    assert (street.frame_start, street.frame_end) == (drive.frames[0], drive.frames[-1])
+    rate = (len(drive.time_s) - 1) / (max(drive.time_s.values()) - min(drive.time_s.values()))
+    assert street.render.fps / street.render.fps_base == pytest.approx(rate, rel=0.2)
+
+
+def test_keys_are_linear_and_turns_are_quaternions(street: Any) -> None:
+    moving = [t for t in things(street, "ACTOR") if t.animation_data is not None]
+    assert moving
+    for one in moving:
+        assert one.rotation_mode == "QUATERNION"
+
+
+def test_a_second_import_doubles_nothing(street: Any) -> None:
+    names = {t.name for t in bpy.data.objects}
+    meshes, actions = len(bpy.data.meshes), len(bpy.data.actions)
+    bpy.ops.unisim.import_scene(filepath=str(SAMPLE / "scene" / "scene.json"))
+    assert {t.name for t in bpy.data.objects} == names
+    assert (len(bpy.data.meshes), len(bpy.data.actions)) == (meshes, actions)
+
+
+def test_an_import_alone_is_no_edit(street: Any) -> None:
+    scenario = read(street)
+    assert scenario.edits == ()
+    assert scenario.sensors is None
+    assert scenario.boxes is None
+
+
+def test_a_saved_file_is_the_same_scenario(street: Any, tmp_path: Path) -> None:
+    thing(street, "ACTOR", sorted(source_of(street).drive.actors)[0]).location.x += 3.0
+    before = read(street)
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "street.blend"))
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "street.blend"))
+    assert read(bpy.context.scene) == before
+
+
+def test_colours_are_as_recorded(street: Any) -> None:
+    view = street.view_settings
+    assert (view.view_transform, view.look, view.exposure, view.gamma) == ("Standard", "None", 0.0, 1.0)
+
+
+def test_what_is_no_scene_is_one_sentence(scene: Any, tmp_path: Path) -> None:
+    path = tmp_path / "scene.json"
+    path.write_text("{}")
+    with pytest.raises(RuntimeError, match=str(path)):
+        bpy.ops.unisim.import_scene(filepath=str(path))
+    assert not scene.objects
+
+
+def test_rigid_takes_scale_away() -> None:
+    matrix = np.diag([2.0, 3.0, 4.0, 1.0])
+    assert np.allclose(rigid(matrix), np.eye(4))

@@ -1,0 +1,92 @@
+"""Warnings: none for what was recorded, one for each thing that is odd."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+import numpy as np
+from helpers import select, thing
+
+from unisim_blender.bridge.clock import Clock
+from unisim_blender.bridge.plausibility import boxes_overlap, warnings_of
+from unisim_blender.bridge.sampling import sample_all
+from unisim_blender.bridge.source import source_of
+
+
+def warned(scene: Any) -> dict[str, str]:
+    """The warnings' texts by object."""
+    drive = source_of(scene).drive
+    return {found.name: found.text for found in warnings_of(sample_all(scene, Clock.of(drive)), drive)}
+
+
+def all_warned(scene: Any) -> dict[str, str]:
+    """All of each object's warnings in one text."""
+    drive = source_of(scene).drive
+    out: dict[str, str] = {}
+    for found in warnings_of(sample_all(scene, Clock.of(drive)), drive):
+        out[found.name] = f"{out.get(found.name, '')}{found.text}; "
+    return out
+
+
+def first(scene: Any, moving: bool) -> Any:
+    """The object of an actor that drives, or stands."""
+    drive = source_of(scene).drive
+    return thing(scene, "ACTOR", next(u for u, a in sorted(drive.actors.items()) if a.is_moving == moving and "Car" in a.label))
+
+
+def test_nothing_recorded_is_odd(street: Any) -> None:
+    assert warned(street) == {}
+
+
+def test_a_copy_in_place_overlaps(street: Any) -> None:
+    select(first(street, moving=False))
+    bpy.ops.object.duplicate()
+    copy = bpy.context.active_object
+    assert "overlaps" in " ".join(warned(street).values()) and copy is not None
+
+
+def test_a_flying_car(street: Any) -> None:
+    one = first(street, moving=False)
+    one.location.z += 2.0
+    assert "2.0 m above the ground" in warned(street)[one.name]
+
+
+def test_a_car_that_drives_sideways_and_one_that_is_too_fast(street: Any) -> None:
+    drive = source_of(street).drive
+    ways = {uid: actor.world_from_actor.positions for uid, actor in drive.actors.items() if actor.is_moving}
+    fastest = max(ways, key=lambda uid: float(np.linalg.norm(ways[uid][-1] - ways[uid][0])))
+    one = thing(street, "ACTOR", fastest)
+    one.delta_rotation_quaternion = (np.cos(np.pi / 4), 0, 0, np.sin(np.pi / 4))
+    assert "sideways" in all_warned(street)[one.name]
+    one.delta_rotation_quaternion = (1, 0, 0, 0)
+    select(one)
+    street.frame_set(0)
+    bpy.ops.unisim.retime_actor(way="SPEED", speed=20.0)
+    assert "km/h" in all_warned(street)[one.name]
+
+
+def test_a_view_from_far_away(street: Any) -> None:
+    street.camera.delta_location = (0.0, 0.0, 8.0)
+    assert "8." in warned(street)[street.camera.name]
+
+
+def test_the_list_jumps_to_the_place(street: Any) -> None:
+    one = first(street, moving=False)
+    one.location.z += 2.0
+    assert bpy.ops.unisim.check() == {"FINISHED"}
+    (item,) = bpy.context.window_manager.unisim_warnings
+    assert bpy.ops.unisim.go_to(thing=item.name, frame=item.frame) == {"FINISHED"}
+    assert bpy.context.active_object == one and street.frame_current == item.frame
+
+
+def test_boxes_overlap() -> None:
+    size = np.array([4.0, 2.0, 1.5])
+    a, b = np.eye(4), np.eye(4)
+    assert boxes_overlap(a, size, b, size)
+    b[:3, 3] = [0, 2.05, 0]
+    assert not boxes_overlap(a, size, b, size)
+    turn = np.eye(4)
+    turn[:2, :2] = [[0, -1], [1, 0]]
+    turn[:3, 3] = [0, 2.5, 0]
+    assert boxes_overlap(a, size, turn, size)  # its nose is in the other's side

@@ -1,0 +1,119 @@
+"""Scenarios into Blender and out again: the same drive."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import bpy
+import numpy as np
+import pytest
+from helpers import SAMPLE
+
+from unisim_blender.bridge.poses import same
+from unisim_blender.bridge.source import open_source
+from unisim_blender.core.drive import Drive
+from unisim_blender.core.edits import apply_scenario
+from unisim_blender.core.prepare.scenario import scene_actors
+from unisim_blender.core.scenario import load_scenario, save_scenario, scenario_from_json, scenario_to_json
+
+
+def drive_of(path: Path) -> Drive:
+    """The drive that a scenario leads to."""
+    scenario = load_scenario(path)
+    source = open_source(str(scenario.log_path), str(scenario.scene_path or ""))
+    return apply_scenario(scenario, source.drive, scene_actors)
+
+
+def assert_alike(a: Drive, b: Drive) -> None:
+    """The same actors, sensors, boxes, and the same poses at every frame."""
+    times = np.array([a.time_s[frame] for frame in a.frames])
+    assert a.frames == b.frames
+    assert set(a.actors) == set(b.actors)
+    for uid, one in a.actors.items():
+        other = b.actors[uid]
+        assert one.look == other.look and one.label == other.label, uid
+        there = one.present(times)
+        assert (there == other.present(times)).all(), uid
+        assert same(other.world_from_actor.at(times)[there], one.world_from_actor.at(times)[there]).all(), uid
+    assert same(b.world_from_ego.at(times), a.world_from_ego.at(times)).all()
+    assert set(a.cameras) == set(b.cameras) and set(a.lidars) == set(b.lidars)
+    for name, camera in a.cameras.items():
+        t = np.array(list(camera.time_s.values()))
+        assert camera.model == b.cameras[name].model
+        assert same(b.cameras[name].world_from_camera.at(t), camera.world_from_camera.at(t)).all(), name
+    for name, lidar in a.lidars.items():
+        t = np.array(list(lidar.time_s.values()))
+        assert same(b.lidars[name].world_from_lidar.at(t), lidar.world_from_lidar.at(t)).all(), name
+    assert len(a.static_copies) == len(b.static_copies) and len(a.static_removals) == len(b.static_removals)
+    for mine, theirs in zip(a.static_copies, b.static_copies, strict=True):
+        assert mine.uid == theirs.uid and same(theirs.world_from_target, mine.world_from_target)
+
+
+def there_and_back(path: Path, folder: Path) -> Path:
+    """Import a scenario into Blender and export it."""
+    assert bpy.ops.unisim.import_scenario(filepath=str(path)) == {"FINISHED"}
+    again = folder / "again.json"
+    assert bpy.ops.unisim.export_scenario(filepath=str(again)) == {"FINISHED"}
+    return again
+
+
+def test_the_sample(scene: Any, tmp_path: Path) -> None:
+    path = SAMPLE / "scenario.json"
+    assert_alike(drive_of(path), drive_of(there_and_back(path, tmp_path)))
+
+
+EDITS: dict[str, list[dict[str, Any]]] = {
+    "remove": [{"type": "remove", "actor": "car-12"}],
+    "duplicate": [{"type": "duplicate", "actor": "car-03", "id": "second", "offset_m": [0, 3.5, 0], "time_offset_s": 0.3}],
+    "insert": [
+        {
+            "type": "insert", "actor": "car-13", "id": "new", "present": {"start_s": 0.3},
+            "trajectory": [{"frame": 3, "position": [20, 3, 0.7]}, {"frame": 9, "position": [30, 4, 0.7], "yaw_deg": 20}],
+        }
+    ],
+    "move": [{"type": "move", "actor": "car-12", "pose": {"position": [12, 5, 0.7], "yaw_deg": 30}}],
+    "retime": [{"type": "retime", "actor": "car-03", "speed": 0.5, "outside": "continue"}],
+    "swap": [{"type": "swap", "actor": "car-12", "look": "car-13"}],
+    "static": [{"type": "copy_static", "box": "bin", "id": "bin-b", "target": {"position": [22, 5, 0.5], "yaw_deg": 40}}],
+    "static gone": [{"type": "remove_static", "box": "bin"}],
+    "ego": [
+        {"type": "ego", "trajectory": [{"frame": 0, "position": [0, 0, 0]}, {"frame": 19, "position": [20, 1, 0], "yaw_deg": 5}]}
+    ],
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", EDITS)
+def test_every_kind_of_edit(scene: Any, tmp_path: Path, name: str) -> None:
+    document = scenario_to_json(load_scenario(SAMPLE / "scenario.json"))
+    document["log"], document["scene"] = str((SAMPLE.parent / "out" / "street").resolve()), str((SAMPLE / "scene").resolve())
+    document["boxes"] = {"bin": {"position": [18, 5, 0.5], "size_m": [0.8, 0.8, 1.0]}}
+    document["edits"] = EDITS[name]
+    path = tmp_path / "scenario.json"
+    save_scenario(scenario_from_json(document, path), path)
+    again = there_and_back(path, tmp_path)
+    assert_alike(drive_of(path), drive_of(again))
+
+
+def test_sensors(scene: Any, tmp_path: Path) -> None:
+    document = scenario_to_json(load_scenario(SAMPLE / "scenario.json"))
+    document["log"], document["scene"] = str((SAMPLE.parent / "out" / "street").resolve()), str((SAMPLE / "scene").resolve())
+    document["edits"] = []
+    name = next(iter(drive_of(SAMPLE / "scenario.json").cameras))
+    document["sensors"] = {
+        "cameras": [
+            {"id": name, "mount_offset": {"position": [0, 0, 0.4], "pitch_deg": -4}},
+            {
+                "id": "wide",
+                "width": 320,
+                "height": 200,
+                "horizontal_fov_deg": 100,
+                "mount": {"position": [1, 0, 1.5], "yaw_deg": 30},
+            },
+            {"id": "mast", "like": name, "trajectory": [{"frame": 0, "position": [4, 4, 5], "yaw_deg": -20, "pitch_deg": -10}]},
+        ],
+        "lidars": [{"id": "roof", "preset": "vlp16", "mount": {"position": [0.8, 0, 1.9]}}],
+    }
+    path = tmp_path / "scenario.json"
+    save_scenario(scenario_from_json(document, path), path)
+    assert_alike(drive_of(path), drive_of(there_and_back(path, tmp_path)))

@@ -1,0 +1,96 @@
+"""Drive a real Blender window through a session and check what came of it. Needs root: Blender lives in a folder of its own.
+
+python tests/ui/run.py ROOT RELEASE OUT      (ROOT: where that Debian is or will be; RELEASE: trixie or sid)
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+HERE = Path(__file__).resolve().parent
+REPOSITORY = HERE.parents[1]
+LIMIT_S = 900
+DISPLAY = ":93"
+WITHIN_BYTES = 1.0
+"""How far the viewport and F12 may be apart, in steps of eight bits."""
+
+
+def main(root: Path, release: str, out: Path) -> int:
+    """Set up, run, and say what is wrong; the exit code."""
+    subprocess.run(["sh", str(HERE / "chroot.sh"), str(root), release], check=True)
+    archive = Path(
+        subprocess.run(
+            [sys.executable, str(REPOSITORY / "tools" / "build_extension.py")], check=True, capture_output=True, text=True
+        ).stdout.split("\n")[-2]
+    )
+    work = root / "tmp" / "unisim"
+    shutil.rmtree(work, ignore_errors=True)
+    (work / "shots").mkdir(parents=True)
+    shutil.copy(archive, work / "unisim.zip")
+    shutil.copy(HERE / "window.py", work)
+    shutil.copytree(REPOSITORY / "sample" / "scene", work / "scene")
+    (root / "tmp" / ".X11-unix").mkdir(mode=0o1777, exist_ok=True)
+    mounted = [where for where in ("proc", "dev") if not any((root / where).iterdir())]
+    for where in mounted:
+        subprocess.run(["mount", "--rbind", f"/{where}", str(root / where)], check=True)
+    inside = ["chroot", str(root)]
+    screen = subprocess.Popen([*inside, "Xvfb", DISPLAY, "-screen", "0", "1600x900x24", "-nolisten", "tcp"])
+    try:
+        time.sleep(3)
+        blender = [
+            "blender",
+            "--factory-startup",
+            "--no-window-focus",
+            "-p",
+            "0",
+            "0",
+            "1600",
+            "900",
+            "--python",
+            "/tmp/unisim/window.py",
+        ]
+        arguments = ["--", "/tmp/unisim/unisim.zip", "/tmp/unisim/scene/scene.json", "/tmp/unisim/shots"]
+        environment = ["env", f"DISPLAY={DISPLAY}", "LIBGL_ALWAYS_SOFTWARE=1", "HOME=/tmp/unisim", "LC_ALL=C.UTF-8"]
+        with (work / "log.txt").open("w") as log:
+            subprocess.run([*inside, *environment, *blender, *arguments], timeout=LIMIT_S, stdout=log, stderr=log, check=False)
+    finally:
+        screen.terminate()
+        screen.wait()
+        for where in reversed(mounted):
+            subprocess.run(["umount", "-l", str(root / where)], check=False)
+    shutil.copytree(work / "shots", out, dirs_exist_ok=True)
+    shutil.copy(work / "log.txt", out)
+    return judge(out)
+
+
+def judge(out: Path) -> int:
+    """Print the results; 1 where something is wrong."""
+    path = out / "results.json"
+    if not path.is_file():
+        print(f"Blender left no results; {out / 'log.txt'} ends with:\n" + (out / "log.txt").read_text()[-2000:])
+        return 1
+    results = json.loads(path.read_text())
+    print(json.dumps(results, indent=1))
+    wrong = [
+        message
+        for holds, message in (
+            ("error" not in results, "the session broke off"),
+            (results.get("done", False), "the session did not end"),
+            (results.get("viewport_and_f12", 99.0) <= WITHIN_BYTES, "viewport and F12 differ"),
+            (results.get("refresh_changed", 0.0) > 0.05, "moving a box changed nothing"),
+            ("killed" in str(results.get("after_kill", "")), "nobody said that the worker was killed"),
+        )
+        if not holds
+    ]
+    for message in wrong:
+        print(f"Error: {message}")
+    return 1 if wrong else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(Path(sys.argv[1]), sys.argv[2], Path(sys.argv[3])))

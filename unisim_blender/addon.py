@@ -1,0 +1,29 @@
+"""Everything that the add-on adds to Blender, and takes away again."""
+
+from __future__ import annotations
+
+import bpy
+
+from . import client, engine, headless, operators, panels, preferences, properties
+
+ROOMS = (properties, preferences, *operators.MODULES, *panels.MODULES, engine)
+"""In the order in which they need each other."""
+
+_commands: list[object] = []
+"""What `blender --command` was taught."""
+
+
+def register() -> None:
+    """Add everything to Blender."""
+    for room in ROOMS:
+        room.register()
+    _commands.append(bpy.utils.register_cli_command("unisim", headless.command))
+
+
+def unregister() -> None:
+    """Take everything away again, and end the worker."""
+    client.close()
+    while _commands:
+        bpy.utils.unregister_cli_command(_commands.pop())
+    for room in reversed(ROOMS):
+        room.unregister()

@@ -1,0 +1,143 @@
+"""Trajectories as keyframes: location and quaternion, LINEAR, and from when to when a thing is there."""
+
+from __future__ import annotations
+
+import bpy
+import numpy as np
+
+from ..core.edits.motion import merged_times, sampled_keys
+from ..core.geometry import FloatArray, Trajectory
+from .clock import Clock
+
+TURN_RAD = 0.02
+"""Between two keys: what Blender makes of it is 1e-6 rad off slerp."""
+LINEAR, CONSTANT = 1, 0
+"""Numbers of Blender's interpolations, as `foreach_set` takes them."""
+
+
+def fcurves_of(thing: bpy.types.Object, name: str) -> bpy.types.bpy_prop_collection:
+    """The empty curves of a new action of ``thing``. An action of its own that it had is thrown away."""
+    data = thing.animation_data_create()
+    before, data.action = data.action, None
+    if before is not None and before.users == 0:
+        bpy.data.actions.remove(before)
+    data.action = action = bpy.data.actions.new(name)
+    if not hasattr(action, "slots"):  # before Blender 4.4
+        return action.fcurves
+    slot = action.slots.new(id_type="OBJECT", name=thing.name)
+    data.action_slot = slot
+    strip = action.layers.new("Layer").strips.new(type="KEYFRAME")
+    return strip.channelbag(slot, ensure=True).fcurves
+
+
+def add_keys(
+    curves: bpy.types.bpy_prop_collection, path: str, frames: FloatArray, values: FloatArray, interpolation: int
+) -> None:
+    """Keys of one property at frames (K,): values (K, C), a curve for each of its members; (K,) for a property of one."""
+    for index, column in enumerate(np.atleast_2d(values.T)):
+        curve = curves.new(path, index=index)
+        curve.keyframe_points.add(len(frames))
+        curve.keyframe_points.foreach_set("co", np.stack([frames, column], -1).astype(np.float32).ravel())
+        curve.keyframe_points.foreach_set("interpolation", np.full(len(frames), interpolation, np.int32))
+        curve.extrapolation = "LINEAR" if interpolation == LINEAR else "CONSTANT"
+        curve.update()
+
+
+def curves_of(thing: bpy.types.Object) -> bpy.types.bpy_prop_collection | tuple[()]:
+    """The curves that move a thing; none where it has no action."""
+    data = thing.animation_data
+    if data is None or data.action is None:
+        return ()
+    if not hasattr(data.action, "slots"):  # before Blender 4.4
+        return data.action.fcurves
+    if data.action_slot is None or not data.action.layers:
+        return ()
+    bag = data.action.layers[0].strips[0].channelbag(data.action_slot)
+    return () if bag is None else bag.fcurves
+
+
+def keys_of(thing: bpy.types.Object) -> tuple[FloatArray, FloatArray, FloatArray] | None:
+    """Frames (K,), locations (K, 3) and unit quaternions wxyz (K, 4) of the keys that move a thing; None without keys."""
+    found = {(curve.data_path, curve.array_index): curve for curve in curves_of(thing)}
+    moving = [curve for (path, _), curve in found.items() if path in ("location", "rotation_quaternion")]
+    frames = np.unique([key.co[0] for curve in moving for key in curve.keyframe_points])
+    if len(frames) == 0:
+        return None
+
+    def values(path: str, now: FloatArray) -> FloatArray:
+        columns = [
+            [found[path, i].evaluate(f) for f in frames] if (path, i) in found else [now[i]] * len(frames)
+            for i in range(len(now))
+        ]
+        return np.array(columns, float).T
+
+    quaternions = values("rotation_quaternion", np.array(thing.rotation_quaternion))
+    return frames, values("location", np.array(thing.location)), quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)
+
+
+def write_keys(thing: bpy.types.Object, frames: FloatArray, positions: FloatArray, quaternions: FloatArray) -> None:
+    """Replace the keys that move a thing; what else is animated stays."""
+    curves = curves_of(thing)
+    if isinstance(curves, tuple):
+        curves = fcurves_of(thing, thing.name)
+    for curve in [curve for curve in curves if curve.data_path in ("location", "rotation_quaternion")]:
+        curves.remove(curve)
+    add_keys(curves, "location", frames, positions, LINEAR)
+    add_keys(curves, "rotation_quaternion", frames, continuous(quaternions), LINEAR)
+
+
+def animate(thing: bpy.types.Object, way: Trajectory, clock: Clock, present_s: tuple[float, float] | None = None) -> None:
+    """Put a thing on its way. One key is a thing that stands still: it gets no keyframes.
+
+    Outside ``present_s`` the thing is hidden in the view; hiding it for renders is left to people, who remove it so.
+    """
+    thing.rotation_mode = "QUATERNION"
+    thing.location = way.positions[0]
+    thing.rotation_quaternion = way.quaternions_wxyz[0]
+    hidden = _hidden_keys(clock, present_s)
+    if len(way.times_s) == 1 and hidden is None:
+        thing.animation_data_clear()
+        return
+    curves = fcurves_of(thing, thing.name)
+    if len(way.times_s) > 1:
+        way = dense(way, clock)
+        frames = clock.frame(way.times_s)
+        add_keys(curves, "location", frames, way.positions, LINEAR)
+        add_keys(curves, "rotation_quaternion", frames, continuous(way.quaternions_wxyz), LINEAR)
+    if hidden is not None:
+        add_keys(curves, "hide_viewport", hidden[0], hidden[1], CONSTANT)
+
+
+def dense(way: Trajectory, clock: Clock) -> Trajectory:
+    """The same way with keys at all frames besides, where it turns much between two keys: Blender turns by other numbers than
+    slerp, between keys and beyond them."""
+    q = way.quaternions_wxyz
+    if np.abs((q[1:] * q[:-1]).sum(-1)).min() > np.cos(TURN_RAD / 2):
+        return way
+    times = merged_times(way.times_s, clock.times_s)
+    positions, quaternions = sampled_keys(way, times)
+    return Trajectory(times, positions, quaternions)
+
+
+def _hidden_keys(clock: Clock, present_s: tuple[float, float] | None) -> tuple[FloatArray, FloatArray] | None:
+    """Frames and values of `hide_viewport`; None where the thing is there at all of the clock's frames."""
+    if present_s is None:
+        return None
+    there = (clock.times_s >= present_s[0]) & (clock.times_s <= present_s[1])
+    if there.all():
+        return None
+    frames, hidden = [clock.frames[0] - 1], [1.0]
+    for frame, here in zip(clock.frames, there, strict=True):
+        if hidden[-1] != (0.0 if here else 1.0):
+            frames.append(frame)
+            hidden.append(0.0 if here else 1.0)
+    if there[-1]:
+        frames.append(clock.frames[-1] + 1)
+        hidden.append(1.0)
+    return np.array(frames), np.array(hidden)
+
+
+def continuous(quaternions: FloatArray) -> FloatArray:
+    """Quaternions (K, 4) with signs such that neighbours lie on one side: Blender interpolates their numbers."""
+    flips = np.where((quaternions[1:] * quaternions[:-1]).sum(-1) < 0, -1.0, 1.0)
+    return quaternions * np.concatenate([[1.0], np.cumprod(flips)])[:, None]

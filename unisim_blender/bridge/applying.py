@@ -1,0 +1,124 @@
+"""A scenario's edits carried out on an imported scene's objects: the other direction of `reading`."""
+
+from __future__ import annotations
+
+import bpy
+import numpy as np
+
+from ..core.drive import Actor, Camera, Drive, Lidar
+from ..core.edits.context import pose_of
+from ..core.geometry import Trajectory, invert_pose
+from ..core.scenario.types import CameraSpec, CopyStatic, FrameRange, LidarSpec, RemoveStatic, Scenario
+from .animation import animate
+from .cameras import set_model
+from .clock import Clock
+from .importing import way_of_one
+from .poses import optical, same
+from .rig import lag, lidar_json, sensor_times
+from .source import Source
+from .static_items import mark
+from .things import box_mesh, collection_of, make, things
+
+
+def apply_edits(scene: bpy.types.Scene, source: Source, scenario: Scenario, edited: Drive) -> None:
+    """Make a freshly imported scene stand for ``scenario``, whose edits lead to the drive ``edited``."""
+    clock = Clock.of(source.drive)
+    _actors(scene, source.drive, edited, clock)
+    _static(scene, scenario, edited)
+    ego = next(things(scene, "EGO"))
+    if edited.world_from_ego is not source.drive.world_from_ego:
+        animate(ego, edited.world_from_ego, clock)
+    _sensors(scene, ego, scenario, source.drive, edited, clock)
+    frames = scenario.frames
+    if isinstance(frames, FrameRange):
+        scene.frame_start, scene.frame_end = edited.frames[0], edited.frames[-1]
+        scene.frame_step = frames.step or 1
+    elif frames:
+        scene.frame_start, scene.frame_end = min(frames), max(frames)
+    outputs = scenario.outputs
+    if outputs is not None:
+        scene.unisim.passes = set(outputs.passes or ()) - {"rgb"}
+        scene.unisim.quality = outputs.quality or "balanced"
+
+
+def _actors(scene: bpy.types.Scene, recorded: Drive, edited: Drive, clock: Clock) -> None:
+    own = {thing.unisim.uid: thing for thing in things(scene, "ACTOR") if thing.name == thing.unisim.home}
+    for uid, actor in recorded.actors.items():
+        now = edited.actors.get(uid)
+        if now is None:
+            bpy.data.objects.remove(own[uid])
+        elif now is not actor:
+            _look(own[uid], now, recorded, actor.look.actor)
+            _go(own[uid], now, edited, clock)
+    for uid, actor in edited.actors.items():
+        if uid not in recorded.actors:
+            thing = bpy.data.objects.new(uid, box_mesh(actor.size_m, actor.label))
+            collection_of(scene, "ACTOR").objects.link(thing)
+            thing.show_wire = True
+            thing.unisim.kind, thing.unisim.uid = "ACTOR", actor.look.actor
+            _look(thing, actor, recorded, actor.look.actor if not actor.look.scene else "")
+            _go(thing, actor, edited, clock)
+
+
+def _look(thing: bpy.types.Object, actor: Actor, recorded: Drive, natural: str) -> None:
+    """Note a look that is not the object's own, and give the object that look's box."""
+    if (actor.look.actor, actor.look.scene) == (natural, ""):
+        return
+    thing.unisim.look, thing.unisim.look_scene = actor.look.actor, actor.look.scene
+    thing.data = box_mesh(actor.size_m, actor.label)
+
+
+def _go(thing: bpy.types.Object, actor: Actor, drive: Drive, clock: Clock) -> None:
+    way = actor.world_from_actor
+    animate(thing, way if actor.is_moving else way_of_one(way), clock, drive.window(actor))
+
+
+def _static(scene: bpy.types.Scene, scenario: Scenario, edited: Drive) -> None:
+    gone = {edit.box for edit in scenario.edits if isinstance(edit, RemoveStatic)}
+    for uid, spec in (scenario.boxes or {}).items():
+        thing = mark(scene, pose_of(spec), np.array(spec.size_m), uid)
+        for edit in scenario.edits:
+            if isinstance(edit, CopyStatic) and edit.box == uid:
+                copy = thing.copy()
+                copy.name = edit.id
+                collection_of(scene, "STATIC").objects.link(copy)
+                way = Trajectory.from_poses(np.zeros(1), pose_of(edit.target)[None])
+                copy.location, copy.rotation_quaternion = way.positions[0], way.quaternions_wxyz[0]
+        if uid in gone:
+            bpy.data.objects.remove(thing)
+
+
+def _sensors(
+    scene: bpy.types.Scene, ego: bpy.types.Object, scenario: Scenario, recorded: Drive, edited: Drive, clock: Clock
+) -> None:
+    if scenario.sensors is None:
+        return
+    there: dict[str, Camera | Lidar] = {**edited.cameras, **edited.lidars}
+    for thing in list(things(scene, "CAMERA", "LIDAR")):
+        if thing.unisim.uid not in there:
+            bpy.data.objects.remove(thing)
+    specs: list[CameraSpec | LidarSpec] = [*(scenario.sensors.cameras or ()), *(scenario.sensors.lidars or ())]
+    free = {spec.id for spec in specs if spec.trajectory is not None}
+    for name, sensor in there.items():
+        kind = "CAMERA" if isinstance(sensor, Camera) else "LIDAR"
+        data = bpy.data.cameras.new(name) if kind == "CAMERA" and not _known(scene, name) else None
+        thing = _known(scene, name) or make(scene, kind, name, name, data)
+        times = sensor_times(clock, sensor.time_s)
+        if isinstance(sensor, Camera):
+            set_model(thing, sensor.model)
+            world = optical(sensor.world_from_camera.at(times))
+        else:
+            thing.unisim.model = lidar_json(sensor.model)
+            world = sensor.world_from_lidar.at(times)
+        thing.parent = None if name in free else ego
+        thing.matrix_parent_inverse.identity()
+        if name not in free:
+            # where it is mounted, put where the recorded vehicle's motion has it at the frames
+            mount = invert_pose(edited.world_from_ego.at(times)) @ world
+            world = invert_pose(lag(sensor, recorded, clock)) @ mount
+        way = Trajectory.from_poses(clock.times_s, world)
+        animate(thing, way_of_one(way) if same(world, world[:1]).all() else way, clock)
+
+
+def _known(scene: bpy.types.Scene, name: str) -> bpy.types.Object | None:
+    return next((thing for thing in things(scene, "CAMERA", "LIDAR") if thing.unisim.uid == name), None)

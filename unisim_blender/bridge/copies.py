@@ -1,0 +1,18 @@
+"""Copies of objects of the drive, as Shift-D makes them."""
+
+from __future__ import annotations
+
+import bpy
+
+
+def copy_of(context: bpy.types.Context, source: bpy.types.Object) -> bpy.types.Object:
+    """A copy in the same collections, with an action of its own and the same mesh."""
+    copy = source.copy()
+    if copy.animation_data is not None and copy.animation_data.action is not None:
+        slot = getattr(source.animation_data, "action_slot", None)
+        copy.animation_data.action = source.animation_data.action.copy()
+        if slot is not None:
+            copy.animation_data.action_slot = copy.animation_data.action.slots[slot.identifier]
+    for collection in source.users_collection:
+        collection.objects.link(copy)
+    return copy

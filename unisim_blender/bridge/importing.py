@@ -1,0 +1,155 @@
+"""A drive into a Blender scene. What is there already is brought up to date, never doubled."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+
+import bpy
+import numpy as np
+
+from ..core.drive import Actor, Camera, Drive, Lidar
+from ..core.errors import UnisimError
+from ..core.geometry import FloatArray, Trajectory
+from .animation import animate
+from .backgrounds import set_background
+from .cameras import model_of, set_model
+from .clock import Clock
+from .poses import optical, same
+from .reading import edited_ids
+from .rig import lidar_json, recorded_mount
+from .sampling import sample_all
+from .source import Source, source_of
+from .things import box_mesh, make, things
+
+EGO_SIZE_M = np.array([4.8, 2.0, 1.6])
+DISPLAY_M = 0.4
+"""How large cameras and LiDARs are drawn."""
+
+Step = tuple[int, int, str]
+"""Steps done, all steps, what is being done."""
+
+
+def import_source(scene: bpy.types.Scene, source: Source) -> Iterator[Step]:
+    """Put a source's drive into a scene, a step at a time: whoever runs this may stop, and show how far it is.
+
+    Where the scene holds the drive already, what was edited stays as it is, and the rest is brought up to date. Raises
+    `UnisimError` where it holds another drive.
+    """
+    drive, about = source.drive, scene.unisim
+    kept = _edited(scene, source) if about.log else set()
+    actors = [drive.actors[uid] for uid in sorted(set(drive.actors) - kept)]
+    cameras = [camera for name, camera in drive.cameras.items() if name not in kept]
+    lidars = [lidar for name, lidar in drive.lidars.items() if name not in kept]
+    total = 2 + len(cameras) + len(lidars) + len(actors)
+    done = 0
+    about.log, about.scene = str(source.log_path), str(source.scene_path or "")
+    about.origin = json.dumps(drive.world_origin.tolist())
+    clock = Clock.of(drive)
+    set_time(scene, clock)
+    set_colours(scene)
+    yield (done := done + 1), total, "time"
+    ego = _ego(scene, drive, clock) if "ego" not in kept else next(things(scene, "EGO"))
+    yield (done := done + 1), total, "ego vehicle"
+    for camera in cameras:
+        _camera(scene, source, camera, ego, clock)
+        yield (done := done + 1), total, camera.sensor_id
+    for lidar in lidars:
+        _lidar(scene, drive, lidar, ego, clock)
+        yield (done := done + 1), total, lidar.sensor_id
+    for actor in actors:
+        _actor(scene, drive, actor, clock).pass_index = 1 + sorted(drive.actors).index(actor.uid)
+        yield (done := done + 1), total, actor.label
+    if scene.camera is None:
+        scene.camera = next(things(scene, "CAMERA"), None)
+        fit_resolution(scene)
+
+
+def _edited(scene: bpy.types.Scene, source: Source) -> set[str]:
+    """What of the drive in a scene does not stand as it was imported, by id."""
+    before = source_of(scene)
+    if before.log_path != source.log_path:
+        raise UnisimError(
+            f'scene "{scene.name}": holds the drive {before.log_path} already; import {source.log_path} into a new scene'
+        )
+    return edited_ids(sample_all(scene, Clock.of(before.drive)), before.drive)
+
+
+def fit_resolution(scene: bpy.types.Scene) -> None:
+    """Make pictures as large as the active camera's, where that is one of the rig."""
+    if scene.camera is None or scene.camera.unisim.kind != "CAMERA":
+        return
+    model = model_of(scene.camera)
+    render = scene.render
+    render.resolution_x, render.resolution_y = model.width, model.height
+    # Blender has one focal length: what fx and fy differ by is the pixel's shape
+    ratio = model.fy / model.fx
+    render.pixel_aspect_x, render.pixel_aspect_y = max(1.0, ratio), max(1.0, 1 / ratio)
+
+
+def set_time(scene: bpy.types.Scene, clock: Clock) -> None:
+    """Frame n is the log's frame n, at the log's rate."""
+    rate = clock.rate
+    whole = max(1, round(rate))
+    scene.render.fps, scene.render.fps_base = whole, whole / rate
+    scene.frame_start, scene.frame_end = int(clock.frames[0]), int(clock.frames[-1])
+    scene.frame_set(min(max(scene.frame_current, scene.frame_start), scene.frame_end))
+
+
+def set_colours(scene: bpy.types.Scene) -> None:
+    """Pictures are shown as they were recorded."""
+    view = scene.view_settings
+    view.view_transform, view.look, view.exposure, view.gamma = "Standard", "None", 0.0, 1.0
+    scene.render.dither_intensity = 0.0  # noise of one step of eight bits
+
+
+def recorded_colours(scene: bpy.types.Scene) -> bool:
+    """Whether pictures are shown as they were recorded."""
+    view = scene.view_settings
+    return view.view_transform == "Standard" and view.look == "None" and view.exposure == 0 and view.gamma == 1
+
+
+def _ego(scene: bpy.types.Scene, drive: Drive, clock: Clock) -> bpy.types.Object:
+    ego = make(scene, "EGO", "ego", "Ego vehicle", None)
+    ego.empty_display_type, ego.empty_display_size = "ARROWS", 1.0
+    animate(ego, drive.world_from_ego, clock)
+    return ego
+
+
+def _ride(thing: bpy.types.Object, ego: bpy.types.Object, mount: FloatArray, clock: Clock) -> None:
+    """Let a sensor ride on the ego vehicle: poses (N, 4, 4) on it, in Blender's axes, at the clock's frames."""
+    thing.parent = ego
+    thing.matrix_parent_inverse.identity()
+    way = Trajectory.from_poses(clock.times_s, mount)
+    animate(thing, way if not same(mount, mount[:1]).all() else way_of_one(way), clock)
+
+
+def _camera(scene: bpy.types.Scene, source: Source, camera: Camera, ego: bpy.types.Object, clock: Clock) -> None:
+    name = camera.sensor_id
+    data = bpy.data.cameras.get(f"UniSim {name}") or bpy.data.cameras.new(f"UniSim {name}")
+    thing = make(scene, "CAMERA", name, name, data)
+    set_model(thing, camera.model)
+    data.display_size, data.clip_end = DISPLAY_M, 1000.0
+    if source.log is not None:
+        set_background(data, source.log, name)
+    _ride(thing, ego, optical(recorded_mount(camera, source.drive, clock)), clock)
+
+
+def _lidar(scene: bpy.types.Scene, drive: Drive, lidar: Lidar, ego: bpy.types.Object, clock: Clock) -> None:
+    thing = make(scene, "LIDAR", lidar.sensor_id, lidar.sensor_id, None)
+    thing.empty_display_type, thing.empty_display_size = "CONE", DISPLAY_M
+    thing.unisim.model = lidar_json(lidar.model)
+    _ride(thing, ego, recorded_mount(lidar, drive, clock), clock)
+
+
+def _actor(scene: bpy.types.Scene, drive: Drive, actor: Actor, clock: Clock) -> bpy.types.Object:
+    thing = make(scene, "ACTOR", actor.uid, f"{actor.label} {actor.uid[:6]}", box_mesh(actor.size_m, actor.label))
+    thing.show_wire, thing.color = True, (1.0, 1.0, 1.0, 1.0)
+    way = actor.world_from_actor
+    animate(thing, way if actor.is_moving else way_of_one(way), clock, drive.window(actor))
+    return thing
+
+
+def way_of_one(way: Trajectory) -> Trajectory:
+    """Standing still at a trajectory's first key."""
+    return Trajectory(way.times_s[:1], way.positions[:1], way.quaternions_wxyz[:1])

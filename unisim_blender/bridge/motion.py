@@ -1,0 +1,85 @@
+"""Ways changed as keyframes: displaced, put elsewhere, at other times."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import bpy
+import numpy as np
+
+from ..core.geometry import FloatArray, matrix_from_quaternion, quaternion_from_matrix
+from .animation import curves_of, keys_of, write_keys
+
+
+def displaced_along(thing: bpy.types.Object, offset_m: Sequence[float]) -> None:
+    """Move a thing along its own axes by ``offset_m`` (3,), at each of its keys."""
+    keys = keys_of(thing)
+    if keys is None:
+        turn = matrix_from_quaternion(np.array(thing.rotation_quaternion, float))
+        thing.location = np.array(thing.location) + turn @ np.array(offset_m, float)
+        return
+    frames, positions, quaternions = keys
+    moved = positions + matrix_from_quaternion(quaternions) @ np.array(offset_m, float)
+    write_keys(thing, frames, moved, quaternions)
+
+
+def moved_to(thing: bpy.types.Object, place: Sequence[float], frame: float) -> None:
+    """Move a thing's whole way, in the ground's plane, so that it is at ``place`` at a frame. Its height stays."""
+    keys = keys_of(thing)
+    if keys is None:
+        thing.location = (place[0], place[1], thing.location.z)
+        return
+    frames, positions, quaternions = keys
+    now = np.array([np.interp(frame, frames, column) for column in positions.T])
+    apart = np.array([place[0] - now[0], place[1] - now[1], 0.0])
+    write_keys(thing, frames, positions + apart, quaternions)
+
+
+def follow(thing: bpy.types.Object, line: FloatArray, frame: float, step_m: float) -> None:
+    """Keys along a line (P, 3) from ``frame`` on, ``step_m`` a frame, the thing's front ahead and its underside on the line."""
+    apart = np.linalg.norm(np.diff(line, axis=0), axis=1)
+    line = line[np.concatenate([[True], apart > 1e-6])]
+    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
+    at = np.append(np.arange(0.0, along[-1], step_m), along[-1])
+    positions = np.stack([np.interp(at, along, column) for column in line.T], -1)
+    reach = min(1.0, along[-1] / 4)
+    ahead = np.stack([np.interp(at + reach, along, c) - np.interp(at - reach, along, c) for c in line.T], -1)
+    ahead /= np.linalg.norm(ahead, axis=1, keepdims=True)
+    left = np.cross([0.0, 0.0, 1.0], ahead)
+    left /= np.linalg.norm(left, axis=1, keepdims=True)
+    up = np.cross(ahead, left)
+    height = float(np.ptp(np.array(thing.bound_box)[:, 2]))
+    write_keys(thing, frame + at / step_m, positions + up * height / 2, quaternion_from_matrix(np.stack([ahead, left, up], -1)))
+
+
+def retimed(thing: bpy.types.Object, at: Callable[[FloatArray], FloatArray], path: str = "") -> None:
+    """Move a thing's keys, those of its presence too unless ``path`` names one property, to ``at`` their frames; ``at`` rises."""
+    for curve in curves_of(thing):
+        if path and curve.data_path != path:
+            continue
+        points = curve.keyframe_points
+        values = np.empty(2 * len(points), np.float32)
+        points.foreach_get("co", values)
+        frames = at(values[::2].astype(float))
+        values[::2] = frames
+        points.foreach_set("co", values)
+        curve.update()
+
+
+def stopped(thing: bpy.types.Object, frame: float, frames: float) -> None:
+    """Let a thing stand still from ``frame`` on for some ``frames``, and then go on as before."""
+    keys = keys_of(thing)
+    if keys is None:
+        return
+    before, positions, quaternions = keys
+    here = np.array([np.interp(frame, before, column) for column in positions.T])
+    turn = np.array([np.interp(frame, before, column) for column in quaternions.T])
+    turn /= np.linalg.norm(turn)
+    retimed(thing, lambda old: np.where(old > frame, old + frames, old), "hide_viewport")
+    early, late = before < frame, before > frame
+    write_keys(
+        thing,
+        np.concatenate([before[early], [frame, frame + frames], before[late] + frames]),
+        np.concatenate([positions[early], [here, here], positions[late]]),
+        np.concatenate([quaternions[early], [turn, turn], quaternions[late]]),
+    )

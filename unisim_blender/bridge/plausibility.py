@@ -1,0 +1,128 @@
+"""Edits that no real drive would show: overlaps, cars sideways or too fast, actors off the ground, views from far away."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..core.drive import Actor, Drive
+from ..core.geometry import FloatArray, box_corners
+from .clock import Clock
+from .ground import heights, undersides
+from .poses import same
+from .read_actors import recorded_poses, recorded_there
+from .sampling import Sampled, Thing
+
+SIDEWAYS_RAD = np.radians(25)
+MOVING_M_S = 1.5
+"""Slower than this, annotations' noise is larger than the motion."""
+FASTEST_M_S = {"pedestrian": 8.0, "bicycle": 18.0, "car": 70.0, "truck": 45.0, "bus": 40.0, "cone": 0.5, "sign": 0.5}
+"""By a word of the class."""
+OFF_GROUND_M = 0.5
+FAR_VIEW_M = 3.0
+OVERLAP_M = 0.1
+"""Boxes are drawn generously: less than this is no collision."""
+ON_WHEELS = ("car", "truck", "bus", "van", "semi")
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What is odd about an object, and where to look."""
+
+    name: str
+    frame: int
+    text: str
+
+
+def warnings_of(sampled: Sampled, drive: Drive) -> Iterator[Finding]:
+    """What is not plausible in a sampled scene. What stands as recorded is taken as it is."""
+    actors = [thing for thing in sampled.of("ACTOR") if thing.there.any()]
+    edited = [thing for thing in actors if not _as_recorded(thing, drive, sampled.clock)]
+    ground = undersides(drive)
+    for thing in edited:
+        label = _label(thing, drive)
+        yield from _motion(thing, label, sampled.clock)
+        yield from _height(thing, ground, sampled.clock)
+    changed = {thing.name for thing in edited}
+    for i, a in enumerate(actors):
+        for b in actors[i + 1 :]:
+            if {a.name, b.name} & changed:
+                yield from _overlap(a, b, sampled.clock)
+    for thing in sampled.of("CAMERA"):
+        yield from _far(thing, drive, sampled.clock)
+
+
+def _as_recorded(thing: Thing, drive: Drive, clock: Clock) -> bool:
+    actor = drive.actors.get(thing.uid)
+    if actor is None or not thing.is_original or thing.look:
+        return False
+    there = recorded_there(actor, drive, clock)
+    return bool((there == thing.there).all() and same(thing.poses, recorded_poses(actor, clock))[there].all())
+
+
+def _label(thing: Thing, drive: Drive) -> str:
+    actor: Actor | None = drive.actors.get(thing.look or thing.uid)
+    return "" if actor is None else actor.label.lower()
+
+
+def _motion(thing: Thing, label: str, clock: Clock) -> Iterator[Finding]:
+    step = np.diff(thing.poses[:, :3, 3], axis=0)
+    both = thing.there[1:] & thing.there[:-1]
+    speed = np.linalg.norm(step, axis=1) / np.diff(clock.times_s)
+    limit = next((fastest for word, fastest in FASTEST_M_S.items() if word in label), max(FASTEST_M_S.values()))
+    too_fast = both & (speed > limit)
+    if too_fast.any():
+        at = int(np.argmax(np.where(too_fast, speed, 0)))
+        yield Finding(thing.name, int(clock.frames[at]), f"goes {speed[at] * 3.6:.0f} km/h")
+    if any(word in label for word in ON_WHEELS):
+        ahead = thing.poses[:-1, :3, 0]
+        along = np.abs((step * ahead).sum(1)) / np.maximum(np.linalg.norm(step, axis=1), 1e-9)
+        skids = both & (speed > MOVING_M_S) & (np.arccos(np.clip(along, 0, 1)) > SIDEWAYS_RAD)
+        if skids.any():
+            yield Finding(thing.name, int(clock.frames[int(np.argmax(skids))]), "drives sideways")
+
+
+def _height(thing: Thing, ground: FloatArray, clock: Clock) -> Iterator[Finding]:
+    """Its underside beside the ground there."""
+    if not len(ground):
+        return
+    under = thing.poses[:, :3, 3] - thing.poses[:, :3, 2] * thing.size_m[2] / 2
+    off = under[:, 2] - heights(ground, under)
+    wrong = thing.there & (np.abs(np.nan_to_num(off)) > OFF_GROUND_M)
+    if wrong.any():
+        at = int(np.argmax(wrong))
+        yield Finding(
+            thing.name, int(clock.frames[at]), f"is {abs(off[at]):.1f} m {'above' if off[at] > 0 else 'below'} the ground"
+        )
+
+
+def _overlap(a: Thing, b: Thing, clock: Clock) -> Iterator[Finding]:
+    reach = (np.linalg.norm(a.size_m) + np.linalg.norm(b.size_m)) / 2
+    near = a.there & b.there & (np.linalg.norm(a.poses[:, :3, 3] - b.poses[:, :3, 3], axis=1) < reach)
+    for at in np.flatnonzero(near):
+        if boxes_overlap(a.poses[at], np.array(a.size_m), b.poses[at], np.array(b.size_m)):
+            yield Finding(a.name, int(clock.frames[at]), f"overlaps {b.name}")
+            return
+
+
+def boxes_overlap(pose_a: FloatArray, size_a: FloatArray, pose_b: FloatArray, size_b: FloatArray) -> bool:
+    """Whether two boxes, made smaller by `OVERLAP_M`, have a point in common: no face or pair of edges parts them (the separating
+    axes of Gottschalk, Lin and Manocha, "OBBTree", 1996)."""
+    corners = [box_corners(pose, np.maximum(size - OVERLAP_M, 1e-3)) for pose, size in ((pose_a, size_a), (pose_b, size_b))]
+    faces = np.concatenate([pose_a[:3, :3].T, pose_b[:3, :3].T])
+    edges = np.cross(faces[:3, None], faces[None, 3:]).reshape(-1, 3)
+    axes = np.concatenate([faces, edges[np.linalg.norm(edges, axis=1) > 1e-6]])
+    low, high = zip(*(((c @ axes.T).min(0), (c @ axes.T).max(0)) for c in corners), strict=True)
+    return bool(((low[0] <= high[1]) & (low[1] <= high[0])).all())
+
+
+def _far(thing: Thing, drive: Drive, clock: Clock) -> Iterator[Finding]:
+    places = [camera.world_from_camera.positions for camera in drive.cameras.values()]
+    if not places:
+        return
+    away = np.linalg.norm(thing.poses[:, None, :3, 3] - np.concatenate(places)[None], axis=-1).min(1)
+    if away.max() > FAR_VIEW_M:
+        at = int(away.argmax())
+        yield Finding(thing.name, int(clock.frames[at]), f"looks from {away[at]:.1f} m beside anything recorded")

@@ -1,0 +1,121 @@
+"""What became of the recorded actors, and which are new: removals, moves, other looks, copies, insertions."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..core.drive import Actor, Drive
+from ..core.errors import ScenarioError
+from ..core.geometry import BoolArray, FloatArray
+from ..core.prepare.scenario import scene_actors
+from ..core.scenario.types import Duplicate, Edit, Insert, Move, Remove, Swap
+from .clock import Clock
+from .poses import SAME_M, same, same_turn
+from .read_ways import present, vector, way
+from .sampling import Sampled, Thing
+
+Relative = Callable[[str], str]
+"""A trained scene's folder as the scenario names it."""
+
+
+def actor_edits(sampled: Sampled, drive: Drive, taken: set[str], relative: Relative) -> Iterator[Edit]:
+    """The edits that make the sampled actors of the recorded ones. Ids of new ones go into ``taken``."""
+    clock = sampled.clock
+    by_uid: dict[str, list[Thing]] = {}
+    for thing in sampled.of("ACTOR"):
+        by_uid.setdefault(thing.uid, []).append(thing)
+    for uid, actor in sorted(drive.actors.items()):
+        standing = by_uid.pop(uid, [])
+        own = original(standing, actor, clock)
+        if own is None or not own.there.any():
+            if recorded_there(actor, drive, clock).any():
+                yield Remove(uid)
+        else:
+            yield from _changes(own, actor, drive, clock, relative)
+        for thing in standing:
+            if thing is not own and thing.there.any():
+                yield _copy(thing, actor, drive, clock, taken, relative)
+    for strangers in by_uid.values():
+        for thing in strangers:
+            if thing.there.any():
+                yield _inserted(thing, clock, taken, relative)
+
+
+def original(standing: list[Thing], actor: Actor, clock: Clock) -> Thing | None:
+    """Which of the objects with one actor's id is the actor itself: the one with the name that the import gave it, else one that
+    goes where the actor was recorded, else the first. Told here and not by a handler, so that undo stays Blender's."""
+    recorded = recorded_poses(actor, clock)
+    for thing in standing:
+        if thing.is_original:
+            return thing
+    for thing in standing:
+        if same(thing.poses, recorded).all():
+            return thing
+    return standing[0] if standing else None
+
+
+def recorded_poses(actor: Actor, clock: Clock) -> FloatArray:
+    """Poses (N, 4, 4) of an actor as the import has them."""
+    way = actor.world_from_actor
+    return way.at(clock.times_s if actor.is_moving else np.full(len(clock.times_s), way.times_s[0]))
+
+
+def recorded_there(actor: Actor, drive: Drive, clock: Clock) -> BoolArray:
+    """Whether an actor is there (N,) as the import has it."""
+    start, end = drive.window(actor)
+    return np.asarray((clock.times_s >= start) & (clock.times_s <= end))
+
+
+def _changes(thing: Thing, actor: Actor, drive: Drive, clock: Clock, relative: Relative) -> Iterator[Edit]:
+    """What became of one recorded actor."""
+    poses, there = recorded_poses(actor, clock), recorded_there(actor, drive, clock)
+    if thing.look:
+        yield Swap(actor.uid, thing.look, relative(thing.look_scene) if thing.look_scene else None)
+        poses[:, :3, 3] += (_look_size_m(thing, drive)[2] - actor.size_m[2]) / 2 * poses[:, :3, 2]
+    changed = bool((thing.there != there).any())
+    if changed or not same(thing.poses, poses)[there].all():
+        yield Move(actor.uid, **_way(thing, clock, actor), present=present(clock, thing.there) if changed else None)
+
+
+def _copy(thing: Thing, actor: Actor, drive: Drive, clock: Clock, taken: set[str], relative: Relative) -> Edit:
+    """A copy of a recorded actor; one that is only displaced keeps the actor's own way between frames too."""
+    if thing.look:
+        return _inserted(thing, clock, taken, relative)
+    uid, base, there = new_id(thing, taken), recorded_poses(actor, clock), recorded_there(actor, drive, clock)
+    changed = bool((thing.there != there).any())
+    at = thing.there & there
+    apart = (thing.poses - base)[at, :3, 3]
+    if not changed and same_turn(thing.poses, base)[at].all() and (np.ptp(apart, axis=0) <= 2 * SAME_M).all():
+        return Duplicate(actor.uid, uid, world_offset_m=vector(apart.mean(0)))
+    return Duplicate(actor.uid, uid, **_way(thing, clock, actor), present=present(clock, thing.there) if changed else None)
+
+
+def _inserted(thing: Thing, clock: Clock, taken: set[str], relative: Relative) -> Insert:
+    scene = relative(thing.look_scene) if thing.look_scene else None
+    uid = new_id(thing, taken)
+    return Insert(thing.look or thing.uid, uid, scene, **_way(thing, clock), present=present(clock, thing.there))
+
+
+def _way(thing: Thing, clock: Clock, source: Actor | None = None) -> dict[str, Any]:
+    recorded = source.world_from_actor if source is not None and source.is_moving and not thing.look else None
+    return dict(way(clock, thing.poses, thing.there, recorded))
+
+
+def _look_size_m(thing: Thing, drive: Drive) -> FloatArray:
+    actors = scene_actors(Path(thing.look_scene)) if thing.look_scene else drive.actors
+    if thing.look not in actors:
+        raise ScenarioError(f'object "{thing.name}": has the look of "{thing.look}", which {thing.look_scene or "the log"} lacks')
+    return actors[thing.look].size_m
+
+
+def new_id(thing: Thing, taken: set[str]) -> str:
+    """An id after the object's name that nothing else has; it goes into ``taken``."""
+    uid, number = thing.name, 2
+    while uid in taken:
+        uid, number = f"{thing.name} {number}", number + 1
+    taken.add(uid)
+    return uid

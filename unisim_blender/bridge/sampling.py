@@ -1,0 +1,147 @@
+"""What stands where in a Blender scene, at some frames: the scene is stepped through them, so whatever moves a thing counts
+alike, a key, a parent, a constraint or the NLA.
+
+What is read here holds nothing of Blender's, so it can be looked at in any thread.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+
+import bpy
+import numpy as np
+
+from ..core.drive import CameraModel
+from ..core.geometry import BoolArray, FloatArray
+from .animation import curves_of
+from .cameras import model_of
+from .clock import Clock
+from .poses import rigid
+from .things import KINDS_OF_DRIVE, things
+
+SetFrame = Callable[[int], object]
+
+
+@dataclass(frozen=True)
+class Thing:
+    """An object of the drive at N frames: poses (N, 4, 4) in Blender's axes, whether it is there (N,); the rest as its properties
+    have it. ``camera`` is a camera's intrinsics, ``index`` Blender's pass index, ``size_m`` (3,) what its mesh measures."""
+
+    name: str
+    kind: str
+    uid: str
+    home: str
+    look: str
+    look_scene: str
+    model: str
+    index: int
+    poses: FloatArray
+    there: BoolArray
+    camera: CameraModel | None = None
+    size_m: tuple[float, ...] = (0.0, 0.0, 0.0)
+
+    @property
+    def is_original(self) -> bool:
+        """Whether it has the name that the import gave it."""
+        return self.name == self.home
+
+
+@dataclass(frozen=True)
+class Sampled:
+    """The things of a scene at the frames of ``clock``, in order of their names. ``items`` are the static items that were
+    marked in the scene, by id, as their boxes have it in ``model``; a box may be gone."""
+
+    name: str
+    clock: Clock
+    things: tuple[Thing, ...]
+    items: dict[str, str] = field(default_factory=dict)
+
+    def of(self, *kinds: str) -> Iterator[Thing]:
+        """The things of some kinds."""
+        return (thing for thing in self.things if thing.kind in kinds)
+
+
+def frame_of(scene: bpy.types.Scene) -> float:
+    """The frame that is shown, with its fraction."""
+    return float(scene.frame_current + scene.frame_subframe)
+
+
+@contextmanager
+def kept_frame(scene: bpy.types.Scene) -> Iterator[None]:
+    """Go back to the frame that was shown."""
+    frame, part = scene.frame_current, scene.frame_subframe
+    try:
+        yield
+    finally:
+        scene.frame_set(frame, subframe=part)
+
+
+def sample(
+    scene: bpy.types.Scene,
+    depsgraph: bpy.types.Depsgraph,
+    clock: Clock,
+    set_frame: SetFrame,
+    also: Iterable[bpy.types.Object] = (),
+) -> Sampled:
+    """The scene's things at each frame of ``clock``. ``set_frame`` takes the depsgraph to a frame; ``also`` are cameras that are
+    no part of the rig."""
+    found = [*things(scene, *KINDS_OF_DRIVE)]
+    found += [thing for thing in also if thing not in found]
+    shown = _shown(depsgraph.view_layer_eval.layer_collection)
+    # keys say when a thing is there; without keys, disabling it in viewports is a matter of the view alone
+    keyed = [any(curve.data_path == "hide_viewport" for curve in curves_of(thing)) for thing in found]
+    matrices = np.empty((len(found), len(clock.frames), 4, 4))
+    there = np.zeros((len(found), len(clock.frames)), bool)
+    for at, frame in enumerate(clock.frames):
+        set_frame(int(frame))
+        for i, thing in enumerate(found):
+            now = thing.evaluated_get(depsgraph)
+            matrices[i, at] = now.matrix_world
+            there[i, at] = not (now.hide_viewport and keyed[i]) and not now.hide_render and thing.name in shown
+    poses = rigid(matrices)
+    size = picture_size(scene.render)
+    return Sampled(
+        scene.name,
+        clock,
+        tuple(
+            Thing(
+                name=thing.name,
+                kind=thing.unisim.kind,
+                uid=thing.unisim.uid,
+                home=thing.unisim.home,
+                look=thing.unisim.look,
+                look_scene=bpy.path.abspath(thing.unisim.look_scene) if thing.unisim.look_scene else "",
+                model=thing.unisim.model,
+                index=thing.pass_index,
+                poses=poses[i],
+                there=there[i],
+                camera=model_of(thing, size) if thing.type == "CAMERA" else None,
+                size_m=tuple(float(x) for x in np.ptp(np.array(thing.bound_box), axis=0)),
+            )
+            for i, thing in enumerate(found)
+        ),
+        {item.name: item.model for item in scene.unisim.static_items},
+    )
+
+
+def picture_size(render: bpy.types.RenderSettings) -> tuple[int, int]:
+    """Width and height of a picture, in pixels."""
+    percent = render.resolution_percentage
+    return render.resolution_x * percent // 100, render.resolution_y * percent // 100
+
+
+def sample_all(scene: bpy.types.Scene, clock: Clock) -> Sampled:
+    """The scene's things at all of the clock's frames; the frame that is shown stays."""
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    with kept_frame(scene):
+        return sample(scene, depsgraph, clock, scene.frame_set)
+
+
+def _shown(layer: bpy.types.LayerCollection) -> set[str]:
+    """Names of the objects in some collection that is neither excluded nor hidden for renders."""
+    if layer.exclude or layer.collection.hide_render:
+        return set()
+    names = {thing.name for thing in layer.collection.objects}
+    return names.union(*(_shown(child) for child in layer.children))

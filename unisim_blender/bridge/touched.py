@@ -1,0 +1,75 @@
+"""Which part of a picture an edit can have touched: what shows no box that changed is the same as before."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..core.drive import CameraModel
+from ..core.geometry import FloatArray, box_corners, invert_pose, transform_points
+from .poses import optical
+from .sampling import Sampled, Thing
+
+MARGIN_PX = 32
+"""How far from a ray's own pixel a decoder may carry it, and more."""
+NEAR_M = 0.1
+
+Rectangle = tuple[int, int, int, int]
+"""Left, top, right, bottom in pixels from the top left corner; right and bottom do not belong to it."""
+
+
+def touched(before: Sampled, after: Sampled, view: Thing, model: CameraModel) -> Rectangle | None:
+    """The part of ``view``'s picture that differs between two states of a scene at the same frames; None where all of it may.
+
+    An empty rectangle means that nothing differs.
+    """
+    if not np.array_equal(before.clock.times_s, after.clock.times_s) or before.items != after.items:
+        return None
+    old, new = ({thing.name: thing for thing in state.things} for state in (before, after))
+    rectangle: Rectangle | None = (model.width, model.height, 0, 0)
+    for name in sorted({*old, *new}):
+        states = [thing for thing in (old.get(name), new.get(name)) if thing is not None]
+        if len(states) == 2 and alike(*states):
+            continue
+        if name == view.name:
+            return None
+        for thing in states:
+            if thing.kind in ("CAMERA", "LIDAR", "EGO", "NONE"):
+                continue  # what looks is not seen
+            if thing.kind != "ACTOR" or rectangle is None:
+                return None
+            if thing.there.any():
+                rectangle = _join(rectangle, _seen(thing, view, model))
+    return rectangle
+
+
+def alike(a: Thing, b: Thing) -> bool:
+    """Whether two states of a thing look the same."""
+    told = all(
+        getattr(a, name) == getattr(b, name) for name in ("kind", "uid", "look", "look_scene", "model", "camera", "size_m")
+    )
+    return told and np.array_equal(a.poses, b.poses) and np.array_equal(a.there, b.there)
+
+
+def _seen(thing: Thing, view: Thing, model: CameraModel) -> Rectangle | None:
+    """What a box covers of the picture, wherever box and camera are at the frames; None where it reaches behind the camera."""
+    size: FloatArray = np.array(thing.size_m) * 1.1 + 0.2
+    corners = np.concatenate([box_corners(pose, size) for pose in thing.poses])
+    seen = np.concatenate([transform_points(invert_pose(pose), corners) for pose in optical(view.poses)])
+    ahead = seen[:, 2] > NEAR_M
+    if not ahead.any():
+        return model.width, model.height, 0, 0
+    if not ahead.all():
+        return None
+    u = model.fx * seen[:, 0] / seen[:, 2] + model.cx
+    v = model.fy * seen[:, 1] / seen[:, 2] + model.cy
+    left, right = np.clip([u.min() - MARGIN_PX, u.max() + MARGIN_PX], 0, model.width)
+    top, bottom = np.clip([v.min() - MARGIN_PX, v.max() + MARGIN_PX], 0, model.height)
+    return int(left), int(top), int(np.ceil(right)), int(np.ceil(bottom))
+
+
+def _join(a: Rectangle, b: Rectangle | None) -> Rectangle | None:
+    if b is None:
+        return None
+    if b[0] >= b[2] or b[1] >= b[3]:
+        return a
+    return min(a[0], b[0]), min(a[1], b[1]), max(a[2], b[2]), max(a[3], b[3])

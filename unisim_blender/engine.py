@@ -1,0 +1,254 @@
+"""Render engine "UniSim": F12 and Ctrl-F12 show what the scene's camera would have recorded."""
+
+from __future__ import annotations
+
+import queue
+from contextlib import suppress
+from typing import Any
+
+import bpy
+import numpy as np
+from numpy.typing import NDArray
+
+from .bridge.sampling import picture_size
+from .bridge.snapshot import camera_request, moment
+from .bridge.source import source_of
+from .client import Client, Request, client
+from .core.errors import UnisimError
+from .core.output.colour import linear_from_srgb
+from .preferences import device, interpreter
+
+WAIT_S = 0.05
+"""Between two looks at whether the user has had enough."""
+REDRAW_S = 0.05
+PASSES = {
+    "Depth": ("use_pass_z", 1, "Z", "VALUE", "depth"),
+    "Normal": ("use_pass_normal", 3, "XYZ", "VECTOR", "normal"),
+    "IndexOB": ("use_pass_object_index", 1, "X", "VALUE", "instance"),
+    "Opacity": (None, 1, "X", "VALUE", "opacity"),
+}
+"""By Blender's name: the view layer's switch (None: the scene's own), channels, their names, their kind, core's name."""
+FAR = 1e10
+"""What Blender writes as depth where there is nothing."""
+
+
+def wanted_passes(scene: bpy.types.Scene, layer: bpy.types.ViewLayer) -> list[str]:
+    """Blender's names of the passes that a view layer asks for, beside Combined."""
+    return [name for name, (switch, *_) in PASSES.items() if (getattr(layer, switch) if switch else scene.unisim.opacity_pass)]
+
+
+class UniSimEngine(bpy.types.RenderEngine):
+    """Neural rendering in the worker; Blender's process gathers and waits."""
+
+    bl_idname = "UNISIM"
+    bl_label = "UniSim"
+    bl_use_preview = False
+    bl_use_shading_nodes_custom = False
+
+    def update_render_passes(self, scene: bpy.types.Scene = None, renderlayer: bpy.types.ViewLayer = None) -> None:
+        """Say which passes there are."""
+        self.register_pass(scene, renderlayer, "Combined", 4, "RGBA", "COLOR")
+        for name in wanted_passes(scene, renderlayer):
+            _, channels, letters, kind, _ = PASSES[name]
+            self.register_pass(scene, renderlayer, name, channels, letters, kind)
+
+    def render(self, depsgraph: bpy.types.Depsgraph) -> None:
+        """One frame: read the scene about it, then wait for bands of the picture."""
+        scene = depsgraph.scene
+        worker = client(interpreter())
+        try:
+            request, picture = self._asked(worker, scene, depsgraph)
+        except (UnisimError, OSError) as fault:
+            self._fail(str(fault))
+            return
+        self._fill(worker, request, picture)
+
+    # ---- the viewport
+
+    def view_update(self, context: bpy.types.Context, depsgraph: bpy.types.Depsgraph) -> None:
+        """Something changed."""
+        self._view().changed()
+
+    def view_draw(self, context: bpy.types.Context, depsgraph: bpy.types.Depsgraph) -> None:
+        """Show what there is, and ask for what there is not."""
+        view = self._view()
+        view.follow(context, depsgraph)
+        view.gather()
+        view.draw(self, depsgraph.scene)
+        self.update_stats("UniSim", view.problem or ("Rendering" if view.pending else ""))
+        if view.pending:
+            redraw_soon()
+
+    def _view(self) -> Any:
+        from .viewport import View  # needs a window's graphics
+
+        if not hasattr(self, "view"):
+            self.view = View()
+        return self.view
+
+    def __del__(self) -> None:
+        with suppress(ReferenceError):  # Blender's half is gone already
+            view = getattr(self, "view", None)
+            if view is not None:
+                view.drop()
+
+    # ---- a picture
+
+    def _asked(self, worker: Client, scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> tuple[Request, Picture]:
+        """Take the snapshot and ask for the picture."""
+        self.update_stats("UniSim", "Reading the scene")
+        render, source = scene.render, source_of(scene)
+        if scene.camera is None:
+            raise UnisimError(f'scene "{scene.name}": has no camera')
+        shown, part = scene.frame_current, scene.frame_subframe
+        frame = shown + part
+
+        def step(whole: int) -> None:
+            self.frame_set(whole, subframe=0.0)
+
+        sampled, view = moment(scene, depsgraph, source, frame, step, scene.camera)
+        self.frame_set(shown, subframe=part)
+        size = picture_size(render)
+        layer = depsgraph.view_layer_eval
+        names = wanted_passes(scene, layer)
+        picture = Picture(size, border_of(render, size), names, layer.name)
+        values = camera_request(sampled, view, source, frame, size, render.pixel_aspect_y / render.pixel_aspect_x)
+        picture.indices = values.pop("indices")
+        height = size[1]
+        left, bottom, right, top = picture.border
+        request = worker.ask(
+            "camera",
+            **values,
+            passes=["rgb", *(PASSES[name][-1] for name in names)],
+            quality=scene.unisim.quality,
+            device=device(),
+            rows=[height - top, height - bottom],
+            columns=[left, right],
+        )
+        return request, picture
+
+    def _fill(self, worker: Client, request: Request, picture: Picture) -> None:
+        """Put bands into the result as they come; Esc ends it at once."""
+        self.update_stats("UniSim", "Rendering")
+        left, bottom, right, top = picture.border
+        # a border's result begins at its own corner, whether the picture is cropped to it or not
+        result = self.begin_result(0, 0, right - left, top - bottom, layer=picture.layer)
+        cancelled = False
+        try:
+            while True:
+                if self.test_break():
+                    worker.cancel(request)
+                    cancelled = True
+                    return
+                try:
+                    event = request.events.get(timeout=WAIT_S)
+                except queue.Empty:
+                    continue
+                if event["event"] == "error":
+                    self._fail(event["text"])
+                    cancelled = True
+                    return
+                if event["event"] != "arrays":
+                    return
+                done = picture.put(event, worker.arrays(event))
+                passes = result.layers[0].passes
+                for name, values in picture.buffers.items():
+                    found = passes.find_by_name(name, "")
+                    if found is not None:
+                        found.rect.foreach_set(values.reshape(-1))
+                self.update_result(result)
+                self.update_progress(done)
+        finally:
+            self.end_result(result, cancel=cancelled)
+
+    def _fail(self, sentence: str) -> None:
+        """Say why there is no picture, to the window and to scripts."""
+        self.error_set(sentence)
+        self.report({"ERROR"}, sentence)
+
+
+class Picture:
+    """What of a picture has come: for each pass an array, its lowest row first, of the border's size.
+
+    ``border`` is (left, bottom, right, top) in pixels of the whole picture of ``size`` (width, height), counted from below as
+    Blender does.
+    """
+
+    def __init__(self, size: tuple[int, int], border: tuple[int, int, int, int], names: list[str], layer: str) -> None:
+        self.size, self.border, self.layer = size, border, layer
+        left, bottom, right, top = border
+        shape = top - bottom, right - left
+        self.buffers = {"Combined": np.zeros((*shape, 4), np.float32)}
+        self.buffers |= {name: np.zeros((*shape, PASSES[name][1]), np.float32) for name in names}
+        self.indices: dict[str, int] = {}
+
+    def put(self, event: dict[str, Any], arrays: dict[str, Any]) -> float:
+        """Put a band in; the share of the picture that is there."""
+        first, last = event["rows"]
+        height = self.size[1]
+        _, bottom, _, top = self.border
+        rows = slice(height - last - bottom, height - first - bottom)
+        self.buffers["Combined"][rows, :, :3] = linear_from_srgb(np.clip(arrays["rgb"], 0, 1))[::-1]
+        self.buffers["Combined"][rows, :, 3] = 1.0
+        for name, buffer in self.buffers.items():
+            if name != "Combined":
+                buffer[rows] = self._values(name, event, arrays)[::-1].reshape(last - first, *buffer.shape[1:])
+        return (last - (height - top)) / (top - bottom)
+
+    def _values(self, name: str, event: dict[str, Any], arrays: dict[str, Any]) -> NDArray[Any]:
+        if name == "Depth":
+            return np.where(np.isfinite(arrays["z_depth_m"]), arrays["z_depth_m"], FAR)
+        if name == "IndexOB":
+            table = np.array([0, *(self.indices.get(uid, 0) for uid in event["instances"])], np.float32)
+            return table[arrays["instance"]]
+        return np.asarray(arrays[PASSES[name][-1]])
+
+
+def border_of(render: bpy.types.RenderSettings, size: tuple[int, int]) -> tuple[int, int, int, int]:
+    """The part of a picture of ``size`` (width, height) that is rendered: left, bottom, right, top in pixels."""
+    width, height = size
+    if not render.use_border:
+        return 0, 0, width, height
+    left, right = int(render.border_min_x * width), int(render.border_max_x * width)
+    bottom, top = int(render.border_min_y * height), int(render.border_max_y * height)
+    return left, bottom, max(right, left + 1), max(top, bottom + 1)
+
+
+def redraw_soon() -> None:
+    """Draw the viewports again in a moment: bands are on their way."""
+    if not bpy.app.timers.is_registered(_redraw):
+        bpy.app.timers.register(_redraw, first_interval=REDRAW_S)
+
+
+def _redraw() -> None:
+    for window in bpy.context.window_manager.windows:
+        for area in window.screen.areas:
+            if area.type == "VIEW_3D" and area.spaces.active.shading.type == "RENDERED":
+                area.tag_redraw()
+
+
+CLASSES = (UniSimEngine,)
+
+
+def compatible_panels() -> list[Any]:
+    """Blender's own panels that mean something with this engine: those that the built-in engine has, but its own settings."""
+    left_out = {"RENDER_PT_gpencil", "RENDER_PT_simplify", "VIEWLAYER_PT_filter", "VIEWLAYER_PT_layer_passes"}
+    return [
+        panel
+        for panel in bpy.types.Panel.__subclasses__()
+        if "BLENDER_RENDER" in getattr(panel, "COMPAT_ENGINES", ()) and panel.__name__ not in left_out
+    ]
+
+
+def register() -> None:
+    """Add the engine, and show Blender's own panels with it."""
+    bpy.utils.register_class(UniSimEngine)
+    for panel in compatible_panels():
+        panel.COMPAT_ENGINES.add(UniSimEngine.bl_idname)
+
+
+def unregister() -> None:
+    """Take the engine away."""
+    for panel in bpy.types.Panel.__subclasses__():
+        getattr(panel, "COMPAT_ENGINES", set()).discard(UniSimEngine.bl_idname)
+    bpy.utils.unregister_class(UniSimEngine)

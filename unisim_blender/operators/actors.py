@@ -1,0 +1,91 @@
+"""Actors copied and deleted."""
+
+import bpy
+from bpy.props import EnumProperty, FloatProperty
+
+from ..bridge.copies import copy_of
+from ..bridge.motion import displaced_along, moved_to
+from ..bridge.sampling import frame_of
+from ..registering import add, take_away
+
+LANE_M = 3.5
+GAP_M = 0.6
+PLACES = (
+    ("IN_PLACE", "In place", "Where the source is: move it with Blender's tools"),
+    ("LEFT", "Beside, left", "On the left of the source, an arm's length away"),
+    ("RIGHT", "Beside, right", "On the right of the source, an arm's length away"),
+    ("LANE_LEFT", "Next lane, left", "One lane to the left"),
+    ("LANE_RIGHT", "Next lane, right", "One lane to the right"),
+    ("CURSOR", "At the 3D cursor", "At the 3D cursor in the frame that is shown, on the same way"),
+)
+
+
+def chosen(context: bpy.types.Context, *kinds: str) -> list[bpy.types.Object]:
+    """The selected objects of some kinds."""
+    return [thing for thing in context.selected_objects if thing.unisim.kind in kinds]
+
+
+class UNISIM_OT_duplicate_actor(bpy.types.Operator):
+    """Copy the selected actors with their ways. Each copy has an action of its own"""
+
+    bl_idname = "unisim.duplicate_actor"
+    bl_label = "Duplicate Actor"
+    bl_options = {"REGISTER", "UNDO"}
+
+    where: EnumProperty(name="Where", items=PLACES, default="LANE_LEFT")
+    lane_m: FloatProperty(name="Lane width", default=LANE_M, min=0.5, soft_max=6.0, unit="LENGTH")
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """An actor has to be selected."""
+        return context.mode == "OBJECT" and bool(chosen(context, "ACTOR"))
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Copy each and put the copy where it was asked for."""
+        sources = chosen(context, "ACTOR")
+        for source in sources:
+            copy = copy_of(context, source)
+            if self.where == "CURSOR":
+                moved_to(copy, context.scene.cursor.location, frame_of(context.scene))
+            elif self.where != "IN_PLACE":
+                beside = float(source.dimensions.y) + GAP_M if self.where in ("LEFT", "RIGHT") else self.lane_m
+                displaced_along(copy, (0.0, beside if self.where.endswith("LEFT") else -beside, 0.0))
+            source.select_set(False)
+            copy.select_set(True)
+            context.view_layer.objects.active = copy
+        self.report({"INFO"}, f"{len(sources)} copied")
+        return {"FINISHED"}
+
+
+class UNISIM_OT_delete_actor(bpy.types.Operator):
+    """Delete the selected actors and static items: they are not there in any picture or sweep"""
+
+    bl_idname = "unisim.delete_actor"
+    bl_label = "Delete Actor"
+    bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """An actor or a static item has to be selected."""
+        return context.mode == "OBJECT" and bool(chosen(context, "ACTOR", "STATIC"))
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """As X does."""
+        gone = chosen(context, "ACTOR", "STATIC")
+        for thing in gone:
+            bpy.data.objects.remove(thing)
+        self.report({"INFO"}, f"{len(gone)} deleted")
+        return {"FINISHED"}
+
+
+CLASSES = (UNISIM_OT_duplicate_actor, UNISIM_OT_delete_actor)
+
+
+def register() -> None:
+    """Add the operators."""
+    add(CLASSES)
+
+
+def unregister() -> None:
+    """Take them away."""
+    take_away(CLASSES)

@@ -1,0 +1,235 @@
+"""File > Import > Driving Log, and Trained Neural Scene."""
+
+import time
+from pathlib import Path
+
+import bpy
+from bpy.props import StringProperty
+from bpy_extras.io_utils import ImportHelper
+
+from ..bridge.applying import apply_edits
+from ..bridge.importing import import_source, set_colours
+from ..bridge.source import open_source
+from ..core.edits import apply_scenario
+from ..core.errors import UnisimError
+from ..core.prepare.scenario import scene_actors
+from ..core.scenario import load_scenario
+from ..core.scene_file import HEADER_NAME, read_scene_header
+from ..registering import add, take_away
+
+BUSY_S = 0.05
+"""How long the import works before it lets the window breathe."""
+
+
+class _ImportDrive(ImportHelper):
+    """What both importers share: steps between redraws, a progress bar, Esc."""
+
+    bl_options = {"REGISTER", "UNDO"}
+
+    def paths(self) -> tuple[str, str]:
+        """The log's folder and the trained scene's, or ""."""
+        raise NotImplementedError
+
+    def begin(self, context: bpy.types.Context) -> bool:
+        """Open the drive; report and return False where that fails."""
+        try:
+            self.steps = import_source(context.scene, open_source(*self.paths()))
+        except (UnisimError, OSError) as fault:
+            self.report({"ERROR"}, str(fault))
+            return False
+        return True
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """All at once: from a script, or without a window."""
+        if not self.begin(context):
+            return {"CANCELLED"}
+        for _ in self.steps:
+            pass
+        return {"FINISHED"}
+
+    def run(self, context: bpy.types.Context) -> set[str]:
+        """Step by step, behind a progress bar."""
+        if context.window is None or bpy.app.background:
+            return self.execute(context)
+        if not self.begin(context):
+            return {"CANCELLED"}
+        context.window_manager.progress_begin(0, 100)
+        self.timer = context.window_manager.event_timer_add(0.01, window=context.window)
+        context.window_manager.modal_handler_add(self)
+        return {"RUNNING_MODAL"}
+
+    def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        """Some steps at each tick of the timer."""
+        if event.type == "ESC":
+            self.end(context)
+            self.report({"WARNING"}, "Import stopped: import again to complete it")
+            return {"FINISHED"}  # what is there can be undone
+        if event.type != "TIMER":
+            return {"RUNNING_MODAL"}
+        until = time.monotonic() + BUSY_S
+        for done, total, what in self.steps:
+            context.window_manager.progress_update(100 * done / total)
+            context.workspace.status_text_set(f"Importing {what}: {done} of {total}. Esc stops")
+            if time.monotonic() > until:
+                return {"RUNNING_MODAL"}
+        self.end(context)
+        return {"FINISHED"}
+
+    def end(self, context: bpy.types.Context) -> None:
+        """Take progress and timer away."""
+        context.window_manager.event_timer_remove(self.timer)
+        context.window_manager.progress_end()
+        context.workspace.status_text_set(None)
+
+
+class UNISIM_OT_import_log(bpy.types.Operator, _ImportDrive):
+    """Import a recorded drive: its vehicle, sensors and actors as animated objects"""
+
+    bl_idname = "unisim.import_log"
+    bl_label = "Import Driving Log"
+    bl_options = {"REGISTER", "UNDO"}
+
+    directory: StringProperty(subtype="DIR_PATH", options={"SKIP_SAVE"})
+    filepath: StringProperty(subtype="FILE_PATH", options={"SKIP_SAVE"})
+    filter_folder: bpy.props.BoolProperty(default=True, options={"HIDDEN"})
+
+    def paths(self) -> tuple[str, str]:
+        """The folder that was chosen."""
+        return str(Path(self.filepath or self.directory)), ""
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        """Ask for the folder, unless it was dropped onto the window."""
+        if self.filepath:
+            return self.run(context)
+        context.window_manager.fileselect_add(self)
+        return {"RUNNING_MODAL"}
+
+
+class UNISIM_OT_import_scene(bpy.types.Operator, _ImportDrive):
+    """Import a drive as a neural scene trained on it replays it, with refined tracklets"""
+
+    bl_idname = "unisim.import_scene"
+    bl_label = "Import Trained Neural Scene"
+    bl_options = {"REGISTER", "UNDO"}
+
+    filepath: StringProperty(subtype="FILE_PATH", options={"SKIP_SAVE"})
+    filter_glob: StringProperty(default="*.json", options={"HIDDEN"})
+
+    def paths(self) -> tuple[str, str]:
+        """The scene's folder, and the log that its header names."""
+        chosen = Path(self.filepath)
+        folder = chosen.parent if chosen.name == HEADER_NAME else chosen
+        header = read_scene_header(folder)
+        return str((folder / header.log_path).resolve()), str(folder)
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        """Ask for the scene's `scene.json`, unless it was dropped onto the window."""
+        if self.filepath:
+            return self.run(context)
+        context.window_manager.fileselect_add(self)
+        return {"RUNNING_MODAL"}
+
+
+class UNISIM_OT_import_scenario(bpy.types.Operator, ImportHelper):
+    """Import a scenario: its drive, with every edit carried out"""
+
+    bl_idname = "unisim.import_scenario"
+    bl_label = "Import Scenario"
+    bl_options = {"REGISTER", "UNDO"}
+
+    filter_glob: StringProperty(default="*.json", options={"HIDDEN"})
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Import the drive, then edit it."""
+        try:
+            scenario = load_scenario(Path(self.filepath))
+            source = open_source(str(scenario.log_path), str(scenario.scene_path or ""))
+            edited = apply_scenario(scenario, source.drive, scene_actors)
+        except (UnisimError, OSError) as fault:
+            self.report({"ERROR"}, str(fault))
+            return {"CANCELLED"}
+        if context.scene.unisim.log:
+            self.report({"ERROR"}, f'scene "{context.scene.name}": has a drive already; import the scenario into a new scene')
+            return {"CANCELLED"}
+        for _ in import_source(context.scene, source):
+            pass
+        apply_edits(context.scene, source, scenario, edited)
+        self.report({"INFO"}, f"{len(scenario.edits)} edits imported")
+        return {"FINISHED"}
+
+
+class UNISIM_FH_json(bpy.types.FileHandler):
+    """Scenarios dropped onto the window"""
+
+    bl_idname = "UNISIM_FH_json"
+    bl_label = "UniSim"
+    bl_import_operator = "unisim.import_dropped"
+    bl_file_extensions = ".json"
+
+    @classmethod
+    def poll_drop(cls, context: bpy.types.Context) -> bool:
+        """Wherever a drive can be seen."""
+        return context.area is not None and context.area.type in ("VIEW_3D", "OUTLINER")
+
+
+class UNISIM_OT_import_dropped(bpy.types.Operator):
+    """Import a scenario or a trained scene that was dropped onto the window"""
+
+    bl_idname = "unisim.import_dropped"
+    bl_label = "Import into UniSim"
+    bl_options = {"REGISTER", "UNDO"}
+
+    filepath: StringProperty(subtype="FILE_PATH", options={"SKIP_SAVE"})
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Tell by the name which of them it is: a trained scene's header is always called the same."""
+        if Path(self.filepath).name == HEADER_NAME:
+            return bpy.ops.unisim.import_scene("INVOKE_DEFAULT", filepath=self.filepath)
+        return bpy.ops.unisim.import_scenario(filepath=self.filepath)
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        """As dropped."""
+        return self.execute(context)
+
+
+class UNISIM_OT_recorded_colours(bpy.types.Operator):
+    """Show pictures as they were recorded: view transform Standard, no look, exposure 0, gamma 1"""
+
+    bl_idname = "unisim.recorded_colours"
+    bl_label = "Show Colours as Recorded"
+    bl_options = {"REGISTER", "UNDO"}
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Set the scene's colour management."""
+        set_colours(context.scene)
+        return {"FINISHED"}
+
+
+def draw_menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:
+    """Lines in File > Import."""
+    self.layout.operator_context = "INVOKE_DEFAULT"
+    self.layout.operator(UNISIM_OT_import_log.bl_idname, text="Driving Log (folder)")
+    self.layout.operator(UNISIM_OT_import_scene.bl_idname, text="Trained Neural Scene (scene.json)")
+    self.layout.operator(UNISIM_OT_import_scenario.bl_idname, text="UniSim Scenario (.json)")
+
+
+CLASSES = (
+    UNISIM_OT_import_log,
+    UNISIM_OT_import_scene,
+    UNISIM_OT_import_scenario,
+    UNISIM_OT_import_dropped,
+    UNISIM_OT_recorded_colours,
+    UNISIM_FH_json,
+)
+
+
+def register() -> None:
+    """Add the operators and their lines in the menu."""
+    add(CLASSES)
+    bpy.types.TOPBAR_MT_file_import.append(draw_menu)
+
+
+def unregister() -> None:
+    """Take them away."""
+    bpy.types.TOPBAR_MT_file_import.remove(draw_menu)
+    take_away(CLASSES)

@@ -1,0 +1,88 @@
+"""Actors on drawn curves and on the ground."""
+
+import bpy
+import numpy as np
+from bpy.props import FloatProperty
+
+from ..bridge.ground import ground_height
+from ..bridge.motion import displaced_along, follow
+from ..bridge.sampling import frame_of
+from ..bridge.source import source_of
+from ..core.errors import UnisimError
+from ..registering import add, take_away
+from .actors import chosen
+
+
+class UNISIM_OT_follow_curve(bpy.types.Operator):
+    """Let the selected actors follow the selected curve at a speed, from the frame that is shown on"""
+
+    bl_idname = "unisim.follow_curve"
+    bl_label = "Follow Curve"
+    bl_options = {"REGISTER", "UNDO"}
+
+    speed_m_s: FloatProperty(name="Speed", default=8.0, min=0.1, soft_max=40.0, unit="VELOCITY")
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Actors and one curve have to be selected."""
+        curves = [thing for thing in context.selected_objects if thing.type == "CURVE"]
+        return context.mode == "OBJECT" and len(curves) == 1 and bool(chosen(context, "ACTOR"))
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Keys along the curve; the actors' undersides are on it."""
+        curve = next(thing for thing in context.selected_objects if thing.type == "CURVE")
+        evaluated = curve.evaluated_get(context.evaluated_depsgraph_get())
+        mesh = evaluated.to_mesh()
+        line = np.array([curve.matrix_world @ vertex.co for vertex in mesh.vertices], float)
+        evaluated.to_mesh_clear()
+        if len(line) < 2:
+            self.report({"ERROR"}, f'curve "{curve.name}": has fewer than two points')
+            return {"CANCELLED"}
+        scene = context.scene
+        rate = scene.render.fps / scene.render.fps_base
+        for thing in chosen(context, "ACTOR"):
+            follow(thing, line, frame_of(scene), self.speed_m_s / rate)
+        return {"FINISHED"}
+
+
+class UNISIM_OT_snap_to_ground(bpy.types.Operator):
+    """Put the selected actors and static items onto the ground under them, at the frame that is shown"""
+
+    bl_idname = "unisim.snap_to_ground"
+    bl_label = "Snap to Ground"
+    bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Something has to be selected."""
+        return context.mode == "OBJECT" and bool(chosen(context, "ACTOR", "STATIC"))
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Up or down along the box's own axis."""
+        try:
+            source = source_of(context.scene)
+            for thing in chosen(context, "ACTOR", "STATIC"):
+                now = np.array(thing.matrix_world, float)
+                low = now[:3, 3] - now[:3, 2] * float(np.ptp(np.array(thing.bound_box)[:, 2])) / 2
+                ground = ground_height(source, low, context.scene.frame_current)
+                if ground is None:
+                    self.report({"WARNING"}, f"{thing.name}: nothing recorded tells how high the ground is there")
+                else:
+                    displaced_along(thing, (0.0, 0.0, ground - low[2]))
+        except (UnisimError, OSError) as fault:
+            self.report({"ERROR"}, str(fault))
+            return {"CANCELLED"}
+        return {"FINISHED"}
+
+
+CLASSES = (UNISIM_OT_follow_curve, UNISIM_OT_snap_to_ground)
+
+
+def register() -> None:
+    """Add the operators."""
+    add(CLASSES)
+
+
+def unregister() -> None:
+    """Take them away."""
+    take_away(CLASSES)

@@ -1,0 +1,64 @@
+"""All sensors over the frame range into a folder, in the background."""
+
+from pathlib import Path
+
+import bpy
+
+from ..core.errors import UnisimError
+from ..core.scenario import save_scenario
+from ..preferences import device, interpreter
+from ..registering import add, take_away
+from ..tasks import SequenceTask
+from .background import launch, running
+from .export_scenario import scenario_of
+
+SCENARIO = "scenario.json"
+
+
+class UNISIM_OT_render_sequence(bpy.types.Operator):
+    """Render all sensors of the scene over its frame range into the output folder. Frames that are there already stay"""
+
+    bl_idname = "unisim.render_sequence"
+    bl_label = "Render Sequence"
+    bl_options = {"REGISTER"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """A trained scene has to be there, and nothing else be running."""
+        return bool(context.scene.unisim.scene) and not running
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Write the scenario beside the frames and start the command line on it."""
+        about = context.scene.unisim
+        folder = Path(bpy.path.abspath(about.out)).absolute()
+        try:
+            if not about.out:
+                raise UnisimError("no output folder is set: UniSim > Output > Folder")
+            folder.mkdir(parents=True, exist_ok=True)
+            scenario = scenario_of(context.scene, folder / SCENARIO)
+            save_scenario(scenario, folder / SCENARIO)
+        except (UnisimError, OSError) as fault:
+            self.report({"ERROR"}, str(fault))
+            return {"CANCELLED"}
+        scene = context.scene
+        wanted = range(scene.frame_start, scene.frame_end + 1, scene.frame_step)
+        arguments = ["render", str(folder / SCENARIO), "--out", str(folder), "--resume", "--device", device()]
+        task = SequenceTask(arguments, folder, float(len(wanted)), interpreter())
+        launch(task)
+        if bpy.app.background and task.problem:
+            self.report({"ERROR"}, task.problem)
+            return {"CANCELLED"}
+        return {"FINISHED"}
+
+
+CLASSES = (UNISIM_OT_render_sequence,)
+
+
+def register() -> None:
+    """Add the operator."""
+    add(CLASSES)
+
+
+def unregister() -> None:
+    """Take it away."""
+    take_away(CLASSES)

@@ -1,0 +1,105 @@
+"""Things without annotation: a box of space marked as an item, which can then be moved, copied and deleted."""
+
+import bpy
+import numpy as np
+from bpy.props import FloatVectorProperty
+
+from ..bridge.copies import copy_of
+from ..bridge.poses import rigid
+from ..bridge.static_items import forget, mark
+from ..registering import add, take_away
+from .actors import chosen
+
+
+class UNISIM_OT_mark_static(bpy.types.Operator):
+    """Mark a box of space as a static item: the active plain mesh's box, or a new one standing at the 3D cursor"""
+
+    bl_idname = "unisim.mark_static"
+    bl_label = "Mark Static Item"
+    bl_options = {"REGISTER", "UNDO"}
+
+    size_m: FloatVectorProperty(name="Size", default=(0.6, 0.6, 1.0), min=0.02, subtype="XYZ_LENGTH", unit="LENGTH")
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """A drive has to be there."""
+        return context.mode == "OBJECT" and bool(context.scene.unisim.log)
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Take the mesh's place, or the cursor's."""
+        active = context.active_object
+        if active is not None and active.select_get() and active.type == "MESH" and active.unisim.kind == "NONE":
+            corners = np.array(active.bound_box)
+            low, high = corners.min(0), corners.max(0)
+            world = np.array(active.matrix_world, float)
+            size = np.maximum((high - low) * np.linalg.norm(world[:3, :3], axis=0), 0.02)
+            pose = rigid(world)
+            pose[:3, 3] = world[:3, :3] @ ((low + high) / 2) + world[:3, 3]
+            bpy.data.objects.remove(active)
+        else:
+            size, pose = np.array(self.size_m), np.eye(4)
+            pose[:3, 3] = np.array(context.scene.cursor.location) + [0.0, 0.0, size[2] / 2]
+        thing = mark(context.scene, pose, size)
+        for other in context.selected_objects:
+            other.select_set(False)
+        thing.select_set(True)
+        context.view_layer.objects.active = thing
+        return {"FINISHED"}
+
+
+class UNISIM_OT_copy_static(bpy.types.Operator):
+    """Copy the selected static items to the 3D cursor"""
+
+    bl_idname = "unisim.copy_static"
+    bl_label = "Copy Static Item"
+    bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """A static item has to be selected."""
+        return context.mode == "OBJECT" and bool(chosen(context, "STATIC"))
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Several keep their places to each other."""
+        items = chosen(context, "STATIC")
+        middle = np.mean([thing.matrix_world.translation for thing in items], 0)
+        apart = np.array(context.scene.cursor.location) - middle
+        for thing in items:
+            copy = copy_of(context, thing)
+            copy.location = np.array(thing.location) + [apart[0], apart[1], 0.0]
+            thing.select_set(False)
+            copy.select_set(True)
+            context.view_layer.objects.active = copy
+        return {"FINISHED"}
+
+
+class UNISIM_OT_forget_static(bpy.types.Operator):
+    """Take the marks off the selected static items: their boxes go, and what stands in them stays"""
+
+    bl_idname = "unisim.forget_static"
+    bl_label = "Forget Static Item"
+    bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """A static item has to be selected."""
+        return context.mode == "OBJECT" and bool(chosen(context, "STATIC"))
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """With all copies of each."""
+        for uid in {thing.unisim.uid for thing in chosen(context, "STATIC")}:
+            forget(context.scene, uid)
+        return {"FINISHED"}
+
+
+CLASSES = (UNISIM_OT_mark_static, UNISIM_OT_copy_static, UNISIM_OT_forget_static)
+
+
+def register() -> None:
+    """Add the operators."""
+    add(CLASSES)
+
+
+def unregister() -> None:
+    """Take them away."""
+    take_away(CLASSES)

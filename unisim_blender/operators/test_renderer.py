@@ -1,0 +1,72 @@
+"""What the preferences show of the renderer."""
+
+import threading
+
+import bpy
+
+from .. import interpreters
+from ..preferences import interpreter
+from ..registering import add, take_away
+
+POLL_S = 0.2
+
+
+def report_of(chosen: str) -> str:
+    """Lines on what was found, and on what was tried before it."""
+    found, failed = interpreters.find(chosen)
+    lines = [f"{one.path}: {one.problem}" for one in failed]
+    if found is None:
+        return "\n".join([*lines, "Run make setup, or pip install unisim_blender[torch], and name that interpreter above"])
+    about = found.about
+    memory = f", {about['memory_bytes'] / 2**30:.0f} GiB" if about["memory_bytes"] else ""
+    return "\n".join(
+        [
+            f"Renders with {found.path}",
+            f"Python {about['python']}, torch {about['torch']}, kernels: {about['kernels']}",
+            f"{' and '.join(about['devices'])}{memory}",
+            *lines,
+        ]
+    )
+
+
+class UNISIM_OT_test_renderer(bpy.types.Operator):
+    """Look for an interpreter that can render, and say what it has"""
+
+    bl_idname = "unisim.test_renderer"
+    bl_label = "Test the Renderer"
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Ask in a thread; without a window, wait."""
+        chosen, answer = interpreter(), []
+        thread = threading.Thread(target=lambda: answer.append(report_of(chosen)), daemon=True)
+        thread.start()
+        context.window_manager.unisim_renderer = "Looking…"
+
+        def tell() -> float | None:
+            if thread.is_alive():
+                return POLL_S
+            bpy.context.window_manager.unisim_renderer = answer[0] if answer else "The test failed"
+            for window in bpy.context.window_manager.windows:
+                for area in window.screen.areas:
+                    area.tag_redraw()
+            return None
+
+        if bpy.app.background:
+            thread.join()
+            tell()
+        else:
+            bpy.app.timers.register(tell, first_interval=POLL_S)
+        return {"FINISHED"}
+
+
+CLASSES = (UNISIM_OT_test_renderer,)
+
+
+def register() -> None:
+    """Add the operator."""
+    add(CLASSES)
+
+
+def unregister() -> None:
+    """Take it away."""
+    take_away(CLASSES)

@@ -1,0 +1,67 @@
+"""Training from Blender."""
+
+from pathlib import Path
+
+import bpy
+from bpy.props import EnumProperty, FloatProperty, IntProperty, StringProperty
+
+from ..preferences import device, interpreter
+from ..registering import add, take_away
+from ..tasks import TrainingTask
+from .background import launch, running
+
+
+class UNISIM_OT_train(bpy.types.Operator):
+    """Train a neural scene of the imported log, in the background. A folder that holds an unfinished training goes on with it"""
+
+    bl_idname = "unisim.train"
+    bl_label = "Train Neural Scene"
+    bl_options = {"REGISTER"}
+
+    directory: StringProperty(name="Folder", subtype="DIR_PATH")
+    minutes: FloatProperty(name="Minutes", default=60.0, min=0.1)
+    width: IntProperty(name="Width", description="Of the images, in pixels; 0: as recorded", default=640, min=0)
+    preset: EnumProperty(
+        name="Preset",
+        items=[(name, name.capitalize(), "") for name in ("compact", "small", "paper", "tiny")],
+        default="small",
+    )
+    cameras: StringProperty(name="Cameras", description="Separated by commas, or all", default="front_camera")
+    frames: StringProperty(name="Frames", description="START:STOP:STEP", default="::2")
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """A log has to be there, and nothing else be running."""
+        return bool(context.scene.unisim.log) and not running
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        """Ask for the folder."""
+        context.window_manager.fileselect_add(self)
+        return {"RUNNING_MODAL"}
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Start the command line."""
+        folder, log = Path(self.directory).absolute(), bpy.path.abspath(context.scene.unisim.log)
+        arguments = ["train", log, "--out", str(folder), "--quiet", "--device", device(), "--preset", self.preset]
+        arguments += ["--cameras", self.cameras, "--frames", self.frames, "--minutes", str(self.minutes)]
+        arguments += ["--width", str(self.width)] if self.width else []
+        arguments += ["--resume"] if (folder / "checkpoint.safetensors").is_file() else []
+        task = TrainingTask(arguments, folder, self.minutes, interpreter())
+        launch(task)
+        if bpy.app.background and task.problem:
+            self.report({"ERROR"}, task.problem)
+            return {"CANCELLED"}
+        return {"FINISHED"}
+
+
+CLASSES = (UNISIM_OT_train,)
+
+
+def register() -> None:
+    """Add the operator."""
+    add(CLASSES)
+
+
+def unregister() -> None:
+    """Take it away."""
+    take_away(CLASSES)

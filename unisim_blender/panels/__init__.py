@@ -1,0 +1,5 @@
+"""What users see: drawing only."""
+
+from . import drive
+
+MODULES = (drive,)

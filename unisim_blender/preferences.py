@@ -1,0 +1,64 @@
+"""The add-on's preferences: which interpreter renders, and on what."""
+
+import bpy
+from bpy.props import EnumProperty, StringProperty
+
+from .registering import add, take_away
+
+DEVICES = (
+    ("auto", "Best there is", "A GPU where the interpreter has one, else the processor"),
+    ("cpu", "Processor", "The processor"),
+    ("cuda", "NVIDIA GPU", "A GPU with CUDA"),
+    ("mps", "Apple GPU", "A GPU with Metal"),
+)
+
+
+class UniSimPreferences(bpy.types.AddonPreferences):
+    """Which interpreter renders, and on what."""
+
+    bl_idname = __package__
+
+    interpreter: StringProperty(
+        name="Renderer's Python",
+        description="An interpreter with torch and the renderer's packages. Left empty, one is looked for",
+        subtype="FILE_PATH",
+    )
+    device: EnumProperty(name="Device", description="What the renderer computes on", items=DEVICES, default="auto")
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """The choice, a test of it, and what came of that."""
+        self.layout.prop(self, "interpreter")
+        self.layout.prop(self, "device")
+        self.layout.operator("unisim.test_renderer")
+        for line in context.window_manager.unisim_renderer.splitlines():
+            self.layout.label(text=line)
+
+
+def _preferences() -> UniSimPreferences | None:
+    addon = bpy.context.preferences.addons.get(__package__)
+    return None if addon is None else addon.preferences
+
+
+def interpreter() -> str:
+    """The interpreter that the user chose, or ""."""
+    found = _preferences()
+    return bpy.path.abspath(found.interpreter) if found is not None and found.interpreter else ""
+
+
+def device() -> str:
+    """The device that the user chose."""
+    found = _preferences()
+    return "auto" if found is None else found.device
+
+
+CLASSES = (UniSimPreferences,)
+
+
+def register() -> None:
+    """Add the preferences."""
+    add(CLASSES)
+
+
+def unregister() -> None:
+    """Take them away."""
+    take_away(CLASSES)

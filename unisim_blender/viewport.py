@@ -1,0 +1,199 @@
+"""Rendered shading: the neural scene from any angle, coarse first, then band by band."""
+
+from __future__ import annotations
+
+import queue
+from dataclasses import dataclass, field
+from typing import Any
+from weakref import WeakSet
+
+import bpy
+import gpu
+import numpy as np
+from bpy_extras.view3d_utils import location_3d_to_region_2d
+from numpy.typing import NDArray
+
+from .bridge.clock import Clock
+from .bridge.neighbours import sample_now
+from .bridge.sampling import Sampled, Thing, frame_of
+from .bridge.snapshot import camera_request
+from .bridge.source import source_of
+from .bridge.touched import Rectangle, touched
+from .client import Client, Request, client
+from .core.drive import CameraModel, RollingShutter
+from .core.errors import UnisimError
+from .core.output.colour import linear_from_srgb
+from .preferences import device, interpreter
+
+COARSE = (8, 3)
+"""The whole view is rendered at these fractions of its width before it is rendered as it is."""
+
+
+VIEWS: WeakSet[View] = WeakSet()
+"""Every viewport's picture, as long as it is shown."""
+
+
+@dataclass(eq=False)
+class View:
+    """One viewport's picture and the request that fills it. ``rectangle`` is left, bottom, width, height in the region."""
+
+    key: object = None
+    wanted: dict[str, Any] | None = None
+    sampled: Sampled | None = None
+    columns: slice = slice(None)
+    request: Request | None = None
+    worker: Client | None = None
+    rectangle: tuple[int, int, int, int] = (0, 0, 0, 0)
+    linear: NDArray[np.float32] = field(default_factory=lambda: np.zeros((0, 0, 4), np.float32))
+    texture: Any = None
+    problem: str = ""
+    changes: int = 0
+
+    def __post_init__(self) -> None:
+        VIEWS.add(self)
+
+    @property
+    def pending(self) -> bool:
+        """Whether more of the picture is to come."""
+        return self.request is not None
+
+    def changed(self) -> None:
+        """The scene is another one now."""
+        self.changes += 1
+
+    def drop(self) -> None:
+        """Take back what was asked for."""
+        if self.request is not None and self.worker is not None:
+            self.worker.cancel(self.request)
+        self.request = None
+
+    def follow(self, context: bpy.types.Context, depsgraph: bpy.types.Depsgraph) -> None:
+        """Ask for the picture of what is looked at now, unless it was asked for already."""
+        scene, region, space = depsgraph.scene, context.region, context.region_data
+        looks = tuple(tuple(row) for row in space.perspective_matrix)
+        key = looks, region.width, region.height, frame_of(scene), self.changes, scene.unisim.quality
+        if key == self.key:
+            return
+        self.key = key
+        try:
+            values, sampled, view = self._wanted(context, depsgraph)
+            # much that Blender calls a change, a selection say, shows nowhere
+            if values != self.wanted or self.problem:
+                self._ask(values, self._part(values, sampled, view))
+            self.sampled, self.problem = sampled, ""
+        except (UnisimError, OSError) as fault:
+            self.drop()
+            self.wanted, self.problem = None, str(fault)
+
+    def _wanted(self, context: bpy.types.Context, depsgraph: bpy.types.Depsgraph) -> tuple[dict[str, Any], Sampled, Thing]:
+        """The request for the picture of what is looked at now, the scene about this moment, and who looks."""
+        scene, space = depsgraph.scene, context.region_data
+        source = source_of(scene)
+        if not space.is_perspective:
+            raise UnisimError("the neural scene has no view without perspective: press numpad 5, or look through a camera")
+        frame = frame_of(scene)
+        through = scene.camera if space.view_perspective == "CAMERA" else None
+        clock = Clock.of(source.drive).around(frame)
+        sampled = sample_now(scene, depsgraph, clock, (through,) if through is not None else ())
+        if through is not None:
+            view = next(thing for thing in sampled.things if thing.name == through.name)
+            self.rectangle = camera_rectangle(context, scene)
+        else:
+            self.rectangle = 0, 0, context.region.width, context.region.height
+            view = onlooker(context, len(clock.frames))
+        aspect = scene.render.pixel_aspect_y / scene.render.pixel_aspect_x
+        values = camera_request(sampled, view, source, frame, self.rectangle[2:], aspect)
+        del values["indices"]
+        return {**values, "quality": scene.unisim.quality, "device": device()}, sampled, view
+
+    def _part(self, values: dict[str, Any], sampled: Sampled, view: Thing) -> Rectangle | None:
+        """The part of a finished picture that has to be rendered again; None for all."""
+        if self.wanted is None or self.sampled is None or self.pending or self.problem:
+            return None
+        elsewhere = ("camera", "time_s", "model", "quality", "device")
+        if any(values[name] != self.wanted[name] for name in elsewhere) or self.linear.shape[:2] != self.rectangle[:1:-1]:
+            return None
+        model = {**values["model"], "shutter": RollingShutter(**values["model"]["shutter"])}
+        return touched(self.sampled, sampled, view, CameraModel(**model))
+
+    def _ask(self, values: dict[str, Any], part: Rectangle | None) -> None:
+        self.drop()
+        width, height = self.rectangle[2:]
+        self.wanted, self.worker = values, client(interpreter())
+        left, top, right, bottom = part or (0, 0, width, height)
+        self.columns = slice(left, right)
+        if left >= right or top >= bottom:
+            return
+        self.request = self.worker.ask(
+            "camera",
+            **values,
+            passes=["rgb"],
+            coarse=[] if part else [max(16, width // fraction) for fraction in COARSE],
+            rows=[top, bottom],
+            columns=[left, right],
+        )
+        if self.linear.shape[:2] != (height, width):
+            self.linear = np.zeros((height, width, 4), np.float32)
+            self.texture = None
+
+    def gather(self) -> None:
+        """Take in what has come of the picture."""
+        while self.request is not None and self.worker is not None:
+            try:
+                event = self.request.events.get_nowait()
+            except queue.Empty:
+                return
+            if event["event"] == "arrays":
+                self._put(event, self.worker.arrays(event)["rgb"])
+            else:
+                self.problem = event.get("text", "")
+                self.request = None
+
+    def _put(self, event: dict[str, Any], rgb: NDArray[np.float32]) -> None:
+        height, width = self.linear.shape[:2]
+        first, last = event["rows"] or (0, height)
+        if event["rows"] is None:  # a coarse picture of it all: each of its pixels covers several
+            rows = np.minimum(np.arange(height) * rgb.shape[0] // height, rgb.shape[0] - 1)
+            across = np.minimum(np.arange(width) * rgb.shape[1] // width, rgb.shape[1] - 1)
+            rgb = rgb[rows[:, None], across]
+        columns = slice(None) if event["rows"] is None else self.columns
+        band = self.linear[height - last : height - first, columns]
+        band[..., :3] = linear_from_srgb(np.clip(rgb, 0, 1))[::-1]
+        band[..., 3] = 1.0
+        self.texture = None
+
+    def draw(self, engine: bpy.types.RenderEngine, scene: bpy.types.Scene) -> None:
+        """Show the picture."""
+        from gpu_extras.presets import draw_texture_2d
+
+        left, bottom, width, height = self.rectangle
+        if not self.linear.size:
+            return
+        if self.texture is None:
+            buffer = gpu.types.Buffer("FLOAT", self.linear.size, self.linear.ravel())
+            self.texture = gpu.types.GPUTexture((width, height), format="RGBA16F", data=buffer)
+        gpu.state.blend_set("ALPHA_PREMULT")
+        engine.bind_display_space_shader(scene)
+        draw_texture_2d(self.texture, (left, bottom), width, height)
+        engine.unbind_display_space_shader()
+        gpu.state.blend_set("NONE")
+
+
+def onlooker(context: bpy.types.Context, frames: int) -> Thing:
+    """The viewport itself as a camera that stands still."""
+    region, space = context.region, context.region_data
+    p = np.array(space.window_matrix, float)
+    w, h = region.width, region.height
+    model = CameraModel(w, h, w / 2 * p[0, 0], h / 2 * p[1, 1], w / 2 * (1 - p[0, 2]), h / 2 * (1 + p[1, 2]))
+    poses = np.repeat(np.array(space.view_matrix.inverted(), float)[None], frames, 0)
+    return Thing("viewport", "NONE", "", "", "", "", "", 0, poses, np.ones(frames, bool), model)
+
+
+def camera_rectangle(context: bpy.types.Context, scene: bpy.types.Scene) -> tuple[int, int, int, int]:
+    """Left, bottom, width, height of the camera's frame in the region."""
+    camera = scene.camera
+    corners = [camera.matrix_world @ corner for corner in camera.data.view_frame(scene=scene)]
+    points = [location_3d_to_region_2d(context.region, context.region_data, corner) for corner in corners]
+    xs, ys = [point.x for point in points], [point.y for point in points]
+    left, bottom = round(min(xs)), round(min(ys))
+    return left, bottom, max(1, round(max(xs)) - left), max(1, round(max(ys)) - bottom)
