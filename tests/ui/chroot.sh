@@ -10,11 +10,15 @@ rm -rf "$root"
 debootstrap --variant=minbase "$release" "$root" ${mirror:+"$mirror"} >/dev/null
 cp /etc/ssl/certs/ca-certificates.crt "$root/etc/host-ca.crt"
 cp /etc/resolv.conf "$root/etc/"
+[ -f /etc/pip.conf ] && cp /etc/pip.conf "$root/etc/"
 [ -d /etc/apt/apt.conf.d ] && cp -r /etc/apt/apt.conf.d/. "$root/etc/apt/apt.conf.d/" || true
 extra=""
 [ "$release" = sid ] && extra=python3-cattr
 chroot "$root" apt-get -o Acquire::Check-Valid-Until=false -o Acquire::Check-Date=false update -qq
 chroot "$root" env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends blender xvfb xauth libgl1-mesa-dri \
   libegl1 imagemagick python3-numpy python3-torch python3-click python3-pil python3-scipy python3-tqdm python3-safetensors \
-  python3-plyfile python3-pip python3-jsonschema $extra >/dev/null
+  python3-pip python3-jsonschema $extra >/dev/null
+# what Debian lacks of what the renderer needs
+chroot "$root" env SSL_CERT_FILE=/etc/host-ca.crt PIP_CERT=/etc/host-ca.crt ${PIP_INDEX_URL:+PIP_INDEX_URL="$PIP_INDEX_URL"} \
+  pip3 install -q --break-system-packages --no-deps plyfile OpenEXR
 touch "$root/.ready"

@@ -13,6 +13,7 @@ import sys
 import time
 import traceback
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -59,10 +60,25 @@ def picture() -> NDArray[Any] | None:
     return None if shown.pending or not shown.linear.size else shown.linear.copy()
 
 
+def nearest(scene: bpy.types.Scene) -> bpy.types.Object:
+    """The standing car that is nearest in front of the camera."""
+    camera = scene.camera.matrix_world.inverted()
+
+    def ahead(thing: bpy.types.Object) -> tuple[float, float]:
+        x, _, z = camera @ thing.matrix_world.translation
+        return -z, abs(x)
+
+    standing = [o for o in scene.objects if o.unisim.kind == "ACTOR" and o.animation_data is None and "Car" in o.name]
+    return min((o for o in standing if ahead(o)[0] > 8 and ahead(o)[1] < ahead(o)[0] / 3), key=ahead)
+
+
 def wait_for_picture(limit_s: float = 240.0) -> Iterator[float]:
     """Let the window go on until the viewport's picture is finished."""
     until = time.monotonic() + limit_s
-    yield 0.5
+    for found in bpy.context.window_manager.windows[0].screen.areas:
+        found.tag_redraw()
+    yield 0.3
+    yield 0.3
     while picture() is None:
         assert time.monotonic() < until, "the viewport's picture does not come"
         yield 0.2
@@ -70,7 +86,6 @@ def wait_for_picture(limit_s: float = 240.0) -> Iterator[float]:
 
 def steps() -> Iterator[float]:
     """The session; what is yielded are seconds for the window to go on."""
-    bpy.context.preferences.view.show_splash = False
     bpy.ops.extensions.package_install_files(filepath=str(ARCHIVE), repo="user_default", enable_on_install=True, overwrite=True)
     yield 1.0
     for thing in list(bpy.data.objects):
@@ -81,14 +96,20 @@ def steps() -> Iterator[float]:
     results["import_s"] = time.monotonic() - begun
     found, space, region = view()
     space.show_region_ui = True
+    sidebar = next(r for r in found.regions if r.type == "UI")
     space.shading.type = "SOLID"
     region.view_perspective = "CAMERA"
     bpy.context.scene.frame_set(9)
-    yield 2.0
+    yield 1.0
+    with suppress(AttributeError):  # read-only in older Blenders
+        sidebar.active_panel_category = "UniSim"
+    found.tag_redraw()
+    yield 1.0
     screenshot("imported")
     with inside(found):
         region.view_perspective = "PERSP"
         bpy.ops.view3d.view_all()
+        region.view_distance *= 0.4
     yield 1.0
     screenshot("from_above")
     # what the engine shows through the camera is what F12 renders
@@ -114,7 +135,9 @@ def steps() -> Iterator[float]:
     srgb = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * np.maximum(linear, 1e-8) ** (1 / 2.4) - 0.055)
     results["viewport_and_f12"] = float(np.abs(srgb - f12).max() * 255)
     # an edit
-    car = next(o for o in scene.objects if o.unisim.kind == "ACTOR" and o.animation_data is None)
+    car = nearest(scene)
+    car.select_set(True)
+    bpy.context.view_layer.objects.active = car
     car.location.z += 1.0
     begun = time.monotonic()
     yield from wait_for_picture()
@@ -151,5 +174,6 @@ def run(session: Iterator[float]) -> float | None:
 
 
 if __name__ == "__main__":
+    bpy.context.preferences.view.show_splash = False
     session = steps()
     bpy.app.timers.register(lambda: run(session), first_interval=2.0)
