@@ -1,6 +1,7 @@
 # make setup   everything into .venv, the native library built
 # make demo    a small street, a scene trained on it and its edits, in pictures
 # make test    lint, types, import rules, tests
+# make test-ui   a real Blender window driven by a script (root, debootstrap)
 # make extension   the Blender extension as a .zip, in dist/
 # make clean   removes what the others made, .venv included
 PYTHON ?= python3.11
@@ -8,7 +9,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 BUILD_TOOLS := scikit-build-core cmake ninja
 
-.PHONY: setup demo test extension clean
+.PHONY: setup demo test test-ui extension clean
 
 setup: $(VENV)/.built
 
@@ -42,6 +43,11 @@ test: $(VENV)/.blender
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 	OMP_NUM_THREADS=1 $(BIN)/pytest -n 2 --dist loadfile
+
+# a real Blender window, in a Debian of its own below BLENDER_ROOT: needs root and debootstrap
+BLENDER_ROOT ?= /var/tmp/unisim-blender
+test-ui: $(VENV)/.blender
+	$(BIN)/python tests/ui/run.py $(BLENDER_ROOT)-trixie trixie out/ui
 
 extension: $(VENV)/.blender
 	$(BIN)/python tools/build_extension.py dist

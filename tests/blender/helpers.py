@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from unisim_blender.core.scenario.types import Scenario
 from unisim_blender.operators.export_scenario import scenario_of
 
 SAMPLE = Path(__file__).parents[2] / "sample"
+REAL_LOG = Path(os.environ.get("UNISIM_PANDASET", Path(__file__).parents[3] / "shared/data/pandaset/002"))
 
 
 def read(scene: Any) -> Scenario:

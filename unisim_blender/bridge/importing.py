@@ -31,13 +31,17 @@ Step = tuple[int, int, str]
 
 
 def import_source(scene: bpy.types.Scene, source: Source) -> Iterator[Step]:
-    """Put a source's drive into a scene, a step at a time: whoever runs this may stop, and show how far it is.
+    """Put a source's drive into a scene. What is returned does it step by step: whoever runs it may stop, and say how far it is.
 
     Where the scene holds the drive already, what was edited stays as it is, and the rest is brought up to date. Raises
     `UnisimError` where it holds another drive.
     """
+    return _steps(scene, source, _edited(scene, source) if scene.unisim.log else set())
+
+
+def _steps(scene: bpy.types.Scene, source: Source, kept: set[str]) -> Iterator[Step]:
+    """The import of all but what is ``kept`` as it stands, by id."""
     drive, about = source.drive, scene.unisim
-    kept = _edited(scene, source) if about.log else set()
     actors = [drive.actors[uid] for uid in sorted(set(drive.actors) - kept)]
     cameras = [camera for name, camera in drive.cameras.items() if name not in kept]
     lidars = [lidar for name, lidar in drive.lidars.items() if name not in kept]

@@ -1,0 +1,125 @@
+"""Operators that put new things into the drive, or run long work."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+import bpy
+import numpy as np
+import pytest
+from helpers import SAMPLE, edited, read, select, thing
+
+from unisim_blender.bridge.clock import Clock
+from unisim_blender.bridge.sampling import sample_all
+from unisim_blender.bridge.source import source_of
+from unisim_blender.bridge.things import things
+from unisim_blender.core.scenario.types import Insert, Move, Swap
+
+
+def of_class(scene: Any, word: str, moving: bool) -> str:
+    """The id of the first actor of a class that moves, or stands."""
+    actors = source_of(scene).drive.actors
+    return next(uid for uid, actor in sorted(actors.items()) if word in actor.label and actor.is_moving == moving)
+
+
+def test_replacing_a_look_keeps_the_ground(street: Any) -> None:
+    car, cone = of_class(street, "Car", False), of_class(street, "Cone", False)
+    select(thing(street, "ACTOR", car))
+    assert bpy.ops.unisim.replace_look(look=cone) == {"FINISHED"}
+    assert read(street).edits == (Swap(car, cone),)
+    actor, recorded = edited(street).actors[car], source_of(street).drive.actors[car]
+
+    def under(one: Any) -> float:
+        return float(one.world_from_actor.positions[0, 2] - one.size_m[2] / 2)
+
+    assert under(actor) == pytest.approx(under(recorded), abs=1e-4)
+    assert bpy.ops.unisim.replace_look(look=car) == {"FINISHED"}
+    assert read(street).edits == ()
+
+
+def test_inserting_from_another_scene(street: Any) -> None:
+    street.cursor.location = (25.0, 3.0, 0.0)
+    uid = of_class(street, "Car", False)
+    assert bpy.ops.unisim.insert_actor(filepath=str(SAMPLE / "scene" / "scene.json"), actor=uid) == {"FINISHED"}
+    (edit,) = read(street).edits
+    assert isinstance(edit, Insert) and edit.actor == uid and edit.pose is not None
+    actor = edited(street).actors[edit.id]
+    assert actor.world_from_actor.positions[0] == pytest.approx([25.0, 3.0, actor.size_m[2] / 2], abs=1e-4)
+
+
+def test_following_a_curve_at_a_speed(street: Any) -> None:
+    curve = bpy.data.curves.new("way", "CURVE")
+    curve.dimensions = "3D"
+    spline = curve.splines.new("POLY")
+    spline.points.add(2)
+    for point, place in zip(spline.points, [(10, 0, 0), (30, 0, 0), (30, 20, 0)], strict=True):
+        point.co = (*place, 1)
+    line = bpy.data.objects.new("way", curve)
+    street.collection.objects.link(line)
+    uid = of_class(street, "Car", False)
+    one = thing(street, "ACTOR", uid)
+    select(line, one)
+    street.frame_set(2)
+    assert bpy.ops.unisim.follow_curve(speed_m_s=10.0) == {"FINISHED"}
+    clock = Clock.of(source_of(street).drive)
+    (now,) = [t for t in sample_all(street, clock).of("ACTOR") if t.uid == uid]
+    speed = np.linalg.norm(np.diff(now.poses[:, :3, 3], axis=0), axis=1) / np.diff(clock.times_s)
+    assert np.median(speed[3:12]) == pytest.approx(10.0, rel=0.02)
+    assert now.poses[5, :3, 0] == pytest.approx([1, 0, 0], abs=1e-3)
+    assert now.poses[5, 2, 3] == pytest.approx(now.size_m[2] / 2, abs=1e-3)
+    (edit,) = read(street).edits
+    assert isinstance(edit, Move) and edit.trajectory is not None
+
+
+def test_snapping_to_the_ground(street: Any) -> None:
+    uid = of_class(street, "Car", False)
+    one = thing(street, "ACTOR", uid)
+    before = one.location.z
+    one.location.z += 3.0
+    bpy.context.view_layer.update()
+    select(one)
+    assert bpy.ops.unisim.snap_to_ground() == {"FINISHED"}
+    assert one.location.z == pytest.approx(before, abs=0.15)
+
+
+def test_new_sensors_are_read_and_render(street: Any) -> None:
+    assert bpy.ops.unisim.add_camera(width=96, height=54, fov_deg=90.0, yaw_deg=20.0) == {"FINISHED"}
+    assert (street.render.resolution_x, street.render.resolution_y) == (96, 54)
+    assert bpy.ops.unisim.add_lidar(preset="vlp32c") == {"FINISHED"}
+    drive = edited(street)
+    camera, lidar = drive.cameras["camera"], drive.lidars["vlp32c"]
+    assert camera.model.fx == pytest.approx(48.0, abs=1e-3) and lidar.model.beams == 32
+    time = drive.time_s[5]
+    ahead = np.linalg.inv(drive.world_from_ego.at(time)[:3, :3]) @ camera.world_from_camera.at(time)[:3, 2]
+    assert np.degrees(np.arctan2(ahead[1], ahead[0])) == pytest.approx(20.0, abs=0.01)
+
+
+def test_a_sequence_is_resumed_and_gives_the_commands_bytes(street: Any, tmp_path: Path) -> None:
+    street.frame_start, street.frame_end = 4, 6
+    street.unisim.out = str(tmp_path / "out")
+    for other in [o for o in things(street, "LIDAR")]:
+        bpy.data.objects.remove(other)
+    bpy.ops.unisim.add_camera(width=64, height=36)
+    bpy.data.objects.remove(next(o for o in things(street, "CAMERA") if o.unisim.uid != "camera"))
+    assert bpy.ops.unisim.render_sequence() == {"FINISHED"}
+    pictures = sorted((tmp_path / "out" / "camera" / "camera").glob("*.png"))
+    assert [path.stem for path in pictures] == ["000004", "000005", "000006"]
+    stamp, first = os.stat(pictures[0]).st_mtime_ns, pictures[0].read_bytes()
+    pictures[1].unlink()
+    assert bpy.ops.unisim.render_sequence() == {"FINISHED"}
+    assert pictures[1].is_file() and os.stat(pictures[0]).st_mtime_ns == stamp and pictures[0].read_bytes() == first
+    assert "3 of 3 frames" in bpy.context.window_manager.unisim_task
+
+
+def test_a_sequence_that_fails_says_why(street: Any, tmp_path: Path) -> None:
+    (tmp_path / "out").write_text("a file")
+    street.unisim.out = str(tmp_path / "out")
+    with pytest.raises(RuntimeError, match="out"):
+        bpy.ops.unisim.render_sequence()
+
+
+def test_the_renderer_is_found_and_described(street: Any) -> None:
+    bpy.ops.unisim.test_renderer()
+    assert "torch" in bpy.context.window_manager.unisim_renderer
