@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import bpy
 
-from . import client, engine, headless, operators, panels, preferences, properties
+from . import client, engine, headless, menus, operators, overlay, panels, preferences, properties
 
-ROOMS = (properties, preferences, *operators.MODULES, *panels.MODULES, engine)
+ROOMS = (properties, preferences, *operators.MODULES, *panels.MODULES, menus, overlay, engine)
 """In the order in which they need each other."""
 
 _commands: list[object] = []

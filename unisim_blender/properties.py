@@ -66,6 +66,11 @@ class UniSimScene(bpy.types.PropertyGroup):
     static_items: CollectionProperty(type=UniSimItem, name="Static items")
     out: StringProperty(name="Folder", description="Where a sequence is written", subtype="DIR_PATH", default="//render")
     quality: EnumProperty(name="Quality", description="How finely rays are sampled", items=QUALITIES, default="balanced")
+    show_ways: BoolProperty(
+        name="Ways",
+        description="Whether the ways of selected actors are drawn, with speeds and where they were recorded",
+        default=True,
+    )
     show_recorded: BoolProperty(name="Recorded points", description="Whether the frame's recorded LiDAR points are shown")
     show_simulated: BoolProperty(name="Simulated points", description="Whether the frame's simulated LiDAR points are shown")
     opacity_pass: BoolProperty(name="Opacity pass", description="How much of each pixel is nearer than the far field")

@@ -48,6 +48,7 @@ class UNISIM_PT_drive(_Sidebar, bpy.types.Panel):
                 "unisim.show_points", text=name, depress=(about.show_recorded, about.show_simulated) == (recorded, simulated)
             )
             shown.recorded, shown.simulated = recorded, simulated
+        layout.prop(about, "show_ways")
         if not recorded_colours(scene):
             layout.label(text="Colours are not shown as recorded", icon="ERROR")
             layout.operator("unisim.recorded_colours")

@@ -1,0 +1,39 @@
+"""Ways as lines: the thing's own with its speeds, and the recorded one where it is another."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from helpers import thing
+
+from unisim_blender.bridge.clock import Clock
+from unisim_blender.bridge.motion import displaced_along
+from unisim_blender.bridge.source import source_of
+from unisim_blender.bridge.trails import RECORDED, speed_colours, trail, way_of
+
+
+def test_a_way_is_where_the_actor_goes(street: Any) -> None:
+    drive = source_of(street).drive
+    clock = Clock.of(drive)
+    uid = next(u for u, a in sorted(drive.actors.items()) if a.is_moving and a.start_s <= 0)
+    one = thing(street, "ACTOR", uid)
+    street.frame_set(5)
+    lines = trail(one, drive, clock, 5.0)
+    assert not (lines.colours[:, :3] == RECORDED).all(1).any()
+    way = way_of(one, clock)
+    assert way is not None
+    assert np.abs(way[:, :3, 3] - drive.actors[uid].world_from_actor.at(clock.times_s)[:, :3, 3]).max() < 1e-3
+    displaced_along(one, (0.0, 3.0, 0.0))
+    street.frame_set(6)
+    lines = trail(one, drive, clock, 6.0)
+    grey = (lines.colours[:, :3] == RECORDED).all(1)
+    assert grey.sum() == 2 * (len(clock.frames) - 1) + 24  # the recorded line, and a box
+
+
+def test_faster_is_redder(street: Any) -> None:
+    clock = Clock(np.arange(5.0), np.arange(5.0) * 0.1)
+    poses = np.tile(np.eye(4), (5, 1, 1))
+    slow, fast = poses.copy(), poses.copy()
+    slow[:, 0, 3], fast[:, 0, 3] = 0.1 * np.arange(5), 1.4 * np.arange(5)
+    assert (speed_colours(fast, clock)[:, 0] > speed_colours(slow, clock)[:, 0]).all()

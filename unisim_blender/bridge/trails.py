@@ -1,0 +1,92 @@
+"""Ways of things as lines for the view: speed as colour, ticks at whole seconds, where it was recorded."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import bpy
+import numpy as np
+
+from ..core.drive import Drive
+from ..core.geometry import FloatArray, box_corners, make_pose
+from .animation import keys_of
+from .clock import Clock
+from .poses import rigid, same_place
+
+SLOW, FAST = np.array([0.1, 0.35, 1.0]), np.array([1.0, 0.25, 0.1])
+RECORDED = np.array([0.7, 0.7, 0.7])
+FASTEST_M_S = 15.0
+TICK_M = 0.4
+EDGES = [(0, 1), (2, 3), (4, 5), (6, 7), (0, 2), (1, 3), (4, 6), (5, 7), (0, 4), (1, 5), (2, 6), (3, 7)]
+"""Of a box, by the numbers of `box_corners`."""
+
+
+@dataclass(frozen=True)
+class Lines:
+    """Segments: ends (2 S, 3) and their linear colours (2 S, 4)."""
+
+    points: FloatArray
+    colours: FloatArray
+
+
+def trail(thing: bpy.types.Object, drive: Drive, clock: Clock, frame: float) -> Lines:
+    """An actor's or the vehicle's way: its own, and beside it the recorded one with the box there, where it is another."""
+    parts: list[tuple[FloatArray, FloatArray]] = []
+    own = way_of(thing, clock)
+    if own is not None:
+        parts += [_line(own, speed_colours(own, clock)), _ticks(own, clock)]
+    recorded, size = _recorded(thing, drive, clock)
+    here = rigid(np.array(thing.matrix_world, float))
+    if recorded is not None:
+        at = int(np.clip(np.searchsorted(clock.frames, frame), 0, len(clock.frames) - 1))
+        if not same_place(here, recorded[at]):
+            grey = np.tile(RECORDED, (len(recorded), 1))
+            parts.append(_line(recorded, grey))
+            if size is not None:
+                corners = box_corners(recorded[at], size)
+                parts.append((corners[np.array(EDGES).ravel()], np.tile(RECORDED, (2 * len(EDGES), 1))))
+    if not parts:
+        return Lines(np.zeros((0, 3)), np.zeros((0, 4)))
+    colours = np.concatenate([colour for _, colour in parts])
+    return Lines(np.concatenate([points for points, _ in parts]), np.concatenate([colours, np.ones((len(colours), 1))], -1))
+
+
+def way_of(thing: bpy.types.Object, clock: Clock) -> FloatArray | None:
+    """Poses (N, 4, 4) that a thing's own keys give at the clock's frames; None where it has none."""
+    keys = keys_of(thing)
+    if keys is None or len(keys[0]) < 2:
+        return None
+    frames, positions, quaternions = keys
+    at = [np.stack([np.interp(clock.frames, frames, column) for column in values.T], -1) for values in (positions, quaternions)]
+    poses = make_pose(at[0], at[1] / np.linalg.norm(at[1], axis=1, keepdims=True))
+    above = np.array(thing.matrix_world @ thing.matrix_basis.inverted(), float)
+    return np.asarray(above @ poses)
+
+
+def speed_colours(poses: FloatArray, clock: Clock) -> FloatArray:
+    """Colours (N, 3) of the speeds (N,) along a way."""
+    speed = np.linalg.norm(np.gradient(poses[:, :3, 3], clock.times_s, axis=0), axis=1)
+    share = np.clip(speed / FASTEST_M_S, 0, 1)[:, None]
+    return np.asarray(SLOW * (1 - share) + FAST * share)
+
+
+def _recorded(thing: bpy.types.Object, drive: Drive, clock: Clock) -> tuple[FloatArray | None, FloatArray | None]:
+    if thing.unisim.kind == "EGO":
+        return drive.world_from_ego.at(clock.times_s), None
+    actor = drive.actors.get(thing.unisim.uid)
+    if actor is None or thing.name != thing.unisim.home:
+        return None, None
+    start, end = drive.window(actor)
+    return actor.world_from_actor.at(np.clip(clock.times_s, start, end)), actor.size_m
+
+
+def _line(poses: FloatArray, colours: FloatArray) -> tuple[FloatArray, FloatArray]:
+    points = poses[:, :3, 3]
+    return np.stack([points[:-1], points[1:]], 1).reshape(-1, 3), np.stack([colours[:-1], colours[1:]], 1).reshape(-1, 3)
+
+
+def _ticks(poses: FloatArray, clock: Clock) -> tuple[FloatArray, FloatArray]:
+    seconds = np.arange(np.ceil(clock.times_s[0]), clock.times_s[-1])
+    at = np.searchsorted(clock.times_s, seconds)
+    middle, side = poses[at, :3, 3], poses[at, :3, 1] * TICK_M
+    return np.stack([middle - side, middle + side], 1).reshape(-1, 3), np.ones((2 * len(at), 3))

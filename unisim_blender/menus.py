@@ -1,0 +1,98 @@
+"""Where operators are found beside the sidebar: the Object and Add menus, shortcuts; and the active camera's picture size."""
+
+from __future__ import annotations
+
+import bpy
+from bpy.app.handlers import persistent
+
+from .bridge.importing import fit_resolution
+from .registering import add, take_away
+
+SHORTCUTS = (
+    ("unisim.duplicate_actor", "D", {"ctrl": True, "alt": True}),
+    ("unisim.retime_actor", "T", {"ctrl": True, "alt": True}),
+    ("unisim.snap_to_ground", "G", {"ctrl": True, "alt": True}),
+    ("unisim.check", "K", {"ctrl": True, "alt": True}),
+)
+_keys: list[tuple[bpy.types.KeyMap, bpy.types.KeyMapItem]] = []
+_owner = object()
+
+
+class UNISIM_MT_object(bpy.types.Menu):
+    """Edits of a drive"""
+
+    bl_label = "UniSim"
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """As in the sidebar."""
+        layout = self.layout
+        layout.operator_menu_enum("unisim.duplicate_actor", "where")
+        layout.operator("unisim.delete_actor")
+        layout.operator("unisim.replace_look")
+        layout.operator_menu_enum("unisim.retime_actor", "way")
+        layout.operator("unisim.follow_curve")
+        layout.operator("unisim.snap_to_ground")
+        layout.separator()
+        layout.operator("unisim.mark_static")
+        layout.operator("unisim.copy_static")
+        layout.operator("unisim.forget_static")
+        layout.separator()
+        layout.operator("unisim.shift_ego")
+        layout.operator("unisim.check")
+
+
+def draw_object_menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:
+    """A line in the 3D view's Object menu."""
+    if context.scene.unisim.log:
+        self.layout.menu("UNISIM_MT_object")
+
+
+def draw_add_menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:
+    """Lines in the Add menu."""
+    if context.scene.unisim.log:
+        self.layout.separator()
+        self.layout.operator("unisim.insert_actor", text="Actor of a Trained Scene")
+        self.layout.operator("unisim.add_camera", text="Camera on the Vehicle")
+        self.layout.operator_menu_enum("unisim.add_lidar", "preset", text="LiDAR on the Vehicle")
+
+
+def follow_camera() -> None:
+    """Another camera is active: pictures become as large as its own, if it is one of the rig."""
+    fit_resolution(bpy.context.scene)
+
+
+@persistent
+def subscribe(*_: object) -> None:
+    """Hear of another active camera; a file that is opened forgets who listened."""
+    bpy.msgbus.clear_by_owner(_owner)
+    bpy.msgbus.subscribe_rna(key=(bpy.types.Scene, "camera"), owner=_owner, args=(), notify=follow_camera)
+
+
+CLASSES = (UNISIM_MT_object,)
+
+
+def register() -> None:
+    """Add menus and shortcuts."""
+    add(CLASSES)
+    bpy.types.VIEW3D_MT_object.append(draw_object_menu)
+    bpy.types.VIEW3D_MT_add.append(draw_add_menu)
+    configuration = bpy.context.window_manager.keyconfigs.addon
+    if configuration is not None:  # there is none without a window
+        keys = configuration.keymaps.new(name="Object Mode")
+        for operator, key, modifiers in SHORTCUTS:
+            _keys.append((keys, keys.keymap_items.new(operator, key, "PRESS", **modifiers)))
+    bpy.app.handlers.load_post.append(subscribe)
+    subscribe()
+
+
+def unregister() -> None:
+    """Take them away."""
+    bpy.msgbus.clear_by_owner(_owner)
+    if subscribe in bpy.app.handlers.load_post:
+        bpy.app.handlers.load_post.remove(subscribe)
+    while _keys:
+        keys, item = _keys.pop()
+        keys.keymap_items.remove(item)
+    bpy.types.VIEW3D_MT_add.remove(draw_add_menu)
+    bpy.types.VIEW3D_MT_object.remove(draw_object_menu)
+    take_away(CLASSES)

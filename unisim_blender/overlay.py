@@ -1,0 +1,64 @@
+"""Ways of the selected actors, drawn into the 3D view."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+import numpy as np
+
+from .bridge.clock import Clock
+from .bridge.sampling import frame_of
+from .bridge.source import source_of
+from .bridge.trails import trail
+from .core.errors import UnisimError
+
+MOST = 20
+"""Objects whose ways are drawn at once."""
+
+_handle: Any = None
+
+
+def draw() -> None:
+    """Called by Blender whenever a 3D view is drawn."""
+    import gpu
+    from gpu_extras.batch import batch_for_shader
+
+    context = bpy.context
+    scene = context.scene
+    if not scene.unisim.show_ways or not scene.unisim.log or not context.space_data.overlay.show_overlays:
+        return
+    chosen = [thing for thing in context.selected_objects if thing.unisim.kind in ("ACTOR", "EGO")][:MOST]
+    if not chosen:
+        return
+    try:
+        drive = source_of(scene).drive
+    except (UnisimError, OSError):
+        return  # the panel says so
+    clock, frame = Clock.of(drive), frame_of(scene)
+    lines = [trail(thing, drive, clock, frame) for thing in chosen]
+    points = np.concatenate([line.points for line in lines]).astype(np.float32)
+    colours = np.concatenate([line.colours for line in lines]).astype(np.float32)
+    if not len(points):
+        return
+    shader = gpu.shader.from_builtin("SMOOTH_COLOR")
+    batch = batch_for_shader(shader, "LINES", {"pos": points, "color": colours})
+    gpu.state.line_width_set(2.0)
+    gpu.state.depth_test_set("NONE")
+    batch.draw(shader)
+    gpu.state.line_width_set(1.0)
+
+
+def register() -> None:
+    """Draw from now on; without a window there is nothing to draw in."""
+    global _handle
+    if not bpy.app.background:
+        _handle = bpy.types.SpaceView3D.draw_handler_add(draw, (), "WINDOW", "POST_VIEW")
+
+
+def unregister() -> None:
+    """Draw no more."""
+    global _handle
+    if _handle is not None:
+        bpy.types.SpaceView3D.draw_handler_remove(_handle, "WINDOW")
+        _handle = None
