@@ -27,6 +27,7 @@ from .fields.checkpoint import Scene
 from .fields.scene import SceneModel
 from .frames import CameraFrame, LidarFrame, RenderStats
 from .geometry import FloatArray, invert_pose, transform_points
+from .own_vehicle import outlines_from_json, shows_scene
 from .passes import Maps, fill_passes, ray_passes
 from .sensors.camera import camera_rays, pixel_grid
 from .sensors.lidar import lidar_rays
@@ -259,12 +260,18 @@ def observe(scene: Scene, cameras: Sequence[str], frames: Sequence[int], points:
     into = invert_pose(model.volume.world_from_volume)
     seen[model.occupancy.cells(torch.as_tensor(transform_points(into, points)).float().to(seen.device))] = 1
     renderer = Renderer(scene, scene.header.drive, quality="fast")
+    outlines = outlines_from_json(scene.header.training.get("own_vehicle"))
     for camera in cameras:
         for frame in frames:
             if frame not in renderer.drive.cameras[camera].time_s:
                 continue
-            u, v = pixel_grid(renderer.drive.cameras[camera].model, max(1, renderer.drive.cameras[camera].model.width // 96))
-            rays = camera_rays(renderer.drive.cameras[camera], frame, u, v).flat()
+            shown = renderer.drive.cameras[camera]
+            u, v = pixel_grid(shown.model, max(1, shown.model.width // 96))
+            if camera in outlines:
+                size = shown.model.width, shown.model.height
+                scene_shown = shows_scene(*outlines[camera], u, v, size)
+                u, v = u[scene_shown], v[scene_shown]
+            rays = camera_rays(shown, frame, u, v).flat()
             with torch.no_grad():
                 depth = torch.as_tensor(renderer._trace(rays, {"depth"}, RenderStats(), sky=False)[1]["depth"]).to(seen.device)
                 batch = to_batch(rays, renderer.device)

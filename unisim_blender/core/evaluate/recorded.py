@@ -19,6 +19,7 @@ from ..frames import CameraFrame
 from ..geometry import BoolArray, FloatArray, invert_pose, transform_points
 from ..images import resize_image
 from ..log import Log
+from ..own_vehicle import Outline, shows_scene
 from .masks import actor_mask
 from .metrics import Picture, chamfer, lidar_metrics, mean_of, mean_squared_error, psnr, psnr_from_error, ssim
 from .pictures import Tile, depth_picture, difference_picture, outline, sweep_picture
@@ -54,6 +55,8 @@ class EvaluationPlan:
     width: int | None
     trained: tuple[int, ...]
     perceptual: Perceptual | None = None
+    outlines: dict[str, tuple[Outline, int]] = field(default_factory=dict)
+    """Of the recording vehicle itself in its images, by camera: what shows it is not compared."""
 
 
 @dataclass
@@ -130,9 +133,26 @@ def resized_camera(camera: Camera, width: int | None) -> Camera:
     return Camera(camera.sensor_id, model, camera.world_from_camera, camera.time_s)
 
 
-def picture_metrics(rendered: Picture, recorded: Picture, masks: dict[str, BoolArray]) -> dict[str, Any]:
-    """PSNR and SSIM over the frame, and within each mask with its pixels and mean squared error, from which PSNR is pooled."""
-    found: dict[str, Any] = {"psnr_db": psnr(rendered, recorded), "ssim": ssim(rendered, recorded)}
+def scene_mask(plan: EvaluationPlan, camera: str, shape: tuple[int, ...]) -> BoolArray | None:
+    """The pixels (H, W) that show the scene and not the vehicle itself; None where all do."""
+    if camera not in plan.outlines:
+        return None
+    height, width = shape[:2]
+    v, u = np.mgrid[:height, :width] + 0.5
+    return shows_scene(*plan.outlines[camera], u, v, (width, height))
+
+
+def psnr_over(rendered: Picture, recorded: Picture, scene: BoolArray | None) -> float:
+    """PSNR over the pixels of a mask; over all without one."""
+    return psnr(rendered, recorded) if scene is None else psnr_from_error(mean_squared_error(rendered, recorded, scene))
+
+
+def picture_metrics(
+    rendered: Picture, recorded: Picture, masks: dict[str, BoolArray], scene: BoolArray | None = None
+) -> dict[str, Any]:
+    """PSNR and SSIM over the frame, or the part of it that is ``scene``, and within each mask with its pixels and mean squared
+    error, from which PSNR is pooled."""
+    found: dict[str, Any] = {"psnr_db": psnr_over(rendered, recorded, scene), "ssim": ssim(rendered, recorded, scene)}
     for name, mask in masks.items():
         error = mean_squared_error(rendered, recorded, mask)
         found[name] = {
@@ -158,11 +178,14 @@ def _camera_frame(
         "moving_actors": actor_mask(camera, frame, (actor for actor in actors if actor.is_moving)),
         "outside_actors": ~inside,
     }
-    found = picture_metrics(rendered, recorded, masks)
+    scene = scene_mask(plan, name, recorded.shape[:2])
+    if scene is not None:
+        masks = {key: mask & scene for key, mask in masks.items()}
+    found = picture_metrics(rendered, recorded, masks, scene)
     if plan.perceptual is not None:
         found["lpips"] = plan.perceptual(rendered, recorded)
     neighbours = neighbour_average(log, plan, name, frame)
-    found["neighbour_average_psnr_db"] = None if neighbours is None else psnr(neighbours, recorded)
+    found["neighbour_average_psnr_db"] = None if neighbours is None else psnr_over(neighbours, recorded, scene)
     shown = (recorded * 255).astype(np.uint8)
     tiles = [
         Tile(f"{name} {frame}: recorded", outline(shown, inside)),

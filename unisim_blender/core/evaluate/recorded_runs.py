@@ -14,6 +14,7 @@ from ..errors import UnisimError
 from ..files import write_file
 from ..logs import open_log
 from ..output.frame_files import json_bytes
+from ..own_vehicle import outlines_from_json
 from ..prepare.renderers import SceneSource, scene_hash
 from ..prepare.replay import replayed_drive
 from ..prepare.selection import check_names, select_frames
@@ -123,4 +124,5 @@ def _plan(header: SceneHeader, recorded: Drive, wishes: EvaluationWishes) -> Eva
         width=wishes.width or header.training.get("width"),
         trained=trained or tuple(frame for frame in recorded.frames if frame not in frames),
         perceptual=perceptual_metric(wishes.lpips_weights),
+        outlines=outlines_from_json(header.training.get("own_vehicle")),
     )

@@ -15,6 +15,7 @@ from ..errors import LogError
 from ..geometry import FloatArray, invert_pose, points_in_box, transform_points
 from ..images import resize_image
 from ..log import Log
+from ..own_vehicle import Outline, find_outline, moved_frames
 from ..sensors.camera import camera_rays
 from ..strands import RayBatch
 
@@ -58,6 +59,8 @@ class CameraData:
     def __init__(self, log: Log, cameras: list[str], frames: list[int], width: int | None) -> None:
         self.views: list[tuple[int, Camera, int, NDArray[np.uint8]]] = []
         self.cameras: dict[str, Camera] = {}
+        self.outlines: dict[str, tuple[Outline, int]] = {}
+        self._places: dict[tuple[int, int], NDArray[np.int64]] = {}
         for number, name in enumerate(cameras):
             recorded = log.drive.cameras[name]
             model = recorded.model.resized(width) if width else recorded.model
@@ -65,6 +68,10 @@ class CameraData:
             self.cameras[name] = camera
             have = set(log.image_frames(name))
             self.views += [(number, camera, f, resize_image(log.image(name, f), model)) for f in frames if f in have]
+            moved = set(moved_frames(log.drive, [f for f in frames if f in have]))
+            outline = find_outline([image for n, _, f, image in self.views if n == number and f in moved])
+            if outline is not None:
+                self.outlines[name] = outline, model.height
         if not self.views:
             raise LogError(f"{log.path}: no image of {', '.join(cameras)} in the frames asked for")
 
@@ -83,8 +90,7 @@ class CameraData:
                 raise LogError(
                     f"images of {camera.sensor_id} are {image.shape[1]}x{image.shape[0]}, smaller than a patch of {edge}"
                 )
-            y = rng.integers(image.shape[0] - edge + 1, size=n)[:, None, None]
-            x = rng.integers(image.shape[1] - edge + 1, size=n)[:, None, None]
+            x, y = (at[:, None, None] for at in self._corners(rng, number, camera, edge, n))
             centre, pixel = (np.arange(cells) + 0.5) * up, np.arange(edge)
             v, u = np.broadcast_arrays(y + centre[:, None], x + centre)
             rays = camera_rays(camera, frame, u.ravel(), v.ravel())
@@ -98,6 +104,23 @@ class CameraData:
         batch = ray_batch(np.concatenate(origins), np.concatenate(directions), np.concatenate(times))
         turned = torch.as_tensor(np.concatenate(rotations)).float()
         return PatchBatch(batch, torch.as_tensor(np.concatenate(numbers)), target, turned, cells)
+
+    def _corners(
+        self, rng: np.random.Generator, number: int, camera: Camera, edge: int, count: int
+    ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Columns and rows (count,) of the upper left corners of random patches that show nothing of the vehicle itself."""
+        columns, rows = camera.model.width - edge + 1, camera.model.height - edge + 1
+        if camera.sensor_id not in self.outlines:
+            y = rng.integers(rows, size=count)
+            return rng.integers(columns, size=count), y
+        if (number, edge) not in self._places:
+            outline, _ = self.outlines[camera.sensor_id]
+            room = np.array([max(0, min(rows, outline[x : x + edge].min() - edge + 1)) for x in range(columns)])
+            self._places[number, edge] = np.concatenate([[0], np.cumsum(room)])
+        ends = self._places[number, edge]
+        place = rng.integers(ends[-1], size=count)
+        x = np.searchsorted(ends, place, side="right") - 1
+        return x, place - ends[x]
 
 
 class LidarData:

@@ -24,6 +24,7 @@ from ..errors import SceneError
 from ..fields.checkpoint import Scene, save_scene
 from ..geometry import Trajectory
 from ..log import Log
+from ..own_vehicle import outlines_to_json
 from ..render import Renderer, observe
 from ..scene_file import SceneHeader
 from .config import TrainConfig
@@ -220,7 +221,7 @@ def header_of(trainer: Trainer, out: Path) -> SceneHeader:
     training = {
         "preset": config.preset, "cameras": list(config.cameras), "lidars": list(config.lidars), "frames": list(config.frames),
         "width": config.width, "iterations": trainer.iteration, "seconds": round(trainer.elapsed_s, 1), "seed": config.seed,
-        "device": config.device,
+        "device": config.device, "own_vehicle": outlines_to_json(trainer.cameras.outlines),
     }  # fmt: skip
     return SceneHeader(
         path=out,
