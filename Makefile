@@ -2,6 +2,7 @@
 # make demo    a small street, a scene trained on it and its edits, in pictures
 # make test    lint, types, import rules, tests
 # make test-ui   a real Blender window driven by a script (root, debootstrap)
+# make screenshots   the documentation's pictures of Blender, by way of test-ui
 # make extension   the Blender extension as a .zip, in dist/
 # make clean   removes what the others made, .venv included
 PYTHON ?= python3.11
@@ -9,7 +10,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 BUILD_TOOLS := scikit-build-core cmake ninja
 
-.PHONY: setup demo test test-ui extension clean
+.PHONY: setup demo test test-ui screenshots extension clean
 
 setup: $(VENV)/.built
 
@@ -48,6 +49,9 @@ test: $(VENV)/.blender
 BLENDER_ROOT ?= /var/tmp/unisim-blender
 test-ui: $(VENV)/.blender
 	$(BIN)/python tests/ui/run.py $(BLENDER_ROOT)-trixie trixie out/ui
+
+screenshots: test-ui
+	$(BIN)/python tools/screenshots.py out/ui docs/images
 
 extension: $(VENV)/.blender
 	$(BIN)/python tools/build_extension.py dist

@@ -19,6 +19,7 @@ from typing import Any
 
 import bpy
 import numpy as np
+from mathutils import Euler, Vector
 from numpy.typing import NDArray
 
 ARCHIVE, SCENE, OUT = (Path(argument) for argument in sys.argv[sys.argv.index("--") + 1 :])
@@ -72,6 +73,23 @@ def nearest(scene: bpy.types.Scene) -> bpy.types.Object:
     return min((o for o in standing if ahead(o)[0] > 8 and ahead(o)[1] < ahead(o)[0] / 3), key=ahead)
 
 
+def choose(thing: bpy.types.Object) -> None:
+    """Select an object and nothing else."""
+    for other in bpy.context.selected_objects:
+        other.select_set(False)
+    thing.select_set(True)
+    bpy.context.view_layer.objects.active = thing
+
+
+def from_behind(region: bpy.types.RegionView3D) -> None:
+    """Look along the street from above and behind the vehicle."""
+    ego = next(o for o in bpy.context.scene.objects if o.unisim.kind == "EGO")
+    region.view_perspective = "PERSP"
+    region.view_location = ego.matrix_world.translation + Vector((14.0, 0.0, 0.0))
+    region.view_rotation = Euler((np.radians(62), 0.0, np.radians(-90))).to_quaternion()
+    region.view_distance = 34.0
+
+
 def wait_for_picture(limit_s: float = 240.0) -> Iterator[float]:
     """Let the window go on until the viewport's picture is finished."""
     until = time.monotonic() + limit_s
@@ -106,14 +124,23 @@ def steps() -> Iterator[float]:
     found.tag_redraw()
     yield 1.0
     screenshot("imported")
-    with inside(found):
-        region.view_perspective = "PERSP"
-        bpy.ops.view3d.view_all()
-        region.view_distance *= 0.4
+    from_behind(region)
     yield 1.0
-    screenshot("from_above")
-    # what the engine shows through the camera is what F12 renders
+    screenshot("overview")
+    # a car that drives, shifted into the next lane: its way, and where it was recorded
     scene = bpy.context.scene
+    driving = next(o for o in scene.objects if o.unisim.kind == "ACTOR" and o.animation_data is not None and not o.hide_viewport)
+    choose(driving)
+    bpy.ops.ed.undo_push(message="before")
+    with inside(found):
+        bpy.ops.unisim.retime_actor(way="DELAY", frames=6)
+    yield 1.0
+    screenshot("way")
+    bpy.ops.ed.undo()
+    yield 0.5
+    scene = bpy.context.scene
+    found, space, region = view()
+    # what the engine shows through the camera is what F12 renders
     scene.render.engine = "UNISIM"
     region.view_perspective = "CAMERA"
     space.shading.type = "RENDERED"
@@ -136,8 +163,7 @@ def steps() -> Iterator[float]:
     results["viewport_and_f12"] = float(np.abs(srgb - f12).max() * 255)
     # an edit
     car = nearest(scene)
-    car.select_set(True)
-    bpy.context.view_layer.objects.active = car
+    choose(car)
     car.location.z += 1.0
     begun = time.monotonic()
     yield from wait_for_picture()
@@ -156,6 +182,16 @@ def steps() -> Iterator[float]:
     car.location.x -= 0.5
     yield from wait_for_picture()
     screenshot("again")
+    # any angle, and a cone copied with Blender's own tools
+    cone = next(o for o in scene.objects if o.unisim.kind == "ACTOR" and "Cone" in o.name)
+    choose(cone)
+    with inside(found):
+        bpy.ops.object.duplicate_move(TRANSFORM_OT_translate={"value": (3.0, 1.5, 0.0)})
+    yield from wait_for_picture()
+    screenshot("cone")
+    from_behind(region)
+    yield from wait_for_picture()
+    screenshot("any_angle")
     results["done"] = True
 
 

@@ -2,6 +2,7 @@
 
 from . import (
     actors,
+    assets,
     background,
     check,
     ego,
@@ -34,4 +35,5 @@ MODULES = (
     train,
     test_renderer,
     check,
+    assets,
 )

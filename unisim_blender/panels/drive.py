@@ -133,6 +133,7 @@ class UNISIM_PT_output(_Sidebar, bpy.types.Panel):
             self.layout.operator("unisim.cancel_task")
         self.layout.operator("unisim.export_scenario")
         self.layout.operator("unisim.train")
+        self.layout.operator("unisim.make_library")
 
 
 CLASSES = (UNISIM_PT_drive, UNISIM_PT_edit, UNISIM_PT_warnings, UNISIM_PT_output)

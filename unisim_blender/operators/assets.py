@@ -1,0 +1,144 @@
+"""Actors in the Asset Browser, with their own pictures."""
+
+import queue
+from collections.abc import Iterator
+from pathlib import Path
+
+import bpy
+import numpy as np
+from bpy.props import StringProperty
+
+from ..bridge.portraits import portrait_request, set_preview
+from ..bridge.source import Source, source_of
+from ..bridge.things import box_mesh
+from ..client import client
+from ..core.errors import UnisimError
+from ..preferences import device, interpreter
+from ..registering import add, take_away
+
+POLL_S = 0.1
+TAG = "UniSim"
+
+
+class UNISIM_OT_make_library(bpy.types.Operator):
+    """Write the trained scene's actors into an asset library: drag them from the Asset Browser into any drive"""
+
+    bl_idname = "unisim.make_library"
+    bl_label = "Make Actor Library"
+    bl_options = {"REGISTER"}
+
+    filepath: StringProperty(
+        subtype="FILE_PATH", description="The library's .blend, below a folder that Preferences > File Paths lists"
+    )
+    filter_glob: StringProperty(default="*.blend", options={"HIDDEN"})
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """A trained scene has to be there."""
+        return bool(context.scene.unisim.scene)
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        """Ask for the file."""
+        context.window_manager.fileselect_add(self)
+        return {"RUNNING_MODAL"}
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Portraits come from the worker one after the other."""
+        try:
+            source = source_of(context.scene)
+        except (UnisimError, OSError) as fault:
+            self.report({"ERROR"}, str(fault))
+            return {"CANCELLED"}
+        path = Path(self.filepath).with_suffix(".blend")
+        self.steps = make_library(source, path)
+        if bpy.app.background:
+            return self.finish(list(self.steps)[-1])
+        self.timer = context.window_manager.event_timer_add(POLL_S, window=context.window)
+        context.window_manager.modal_handler_add(self)
+        return {"RUNNING_MODAL"}
+
+    def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        """A look at each tick whether the next portrait has come."""
+        if event.type == "ESC":
+            self.steps.close()
+            return self.end(context, {"CANCELLED"})
+        if event.type != "TIMER":
+            return {"PASS_THROUGH"}
+        try:
+            self.said = next(self.steps)
+            context.workspace.status_text_set(f"{self.said}. Esc stops")
+        except StopIteration:
+            return self.end(context, self.finish(self.said))
+        return {"PASS_THROUGH"}
+
+    def end(self, context: bpy.types.Context, result: set[str]) -> set[str]:
+        """Take the timer away."""
+        context.window_manager.event_timer_remove(self.timer)
+        context.workspace.status_text_set(None)
+        return result
+
+    def finish(self, said: str) -> set[str]:
+        """Report what came of it."""
+        failed = said.startswith("Error: ")
+        self.report({"ERROR" if failed else "INFO"}, said.removeprefix("Error: "))
+        return {"CANCELLED"} if failed else {"FINISHED"}
+
+
+def make_library(source: Source, path: Path) -> Iterator[str]:
+    """Write the library; what is yielded says how far it is, at last what came of it."""
+    assert source.scene_path is not None  # the operator has seen to it
+    made: list[bpy.types.Object] = []
+    try:
+        actors = sorted(source.drive.actors.items())
+        for number, (uid, actor) in enumerate(actors):
+            values = portrait_request(source, actor, path.stem)
+            if values is None:
+                continue
+            worker = client(interpreter())
+            request = worker.ask("camera", **values, passes=["rgb", "instance"], quality="balanced", device=device())
+            rgb, shown = [], []
+            while True:
+                yield f"Portrait {number + 1} of {len(actors)}"
+                try:
+                    event = request.events.get(timeout=POLL_S) if bpy.app.background else request.events.get_nowait()
+                except queue.Empty:
+                    continue
+                if event["event"] == "error":
+                    yield f"Error: {event['text']}"
+                    return
+                if event["event"] != "arrays":
+                    break
+                arrays = worker.arrays(event)
+                rgb.append(np.clip(arrays["rgb"], 0, 1))
+                shown.append(arrays["instance"] == event["instances"].index(uid) + 1)
+            thing = bpy.data.objects.new(f"{actor.label} {uid[:6]}", box_mesh(actor.size_m, actor.label))
+            thing.rotation_mode, thing.show_wire = "QUATERNION", True
+            thing.unisim.kind, thing.unisim.uid = "ACTOR", uid
+            thing.unisim.look, thing.unisim.look_scene = uid, str(source.scene_path.resolve())
+            thing.asset_mark()
+            thing.asset_data.tags.new(TAG)
+            thing.asset_data.tags.new(actor.label)
+            thing.asset_data.description = " x ".join(f"{edge:.1f}" for edge in actor.size_m) + " m"
+            set_preview(thing, np.concatenate(rgb), np.concatenate(shown))
+            made.append(thing)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        bpy.data.libraries.write(str(path), set(made), fake_user=True, compress=True)
+        yield f"{len(made)} actors written to {path}"
+    except (UnisimError, OSError, RuntimeError) as fault:
+        yield f"Error: {fault}"
+    finally:
+        for thing in made:
+            bpy.data.objects.remove(thing)
+
+
+CLASSES = (UNISIM_OT_make_library,)
+
+
+def register() -> None:
+    """Add the operator."""
+    add(CLASSES)
+
+
+def unregister() -> None:
+    """Take it away."""
+    take_away(CLASSES)
