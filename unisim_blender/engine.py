@@ -121,6 +121,7 @@ class UniSimEngine(bpy.types.RenderEngine):
             **values,
             passes=["rgb", *(PASSES[name][-1] for name in names)],
             quality=scene.unisim.quality,
+            shadows=scene.unisim.contact_shadows,
             device=device(),
             rows=[height - top, height - bottom],
             columns=[left, right],

@@ -66,6 +66,7 @@ class UniSimScene(bpy.types.PropertyGroup):
     static_items: CollectionProperty(type=UniSimItem, name="Static items")
     out: StringProperty(name="Folder", description="Where a sequence is written", subtype="DIR_PATH", default="//render")
     quality: EnumProperty(name="Quality", description="How finely rays are sampled", items=QUALITIES, default="balanced")
+    contact_shadows: BoolProperty(name="Contact shadows", description="Soft shadows under copied and inserted actors")
     show_ways: BoolProperty(
         name="Ways",
         description="Whether the ways of selected actors are drawn, with speeds and where they were recorded",

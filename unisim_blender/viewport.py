@@ -29,6 +29,9 @@ COARSE = (8, 3)
 """The whole view is rendered at these fractions of its width before it is rendered as it is."""
 
 
+BOX_M, SHADOW_M = 0.1, 2.0
+"""How far beside an actor's box a picture may change, without and with contact shadows."""
+
 VIEWS: WeakSet[View] = WeakSet()
 """Every viewport's picture, as long as it is shown."""
 
@@ -71,7 +74,15 @@ class View:
         """Ask for the picture of what is looked at now, unless it was asked for already."""
         scene, region, space = depsgraph.scene, context.region, context.region_data
         looks = tuple(tuple(row) for row in space.perspective_matrix)
-        key = looks, region.width, region.height, frame_of(scene), self.changes, scene.unisim.quality
+        key = (
+            looks,
+            region.width,
+            region.height,
+            frame_of(scene),
+            self.changes,
+            scene.unisim.quality,
+            scene.unisim.contact_shadows,
+        )
         if key == self.key:
             return
         self.key = key
@@ -104,17 +115,21 @@ class View:
         aspect = scene.render.pixel_aspect_y / scene.render.pixel_aspect_x
         values = camera_request(sampled, view, source, frame, self.rectangle[2:], aspect)
         del values["indices"]
-        return {**values, "quality": scene.unisim.quality, "device": device()}, sampled, view
+        return (
+            {**values, "quality": scene.unisim.quality, "shadows": scene.unisim.contact_shadows, "device": device()},
+            sampled,
+            view,
+        )
 
     def _part(self, values: dict[str, Any], sampled: Sampled, view: Thing) -> Rectangle | None:
         """The part of a finished picture that has to be rendered again; None for all."""
         if self.wanted is None or self.sampled is None or self.pending or self.problem:
             return None
-        elsewhere = ("camera", "time_s", "model", "quality", "device")
+        elsewhere = ("camera", "time_s", "model", "quality", "shadows", "device")
         if any(values[name] != self.wanted[name] for name in elsewhere) or self.linear.shape[:2] != self.rectangle[:1:-1]:
             return None
         model = {**values["model"], "shutter": RollingShutter(**values["model"]["shutter"])}
-        return touched(self.sampled, sampled, view, CameraModel(**model))
+        return touched(self.sampled, sampled, view, CameraModel(**model), SHADOW_M if values["shadows"] else BOX_M)
 
     def _ask(self, values: dict[str, Any], part: Rectangle | None) -> None:
         self.drop()

@@ -39,6 +39,7 @@ def apply_edits(scene: bpy.types.Scene, source: Source, scenario: Scenario, edit
     if outputs is not None:
         scene.unisim.passes = set(outputs.passes or ()) - {"rgb"}
         scene.unisim.quality = outputs.quality or "balanced"
+        scene.unisim.contact_shadows = bool(outputs.contact_shadows)
 
 
 def _actors(scene: bpy.types.Scene, recorded: Drive, edited: Drive, clock: Clock) -> None:

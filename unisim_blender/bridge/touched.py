@@ -17,10 +17,10 @@ Rectangle = tuple[int, int, int, int]
 """Left, top, right, bottom in pixels from the top left corner; right and bottom do not belong to it."""
 
 
-def touched(before: Sampled, after: Sampled, view: Thing, model: CameraModel) -> Rectangle | None:
+def touched(before: Sampled, after: Sampled, view: Thing, model: CameraModel, beside_m: float = 0.1) -> Rectangle | None:
     """The part of ``view``'s picture that differs between two states of a scene at the same frames; None where all of it may.
 
-    An empty rectangle means that nothing differs.
+    ``beside_m`` is how far beside a box it may still show. An empty rectangle means that nothing differs.
     """
     if not np.array_equal(before.clock.times_s, after.clock.times_s) or before.items != after.items:
         return None
@@ -38,7 +38,7 @@ def touched(before: Sampled, after: Sampled, view: Thing, model: CameraModel) ->
             if thing.kind != "ACTOR" or rectangle is None:
                 return None
             if thing.there.any():
-                rectangle = _join(rectangle, _seen(thing, view, model))
+                rectangle = _join(rectangle, _seen(thing, view, model, beside_m))
     return rectangle
 
 
@@ -50,9 +50,9 @@ def alike(a: Thing, b: Thing) -> bool:
     return told and np.array_equal(a.poses, b.poses) and np.array_equal(a.there, b.there)
 
 
-def _seen(thing: Thing, view: Thing, model: CameraModel) -> Rectangle | None:
+def _seen(thing: Thing, view: Thing, model: CameraModel, beside_m: float) -> Rectangle | None:
     """What a box covers of the picture, wherever box and camera are at the frames; None where it reaches behind the camera."""
-    size: FloatArray = np.array(thing.size_m) * 1.1 + 0.2
+    size: FloatArray = np.array(thing.size_m) * 1.1 + 2 * beside_m
     corners = np.concatenate([box_corners(pose, size) for pose in thing.poses])
     seen = np.concatenate([transform_points(invert_pose(pose), corners) for pose in optical(view.poses)])
     ahead = seen[:, 2] > NEAR_M

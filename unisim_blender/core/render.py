@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from .cast import gather_cast
+from .contact_shadow import shaded
 from .devices import tensor_to
 from .drive import Camera, Drive, Lidar
 from .errors import SceneError
@@ -65,7 +66,8 @@ class Region(NamedTuple):
 
 class Renderer:
     """Renders a drive with a trained scene. ``others`` are scenes by path, for actors that come from them; ``draw`` seeds the
-    draw of the beams that return, which without it are those whose probability is half or more."""
+    draw of the beams that return, which without it are those whose probability is half or more. ``shadows`` puts contact shadows
+    under actors that the recording does not have."""
 
     def __init__(
         self,
@@ -74,6 +76,7 @@ class Renderer:
         quality: str = "balanced",
         others: dict[str, Scene] | None = None,
         draw: int | None = None,
+        shadows: bool = False,
     ) -> None:
         if quality not in QUALITY:
             raise SceneError(f"no quality {quality!r}: there are {', '.join(QUALITY)}")
@@ -82,6 +85,7 @@ class Renderer:
         guests = {path: (s.model, s.actor_tables) for path, s in (others or {}).items()}
         self.cast = gather_cast(scene.model, scene.actor_tables, drive, guests, scene.header.drive).to(self.device)
         self.sampling = Sampling(fine=QUALITY[quality])
+        self.shaders = [actor for actor in drive.actors.values() if actor.inserted] if shadows else []
 
     @torch.no_grad()
     def camera(
@@ -106,15 +110,28 @@ class Renderer:
         u, v = (x[cells] for x in pixel_grid(model, up))
         rays = camera_rays(camera, frame, u, v)
         stats = RenderStats()
-        traced, maps = self._trace(rays.flat(), set(passes), stats, sky=True)
+        needed = {*passes, "depth", "instance"} if self.shaders else set(passes)
+        traced, maps = self._trace(rays.flat(), needed, stats, sky=True)
         traced_s = time.perf_counter()
         image = self._decode(traced, rays, camera_id, u.shape)
+        if self.shaders:
+            image = self._shaded(image, rays, maps, camera.time_s[frame])
+            maps = {name: values for name, values in maps.items() if name in passes or (name == "depth" and "normal" in passes)}
         stats.seconds = {"trace": traced_s - begun, "decode": time.perf_counter() - traced_s}
         pose = camera.world_from_camera.at(camera.time_s[frame])
         inner = region.within(cells, up)
         out = CameraFrame(model, pose, image[inner], instances=self.cast.uids, stats=stats)
         fill_passes(out, maps, rays, u.shape, up, inner)
         return out
+
+    def _shaded(self, image: NDArray[np.float32], rays: Rays, maps: Maps, time_s: float) -> NDArray[np.float32]:
+        """The image of rays (h, w) with contact shadows where they show the ground."""
+        up = self.scene.model.config.upsample
+        depth = maps["depth"].reshape(rays.time_s.shape).astype(np.float64)
+        points = rays.origins + rays.directions * np.where(np.isfinite(depth), depth, 1e6)[..., None]
+        ground = (maps["instance"].reshape(rays.time_s.shape) == 0) & np.isfinite(depth)
+        points, ground = (np.repeat(np.repeat(x, up, 0), up, 1)[: image.shape[0], : image.shape[1]] for x in (points, ground))
+        return shaded(image, points, ground, self.shaders, time_s)
 
     @torch.no_grad()
     def lidar(self, lidar_id: str, frame: int) -> LidarFrame:

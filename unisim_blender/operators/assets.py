@@ -1,7 +1,7 @@
 """Actors in the Asset Browser, with their own pictures."""
 
 import queue
-from collections.abc import Iterator
+from collections.abc import Generator
 from pathlib import Path
 
 import bpy
@@ -84,7 +84,7 @@ class UNISIM_OT_make_library(bpy.types.Operator):
         return {"CANCELLED"} if failed else {"FINISHED"}
 
 
-def make_library(source: Source, path: Path) -> Iterator[str]:
+def make_library(source: Source, path: Path) -> Generator[str, None, None]:
     """Write the library; what is yielded says how far it is, at last what came of it."""
     assert source.scene_path is not None  # the operator has seen to it
     made: list[bpy.types.Object] = []

@@ -24,7 +24,7 @@ def scenario_of(scene: bpy.types.Scene, path: Path) -> Scenario:
     all_frames = scene.frame_start <= clock.frames[0] and scene.frame_end >= clock.frames[-1] and scene.frame_step == 1
     frames = None if all_frames else FrameRange(scene.frame_start, scene.frame_end + 1, scene.frame_step)
     passes = ("rgb", *(name for name in ("depth", "normal", "instance", "opacity", "support") if name in settings.passes))
-    outputs = Outputs(passes=passes, quality=settings.quality)
+    outputs = Outputs(passes=passes, quality=settings.quality, contact_shadows=settings.contact_shadows or None)
     return read_scenario(sample_all(scene, clock), source, path, frames, outputs)
 
 

@@ -127,6 +127,7 @@ class UNISIM_PT_output(_Sidebar, bpy.types.Panel):
         self.layout.prop(about, "quality")
         self.layout.prop(about, "passes")
         self.layout.prop(about, "opacity_pass")
+        self.layout.prop(about, "contact_shadows")
         self.layout.operator("unisim.render_sequence", icon="RENDER_ANIMATION")
         if manager.unisim_task:
             self.layout.progress(factor=manager.unisim_progress, text=manager.unisim_task)

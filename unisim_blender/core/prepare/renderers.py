@@ -40,6 +40,7 @@ class SceneSource:
     quality: str = "balanced"
     device: str = "cpu"
     draw: int | None = None
+    shadows: bool = False
 
     def __call__(self) -> Renderer:
         """Load the scene and those that actors were inserted from. Raises `SceneError`."""
@@ -47,4 +48,4 @@ class SceneSource:
         from ..render import Renderer
 
         others = {name: load_scene(name, self.device) for name in other_scenes(self.drive)}
-        return Renderer(load_scene(self.scene, self.device), self.drive, self.quality, others, self.draw)
+        return Renderer(load_scene(self.scene, self.device), self.drive, self.quality, others, self.draw, self.shadows)

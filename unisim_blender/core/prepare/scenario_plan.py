@@ -56,12 +56,13 @@ def plan_scenario(path: Path, wishes: Wishes) -> tuple[RenderPlan, PreparedScena
         quality=quality,
         device=wishes.device,
         draw=wishes.draw,
+        contact_shadows=bool(outputs.contact_shadows),
     )
     about = {
         "scenario": {"name": prepared.scenario.name, "sha256": scenario_hash(prepared.scenario)},
         "log": {"name": drive.name, "world_origin": drive.world_origin.tolist()},
     }
-    source = SceneSource(prepared.scene_path, drive, quality, wishes.device, wishes.draw)
+    source = SceneSource(prepared.scene_path, drive, quality, wishes.device, wishes.draw, settings.contact_shadows)
     return RenderPlan(drive, frames, settings, source, scene_hashes(prepared.scene_path, drive), about), prepared
 
 

@@ -260,6 +260,7 @@ class Outputs:
     formats: tuple[str, ...] | None = None
     width: int | None = None
     quality: str | None = None
+    contact_shadows: bool | None = None
 
 
 @dataclass(frozen=True)

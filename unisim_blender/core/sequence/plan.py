@@ -49,6 +49,7 @@ class SequenceSettings:
     device: str = "cpu"
     draw: int | None = None
     """Seed of the draw that decides which beams return; None takes those with a probability of half or more."""
+    contact_shadows: bool = False
 
 
 @dataclass(frozen=True)

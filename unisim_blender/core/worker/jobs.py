@@ -53,7 +53,8 @@ class Jobs:
 
         Of the request: ``scenario`` (its document), ``path`` (what its paths are relative to), ``camera``, ``time_s``, ``model``,
         ``passes``, ``quality``, ``device``; ``rows`` and ``columns`` (first, past the last) where not all are wanted; ``coarse``,
-        widths at which the whole view is rendered first. Events have arrays of rgb and the passes, and the ``rows`` they are.
+        widths at which the whole view is rendered first; ``shadows``. Events have arrays of rgb and the passes, and which
+        ``rows`` they are.
         """
         scenario, drive = self._drive(request)
         name, passes = str(request["camera"]), tuple(request.get("passes", ("rgb",)))
@@ -107,7 +108,9 @@ class Jobs:
             key = device, stamp(path)
             loaded[name] = kept[key] = self.scenes.get(key) or load_scene(path, device)
         self.scenes = kept
-        return Renderer(loaded.pop(""), drive, str(request.get("quality", "balanced")), loaded)
+        return Renderer(
+            loaded.pop(""), drive, str(request.get("quality", "balanced")), loaded, shadows=bool(request.get("shadows"))
+        )
 
     def _leave(self, arrays: dict[str, NDArray[Any]], **more: Any) -> Message:
         """Write arrays into one file and say where in it each of them lies."""
