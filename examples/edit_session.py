@@ -21,8 +21,10 @@ import bpy
 import numpy as np
 
 import unisim_blender
+from unisim_blender.bridge.importing import fit_resolution
 from unisim_blender.bridge.source import source_of
 from unisim_blender.bridge.things import things
+from unisim_blender.core.scene_file import read_scene_header
 
 FRAMES = 5
 CONES_AHEAD_M = (12.0, 15.0, 18.0, 21.0)
@@ -52,7 +54,13 @@ def main(trained: Path, out: Path) -> None:
     scene = bpy.context.scene
     with timed("import"):
         bpy.ops.unisim.import_scene(filepath=str(trained / "scene.json"))
+    scene.camera = next(thing for thing in things(scene, "CAMERA") if thing.unisim.uid == trained_camera(trained))
+    fit_resolution(scene)
     drive = source_of(scene).drive
+    # one camera and one LiDAR: what is deleted is not rendered
+    rig = [thing for thing in things(scene, "LIDAR") if drive.lidars[thing.unisim.uid].model.beams][:1] + [scene.camera]
+    for sensor in [thing for thing in things(scene, "CAMERA", "LIDAR") if thing not in rig]:
+        bpy.data.objects.remove(sensor)
     middle = drive.frames[len(drive.frames) // 2]
     scene.frame_set(middle)
     ego = np.array(next(things(scene, "EGO")).matrix_world)
@@ -107,6 +115,11 @@ def main(trained: Path, out: Path) -> None:
     first, second = digests(out / "sequence"), digests(out / "again")
     print(f"{len(first)} files, the same bytes: {first == second}")
     unisim_blender.unregister()
+
+
+def trained_camera(trained: Path) -> str:
+    """The first camera that a scene was trained on."""
+    return str(read_scene_header(trained).training["cameras"][0])
 
 
 def digests(folder: Path) -> dict[str, str]:

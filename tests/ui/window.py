@@ -131,15 +131,13 @@ def steps() -> Iterator[float]:
     scene = bpy.context.scene
     driving = next(o for o in scene.objects if o.unisim.kind == "ACTOR" and o.animation_data is not None and not o.hide_viewport)
     choose(driving)
-    bpy.ops.ed.undo_push(message="before")
     with inside(found):
         bpy.ops.unisim.retime_actor(way="DELAY", frames=6)
     yield 1.0
     screenshot("way")
-    bpy.ops.ed.undo()
+    with inside(found):
+        bpy.ops.unisim.retime_actor(way="DELAY", frames=-6)
     yield 0.5
-    scene = bpy.context.scene
-    found, space, region = view()
     # what the engine shows through the camera is what F12 renders
     scene.render.engine = "UNISIM"
     region.view_perspective = "CAMERA"
