@@ -27,7 +27,7 @@ def render_file(path: Path, arguments: Sequence[str]) -> int:
         return _fail(f"{path}: there is no such file")
     register()
     try:
-        bpy.ops.wm.open_mainfile(filepath=str(path))
+        bpy.ops.wm.open_mainfile(filepath=str(path.absolute()))  # Blender has its own idea of the working folder
         return render_scene(bpy.context.scene, arguments)
     except RuntimeError as fault:  # Blender's own words
         return _fail(f"{path}: {str(fault).strip()}")
