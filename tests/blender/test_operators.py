@@ -120,6 +120,11 @@ def test_a_sequence_that_fails_says_why(street: Any, tmp_path: Path) -> None:
         bpy.ops.unisim.render_sequence()
 
 
+def test_a_folder_beside_a_file_that_was_never_saved(street: Any) -> None:
+    with pytest.raises(RuntimeError, match="//render: .* never saved"):
+        bpy.ops.unisim.render_sequence()
+
+
 def test_the_renderer_is_found_and_described(street: Any) -> None:
     bpy.ops.unisim.test_renderer()
     assert "torch" in bpy.context.window_manager.unisim_renderer

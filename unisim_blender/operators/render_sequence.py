@@ -34,6 +34,8 @@ class UNISIM_OT_render_sequence(bpy.types.Operator):
         try:
             if not about.out:
                 raise UnisimError("no output folder is set: UniSim > Output > Folder")
+            if about.out.startswith("//") and not bpy.data.filepath:
+                raise UnisimError(f"{about.out}: lies beside the .blend, which was never saved; save it, or name another folder")
             folder.mkdir(parents=True, exist_ok=True)
             scenario = scenario_of(context.scene, folder / SCENARIO)
             save_scenario(scenario, folder / SCENARIO)
