@@ -5,6 +5,7 @@ from __future__ import annotations
 import bpy
 
 from . import client, engine, headless, menus, operators, overlay, panels, preferences, properties
+from .registering import close_room, open_room
 
 ROOMS = (properties, preferences, *operators.MODULES, *panels.MODULES, menus, overlay, engine)
 """In the order in which they need each other."""
@@ -16,7 +17,7 @@ _commands: list[object] = []
 def register() -> None:
     """Add everything to Blender."""
     for room in ROOMS:
-        room.register()
+        open_room(room)
     _commands.append(bpy.utils.register_cli_command("unisim", headless.command))
 
 
@@ -26,4 +27,4 @@ def unregister() -> None:
     while _commands:
         bpy.utils.unregister_cli_command(_commands.pop())
     for room in reversed(ROOMS):
-        room.unregister()
+        close_room(room)

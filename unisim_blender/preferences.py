@@ -3,8 +3,6 @@
 import bpy
 from bpy.props import EnumProperty, StringProperty
 
-from .registering import add, take_away
-
 DEVICES = (
     ("auto", "Best there is", "A GPU where the interpreter has one, else the processor"),
     ("cpu", "Processor", "The processor"),
@@ -52,13 +50,3 @@ def device() -> str:
 
 
 CLASSES = (UniSimPreferences,)
-
-
-def register() -> None:
-    """Add the preferences."""
-    add(CLASSES)
-
-
-def unregister() -> None:
-    """Take them away."""
-    take_away(CLASSES)

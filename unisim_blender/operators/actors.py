@@ -6,7 +6,7 @@ from bpy.props import EnumProperty, FloatProperty
 from ..bridge.copies import copy_of
 from ..bridge.motion import displaced_along, moved_to
 from ..bridge.sampling import frame_of
-from ..registering import add, take_away
+from ..bridge.selection import choose, chosen
 
 LANE_M = 3.5
 GAP_M = 0.6
@@ -18,11 +18,6 @@ PLACES = (
     ("LANE_RIGHT", "Next lane, right", "One lane to the right"),
     ("CURSOR", "At the 3D cursor", "At the 3D cursor in the frame that is shown, on the same way"),
 )
-
-
-def chosen(context: bpy.types.Context, *kinds: str) -> list[bpy.types.Object]:
-    """The selected objects of some kinds."""
-    return [thing for thing in context.selected_objects if thing.unisim.kind in kinds]
 
 
 class UNISIM_OT_duplicate_actor(bpy.types.Operator):
@@ -42,7 +37,7 @@ class UNISIM_OT_duplicate_actor(bpy.types.Operator):
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Copy each and put the copy where it was asked for."""
-        sources = chosen(context, "ACTOR")
+        sources, copies = chosen(context, "ACTOR"), []
         for source in sources:
             copy = copy_of(context, source)
             if self.where == "CURSOR":
@@ -50,9 +45,8 @@ class UNISIM_OT_duplicate_actor(bpy.types.Operator):
             elif self.where != "IN_PLACE":
                 beside = float(source.dimensions.y) + GAP_M if self.where in ("LEFT", "RIGHT") else self.lane_m
                 displaced_along(copy, (0.0, beside if self.where.endswith("LEFT") else -beside, 0.0))
-            source.select_set(False)
-            copy.select_set(True)
-            context.view_layer.objects.active = copy
+            copies.append(copy)
+        choose(context, *copies)
         self.report({"INFO"}, f"{len(sources)} copied")
         return {"FINISHED"}
 
@@ -79,13 +73,3 @@ class UNISIM_OT_delete_actor(bpy.types.Operator):
 
 
 CLASSES = (UNISIM_OT_duplicate_actor, UNISIM_OT_delete_actor)
-
-
-def register() -> None:
-    """Add the operators."""
-    add(CLASSES)
-
-
-def unregister() -> None:
-    """Take them away."""
-    take_away(CLASSES)

@@ -14,7 +14,6 @@ from ..bridge.things import box_mesh
 from ..client import client
 from ..core.errors import UnisimError
 from ..preferences import device, interpreter
-from ..registering import add, take_away
 
 POLL_S = 0.1
 TAG = "UniSim"
@@ -132,13 +131,3 @@ def make_library(source: Source, path: Path) -> Generator[str, None, None]:
 
 
 CLASSES = (UNISIM_OT_make_library,)
-
-
-def register() -> None:
-    """Add the operator."""
-    add(CLASSES)
-
-
-def unregister() -> None:
-    """Take it away."""
-    take_away(CLASSES)

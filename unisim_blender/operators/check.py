@@ -6,9 +6,9 @@ from bpy.props import IntProperty, StringProperty
 from ..bridge.clock import Clock
 from ..bridge.plausibility import warnings_of
 from ..bridge.sampling import sample_all
+from ..bridge.selection import choose
 from ..bridge.source import source_of
 from ..core.errors import UnisimError
-from ..registering import add, take_away
 
 
 class UNISIM_OT_check(bpy.types.Operator):
@@ -56,23 +56,10 @@ class UNISIM_OT_go_to(bpy.types.Operator):
         if thing is None:
             self.report({"WARNING"}, f"{self.thing} is not there any more")
             return {"CANCELLED"}
-        for other in context.selected_objects:
-            other.select_set(False)
-        thing.select_set(True)
-        context.view_layer.objects.active = thing
+        choose(context, thing)
         if context.area is not None and context.area.type == "VIEW_3D" and bpy.ops.view3d.view_selected.poll():
             bpy.ops.view3d.view_selected()
         return {"FINISHED"}
 
 
 CLASSES = (UNISIM_OT_check, UNISIM_OT_go_to)
-
-
-def register() -> None:
-    """Add the operators."""
-    add(CLASSES)
-
-
-def unregister() -> None:
-    """Take them away."""
-    take_away(CLASSES)

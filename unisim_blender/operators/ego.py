@@ -5,7 +5,6 @@ from bpy.props import FloatProperty
 
 from ..bridge.motion import displaced_along
 from ..bridge.things import things
-from ..registering import add, take_away
 
 
 class UNISIM_OT_shift_ego(bpy.types.Operator):
@@ -30,13 +29,3 @@ class UNISIM_OT_shift_ego(bpy.types.Operator):
 
 
 CLASSES = (UNISIM_OT_shift_ego,)
-
-
-def register() -> None:
-    """Add the operator."""
-    add(CLASSES)
-
-
-def unregister() -> None:
-    """Take it away."""
-    take_away(CLASSES)

@@ -8,14 +8,13 @@ from bpy.props import EnumProperty, StringProperty
 from bpy_extras.io_utils import ImportHelper
 
 from ..bridge.motion import displaced_along
+from ..bridge.selection import choose, chosen
 from ..bridge.source import source_of
 from ..bridge.things import box_mesh, collection_of
 from ..core.drive import Actor
 from ..core.errors import UnisimError
 from ..core.prepare.scenario import scene_actors
 from ..core.scene_file import HEADER_NAME
-from ..registering import add, take_away
-from .actors import chosen
 
 _shown: list[tuple[str, str, str]] = []
 """What a menu shows has to be kept: Blender does not."""
@@ -115,21 +114,8 @@ class UNISIM_OT_insert_actor(bpy.types.Operator, ImportHelper):
         thing.rotation_mode, thing.show_wire = "QUATERNION", True
         thing.location = np.array(context.scene.cursor.location) + [0.0, 0.0, actor.size_m[2] / 2]
         thing.rotation_quaternion = context.scene.cursor.matrix.to_quaternion()
-        for other in context.selected_objects:
-            other.select_set(False)
-        thing.select_set(True)
-        context.view_layer.objects.active = thing
+        choose(context, thing)
         return {"FINISHED"}
 
 
 CLASSES = (UNISIM_OT_replace_look, UNISIM_OT_insert_actor)
-
-
-def register() -> None:
-    """Add the operators."""
-    add(CLASSES)
-
-
-def unregister() -> None:
-    """Take them away."""
-    take_away(CLASSES)

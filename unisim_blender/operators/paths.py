@@ -7,10 +7,9 @@ from bpy.props import FloatProperty
 from ..bridge.ground import ground_height
 from ..bridge.motion import displaced_along, follow
 from ..bridge.sampling import frame_of
+from ..bridge.selection import chosen
 from ..bridge.source import source_of
 from ..core.errors import UnisimError
-from ..registering import add, take_away
-from .actors import chosen
 
 
 class UNISIM_OT_follow_curve(bpy.types.Operator):
@@ -76,13 +75,3 @@ class UNISIM_OT_snap_to_ground(bpy.types.Operator):
 
 
 CLASSES = (UNISIM_OT_follow_curve, UNISIM_OT_snap_to_ground)
-
-
-def register() -> None:
-    """Add the operators."""
-    add(CLASSES)
-
-
-def unregister() -> None:
-    """Take them away."""
-    take_away(CLASSES)

@@ -7,7 +7,6 @@ import bpy
 from ..core.errors import UnisimError
 from ..core.scenario import save_scenario
 from ..preferences import device, interpreter
-from ..registering import add, take_away
 from ..tasks import SequenceTask
 from .background import launch, running
 from .export_scenario import scenario_of
@@ -54,13 +53,3 @@ class UNISIM_OT_render_sequence(bpy.types.Operator):
 
 
 CLASSES = (UNISIM_OT_render_sequence,)
-
-
-def register() -> None:
-    """Add the operator."""
-    add(CLASSES)
-
-
-def unregister() -> None:
-    """Take it away."""
-    take_away(CLASSES)

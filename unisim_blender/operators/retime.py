@@ -8,9 +8,8 @@ from bpy.props import EnumProperty, FloatProperty, IntProperty
 
 from ..bridge.motion import retimed, stopped
 from ..bridge.sampling import frame_of
+from ..bridge.selection import chosen
 from ..core.geometry import FloatArray
-from ..registering import add, take_away
-from .actors import chosen
 
 WAYS = (
     ("DELAY", "Delay", "Everything later by some frames"),
@@ -70,13 +69,3 @@ class UNISIM_OT_retime_actor(bpy.types.Operator):
 
 
 CLASSES = (UNISIM_OT_retime_actor,)
-
-
-def register() -> None:
-    """Add the operator."""
-    add(CLASSES)
-
-
-def unregister() -> None:
-    """Take it away."""
-    take_away(CLASSES)

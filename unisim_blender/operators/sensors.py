@@ -7,10 +7,10 @@ from bpy.props import EnumProperty, FloatProperty, FloatVectorProperty, IntPrope
 from ..bridge.cameras import set_model
 from ..bridge.importing import fit_resolution
 from ..bridge.rig import lidar_json
+from ..bridge.selection import choose
 from ..bridge.things import collection_of, things
 from ..core.drive import CameraModel
 from ..core.sensors.beam_tables import BEAM_TABLES
-from ..registering import add, take_away
 
 PRESETS = [(name, name.upper(), table.__doc__ or "") for name, table in BEAM_TABLES.items()]
 
@@ -22,10 +22,7 @@ def ride(context: bpy.types.Context, thing: bpy.types.Object, kind: str, place: 
     thing.unisim.kind, thing.unisim.uid = kind, thing.name
     thing.parent = ego
     thing.location = place
-    for other in context.selected_objects:
-        other.select_set(False)
-    thing.select_set(True)
-    context.view_layer.objects.active = thing
+    choose(context, thing)
 
 
 class _OnVehicle:
@@ -86,13 +83,3 @@ class UNISIM_OT_add_lidar(_OnVehicle, bpy.types.Operator):
 
 
 CLASSES = (UNISIM_OT_add_camera, UNISIM_OT_add_lidar)
-
-
-def register() -> None:
-    """Add the operators."""
-    add(CLASSES)
-
-
-def unregister() -> None:
-    """Take them away."""
-    take_away(CLASSES)

@@ -6,9 +6,8 @@ from bpy.props import FloatVectorProperty
 
 from ..bridge.copies import copy_of
 from ..bridge.poses import rigid
+from ..bridge.selection import choose, chosen
 from ..bridge.static_items import forget, mark
-from ..registering import add, take_away
-from .actors import chosen
 
 
 class UNISIM_OT_mark_static(bpy.types.Operator):
@@ -40,10 +39,7 @@ class UNISIM_OT_mark_static(bpy.types.Operator):
             size, pose = np.array(self.size_m), np.eye(4)
             pose[:3, 3] = np.array(context.scene.cursor.location) + [0.0, 0.0, size[2] / 2]
         thing = mark(context.scene, pose, size)
-        for other in context.selected_objects:
-            other.select_set(False)
-        thing.select_set(True)
-        context.view_layer.objects.active = thing
+        choose(context, thing)
         return {"FINISHED"}
 
 
@@ -64,12 +60,10 @@ class UNISIM_OT_copy_static(bpy.types.Operator):
         items = chosen(context, "STATIC")
         middle = np.mean([thing.matrix_world.translation for thing in items], 0)
         apart = np.array(context.scene.cursor.location) - middle
-        for thing in items:
-            copy = copy_of(context, thing)
+        copies = [copy_of(context, thing) for thing in items]
+        for thing, copy in zip(items, copies, strict=True):
             copy.location = np.array(thing.location) + [apart[0], apart[1], 0.0]
-            thing.select_set(False)
-            copy.select_set(True)
-            context.view_layer.objects.active = copy
+        choose(context, *copies)
         return {"FINISHED"}
 
 
@@ -93,13 +87,3 @@ class UNISIM_OT_forget_static(bpy.types.Operator):
 
 
 CLASSES = (UNISIM_OT_mark_static, UNISIM_OT_copy_static, UNISIM_OT_forget_static)
-
-
-def register() -> None:
-    """Add the operators."""
-    add(CLASSES)
-
-
-def unregister() -> None:
-    """Take them away."""
-    take_away(CLASSES)

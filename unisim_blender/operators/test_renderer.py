@@ -6,7 +6,6 @@ import bpy
 
 from .. import interpreters
 from ..preferences import interpreter
-from ..registering import add, take_away
 
 POLL_S = 0.2
 
@@ -60,13 +59,3 @@ class UNISIM_OT_test_renderer(bpy.types.Operator):
 
 
 CLASSES = (UNISIM_OT_test_renderer,)
-
-
-def register() -> None:
-    """Add the operator."""
-    add(CLASSES)
-
-
-def unregister() -> None:
-    """Take it away."""
-    take_away(CLASSES)

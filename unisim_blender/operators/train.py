@@ -6,7 +6,6 @@ import bpy
 from bpy.props import EnumProperty, FloatProperty, IntProperty, StringProperty
 
 from ..preferences import device, interpreter
-from ..registering import add, take_away
 from ..tasks import TrainingTask
 from .background import launch, running
 
@@ -55,13 +54,3 @@ class UNISIM_OT_train(bpy.types.Operator):
 
 
 CLASSES = (UNISIM_OT_train,)
-
-
-def register() -> None:
-    """Add the operator."""
-    add(CLASSES)
-
-
-def unregister() -> None:
-    """Take it away."""
-    take_away(CLASSES)

@@ -7,7 +7,6 @@ import bpy
 
 from ..bridge.importing import recorded_colours
 from ..bridge.things import things
-from ..registering import add, take_away
 
 
 class _Sidebar:
@@ -138,13 +137,3 @@ class UNISIM_PT_output(_Sidebar, bpy.types.Panel):
 
 
 CLASSES = (UNISIM_PT_drive, UNISIM_PT_edit, UNISIM_PT_warnings, UNISIM_PT_output)
-
-
-def register() -> None:
-    """Add the panels."""
-    add(CLASSES)
-
-
-def unregister() -> None:
-    """Take them away."""
-    take_away(CLASSES)
