@@ -58,6 +58,9 @@ def main(root: Path, release: str, out: Path) -> int:
         environment = ["env", f"DISPLAY={DISPLAY}", "LIBGL_ALWAYS_SOFTWARE=1", "HOME=/tmp/unisim", "LC_ALL=C.UTF-8"]
         with (work / "log.txt").open("w") as log:
             subprocess.run([*inside, *environment, *blender, *arguments], timeout=LIMIT_S, stdout=log, stderr=log, check=False)
+        command = ["blender", "-b", "/tmp/unisim/drive.blend", "--command", "unisim", "render", "--out", "/tmp/unisim/frames"]
+        wanted = ["--frames", "4", "--width", "96", "--sensors", "front_camera"]
+        headless = subprocess.run([*inside, *environment, *command, *wanted], timeout=LIMIT_S, check=False)
     finally:
         screen.terminate()
         screen.wait()
@@ -65,6 +68,10 @@ def main(root: Path, release: str, out: Path) -> int:
             subprocess.run(["umount", "-l", str(root / where)], check=False)
     shutil.copytree(work / "shots", out, dirs_exist_ok=True)
     shutil.copy(work / "log.txt", out)
+    pictures = list((work / "frames" / "camera").glob("*/*.png"))
+    if headless.returncode or not pictures:
+        print(f"Error: blender --command unisim render ended with {headless.returncode} and left {len(pictures)} pictures")
+        return 1
     return judge(out)
 
 

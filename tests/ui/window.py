@@ -190,6 +190,9 @@ def steps() -> Iterator[float]:
     from_behind(region)
     yield from wait_for_picture()
     screenshot("any_angle")
+    # for a Blender without a window
+    bpy.ops.wm.save_userpref()
+    bpy.ops.wm.save_as_mainfile(filepath=str(OUT.parent / "drive.blend"))
     results["done"] = True
 
 
