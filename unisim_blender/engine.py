@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from .bridge.sampling import picture_size
 from .bridge.snapshot import camera_request, moment
 from .bridge.source import source_of
+from .bridge.windows import areas
 from .client import Client, Request, client
 from .core.errors import UnisimError
 from .core.output.colour import linear_from_srgb
@@ -222,10 +223,9 @@ def redraw_soon() -> None:
 
 
 def _redraw() -> None:
-    for window in bpy.context.window_manager.windows:
-        for area in window.screen.areas:
-            if area.type == "VIEW_3D" and area.spaces.active.shading.type == "RENDERED":
-                area.tag_redraw()
+    for area in areas("VIEW_3D"):
+        if area.spaces.active.shading.type == "RENDERED":
+            area.tag_redraw()
 
 
 CLASSES = (UniSimEngine,)

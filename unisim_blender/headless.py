@@ -36,7 +36,7 @@ def render_file(path: Path, arguments: Sequence[str]) -> int:
 
 
 def render_scene(scene: object, arguments: Sequence[str]) -> int:
-    """Render what a scene stands for; the exit code. The scenario stays in the output folder."""
+    """Render what a scene stands for; the exit code."""
     from .operators.export_scenario import scenario_of
     from .preferences import interpreter
 

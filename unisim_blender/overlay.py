@@ -9,6 +9,7 @@ import numpy as np
 
 from .bridge.clock import Clock
 from .bridge.sampling import frame_of
+from .bridge.selection import chosen
 from .bridge.source import source_of
 from .bridge.trails import trail
 from .core.errors import UnisimError
@@ -28,15 +29,15 @@ def draw() -> None:
     scene = context.scene
     if not scene.unisim.show_ways or not scene.unisim.log or not context.space_data.overlay.show_overlays:
         return
-    chosen = [thing for thing in context.selected_objects if thing.unisim.kind in ("ACTOR", "EGO")][:MOST]
-    if not chosen:
+    selected = chosen(context, "ACTOR", "EGO")[:MOST]
+    if not selected:
         return
     try:
         drive = source_of(scene).drive
     except (UnisimError, OSError):
         return  # the panel says so
     clock, frame = Clock.of(drive), frame_of(scene)
-    lines = [trail(thing, drive, clock, frame) for thing in chosen]
+    lines = [trail(thing, drive, clock, frame) for thing in selected]
     points = np.concatenate([line.points for line in lines]).astype(np.float32)
     colours = np.concatenate([line.colours for line in lines]).astype(np.float32)
     if not len(points):

@@ -20,7 +20,7 @@ from .bridge.snapshot import camera_request
 from .bridge.source import source_of
 from .bridge.touched import Rectangle, touched
 from .client import Client, Request, client
-from .core.drive import CameraModel, RollingShutter
+from .core.drive import CameraModel
 from .core.errors import UnisimError
 from .core.output.colour import linear_from_srgb
 from .preferences import device, interpreter
@@ -128,8 +128,8 @@ class View:
         elsewhere = ("camera", "time_s", "model", "quality", "shadows", "device")
         if any(values[name] != self.wanted[name] for name in elsewhere) or self.linear.shape[:2] != self.rectangle[:1:-1]:
             return None
-        model = {**values["model"], "shutter": RollingShutter(**values["model"]["shutter"])}
-        return touched(self.sampled, sampled, view, CameraModel(**model), SHADOW_M if values["shadows"] else BOX_M)
+        model = CameraModel.from_dict(values["model"])
+        return touched(self.sampled, sampled, view, model, SHADOW_M if values["shadows"] else BOX_M)
 
     def _ask(self, values: dict[str, Any], part: Rectangle | None) -> None:
         self.drop()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import bpy
 import numpy as np
+from mathutils import Matrix
 
 from ..core.drive import Actor, Camera, Drive, Lidar
 from ..core.edits.context import pose_of
@@ -12,19 +13,19 @@ from ..core.scenario.types import CameraSpec, CopyStatic, FrameRange, LidarSpec,
 from .animation import animate
 from .cameras import set_model
 from .clock import Clock
-from .importing import way_of_one
+from .importing import go, way_of_one
 from .poses import optical, same
 from .rig import lag, lidar_json, sensor_times
 from .source import Source
 from .static_items import mark
-from .things import box_mesh, collection_of, make, things
+from .things import box_mesh, collection_of, make, new_actor, things
 
 
 def apply_edits(scene: bpy.types.Scene, source: Source, scenario: Scenario, edited: Drive) -> None:
     """Make a freshly imported scene stand for ``scenario``, whose edits lead to the drive ``edited``."""
     clock = Clock.of(source.drive)
     _actors(scene, source.drive, edited, clock)
-    _static(scene, scenario, edited)
+    _static(scene, scenario)
     ego = next(things(scene, "EGO"))
     if edited.world_from_ego is not source.drive.world_from_ego:
         animate(ego, edited.world_from_ego, clock)
@@ -49,19 +50,17 @@ def _actors(scene: bpy.types.Scene, recorded: Drive, edited: Drive, clock: Clock
         if now is None:
             bpy.data.objects.remove(own[uid])
         elif now is not actor:
-            _look(own[uid], now, recorded, actor.look.actor)
-            _go(own[uid], now, edited, clock)
+            _look(own[uid], now, actor.look.actor)
+            go(own[uid], now, edited, clock)
     for uid, actor in edited.actors.items():
         if uid not in recorded.actors:
-            thing = bpy.data.objects.new(uid, box_mesh(actor.size_m, actor.label))
+            thing = new_actor(uid, actor)
             collection_of(scene, "ACTOR").objects.link(thing)
-            thing.show_wire = True
-            thing.unisim.kind, thing.unisim.uid = "ACTOR", actor.look.actor
-            _look(thing, actor, recorded, actor.look.actor if not actor.look.scene else "")
-            _go(thing, actor, edited, clock)
+            _look(thing, actor, actor.look.actor if not actor.look.scene else "")
+            go(thing, actor, edited, clock)
 
 
-def _look(thing: bpy.types.Object, actor: Actor, recorded: Drive, natural: str) -> None:
+def _look(thing: bpy.types.Object, actor: Actor, natural: str) -> None:
     """Note a look that is not the object's own, and give the object that look's box."""
     if (actor.look.actor, actor.look.scene) == (natural, ""):
         return
@@ -69,12 +68,7 @@ def _look(thing: bpy.types.Object, actor: Actor, recorded: Drive, natural: str) 
     thing.data = box_mesh(actor.size_m, actor.label)
 
 
-def _go(thing: bpy.types.Object, actor: Actor, drive: Drive, clock: Clock) -> None:
-    way = actor.world_from_actor
-    animate(thing, way if actor.is_moving else way_of_one(way), clock, drive.window(actor))
-
-
-def _static(scene: bpy.types.Scene, scenario: Scenario, edited: Drive) -> None:
+def _static(scene: bpy.types.Scene, scenario: Scenario) -> None:
     gone = {edit.box for edit in scenario.edits if isinstance(edit, RemoveStatic)}
     for uid, spec in (scenario.boxes or {}).items():
         thing = mark(scene, pose_of(spec), np.array(spec.size_m), uid)
@@ -83,8 +77,7 @@ def _static(scene: bpy.types.Scene, scenario: Scenario, edited: Drive) -> None:
                 copy = thing.copy()
                 copy.name = edit.id
                 collection_of(scene, "STATIC").objects.link(copy)
-                way = Trajectory.from_poses(np.zeros(1), pose_of(edit.target)[None])
-                copy.location, copy.rotation_quaternion = way.positions[0], way.quaternions_wxyz[0]
+                copy.location, copy.rotation_quaternion, _ = Matrix(pose_of(edit.target).tolist()).decompose()
         if uid in gone:
             bpy.data.objects.remove(thing)
 

@@ -8,7 +8,7 @@ from dataclasses import asdict, replace
 
 import bpy
 
-from ..core.drive import CameraModel, RollingShutter
+from ..core.drive import CameraModel
 
 SENSOR_MM = 36.0
 
@@ -33,8 +33,7 @@ def model_of(thing: bpy.types.Object, size: tuple[int, int] | None = None) -> Ca
     kept = json.loads(thing.unisim.model) if thing.unisim.model else None
     exact = None
     if kept is not None:
-        values = dict(kept["camera"])
-        exact = CameraModel(**{**values, "shutter": RollingShutter(**values["shutter"])})
+        exact = CameraModel.from_dict(kept["camera"])
         if kept["shown"] == _shown(camera) and camera.sensor_fit == "HORIZONTAL":
             return exact
     width, height = (exact.width, exact.height) if exact is not None else size or (960, 540)

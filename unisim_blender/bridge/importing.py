@@ -6,7 +6,6 @@ import json
 from collections.abc import Iterator
 
 import bpy
-import numpy as np
 
 from ..core.drive import Actor, Camera, Drive, Lidar
 from ..core.errors import UnisimError
@@ -22,7 +21,6 @@ from .sampling import sample_all
 from .source import Source, source_of
 from .things import box_mesh, make, things
 
-EGO_SIZE_M = np.array([4.8, 2.0, 1.6])
 DISPLAY_M = 0.4
 """How large cameras and LiDARs are drawn."""
 
@@ -149,9 +147,14 @@ def _lidar(scene: bpy.types.Scene, drive: Drive, lidar: Lidar, ego: bpy.types.Ob
 def _actor(scene: bpy.types.Scene, drive: Drive, actor: Actor, clock: Clock) -> bpy.types.Object:
     thing = make(scene, "ACTOR", actor.uid, f"{actor.label} {actor.uid[:6]}", box_mesh(actor.size_m, actor.label))
     thing.show_wire, thing.color = True, (1.0, 1.0, 1.0, 1.0)
+    go(thing, actor, drive, clock)
+    return thing
+
+
+def go(thing: bpy.types.Object, actor: Actor, drive: Drive, clock: Clock) -> None:
+    """Let an object go an actor's way, there while the actor is."""
     way = actor.world_from_actor
     animate(thing, way if actor.is_moving else way_of_one(way), clock, drive.window(actor))
-    return thing
 
 
 def way_of_one(way: Trajectory) -> Trajectory:

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import bpy
 import numpy as np
 
+from ..core.drive import Actor
 from ..core.geometry import FloatArray
 
 COLLECTIONS = {
@@ -59,6 +60,14 @@ def make(scene: bpy.types.Scene, kind: str, uid: str, name: str, data: bpy.types
     thing = bpy.data.objects.new(name, data)
     collection_of(scene, kind).objects.link(thing)
     thing.unisim.kind, thing.unisim.uid, thing.unisim.home = kind, uid, thing.name
+    return thing
+
+
+def new_actor(name: str, actor: Actor) -> bpy.types.Object:
+    """An object for an actor that no import brings, with that actor's box; in no collection yet."""
+    thing = bpy.data.objects.new(name, box_mesh(actor.size_m, actor.label))
+    thing.rotation_mode, thing.show_wire = "QUATERNION", True
+    thing.unisim.kind, thing.unisim.uid = "ACTOR", actor.look.actor
     return thing
 
 

@@ -10,13 +10,6 @@ from torch import Tensor, nn
 M = TypeVar("M", bound=nn.Module)
 
 
-def pick(name: str) -> str:
-    """A device by its name; "auto" is the best there is here."""
-    if name != "auto":
-        return name
-    return "cuda" if torch.cuda.is_available() else "mps" if torch.backends.mps.is_available() else "cpu"
-
-
 def has_float64(device: torch.device | str) -> bool:
     """Whether a device knows float64. Without it times are float32: within 60 microseconds after a quarter of an hour, in
     which nothing on a street moves 3 mm."""

@@ -9,6 +9,7 @@ Times: seconds from the log's first frame, float64.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -41,6 +42,11 @@ class CameraModel:
     cx: float
     cy: float
     shutter: RollingShutter = RollingShutter()
+
+    @staticmethod
+    def from_dict(values: dict[str, Any]) -> CameraModel:
+        """The model of what `dataclasses.asdict` made of one."""
+        return CameraModel(**{**values, "shutter": RollingShutter(**values["shutter"])})
 
     def resized(self, width: int) -> CameraModel:
         """The same view at another width, the height rounded to keep the aspect; K scales exactly with each axis."""

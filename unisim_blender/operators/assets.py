@@ -10,10 +10,11 @@ from bpy.props import StringProperty
 
 from ..bridge.portraits import portrait_request, set_preview
 from ..bridge.source import Source, source_of
-from ..bridge.things import box_mesh
+from ..bridge.things import new_actor
 from ..client import client
 from ..core.errors import UnisimError
 from ..preferences import device, interpreter
+from .looks import size_text
 
 POLL_S = 0.1
 TAG = "UniSim"
@@ -110,14 +111,12 @@ def make_library(source: Source, path: Path) -> Generator[str, None, None]:
                 arrays = worker.arrays(event)
                 rgb.append(np.clip(arrays["rgb"], 0, 1))
                 shown.append(arrays["instance"] == event["instances"].index(uid) + 1)
-            thing = bpy.data.objects.new(f"{actor.label} {uid[:6]}", box_mesh(actor.size_m, actor.label))
-            thing.rotation_mode, thing.show_wire = "QUATERNION", True
-            thing.unisim.kind, thing.unisim.uid = "ACTOR", uid
+            thing = new_actor(f"{actor.label} {uid[:6]}", actor)
             thing.unisim.look, thing.unisim.look_scene = uid, str(source.scene_path.resolve())
             thing.asset_mark()
             thing.asset_data.tags.new(TAG)
             thing.asset_data.tags.new(actor.label)
-            thing.asset_data.description = " x ".join(f"{edge:.1f}" for edge in actor.size_m) + " m"
+            thing.asset_data.description = size_text(actor)
             set_preview(thing, np.concatenate(rgb), np.concatenate(shown))
             made.append(thing)
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import bpy
 
+from ..bridge.windows import areas
 from ..registering import add, take_away
 from ..tasks import SequenceTask, Task
 
@@ -25,10 +26,8 @@ def watch() -> float | None:
     picture = task.newest() if isinstance(task, SequenceTask) else task.folder / "preview.png"
     if picture is not None and picture.is_file():
         show(picture)
-    for window in manager.windows:
-        for area in window.screen.areas:
-            if area.type in ("VIEW_3D", "IMAGE_EDITOR"):
-                area.tag_redraw()
+    for area in areas("VIEW_3D", "IMAGE_EDITOR"):
+        area.tag_redraw()
     if task.running:
         return POLL_S
     running.clear()

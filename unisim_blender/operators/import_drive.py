@@ -30,6 +30,13 @@ class _ImportDrive(ImportHelper):
         """The log's folder and the trained scene's, or ""."""
         raise NotImplementedError
 
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        """Ask for what to import, unless it was dropped onto the window."""
+        if self.filepath:
+            return self.run(context)
+        context.window_manager.fileselect_add(self)
+        return {"RUNNING_MODAL"}
+
     def begin(self, context: bpy.types.Context) -> bool:
         """Open the drive; report and return False where that fails."""
         try:
@@ -97,13 +104,6 @@ class UNISIM_OT_import_log(bpy.types.Operator, _ImportDrive):
         """The folder that was chosen."""
         return str(Path(self.filepath or self.directory)), ""
 
-    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Ask for the folder, unless it was dropped onto the window."""
-        if self.filepath:
-            return self.run(context)
-        context.window_manager.fileselect_add(self)
-        return {"RUNNING_MODAL"}
-
 
 class UNISIM_OT_import_scene(bpy.types.Operator, _ImportDrive):
     """Import a drive as a neural scene trained on it replays it, with refined tracklets"""
@@ -121,13 +121,6 @@ class UNISIM_OT_import_scene(bpy.types.Operator, _ImportDrive):
         folder = chosen.parent if chosen.name == HEADER_NAME else chosen
         header = read_scene_header(folder)
         return str((folder / header.log_path).resolve()), str(folder)
-
-    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Ask for the scene's `scene.json`, unless it was dropped onto the window."""
-        if self.filepath:
-            return self.run(context)
-        context.window_manager.fileselect_add(self)
-        return {"RUNNING_MODAL"}
 
 
 class UNISIM_OT_import_scenario(bpy.types.Operator, ImportHelper):

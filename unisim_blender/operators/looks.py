@@ -10,7 +10,7 @@ from bpy_extras.io_utils import ImportHelper
 from ..bridge.motion import displaced_along
 from ..bridge.selection import choose, chosen
 from ..bridge.source import source_of
-from ..bridge.things import box_mesh, collection_of
+from ..bridge.things import box_mesh, collection_of, new_actor
 from ..core.drive import Actor
 from ..core.errors import UnisimError
 from ..core.prepare.scenario import scene_actors
@@ -107,11 +107,9 @@ class UNISIM_OT_insert_actor(bpy.types.Operator, ImportHelper):
             self.report({"ERROR"}, str(fault))
             return {"CANCELLED"}
         actor = actors[uid]
-        thing = bpy.data.objects.new(f"{actor.label} {uid[:6]}", box_mesh(actor.size_m, actor.label))
+        thing = new_actor(f"{actor.label} {uid[:6]}", actor)
         collection_of(context.scene, "ACTOR").objects.link(thing)
-        thing.unisim.kind, thing.unisim.uid = "ACTOR", uid
         thing.unisim.look, thing.unisim.look_scene = uid, str(folder)
-        thing.rotation_mode, thing.show_wire = "QUATERNION", True
         thing.location = np.array(context.scene.cursor.location) + [0.0, 0.0, actor.size_m[2] / 2]
         thing.rotation_quaternion = context.scene.cursor.matrix.to_quaternion()
         choose(context, thing)

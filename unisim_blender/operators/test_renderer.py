@@ -5,6 +5,7 @@ import threading
 import bpy
 
 from .. import interpreters
+from ..bridge.windows import areas
 from ..preferences import interpreter
 
 POLL_S = 0.2
@@ -45,9 +46,8 @@ class UNISIM_OT_test_renderer(bpy.types.Operator):
             if thread.is_alive():
                 return POLL_S
             bpy.context.window_manager.unisim_renderer = answer[0] if answer else "The test failed"
-            for window in bpy.context.window_manager.windows:
-                for area in window.screen.areas:
-                    area.tag_redraw()
+            for area in areas():
+                area.tag_redraw()
             return None
 
         if bpy.app.background:

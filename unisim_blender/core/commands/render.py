@@ -57,9 +57,9 @@ def command(
     device: str,
 ) -> None:
     """Render SCENARIO's sensors into a folder: pictures, sweeps, labels and a manifest."""
-    from ..devices import pick
+    from ..prepare.renderers import pick_device
 
-    wishes = Wishes(frames, split_names(sensors), split_names(passes), width, quality, pick(device), draw)
+    wishes = Wishes(frames, split_names(sensors), split_names(passes), width, quality, pick_device(device), draw)
     plan, prepared = plan_scenario(scenario, wishes)
     wanted = {*sequence_formats(prepared.scenario), *formats, *(("video",) if video else ())}
     with tqdm(total=len(plan.frames), unit="frame", dynamic_ncols=True, smoothing=0.1) as bar:

@@ -29,8 +29,8 @@ def command(  # noqa: PLR0913
     iterations: int | None, device: str, seed: int, vgg: str | None, adversarial: bool, resume: bool, quiet: bool,
 ) -> None:  # fmt: skip
     """Train the neural scene of the drive at LOG."""
-    from ..devices import pick
     from ..logs import open_log
+    from ..prepare.renderers import pick_device
     from ..prepare.selection import check_names, select_frames, split_names
     from ..training.config import TrainConfig
     from ..training.run import train
@@ -46,7 +46,8 @@ def command(  # noqa: PLR0913
     lidars = [name for name in recorded.drive.lidars if recorded.drive.lidars[name].model.beams and recorded.sweep_frames(name)]
     config = TrainConfig(
         cameras=names, lidars=tuple(lidars), frames=select_frames(frames, recorded.drive.frames), width=width,
-        preset=preset, minutes=minutes, iterations=iterations, device=pick(device), seed=seed, vgg=vgg, adversarial=adversarial,
+        preset=preset, minutes=minutes, iterations=iterations, device=pick_device(device), seed=seed, vgg=vgg,
+        adversarial=adversarial,
     )  # fmt: skip
     header = train(recorded, config, out, resume=resume, quiet=quiet)
     click.echo(f"{out}: {header.training['iterations']} steps in {header.training['seconds'] / 60:.1f} minutes")

@@ -15,6 +15,15 @@ if TYPE_CHECKING:
     from ..render import Renderer
 
 
+def pick_device(name: str) -> str:
+    """A device by its name; "auto" is the best there is here."""
+    if name != "auto":
+        return name
+    import torch
+
+    return "cuda" if torch.cuda.is_available() else "mps" if torch.backends.mps.is_available() else "cpu"
+
+
 def other_scenes(drive: Drive) -> tuple[str, ...]:
     """Folders of the trained scenes that actors were inserted from."""
     return tuple(sorted({actor.look.scene for actor in drive.actors.values()} - {""}))

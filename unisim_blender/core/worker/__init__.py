@@ -1,1 +1,1 @@
-"""A process that renders for Blender: requests come through a pipe, pixels go back through mapped files."""
+"""A process that renders for Blender: requests come through a pipe, pixels go back in files."""

@@ -8,6 +8,7 @@ import sys
 from typing import Any
 
 from ..native import variant
+from ..prepare.renderers import pick_device
 
 
 def about() -> dict[str, Any]:
@@ -19,18 +20,13 @@ def about() -> dict[str, Any]:
     import scipy  # noqa: F401
     import torch
 
-    devices = ["cpu"]
-    memory = _memory_bytes()
-    if torch.cuda.is_available():
-        devices.insert(0, "cuda")
-        memory = torch.cuda.get_device_properties(0).total_memory
-    elif torch.backends.mps.is_available():
-        devices.insert(0, "mps")
+    best = pick_device("auto")
+    memory = torch.cuda.get_device_properties(0).total_memory if best == "cuda" else _memory_bytes()
     return {
         "python": platform.python_version(),
         "executable": sys.executable,
         "torch": torch.__version__,
-        "devices": devices,
+        "devices": list(dict.fromkeys((best, "cpu"))),
         "memory_bytes": memory,
         "kernels": variant(),
     }

@@ -11,11 +11,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..devices import pick
-from ..drive import CameraModel, Drive, RollingShutter
+from ..drive import CameraModel, Drive
 from ..edits import apply_scenario
 from ..errors import ScenarioError
-from ..prepare.renderers import other_scenes
+from ..prepare.renderers import other_scenes, pick_device
 from ..prepare.scenario import recorded_drive, scene_actors
 from ..scenario import scenario_from_json
 from ..scenario.types import Scenario
@@ -56,13 +55,12 @@ class Jobs:
         widths at which the whole view is rendered first; ``shadows``. Events have arrays of rgb and the passes, and which
         ``rows`` they are.
         """
-        scenario, drive = self._drive(request)
-        name, passes = str(request["camera"]), tuple(request.get("passes", ("rgb",)))
-        values = dict(request["model"])
-        model = CameraModel(**{**values, "shutter": RollingShutter(**values["shutter"])})
-        camera = replace(drive.cameras[name], model=model, time_s={NOW: float(request["time_s"])})
         from ..render import Region
 
+        scenario, drive = self._drive(request)
+        name, passes = str(request["camera"]), tuple(request.get("passes", ("rgb",)))
+        model = CameraModel.from_dict(request["model"])
+        camera = replace(drive.cameras[name], model=model, time_s={NOW: float(request["time_s"])})
         renderer = self._renderer(request, scenario, replace(drive, cameras={name: camera}, lidars={}))
         for width in request.get("coarse", ()):
             picture = renderer.camera(name, NOW, passes, min(int(width), model.width))
@@ -99,7 +97,7 @@ class Jobs:
         from ..fields.checkpoint import load_scene
         from ..render import Renderer
 
-        device = pick(str(request.get("device", "cpu")))
+        device = pick_device(str(request.get("device", "cpu")))
         paths = {"": scenario.scene_path, **{name: Path(name) for name in other_scenes(drive)}}
         loaded: dict[str, Scene] = {}
         kept: dict[object, Scene] = {}
