@@ -16,7 +16,11 @@
                                             const float *, int, float *, float *, int);                                        \
     extern "C" int unisim_mlp_forward_##variant(const unisim_mlp *, const float *, int64_t, float *, int);                     \
     extern "C" int unisim_mlp_backward_##variant(const unisim_mlp *, const float *, int64_t, const float *, float *, float *,  \
-                                                 float *, float *, int);
+                                                 float *, float *, int);                                                       \
+    extern "C" int32_t unisim_bvh_build_##variant(const float *, const int32_t *, int32_t, unisim_bvh_node *, int32_t *);      \
+    extern "C" int unisim_bvh_first_hits_##variant(const unisim_bvh_node *, const int32_t *, const float *, const int32_t *,   \
+                                                   const double *, const double *, int64_t, double, double *, int32_t *,       \
+                                                   float *, int);
 
 DECLARE(portable)
 #ifdef UNISIM_HAS_AVX2
@@ -36,12 +40,14 @@ struct Variant {
     decltype(&unisim_propose_portable) propose;
     decltype(&unisim_mlp_forward_portable) mlp_forward;
     decltype(&unisim_mlp_backward_portable) mlp_backward;
+    decltype(&unisim_bvh_build_portable) bvh_build;
+    decltype(&unisim_bvh_first_hits_portable) bvh_first_hits;
 };
 
 #define VARIANT(v)                                                                                                             \
     Variant {                                                                                                                  \
         #v, unisim_encode_forward_##v, unisim_encode_backward_table_##v, unisim_encode_backward_input_##v, unisim_propose_##v, \
-            unisim_mlp_forward_##v, unisim_mlp_backward_##v                                                                    \
+            unisim_mlp_forward_##v, unisim_mlp_backward_##v, unisim_bvh_build_##v, unisim_bvh_first_hits_##v                   \
     }
 
 Variant choose() {
@@ -69,7 +75,7 @@ const Variant chosen = choose();
 #define EXPORT extern "C" __attribute__((visibility("default")))
 #endif
 
-EXPORT int unisim_abi_version() { return 2; }
+EXPORT int unisim_abi_version() { return 3; }
 
 EXPORT const char *unisim_variant() { return chosen.name; }
 
@@ -102,4 +108,14 @@ EXPORT int unisim_mlp_forward(const unisim_mlp *net, const float *x, int64_t n, 
 EXPORT int unisim_mlp_backward(const unisim_mlp *net, const float *x, int64_t n, const float *grad_out, float *grad_x,
                                float *grad_w1, float *grad_w2, float *grad_bias, int threads) {
     return chosen.mlp_backward(net, x, n, grad_out, grad_x, grad_w1, grad_w2, grad_bias, threads);
+}
+
+EXPORT int32_t unisim_bvh_build(const float *vertices, const int32_t *faces, int32_t n, unisim_bvh_node *nodes, int32_t *order) {
+    return chosen.bvh_build(vertices, faces, n, nodes, order);
+}
+
+EXPORT int unisim_bvh_first_hits(const unisim_bvh_node *nodes, const int32_t *order, const float *vertices, const int32_t *faces,
+                                 const double *origins, const double *directions, int64_t n, double near, double *t,
+                                 int32_t *face, float *uv, int threads) {
+    return chosen.bvh_first_hits(nodes, order, vertices, faces, origins, directions, n, near, t, face, uv, threads);
 }

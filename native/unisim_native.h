@@ -25,3 +25,11 @@ struct unisim_mlp {
     const float *w2;   // (outputs, hidden)
     const float *bias; // (outputs)
 };
+
+// A box over triangles. `faces` > 0: a leaf that holds order[first .. first + faces); 0: its children are nodes first and first + 1.
+struct unisim_bvh_node {
+    float low[3];
+    int32_t first;
+    float high[3];
+    int32_t faces;
+};

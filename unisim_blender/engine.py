@@ -15,8 +15,8 @@ from .bridge.snapshot import camera_request, moment
 from .bridge.source import source_of
 from .bridge.windows import areas
 from .client import Client, Request, client
+from .core.colour import linear_from_srgb
 from .core.errors import UnisimError
-from .core.output.colour import linear_from_srgb
 from .preferences import device, interpreter
 
 WAIT_S = 0.05

@@ -20,9 +20,9 @@ from .bridge.snapshot import camera_request
 from .bridge.source import source_of
 from .bridge.touched import Rectangle, touched
 from .client import Client, Request, client
+from .core.colour import linear_from_srgb
 from .core.drive import CameraModel
 from .core.errors import UnisimError
-from .core.output.colour import linear_from_srgb
 from .preferences import device, interpreter
 
 COARSE = (8, 3)

@@ -14,10 +14,10 @@ from PIL import Image
 from plyfile import PlyData
 from tiny_drive import ALL_PASSES, FakeRenderer, tiny_drive
 
+from unisim_blender.core.colour import linear_from_srgb, srgb_from_linear
 from unisim_blender.core.errors import OutputError
 from unisim_blender.core.files import write_file
 from unisim_blender.core.geometry import make_pose, transform_points
-from unisim_blender.core.output.colour import linear_from_srgb, srgb_from_linear
 from unisim_blender.core.output.frame_files import sweep_points, write_camera, write_labels, write_lidar
 from unisim_blender.core.output.labels import frame_labels
 

@@ -15,6 +15,7 @@ from .errors import SceneError
 from .fields.scene import SceneModel
 from .fields.tracklets import Tracklets
 from .geometry import Trajectory, invert_pose
+from .meshes.meeting import Extras
 
 
 @dataclass
@@ -30,7 +31,7 @@ class Troupe:
 
 @dataclass
 class Cast:
-    """``own`` are actors with looks of the scene itself, ``guests`` those of other scenes, by the scene's path.
+    """``own`` are actors with looks of the scene itself, ``guests`` those of other scenes by their paths, ``extras`` meshes.
 
     removals: (box_from_world (R, 4, 4), size_m (R, 3)); copies: tracklets of the target boxes, source_from_target (C, 4, 4).
     """
@@ -40,6 +41,7 @@ class Cast:
     removals: tuple[Tensor, Tensor] | None = None
     copies: Tracklets | None = None
     copy_source: Tensor | None = None
+    extras: Extras = field(default_factory=lambda: Extras(()))
 
     def to(self, device: torch.device) -> Cast:
         """The same on another device."""
@@ -54,8 +56,8 @@ class Cast:
 
     @property
     def uids(self) -> tuple[str, ...]:
-        """Every actor's id: own ones, then guests'; instance n + 1 is the n-th of them."""
-        return self.own.uids + tuple(uid for troupe in self.guests.values() for uid in troupe.uids)
+        """Every actor's id: own ones, then guests', then meshes'; instance n + 1 is the n-th of them."""
+        return self.own.uids + tuple(uid for troupe in self.guests.values() for uid in troupe.uids) + self.extras.uids
 
 
 def on_stage(drive: Drive, actors: Iterable[Actor]) -> list[Actor]:
@@ -100,13 +102,14 @@ def gather_cast(
 ) -> Cast:
     """The cast of a drive; ``tables`` are the scene's baked actor grids, ``others`` the same of scenes by path, ``recorded`` the
     drive that the scene was trained on."""
-    own = [a for a in drive.actors.values() if not a.look.scene]
+    own = [a for a in drive.actors.values() if not a.look.scene and not a.look.mesh]
     guests = {}
     for path in sorted({a.look.scene for a in drive.actors.values() if a.look.scene}):
         if path not in others:
             raise SceneError(f"{path}: this trained scene is needed for an inserted actor and was not loaded")
         guests[path] = gather_troupe(*others[path], on_stage(drive, (a for a in drive.actors.values() if a.look.scene == path)))
-    cast = Cast(gather_troupe(scene, tables, on_stage(drive, own)), guests)
+    extras = Extras(on_stage(drive, (a for a in drive.actors.values() if a.look.mesh)))
+    cast = Cast(gather_troupe(scene, tables, on_stage(drive, own)), guests, extras=extras)
     emptied = drive.static_removals + vacated(recorded, drive)
     if emptied:
         cast.removals = _boxes(emptied)

@@ -10,9 +10,9 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
+from .colour import linear_from_srgb, srgb_from_linear
 from .drive import Actor
 from .geometry import BoolArray, FloatArray, invert_pose, transform_points
-from .output.colour import linear_from_srgb, srgb_from_linear
 
 DARKEST = 0.6
 """How much light is kept off right under an actor."""

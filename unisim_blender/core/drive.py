@@ -108,10 +108,12 @@ class Lidar:
 
 @dataclass(frozen=True)
 class Look:
-    """Whose trained appearance and shape: actor ``actor`` of the scene at ``scene`` ("" is the drive's own scene)."""
+    """Whose trained appearance and shape: actor ``actor`` of the scene at ``scene`` ("" is the drive's own scene); or, where
+    ``mesh`` names a file, that of the mesh in it."""
 
     actor: str
     scene: str = ""
+    mesh: str = ""
 
 
 @dataclass(frozen=True)

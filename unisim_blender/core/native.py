@@ -10,7 +10,7 @@ import sys
 import warnings
 from pathlib import Path
 
-ABI_VERSION = 2
+ABI_VERSION = 3
 _SUFFIX = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
 
 
@@ -56,7 +56,7 @@ def library() -> ctypes.CDLL | None:
     if lib.unisim_abi_version() != ABI_VERSION:
         warnings.warn(f"{path} belongs to another version; plain torch takes its place, slowly: run make setup", stacklevel=2)
         return None
-    p, i64, i32, f32 = ctypes.c_void_p, ctypes.c_int64, ctypes.c_int, ctypes.c_float
+    p, i64, i32, f32, f64 = ctypes.c_void_p, ctypes.c_int64, ctypes.c_int, ctypes.c_float, ctypes.c_double
     lib.unisim_variant.restype = ctypes.c_char_p
     lib.unisim_encode_forward.argtypes = [p, p, p, i64, p, p, i32]
     lib.unisim_encode_backward_table.argtypes = [p, p, p, i64, p, p, i32]
@@ -64,7 +64,14 @@ def library() -> ctypes.CDLL | None:
     lib.unisim_propose.argtypes = [p, p, p, p, i64, p, p, p, p, f32, f32, p, i32, p, p, i32]
     lib.unisim_mlp_forward.argtypes = [p, p, i64, p, i32]
     lib.unisim_mlp_backward.argtypes = [p, p, i64, p, p, p, p, p, i32]
+    lib.unisim_bvh_build.argtypes = [p, p, i32, p, p]
+    lib.unisim_bvh_first_hits.argtypes = [p, p, p, p, p, p, i64, f64, p, p, p, i32]
     return lib
+
+
+def threads() -> int:
+    """How many threads a kernel may take where torch does not say."""
+    return int(os.environ.get("OMP_NUM_THREADS") or os.cpu_count() or 1)
 
 
 def variant() -> str:

@@ -91,6 +91,9 @@ def _normals(scene: Scene, cast: Cast, traced: Traced, part: RayBatch, solid: Te
     for strand in traced.strands:
         assert strand.weight is not None
         weight, heaviest = strand.weight.sum(1), strand.weight.argmax(1)
+        if strand.normals is not None:
+            out.index_add_(0, strand.ray, weight[:, None] * strand.normals)
+            continue
         x = strand.points[torch.arange(len(heaviest), device=heaviest.device), heaviest]
         gradient = distance_gradient(_distance_of(scene, cast, strand), x, _STEP_M, strand.size_m)
         if strand.bounds is None:

@@ -1,6 +1,7 @@
 """The render path: rays → trace (march, fields, composite) → decode → a frame.
 
 camera_rays / lidar_rays   which rays, when, from where            sensors/
+met_by_camera, met_by_rays where rays meet meshes                  meshes/
 trace                      samples, fields, depth order, features  trace.py, march.py, fields/, density.py, composite.py
 ray_passes                 depth, normal, instance, support        passes.py
 ray_head, camera_decoder   features to pixels                      decode.py
@@ -11,6 +12,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Sequence
+from functools import partial
 from typing import NamedTuple, TypeVar
 
 import numpy as np
@@ -22,12 +24,14 @@ from torch import Tensor
 from .cast import gather_cast
 from .contact_shadow import shaded
 from .devices import tensor_to
-from .drive import Camera, Drive, Lidar
+from .drive import Actor, Camera, Drive, Lidar
 from .errors import SceneError
 from .fields.checkpoint import Scene
 from .fields.scene import SceneModel
 from .frames import CameraFrame, LidarFrame, RenderStats
 from .geometry import FloatArray, invert_pose, transform_points
+from .meshes.exposure import PROBE_M, beside, level_of
+from .meshes.meeting import Met
 from .own_vehicle import outlines_from_json, shows_scene
 from .passes import Maps, fill_passes, ray_passes
 from .sensors.camera import camera_rays, pixel_grid
@@ -111,9 +115,12 @@ class Renderer:
         rays = camera_rays(camera, frame, u, v)
         stats = RenderStats()
         needed = {*passes, "depth", "instance"} if self.shaders else set(passes)
-        traced, maps = self._trace(rays.flat(), needed, stats, sky=True)
+        met = self.cast.extras.met_by_camera(camera, frame, (u, v), up, NEAR_M, partial(self._light, camera, frame))
+        traced, maps = self._trace(rays.flat(), needed, stats, sky=True, met=met)
         traced_s = time.perf_counter()
-        image = self._decode(traced, rays, camera_id, u.shape)
+        image = self._decode(traced, rays.directions, camera_id, u.shape)
+        if met is not None and traced.mesh_opacity is not None:
+            image = met.over(image, traced.mesh_opacity.cpu().numpy(), u.shape)
         if self.shaders:
             image = self._shaded(image, rays, maps, camera.time_s[frame])
             maps = {name: values for name, values in maps.items() if name in passes or (name == "depth" and "normal" in passes)}
@@ -123,6 +130,22 @@ class Renderer:
         out = CameraFrame(model, pose, image[inner], instances=self.cast.uids, stats=stats)
         fill_passes(out, maps, rays, u.shape, up, inner)
         return out
+
+    def _light(self, camera: Camera, frame: int, actor: Actor) -> FloatArray:
+        """How bright white ground under an actor would be (3,), linear: by the ground beside it, as the camera shows that."""
+        time_s = camera.time_s[frame]
+        points = beside(actor, time_s)
+        ground, frame_of = self.scene.model.ground, self.scene.model.frame
+        local = frame_of.points(torch.as_tensor(points, dtype=torch.float32, device=self.device))
+        points[:, 2] -= (local[:, 2] - ground.height(local)).double().cpu().numpy()
+        to = points - camera.world_from_camera.at(time_s)[:3, 3]
+        distance = np.linalg.norm(to, axis=1, keepdims=True)
+        directions = to / distance
+        rays = Rays(points - directions * np.minimum(distance, PROBE_M), directions, np.full(len(points), time_s))
+        traced, maps = self._trace(rays, {"instance", "depth"}, RenderStats(), sky=True)
+        # one row of cells: a decoder that looks aside sees ground on both sides
+        rgb = self._decode(traced, directions, camera.sensor_id, (1, len(points)))[0, :: self.scene.model.config.upsample]
+        return level_of(rgb[(maps["instance"] == 0) & (maps["depth"] < 2 * PROBE_M)])
 
     def _shaded(self, image: NDArray[np.float32], rays: Rays, maps: Maps, time_s: float) -> NDArray[np.float32]:
         """The image of rays (h, w) with contact shadows where they show the ground."""
@@ -171,7 +194,8 @@ class Renderer:
         """Depth in metres, intensity in 0..1, probability of a return, instance (N,) of any LiDAR rays (N, 3), world frame."""
         stats = RenderStats() if stats is None else stats
         rays = Rays(origins, directions, time_s)
-        traced, maps = self._trace(rays, {"instance", "depth"}, stats, sky=False)
+        met = self.cast.extras.met_by_rays(rays, NEAR_M)
+        traced, maps = self._trace(rays, {"instance", "depth"}, stats, sky=False, met=met)
         directions_t = torch.as_tensor(directions, dtype=torch.float32, device=self.device)
         head = self.scene.model.lidar_head
         intensity, logit = head(traced.feature, directions_t, traced.depth_m, traced.opacity)
@@ -182,10 +206,15 @@ class Renderer:
             intensity, logit = torch.lerp(intensity, i_guest, share), torch.lerp(logit, l_guest, share)
         # what meets nothing returns nothing
         probability = torch.sigmoid(logit) * (traced.opacity > 0.5)
+        if met is not None and traced.mesh_opacity is not None:
+            ray, share = torch.as_tensor(met.ray, device=self.device), traced.mesh_opacity
+            bright = torch.zeros_like(intensity)
+            bright[ray] = torch.as_tensor(met.intensity, dtype=bright.dtype, device=self.device)
+            intensity, probability = torch.lerp(intensity, bright, share), torch.lerp(probability, torch.ones_like(share), share)
         depth = np.nan_to_num(maps["depth"], posinf=0.0)
         return depth, intensity.cpu().numpy(), probability.cpu().numpy(), maps["instance"].astype(np.int32)
 
-    def _trace(self, rays: Rays, passes: set[str], stats: RenderStats, sky: bool) -> tuple[Traced, Maps]:
+    def _trace(self, rays: Rays, passes: set[str], stats: RenderStats, sky: bool, met: Met | None = None) -> tuple[Traced, Maps]:
         """All rays in chunks; features joined, and for each pass one array (N, ...)."""
         batch = to_batch(rays, self.device)
         among = self._visible(rays, stats)
@@ -193,7 +222,8 @@ class Renderer:
         pieces, maps = [], []
         for begin in range(0, len(batch), CHUNK_RAYS):
             part = RayBatch(*(x[begin : begin + CHUNK_RAYS] for x in (batch.origins, batch.directions, batch.time_s)))
-            traced = trace(self.scene.model, self.cast, part, sampling, among)
+            surfaces = None if met is None else met.between(begin, begin + CHUNK_RAYS)
+            traced = trace(self.scene.model, self.cast, part, sampling, among, surfaces)
             self._count(part, traced, stats)
             maps.append(ray_passes(self.scene, self.cast, part, traced, passes))
             traced.strands = []
@@ -236,14 +266,16 @@ class Renderer:
         config = self.scene.model.config.samples
         # what places a sample costs a distance query too
         spent = traced.samples + sum(
-            len(s.ray) * (config.static_proposals if s.bounds is None else config.actor_proposals) for s in traced.strands
+            len(s.ray) * (config.static_proposals if s.bounds is None else config.actor_proposals)
+            for s in traced.strands
+            if s.normals is None
         )
         stats.rays += len(part)
         stats.samples_spent += spent
         stats.samples_saved += max(0, uniform - spent)
 
-    def _decode(self, traced: Traced, rays: Rays, camera_id: str, shape: tuple[int, ...]) -> NDArray[np.float32]:
-        directions = torch.as_tensor(rays.directions.reshape(-1, 3), dtype=torch.float32, device=self.device)
+    def _decode(self, traced: Traced, along: FloatArray, camera_id: str, shape: tuple[int, ...]) -> NDArray[np.float32]:
+        directions = torch.as_tensor(along.reshape(-1, 3), dtype=torch.float32, device=self.device)
 
         def image(network: SceneModel, feature: Tensor) -> Tensor:
             code = network.camera_ids.get(camera_id, -1)
@@ -343,8 +375,14 @@ def _join(pieces: list[Traced]) -> Traced:
         samples=sum(p.samples for p in pieces),
         guest_features=[torch.cat([p.guest_features[i] for p in pieces]) for i in guests],
         guest_opacity=[torch.cat([p.guest_opacity[i] for p in pieces]) for i in guests],
-        without_guests=torch.cat([p.without_guests for p in pieces if p.without_guests is not None]) if guests else None,
+        without_guests=_joined([p.without_guests for p in pieces]),
+        mesh_opacity=_joined([p.mesh_opacity for p in pieces]),
     )
+
+
+def _joined(parts: list[Tensor | None]) -> Tensor | None:
+    there = [part for part in parts if part is not None]
+    return torch.cat(there) if there else None
 
 
 def _spread_over_edges(feature: Tensor, share: Tensor, shape: tuple[int, ...]) -> Tensor:

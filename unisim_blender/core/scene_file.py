@@ -243,7 +243,7 @@ def _actor_to_json(actor: Actor) -> dict[str, Any]:
         "start_s": float(actor.start_s),
         "end_s": float(actor.end_s),
         "is_moving": bool(actor.is_moving),
-        "look": {"actor": actor.look.actor, "scene": actor.look.scene},
+        "look": {"actor": actor.look.actor, "scene": actor.look.scene, **({"mesh": actor.look.mesh} if actor.look.mesh else {})},
         "inserted": bool(actor.inserted),
     }
 

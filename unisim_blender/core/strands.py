@@ -41,7 +41,7 @@ class Strands:
     points: Tensor
     medium: Tensor
     guest: int = -1
-    """Which guest troupe's features these are; -1 for the scene's own."""
+    """Which guest troupe's features these are; -1 for the scene's own; meshes, which have none, come after the guests."""
     bounds: tuple[Tensor, Tensor] | None = None
     """Where the strand enters and leaves its box (P,), (P,)."""
     world_from_box: Tensor | None = None
@@ -56,6 +56,8 @@ class Strands:
     """Weights of the samples (P, K), once composited."""
     interval_weight: Tensor | None = None
     """Weights of the intervals (P, K), once composited."""
+    normals: Tensor | None = None
+    """Unit normals (P, 3), world frame, of strands that are surfaces and no field."""
 
     def stops(self) -> Tensor:
         """Where a ray that stops in an interval is expected to (P, K), metres along the ray."""
@@ -85,6 +87,8 @@ class Traced:
     """What the far field gave: ray (R,), t, tau, and the transmittance in front (R, K)."""
     without_guests: Tensor | None = None
     """``feature`` as if no guest were there; None where none is."""
+    mesh_opacity: Tensor | None = None
+    """How much of each ray (N,) meshes stop; None where there are none."""
 
     @property
     def static(self) -> Strands | None:

@@ -6,9 +6,11 @@ The one path that training and rendering share.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import torch
 import torch.nn.functional as F
+from numpy.typing import NDArray
 from torch import Tensor
 
 from .cast import Cast, Troupe
@@ -18,6 +20,7 @@ from .fields.ground import CLEARANCE_M
 from .fields.scene import SceneModel
 from .fields.tracklets import Hits
 from .march import Segment, propose, refine_quantiles, stratified
+from .meshes.meeting import Met
 from .strands import RayBatch, Strands, Traced
 
 NEAR_M = 0.5
@@ -25,6 +28,8 @@ OPAQUE = 1e-3
 """Transmittance under which nothing behind is computed."""
 EMPTY_M = 10.0
 """The distance that stands for empty space."""
+WHOLE = 1e-6
+"""What a mesh that covers a ray lets through."""
 
 
 @dataclass(frozen=True)
@@ -41,8 +46,11 @@ class Sampling:
     generator: torch.Generator | None = None
 
 
-def trace(scene: SceneModel, cast: Cast, rays: RayBatch, sampling: Sampling, among: Tensor | None = None) -> Traced:
-    """Features, depths and opacities of rays. ``among`` names the own actors that can be met; the others are skipped."""
+def trace(
+    scene: SceneModel, cast: Cast, rays: RayBatch, sampling: Sampling, among: Tensor | None = None, met: Met | None = None
+) -> Traced:
+    """Features, depths and opacities of rays. ``among`` names the own actors that can be met, the others are skipped; ``met`` is
+    where rays meet meshes."""
     actors = _actor_strands(cast.own, rays, sampling, among, first=0, guest=-1)
     first = len(cast.own.uids)
     for i, troupe in enumerate(cast.guests.values()):
@@ -52,7 +60,10 @@ def trace(scene: SceneModel, cast: Cast, rays: RayBatch, sampling: Sampling, amo
     strands = [s for s in (static, *actors, *_copy_strands(scene, cast, rays, sampling)) if len(s.ray)]
     widths = [troupe.scene.config.features for troupe in cast.guests.values()]
     seen = []
-    if cast.guests:
+    if met is not None:
+        strands += [_surfaces(met, rays, first, len(widths))] if len(met.ray) else []
+        widths.append(1)
+    if cast.guests or met is not None:
         # what the scene's own decoder is to see: everything but the guests. First, for strands keep the weights of the last
         own = [strand for strand in strands if strand.guest < 0]
         seen.append(composite(len(rays), own, scene.config.features, [], rays.origins))
@@ -63,8 +74,11 @@ def trace(scene: SceneModel, cast: Cast, rays: RayBatch, sampling: Sampling, amo
         traced.samples += far.t.numel() + len(far.ray)
         for result in seen:
             _add_far(far, result)
-    if cast.guests:
+    if cast.guests or met is not None:
         traced.without_guests = seen[0].feature
+    if met is not None:
+        traced.mesh_opacity = traced.guest_opacity.pop()
+        traced.guest_features.pop()
     traced.samples += sum(s.t.numel() for s in strands)
     return traced
 
@@ -198,6 +212,22 @@ def _copy_strands(scene: SceneModel, cast: Cast, rays: RayBatch, sampling: Sampl
     strands = Strands(hits.ray, t, s, feature, tau, share, points, medium, beta=float(scene.beta().detach()))
     strands.world_from_box = hits.world_from_box @ pose[:, :3, :3].mT
     return [strands]
+
+
+def _surfaces(met: Met, rays: RayBatch, first: int, guest: int) -> Strands:
+    """Meshes as strands of one sample: opaque there as far as they cover the ray. They have no features."""
+
+    def tensor(values: NDArray[Any]) -> Tensor:
+        return torch.as_tensor(values).to(rays.origins.device, rays.origins.dtype)
+
+    t = tensor(met.t)[:, None]
+    tau = -torch.log1p(-tensor(met.share).clamp_max(1 - WHOLE))[:, None]
+    nothing, number = torch.zeros_like(t), torch.as_tensor(met.actor, device=t.device) + first
+    ray, points = torch.as_tensor(met.ray, device=t.device), rays.origins.new_zeros(len(t), 1, 3)
+    bounds = t[:, 0], t[:, 0]
+    return Strands(
+        ray, t, nothing, nothing[..., None], tau, nothing, points, number, guest, bounds, normals=tensor(met.normals)
+    )  # fmt: skip
 
 
 def _cleared(

@@ -1,4 +1,4 @@
-"""Edits of actors: remove, duplicate, insert, move, retime, swap."""
+"""Edits of actors: remove, duplicate, insert, insert_mesh, move, retime, swap."""
 
 from __future__ import annotations
 
@@ -6,11 +6,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..drive import Actor, Drive
+from ..drive import Actor, Drive, Look
+from ..errors import ScenarioError, UnisimError
 from ..geometry import FloatArray, Trajectory, quaternion_from_yaw
-from ..scenario.types import Duplicate, Insert, Move, Remove, Retime, Swap
+from ..meshes.read import mesh_size_m
+from ..scenario.types import Duplicate, Insert, InsertMesh, Move, Remove, Retime, Swap
 from .context import Context, actor_of, fail
 from .motion import TimeMap, displaced, is_moving, offset_curve, quaternion_product, retimed
+
+MESH_LABEL = "Other"
+"""The class of a mesh whose class nobody told."""
 
 
 def remove(drive: Drive, edit: Remove, place: str, context: Context) -> Drive:
@@ -43,6 +48,20 @@ def insert(drive: Drive, edit: Insert, place: str, context: Context) -> Drive:
     trajectory = context.trajectory(edit.pose, edit.trajectory, edit.outside, place)
     start, end = context.presence(edit.present, place)
     return _with(drive, _newcomer(source, edit.id, trajectory, start, end))
+
+
+def insert_mesh(drive: Drive, edit: InsertMesh, place: str, context: Context) -> Drive:
+    """The drive with a mesh in it; its box is the mesh's extent."""
+    path = context.scenario.resolve(edit.mesh)
+    try:
+        size_m = mesh_size_m(path)
+    except UnisimError as fault:
+        raise ScenarioError(f"{place}.mesh: {fault}") from fault
+    _check_new(drive, edit.id, place, context)
+    trajectory = context.trajectory(edit.pose, edit.trajectory, edit.outside, place)
+    start, end = context.presence(edit.present, place)
+    label, moving, look = edit.label or MESH_LABEL, is_moving(trajectory), Look(edit.id, mesh=str(path))
+    return _with(drive, Actor(edit.id, label, size_m, trajectory, start, end, moving, look, inserted=True))
 
 
 def _newcomer(source: Actor, uid: str, trajectory: Trajectory, start_s: float, end_s: float) -> Actor:

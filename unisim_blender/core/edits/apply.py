@@ -13,6 +13,7 @@ from ..scenario.types import (
     Ego,
     FrameRange,
     Insert,
+    InsertMesh,
     Move,
     Remove,
     RemoveStatic,
@@ -20,7 +21,7 @@ from ..scenario.types import (
     Scenario,
     Swap,
 )
-from .actors import duplicate, insert, move, remove, retime, swap
+from .actors import duplicate, insert, insert_mesh, move, remove, retime, swap
 from .context import Context, SceneActors, fail
 from .ego import ego
 from .sensors import select_sensors
@@ -30,6 +31,7 @@ EDITORS: dict[type, Callable[[Drive, Any, str, Context], Drive]] = {
     Remove: remove,
     Duplicate: duplicate,
     Insert: insert,
+    InsertMesh: insert_mesh,
     Move: move,
     Retime: retime,
     Swap: swap,

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from ..colour import bytes_from_srgb
 from ..files import write_file
 from ..geometry import BoolArray, FloatArray, invert_pose, transform_points
-from ..output.colour import bytes_from_srgb
 from ..output.frame_files import png_bytes
 from .metrics import Picture
 from .pictures import Tile, difference_picture, outline, sheet, sweep_picture

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
+from ..colour import bytes_from_srgb
 from ..geometry import BoolArray, FloatArray
-from ..output.colour import bytes_from_srgb
 
 Pixels = NDArray[np.uint8]
 BACKGROUND = 24

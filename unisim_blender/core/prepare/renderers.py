@@ -36,8 +36,10 @@ def scene_hash(path: Path) -> str:
 
 
 def scene_hashes(scene: Path, drive: Drive) -> dict[str, str]:
-    """Digests of all scenes that a drive is rendered with, by the name that looks have for them."""
-    return {"": scene_hash(scene), **{name: scene_hash(Path(name)) for name in other_scenes(drive)}}
+    """Digests of all scenes and meshes that a drive is rendered with, by the name that looks have for them."""
+    meshes = {actor.look.mesh for actor in drive.actors.values()} - {""}
+    others = {name: scene_hash(Path(name)) for name in other_scenes(drive)}
+    return {"": scene_hash(scene), **others, **{name: sha256_of_file(Path(name)) for name in sorted(meshes)}}
 
 
 @dataclass(frozen=True)

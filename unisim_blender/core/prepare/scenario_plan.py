@@ -76,6 +76,6 @@ def scenario_hash(scenario: Scenario) -> str:
     """A digest of the document, whatever its layout, and wherever it, its log and its scenes lie."""
     document = scenario_to_json(scenario)
     for part in (document, *document.get("edits", ())):
-        for path in ("log", "scene"):
+        for path in ("log", "scene", "mesh"):
             part.pop(path, None)
     return hashlib.sha256(json.dumps(document, sort_keys=True).encode()).hexdigest()

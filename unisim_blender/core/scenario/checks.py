@@ -20,6 +20,7 @@ from .types import (
     Ego,
     FrameRange,
     Insert,
+    InsertMesh,
     Keyframe,
     LidarSpec,
     Move,
@@ -113,7 +114,7 @@ def check_edit(edit: Edit, place: str) -> None:
         }
         placed = edit.pose is not None or edit.trajectory is not None
         _require(not (displaced and placed), place, f"has {', '.join(sorted(displaced))} beside a path of its own")
-    if isinstance(edit, Duplicate | Insert | Move):
+    if isinstance(edit, Duplicate | Insert | InsertMesh | Move):
         given = [name for name in ("pose", "trajectory") if getattr(edit, name) is not None]
         least = 0 if isinstance(edit, Duplicate) else 1
         _require(least <= len(given) <= 1, place, "needs pose or trajectory, one of them")

@@ -111,6 +111,20 @@ class Insert:
 
 
 @dataclass(frozen=True)
+class InsertMesh:
+    """A mesh out of a file, on a path of its own or standing still; ``label`` is its class."""
+
+    type: ClassVar[str] = "insert_mesh"
+    mesh: str
+    id: str
+    label: str | None = None
+    pose: Placement | None = None
+    trajectory: tuple[Keyframe, ...] | None = None
+    outside: str | None = None
+    present: Present | None = None
+
+
+@dataclass(frozen=True)
 class Move:
     """A new trajectory, or a place to stand."""
 
@@ -174,8 +188,10 @@ class Ego:
     outside: str | None = None
 
 
-Edit = Union[Remove, Duplicate, Insert, Move, Retime, Swap, CopyStatic, RemoveStatic, Ego]  # noqa: UP007 read at run time
-EDIT_TYPES = {kind.type: kind for kind in (Remove, Duplicate, Insert, Move, Retime, Swap, CopyStatic, RemoveStatic, Ego)}
+Edit = Union[Remove, Duplicate, Insert, InsertMesh, Move, Retime, Swap, CopyStatic, RemoveStatic, Ego]  # noqa: UP007 read at run time
+EDIT_TYPES = {
+    kind.type: kind for kind in (Remove, Duplicate, Insert, InsertMesh, Move, Retime, Swap, CopyStatic, RemoveStatic, Ego)
+}
 
 
 @dataclass(frozen=True)

@@ -56,9 +56,9 @@ class SequenceSettings:
 class RenderPlan:
     """A sequence to render.
 
-    ``make_renderer`` is called once in every process and must pickle; ``scenes`` are the trained scenes' hashes by the name that
-    looks have for them ("" is the drive's own), part of what decides whether a frame is up to date; ``about`` is what the
-    manifest says besides (names and hashes, no paths, so that it is the same wherever things lie).
+    ``make_renderer`` is called once in every process and must pickle; ``scenes`` are the trained scenes' and meshes' hashes by
+    the name that looks have for them ("" is the drive's own), part of what decides whether a frame is up to date; ``about`` is
+    what the manifest says besides (names and hashes, no paths, so that it is the same wherever things lie).
     """
 
     drive: Drive
@@ -74,8 +74,7 @@ def plan_key(plan: RenderPlan) -> str:
     drive = drive_to_json(plan.drive)
     del drive["frames"]
     for actor in drive["actors"].values():
-        scene = actor["look"]["scene"]
-        actor["look"]["scene"] = plan.scenes.get(scene, scene)
+        actor["look"] |= {kind: plan.scenes.get(name, name) for kind, name in actor["look"].items() if kind != "actor"}
     document = {
         "drive": drive,
         "scene": plan.scenes.get(""),

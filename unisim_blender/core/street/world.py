@@ -56,6 +56,8 @@ def asset_of(street: Street, actor: Actor) -> Asset:
     """What an actor looks like."""
     look = actor.look
     source = street
+    if look.mesh:
+        raise ScenarioError(f"actor {actor.uid!r} is the mesh {look.mesh}, which a street's own renderer does not draw")
     if look.scene:
         if look.scene not in street.others:
             raise ScenarioError(

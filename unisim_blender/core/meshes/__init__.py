@@ -1,0 +1,1 @@
+"""Meshes that nobody recorded, standing in a drive: models and their files, what rays meet of them, how they are lit."""

@@ -1,0 +1,213 @@
+"""Which meshes a sensor's rays meet, and what they show there.
+
+An image's pixels are met by several rays each, so that a mesh's outline is as smooth as the recorded picture; how much of a cell
+they cover becomes how much of the cell's ray the mesh stops, and so it takes its place among what the fields hold.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..colour import srgb_from_linear
+from ..drive import Actor, Camera
+from ..geometry import BoolArray, FloatArray
+from ..sensors.camera import camera_rays
+from ..sensors.rays import Rays
+from .intersect import FirstHits, Mesh, ready
+from .read import read_mesh
+from .surface import colours_at, lit, normals_at, reflectivity
+
+SIDE = 3
+"""A pixel is met by SIDE x SIDE rays."""
+CHUNK_RAYS = 1 << 18
+Level = Callable[[Actor], FloatArray]
+"""Light (3,) that white level ground under an actor sends out, linear."""
+
+
+@dataclass(frozen=True)
+class Met:
+    """Rays that meet a mesh: their numbers ray (P,), rising; t (P,) metres; share (P,) of the ray that the mesh covers; normals
+    (P, 3), world frame; actor (P,) in the extras' order. For a camera ``pixels`` (P, up, up, 4): what the cell's pixels show,
+    linear, and how much of each the mesh covers; for a LiDAR ``intensity`` (P,)."""
+
+    ray: NDArray[np.int64]
+    t: FloatArray
+    share: FloatArray
+    normals: FloatArray
+    actor: NDArray[np.int64]
+    pixels: NDArray[np.float32] | None = None
+    intensity: FloatArray | None = None
+
+    def between(self, begin: int, end: int) -> Met:
+        """Those of the rays from ``begin`` to before ``end``, numbered from there."""
+        first, last = np.searchsorted(self.ray, [begin, end])
+        return Met(
+            self.ray[first:last] - begin,
+            self.t[first:last],
+            self.share[first:last],
+            self.normals[first:last],
+            self.actor[first:last],
+        )
+
+    def over(self, image: NDArray[np.float32], stopped: NDArray[np.float32], shape: tuple[int, ...]) -> NDArray[np.float32]:
+        """The image (H, W, 3), display-referred sRGB, of cells in that shape (h, w), with the meshes laid over it. ``stopped``
+        (h w,) is how much of each cell's ray they stop: less than they cover where something stands in front."""
+        assert self.pixels is not None
+        up = self.pixels.shape[1]
+        layer = np.zeros((*shape, up, up, 4), np.float32).reshape(-1, up, up, 4)
+        seen = np.clip(stopped[self.ray] / np.maximum(self.share, 1e-6), 0, 1)
+        layer[self.ray, ..., :3] = srgb_from_linear(self.pixels[..., :3])
+        layer[self.ray, ..., 3] = self.pixels[..., 3] * seen[:, None, None]
+        layer = layer.reshape(*shape, up, up, 4).swapaxes(1, 2).reshape(shape[0] * up, shape[1] * up, 4)
+        layer = layer[: image.shape[0], : image.shape[1]]
+        return image + layer[..., 3:] * (layer[..., :3] - image)
+
+
+class Extras:
+    """Actors that are meshes, with their windows as `cast.on_stage` gives them."""
+
+    def __init__(self, actors: Sequence[Actor]) -> None:
+        self.actors = tuple(actors)
+
+    @property
+    def uids(self) -> tuple[str, ...]:
+        """Their ids."""
+        return tuple(actor.uid for actor in self.actors)
+
+    @cached_property
+    def meshes(self) -> list[Mesh]:
+        """Their meshes; one for all that share a file."""
+        return [ready(read_mesh(Path(actor.look.mesh))) for actor in self.actors]
+
+    def met_by_camera(
+        self, camera: Camera, frame: int, cells: tuple[FloatArray, FloatArray], up: int, near_m: float, level: Level
+    ) -> Met | None:
+        """What ``cells`` of ``up`` x ``up`` pixels with centres (u, v) (h, w) show of the meshes; None where they show none."""
+        if not self.actors:
+            return None
+        u, v = cells
+        centres = camera_rays(camera, frame, u, v).flat()
+        near = np.flatnonzero(self._near(centres, 2.0 * up / camera.model.fx))
+        side = up * SIDE
+        offset = ((np.arange(side) + 0.5) / side - 0.5) * up
+        found = []
+        step = max(1, CHUNK_RAYS // side**2)
+        levels: dict[int, FloatArray] = {}
+        for begin in range(0, len(near), step):
+            part = near[begin : begin + step]
+            shape = len(part), side, side
+            us = np.broadcast_to(u.reshape(-1)[part, None, None] + offset, shape)
+            vs = np.broadcast_to(v.reshape(-1)[part, None, None] + offset[:, None], shape)
+            rays = camera_rays(camera, frame, us, vs).flat()
+            t, actor, normals, colours = self._first(rays, near_m)
+            hit = actor >= 0
+            for i in set(actor[hit].tolist()) - set(levels):
+                levels[i] = level(self.actors[i])
+            light = np.zeros((len(actor), 3))
+            if hit.any():
+                table = np.stack([levels.get(i, np.zeros(3)) for i in range(len(self.actors))])
+                light[hit] = lit(colours[hit], normals[hit], table[actor[hit]])
+            found.append(_cell_means(part, up, hit, t, actor, normals, np.clip(light, 0, 1)))
+        return _joined(found)
+
+    def met_by_rays(self, rays: Rays, near_m: float) -> Met | None:
+        """What single rays (N, 3), (N, 3), (N,) meet, as a LiDAR's beams do; None where they meet nothing."""
+        if not self.actors:
+            return None
+        near = np.flatnonzero(self._near(rays, 0.0))
+        part = Rays(rays.origins[near], rays.directions[near], rays.time_s[near])
+        t, actor, normals, colours = self._first(part, near_m)
+        hit = actor >= 0
+        if not hit.any():
+            return None
+        cosine = (normals[hit] * part.directions[hit]).sum(1)
+        intensity = reflectivity(colours[hit], cosine)
+        return Met(near[hit], t[hit], np.ones(hit.sum()), normals[hit], actor[hit], intensity=intensity)
+
+    def _near(self, rays: Rays, widening: float) -> BoolArray:
+        """Which rays come near some mesh: into the sphere round its box, that much wider for each metre of distance."""
+        near = np.zeros(len(rays.time_s), bool)
+        for actor in self.actors:
+            near |= _near(actor, rays, widening)
+        return near
+
+    def _first(self, rays: Rays, near_m: float) -> tuple[FloatArray, NDArray[np.int64], FloatArray, FloatArray]:
+        """t (N,), actor (N,) or -1, normals (N, 3) world frame, colours (N, 3) linear, of the first mesh on each ray."""
+        n = len(rays.time_s)
+        t, owner = np.full(n, np.inf), np.full(n, -1)
+        normals, colours = np.zeros((n, 3)), np.zeros((n, 3))
+        for i, (actor, mesh) in enumerate(zip(self.actors, self.meshes, strict=True)):
+            mine = np.flatnonzero(_near(actor, rays, 0.0))
+            if len(mine) == 0:
+                continue
+            pose = _poses(actor, rays.time_s[mine])
+            inverse = np.swapaxes(pose[:, :3, :3], 1, 2)
+            o = np.einsum("nij,nj->ni", inverse, rays.origins[mine] - pose[:, :3, 3])
+            d = np.einsum("nij,nj->ni", inverse, rays.directions[mine])
+            hits = mesh.first_hits(o, d, near_m)
+            first = (hits.face >= 0) & (hits.t < t[mine])
+            hits, at = FirstHits(hits.t[first], hits.face[first], hits.uv[first]), mine[first]
+            t[at], owner[at] = hits.t, i
+            normals[at] = np.einsum("nij,nj->ni", pose[first, :3, :3], normals_at(mesh.model, hits, d[first]))
+            colours[at] = colours_at(mesh.model, hits)
+        return t, owner, normals, colours
+
+
+def _near(actor: Actor, rays: Rays, widening: float) -> BoolArray:
+    present = actor.present(rays.time_s)
+    times, which = np.unique(rays.time_s, return_inverse=True)
+    to = actor.world_from_actor.at(times)[which.reshape(-1), :3, 3] - rays.origins
+    along = (to * rays.directions).sum(1)
+    reach = np.linalg.norm(actor.size_m) / 2 + widening * np.maximum(along, 0) + 1e-3
+    squared = (to * to).sum(1)
+    return np.asarray(present & (squared - np.maximum(along, 0) ** 2 <= reach * reach))
+
+
+def _poses(actor: Actor, time_s: FloatArray) -> FloatArray:
+    """The actor's poses (N, 4, 4) at times (N,): rays of a row or a column share theirs."""
+    times, which = np.unique(time_s, return_inverse=True)
+    return np.asarray(actor.world_from_actor.at(times)[which.reshape(-1)])
+
+
+def _cell_means(
+    cells: NDArray[np.int64],
+    up: int,
+    hit: BoolArray,
+    t: FloatArray,
+    actor: NDArray[np.int64],
+    normals: FloatArray,
+    light: FloatArray,
+) -> Met:
+    """One entry a cell of many rays' (cells * side * side) hits; cells without any are left out."""
+    per_cell = (len(cells), (up * SIDE) ** 2)
+    hits = hit.reshape(per_cell)
+    some = hits.any(1)
+    first = t.reshape(per_cell).argmin(1)
+    owner = np.take_along_axis(actor.reshape(per_cell), first[:, None], 1)
+    own = hits & (actor.reshape(per_cell) == owner)
+    count = np.maximum(own.sum(1), 1)
+    depth = np.where(own, t.reshape(per_cell), 0.0).sum(1) / count
+    mean = np.where(own[..., None], normals.reshape(*per_cell, 3), 0.0).sum(1)
+    mean /= np.maximum(np.linalg.norm(mean, axis=1, keepdims=True), 1e-9)
+    fine = (len(cells), up, SIDE, up, SIDE)
+    covered = hit.reshape(fine).mean((2, 4))
+    shown = np.where(hit[:, None], light, 0.0).reshape(*fine, 3).mean((2, 4)) / np.maximum(covered, 1e-9)[..., None]
+    pixels = np.concatenate([shown, covered[..., None]], -1).astype(np.float32)
+    return Met(cells[some], depth[some], hits.mean(1)[some], mean[some], owner[some, 0], pixels[some])
+
+
+def _joined(found: Sequence[Met]) -> Met | None:
+    found = [met for met in found if len(met.ray)]
+    if not found:
+        return None
+    pixels = np.concatenate([met.pixels for met in found if met.pixels is not None])
+    ray, t, share, normals, actor = (
+        np.concatenate(column) for column in zip(*((m.ray, m.t, m.share, m.normals, m.actor) for m in found), strict=True)
+    )
+    return Met(ray, t, share, normals, actor, pixels)
