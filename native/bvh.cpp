@@ -107,13 +107,13 @@ struct Builder {
     }
 };
 
-// Where a ray enters a box, or infinity; a component of 0 along the ray gives no NaN that counts.
+// Where a ray enters a box, or infinity.
 float entry(const unisim_bvh_node &n, const float *o, const float *inverse, float near, float far) {
     for (int k = 0; k < 3; ++k) {
         const float a = (n.low[k] - o[k]) * inverse[k], b = (n.high[k] - o[k]) * inverse[k];
-        near = std::fmax(near, std::fmin(a, b));
+        near = std::max(near, std::min(a, b));
         // two roundings up, so that no ray slips between a box and what it holds
-        far = std::fmin(far, std::fmax(a, b) * 1.0000005f);
+        far = std::min(far, std::max(a, b) * 1.0000005f);
     }
     return near <= far ? near : std::numeric_limits<float>::infinity();
 }
@@ -190,7 +190,9 @@ extern "C" int UNISIM_NAME(unisim_bvh_first_hits)(const unisim_bvh_node *nodes, 
             float origin[3], inverse[3];
             for (int k = 0; k < 3; ++k) {
                 o[k] = origins[3 * i + k] + before * d[k];
-                origin[k] = static_cast<float>(o[k]), inverse[k] = static_cast<float>(1.0 / d[k]);
+                origin[k] = static_cast<float>(o[k]);
+                // finite, so that a ray in the plane of a box's side gives 0 there and no NaN
+                inverse[k] = std::abs(d[k]) < 1e-30 ? 1e30f : static_cast<float>(1.0 / d[k]);
             }
             double closest = std::numeric_limits<double>::infinity(), best_u = 0, best_v = 0;
             int32_t hit = -1;
