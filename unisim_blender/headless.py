@@ -14,7 +14,6 @@ from pathlib import Path
 
 from . import interpreters
 from .core.errors import UnisimError
-from .core.scenario import save_scenario
 
 
 def render_file(path: Path, arguments: Sequence[str]) -> int:
@@ -37,13 +36,14 @@ def render_file(path: Path, arguments: Sequence[str]) -> int:
 
 def render_scene(scene: object, arguments: Sequence[str]) -> int:
     """Render what a scene stands for; the exit code."""
+    from .bridge.writing import write_scenario
     from .operators.export_scenario import scenario_of
     from .preferences import interpreter
 
     try:
         with tempfile.TemporaryDirectory() as folder:
             file = Path(folder) / "scenario.json"
-            save_scenario(scenario_of(scene, file), file)
+            write_scenario(scenario_of(scene, file), file)
             found, failed = interpreters.find(interpreter())
             if found is None:
                 return _fail(interpreters.how_to_mend(failed))

@@ -32,6 +32,8 @@ class UNISIM_MT_object(bpy.types.Menu):
         layout.operator_menu_enum("unisim.retime_actor", "way")
         layout.operator("unisim.follow_curve")
         layout.operator("unisim.snap_to_ground")
+        layout.operator("unisim.mesh_actor")
+        layout.operator("unisim.release_mesh")
         layout.separator()
         layout.operator("unisim.mark_static")
         layout.operator("unisim.copy_static")

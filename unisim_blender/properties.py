@@ -39,6 +39,8 @@ class UniSimObject(bpy.types.PropertyGroup):
     look_scene: StringProperty(
         name="Scene of the look", description="The trained scene that the look is from", subtype="DIR_PATH"
     )
+    mesh: BoolProperty(name="Mesh", description="Whether its own surface, with all that is parented to it, is what sensors see")
+    label: StringProperty(name="Class", description="The class of an actor that is a mesh")
     model: StringProperty(name="Sensor", description="Exact intrinsics or beam table, as JSON")
 
 

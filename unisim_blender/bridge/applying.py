@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import bpy
 import numpy as np
 from mathutils import Matrix
@@ -9,11 +11,13 @@ from mathutils import Matrix
 from ..core.drive import Actor, Camera, Drive, Lidar
 from ..core.edits.context import pose_of
 from ..core.geometry import Trajectory, invert_pose
+from ..core.meshes.read import read_mesh
 from ..core.scenario.types import CameraSpec, CopyStatic, FrameRange, LidarSpec, RemoveStatic, Scenario
 from .animation import animate
 from .cameras import set_model
 from .clock import Clock
 from .importing import go, way_of_one
+from .mesh_objects import object_of
 from .poses import optical, same
 from .rig import lag, lidar_json, sensor_times
 from .source import Source
@@ -54,9 +58,11 @@ def _actors(scene: bpy.types.Scene, recorded: Drive, edited: Drive, clock: Clock
             go(own[uid], now, edited, clock)
     for uid, actor in edited.actors.items():
         if uid not in recorded.actors:
-            thing = new_actor(uid, actor)
+            mesh = actor.look.mesh
+            thing = object_of(uid, read_mesh(Path(mesh)), actor) if mesh else new_actor(uid, actor)
             collection_of(scene, "ACTOR").objects.link(thing)
-            _look(thing, actor, actor.look.actor if not actor.look.scene else "")
+            if not mesh:
+                _look(thing, actor, actor.look.actor if not actor.look.scene else "")
             go(thing, actor, edited, clock)
 
 

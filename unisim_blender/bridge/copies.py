@@ -15,4 +15,15 @@ def copy_of(context: bpy.types.Context, source: bpy.types.Object) -> bpy.types.O
             copy.animation_data.action_slot = copy.animation_data.action.slots[slot.identifier]
     for collection in source.users_collection:
         collection.objects.link(copy)
+    if source.unisim.mesh:
+        _copy_parts(context, source, copy)
     return copy
+
+
+def _copy_parts(context: bpy.types.Context, source: bpy.types.Object, copy: bpy.types.Object) -> None:
+    """Give a copy its own copies of what is parented to its source: that is part of it."""
+    for child in source.children:
+        part = copy_of(context, child)
+        part.parent = copy
+        part.matrix_parent_inverse = child.matrix_parent_inverse  # setting the parent forgets it
+        _copy_parts(context, child, part)

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..core.geometry import FloatArray, matrix_from_quaternion, quaternion_from_matrix
 from .animation import curves_of, keys_of, write_keys
+from .meshes import size_of
 
 
 def displaced_along(thing: bpy.types.Object, offset_m: Sequence[float]) -> None:
@@ -48,7 +49,7 @@ def follow(thing: bpy.types.Object, line: FloatArray, frame: float, step_m: floa
     left = np.cross([0.0, 0.0, 1.0], ahead)
     left /= np.linalg.norm(left, axis=1, keepdims=True)
     up = np.cross(ahead, left)
-    height = float(np.ptp(np.array(thing.bound_box)[:, 2]))
+    height = float(size_of(thing)[2])
     write_keys(thing, frame + at / step_m, positions + up * height / 2, quaternion_from_matrix(np.stack([ahead, left, up], -1)))
 
 

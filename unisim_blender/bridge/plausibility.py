@@ -63,6 +63,8 @@ def _as_recorded(thing: Thing, drive: Drive, clock: Clock) -> bool:
 
 
 def _label(thing: Thing, drive: Drive) -> str:
+    if thing.mesh:
+        return thing.label.lower()
     actor: Actor | None = drive.actors.get(thing.look or thing.uid)
     return "" if actor is None else actor.label.lower()
 

@@ -12,7 +12,7 @@ from ..core.drive import Actor, Drive
 from ..core.errors import ScenarioError
 from ..core.geometry import BoolArray, FloatArray
 from ..core.prepare.scenario import scene_actors
-from ..core.scenario.types import Duplicate, Edit, Insert, Move, Remove, Swap
+from ..core.scenario.types import Duplicate, Edit, Insert, InsertMesh, Move, Remove, Swap
 from .clock import Clock
 from .poses import SAME_M, same, same_turn
 from .read_ways import present, vector, way
@@ -42,7 +42,7 @@ def actor_edits(sampled: Sampled, drive: Drive, taken: set[str], relative: Relat
     for strangers in by_uid.values():
         for thing in strangers:
             if thing.there.any():
-                yield _inserted(thing, clock, taken, relative)
+                yield _mesh(thing, clock, taken, relative) if thing.mesh else _inserted(thing, clock, taken, relative)
 
 
 def original(standing: list[Thing], actor: Actor, clock: Clock) -> Thing | None:
@@ -98,6 +98,11 @@ def _inserted(thing: Thing, clock: Clock, taken: set[str], relative: Relative) -
     scene = relative(thing.look_scene) if thing.look_scene else None
     uid = new_id(thing, taken)
     return Insert(thing.look or thing.uid, uid, scene, **_way(thing, clock), present=present(clock, thing.there))
+
+
+def _mesh(thing: Thing, clock: Clock, taken: set[str], relative: Relative) -> InsertMesh:
+    uid = new_id(thing, taken)
+    return InsertMesh(relative(thing.mesh), uid, thing.label or None, **_way(thing, clock), present=present(clock, thing.there))
 
 
 def _way(thing: Thing, clock: Clock, source: Actor | None = None) -> dict[str, Any]:

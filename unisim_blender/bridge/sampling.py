@@ -18,6 +18,8 @@ from ..core.geometry import BoolArray, FloatArray
 from .animation import curves_of
 from .cameras import model_of
 from .clock import Clock
+from .meshes import file_of
+from .meshes import model_of as model_of_mesh
 from .poses import rigid
 from .things import KINDS_OF_DRIVE, things
 
@@ -27,7 +29,8 @@ SetFrame = Callable[[int], object]
 @dataclass(frozen=True)
 class Thing:
     """An object of the drive at N frames: poses (N, 4, 4) in Blender's axes, whether it is there (N,); the rest as its properties
-    have it. ``camera`` is a camera's intrinsics, ``index`` Blender's pass index, ``size_m`` (3,) what its mesh measures."""
+    have it. ``camera`` is a camera's intrinsics, ``index`` Blender's pass index, ``size_m`` (3,) what its mesh measures; ``mesh``
+    is the file of the model that an actor's own surface is, whose middle the poses are of, and ``label`` its class."""
 
     name: str
     kind: str
@@ -41,6 +44,8 @@ class Thing:
     there: BoolArray
     camera: CameraModel | None = None
     size_m: tuple[float, ...] = (0.0, 0.0, 0.0)
+    mesh: str = ""
+    label: str = ""
 
     @property
     def is_original(self) -> bool:
@@ -102,6 +107,13 @@ def sample(
             there[i, at] = not (now.hide_viewport and keyed[i]) and not now.hide_render and thing.name in shown
     poses = rigid(matrices)
     size = picture_size(scene.render)
+    extents = [tuple(float(x) for x in np.ptp(np.array(thing.bound_box), axis=0)) for thing in found]
+    files = [""] * len(found)
+    for i, thing in enumerate(found):
+        if thing.unisim.mesh and there[i].any():
+            model, middle = model_of_mesh(thing, depsgraph)
+            poses[i, :, :3, 3] += poses[i, :, :3, :3] @ middle
+            extents[i], files[i] = tuple(model.size_m.tolist()), str(file_of(model))
     return Sampled(
         scene.name,
         clock,
@@ -118,7 +130,9 @@ def sample(
                 poses=poses[i],
                 there=there[i],
                 camera=model_of(thing, size) if thing.type == "CAMERA" else None,
-                size_m=tuple(float(x) for x in np.ptp(np.array(thing.bound_box), axis=0)),
+                size_m=extents[i],
+                mesh=files[i],
+                label=thing.unisim.label,
             )
             for i, thing in enumerate(found)
         ),

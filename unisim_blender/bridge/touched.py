@@ -13,6 +13,9 @@ MARGIN_PX = 32
 """How far from a ray's own pixel a decoder may carry it, and more."""
 NEAR_M = 0.1
 
+TOLD = ("kind", "uid", "look", "look_scene", "model", "camera", "size_m", "mesh")
+"""What of a thing, beside where it is, says how it looks."""
+
 Rectangle = tuple[int, int, int, int]
 """Left, top, right, bottom in pixels from the top left corner; right and bottom do not belong to it."""
 
@@ -44,9 +47,7 @@ def touched(before: Sampled, after: Sampled, view: Thing, model: CameraModel, be
 
 def alike(a: Thing, b: Thing) -> bool:
     """Whether two states of a thing look the same."""
-    told = all(
-        getattr(a, name) == getattr(b, name) for name in ("kind", "uid", "look", "look_scene", "model", "camera", "size_m")
-    )
+    told = all(getattr(a, name) == getattr(b, name) for name in TOLD)
     return told and np.array_equal(a.poses, b.poses) and np.array_equal(a.there, b.there)
 
 

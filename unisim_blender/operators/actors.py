@@ -4,6 +4,7 @@ import bpy
 from bpy.props import EnumProperty, FloatProperty
 
 from ..bridge.copies import copy_of
+from ..bridge.meshes import size_of
 from ..bridge.motion import displaced_along, moved_to
 from ..bridge.sampling import frame_of
 from ..bridge.selection import choose, chosen
@@ -43,7 +44,7 @@ class UNISIM_OT_duplicate_actor(bpy.types.Operator):
             if self.where == "CURSOR":
                 moved_to(copy, context.scene.cursor.location, frame_of(context.scene))
             elif self.where != "IN_PLACE":
-                beside = float(source.dimensions.y) + GAP_M if self.where in ("LEFT", "RIGHT") else self.lane_m
+                beside = float(size_of(source)[1]) + GAP_M if self.where in ("LEFT", "RIGHT") else self.lane_m
                 displaced_along(copy, (0.0, beside if self.where.endswith("LEFT") else -beside, 0.0))
             copies.append(copy)
         choose(context, *copies)
@@ -67,7 +68,8 @@ class UNISIM_OT_delete_actor(bpy.types.Operator):
         """As X does."""
         gone = chosen(context, "ACTOR", "STATIC")
         for thing in gone:
-            bpy.data.objects.remove(thing)
+            for part in (*thing.children_recursive, thing) if thing.unisim.mesh else (thing,):
+                bpy.data.objects.remove(part)
         self.report({"INFO"}, f"{len(gone)} deleted")
         return {"FINISHED"}
 

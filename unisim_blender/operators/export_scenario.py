@@ -10,8 +10,8 @@ from ..bridge.clock import Clock
 from ..bridge.reading import read_scenario
 from ..bridge.sampling import sample_all
 from ..bridge.source import source_of
+from ..bridge.writing import write_scenario
 from ..core.errors import UnisimError
-from ..core.scenario import save_scenario
 from ..core.scenario.types import FrameRange, Outputs, Scenario
 from ..registering import add, take_away
 
@@ -48,7 +48,7 @@ class UNISIM_OT_export_scenario(bpy.types.Operator, ExportHelper):
         path = Path(self.filepath).absolute()
         try:
             scenario = scenario_of(context.scene, path)
-            save_scenario(scenario, path)
+            write_scenario(scenario, path)
         except (UnisimError, OSError) as fault:
             self.report({"ERROR"}, str(fault))
             return {"CANCELLED"}

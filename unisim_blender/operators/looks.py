@@ -7,6 +7,7 @@ import numpy as np
 from bpy.props import EnumProperty, StringProperty
 from bpy_extras.io_utils import ImportHelper
 
+from ..bridge.meshes import size_of
 from ..bridge.motion import displaced_along
 from ..bridge.selection import choose, chosen
 from ..bridge.source import source_of
@@ -53,8 +54,9 @@ class UNISIM_OT_replace_look(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        """An actor has to be selected."""
-        return context.mode == "OBJECT" and bool(chosen(context, "ACTOR"))
+        """An actor has to be selected; what is a mesh keeps its own look."""
+        actors = chosen(context, "ACTOR")
+        return context.mode == "OBJECT" and bool(actors) and not any(thing.unisim.mesh for thing in actors)
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Ask which."""
@@ -69,7 +71,7 @@ class UNISIM_OT_replace_look(bpy.types.Operator):
             self.report({"ERROR"}, str(fault))
             return {"CANCELLED"}
         for thing in chosen(context, "ACTOR"):
-            before = float(np.ptp(np.array(thing.bound_box)[:, 2]))
+            before = float(size_of(thing)[2])
             own = thing.unisim.uid == self.look and not self.scene
             thing.unisim.look, thing.unisim.look_scene = ("", "") if own else (self.look, self.scene)
             thing.data = box_mesh(look.size_m, look.label)

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import bpy
 
+from ..bridge.writing import write_scenario
 from ..core.errors import UnisimError
-from ..core.scenario import save_scenario
 from ..preferences import device, interpreter
 from ..tasks import SequenceTask
 from .background import launch, running
@@ -37,7 +37,7 @@ class UNISIM_OT_render_sequence(bpy.types.Operator):
                 raise UnisimError(f"{about.out}: lies beside the .blend, which was never saved; save it, or name another folder")
             folder.mkdir(parents=True, exist_ok=True)
             scenario = scenario_of(context.scene, folder / SCENARIO)
-            save_scenario(scenario, folder / SCENARIO)
+            write_scenario(scenario, folder / SCENARIO)
         except (UnisimError, OSError) as fault:
             self.report({"ERROR"}, str(fault))
             return {"CANCELLED"}

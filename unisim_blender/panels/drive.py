@@ -70,7 +70,7 @@ class UNISIM_PT_edit(_Sidebar, bpy.types.Panel):
             size = json.loads(thing.unisim.model)["size_m"]
             layout.label(text=f"{thing.name}: box of {size[0]:.2f} x {size[1]:.2f} x {size[2]:.2f} m")
         elif thing is not None and thing.unisim.kind != "NONE":
-            copy = "" if thing.name == thing.unisim.home else " (a copy)"
+            copy = "" if thing.name == thing.unisim.home else " (a mesh)" if thing.unisim.mesh else " (a copy)"
             layout.label(text=f"{thing.name}{copy}")
         column = layout.column(align=True)
         column.operator_menu_enum("unisim.duplicate_actor", "where", text="Duplicate Actor")
@@ -80,6 +80,8 @@ class UNISIM_PT_edit(_Sidebar, bpy.types.Panel):
         column.operator_menu_enum("unisim.retime_actor", "way", text="Retime Actor")
         column.operator("unisim.follow_curve")
         column.operator("unisim.snap_to_ground")
+        column.operator("unisim.mesh_actor")
+        column.operator("unisim.release_mesh")
         column = layout.column(align=True)
         column.operator("unisim.mark_static")
         column.operator("unisim.copy_static")

@@ -1,0 +1,77 @@
+"""Ordinary objects made actors: things that nobody recorded."""
+
+import bpy
+from bpy.props import EnumProperty, StringProperty
+
+from ..bridge.mesh_objects import make_actor
+from ..bridge.meshes import parts
+from ..bridge.selection import choose, chosen
+
+DIRECTIONS = (
+    ("AUTO", "As it is long", "Along the world's x or y, whichever it is longer in"),
+    ("X", "X", "It points along the world's x as it stands there"),
+    ("-X", "-X", "It points against the world's x as it stands there"),
+    ("Y", "Y", "It points along the world's y as it stands there"),
+    ("-Y", "-Y", "It points against the world's y as it stands there"),
+)
+
+
+def marked_above(thing: bpy.types.Object) -> bool:
+    """Whether an object is part of an actor, or of one that is selected with it."""
+    above = thing.parent
+    while above is not None:
+        if above.unisim.mesh or above.select_get():
+            return True
+        above = above.parent
+    return False
+
+
+class UNISIM_OT_mesh_actor(bpy.types.Operator):
+    """Let the selected mesh objects, each with all that is parented to it, be actors: cameras and LiDARs see them"""
+
+    bl_idname = "unisim.mesh_actor"
+    bl_label = "Use Mesh as Actor"
+    bl_options = {"REGISTER", "UNDO"}
+
+    label: StringProperty(name="Class", description="As the log's labels have it: Car, Pedestrian, Cones …", default="Car")
+    forward: EnumProperty(name="Points along", items=DIRECTIONS)
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """An object that is nothing of the drive yet has to be selected."""
+        return context.mode == "OBJECT" and bool(context.scene.unisim.log) and bool(chosen(context, "NONE"))
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Mark each; its origin goes to its middle, its scale into its mesh."""
+        found = [thing for thing in chosen(context, "NONE") if not marked_above(thing) and any(parts(thing))]
+        if not found:
+            self.report({"ERROR"}, "nothing that is selected has a surface of its own")
+            return {"CANCELLED"}
+        for thing in found:
+            make_actor(thing, self.label or "Other", self.forward)
+        choose(context, *found)
+        self.report({"INFO"}, f"{len(found)} used as actors")
+        return {"FINISHED"}
+
+
+class UNISIM_OT_release_mesh(bpy.types.Operator):
+    """Let the selected meshes be ordinary objects again, which no sensor sees"""
+
+    bl_idname = "unisim.release_mesh"
+    bl_label = "Release Mesh"
+    bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """A mesh that is an actor has to be selected."""
+        return context.mode == "OBJECT" and any(thing.unisim.mesh for thing in chosen(context, "ACTOR"))
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Take the mark away."""
+        for thing in chosen(context, "ACTOR"):
+            if thing.unisim.mesh:
+                thing.unisim.kind, thing.unisim.mesh = "NONE", False
+        return {"FINISHED"}
+
+
+CLASSES = (UNISIM_OT_mesh_actor, UNISIM_OT_release_mesh)
