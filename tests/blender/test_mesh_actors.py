@@ -25,7 +25,8 @@ from unisim_blender.core.scenario.types import InsertMesh
 
 def material(name: str, colour: tuple[float, float, float]) -> Any:
     made = bpy.data.materials.new(name)
-    made.use_nodes = True
+    if made.node_tree is None:
+        made.use_nodes = True
     made.node_tree.nodes["Principled BSDF"].inputs["Base Color"].default_value = (*colour, 1.0)
     return made
 

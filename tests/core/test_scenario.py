@@ -67,7 +67,6 @@ EVERYTHING: dict[str, Any] = {
         {"type": "remove", "actor": "car-01"},
         {"type": "duplicate", "actor": "car-02", "id": "car-02b", "offset_m": [0, 3.5, 0], "turn_deg": 180, "time_offset_s": 0.5},
         {"type": "duplicate", "actor": "car-02", "id": "car-02c", "world_offset_m": [1e-7, 1 / 3, 0]},
-        {"type": "insert_mesh", "mesh": "barrel.glb", "id": "barrel", "label": "Barrel", "pose": {"position": [1, 2, 0.5]}},
         {"type": "insert", "actor": "van", "scene": "../other", "id": "van", "trajectory": KEYS, "outside": "hold"},
         {"type": "insert", "actor": "cone", "id": "cone-b", "pose": KEYS[0] | {"time_s": None}, "present": {"start_s": 0.5}},
         {"type": "move", "actor": "car-03", "trajectory": KEYS, "present": {"start_s": 0, "end_s": 1.5}},
@@ -79,6 +78,7 @@ EVERYTHING: dict[str, Any] = {
         {"type": "ego", "shift_left_m": 2},
         {"type": "ego", "shift": [{"frame": 0, "left_m": 0}, {"time_s": 1.5, "left_m": 2}]},
         {"type": "ego", "trajectory": KEYS, "outside": "continue"},
+        {"type": "insert_mesh", "mesh": "barrel.glb", "id": "barrel", "label": "Barrel", "pose": {"position": [1, 2, 0.5]}},
     ],
     "outputs": {"passes": ["rgb", "depth"], "formats": ["png", "npz"], "width": 480, "quality": "fast"},
 }

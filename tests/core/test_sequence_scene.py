@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -129,6 +130,21 @@ def test_edits_change_the_key_and_paths_do_not(scenario: Path) -> None:
     assert plan_key(plan) == plan_key(other), "which frames are asked for changes none of them"
     assert plan_key(replace(plan, drive=tiny_drive())) != plan_key(plan)
     assert plan_key(replace(plan, scenes={"": "0" * 64})) != plan_key(plan)
+
+
+def test_plain_points_without_a_beam_table_are_no_sensor(scenario: Path, tmp_path: Path) -> None:
+    shutil.copytree(scenario.parent / "scene", tmp_path / "scene")
+    header = json.loads((tmp_path / "scene" / "scene.json").read_text())
+    lidars = header["drive"]["lidars"]
+    plain = lidars["top"]["model"] | {"elevation_rad": [], "azimuth_offset_rad": []}
+    lidars["plain"] = lidars["top"] | {"model": plain}
+    (tmp_path / "scene" / "scene.json").write_text(json.dumps(header))
+    shutil.copy(scenario, tmp_path)
+    render(tmp_path / scenario.name, "--out", tmp_path / "out", "--frames", 1, "--jobs", 1)
+    assert [path.name for path in (tmp_path / "out" / "lidar").iterdir()] == ["top"]
+    asked = ["render", str(tmp_path / scenario.name), "--out", str(tmp_path / "other"), "--sensors", "plain"]
+    result = CliRunner().invoke(unisim, asked)
+    assert "no sensor 'plain'" in str(result.exception).replace('"', "'")
 
 
 def test_pictures_are_not_constant(scenario: Path, tmp_path: Path) -> None:

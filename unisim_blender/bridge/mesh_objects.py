@@ -71,7 +71,8 @@ def object_of(name: str, model: MeshModel, actor: Actor) -> bpy.types.Object:
 def _material(name: str, model: MeshModel, slot: int) -> bpy.types.Material:
     """A material whose base colour is the mesh's colours, times a texture where the slot has one."""
     material = bpy.data.materials.new(name)
-    material.use_nodes = True
+    if material.node_tree is None:
+        material.use_nodes = True
     nodes, links = material.node_tree.nodes, material.node_tree.links
     shader = next(node for node in nodes if node.type == "BSDF_PRINCIPLED")
     paint = nodes.new("ShaderNodeVertexColor")

@@ -161,6 +161,8 @@ class Renderer:
         """One sweep."""
         begun = time.perf_counter()
         lidar: Lidar = _pick(self.drive.lidars, lidar_id, "LiDAR")
+        if not lidar.model.beams:
+            raise SceneError(f"LiDAR {lidar_id!r} has no beam table: the log has plain points of it")
         rays = lidar_rays(lidar, frame)
         shape = rays.time_s.shape
         stats = RenderStats()

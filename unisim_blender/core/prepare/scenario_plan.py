@@ -40,8 +40,10 @@ def plan_scenario(path: Path, wishes: Wishes) -> tuple[RenderPlan, PreparedScena
     if prepared.scene_path is None:
         raise ScenarioError(f'{path}: scene: names no trained scene to render with; train one with "unisim train"')
     drive, outputs = prepared.edited, prepared.scenario.outputs or Outputs()
-    sensors = (*drive.cameras, *drive.lidars) if wishes.sensors is None else wishes.sensors
-    check_names("sensor", sensors, (*drive.cameras, *drive.lidars))
+    # a log's plain points, without a beam table, are no sensor that could be simulated
+    there = (*drive.cameras, *(name for name, lidar in drive.lidars.items() if lidar.model.beams))
+    sensors = there if wishes.sensors is None else wishes.sensors
+    check_names("sensor", sensors, there)
     passes = wishes.passes or outputs.passes or ("rgb",)
     check_names("pass", passes, CAMERA_PASSES)
     frames = drive.frames if wishes.frames is None else select_frames(wishes.frames, sorted(drive.time_s))
