@@ -15,8 +15,8 @@ import bpy
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "unisim_blender"
-WHEELS = ("jsonschema==4.17.3", "attrs==23.2.0", "pyrsistent==0.20.0")
-"""What Blender's own Python lacks for checking scenarios; the newest that need nothing compiled."""
+WHEELS = ("jsonschema==4.17.3", "attrs==23.2.0", "pyrsistent==0.20.0", "trimesh==5.2.0")
+"""What Blender's own Python lacks for checking scenarios and reading meshes; the newest that need nothing compiled."""
 
 
 def blender_ext(*arguments: str) -> None:
