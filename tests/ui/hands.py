@@ -122,7 +122,6 @@ def steps() -> Iterator[float]:
     yield from menu(car)
     yield from dropped_scenario()
     yield from other_camera()
-    yield from stopped_render()
     yield from dragged_asset()
 
 
@@ -324,6 +323,8 @@ def dropped_scenario() -> Iterator[float]:
     drop(path)
     yield from until(lambda: bpy.context.scene.camera, "the scenario is not imported")
     assert edits() == before
+    yield from key("HOME")
+    yield 0.5
     screenshot("scenario")
     bpy.context.window_manager.windows[0].scene = bpy.data.scenes[old]
     yield 0.1
@@ -353,30 +354,50 @@ def other_camera() -> Iterator[float]:
     yield from until(lambda: bpy.context.scene.render.resolution_x == size[0], "the resolution does not follow a script")
 
 
-def stopped_render() -> Iterator[float]:
-    """F12, and Esc in the middle of the picture; afterwards a small one is rendered."""
-    scene = bpy.context.scene
-    scene.render.engine = "UNISIM"
-    scene.render.resolution_percentage = 400
-    scene.unisim.quality = "reference"
-    yield from to(*middle(area("VIEW_3D")))
-    yield from key("F12")
-    yield from until(lambda: bpy.app.is_job_running("RENDER"), "F12 does not render")
-    begun = time.monotonic()
-    yield 12.0
-    screenshot("rendering")
-    assert bpy.app.is_job_running("RENDER")
-    print("WINDOWS", len(bpy.context.window_manager.windows))
-    pressed = time.monotonic()
-    yield from key("ESC")
-    yield from until(lambda: not bpy.app.is_job_running("RENDER"), "Esc does not stop")
-    results["esc_s"] = time.monotonic() - pressed
-    print("RAN", pressed - begun)
-    screenshot("render_stopped")
-
-
 def dragged_asset() -> Iterator[float]:
+    """An actor library, shown in an Asset Browser below the view, and one of its assets dragged onto the street."""
+    library = OUT.parent / "library" / "actors.blend"
+    with inside(area("VIEW_3D")):
+        bpy.ops.unisim.make_library("EXEC_DEFAULT", filepath=str(library))
+    yield from until(library.is_file, "the library is not written", 120.0)
+    bpy.context.preferences.filepaths.asset_libraries.new(name="Actors", directory=str(library.parent))
+    with inside(area("VIEW_3D")):
+        bpy.ops.screen.area_split(direction="HORIZONTAL", factor=0.4)
+    _, _, looks = view()
+    from_behind(looks)
+    yield 0.2
+    browser = min((a for a in bpy.context.window_manager.windows[0].screen.areas if a.type == "VIEW_3D"), key=lambda a: a.y)
+    browser.ui_type = "ASSETS"
+    yield 0.2
+    browser.spaces.active.params.asset_library_reference = "Actors"
+    yield from to(*middle(browser))
+    for _ in range(100):  # until the library is read, there is nothing to select
+        yield from key("A")
+        yield 0.2
+        with inside(browser):
+            if bpy.context.selected_assets:
+                break
+    spot = Vector((10.0, -8.0, 0.0))
+    before, there = edits(), {o.name for o in bpy.context.scene.objects}
+    tiles = next(r for r in browser.regions if r.type == "WINDOW")
+    yield from to(tiles.x + 60, tiles.y + tiles.height - 60)
+    event("LEFTMOUSE", "PRESS")
     yield 0.0
+    x, y = mouse
+    end_x, end_y = place(spot)
+    for share in np.linspace(0.05, 1.0, 12):
+        yield from to(x + share * (end_x - x), y + share * (end_y - y))
+        yield 0.1
+    screenshot("dragging")
+    event("LEFTMOUSE", "RELEASE")
+    yield from until(lambda: len(bpy.context.scene.objects) > len(there), "nothing is dropped")
+    (new,) = {o.name for o in bpy.context.scene.objects} - there
+    yield 0.5
+    screenshot("dragged")
+    added = [edit for edit in edits() if edit not in before]
+    assert added == [("Insert", thing(new).unisim.look)], added
+    apart = thing(new).matrix_world.translation - spot
+    assert apart.xy.length < 3.0 and abs(apart.z - thing(new).dimensions.z / 2) < 0.01, apart
 
 
 if __name__ == "__main__":

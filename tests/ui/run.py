@@ -20,6 +20,8 @@ DISPLAY = ":93"
 BLENDER = ["blender", "--factory-startup", "--no-window-focus", "-p", "0", "0", "1600", "900"]
 SESSIONS = {"window": [], "hands": ["--enable-event-simulate"]}
 """What each file's Blender is started with besides; the one with simulated events hears no others."""
+ESC_S = 1.5
+"""How long a render job may go on after Esc, in seconds."""
 WITHIN_BYTES = 1.0
 """How far the viewport and F12 may be apart, in steps of eight bits."""
 
@@ -53,7 +55,8 @@ def main(root: Path, release: str, out: Path) -> int:
                 subprocess.run(started, timeout=LIMIT_S, stdout=log, stderr=log, check=False)
         command = ["blender", "-b", "/tmp/unisim/drive.blend", "--command", "unisim", "render", "--out", "/tmp/unisim/frames"]
         wanted = ["--frames", "4", "--width", "96", "--sensors", "front_camera"]
-        headless = subprocess.run([*at_home(root, "window"), *command, *wanted], timeout=LIMIT_S, check=False)
+        headless = [*at_home(root, "window"), *command, *wanted]
+        ended = subprocess.run(headless, timeout=LIMIT_S, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, check=False)
     finally:
         screen.terminate()
         screen.wait()
@@ -62,8 +65,9 @@ def main(root: Path, release: str, out: Path) -> int:
     shutil.copytree(work / "shots", out, dirs_exist_ok=True)
     shutil.copy(work / "log.txt", out)
     pictures = list((work / "frames" / "camera").glob("*/*.png"))
-    if headless.returncode or not pictures:
-        print(f"Error: blender --command unisim render ended with {headless.returncode} and left {len(pictures)} pictures")
+    if ended.returncode or not pictures or "Traceback" in ended.stdout:
+        print(ended.stdout)
+        print(f"Error: blender --command unisim render ended with {ended.returncode} and left {len(pictures)} pictures")
         return 1
     return judge(out)
 
@@ -86,13 +90,14 @@ def judge(out: Path) -> int:
             return 1
         results[name] = json.loads(path.read_text())
     print(json.dumps(results, indent=1))
-    window, hands = results["window"], results["hands"]
+    window = results["window"]
     wrong = [
         message
         for holds, message in (
             *((result.get("done", False), f"{name}.py broke off") for name, result in results.items()),
             (window.get("viewport_and_f12", 99.0) <= WITHIN_BYTES, "viewport and F12 differ"),
             (window.get("refresh_changed", 0.0) > 0.05, "moving a box changed nothing"),
+            (window.get("esc_s", 99.0) <= ESC_S, "Esc does not stop F12 at once"),
             ("killed" in str(window.get("after_kill", "")), "nobody said that the worker was killed"),
         )
         if not holds

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import subprocess
 import sys
 import time
 from collections.abc import Iterator
@@ -27,6 +28,7 @@ from session import (
     results,
     screenshot,
     start,
+    until,
     view,
     wait_for_picture,
 )
@@ -42,6 +44,53 @@ def nearest(scene: bpy.types.Scene) -> bpy.types.Object:
 
     standing = [o for o in scene.objects if o.unisim.kind == "ACTOR" and o.animation_data is None and "Car" in o.name]
     return min((o for o in standing if ahead(o)[0] > 8 and ahead(o)[1] < ahead(o)[0] / 3), key=ahead)
+
+
+def f12() -> None:
+    """Render in a window of its own, as the key does."""
+    with inside(area("VIEW_3D")):
+        bpy.ops.render.render("INVOKE_DEFAULT", use_viewport=True)
+
+
+def escape() -> None:
+    """Esc on the real keyboard, with the mouse over the picture: Blender stops a render at no simulated one."""
+    subprocess.run(["xdotool", "mousemove", "600", "400", "key", "Escape"], check=True)
+
+
+def rendering() -> bool:
+    """Whether F12 is at work."""
+    return bpy.app.is_job_running("RENDER")
+
+
+def stopped_by_esc() -> Iterator[float]:
+    """F12 of a large picture, Esc in the middle of it, then F12 of a small one, by the same worker."""
+    scene, manager = bpy.context.scene, bpy.context.window_manager
+    worker = sys.modules[f"{MODULE}.client"]._client
+    process, bands = worker.process.pid, []
+    arrays = worker.arrays
+    worker.arrays = lambda event: (bands.append(event["rows"]), arrays(event))[1]
+    scene.render.resolution_percentage = 400
+    f12()
+    yield from until(lambda: len(bands) == 2, "F12 does not render")
+    screenshot("rendering")
+    begun = time.monotonic()
+    escape()
+    yield from until(lambda: not rendering(), "Esc does not stop F12")
+    results["esc_s"] = time.monotonic() - begun
+    results["esc_left"] = 1 - bands[-1][1] / (4 * scene.render.resolution_y)
+    scene.render.resolution_percentage = 10
+    begun = time.monotonic()
+    f12()
+    yield from until(rendering, "F12 does not render again")
+    yield from until(lambda: not rendering(), "the worker does not answer after Esc")
+    results["after_esc_s"] = time.monotonic() - begun
+    yield 0.5
+    screenshot("after_esc")
+    del worker.arrays
+    assert not worker.problem and worker.process.pid == process
+    escape()
+    yield from until(lambda: len(manager.windows) == 1, "the window of the picture stays")
+    scene.render.resolution_percentage = 100
 
 
 def steps() -> Iterator[float]:
@@ -101,6 +150,7 @@ def steps() -> Iterator[float]:
     linear = np.clip(shown[..., :3], 0, 1)
     srgb = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * np.maximum(linear, 1e-8) ** (1 / 2.4) - 0.055)
     results["viewport_and_f12"] = float(np.abs(srgb - f12).max() * 255)
+    yield from stopped_by_esc()
     # an edit
     car = nearest(scene)
     choose(car)
