@@ -3,9 +3,10 @@
 set -e
 root=$1 release=$2
 cmp -s "$0" "$root/.ready" && exit 0  # made by this very script
-command -v debootstrap >/dev/null || apt-get install -y -qq debootstrap >/dev/null
+command -v debootstrap >/dev/null || apt-get install -y -qq debootstrap ca-certificates >/dev/null
 mirror=$(sed -n 's/^URIs: *//p' /etc/apt/sources.list.d/*.sources 2>/dev/null | head -1)
 [ -n "$mirror" ] || mirror=$(sed -n 's/^deb \(\[[^]]*\] \)\?\([^ ]*\).*/\2/p' /etc/apt/sources.list 2>/dev/null | head -1)
+grep -q '^ID=debian' /etc/os-release || mirror=""  # another system's mirror has no Debian
 rm -rf --one-file-system "$root"  # not what a run that was cut off left mounted there
 debootstrap --variant=minbase "$release" "$root" ${mirror:+"$mirror"} >/dev/null
 cp /etc/ssl/certs/ca-certificates.crt "$root/etc/host-ca.crt"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -23,13 +22,10 @@ from session import (
     choose,
     from_behind,
     inside,
-    picture,
-    results,
     screenshot,
     start,
     until,
     view,
-    wait_for_picture,
 )
 
 mouse = [800, 450]
@@ -62,10 +58,9 @@ def write(text: str) -> Iterator[float]:
         yield from key("SPACE" if letter == " " else letter.upper(), letter)
 
 
-def click(x: float, y: float, button: str = "LEFTMOUSE") -> Iterator[float]:
-    """Press a mouse button somewhere and let it go."""
-    yield from to(x, y)
-    yield from key(button)
+def click() -> Iterator[float]:
+    """Press the left mouse button and let it go."""
+    yield from key("LEFTMOUSE")
 
 
 def middle(found: bpy.types.Area) -> tuple[float, float]:
@@ -153,7 +148,7 @@ def drop(path: Path) -> None:
 
 def stopped_import() -> Iterator[float]:
     """Esc while things are imported one at a time."""
-    importing = sys.modules[f"{MODULE}.operators.import_drive"]
+    importing: Any = sys.modules[f"{MODULE}.operators.import_drive"]
     importing.BUSY_S, busy = 0.0, importing.BUSY_S
     drop(SCENE)
     yield from until(lambda: len(bpy.data.objects) > 4, "the import does not begin")
@@ -186,7 +181,8 @@ def sidebar() -> Iterator[float]:
     for down in range(20, tabs.height, 20):
         if tabs.active_panel_category == "UniSim":
             break
-        yield from click(tabs.x + tabs.width - 10, tabs.y + tabs.height - down)
+        yield from to(tabs.x + tabs.width - 10, tabs.y + tabs.height - down)
+        yield from click()
         yield 0.1
     assert tabs.active_panel_category == "UniSim"
     yield 0.5
@@ -202,7 +198,7 @@ def standing_car() -> str:
 def moved_by_hand(car: str) -> Iterator[float]:
     """A click, G X 3 Enter, undone and done again."""
     yield from look_at(car)
-    yield from click(*mouse)
+    yield from click()
     yield from until(lambda: bpy.context.view_layer.objects.active == thing(car) and thing(car).select_get(), "not selected")
     before = thing(car).location.x
     yield from key("G")
@@ -244,7 +240,7 @@ def removed_by_hand(car: str) -> Iterator[float]:
     yield from key("RET")
     yield from until(lambda: copy not in bpy.data.objects, "not removed")
     yield from look_at(car)
-    yield from click(*mouse)
+    yield from click()
     yield from key("X")
     yield from key("RET")
     yield from until(lambda: car not in bpy.context.scene.objects, "not removed")
@@ -257,7 +253,7 @@ def shortcuts(car: str) -> Iterator[float]:
     """The extension's own keys."""
     manager = bpy.context.window_manager
     yield from look_at(car)
-    yield from click(*mouse)
+    yield from click()
     uid, height = thing(car).unisim.uid, thing(car).location.z
     yield from key("D", ctrl=True, alt=True)
     yield from until(lambda: ("Duplicate", uid) in edits(), "Ctrl-Alt-D does not copy")
@@ -280,7 +276,7 @@ def shortcuts(car: str) -> Iterator[float]:
 def searched(car: str) -> Iterator[float]:
     """F3, a few letters, Enter."""
     yield from look_at(car)
-    yield from click(*mouse)
+    yield from click()
     height = thing(car).location.z
     thing(car).location.z += 2.0
     yield 0.1
@@ -359,7 +355,7 @@ def dragged_asset() -> Iterator[float]:
     library = OUT.parent / "library" / "actors.blend"
     with inside(area("VIEW_3D")):
         bpy.ops.unisim.make_library("EXEC_DEFAULT", filepath=str(library))
-    yield from until(library.is_file, "the library is not written", 120.0)
+    yield from until(library.is_file, "the library is not written")
     bpy.context.preferences.filepaths.asset_libraries.new(name="Actors", directory=str(library.parent))
     with inside(area("VIEW_3D")):
         bpy.ops.screen.area_split(direction="HORIZONTAL", factor=0.4)

@@ -15,13 +15,13 @@ from typing import Any
 
 HERE = Path(__file__).resolve().parent
 REPOSITORY = HERE.parents[1]
-LIMIT_S = 900
+LIMIT_S = 600
 DISPLAY = ":93"
 BLENDER = ["blender", "--factory-startup", "--no-window-focus", "-p", "0", "0", "1600", "900"]
 SESSIONS = {"window": [], "hands": ["--enable-event-simulate"]}
 """What each file's Blender is started with besides; the one with simulated events hears no others."""
-ESC_S = 1.5
-"""How long a render job may go on after Esc, in seconds."""
+ESC_S = 3.0
+"""How long a render job may go on after Esc, in seconds: half a second where nothing else runs."""
 WITHIN_BYTES = 1.0
 """How far the viewport and F12 may be apart, in steps of eight bits."""
 
@@ -56,7 +56,9 @@ def main(root: Path, release: str, out: Path) -> int:
         command = ["blender", "-b", "/tmp/unisim/drive.blend", "--command", "unisim", "render", "--out", "/tmp/unisim/frames"]
         wanted = ["--frames", "4", "--width", "96", "--sensors", "front_camera"]
         headless = [*at_home(root, "window"), *command, *wanted]
-        ended = subprocess.run(headless, timeout=LIMIT_S, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, check=False)
+        ended = subprocess.run(
+            headless, timeout=LIMIT_S, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, check=False
+        )
     finally:
         screen.terminate()
         screen.wait()

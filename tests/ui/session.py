@@ -1,4 +1,4 @@
-"""What every session in a Blender window needs: its arguments, areas, screenshots, waiting, and steps run by a timer of Blender's.
+"""What every session in a Blender window needs: arguments, areas, screenshots, waiting, and steps run by a timer.
 
 Arguments after `--`: the extension's .zip, the sample scene's scene.json, a folder for screenshots and results.
 """
@@ -75,7 +75,7 @@ def from_behind(region: bpy.types.RegionView3D) -> None:
     region.view_distance = 34.0
 
 
-def until(holds: Callable[[], object], what: str, limit_s: float = 30.0) -> Iterator[float]:
+def until(holds: Callable[[], object], what: str, limit_s: float = 120.0) -> Iterator[float]:
     """Let the window go on until something holds; ``what`` is said where it never does."""
     last = time.monotonic() + limit_s
     while not holds():
