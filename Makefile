@@ -1,7 +1,7 @@
 # make setup   everything into .venv, the native library built
 # make demo    a small street, a scene trained on it and its edits, in pictures
 # make test    lint, types, import rules, tests
-# make test-ui   a real Blender window driven by a script (root, debootstrap)
+# make test-ui   a real Blender window driven by scripts, mouse and keys (root, debootstrap)
 # make screenshots   the documentation's pictures of Blender, by way of test-ui
 # make extension   the Blender extension as a .zip, in dist/
 # make clean   removes what the others made, .venv included

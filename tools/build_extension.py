@@ -15,8 +15,9 @@ import bpy
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "unisim_blender"
-WHEELS = ("jsonschema==4.17.3", "attrs==23.2.0", "pyrsistent==0.20.0", "trimesh==5.2.0")
-"""What Blender's own Python lacks for checking scenarios and reading meshes; the newest that need nothing compiled."""
+WHEELS = ("jsonschema==4.17.3", "attrs==26.1.0", "pyrsistent==0.20.0", "trimesh==5.2.0")
+"""What Blender's own Python lacks for checking scenarios and reading meshes; the newest that need nothing compiled. They come
+before Blender's own modules of these names, so an old one would break what Blender does with it."""
 
 
 def blender_ext(*arguments: str) -> None:

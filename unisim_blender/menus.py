@@ -15,7 +15,8 @@ SHORTCUTS = (
     ("unisim.check", "K", {"ctrl": True, "alt": True}),
 )
 _keys: list[tuple[bpy.types.KeyMap, bpy.types.KeyMapItem]] = []
-_owner = object()
+_active: dict[int, int | None] = {}
+"""Which camera each scene was last seen with."""
 
 
 class UNISIM_MT_object(bpy.types.Menu):
@@ -58,16 +59,23 @@ def draw_add_menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:
         self.layout.operator_menu_enum("unisim.add_lidar", "preset", text="LiDAR on the Vehicle")
 
 
-def follow_camera() -> None:
-    """Another camera is active: pictures become as large as its own, if it is one of the rig."""
-    fit_resolution(bpy.context.scene)
+@persistent
+def follow_camera(scene: bpy.types.Scene, *_: object) -> None:
+    """Another camera is active: pictures become as large as its own, if it is one of the rig.
+
+    Told after any change of the scene: the message bus does not hear of Ctrl-Numpad 0.
+    """
+    camera = scene.camera.session_uid if scene.camera is not None else None
+    if _active.setdefault(scene.session_uid, camera) != camera and not bpy.app.is_job_running("RENDER"):
+        _active[scene.session_uid] = camera
+        fit_resolution(scene)
 
 
 @persistent
-def subscribe(*_: object) -> None:
-    """Hear of another active camera; a file that is opened forgets who listened."""
-    bpy.msgbus.clear_by_owner(_owner)
-    bpy.msgbus.subscribe_rna(key=(bpy.types.Scene, "camera"), owner=_owner, args=(), notify=follow_camera)
+def note_cameras(*_: object) -> None:
+    """Remember which cameras are active in the scenes of a file."""
+    for scene in getattr(bpy.data, "scenes", ()):  # there are none yet while the extension is switched on
+        follow_camera(scene)
 
 
 CLASSES = (UNISIM_MT_object,)
@@ -83,15 +91,16 @@ def register() -> None:
         keys = configuration.keymaps.new(name="Object Mode")
         for operator, key, modifiers in SHORTCUTS:
             _keys.append((keys, keys.keymap_items.new(operator, key, "PRESS", **modifiers)))
-    bpy.app.handlers.load_post.append(subscribe)
-    subscribe()
+    bpy.app.handlers.load_post.append(note_cameras)
+    bpy.app.handlers.depsgraph_update_post.append(follow_camera)
+    note_cameras()
 
 
 def unregister() -> None:
     """Take them away."""
-    bpy.msgbus.clear_by_owner(_owner)
-    if subscribe in bpy.app.handlers.load_post:
-        bpy.app.handlers.load_post.remove(subscribe)
+    bpy.app.handlers.depsgraph_update_post.remove(follow_camera)
+    bpy.app.handlers.load_post.remove(note_cameras)
+    _active.clear()
     while _keys:
         keys, item = _keys.pop()
         keys.keymap_items.remove(item)

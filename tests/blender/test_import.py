@@ -101,6 +101,15 @@ def test_what_is_no_scene_is_one_sentence(scene: Any, tmp_path: Path) -> None:
     assert not scene.objects
 
 
+def test_a_drop_that_fails_is_one_sentence(scene: Any, tmp_path: Path) -> None:
+    for name in ("scene.json", "scenario.json"):
+        path = tmp_path / name
+        path.write_text("{}")
+        with pytest.raises(RuntimeError, match=f"^Error: {path}: [^\n]*\n?$"):
+            bpy.ops.unisim.import_dropped("INVOKE_DEFAULT", filepath=str(path))
+    assert not scene.objects
+
+
 def test_rigid_takes_scale_away() -> None:
     matrix = np.diag([2.0, 3.0, 4.0, 1.0])
     assert np.allclose(rigid(matrix), np.eye(4))

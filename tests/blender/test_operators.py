@@ -96,6 +96,19 @@ def test_new_sensors_are_read_and_render(street: Any) -> None:
     assert np.degrees(np.arctan2(ahead[1], ahead[0])) == pytest.approx(20.0, abs=0.01)
 
 
+def test_resolution_follows_the_active_camera_and_nothing_else(street: Any) -> None:
+    first, render = street.camera, street.render
+    size = render.resolution_x, render.resolution_y
+    assert bpy.ops.unisim.add_camera(width=96, height=54) == {"FINISHED"}
+    bpy.context.view_layer.update()
+    street.camera = first
+    bpy.context.view_layer.update()
+    assert (render.resolution_x, render.resolution_y) == size
+    render.resolution_x, first.location.x = 123, first.location.x + 1
+    bpy.context.view_layer.update()
+    assert render.resolution_x == 123
+
+
 def test_a_sequence_is_resumed_and_gives_the_commands_bytes(street: Any, tmp_path: Path) -> None:
     street.frame_start, street.frame_end = 4, 6
     street.unisim.out = str(tmp_path / "out")

@@ -2,11 +2,12 @@
 # A Debian with a Blender that has a window, in folder $1, of release $2 (trixie: Blender 4.3, sid: 5.2). Needs root and debootstrap.
 set -e
 root=$1 release=$2
-[ -e "$root/.ready" ] && exit 0
-command -v debootstrap >/dev/null || apt-get install -y -qq debootstrap >/dev/null
+cmp -s "$0" "$root/.ready" && exit 0  # made by this very script
+command -v debootstrap >/dev/null || apt-get install -y -qq debootstrap ca-certificates >/dev/null
 mirror=$(sed -n 's/^URIs: *//p' /etc/apt/sources.list.d/*.sources 2>/dev/null | head -1)
 [ -n "$mirror" ] || mirror=$(sed -n 's/^deb \(\[[^]]*\] \)\?\([^ ]*\).*/\2/p' /etc/apt/sources.list 2>/dev/null | head -1)
-rm -rf "$root"
+grep -q '^ID=debian' /etc/os-release || mirror=""  # another system's mirror has no Debian
+rm -rf --one-file-system "$root"  # not what a run that was cut off left mounted there
 debootstrap --variant=minbase "$release" "$root" ${mirror:+"$mirror"} >/dev/null
 cp /etc/ssl/certs/ca-certificates.crt "$root/etc/host-ca.crt"
 cp /etc/resolv.conf "$root/etc/"
@@ -16,9 +17,9 @@ extra=""
 [ "$release" = sid ] && extra=python3-cattr
 chroot "$root" apt-get -o Acquire::Check-Valid-Until=false -o Acquire::Check-Date=false update -qq
 chroot "$root" env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends blender xvfb xauth libgl1-mesa-dri \
-  libegl1 imagemagick python3-numpy python3-torch python3-click python3-pil python3-scipy python3-tqdm python3-safetensors \
+  libegl1 imagemagick xdotool python3-numpy python3-torch python3-click python3-pil python3-scipy python3-tqdm python3-safetensors \
   python3-pip python3-jsonschema $extra >/dev/null
 # what Debian lacks of what the renderer needs
 chroot "$root" env SSL_CERT_FILE=/etc/host-ca.crt PIP_CERT=/etc/host-ca.crt ${PIP_INDEX_URL:+PIP_INDEX_URL="$PIP_INDEX_URL"} \
   pip3 install -q --break-system-packages --no-deps plyfile OpenEXR
-touch "$root/.ready"
+cp "$0" "$root/.ready"

@@ -1,4 +1,4 @@
-"""Drive a real Blender window through a session and check what came of it. Needs root: Blender lives in a folder of its own.
+"""Drive a real Blender window through its sessions and check what came of them. Needs root: Blender lives in a folder of its own.
 
 python tests/ui/run.py ROOT RELEASE OUT      (ROOT: where that Debian is or will be; RELEASE: trixie or sid)
 """
@@ -11,11 +11,17 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 HERE = Path(__file__).resolve().parent
 REPOSITORY = HERE.parents[1]
-LIMIT_S = 900
+LIMIT_S = 600
 DISPLAY = ":93"
+BLENDER = ["blender", "--factory-startup", "--no-window-focus", "-p", "0", "0", "1600", "900"]
+SESSIONS = {"window": [], "hands": ["--enable-event-simulate"]}
+"""What each file's Blender is started with besides; the one with simulated events hears no others."""
+ESC_S = 3.0
+"""How long a render job may go on after Esc, in seconds: half a second where nothing else runs."""
 WITHIN_BYTES = 1.0
 """How far the viewport and F12 may be apart, in steps of eight bits."""
 
@@ -32,35 +38,27 @@ def main(root: Path, release: str, out: Path) -> int:
     shutil.rmtree(work, ignore_errors=True)
     (work / "shots").mkdir(parents=True)
     shutil.copy(archive, work / "unisim.zip")
-    shutil.copy(HERE / "window.py", work)
+    for script in ("session", *SESSIONS):
+        shutil.copy(HERE / f"{script}.py", work)
     shutil.copytree(REPOSITORY / "sample" / "scene", work / "scene")
     (root / "tmp" / ".X11-unix").mkdir(mode=0o1777, exist_ok=True)
     mounted = [where for where in ("proc", "dev") if not any((root / where).iterdir())]
     for where in mounted:
         subprocess.run(["mount", "--rbind", f"/{where}", str(root / where)], check=True)
-    inside = ["chroot", str(root)]
-    screen = subprocess.Popen([*inside, "Xvfb", DISPLAY, "-screen", "0", "1600x900x24", "-nolisten", "tcp"])
+    screen = subprocess.Popen(["chroot", str(root), "Xvfb", DISPLAY, "-screen", "0", "1600x900x24", "-nolisten", "tcp"])
     try:
         time.sleep(3)
-        blender = [
-            "blender",
-            "--factory-startup",
-            "--no-window-focus",
-            "-p",
-            "0",
-            "0",
-            "1600",
-            "900",
-            "--python",
-            "/tmp/unisim/window.py",
-        ]
         arguments = ["--", "/tmp/unisim/unisim.zip", "/tmp/unisim/scene/scene.json", "/tmp/unisim/shots"]
-        environment = ["env", f"DISPLAY={DISPLAY}", "LIBGL_ALWAYS_SOFTWARE=1", "HOME=/tmp/unisim", "LC_ALL=C.UTF-8"]
         with (work / "log.txt").open("w") as log:
-            subprocess.run([*inside, *environment, *blender, *arguments], timeout=LIMIT_S, stdout=log, stderr=log, check=False)
+            for name, flags in SESSIONS.items():
+                started = [*at_home(root, name), *BLENDER, *flags, "--python", f"/tmp/unisim/{name}.py", *arguments]
+                subprocess.run(started, timeout=LIMIT_S, stdout=log, stderr=log, check=False)
         command = ["blender", "-b", "/tmp/unisim/drive.blend", "--command", "unisim", "render", "--out", "/tmp/unisim/frames"]
         wanted = ["--frames", "4", "--width", "96", "--sensors", "front_camera"]
-        headless = subprocess.run([*inside, *environment, *command, *wanted], timeout=LIMIT_S, check=False)
+        headless = [*at_home(root, "window"), *command, *wanted]
+        ended = subprocess.run(
+            headless, timeout=LIMIT_S, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, check=False
+        )
     finally:
         screen.terminate()
         screen.wait()
@@ -69,28 +67,40 @@ def main(root: Path, release: str, out: Path) -> int:
     shutil.copytree(work / "shots", out, dirs_exist_ok=True)
     shutil.copy(work / "log.txt", out)
     pictures = list((work / "frames" / "camera").glob("*/*.png"))
-    if headless.returncode or not pictures:
-        print(f"Error: blender --command unisim render ended with {headless.returncode} and left {len(pictures)} pictures")
+    if ended.returncode or not pictures or "Traceback" in ended.stdout:
+        print(ended.stdout)
+        print(f"Error: blender --command unisim render ended with {ended.returncode} and left {len(pictures)} pictures")
         return 1
     return judge(out)
 
 
+def at_home(root: Path, name: str) -> list[str]:
+    """How a command of that Debian's is started, with settings that are a session's own."""
+    home = root / "tmp" / "unisim" / f"{name}_home"
+    home.mkdir(exist_ok=True)
+    software = ["LIBGL_ALWAYS_SOFTWARE=1", "LC_ALL=C.UTF-8"]
+    return ["chroot", str(root), "env", f"DISPLAY={DISPLAY}", f"HOME=/tmp/unisim/{home.name}", *software]
+
+
 def judge(out: Path) -> int:
     """Print the results; 1 where something is wrong."""
-    path = out / "results.json"
-    if not path.is_file():
-        print(f"Blender left no results; {out / 'log.txt'} ends with:\n" + (out / "log.txt").read_text()[-2000:])
-        return 1
-    results = json.loads(path.read_text())
+    results: dict[str, dict[str, Any]] = {}
+    for name in SESSIONS:
+        path = out / f"{name}.json"
+        if not path.is_file():
+            print(f"Error: {name}.py left no results; {out / 'log.txt'} ends with:\n" + (out / "log.txt").read_text()[-2000:])
+            return 1
+        results[name] = json.loads(path.read_text())
     print(json.dumps(results, indent=1))
+    window = results["window"]
     wrong = [
         message
         for holds, message in (
-            ("error" not in results, "the session broke off"),
-            (results.get("done", False), "the session did not end"),
-            (results.get("viewport_and_f12", 99.0) <= WITHIN_BYTES, "viewport and F12 differ"),
-            (results.get("refresh_changed", 0.0) > 0.05, "moving a box changed nothing"),
-            ("killed" in str(results.get("after_kill", "")), "nobody said that the worker was killed"),
+            *((result.get("done", False), f"{name}.py broke off") for name, result in results.items()),
+            (window.get("viewport_and_f12", 99.0) <= WITHIN_BYTES, "viewport and F12 differ"),
+            (window.get("refresh_changed", 0.0) > 0.05, "moving a box changed nothing"),
+            (window.get("esc_s", 99.0) <= ESC_S, "Esc does not stop F12 at once"),
+            ("killed" in str(window.get("after_kill", "")), "nobody said that the worker was killed"),
         )
         if not holds
     ]

@@ -1,17 +1,12 @@
-"""What a person does, done by a script inside a Blender with its window. Run by `run.py`, which starts Blender with this file.
-
-Arguments after `--`: the extension's .zip, the sample scene's scene.json, a folder for screenshots and for results.json.
-"""
+"""What a person does, done by a script inside a Blender with its window. Run by `run.py`, which starts Blender with this file."""
 
 from __future__ import annotations
 
-import json
 import os
 import signal
 import subprocess
 import sys
 import time
-import traceback
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
@@ -19,46 +14,25 @@ from typing import Any
 
 import bpy
 import numpy as np
-from mathutils import Euler, Vector
-from numpy.typing import NDArray
 
-ARCHIVE, SCENE, OUT = (Path(argument) for argument in sys.argv[sys.argv.index("--") + 1 :])
-MODULE = "bl_ext.user_default.unisim_blender"
-results: dict[str, object] = {}
-
-
-def area(kind: str) -> bpy.types.Area:
-    """The first area of a kind."""
-    return next(a for a in bpy.context.window_manager.windows[0].screen.areas if a.type == kind)
-
-
-def view() -> tuple[bpy.types.Area, bpy.types.SpaceView3D, bpy.types.RegionView3D]:
-    """The 3D view."""
-    found = area("VIEW_3D")
-    return found, found.spaces.active, found.spaces.active.region_3d
-
-
-def screenshot(name: str) -> None:
-    """A picture of the whole window."""
-    subprocess.run(["import", "-window", "root", str(OUT / f"{name}.png")], check=True)
-
-
-def inside(found: bpy.types.Area) -> bpy.types.Context:
-    """The context of an area, for operators that need one."""
-    window = bpy.context.window_manager.windows[0]
-    region = next(r for r in found.regions if r.type == "WINDOW")
-    return bpy.context.temp_override(window=window, area=found, region=region)
-
-
-def picture() -> NDArray[Any] | None:
-    """What the viewport's engine shows, linear, or None while more is to come."""
-    viewport = sys.modules.get(f"{MODULE}.viewport")
-    if viewport is None or not viewport.VIEWS:
-        return None
-    shown = list(viewport.VIEWS)[-1]
-    if shown.problem:
-        raise AssertionError(shown.problem)
-    return None if shown.pending or not shown.linear.size else shown.linear.copy()
+sys.path.insert(0, str(Path(__file__).parent))
+from session import (
+    ARCHIVE,
+    MODULE,
+    OUT,
+    SCENE,
+    area,
+    choose,
+    from_behind,
+    inside,
+    picture,
+    results,
+    screenshot,
+    start,
+    until,
+    view,
+    wait_for_picture,
+)
 
 
 def nearest(scene: bpy.types.Scene) -> bpy.types.Object:
@@ -73,33 +47,55 @@ def nearest(scene: bpy.types.Scene) -> bpy.types.Object:
     return min((o for o in standing if ahead(o)[0] > 8 and ahead(o)[1] < ahead(o)[0] / 3), key=ahead)
 
 
-def choose(thing: bpy.types.Object) -> None:
-    """Select an object and nothing else."""
-    for other in bpy.context.selected_objects:
-        other.select_set(False)
-    thing.select_set(True)
-    bpy.context.view_layer.objects.active = thing
+def f12() -> None:
+    """Render in a window of its own, as the key does."""
+    with inside(area("VIEW_3D")):
+        bpy.ops.render.render("INVOKE_DEFAULT", use_viewport=True)
 
 
-def from_behind(region: bpy.types.RegionView3D) -> None:
-    """Look along the street from above and behind the vehicle."""
-    ego = next(o for o in bpy.context.scene.objects if o.unisim.kind == "EGO")
-    region.view_perspective = "PERSP"
-    region.view_location = ego.matrix_world.translation + Vector((14.0, 0.0, 0.0))
-    region.view_rotation = Euler((np.radians(62), 0.0, np.radians(-90))).to_quaternion()
-    region.view_distance = 34.0
+def escape() -> None:
+    """Esc on the real keyboard, with the mouse over the picture: Blender stops a render at no simulated one."""
+    subprocess.run(["xdotool", "mousemove", "600", "400", "key", "Escape"], check=True)
 
 
-def wait_for_picture(limit_s: float = 240.0) -> Iterator[float]:
-    """Let the window go on until the viewport's picture is finished."""
-    until = time.monotonic() + limit_s
-    for found in bpy.context.window_manager.windows[0].screen.areas:
-        found.tag_redraw()
-    yield 0.3
-    yield 0.3
-    while picture() is None:
-        assert time.monotonic() < until, "the viewport's picture does not come"
-        yield 0.2
+def rendering() -> bool:
+    """Whether F12 is at work."""
+    return bpy.app.is_job_running("RENDER")
+
+
+def stopped_by_esc() -> Iterator[float]:
+    """F12 of a large picture, Esc in the middle of it, then F12 of a small one, by the same worker."""
+    scene, manager = bpy.context.scene, bpy.context.window_manager
+    worker = sys.modules[f"{MODULE}.client"]._client
+    process, arrays, bands = worker.process.pid, worker.arrays, []
+
+    def counted(event: dict[str, Any]) -> Any:
+        bands.append(event["rows"])
+        return arrays(event)
+
+    worker.arrays = counted
+    scene.render.resolution_percentage = 200
+    f12()
+    yield from until(lambda: len(bands) >= 2, "F12 does not render")
+    screenshot("rendering")
+    begun = time.monotonic()
+    escape()
+    yield from until(lambda: not rendering(), "Esc does not stop F12")
+    results["esc_s"] = time.monotonic() - begun
+    results["esc_left"] = 1 - bands[-1][1] / (2 * scene.render.resolution_y)
+    scene.render.resolution_percentage = 10
+    begun = time.monotonic()
+    f12()
+    yield from until(rendering, "F12 does not render again")
+    yield from until(lambda: not rendering(), "the worker does not answer after Esc")
+    results["after_esc_s"] = time.monotonic() - begun
+    yield 0.5
+    screenshot("after_esc")
+    del worker.arrays
+    assert not worker.problem and worker.process.pid == process
+    escape()
+    yield from until(lambda: len(manager.windows) == 1, "the window of the picture stays")
+    scene.render.resolution_percentage = 100
 
 
 def steps() -> Iterator[float]:
@@ -159,6 +155,7 @@ def steps() -> Iterator[float]:
     linear = np.clip(shown[..., :3], 0, 1)
     srgb = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * np.maximum(linear, 1e-8) ** (1 / 2.4) - 0.055)
     results["viewport_and_f12"] = float(np.abs(srgb - f12).max() * 255)
+    yield from stopped_by_esc()
     # an edit
     car = nearest(scene)
     choose(car)
@@ -193,24 +190,7 @@ def steps() -> Iterator[float]:
     # for a Blender without a window
     bpy.ops.wm.save_userpref()
     bpy.ops.wm.save_as_mainfile(filepath=str(OUT.parent / "drive.blend"))
-    results["done"] = True
-
-
-def run(session: Iterator[float]) -> float | None:
-    """One step, as a timer of Blender's."""
-    try:
-        return next(session)
-    except StopIteration:
-        pass
-    except BaseException:
-        results["error"] = traceback.format_exc()
-        screenshot("error")
-    (OUT / "results.json").write_text(json.dumps(results, indent=1))
-    bpy.ops.wm.quit_blender()
-    return None
 
 
 if __name__ == "__main__":
-    bpy.context.preferences.view.show_splash = False
-    session = steps()
-    bpy.app.timers.register(lambda: run(session), first_interval=2.0)
+    start(steps(), "window")

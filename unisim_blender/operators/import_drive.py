@@ -67,10 +67,11 @@ class _ImportDrive(ImportHelper):
 
     def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Some steps at each tick of the timer."""
-        if event.type == "ESC":
+        if event.type == "ESC" and context.preferences.edit.use_global_undo:
             self.end(context)
-            self.report({"WARNING"}, "Import stopped: import again to complete it")
-            return {"FINISHED"}  # what is there can be undone
+            take_back()
+            self.report({"WARNING"}, "Import stopped: the scene is as it was")
+            return {"CANCELLED"}
         if event.type != "TIMER":
             return {"RUNNING_MODAL"}
         until = time.monotonic() + BUSY_S
@@ -87,6 +88,13 @@ class _ImportDrive(ImportHelper):
         context.window_manager.event_timer_remove(self.timer)
         context.window_manager.progress_end()
         context.workspace.status_text_set(None)
+
+
+def take_back() -> None:
+    """Put the file back to where it stood at the last undo step: half a drive would be read as one with actors removed."""
+    bpy.ops.ed.undo_push(message="Half an import")
+    bpy.ops.ed.undo()
+    bpy.ops.ed.undo_push(message="Import Stopped")  # nor can a redo bring the half back
 
 
 class UNISIM_OT_import_log(bpy.types.Operator, _ImportDrive):
@@ -176,9 +184,14 @@ class UNISIM_OT_import_dropped(bpy.types.Operator):
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Tell by the name which of them it is: a trained scene's header is always called the same."""
-        if Path(self.filepath).name == HEADER_NAME:
-            return bpy.ops.unisim.import_scene("INVOKE_DEFAULT", filepath=self.filepath)
-        return bpy.ops.unisim.import_scenario(filepath=self.filepath)
+        scene = Path(self.filepath).name == HEADER_NAME
+        operator = bpy.ops.unisim.import_scene if scene else bpy.ops.unisim.import_scenario
+        try:
+            answer = operator("INVOKE_DEFAULT" if scene else "EXEC_DEFAULT", filepath=self.filepath)
+        except RuntimeError as fault:  # what the operator reports
+            self.report({"ERROR"}, str(fault).removeprefix("Error: ").strip())
+            return {"CANCELLED"}
+        return {"INTERFACE"} if answer == {"RUNNING_MODAL"} else answer  # the operator that goes on has its own undo step
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """As dropped."""
