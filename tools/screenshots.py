@@ -10,7 +10,7 @@ from pathlib import Path
 
 from PIL import Image
 
-SHOWN = {"imported": "import", "way": "move", "cone": "cone", "rendered": "viewport", "any_angle": "angle"}
+SHOWN = {"imported": "import", "way": "move", "cone": "cone", "mesh": "mesh", "rendered": "viewport", "any_angle": "angle"}
 """By the session's name: the documentation's."""
 WIDTH = 1200
 

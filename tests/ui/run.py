@@ -99,6 +99,7 @@ def judge(out: Path) -> int:
             *((result.get("done", False), f"{name}.py broke off") for name, result in results.items()),
             (window.get("viewport_and_f12", 99.0) <= WITHIN_BYTES, "viewport and F12 differ"),
             (window.get("refresh_changed", 0.0) > 0.05, "moving a box changed nothing"),
+            (window.get("mesh_changed", 0.0) > 0.05, "a mesh made an actor is not to be seen"),
             (window.get("esc_s", 99.0) <= ESC_S, "Esc does not stop F12 at once"),
             ("killed" in str(window.get("after_kill", "")), "nobody said that the worker was killed"),
         )

@@ -14,6 +14,7 @@ from typing import Any
 
 import bpy
 import numpy as np
+from mathutils import Vector
 
 sys.path.insert(0, str(Path(__file__).parent))
 from session import (
@@ -45,6 +46,13 @@ def nearest(scene: bpy.types.Scene) -> bpy.types.Object:
 
     standing = [o for o in scene.objects if o.unisim.kind == "ACTOR" and o.animation_data is None and "Car" in o.name]
     return min((o for o in standing if ahead(o)[0] > 8 and ahead(o)[1] < ahead(o)[0] / 3), key=ahead)
+
+
+def ahead_of_camera(away_m: float) -> Vector:
+    """A place so far in front of the camera, on its own height."""
+    looks = bpy.context.scene.camera.matrix_world
+    along = looks.to_3x3() @ Vector((0.0, 0.0, -1.0))
+    return looks.translation + Vector((along.x, along.y, 0.0)).normalized() * away_m
 
 
 def f12() -> None:
@@ -184,6 +192,25 @@ def steps() -> Iterator[float]:
         bpy.ops.object.duplicate_move(TRANSFORM_OT_translate={"value": (3.0, 1.5, 0.0)})
     yield from wait_for_picture()
     screenshot("cone")
+    # a mesh that nobody recorded, in the lane ahead
+    with inside(found):
+        bpy.ops.mesh.primitive_monkey_add(size=1.6, location=ahead_of_camera(14.0), rotation=(0.0, 0.0, -np.pi / 2))
+    monkey = bpy.context.view_layer.objects.active
+    paint = bpy.data.materials.new("clay")
+    if paint.node_tree is None:
+        paint.use_nodes = True
+    paint.node_tree.nodes["Principled BSDF"].inputs["Base Color"].default_value = (0.7, 0.25, 0.05, 1.0)
+    monkey.data.materials.append(paint)
+    before = picture()
+    with inside(found):
+        bpy.ops.object.shade_smooth()
+        bpy.ops.unisim.mesh_actor(label="Other")
+        bpy.ops.unisim.snap_to_ground()
+    yield from wait_for_picture()
+    after = picture()
+    assert before is not None and after is not None
+    results["mesh_changed"] = float(np.abs(after - before).max())
+    screenshot("mesh")
     from_behind(region)
     yield from wait_for_picture()
     screenshot("any_angle")
