@@ -60,7 +60,11 @@ def test_recorded_points(logged: Any) -> None:
     one.data.vertices.foreach_get("co", out)
     step = -(-len(recorded) // count)
     assert np.abs(out.reshape(-1, 3) - recorded[::step][:count]).max() < 1e-3
-    assert {"intensity", "class"} <= {a.name for a in one.data.attributes}
+    assert {"intensity", "class", "depth"} <= {a.name for a in one.data.attributes}
+    depth = np.empty(count, np.float32)
+    one.data.attributes["depth"].data.foreach_get("value", depth)
+    sensor = source.drive.lidars[name].world_from_lidar.at(source.drive.lidars[name].time_s[1])[:3, 3]
+    assert np.abs(np.linalg.norm(out.reshape(-1, 3) - sensor, axis=1) - depth).max() < 1.5  # the vehicle moves during a sweep
     logged.frame_set(2)
     assert len(next(things(logged, "POINTS")).data.vertices) > 1000
 

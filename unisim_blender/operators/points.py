@@ -7,7 +7,8 @@ from bpy.app.handlers import persistent
 
 from ..bridge.clock import Clock
 from ..bridge.neighbours import sample_now
-from ..bridge.points import RECORDED, SIMULATED, hide_points, put_points, show_recorded
+from ..bridge.point_colours import RECORDED, SIMULATED
+from ..bridge.points import hide_points, put_points, show_recorded
 from ..bridge.sampling import frame_of
 from ..bridge.snapshot import lidar_request
 from ..bridge.source import source_of

@@ -47,6 +47,10 @@ class UNISIM_PT_drive(_Sidebar, bpy.types.Panel):
                 "unisim.show_points", text=name, depress=(about.show_recorded, about.show_simulated) == (recorded, simulated)
             )
             shown.recorded, shown.simulated = recorded, simulated
+        if about.show_recorded or about.show_simulated:
+            layout.row(align=True).prop(about, "points_colour", expand=True)
+        if about.show_recorded:
+            layout.prop(about, "recorded_offset_m")
         layout.prop(about, "show_ways")
         if not recorded_colours(scene):
             layout.label(text="Colours are not shown as recorded", icon="ERROR")
