@@ -12,8 +12,8 @@ from .bridge.point_colours import RECORDED
 from .bridge.points import kind_of, points_of
 from .bridge.things import things
 
-SIZE = 3.0
-"""Of a point, in pixels of an ordinary display."""
+SIZE, BEHIND_SIZE = 3.0, 2.0
+"""Of a point, and of one behind a surface, an actor's box say, in pixels of an ordinary display."""
 
 Build = Callable[[bpy.types.Object, str], Any]
 
@@ -52,17 +52,19 @@ def draw() -> None:
     scene, space = context.scene, context.space_data
     if not space.overlay.show_overlays:
         return
-    # the engine's picture has no depth: over it all points are seen
+    drawn = [(offset(scene, thing), batch) for thing, batch in clouds(scene, _batch) if batch is not None]
+    if not drawn:
+        return
+    # the engine's picture has no depth: over it all points are seen alike
     flat = space.shading.type == "RENDERED" and scene.render.engine == "UNISIM"
-    gpu.state.point_size_set(SIZE * context.preferences.system.pixel_size)
-    gpu.state.depth_test_set("NONE" if flat else "LESS_EQUAL")
-    gpu.state.depth_mask_set(not flat)
-    for thing, batch in clouds(scene, _batch):
-        if batch is None:
-            continue
-        with gpu.matrix.push_pop():
-            gpu.matrix.translate(offset(scene, thing))
-            batch.draw(_shader())
+    for test, size in (("NONE", SIZE),) if flat else (("GREATER", BEHIND_SIZE), ("LESS_EQUAL", SIZE)):
+        gpu.state.depth_test_set(test)
+        gpu.state.depth_mask_set(test == "LESS_EQUAL")
+        gpu.state.point_size_set(size * context.preferences.system.pixel_size)
+        for aside, batch in drawn:
+            with gpu.matrix.push_pop():
+                gpu.matrix.translate(aside)
+                batch.draw(_shader())
     gpu.state.depth_mask_set(False)
     gpu.state.depth_test_set("NONE")
     gpu.state.point_size_set(1.0)
