@@ -7,6 +7,7 @@ import bpy
 
 from ..bridge.importing import recorded_colours
 from ..bridge.things import things
+from ..operators.background import curve_icon
 
 
 class _Sidebar:
@@ -135,6 +136,9 @@ class UNISIM_PT_output(_Sidebar, bpy.types.Panel):
         if manager.unisim_task:
             self.layout.progress(factor=manager.unisim_progress, text=manager.unisim_task)
             self.layout.operator("unisim.cancel_task")
+            curve = curve_icon()
+            if curve is not None:
+                self.layout.template_icon(curve, scale=12.0)
         self.layout.operator("unisim.export_scenario")
         self.layout.operator("unisim.train")
         self.layout.operator("unisim.make_library")
