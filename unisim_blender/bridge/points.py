@@ -29,7 +29,7 @@ def put_points(
         collection_of(scene, "POINTS").objects.link(thing)
         thing.unisim.kind, thing.unisim.uid = "POINTS", uid
         thing.hide_select = thing.hide_render = True
-    thing.hide_viewport = True  # else Blender's own dots lie over the coloured points
+        thing.hide_viewport = True  # else Blender's own dots lie over the coloured points
     thing.unisim.stamp = uuid.uuid4().hex
     step = -(-len(points) // MOST_POINTS) or 1
     mesh = thing.data
