@@ -28,7 +28,9 @@ TURBO_ENDS = (0.08, 0.95)
 VIRIDIS = ((0.229, 0.322, 0.546), (0.164, 0.471, 0.558), (0.128, 0.647, 0.523), (0.369, 0.789, 0.383), (0.993, 0.906, 0.144))
 """At even steps, without the map's dark end."""
 GOLDEN = 0.61803398875
-"""Turns between the hues of neighbouring numbers: no two of many are alike."""
+"""Turns between the hues of neighbouring numbers."""
+SATURATIONS, RUN = np.array([0.85, 0.4, 0.65, 0.25]), 12
+"""For a run of numbers each: hues come close again after 13, 21 and 34."""
 
 Colours = NDArray[np.float32]
 
@@ -64,10 +66,11 @@ def depth_colours(depth_m: NDArray[np.generic]) -> Colours:
 
 
 def number_colours(numbers: NDArray[np.generic]) -> Colours:
-    """Colours (N, 4) of whole numbers (N,), a hue for each; those that are not positive are nothing, and grey."""
+    """Colours (N, 4) of whole numbers (N,), one for each; those that are not positive are nothing, and grey."""
     hue = np.mod(numbers.astype(float) * GOLDEN, 1.0)
     turned = np.mod(np.array([5.0, 3.0, 1.0]) + 6 * hue[:, None], 6)
-    rgb = 1 - 0.75 * np.clip(np.minimum(turned, 4 - turned), 0, 1)
+    saturation = SATURATIONS[np.maximum(numbers, 0).astype(int) // RUN % len(SATURATIONS), None]
+    rgb = 1 - saturation * np.clip(np.minimum(turned, 4 - turned), 0, 1)
     return _opaque(np.where((numbers.astype(float) > 0)[:, None], rgb, GREY))
 
 
