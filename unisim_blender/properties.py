@@ -30,7 +30,7 @@ POINT_COLOURS = (
     ("ONE", "One", "Recorded points yellow, simulated ones blue"),
     ("INTENSITY", "Intensity", "Blue to yellow"),
     ("DEPTH", "Depth", "Distance from the sensor, blue to red"),
-    ("INSTANCE", "Instance", "A hue for each actor; recorded points, which have no actors, by class"),
+    ("INSTANCE", "Instance", "A colour for each actor; recorded points, which have no actors, by class"),
 )
 
 
