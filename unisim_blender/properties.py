@@ -26,6 +26,12 @@ PASSES = (
     ("opacity", "Opacity", "How much of each pixel is nearer than the far field"),
     ("support", "Support", "Pixels that nothing recorded supports"),
 )
+POINT_COLOURS = (
+    ("ONE", "One", "Recorded points yellow, simulated ones blue"),
+    ("INTENSITY", "Intensity", "Blue to yellow"),
+    ("DEPTH", "Depth", "Distance from the sensor, blue to red"),
+    ("INSTANCE", "Instance", "A colour for each actor; recorded points, which have no actors, by class"),
+)
 
 
 class UniSimObject(bpy.types.PropertyGroup):
@@ -42,6 +48,7 @@ class UniSimObject(bpy.types.PropertyGroup):
     mesh: BoolProperty(name="Mesh", description="Whether its own surface, with all that is parented to it, is what sensors see")
     label: StringProperty(name="Class", description="The class of an actor that is a mesh")
     model: StringProperty(name="Sensor", description="Exact intrinsics or beam table, as JSON")
+    stamp: StringProperty(description="Another one whenever LiDAR points are")
 
 
 class UniSimItem(bpy.types.PropertyGroup):
@@ -76,6 +83,12 @@ class UniSimScene(bpy.types.PropertyGroup):
     )
     show_recorded: BoolProperty(name="Recorded points", description="Whether the frame's recorded LiDAR points are shown")
     show_simulated: BoolProperty(name="Simulated points", description="Whether the frame's simulated LiDAR points are shown")
+    points_colour: EnumProperty(name="Colour", description="What colours LiDAR points", items=POINT_COLOURS, default="ONE")
+    recorded_offset_m: FloatProperty(
+        name="Recorded Beside",
+        description="How far to the vehicle's left recorded LiDAR points are drawn, to be compared with simulated ones",
+        unit="LENGTH",
+    )
     opacity_pass: BoolProperty(name="Opacity pass", description="How much of each pixel is nearer than the far field")
     passes: EnumProperty(
         name="Passes", description="What a sequence holds beside colours", items=PASSES, options={"ENUM_FLAG"}, default={"depth"}

@@ -14,7 +14,7 @@ from bpy_extras.view3d_utils import location_3d_to_region_2d
 from numpy.typing import NDArray
 
 from .bridge.clock import Clock
-from .bridge.neighbours import sample_now
+from .bridge.neighbours import lacking, sample_now, step_soon
 from .bridge.sampling import Sampled, Thing, frame_of
 from .bridge.snapshot import camera_request
 from .bridge.source import source_of
@@ -87,7 +87,11 @@ class View:
             return
         self.key = key
         try:
-            values, sampled, view = self._wanted(context, depsgraph)
+            found = self._wanted(context, depsgraph)
+            if found is None:
+                self.key = None  # once that is known, the view is drawn again
+                return
+            values, sampled, view = found
             # much that Blender calls a change, a selection say, shows nowhere
             if values != self.wanted or self.problem:
                 self._ask(values, self._part(values, sampled, view))
@@ -96,8 +100,9 @@ class View:
             self.drop()
             self.wanted, self.problem = None, str(fault)
 
-    def _wanted(self, context: bpy.types.Context, depsgraph: bpy.types.Depsgraph) -> tuple[dict[str, Any], Sampled, Thing]:
-        """The request for the picture of what is looked at now, the scene about this moment, and who looks."""
+    def _wanted(self, context: bpy.types.Context, depsgraph: bpy.types.Depsgraph) -> tuple[dict[str, Any], Sampled, Thing] | None:
+        """The request for the picture of what is looked at now, the scene about this moment, and who looks; None where something
+        moves in a way that is not known yet."""
         scene, space = depsgraph.scene, context.region_data
         source = source_of(scene)
         if not space.is_perspective:
@@ -105,7 +110,11 @@ class View:
         frame = frame_of(scene)
         through = scene.camera if space.view_perspective == "CAMERA" else None
         clock = Clock.of(source.drive).around(frame)
-        sampled = sample_now(scene, depsgraph, clock, (through,) if through is not None else ())
+        also = (through,) if through is not None else ()
+        if lacking(scene, clock, also):
+            step_soon(scene, clock, also)
+            return None
+        sampled = sample_now(scene, depsgraph, clock, also)
         if through is not None:
             view = next(thing for thing in sampled.things if thing.name == through.name)
             self.rectangle = camera_rectangle(context, scene)

@@ -13,9 +13,11 @@ import pytest
 from click.testing import CliRunner
 from helpers import REAL_LOG, read
 
+from unisim_blender.bridge.chart import WIDTH
 from unisim_blender.bridge.source import source_of
 from unisim_blender.bridge.things import things
 from unisim_blender.core.cli import unisim
+from unisim_blender.operators.background import CURVE, PREVIEW, curve_icon
 
 
 @pytest.fixture(scope="module")
@@ -60,15 +62,22 @@ def test_recorded_points(logged: Any) -> None:
     one.data.vertices.foreach_get("co", out)
     step = -(-len(recorded) // count)
     assert np.abs(out.reshape(-1, 3) - recorded[::step][:count]).max() < 1e-3
-    assert {"intensity", "class"} <= {a.name for a in one.data.attributes}
+    assert {"intensity", "class", "depth"} <= {a.name for a in one.data.attributes}
+    depth = np.empty(count, np.float32)
+    one.data.attributes["depth"].data.foreach_get("value", depth)
+    sensor = source.drive.lidars[name].world_from_lidar.at(source.drive.lidars[name].time_s[1])[:3, 3]
+    assert np.abs(np.linalg.norm(out.reshape(-1, 3) - sensor, axis=1) - depth).max() < 1.5  # the vehicle moves during a sweep
     logged.frame_set(2)
     assert len(next(things(logged, "POINTS")).data.vertices) > 1000
 
 
-def test_training_from_blender(logged: Any, tmp_path: Path) -> None:
+def test_training_from_blender(logged: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     folder = tmp_path / "scene"
+    monkeypatch.setattr("unisim_blender.operators.train.PREVIEW_S", 0.0)
     assert bpy.ops.unisim.train(directory=str(folder), minutes=0.1, width=64, preset="tiny", frames=":") == {"FINISHED"}
     assert (folder / "scene.json").is_file()
+    assert bpy.data.images[PREVIEW].size[0] == 2 * 64 and bpy.data.images[CURVE].size[0] == WIDTH
+    assert curve_icon() is not None
     assert bpy.ops.unisim.import_scene(filepath=str(folder / "scene.json")) == {"FINISHED"}
     assert source_of(logged).scene_path == folder
     assert read(logged).edits == ()

@@ -14,7 +14,7 @@ from PIL import Image
 
 from unisim_blender.bridge.cameras import model_of
 from unisim_blender.bridge.clock import Clock
-from unisim_blender.bridge.neighbours import sample_now
+from unisim_blender.bridge.neighbours import lacking, sample_now, step_beside
 from unisim_blender.bridge.poses import same
 from unisim_blender.bridge.sampling import kept_frame, picture_size, sample
 from unisim_blender.bridge.snapshot import sized
@@ -22,11 +22,12 @@ from unisim_blender.bridge.source import source_of
 from unisim_blender.bridge.touched import touched
 
 
-def both(scene: Any, frame: int) -> tuple[Any, Any]:
+def both(scene: Any, frame: float) -> tuple[Any, Any]:
     """The things about a frame, without leaving it and by stepping."""
     clock = Clock.of(source_of(scene).drive).around(frame)
-    scene.frame_set(frame)
+    scene.frame_set(int(frame), subframe=frame - int(frame))
     depsgraph = bpy.context.evaluated_depsgraph_get()
+    assert step_beside(scene, clock, lacking(scene, clock))
     now = sample_now(scene, depsgraph, clock)
     with kept_frame(scene):
         stepped = sample(scene, depsgraph, clock, scene.frame_set)
@@ -45,6 +46,178 @@ def test_the_moment_is_what_stepping_finds(street: Any, frame: int) -> None:
     for a, b in zip(now.things, stepped.things, strict=True):
         assert same(a.poses, b.poses).all(), a.name
         assert (a.there == b.there).all(), a.name
+
+
+def driving(scene: Any) -> Any:
+    """A box that moves and is there throughout."""
+    drive = source_of(scene).drive
+    first, last = min(drive.time_s.values()), max(drive.time_s.values())
+    uid = next(u for u, a in sorted(drive.actors.items()) if a.is_moving and a.start_s <= first and a.end_s >= last)
+    return thing(scene, "ACTOR", uid)
+
+
+def standing(scene: Any) -> Any:
+    """A box that stands still."""
+    drive = source_of(scene).drive
+    return thing(scene, "ACTOR", next(u for u, a in sorted(drive.actors.items()) if not a.is_moving))
+
+
+def moving_empty(scene: Any) -> Any:
+    """An empty that moves and turns."""
+    empty = bpy.data.objects.new("empty", None)
+    scene.collection.objects.link(empty)
+    for frame, place, turn in ((0, (0.0, 0.0, 0.0), 0.0), (20, (30.0, 8.0, 1.0), 1.2)):
+        empty.location, empty.rotation_euler.z = place, turn
+        empty.keyframe_insert("location", frame=frame)
+        empty.keyframe_insert("rotation_euler", frame=frame)
+    return empty
+
+
+def by_nla(scene: Any) -> Any:
+    one = driving(scene)
+    data = one.animation_data
+    action, slot = data.action, getattr(data, "action_slot", None)
+    strip = data.nla_tracks.new().strips.new("slow", 2, action)
+    if slot is not None:
+        strip.action_slot = slot
+    data.action = None
+    strip.scale = 1.7
+    return one
+
+
+def by_parent(scene: Any) -> Any:
+    one = standing(scene)
+    one.parent = moving_empty(scene)
+    return one
+
+
+def by_parent_in_nla(scene: Any) -> Any:
+    one = standing(scene)
+    one.parent = by_nla(scene)
+    return one
+
+
+def by_parent_with_scale(scene: Any) -> Any:
+    one = by_parent(scene)
+    one.parent.scale = (2.0, 2.0, 2.0)
+    return one
+
+
+def by_copied_transforms(scene: Any) -> Any:
+    one = standing(scene)
+    one.constraints.new("COPY_TRANSFORMS").target = moving_empty(scene)
+    return one
+
+
+def by_child_of(scene: Any) -> Any:
+    one = standing(scene)
+    one.constraints.new("CHILD_OF").target = moving_empty(scene)
+    return one
+
+
+def by_driver(scene: Any) -> Any:
+    one = standing(scene)
+    one.driver_add("location", 0).driver.expression = "0.3 * frame ** 1.5"
+    return one
+
+
+def by_path(scene: Any) -> Any:
+    curve = bpy.data.curves.new("path", "CURVE")
+    curve.dimensions, curve.use_path, curve.path_duration = "3D", True, 20
+    spline = curve.splines.new("POLY")
+    spline.points.add(2)
+    for point, place in zip(spline.points, [(0, 0, 0), (30, 0, 0), (30, 20, 0)], strict=True):
+        point.co = (*place, 1)
+    line = bpy.data.objects.new("path", curve)
+    scene.collection.objects.link(line)
+    one = standing(scene)
+    follow = one.constraints.new("FOLLOW_PATH")
+    follow.target, follow.use_curve_follow = line, True
+    curve.eval_time = 0
+    curve.keyframe_insert("eval_time", frame=0)
+    curve.eval_time = 20
+    curve.keyframe_insert("eval_time", frame=20)
+    return one
+
+
+def late_in_nla(scene: Any) -> Any:
+    """A box that appears while it is looked at, its keys in the NLA."""
+    one = driving(scene)
+    one.hide_viewport = True
+    one.keyframe_insert("hide_viewport", frame=0)
+    one.hide_viewport = False
+    one.keyframe_insert("hide_viewport", frame=4)
+    return by_nla(scene)
+
+
+WAYS = (
+    by_nla, by_parent, by_parent_in_nla, by_parent_with_scale, by_copied_transforms, by_child_of, by_driver, by_path, late_in_nla,
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("frame", [9, 9.4])
+@pytest.mark.parametrize("way", WAYS)
+def test_whatever_moves_a_thing_the_moment_is_what_stepping_finds(street: Any, way: Any, frame: float) -> None:
+    one = way(street)
+    now, stepped = both(street, frame)
+    for a, b in zip(now.things, stepped.things, strict=True):
+        assert (a.there == b.there).all(), a.name
+        assert same(a.poses[a.there], b.poses[b.there]).all(), a.name
+    (moved,) = [t for t in now.things if t.name == one.name]
+    assert np.abs(np.diff(moved.poses[moved.there][:, :3, 3], axis=0)).max() > 0.1  # it does move
+
+
+def test_looking_beside_leaves_everything_as_it_is(street: Any) -> None:
+    one = by_nla(street)
+    street.frame_set(9)
+    one.location.y += 2.0  # a change without a key
+    bpy.context.view_layer.update()
+    before = [(o.name, o.matrix_world.copy(), o.location.copy(), o.users) for o in street.objects]
+    called: list[str] = []
+
+    def frame_changed(scene: Any, depsgraph: Any = None) -> None:
+        called.append(scene.name)
+
+    bpy.app.handlers.frame_change_post.append(frame_changed)
+    try:
+        clock = Clock.of(source_of(street).drive).around(9)
+        assert [o.name for o in lacking(street, clock)] == [one.name]
+        step_beside(street, clock, lacking(street, clock))
+    finally:
+        bpy.app.handlers.frame_change_post.remove(frame_changed)
+    assert street.name not in called and list(bpy.data.scenes) == [street]
+    for name, matrix, location, users in before:
+        now = street.objects[name]
+        assert (now.matrix_world, now.location, now.users) == (matrix, location, users), name
+    bpy.context.view_layer.update()
+    assert street.frame_current == 9 and not lacking(street, clock)
+    for name, matrix, location, _ in before:
+        assert (street.objects[name].matrix_world, street.objects[name].location) == (matrix, location), name
+    (moved,) = [t for t in sample_now(street, bpy.context.evaluated_depsgraph_get(), clock).things if t.name == one.name]
+    at = list(clock.frames).index(9)
+    assert moved.poses[at, :3, 3] == pytest.approx(np.array(one.matrix_world.translation), abs=1e-5)
+
+
+@pytest.mark.parametrize("edit", ["scale", "start", "influence", "target"])
+def test_an_edit_that_is_not_seen_now_counts_all_the_same(street: Any, edit: str) -> None:
+    one, empty = by_nla(street), moving_empty(street)
+    other = by_copied_transforms(street)
+    both(street, 9)
+    clock = Clock.of(source_of(street).drive).around(9)
+    strip = one.animation_data.nla_tracks[0].strips[0]
+    if edit == "scale":
+        strip.scale = 0.6
+    elif edit == "start":
+        strip.frame_start += 3
+    elif edit == "influence":
+        other.constraints[0].influence = 0.5
+    else:
+        other.constraints[0].target = empty
+    bpy.context.view_layer.update()
+    assert lacking(street, clock)
+    now, stepped = both(street, 9)
+    for a, b in zip(now.things, stepped.things, strict=True):
+        assert same(a.poses, b.poses).all(), a.name
 
 
 def picture(scene: Any, path: Path) -> NDArray[Any]:

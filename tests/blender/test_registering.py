@@ -26,7 +26,9 @@ def test_ten_times_leaves_nothing(addon: Any) -> None:
         )
         menus = sum(len(menu._dyn_ui_initialize()) for menu in (bpy.types.TOPBAR_MT_file_import, bpy.types.TOPBAR_MT_file_export))
         panels = sum("UNISIM" in getattr(panel, "COMPAT_ENGINES", ()) for panel in bpy.types.Panel.__subclasses__())
-        return ours, menus, panels, hasattr(bpy.types.Object, "unisim"), hasattr(bpy.types.Scene, "unisim")
+        handlers = [getattr(bpy.app.handlers, name) for name in dir(bpy.app.handlers)]
+        handled = sum(len(found) for found in handlers if isinstance(found, list))
+        return ours, menus, panels, handled, hasattr(bpy.types.Object, "unisim"), hasattr(bpy.types.Scene, "unisim")
 
     try:
         before = traces()

@@ -31,7 +31,15 @@ from unisim_blender.core.street.street import build_street
 from unisim_blender.core.street.truth import truth_camera, truth_lidar
 from unisim_blender.core.training.config import TrainConfig
 from unisim_blender.core.training.data import CameraData, LidarData
-from unisim_blender.core.training.run import CHECKPOINT, _settings, load_checkpoint, preview, save_checkpoint, train
+from unisim_blender.core.training.run import (
+    CHECKPOINT,
+    _settings,
+    load_checkpoint,
+    preview,
+    preview_frame,
+    save_checkpoint,
+    train,
+)
 from unisim_blender.core.training.trainer import Trainer
 
 SMALL = TrainConfig(
@@ -256,15 +264,36 @@ def test_what_nobody_saw_is_free_in_the_end(street: Log, tmp_path: Path) -> None
     assert int((values == 255).sum()) > 1000
 
 
-def test_previews_show_recorded_beside_rendered(trainer: Trainer, tmp_path: Path) -> None:
+def test_previews_show_recorded_beside_rendered(trainer: Trainer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     before = {name: value.clone() for name, value in trainer.model.state_dict().items()}
     preview(trainer, tmp_path / "preview.png")
     with Image.open(tmp_path / "preview.png") as image:
         assert image.size == (96, 32)
-        np.testing.assert_array_equal(np.asarray(image)[:, :48], trainer.cameras.views[2][3])
+        np.testing.assert_array_equal(np.asarray(image)[:, :48], trainer.log.image(*preview_frame(trainer)))
     assert trainer.model.training and files(tmp_path) == {"preview.png"}
     for name, value in trainer.model.state_dict().items():
         assert torch.equal(value, before[name]), name
+    monkeypatch.setattr(trainer, "config", replace(SMALL, frames=(0, 2, 3)))
+    assert preview_frame(trainer) == ("front_camera", 1)
+
+
+def test_previews_leave_the_training_as_it_is(log: Log, whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    shown: list[int] = []
+
+    def counted(trainer: Trainer, file: Path) -> None:
+        shown.append(trainer.iteration)
+        preview(trainer, file)
+
+    monkeypatch.setattr("unisim_blender.core.training.run.preview", counted)
+    monkeypatch.setattr("unisim_blender.core.training.run.PREVIEW_SHARE", 1e-9)
+    train(log, replace(SMALL, preview_s=0.0), tmp_path / "some", quiet=True)
+    assert shown == [1]  # another one would cost more than its share
+    monkeypatch.setattr("unisim_blender.core.training.run.PREVIEW_SHARE", float("inf"))
+    train(log, replace(SMALL, preview_s=0.0), tmp_path / "all", quiet=True)
+    assert shown == [1, 1, 2, 3, 4, 5, 6] and (tmp_path / "all" / "preview.png").is_file()
+    assert not (whole / "preview.png").exists()
+    for name in ("some", "all"):
+        assert (tmp_path / name / "weights.safetensors").read_bytes() == (whole / "weights.safetensors").read_bytes()
 
 
 def test_patches_are_pixels_with_their_rays(log: Log) -> None:

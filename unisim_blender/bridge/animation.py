@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import TypeAlias
+
 import bpy
 import numpy as np
 
@@ -14,6 +16,8 @@ TURN_RAD = 0.02
 OFF_M = 1e-5
 LINEAR, CONSTANT = 1, 0
 """Numbers of Blender's interpolations, as `foreach_set` takes them."""
+
+Curves: TypeAlias = "bpy.types.bpy_prop_collection | tuple[()]"
 
 
 def fcurves_of(thing: bpy.types.Object, name: str) -> bpy.types.bpy_prop_collection:
@@ -44,17 +48,29 @@ def add_keys(
         curve.update()
 
 
-def curves_of(thing: bpy.types.Object) -> bpy.types.bpy_prop_collection | tuple[()]:
+def curves_of(thing: bpy.types.Object) -> Curves:
     """The curves that move a thing; none where it has no action."""
     data = thing.animation_data
     if data is None or data.action is None:
         return ()
-    if not hasattr(data.action, "slots"):  # before Blender 4.4
-        return data.action.fcurves
-    if data.action_slot is None or not data.action.layers:
+    return _curves(data.action, getattr(data, "action_slot", None))
+
+
+def _curves(action: bpy.types.Action, slot: object) -> Curves:
+    if not hasattr(action, "slots"):  # before Blender 4.4
+        return action.fcurves
+    if slot is None or not action.layers:
         return ()
-    bag = data.action.layers[0].strips[0].channelbag(data.action_slot)
+    bag = action.layers[0].strips[0].channelbag(slot)
     return () if bag is None else bag.fcurves
+
+
+def keys_hide(thing: bpy.types.Object) -> bool:
+    """Whether keys, of its action or of a strip of the NLA, say when a thing is there."""
+    data = thing.animation_data
+    strips = [strip for track in data.nla_tracks for strip in track.strips if strip.action] if data is not None else []
+    found = [curves_of(thing), *(_curves(strip.action, getattr(strip, "action_slot", None)) for strip in strips)]
+    return any(curve.data_path == "hide_viewport" for curves in found for curve in curves)
 
 
 def keys_of(thing: bpy.types.Object) -> tuple[FloatArray, FloatArray, FloatArray] | None:

@@ -1,19 +1,21 @@
-"""Sweeps as point-cloud meshes: recorded returns, and simulated ones."""
+"""Sweeps as point-cloud meshes: recorded returns, and simulated ones. The meshes hold the data; `clouds.py` draws them."""
 
 from __future__ import annotations
+
+import uuid
 
 import bpy
 import numpy as np
 from numpy.typing import NDArray
 
 from ..core.geometry import FloatArray
+from .point_colours import RECORDED, SIMULATED, Colours, point_colours
 from .source import Source
 from .things import collection_of, things
 
 MOST_POINTS = 60_000
 """More are thinned for display."""
-RECORDED, SIMULATED = "recorded", "simulated"
-COLOURS = {RECORDED: (1.0, 0.85, 0.2, 1.0), SIMULATED: (0.2, 0.8, 1.0, 1.0)}
+KINDS = (RECORDED, SIMULATED)
 
 
 def put_points(
@@ -25,8 +27,10 @@ def put_points(
     if thing is None:
         thing = bpy.data.objects.new(f"{lidar} ({kind})", bpy.data.meshes.new(f"UniSim {uid}"))
         collection_of(scene, "POINTS").objects.link(thing)
-        thing.unisim.kind, thing.unisim.uid, thing.color = "POINTS", uid, COLOURS[kind]
+        thing.unisim.kind, thing.unisim.uid = "POINTS", uid
         thing.hide_select = thing.hide_render = True
+        thing.hide_viewport = True  # else Blender's own dots lie over the coloured points
+    thing.unisim.stamp = uuid.uuid4().hex
     step = -(-len(points) // MOST_POINTS) or 1
     mesh = thing.data
     mesh.clear_geometry()
@@ -49,14 +53,34 @@ def show_recorded(scene: bpy.types.Scene, source: Source, frame: int) -> int:
             put_points(scene, name, RECORDED, np.zeros((0, 3)), {})
             continue
         sweep = source.log.sweep(name, frame)
-        put_points(scene, name, RECORDED, sweep.points, {"intensity": sweep.intensity, "class": sweep.semantic})
+        depth = np.linalg.norm(sweep.points - sweep.origins, axis=1)
+        put_points(scene, name, RECORDED, sweep.points, {"intensity": sweep.intensity, "class": sweep.semantic, "depth": depth})
         count += len(sweep.points)
     return count
 
 
+def kind_of(thing: bpy.types.Object) -> str:
+    """Whether points are recorded or simulated."""
+    return next(kind for kind in KINDS if thing.unisim.uid.endswith(kind))
+
+
+def points_of(thing: bpy.types.Object, by: str) -> tuple[NDArray[np.float32], Colours]:
+    """Points (N, 3) of the world and their colours (N, 4), by ONE, INTENSITY, DEPTH or INSTANCE."""
+    mesh = thing.data
+    count = len(mesh.vertices)
+    points = np.empty(3 * count, np.float32)
+    mesh.vertices.foreach_get("co", points)
+    attributes: dict[str, NDArray[np.generic]] = {}
+    for name in ("intensity", "depth", "instance", "class"):
+        if (found := mesh.attributes.get(name)) is not None:
+            attributes[name] = np.empty(count, np.int32 if found.data_type == "INT" else np.float32)
+            found.data.foreach_get("value", attributes[name])
+    return points.reshape(-1, 3), point_colours(kind_of(thing), by, attributes, count)
+
+
 def hide_points(scene: bpy.types.Scene, kind: str) -> None:
     """Take one kind of points away."""
-    for thing in [thing for thing in things(scene, "POINTS") if thing.unisim.uid.endswith(kind)]:
+    for thing in [thing for thing in things(scene, "POINTS") if kind_of(thing) == kind]:
         mesh = thing.data
         bpy.data.objects.remove(thing)
         bpy.data.meshes.remove(mesh)

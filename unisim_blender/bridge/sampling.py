@@ -15,7 +15,7 @@ import numpy as np
 
 from ..core.drive import CameraModel
 from ..core.geometry import BoolArray, FloatArray
-from .animation import curves_of
+from .animation import keys_hide
 from .cameras import model_of
 from .clock import Clock
 from .meshes import file_of
@@ -96,7 +96,7 @@ def sample(
     found += [thing for thing in also if thing not in found]
     shown = _shown(depsgraph.view_layer_eval.layer_collection)
     # keys say when a thing is there; without keys, disabling it in viewports is a matter of the view alone
-    keyed = [any(curve.data_path == "hide_viewport" for curve in curves_of(thing)) for thing in found]
+    keyed = [keys_hide(thing) for thing in found]
     matrices = np.empty((len(found), len(clock.frames), 4, 4))
     there = np.zeros((len(found), len(clock.frames)), bool)
     for at, frame in enumerate(clock.frames):

@@ -4,16 +4,21 @@ import time
 from pathlib import Path
 
 import bpy
+import numpy as np
 
+from ..bridge.chart import Picture, training_chart
 from ..bridge.windows import areas
 from ..registering import add, take_away
-from ..tasks import SequenceTask, Task
+from ..tasks import SequenceTask, Task, TrainingTask
 
 POLL_S = 0.5
-PREVIEW = "UniSim preview"
+PREVIEW, CURVE = "UniSim preview", "UniSim training"
+"""Images that show what runs."""
 
 running: list[Task] = []
 """The task at hand, and nothing else."""
+newest: list[Task] = []
+"""The task that was begun last."""
 
 
 def watch() -> float | None:
@@ -26,6 +31,8 @@ def watch() -> float | None:
     picture = task.newest() if isinstance(task, SequenceTask) else task.folder / "preview.png"
     if picture is not None and picture.is_file():
         show(picture)
+    if isinstance(task, TrainingTask):
+        show_curve(training_chart(task.curve(), task.total))
     for area in areas("VIEW_3D", "IMAGE_EDITOR"):
         area.tag_redraw()
     if task.running:
@@ -48,9 +55,28 @@ def show(picture: Path) -> None:
         pass
 
 
+def show_curve(chart: Picture) -> None:
+    """Put a chart (H, W, 3) into the image that curves are shown in, and into its icon for the panel."""
+    height, width = chart.shape[:2]
+    pixels = np.ones((height, width, 4), np.float32)
+    pixels[..., :3] = chart[::-1]
+    image = bpy.data.images.get(CURVE) or bpy.data.images.new(CURVE, width, height)
+    image.pixels.foreach_set(pixels.ravel())
+    image.pack()  # else Blender asks at its end whether to save it
+    icon = image.preview_ensure()
+    icon.image_size = width, height
+    icon.image_pixels_float.foreach_set(pixels.ravel())
+
+
+def curve_icon() -> int | None:
+    """The icon of the newest task's curve; None where it has none."""
+    image = bpy.data.images.get(CURVE) if newest and isinstance(newest[0], TrainingTask) else None
+    return image.preview.icon_id if image is not None and image.preview is not None else None
+
+
 def launch(task: Task) -> None:
     """Begin a task and watch it; without a window, wait for its end."""
-    running[:] = [task]
+    running[:] = newest[:] = [task]
     task.start()
     if bpy.app.background:
         while task.running:
@@ -92,6 +118,7 @@ def unregister() -> None:
     for task in running:
         task.cancel()
     running.clear()
+    newest.clear()
     if bpy.app.timers.is_registered(watch):
         bpy.app.timers.unregister(watch)
     take_away(CLASSES)

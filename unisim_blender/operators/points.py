@@ -6,8 +6,9 @@ import bpy
 from bpy.app.handlers import persistent
 
 from ..bridge.clock import Clock
-from ..bridge.neighbours import sample_now
-from ..bridge.points import RECORDED, SIMULATED, hide_points, put_points, show_recorded
+from ..bridge.neighbours import lacking, sample_now, step_beside
+from ..bridge.point_colours import RECORDED, SIMULATED
+from ..bridge.points import hide_points, put_points, show_recorded
 from ..bridge.sampling import frame_of
 from ..bridge.snapshot import lidar_request
 from ..bridge.source import source_of
@@ -26,6 +27,7 @@ def ask_sweeps(scene: bpy.types.Scene) -> None:
     """Ask for a sweep of every LiDAR of the scene, as it is now."""
     source = source_of(scene)
     clock = Clock.of(source.drive).around(frame_of(scene))
+    step_beside(scene, clock, lacking(scene, clock))
     sampled = sample_now(scene, bpy.context.evaluated_depsgraph_get(), clock)
     worker = client(interpreter())
     for lidar in sampled.of("LIDAR"):

@@ -9,6 +9,9 @@ from ..preferences import device, interpreter
 from ..tasks import TrainingTask
 from .background import launch, running
 
+PREVIEW_S = 30.0
+"""Between two previews, or longer where they would cost too much."""
+
 
 class UNISIM_OT_train(bpy.types.Operator):
     """Train a neural scene of the imported log, in the background. A folder that holds an unfinished training goes on with it"""
@@ -43,6 +46,7 @@ class UNISIM_OT_train(bpy.types.Operator):
         folder, log = Path(self.directory).absolute(), bpy.path.abspath(context.scene.unisim.log)
         arguments = ["train", log, "--out", str(folder), "--quiet", "--device", device(), "--preset", self.preset]
         arguments += ["--cameras", self.cameras, "--frames", self.frames, "--minutes", str(self.minutes)]
+        arguments += ["--preview", str(PREVIEW_S)]
         arguments += ["--width", str(self.width)] if self.width else []
         arguments += ["--resume"] if (folder / "checkpoint.safetensors").is_file() else []
         task = TrainingTask(arguments, folder, self.minutes, interpreter())

@@ -7,6 +7,7 @@ import bpy
 
 from ..bridge.importing import recorded_colours
 from ..bridge.things import things
+from ..operators.background import curve_icon
 
 
 class _Sidebar:
@@ -47,6 +48,10 @@ class UNISIM_PT_drive(_Sidebar, bpy.types.Panel):
                 "unisim.show_points", text=name, depress=(about.show_recorded, about.show_simulated) == (recorded, simulated)
             )
             shown.recorded, shown.simulated = recorded, simulated
+        if about.show_recorded or about.show_simulated:
+            layout.row(align=True).prop(about, "points_colour", expand=True)
+        if about.show_recorded:
+            layout.prop(about, "recorded_offset_m")
         layout.prop(about, "show_ways")
         if not recorded_colours(scene):
             layout.label(text="Colours are not shown as recorded", icon="ERROR")
@@ -133,6 +138,9 @@ class UNISIM_PT_output(_Sidebar, bpy.types.Panel):
         if manager.unisim_task:
             self.layout.progress(factor=manager.unisim_progress, text=manager.unisim_task)
             self.layout.operator("unisim.cancel_task")
+            curve = curve_icon()
+            if curve is not None:
+                self.layout.template_icon(curve, scale=12.0)
         self.layout.operator("unisim.export_scenario")
         self.layout.operator("unisim.train")
         self.layout.operator("unisim.make_library")

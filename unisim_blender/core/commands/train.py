@@ -23,10 +23,17 @@ import click
 @click.option("--vgg", type=click.Path(), help="VGG-16 weights (torchvision's names) for the perceptual term.")
 @click.option("--adversarial", is_flag=True, help="Add a patch discriminator on views from shifted origins.")
 @click.option("--resume", is_flag=True, help="Go on from the folder's checkpoint.")
+@click.option(
+    "--preview",
+    type=click.FloatRange(min=0.0),
+    metavar="SECONDS",
+    help="Leave a held-out picture, recorded beside rendered, in the folder at most this often, for at most 1 % of the time.",
+)
 @click.option("--quiet", is_flag=True, help="No progress bar.")
 def command(  # noqa: PLR0913
     log: Path, out: Path, preset: str, cameras: str, frames: str, width: int | None, minutes: float | None,
-    iterations: int | None, device: str, seed: int, vgg: str | None, adversarial: bool, resume: bool, quiet: bool,
+    iterations: int | None, device: str, seed: int, vgg: str | None, adversarial: bool, resume: bool,
+    preview: float | None, quiet: bool,
 ) -> None:  # fmt: skip
     """Train the neural scene of the drive at LOG."""
     from ..logs import open_log
@@ -47,7 +54,7 @@ def command(  # noqa: PLR0913
     config = TrainConfig(
         cameras=names, lidars=tuple(lidars), frames=select_frames(frames, recorded.drive.frames), width=width,
         preset=preset, minutes=minutes, iterations=iterations, device=pick_device(device), seed=seed, vgg=vgg,
-        adversarial=adversarial,
+        adversarial=adversarial, preview_s=preview,
     )  # fmt: skip
     header = train(recorded, config, out, resume=resume, quiet=quiet)
     click.echo(f"{out}: {header.training['iterations']} steps in {header.training['seconds'] / 60:.1f} minutes")

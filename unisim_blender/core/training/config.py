@@ -68,7 +68,8 @@ class TrainConfig:
     """Steps whose gradients are added up before the hypernetwork, the tracklets and the camera mounts are updated: few rays of a
     step tell about one pose, and taking a gradient through the hypernetwork costs the same for one step as for four."""
     checkpoint_s: float = 120.0
-    preview_s: float = 120.0
+    preview_s: float | None = None
+    """At most how often a held-out picture is rendered and left in the folder; None: never."""
     vgg: str | None = None
     adversarial: bool = False
     weights: LossWeights = field(default_factory=LossWeights)

@@ -23,6 +23,7 @@ from ..drive import Drive
 from ..errors import SceneError
 from ..fields.checkpoint import Scene, save_scene
 from ..geometry import Trajectory
+from ..images import resize_image
 from ..log import Log
 from ..own_vehicle import outlines_to_json
 from ..render import Renderer, observe
@@ -31,6 +32,9 @@ from .config import TrainConfig
 from .trainer import Trainer
 
 CHECKPOINT = "checkpoint.safetensors"
+PREVIEW_WIDTH = 240
+PREVIEW_SHARE = 0.01
+"""Of a training's time at most: previews that cost more come less often."""
 
 
 def train(log: Log, config: TrainConfig, out: Path, resume: bool = False, quiet: bool = False) -> SceneHeader:
@@ -97,7 +101,8 @@ def _stoppable() -> Iterator[list[int]]:
 def _loop(trainer: Trainer, out: Path, stopped: list[int], quiet: bool) -> None:
     config = trainer.config
     begun = time.monotonic() - trainer.elapsed_s
-    saved = shown = time.monotonic()
+    saved = time.monotonic()
+    next_preview = saved + (config.preview_s or 0.0)
     smooth: dict[str, float] = {}
     bar = tqdm(total=100, unit="%", disable=quiet, bar_format="{percentage:5.1f}% |{bar}| {elapsed} {postfix}")
     with bar, (out / "training.jsonl").open("a") as history:
@@ -122,9 +127,10 @@ def _loop(trainer: Trainer, out: Path, stopped: list[int], quiet: bool) -> None:
             if now - saved > config.checkpoint_s:
                 save_checkpoint(out / CHECKPOINT, trainer)
                 saved = time.monotonic()
-            if now - shown > config.preview_s:
+            if config.preview_s is not None and now > next_preview:
                 preview(trainer, out / "preview.png")
-                shown = time.monotonic()
+                spent = time.monotonic() - now
+                next_preview = now + max(config.preview_s, spent / PREVIEW_SHARE)
 
 
 def _state(trainer: Trainer) -> dict[str, Tensor]:
@@ -254,16 +260,24 @@ def finish(trainer: Trainer, out: Path) -> SceneHeader:
     return scene.header
 
 
+def preview_frame(trainer: Trainer) -> tuple[str, int]:
+    """Camera and frame of the preview: of the first camera the middle frame that is not trained on, or else the middle one."""
+    config = trainer.config
+    frames = trainer.log.image_frames(config.cameras[0])
+    held_out = [frame for frame in frames if frame not in config.frames] or list(frames)
+    return config.cameras[0], held_out[len(held_out) // 2]
+
+
 def preview(trainer: Trainer, file: Path) -> None:
-    """The middle frame of the first camera: recorded beside rendered."""
-    views = trainer.cameras.views
-    _, camera, frame, image = views[len(views) // 2]
+    """Write a small picture: recorded beside rendered. It changes nothing of the training."""
+    name, frame = preview_frame(trainer)
+    width = min(PREVIEW_WIDTH, trainer.cameras.cameras[name].model.width)
     trainer.model.eval()
     scene = _as_scene(trainer, file.parent)
-    renderer = Renderer(scene, scene.header.drive)
-    rendered = renderer.camera(camera.sensor_id, frame, width=camera.model.width).rgb
+    rendered = Renderer(scene, scene.header.drive, "fast").camera(name, frame, width=width)
     trainer.model.train()
-    both = np.concatenate([image, np.round(rendered * 255).astype(np.uint8)], 1)
+    recorded = resize_image(trainer.log.image(name, frame), rendered.model)
+    both = np.concatenate([recorded, np.round(rendered.rgb * 255).astype(np.uint8)], 1)
     temporary = file.with_name(f".{file.name}")
     Image.fromarray(both).save(temporary, format="png")
     os.replace(temporary, file)
