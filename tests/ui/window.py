@@ -55,6 +55,11 @@ def ahead_of_camera(away_m: float) -> Vector:
     return looks.translation + Vector((along.x, along.y, 0.0)).normalized() * away_m
 
 
+def swept() -> str:
+    """What tells one simulated sweep from the next; "" where none is shown."""
+    return next((thing.unisim.stamp for thing in bpy.context.scene.objects if thing.unisim.kind == "POINTS"), "")
+
+
 def f12() -> None:
     """Render in a window of its own, as the key does."""
     with inside(area("VIEW_3D")):
@@ -214,6 +219,20 @@ def steps() -> Iterator[float]:
     from_behind(region)
     yield from wait_for_picture()
     screenshot("any_angle")
+    # a simulated sweep follows an edit
+    space.shading.type = "SOLID"
+    scene.unisim.points_colour = "INSTANCE"
+    with inside(found):
+        bpy.ops.unisim.show_points(recorded=False, simulated=True)
+    yield from until(swept, "no simulated sweep comes")
+    before_edit = swept()
+    car.location.y += 1.0
+    yield from until(lambda: swept() not in ("", before_edit), "the sweep does not follow an edit")
+    yield 0.5
+    screenshot("sweep")
+    car.location.y -= 1.0
+    with inside(found):
+        bpy.ops.unisim.show_points(recorded=False, simulated=False)
     # for a Blender without a window
     bpy.ops.wm.save_userpref()
     bpy.ops.wm.save_as_mainfile(filepath=str(OUT.parent / "drive.blend"))

@@ -1,6 +1,7 @@
 """LiDAR points in the view, recorded and simulated, following the frame and the edits."""
 
 import queue
+from typing import Any
 
 import bpy
 from bpy.app.handlers import persistent
@@ -18,25 +19,35 @@ from ..preferences import device, interpreter
 from ..registering import add, take_away
 
 POLL_S = 0.1
+EDIT_S = 0.4
+"""From a change of the scene to the sweeps of it: a box that is dragged asks for few of them."""
 
 waiting: dict[tuple[str, str], tuple[Client, Request]] = {}
 """Sweeps that were asked for, by scene and LiDAR."""
+asked: dict[tuple[str, str], dict[str, Any]] = {}
+"""What was asked for last, by the same."""
 
 
 def ask_sweeps(scene: bpy.types.Scene) -> None:
-    """Ask for a sweep of every LiDAR of the scene, as it is now."""
+    """Ask for a sweep of every LiDAR of the scene, as it is now, unless just that was asked for last."""
     source = source_of(scene)
     clock = Clock.of(source.drive).around(frame_of(scene))
     step_beside(scene, clock, lacking(scene, clock))
     sampled = sample_now(scene, bpy.context.evaluated_depsgraph_get(), clock)
     worker = client(interpreter())
     for lidar in sampled.of("LIDAR"):
-        before = waiting.pop((scene.name, lidar.name), None)
+        key, recorded = (scene.name, lidar.name), source.drive.lidars.get(lidar.uid)
+        if recorded is not None and not recorded.model.beams:
+            continue  # the log's plain points
+        settings = {"quality": scene.unisim.quality, "device": device()}
+        values = {**lidar_request(sampled, lidar, source, frame_of(scene)), **settings}
+        if asked.get(key) == values:
+            continue
+        before = waiting.pop(key, None)
         if before is not None:
             before[0].cancel(before[1])
-        values = lidar_request(sampled, lidar, source, frame_of(scene))
-        request = worker.ask("lidar", **values, quality=scene.unisim.quality, device=device())
-        waiting[scene.name, lidar.name] = worker, request
+        asked[key] = values
+        waiting[key] = worker, worker.ask("lidar", **values)
     if bpy.app.background:
         while waiting:
             gather()
@@ -57,6 +68,8 @@ def gather() -> float | None:
             put_points(scene, key[1], SIMULATED, arrays.pop("points"), arrays)
         else:
             del waiting[key]
+            if event["event"] == "error":
+                asked.pop(key, None)  # the next change asks again
             bpy.context.window_manager.unisim_task = event.get("text", "")
     return POLL_S if waiting else None
 
@@ -73,6 +86,24 @@ def follow(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None = None)
         bpy.context.window_manager.unisim_task = str(fault)
 
 
+@persistent
+def follow_edits(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None = None) -> None:
+    """Something changed: have a timer ask for the sweeps again, if they are others now."""
+    if scene.unisim.show_simulated and not bpy.app.background and not bpy.app.timers.is_registered(ask_again):
+        bpy.app.timers.register(ask_again, first_interval=EDIT_S)
+
+
+def ask_again() -> None:
+    """Ask for sweeps of the scene that is shown, as a timer of Blender's."""
+    scene = bpy.context.scene
+    if not scene.unisim.show_simulated or bpy.app.is_job_running("RENDER"):
+        return
+    try:
+        ask_sweeps(scene)
+    except (UnisimError, OSError) as fault:
+        bpy.context.window_manager.unisim_task = str(fault)
+
+
 def update(scene: bpy.types.Scene) -> None:
     """Show what the scene's switches ask for. Raises `UnisimError`."""
     for kind, wanted in ((RECORDED, scene.unisim.show_recorded), (SIMULATED, scene.unisim.show_simulated)):
@@ -82,6 +113,8 @@ def update(scene: bpy.types.Scene) -> None:
         show_recorded(scene, source_of(scene), scene.frame_current)
     if scene.unisim.show_simulated:
         ask_sweeps(scene)
+    else:
+        asked.clear()
 
 
 class UNISIM_OT_show_points(bpy.types.Operator):
@@ -103,6 +136,7 @@ class UNISIM_OT_show_points(bpy.types.Operator):
         """Set the scene's switches and show."""
         scene = context.scene
         scene.unisim.show_recorded, scene.unisim.show_simulated = self.recorded, self.simulated
+        asked.clear()
         try:
             update(scene)
         except (UnisimError, OSError) as fault:
@@ -118,13 +152,18 @@ def register() -> None:
     """Add the operator, and follow frames."""
     add(CLASSES)
     bpy.app.handlers.frame_change_post.append(follow)
+    bpy.app.handlers.depsgraph_update_post.append(follow_edits)
 
 
 def unregister() -> None:
     """Take them away."""
     if follow in bpy.app.handlers.frame_change_post:
         bpy.app.handlers.frame_change_post.remove(follow)
-    if bpy.app.timers.is_registered(gather):
-        bpy.app.timers.unregister(gather)
+    if follow_edits in bpy.app.handlers.depsgraph_update_post:
+        bpy.app.handlers.depsgraph_update_post.remove(follow_edits)
+    for timer in (gather, ask_again):
+        if bpy.app.timers.is_registered(timer):
+            bpy.app.timers.unregister(timer)
     waiting.clear()
+    asked.clear()
     take_away(CLASSES)
