@@ -7,6 +7,7 @@ python bootstrap.py cli ARGUMENTS      the command line `unisim`
 
 import importlib.util
 import json
+import os
 import sys
 from importlib.machinery import ModuleSpec, PathFinder
 from pathlib import Path
@@ -43,7 +44,9 @@ def main() -> None:
     if what == "probe":
         from unisim_blender.core.worker.about import about
 
-        print(json.dumps(about()))
+        with os.fdopen(os.dup(1), "w") as answer:
+            os.dup2(2, 1)  # what is imported may print
+            print(json.dumps(about()), file=answer)
     elif what == "serve":
         from unisim_blender.core.worker.server import main as serve
 

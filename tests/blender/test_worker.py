@@ -8,6 +8,7 @@ import signal
 import sys
 import time
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 
@@ -72,6 +73,30 @@ def test_an_unknown_job_is_a_sentence(worker: Client) -> None:
 def test_a_broken_scenario_is_a_sentence(worker: Client) -> None:
     event = last(worker.ask("camera", scenario={"format": "x"}, path="/tmp/x.json", camera="c", time_s=0.0, model={}))
     assert event["event"] == "error" and "/tmp/x.json" in str(event["text"])
+
+
+NOISY = """#!/bin/sh
+shift
+exec {python} -c '
+import os, runpy, sys
+class Noise:
+    def find_spec(name, path=None, target=None):
+        if name == "torch":
+            os.write(1, b"1 ")
+sys.meta_path.insert(0, Noise)
+sys.argv.pop(0)
+runpy.run_path(sys.argv[0], run_name="__main__")
+' "$@"
+"""
+"""An interpreter whose torch prints while it is imported."""
+
+
+def test_what_an_import_prints_is_no_part_of_the_answer(tmp_path: Path) -> None:
+    path = tmp_path / "python"
+    path.write_text(NOISY.format(python=sys.executable))
+    path.chmod(0o755)
+    found = interpreters.probe(str(path))
+    assert not found.problem and "torch" in found.about
 
 
 def test_an_interpreter_that_cannot_render_says_why(tmp_path: object) -> None:
