@@ -11,10 +11,12 @@ import pytest
 from helpers import SAMPLE, read, thing
 
 from unisim_blender.bridge.clock import Clock
+from unisim_blender.bridge.importing import import_source
 from unisim_blender.bridge.poses import optical, rigid, same
 from unisim_blender.bridge.sampling import sample_all
-from unisim_blender.bridge.source import source_of
+from unisim_blender.bridge.source import open_source, source_of
 from unisim_blender.bridge.things import things
+from unisim_blender.core.errors import UnisimError
 
 
 def test_everything_of_the_drive_is_there(street: Any) -> None:
@@ -113,3 +115,15 @@ def test_a_drop_that_fails_is_one_sentence(scene: Any, tmp_path: Path) -> None:
 def test_rigid_takes_scale_away() -> None:
     matrix = np.diag([2.0, 3.0, 4.0, 1.0])
     assert np.allclose(rigid(matrix), np.eye(4))
+
+
+def test_a_scene_with_the_settings_alone_holds_no_drive(street: Any) -> None:
+    """As New Scene > Copy Settings makes it: nothing is read as removed, and the drive can be imported."""
+    other = bpy.data.scenes.new("copy")
+    other.unisim.log, other.unisim.scene = street.unisim.log, street.unisim.scene
+    with pytest.raises(UnisimError, match="no drive was imported into it"):
+        read(other)
+    for _ in import_source(other, open_source(street.unisim.log, street.unisim.scene)):
+        pass
+    assert len(list(things(other, "ACTOR"))) == len(list(things(street, "ACTOR"))) > 0
+    assert source_of(other) is source_of(street)

@@ -48,6 +48,8 @@ def main(root: Path, release: str, out: Path) -> int:
     screen = subprocess.Popen(["chroot", str(root), "Xvfb", DISPLAY, "-screen", "0", "1600x900x24", "-nolisten", "tcp"])
     try:
         time.sleep(3)
+        if screen.poll() is not None:
+            raise SystemExit(f"Error: no screen could be opened at {DISPLAY}: is another one running?")
         arguments = ["--", "/tmp/unisim/unisim.zip", "/tmp/unisim/scene/scene.json", "/tmp/unisim/shots"]
         with (work / "log.txt").open("w") as log:
             for name, flags in SESSIONS.items():

@@ -19,7 +19,7 @@ from .reading import edited_ids
 from .rig import lidar_json, recorded_mount
 from .sampling import sample_all
 from .source import Source, source_of
-from .things import box_mesh, make, things
+from .things import box_mesh, has_drive, make, things
 
 DISPLAY_M = 0.4
 """How large cameras and LiDARs are drawn."""
@@ -34,7 +34,7 @@ def import_source(scene: bpy.types.Scene, source: Source) -> Iterator[Step]:
     Where the scene holds the drive already, what was edited stays as it is, and the rest is brought up to date. Raises
     `UnisimError` where it holds another drive.
     """
-    return _steps(scene, source, _edited(scene, source) if scene.unisim.log else set())
+    return _steps(scene, source, _edited(scene, source) if has_drive(scene) else set())
 
 
 def _steps(scene: bpy.types.Scene, source: Source, kept: set[str]) -> Iterator[Step]:

@@ -16,6 +16,7 @@ from ..core.log import Log
 from ..core.logs import open_log
 from ..core.prepare.replay import replayed_drive
 from ..core.scene_file import HEADER_NAME, read_scene_header
+from .things import has_drive
 
 
 @dataclass(frozen=True)
@@ -60,7 +61,7 @@ def open_source(log: str, scene: str) -> Source:
 def source_of(scene: bpy.types.Scene) -> Source:
     """The source of a Blender scene. Raises `NotImported` where nothing was imported into it."""
     about = scene.unisim
-    if not about.log and not about.scene:
+    if not has_drive(scene):
         raise NotImported(f'scene "{scene.name}": no drive was imported into it: File > Import > Driving Log')
     return open_source(bpy.path.abspath(about.log), bpy.path.abspath(about.scene) if about.scene else "")
 

@@ -32,6 +32,11 @@ def things(scene: bpy.types.Scene, *kinds: str) -> Iterator[bpy.types.Object]:
             yield thing
 
 
+def has_drive(scene: bpy.types.Scene) -> bool:
+    """Whether a drive was imported into a scene: one made by New Scene > Copy Settings has the settings and no objects."""
+    return bool(scene.unisim.log) and any(thing.unisim.kind in KINDS_OF_DRIVE for thing in scene.objects)
+
+
 def collection_of(scene: bpy.types.Scene, kind: str) -> bpy.types.Collection:
     """The collection for a kind of thing, made where it is not there yet. Each scene has its own."""
     root = _child(scene.collection, ROOT)

@@ -10,6 +10,7 @@ from bpy_extras.io_utils import ImportHelper
 from ..bridge.applying import apply_edits
 from ..bridge.importing import import_source, set_colours
 from ..bridge.source import open_source
+from ..bridge.things import has_drive
 from ..core.edits import apply_scenario
 from ..core.errors import UnisimError
 from ..core.prepare.scenario import scene_actors
@@ -149,7 +150,7 @@ class UNISIM_OT_import_scenario(bpy.types.Operator, ImportHelper):
         except (UnisimError, OSError) as fault:
             self.report({"ERROR"}, str(fault))
             return {"CANCELLED"}
-        if context.scene.unisim.log:
+        if has_drive(context.scene):
             self.report({"ERROR"}, f'scene "{context.scene.name}": has a drive already; import the scenario into a new scene')
             return {"CANCELLED"}
         for _ in import_source(context.scene, source):
