@@ -163,9 +163,9 @@ def _near(actor: Actor, rays: Rays, widening: float) -> BoolArray:
     present = actor.present(rays.time_s)
     times, which = np.unique(rays.time_s, return_inverse=True)
     to = actor.world_from_actor.at(times)[which.reshape(-1), :3, 3] - rays.origins
-    along = (to * rays.directions).sum(1)
+    along = np.einsum("ij,ij->i", to, rays.directions)
     reach = np.linalg.norm(actor.size_m) / 2 + widening * np.maximum(along, 0) + 1e-3
-    squared = (to * to).sum(1)
+    squared = np.einsum("ij,ij->i", to, to)
     return np.asarray(present & (squared - np.maximum(along, 0) ** 2 <= reach * reach))
 
 

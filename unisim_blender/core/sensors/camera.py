@@ -29,9 +29,12 @@ def camera_rays(camera: Camera, frame: int, u: FloatArray, v: FloatArray) -> Ray
         local = pixel_directions(camera.model, u, v)
         directions = rotate_vectors(pose, local.reshape(-1, 3)).reshape(local.shape)
         return Rays(np.broadcast_to(pose[:3, 3], local.shape).copy(), directions, time)
-    pose = camera.world_from_camera.at(time)
-    directions = np.einsum("...ij,...j->...i", pose[..., :3, :3], pixel_directions(camera.model, u, v))
-    return Rays(pose[..., :3, 3], directions, time)
+    # a row's rays leave together: one pose for all of them
+    rows, which = np.unique(v, return_inverse=True)
+    pose = camera.world_from_camera.at(row_times(camera, frame, rows))
+    which = which.reshape(v.shape)
+    directions = np.einsum("...ij,...j->...i", pose[:, :3, :3][which], pixel_directions(camera.model, u, v))
+    return Rays(pose[:, :3, 3][which], directions, time)
 
 
 def pixel_grid(model: CameraModel, step: int = 1) -> tuple[FloatArray, FloatArray]:
