@@ -117,6 +117,26 @@ def test_rigid_takes_scale_away() -> None:
     assert np.allclose(rigid(matrix), np.eye(4))
 
 
+def test_appended_from_a_file_all_is_there(street: Any, tmp_path: Path) -> None:
+    car = thing(street, "ACTOR", "car-12")
+    car.location.y += 1.0
+    name = street.name
+    before = {(t.unisim.kind, t.unisim.uid, t.unisim.home) for t in things(street, "EGO", "ACTOR", "CAMERA", "LIDAR")}
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "street.blend"))
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    held = set(bpy.data.scenes.keys())
+    bpy.ops.wm.append(directory=str(tmp_path / "street.blend" / "Scene"), filename=name)
+    (new,) = (scene for scene in bpy.data.scenes if scene.name not in held)
+    assert {(t.unisim.kind, t.unisim.uid, t.unisim.home) for t in things(new, "EGO", "ACTOR", "CAMERA", "LIDAR")} == before
+    moved = thing(new, "ACTOR", "car-12")
+    assert moved.location.y == pytest.approx(car_y(source_of(new), "car-12") + 1.0, abs=1e-4)
+
+
+def car_y(source: Any, uid: str) -> float:
+    """Where a standing car was recorded."""
+    return float(source.drive.actors[uid].world_from_actor.positions[0, 1])
+
+
 def test_a_scene_with_the_settings_alone_holds_no_drive(street: Any) -> None:
     """As New Scene > Copy Settings makes it: nothing is read as removed, and the drive can be imported."""
     other = bpy.data.scenes.new("copy")

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -12,10 +14,14 @@ import pytest
 from helpers import SAMPLE, edited, read, select, thing
 
 from unisim_blender.bridge.clock import Clock
+from unisim_blender.bridge.importing import recorded_colours
+from unisim_blender.bridge.poses import same
 from unisim_blender.bridge.sampling import sample_all
 from unisim_blender.bridge.source import source_of
 from unisim_blender.bridge.things import things
 from unisim_blender.core.scenario.types import Insert, Move, Swap
+from unisim_blender.operators.background import running
+from unisim_blender.tasks import SequenceTask
 
 
 def of_class(scene: Any, word: str, moving: bool) -> str:
@@ -94,6 +100,45 @@ def test_new_sensors_are_read_and_render(street: Any) -> None:
     time = drive.time_s[5]
     ahead = np.linalg.inv(drive.world_from_ego.at(time)[:3, :3]) @ camera.world_from_camera.at(time)[:3, 2]
     assert np.degrees(np.arctan2(ahead[1], ahead[0])) == pytest.approx(20.0, abs=0.01)
+
+
+def test_a_lidar_with_beams_of_ones_own(street: Any) -> None:
+    assert bpy.ops.unisim.add_lidar(preset="OWN", elevations="-4, 2,0", columns=360, max_range_m=80.0) == {"FINISHED"}
+    model = edited(street).lidars["lidar"].model
+    np.testing.assert_allclose(np.degrees(model.elevation_rad), [2, 0, -4], atol=1e-9)
+    assert (model.columns, model.max_range_m) == (360, 80.0)
+    for wrong in ("", "a, b", "95"):
+        with pytest.raises(RuntimeError, match="elevations"):
+            bpy.ops.unisim.add_lidar(preset="OWN", elevations=wrong)
+    select(thing(street, "LIDAR", "pandar64"))
+    assert bpy.ops.unisim.set_beams(preset="vlp32c") == {"FINISHED"}
+    changed, before = edited(street).lidars["pandar64"], source_of(street).drive.lidars["pandar64"]
+    assert changed.model.beams == 32 and before.model.beams == 64
+    time = before.time_s[5]
+    assert same(changed.world_from_lidar.at(time), before.world_from_lidar.at(time))
+
+
+def test_colours_as_they_were_recorded(street: Any) -> None:
+    view = street.view_settings
+    view.view_transform, view.exposure, view.gamma = "Filmic" if "Filmic" in look_names(view) else "AgX", 1.0, 2.0
+    assert not recorded_colours(street)
+    assert bpy.ops.unisim.recorded_colours() == {"FINISHED"}
+    assert recorded_colours(street) and view.exposure == 0.0 and view.gamma == 1.0
+
+
+def look_names(view: Any) -> list[str]:
+    """The view transforms that there are."""
+    return [item.identifier for item in view.bl_rna.properties["view_transform"].enum_items]
+
+
+def test_what_runs_is_cancelled(street: Any, tmp_path: Path) -> None:
+    assert not bpy.ops.unisim.cancel_task.poll()
+    task = SequenceTask([], tmp_path, 3.0)
+    task.process = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(600)"])
+    running.append(task)
+    assert bpy.ops.unisim.cancel_task() == {"FINISHED"}
+    assert task.process.wait(30) != 0 and task.cancelled
+    running.clear()
 
 
 def test_resolution_follows_the_active_camera_and_nothing_else(street: Any) -> None:

@@ -2,17 +2,23 @@
 
 import bpy
 import numpy as np
-from bpy.props import EnumProperty, FloatProperty, FloatVectorProperty, IntProperty
+from bpy.props import EnumProperty, FloatProperty, FloatVectorProperty, IntProperty, StringProperty
 
 from ..bridge.cameras import set_model
 from ..bridge.importing import fit_resolution
 from ..bridge.rig import lidar_json
-from ..bridge.selection import choose
+from ..bridge.selection import choose, chosen
 from ..bridge.things import collection_of, things
-from ..core.drive import CameraModel
+from ..core.drive import CameraModel, LidarModel
+from ..core.errors import UnisimError
 from ..core.sensors.beam_tables import BEAM_TABLES
 
-PRESETS = [(name, name.upper(), table.__doc__ or "") for name, table in BEAM_TABLES.items()]
+OWN = "OWN"
+OWN_TABLE = "15, 10, 5, 2, 0, -2, -4, -7, -10, -15"
+PRESETS = [
+    *((name, name.upper(), table.__doc__ or "") for name, table in BEAM_TABLES.items()),
+    (OWN, "Own table", "Elevations of one's own"),
+]
 
 
 def ride(context: bpy.types.Context, thing: bpy.types.Object, kind: str, place: tuple[float, float, float]) -> None:
@@ -62,24 +68,89 @@ class UNISIM_OT_add_camera(_OnVehicle, bpy.types.Operator):
         return {"FINISHED"}
 
 
-class UNISIM_OT_add_lidar(_OnVehicle, bpy.types.Operator):
+class _Beams:
+    """A maker's beam table, or one's own."""
+
+    preset: EnumProperty(name="Beams", items=PRESETS, default="pandar64")
+    elevations: StringProperty(
+        name="Elevations", description="Of one's own beams: degrees, separated by commas", default=OWN_TABLE
+    )
+    columns: IntProperty(name="Columns", description="Of one's own beams: how often each fires in a turn", default=1800, min=1)
+    max_range_m: FloatProperty(name="Range", description="Of one's own beams", default=200.0, min=1.0, unit="LENGTH")
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        """Ask for one's own table."""
+        return context.window_manager.invoke_props_dialog(self) if self.preset == OWN else self.execute(context)
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """What counts with the chosen preset."""
+        for name in ("preset", *(("elevations", "columns", "max_range_m") if self.preset == OWN else ())):
+            self.layout.prop(self, name)
+        if hasattr(self, "mount"):
+            self.layout.prop(self, "mount")
+
+    def table(self) -> LidarModel:
+        """The beam table. Raises `UnisimError`."""
+        return BEAM_TABLES[self.preset]() if self.preset != OWN else own_table(self.elevations, self.columns, self.max_range_m)
+
+
+def own_table(elevations: str, columns: int, max_range_m: float) -> LidarModel:
+    """A LiDAR whose beams have these elevations, degrees separated by commas. Raises `UnisimError`."""
+    try:
+        degrees = np.array(sorted((float(part) for part in elevations.split(",") if part.strip()), reverse=True))
+    except ValueError as fault:
+        raise UnisimError(f'elevations "{elevations}": are not numbers separated by commas') from fault
+    if not len(degrees) or not (np.abs(degrees) <= 90).all():
+        raise UnisimError(f'elevations "{elevations}": must be at least one, between -90 and 90 degrees')
+    return LidarModel(np.radians(degrees), np.zeros(len(degrees)), columns=columns, max_range_m=max_range_m)
+
+
+class UNISIM_OT_add_lidar(_OnVehicle, _Beams, bpy.types.Operator):
     """Put a new LiDAR on the vehicle"""
 
     bl_idname = "unisim.add_lidar"
     bl_label = "Add LiDAR"
 
-    preset: EnumProperty(name="Beams", items=PRESETS, default="pandar64")
     mount: FloatVectorProperty(
         name="Mount", description="On the vehicle", default=(0.0, 0.0, 2.0), subtype="XYZ_LENGTH", unit="LENGTH"
     )
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """With the maker's beam table."""
-        lidar = bpy.data.objects.new(self.preset, None)
+        """With the maker's beam table, or one's own."""
+        try:
+            table = self.table()
+        except UnisimError as fault:
+            self.report({"ERROR"}, str(fault))
+            return {"CANCELLED"}
+        lidar = bpy.data.objects.new("lidar" if self.preset == OWN else self.preset, None)
         lidar.empty_display_type, lidar.empty_display_size = "CONE", 0.4
-        lidar.unisim.model = lidar_json(BEAM_TABLES[self.preset]())
+        lidar.unisim.model = lidar_json(table)
         ride(context, lidar, "LIDAR", tuple(self.mount))
         return {"FINISHED"}
 
 
-CLASSES = (UNISIM_OT_add_camera, UNISIM_OT_add_lidar)
+class UNISIM_OT_set_beams(_Beams, bpy.types.Operator):
+    """Give the selected LiDARs another beam table"""
+
+    bl_idname = "unisim.set_beams"
+    bl_label = "Change Beams"
+    bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """A LiDAR has to be selected."""
+        return context.mode == "OBJECT" and bool(chosen(context, "LIDAR"))
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Where and when they look stays."""
+        try:
+            table = lidar_json(self.table())
+        except UnisimError as fault:
+            self.report({"ERROR"}, str(fault))
+            return {"CANCELLED"}
+        for lidar in chosen(context, "LIDAR"):
+            lidar.unisim.model = table
+        return {"FINISHED"}
+
+
+CLASSES = (UNISIM_OT_add_camera, UNISIM_OT_add_lidar, UNISIM_OT_set_beams)

@@ -95,6 +95,7 @@ class UNISIM_PT_edit(_Sidebar, bpy.types.Panel):
         column.operator("unisim.shift_ego")
         column.operator("unisim.add_camera")
         column.operator_menu_enum("unisim.add_lidar", "preset", text="Add LiDAR")
+        column.operator_menu_enum("unisim.set_beams", "preset", text="Change Beams")
 
 
 class UNISIM_PT_warnings(_Sidebar, bpy.types.Panel):
