@@ -1,5 +1,7 @@
 """New cameras and LiDARs on the vehicle."""
 
+from typing import Any
+
 import bpy
 import numpy as np
 from bpy.props import EnumProperty, FloatProperty, FloatVectorProperty, IntProperty, StringProperty
@@ -78,11 +80,11 @@ class _Beams:
     columns: IntProperty(name="Columns", description="Of one's own beams: how often each fires in a turn", default=1800, min=1)
     max_range_m: FloatProperty(name="Range", description="Of one's own beams", default=200.0, min=1.0, unit="LENGTH")
 
-    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+    def invoke(self: Any, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Ask for one's own table."""
         return context.window_manager.invoke_props_dialog(self) if self.preset == OWN else self.execute(context)
 
-    def draw(self, context: bpy.types.Context) -> None:
+    def draw(self: Any, context: bpy.types.Context) -> None:
         """What counts with the chosen preset."""
         for name in ("preset", *(("elevations", "columns", "max_range_m") if self.preset == OWN else ())):
             self.layout.prop(self, name)
