@@ -9,6 +9,7 @@ import subprocess
 import sys
 import textwrap
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 
 import click
@@ -98,7 +99,10 @@ def test_ctrl_c_ends_with_130(tmp_path: Path) -> None:
         f"from unisim_blender.core import cli, commands; commands.__path__.append({str(tmp_path)!r}); "
         "import sys; sys.argv = ['unisim', 'wait']; cli.main()"
     )
-    with subprocess.Popen([sys.executable, "-u", "-c", program], stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+    command = [sys.executable, "-u", "-c", program]
+    # a shell that runs tests in the background has its children ignore the signal
+    heard = partial(signal.signal, signal.SIGINT, signal.SIG_DFL)
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, preexec_fn=heard) as process:
         assert process.stdout is not None
         assert process.stdout.readline() == b"waiting\n"
         process.send_signal(signal.SIGINT)

@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -141,9 +142,11 @@ def start_run(tmp_path: Path, jobs: int) -> tuple[subprocess.Popen[bytes], Path]
     script.write_text(RUN.format(tests=str(Path(__file__).parent)))
     out = tmp_path / "out"
     root = Path(__file__).parents[2]
-    process = subprocess.Popen(
-        [sys.executable, str(script), str(out), str(jobs)], env={**os.environ, "PYTHONPATH": str(root)}, stderr=subprocess.PIPE
-    )
+    # a shell that runs tests in the background has its children ignore an interrupt
+    heard = partial(signal.signal, signal.SIGINT, signal.SIG_DFL)
+    environment = {**os.environ, "PYTHONPATH": str(root)}
+    command = [sys.executable, str(script), str(out), str(jobs)]
+    process = subprocess.Popen(command, env=environment, stderr=subprocess.PIPE, preexec_fn=heard)
     deadline = time.monotonic() + 60
     while not list((out / ".state").glob("*.json")):
         assert process.poll() is None and time.monotonic() < deadline, process.stderr and process.stderr.read()
