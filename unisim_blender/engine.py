@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import queue
+import sys
 from contextlib import suppress
 from typing import Any
 
@@ -77,7 +78,7 @@ class UniSimEngine(bpy.types.RenderEngine):
         view.gather()
         view.draw(self, depsgraph.scene)
         self.update_stats("UniSim", view.problem or ("Rendering" if view.pending else ""))
-        if view.pending:
+        if view.pending or view.waits:
             redraw_soon()
 
     def _view(self) -> Any:
@@ -98,6 +99,9 @@ class UniSimEngine(bpy.types.RenderEngine):
     def _asked(self, worker: Client, scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> tuple[Request, Picture]:
         """Take the snapshot and ask for the picture."""
         self.update_stats("UniSim", "Reading the scene")
+        viewport = sys.modules.get(f"{__package__}.viewport")
+        for shown in list(viewport.VIEWS) if viewport is not None else ():
+            shown.make_way()
         render, source = scene.render, source_of(scene)
         if scene.camera is None:
             raise UnisimError(f'scene "{scene.name}": has no camera')

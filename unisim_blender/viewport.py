@@ -51,6 +51,8 @@ class View:
     texture: Any = None
     problem: str = ""
     changes: int = 0
+    waits: bool = False
+    """Whether a render job goes first."""
 
     def __post_init__(self) -> None:
         VIEWS.add(self)
@@ -64,6 +66,12 @@ class View:
         """The scene is another one now."""
         self.changes += 1
 
+    def make_way(self) -> None:
+        """Leave the worker to a render job; a picture that is not finished is asked for again after it."""
+        if self.pending:
+            self.drop()
+            self.key = self.wanted = None
+
     def drop(self) -> None:
         """Take back what was asked for."""
         if self.request is not None and self.worker is not None:
@@ -71,7 +79,10 @@ class View:
         self.request = None
 
     def follow(self, context: bpy.types.Context, depsgraph: bpy.types.Depsgraph) -> None:
-        """Ask for the picture of what is looked at now, unless it was asked for already."""
+        """Ask for the picture of what is looked at now, unless it was asked for already, or a render job runs."""
+        self.waits = bpy.app.is_job_running("RENDER")
+        if self.waits:
+            return
         scene, region, space = depsgraph.scene, context.region, context.region_data
         looks = tuple(tuple(row) for row in space.perspective_matrix)
         key = (
