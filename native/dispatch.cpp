@@ -20,7 +20,9 @@
     extern "C" int32_t unisim_bvh_build_##variant(const float *, const int32_t *, int32_t, unisim_bvh_node *, int32_t *);      \
     extern "C" int unisim_bvh_first_hits_##variant(const unisim_bvh_node *, const int32_t *, const float *, const int32_t *,   \
                                                    const double *, const double *, int64_t, double, double *, int32_t *,       \
-                                                   float *, int);
+                                                   float *, int);                                                              \
+    extern "C" int unisim_field_forward_##variant(const unisim_grid *, const float *, const int32_t *, int64_t, const float *, \
+                                                  const unisim_mlp *, float *, int);
 
 DECLARE(portable)
 #ifdef UNISIM_HAS_AVX2
@@ -42,12 +44,14 @@ struct Variant {
     decltype(&unisim_mlp_backward_portable) mlp_backward;
     decltype(&unisim_bvh_build_portable) bvh_build;
     decltype(&unisim_bvh_first_hits_portable) bvh_first_hits;
+    decltype(&unisim_field_forward_portable) field_forward;
 };
 
 #define VARIANT(v)                                                                                                             \
     Variant {                                                                                                                  \
         #v, unisim_encode_forward_##v, unisim_encode_backward_table_##v, unisim_encode_backward_input_##v, unisim_propose_##v, \
-            unisim_mlp_forward_##v, unisim_mlp_backward_##v, unisim_bvh_build_##v, unisim_bvh_first_hits_##v                   \
+            unisim_mlp_forward_##v, unisim_mlp_backward_##v, unisim_bvh_build_##v, unisim_bvh_first_hits_##v,                  \
+            unisim_field_forward_##v                                                                                           \
     }
 
 Variant choose() {
@@ -75,7 +79,7 @@ const Variant chosen = choose();
 #define EXPORT extern "C" __attribute__((visibility("default")))
 #endif
 
-EXPORT int unisim_abi_version() { return 3; }
+EXPORT int unisim_abi_version() { return 4; }
 
 EXPORT const char *unisim_variant() { return chosen.name; }
 
@@ -118,4 +122,9 @@ EXPORT int unisim_bvh_first_hits(const unisim_bvh_node *nodes, const int32_t *or
                                  const double *origins, const double *directions, int64_t n, double near, double *t,
                                  int32_t *face, float *uv, int threads) {
     return chosen.bvh_first_hits(nodes, order, vertices, faces, origins, directions, n, near, t, face, uv, threads);
+}
+
+EXPORT int unisim_field_forward(const unisim_grid *g, const float *x, const int32_t *grid, int64_t n, const float *table,
+                                const unisim_mlp *net, float *out, int threads) {
+    return chosen.field_forward(g, x, grid, n, table, net, out, threads);
 }

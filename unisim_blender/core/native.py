@@ -10,7 +10,7 @@ import sys
 import warnings
 from pathlib import Path
 
-ABI_VERSION = 3
+ABI_VERSION = 4
 _SUFFIX = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
 
 
@@ -64,6 +64,7 @@ def library() -> ctypes.CDLL | None:
     lib.unisim_propose.argtypes = [p, p, p, p, i64, p, p, p, p, f32, f32, p, i32, p, p, i32]
     lib.unisim_mlp_forward.argtypes = [p, p, i64, p, i32]
     lib.unisim_mlp_backward.argtypes = [p, p, i64, p, p, p, p, p, i32]
+    lib.unisim_field_forward.argtypes = [p, p, p, i64, p, p, p, i32]
     lib.unisim_bvh_build.argtypes = [p, p, i32, p, p]
     lib.unisim_bvh_first_hits.argtypes = [p, p, p, p, p, p, i64, f64, p, p, p, i32]
     return lib

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import ctypes
+
 import torch
 from torch import Tensor, nn
 
+from .. import native
 from .config import ModelConfig
 from .hash_grid import GridArrays, GridShape, encode
-from .networks import mlp, run_mlp
+from .networks import mlp, network_struct, run_mlp
 from .volume import Volume, VolumeFrame, contract, contract_direction
 
 INITIAL_DISTANCE_M = 0.1
@@ -16,6 +19,38 @@ INITIAL_ACTOR_DISTANCE_M = 0.3
 
 INITIAL_LOG_DENSITY, MAX_LOG_DENSITY = -1.0, 8.0
 """Of the far field."""
+
+
+def query(
+    grid: GridArrays,
+    table: Tensor,
+    network: nn.Sequential,
+    x: Tensor,
+    index: Tensor | None = None,
+    outputs: int | None = None,
+    sink: Tensor | None = None,
+) -> Tensor:
+    """What ``network`` says of the encodings of points x (N, 3) in the unit cube: its first ``outputs`` columns, or all.
+
+    `encode` and `run_mlp`, as one kernel where no gradient is asked for.
+    """
+    first, last = network[0], network[-1]
+    assert isinstance(first, nn.Linear) and isinstance(last, nn.Linear)
+    lib = native.library()
+    learns = torch.is_grad_enabled() and (x.requires_grad or table.requires_grad or last.weight.requires_grad)
+    plain = x.device.type == "cpu" and x.dtype == table.dtype == last.weight.dtype == torch.float32
+    if lib is None or learns or not plain or len(network) != 3:
+        return run_mlp(network, encode(grid, table, x, index, sink), outputs)
+    w1, w2, bias = (w.detach().contiguous() for w in (first.weight, last.weight[:outputs], last.bias[:outputs]))
+    x, table = x.detach().contiguous(), table.detach().contiguous()
+    numbers = None if index is None else index.to(torch.int32).contiguous()
+    out = torch.empty(len(x), len(w2))
+    status = lib.unisim_field_forward(
+        ctypes.byref(grid.struct), x.data_ptr(), None if numbers is None else numbers.data_ptr(), len(x), table.data_ptr(),
+        ctypes.byref(network_struct(w1, w2, bias)), out.data_ptr(), torch.get_num_threads(),
+    )  # fmt: skip
+    assert status == 0, status
+    return out
 
 
 class HashTable(nn.Module):
@@ -27,10 +62,10 @@ class HashTable(nn.Module):
         self.table = nn.Parameter(torch.empty(shape.rows, shape.features).uniform_(-1e-4, 1e-4))
         self.sink_gradient = False
 
-    def forward(self, x: Tensor) -> Tensor:
-        """Encodings (N, width) of points (N, 3) in the unit cube."""
+    def ask(self, network: nn.Sequential, x: Tensor, outputs: int | None = None) -> Tensor:
+        """What a network says of the encodings of points (N, 3) in the unit cube."""
         sink = self.table.grad if self.sink_gradient and torch.is_grad_enabled() else None
-        return encode(self.grid, self.table, x, sink=sink)
+        return query(self.grid, self.table, network, x, outputs=outputs, sink=sink)
 
 
 def _start_outside(network: nn.Sequential, distance_m: float = INITIAL_DISTANCE_M) -> None:
@@ -61,12 +96,12 @@ class StaticField(nn.Module):
 
     def forward(self, x: Tensor) -> tuple[Tensor, Tensor]:
         """Signed distances in metres (N,) and features (N, F) at points (N, 3) in volume coordinates."""
-        out = run_mlp(self.network, self.grid(x / self.size_m))
+        out = self.grid.ask(self.network, x / self.size_m)
         return out[:, 0], out[:, 1:]
 
     def distance(self, x: Tensor) -> Tensor:
         """Signed distances (N,) alone: the last layer's other rows are not computed."""
-        return run_mlp(self.network, self.grid(x / self.size_m), 1)[:, 0]
+        return self.grid.ask(self.network, x / self.size_m, 1)[:, 0]
 
 
 class FarField(nn.Module):
@@ -88,20 +123,19 @@ class FarField(nn.Module):
     def forward(self, x: Tensor) -> tuple[Tensor, Tensor]:
         """Densities (N,), optical depth over the whole way beyond the volume, even in disparity, and features (N, F) at points
         (N, 3) in volume coordinates."""
-        out = run_mlp(self.network, self._encode(x))
+        out = self.grid.ask(self.network, self._contracted(x))
         return _density(out[:, 0]), out[:, 1:]
 
     def density(self, x: Tensor) -> Tensor:
         """Densities (N,) alone."""
-        return _density(run_mlp(self.network, self._encode(x), 1)[:, 0])
+        return _density(self.grid.ask(self.network, self._contracted(x), 1)[:, 0])
 
-    def _encode(self, x: Tensor) -> Tensor:
-        out: Tensor = self.grid(contract(x - self.frame.size_m / 2, self.radius_m))
-        return out
+    def _contracted(self, x: Tensor) -> Tensor:
+        return contract(x - self.frame.size_m / 2, self.radius_m)
 
     def sky(self, d: Tensor) -> Tensor:
         """Features (N, F) at infinity, along directions (N, 3) in volume axes."""
-        return run_mlp(self.network, self.grid(contract_direction(d)))[:, 1:]
+        return self.grid.ask(self.network, contract_direction(d))[:, 1:]
 
 
 class ActorField(nn.Module):
@@ -137,12 +171,13 @@ class ActorField(nn.Module):
 
     def forward(self, tables: Tensor, x: Tensor, actor: Tensor) -> tuple[Tensor, Tensor]:
         """Signed distances (N,) and features (N, F) at points x (N, 3) in the unit cube of each point's actor (N,)."""
-        out = run_mlp(self.network, self._encode(tables, x, actor))
+        out = self._ask(tables, x, actor, None)
         return out[:, 0], out[:, 1:]
 
     def distance(self, tables: Tensor, x: Tensor, actor: Tensor) -> Tensor:
         """Signed distances (N,) alone."""
-        return run_mlp(self.network, self._encode(tables, x, actor), 1)[:, 0]
+        return self._ask(tables, x, actor, 1)[:, 0]
 
-    def _encode(self, tables: Tensor, x: Tensor, actor: Tensor) -> Tensor:
-        return encode(self.grid, tables, x, actor, sink=self.gradient if torch.is_grad_enabled() else None)
+    def _ask(self, tables: Tensor, x: Tensor, actor: Tensor, outputs: int | None) -> Tensor:
+        sink = self.gradient if torch.is_grad_enabled() else None
+        return query(self.grid, tables, self.network, x, actor, outputs, sink)

@@ -35,7 +35,8 @@ class _TwoLayers(torch.autograd.Function):
         assert lib is not None
         x, w1, w2, bias = x.contiguous(), w1.contiguous(), w2.contiguous(), bias.contiguous()
         out = torch.empty(len(x), len(w2))
-        lib.unisim_mlp_forward(ctypes.byref(_struct(w1, w2, bias)), x.data_ptr(), len(x), out.data_ptr(), torch.get_num_threads())
+        net = network_struct(w1, w2, bias)
+        lib.unisim_mlp_forward(ctypes.byref(net), x.data_ptr(), len(x), out.data_ptr(), torch.get_num_threads())
         ctx.save_for_backward(x, w1, w2, bias)
         return out
 
@@ -48,13 +49,14 @@ class _TwoLayers(torch.autograd.Function):
         grad, grad_x = grads[0].contiguous(), torch.empty_like(x)
         learnt = [torch.zeros_like(w) for w in (w1, w2, bias)] if any(ctx.needs_input_grad[1:]) else [None] * 3
         lib.unisim_mlp_backward(
-            ctypes.byref(_struct(w1, w2, bias)), x.data_ptr(), len(x), grad.data_ptr(), grad_x.data_ptr(),
+            ctypes.byref(network_struct(w1, w2, bias)), x.data_ptr(), len(x), grad.data_ptr(), grad_x.data_ptr(),
             *(None if w is None else w.data_ptr() for w in learnt), torch.get_num_threads(),
         )  # fmt: skip
         return grad_x, *learnt
 
 
-def _struct(w1: Tensor, w2: Tensor, bias: Tensor) -> native.MlpStruct:
+def network_struct(w1: Tensor, w2: Tensor, bias: Tensor) -> native.MlpStruct:
+    """Contiguous weights (H, I), (O, H) and bias (O,) in the form that the kernels read."""
     return native.MlpStruct(w1.shape[1], len(w1), len(w2), w1.data_ptr(), w2.data_ptr(), bias.data_ptr())
 
 

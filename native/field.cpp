@@ -1,0 +1,25 @@
+// A field asked in one go: the grid's encoding and the network behind it, over tiles of points, so that no encoding is written to memory.
+#include "unisim_native.h"
+#include "variant.h"
+
+extern "C" int UNISIM_NAME(unisim_encode_forward)(const unisim_grid *g, const float *x, const int32_t *grid, int64_t n,
+                                                  const float *table, float *out, int threads);
+extern "C" int UNISIM_NAME(unisim_mlp_forward)(const unisim_mlp *net, const float *x, int64_t n, float *out, int threads);
+
+// out (n, outputs) of points x (n, 3) in the unit cube; grid (n) numbers each point's grid, null where there is one.
+extern "C" int UNISIM_NAME(unisim_field_forward)(const unisim_grid *g, const float *x, const int32_t *grid, int64_t n,
+                                                 const float *table, const unisim_mlp *net, float *out, int threads) {
+    constexpr int64_t TILE = 512;
+    const int64_t width = static_cast<int64_t>(g->levels) * g->features;
+    std::atomic<int> status{0};
+    parallel_blocks(n, 4 * TILE, threads, [&](int64_t begin, int64_t end) {
+        std::vector<float> code(static_cast<size_t>(TILE * width));
+        for (int64_t first = begin; first < end; first += TILE) {
+            const int64_t count = std::min(TILE, end - first);
+            if (UNISIM_NAME(unisim_encode_forward)(g, x + 3 * first, grid ? grid + first : nullptr, count, table, code.data(), 1))
+                status = 1;
+            UNISIM_NAME(unisim_mlp_forward)(net, code.data(), count, out + first * net->outputs, 1);
+        }
+    });
+    return status;
+}
