@@ -25,9 +25,11 @@ def test_the_same_bits_as_grid_and_network(points: int, outputs: int | None) -> 
         for tables, which in ((table, index), (table[0], None)):
             found = fields.query(grid, tables, network, x, which, outputs)
             assert torch.equal(found, run_mlp(network, encode(grid, tables, x, which), outputs))
+            last = network[-1]
+            assert isinstance(last, torch.nn.Linear)
             plain = torch.nn.functional.linear(
                 network[:-1](encode_reference(grid, tables.double(), x.double(), which).float()),
-                network[-1].weight[:outputs], network[-1].bias[:outputs],
+                last.weight[:outputs], last.bias[:outputs],
             )  # fmt: skip
             torch.testing.assert_close(found, plain, rtol=1e-5, atol=1e-5)
 
