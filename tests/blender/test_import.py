@@ -147,3 +147,12 @@ def test_a_scene_with_the_settings_alone_holds_no_drive(street: Any) -> None:
         pass
     assert len(list(things(other, "ACTOR"))) == len(list(things(street, "ACTOR"))) > 0
     assert source_of(other) is source_of(street)
+
+
+def test_a_scenario_beside_rendered_frames_is_no_log(scene: Any, tmp_path: Path) -> None:
+    for folder in ("camera", "lidar"):
+        (tmp_path / folder).mkdir()
+    text = (SAMPLE / "scenario.json").read_text().replace('"scene": "scene"', f'"scene": "{SAMPLE / "scene"}"')
+    (tmp_path / "scenario.json").write_text(text)
+    assert bpy.ops.unisim.import_dropped(filepath=str(tmp_path / "scenario.json")) == {"FINISHED"}
+    assert Path(scene.unisim.scene) == SAMPLE / "scene" and read(scene).edits

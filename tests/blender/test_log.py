@@ -41,6 +41,15 @@ def test_a_log_alone_is_no_edit(logged: Any) -> None:
     assert source_of(logged).scene_path is None
 
 
+def test_a_log_is_dropped_by_any_of_its_files(scene: Any, street_log: Path) -> None:
+    files = sorted(street_log.rglob("*.json"))
+    assert len({path.parent for path in files}) > 2
+    for path in files:
+        bpy.ops.wm.read_factory_settings(use_empty=True)
+        assert bpy.ops.unisim.import_dropped(filepath=str(path)) == {"FINISHED"}
+        assert source_of(bpy.context.scene).log_path == street_log, path
+
+
 def test_recorded_images_are_behind_the_cameras(logged: Any) -> None:
     for camera in things(logged, "CAMERA"):
         (shown,) = camera.data.background_images

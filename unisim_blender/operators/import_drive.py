@@ -13,8 +13,10 @@ from ..bridge.source import open_source
 from ..bridge.things import has_drive
 from ..core.edits import apply_scenario
 from ..core.errors import UnisimError
+from ..core.json_file import read_json
+from ..core.logs import is_pandaset
 from ..core.prepare.scenario import scene_actors
-from ..core.scenario import load_scenario
+from ..core.scenario import FORMAT, load_scenario
 from ..core.scene_file import HEADER_NAME, read_scene_header
 from ..registering import add, take_away
 
@@ -174,8 +176,17 @@ class UNISIM_FH_json(bpy.types.FileHandler):
         return context.area is not None and context.area.type in ("VIEW_3D", "OUTLINER")
 
 
+def is_scenario(path: Path) -> bool:
+    """Whether a file says that it is a scenario."""
+    try:
+        document = read_json(path, UnisimError)
+    except UnisimError:
+        return False
+    return isinstance(document, dict) and document.get("format") == FORMAT
+
+
 class UNISIM_OT_import_dropped(bpy.types.Operator):
-    """Import a scenario or a trained scene that was dropped onto the window"""
+    """Import a scenario, a trained scene or a log, one of whose .json files was dropped onto the window"""
 
     bl_idname = "unisim.import_dropped"
     bl_label = "Import into UniSim"
@@ -184,11 +195,18 @@ class UNISIM_OT_import_dropped(bpy.types.Operator):
     filepath: StringProperty(subtype="FILE_PATH", options={"SKIP_SAVE"})
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Tell by the name which of them it is: a trained scene's header is always called the same."""
-        scene = Path(self.filepath).name == HEADER_NAME
-        operator = bpy.ops.unisim.import_scene if scene else bpy.ops.unisim.import_scenario
+        """Tell which of them it is by its name, or by the folders round it: the window gives files alone, a log is a folder."""
+        path = Path(self.filepath)
+        # a rendered sequence has its scenario beside a log's folders
+        log = None if is_scenario(path) else next((folder for folder in path.parents[:3] if is_pandaset(folder)), None)
+        if path.name == HEADER_NAME:
+            operator, how = bpy.ops.unisim.import_scene, "INVOKE_DEFAULT"
+        elif log is not None:
+            operator, how, path = bpy.ops.unisim.import_log, "INVOKE_DEFAULT", log
+        else:
+            operator, how = bpy.ops.unisim.import_scenario, "EXEC_DEFAULT"
         try:
-            answer = operator("INVOKE_DEFAULT" if scene else "EXEC_DEFAULT", filepath=self.filepath)
+            answer = operator(how, filepath=str(path))
         except RuntimeError as fault:  # what the operator reports
             self.report({"ERROR"}, str(fault).removeprefix("Error: ").strip())
             return {"CANCELLED"}
