@@ -11,6 +11,7 @@ from mathutils import Vector
 from .bridge.point_colours import RECORDED
 from .bridge.points import kind_of, points_of
 from .bridge.things import things
+from .registering import Drawing
 
 SIZE, BEHIND_SIZE = 3.0, 2.0
 """Of a point, and of one behind a surface, an actor's box say, in pixels of an ordinary display."""
@@ -19,7 +20,6 @@ Build = Callable[[bpy.types.Object, str], Any]
 
 _clouds: dict[tuple[str, str], tuple[tuple[str, str], Any]] = {}
 """By scene and object: the points' stamp and what they are coloured by, and what is drawn."""
-_handle: Any = None
 
 
 def clouds(scene: bpy.types.Scene, build: Build) -> list[tuple[bpy.types.Object, Any]]:
@@ -88,17 +88,15 @@ def _batch(thing: bpy.types.Object, by: str) -> Any:
     return batch_for_shader(_shader(), "POINTS", {"pos": points, "color": colours})
 
 
+_drawing = Drawing(draw)
+
+
 def register() -> None:
-    """Draw from now on; without a window there is nothing to draw in."""
-    global _handle
-    if not bpy.app.background:
-        _handle = bpy.types.SpaceView3D.draw_handler_add(draw, (), "WINDOW", "POST_VIEW")
+    """Draw from now on."""
+    _drawing.begin()
 
 
 def unregister() -> None:
     """Draw no more."""
-    global _handle
     _clouds.clear()
-    if _handle is not None:
-        bpy.types.SpaceView3D.draw_handler_remove(_handle, "WINDOW")
-        _handle = None
+    _drawing.end()

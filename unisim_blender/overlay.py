@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import bpy
 import numpy as np
 
@@ -13,11 +11,10 @@ from .bridge.selection import chosen
 from .bridge.source import source_of
 from .bridge.trails import trail
 from .core.errors import UnisimError
+from .registering import Drawing
 
 MOST = 20
 """Objects whose ways are drawn at once."""
-
-_handle: Any = None
 
 
 def draw() -> None:
@@ -50,16 +47,14 @@ def draw() -> None:
     gpu.state.line_width_set(1.0)
 
 
+_drawing = Drawing(draw)
+
+
 def register() -> None:
-    """Draw from now on; without a window there is nothing to draw in."""
-    global _handle
-    if not bpy.app.background:
-        _handle = bpy.types.SpaceView3D.draw_handler_add(draw, (), "WINDOW", "POST_VIEW")
+    """Draw from now on."""
+    _drawing.begin()
 
 
 def unregister() -> None:
     """Draw no more."""
-    global _handle
-    if _handle is not None:
-        bpy.types.SpaceView3D.draw_handler_remove(_handle, "WINDOW")
-        _handle = None
+    _drawing.end()

@@ -1,7 +1,8 @@
 """Rooms into Blender and out of it: modules with CLASSES, and with functions of their own where there is more to do."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from types import ModuleType
+from typing import Any
 
 import bpy
 
@@ -32,3 +33,22 @@ def close_room(room: ModuleType) -> None:
         room.unregister()
     else:
         take_away(room.CLASSES)
+
+
+class Drawing:
+    """A function that draws into the 3D view whenever that is drawn, from `begin` to `end`."""
+
+    def __init__(self, draw: Callable[[], None]) -> None:
+        self.draw = draw
+        self.handle: Any = None
+
+    def begin(self) -> None:
+        """Draw from now on; without a window there is nothing to draw in."""
+        if not bpy.app.background:
+            self.handle = bpy.types.SpaceView3D.draw_handler_add(self.draw, (), "WINDOW", "POST_VIEW")
+
+    def end(self) -> None:
+        """Draw no more."""
+        if self.handle is not None:
+            bpy.types.SpaceView3D.draw_handler_remove(self.handle, "WINDOW")
+            self.handle = None

@@ -42,3 +42,16 @@ def select(*objects: Any) -> None:
     for one in objects:
         one.select_set(True)
         bpy.context.view_layer.objects.active = one
+
+
+def drawn(scene: Any, places: list[tuple[float, float, float]]) -> Any:
+    """A curve of straight lines through places."""
+    curve = bpy.data.curves.new("way", "CURVE")
+    curve.dimensions = "3D"
+    spline = curve.splines.new("POLY")
+    spline.points.add(len(places) - 1)
+    for point, place in zip(spline.points, places, strict=True):
+        point.co = (*place, 1)
+    line = bpy.data.objects.new("way", curve)
+    scene.collection.objects.link(line)
+    return line

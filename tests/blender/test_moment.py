@@ -8,7 +8,7 @@ from typing import Any
 import bpy
 import numpy as np
 import pytest
-from helpers import thing
+from helpers import drawn, thing
 from numpy.typing import NDArray
 from PIL import Image
 
@@ -122,21 +122,15 @@ def by_driver(scene: Any) -> Any:
 
 
 def by_path(scene: Any) -> Any:
-    curve = bpy.data.curves.new("path", "CURVE")
-    curve.dimensions, curve.use_path, curve.path_duration = "3D", True, 20
-    spline = curve.splines.new("POLY")
-    spline.points.add(2)
-    for point, place in zip(spline.points, [(0, 0, 0), (30, 0, 0), (30, 20, 0)], strict=True):
-        point.co = (*place, 1)
-    line = bpy.data.objects.new("path", curve)
-    scene.collection.objects.link(line)
+    line = drawn(scene, [(0, 0, 0), (30, 0, 0), (30, 20, 0)])
+    line.data.use_path, line.data.path_duration = True, 20
     one = standing(scene)
     follow = one.constraints.new("FOLLOW_PATH")
     follow.target, follow.use_curve_follow = line, True
-    curve.eval_time = 0
-    curve.keyframe_insert("eval_time", frame=0)
-    curve.eval_time = 20
-    curve.keyframe_insert("eval_time", frame=20)
+    line.data.eval_time = 0
+    line.data.keyframe_insert("eval_time", frame=0)
+    line.data.eval_time = 20
+    line.data.keyframe_insert("eval_time", frame=20)
     return one
 
 

@@ -11,7 +11,7 @@ from typing import Any
 import bpy
 import numpy as np
 import pytest
-from helpers import SAMPLE, edited, read, select, thing
+from helpers import SAMPLE, drawn, edited, read, select, thing
 
 from unisim_blender.bridge.clock import Clock
 from unisim_blender.bridge.importing import recorded_colours
@@ -56,14 +56,7 @@ def test_inserting_from_another_scene(street: Any) -> None:
 
 
 def test_following_a_curve_at_a_speed(street: Any) -> None:
-    curve = bpy.data.curves.new("way", "CURVE")
-    curve.dimensions = "3D"
-    spline = curve.splines.new("POLY")
-    spline.points.add(2)
-    for point, place in zip(spline.points, [(10, 0, 0), (30, 0, 0), (30, 20, 0)], strict=True):
-        point.co = (*place, 1)
-    line = bpy.data.objects.new("way", curve)
-    street.collection.objects.link(line)
+    line = drawn(street, [(10, 0, 0), (30, 0, 0), (30, 20, 0)])
     uid = of_class(street, "Car", False)
     one = thing(street, "ACTOR", uid)
     select(line, one)

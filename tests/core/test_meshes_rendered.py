@@ -18,7 +18,7 @@ from unisim_blender.core.frames import CAMERA_PASSES
 from unisim_blender.core.prepare.renderers import scene_hashes
 from unisim_blender.core.render import Region, Renderer
 from unisim_blender.core.scenario import load_scenario, save_scenario, scenario_from_json, scenario_to_json
-from unisim_blender.core.sensors.camera import pixel_grid
+from unisim_blender.core.sensors.camera import camera_rays, pixel_grid
 
 SIZE = np.array([4.0, 2.0, 2.0])
 ALBEDO = np.array([255, 64, 0]) / 255
@@ -99,7 +99,9 @@ def test_edges_are_as_smooth_as_what_they_cover(cube: Path) -> None:
         drive = there.drive
         camera = replace(drive.cameras["front"], model=CameraModel(48, 32, 40.0, 40.0, 24.0, 16.0))
         renderer = Renderer(there.as_scene(), replace(drive, cameras={"front": camera}))
-        met = renderer.cast.extras.met_by_camera(camera, 0, pixel_grid(camera.model, 2), 2, 0.5, lambda actor: np.ones(3))
+        cells = pixel_grid(camera.model, 2)
+        centres = camera_rays(camera, 0, *cells).flat()
+        met = renderer.cast.extras.met_by_camera(camera, 0, cells, centres, 2, 0.5, lambda actor: np.ones(3))
         assert met is not None and met.pixels is not None
         covered.append(float(met.pixels[..., 3].sum()))
         partly += int(((met.pixels[..., 3] > 0) & (met.pixels[..., 3] < 1)).sum())

@@ -164,10 +164,10 @@ def steps() -> Iterator[float]:
     bpy.ops.render.render(write_still=True)
     image = bpy.data.images.load(str(OUT / "f12.png"))
     image.colorspace_settings.name = "Non-Color"
-    f12 = np.array(image.pixels[:], np.float32).reshape(shown.shape[0], shown.shape[1], 4)[..., :3]
+    written = np.array(image.pixels[:], np.float32).reshape(shown.shape[0], shown.shape[1], 4)[..., :3]
     linear = np.clip(shown[..., :3], 0, 1)
     srgb = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * np.maximum(linear, 1e-8) ** (1 / 2.4) - 0.055)
-    results["viewport_and_f12"] = float(np.abs(srgb - f12).max() * 255)
+    results["viewport_and_f12"] = float(np.abs(srgb - written).max() * 255)
     yield from stopped_by_esc()
     # an edit
     car = nearest(scene)

@@ -7,27 +7,17 @@ import numpy as np
 from mathutils import Matrix
 
 from ..core.drive import Actor
-from ..core.geometry import FloatArray
 from ..core.meshes.model import FLAT, MeshModel
-from .meshes import parts
+from .meshes import corners_of
 
 FORWARD = {"X": (1.0, 0.0), "-X": (-1.0, 0.0), "Y": (0.0, 1.0), "-Y": (0.0, -1.0)}
 """Directions in the world's plane."""
 
 
-def corners_of(thing: bpy.types.Object) -> FloatArray:
-    """Corners (8 P, 3), in the world, of the boxes round an object's parts."""
-    corners = [
-        np.array(part.bound_box, float) @ np.array(part.matrix_world, float)[:3, :3].T + np.array(part.matrix_world.translation)
-        for part in parts(thing)
-    ]
-    return np.concatenate(corners) if corners else np.zeros((0, 3))
-
-
 def make_actor(thing: bpy.types.Object, label: str, forward: str) -> None:
     """Let an object with all its parts be an actor that points ``forward`` (a key of `FORWARD`, or "AUTO": as it is long) as it
     stands there. Its origin goes to the middle of its extent, its axes forward, left and up, its scale into its mesh."""
-    corners = corners_of(thing)
+    corners = corners_of(thing, lambda part: np.array(part.matrix_world, float))
     low, high = corners.min(0), corners.max(0)
     if forward == "AUTO":
         forward = "X" if high[0] - low[0] >= high[1] - low[1] else "Y"

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import hashlib
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import fields
 from functools import lru_cache
 from pathlib import Path
@@ -94,12 +94,17 @@ def size_of(thing: bpy.types.Object) -> FloatArray:
     """An object's extent (3,) along its own axes, with its scale; of an actor that is a mesh, with all its parts."""
     if not thing.unisim.mesh:
         return np.ptp(np.array(thing.bound_box, float), axis=0)
-    corners = [
-        np.array(part.bound_box, float) @ whole[:3, :3].T + whole[:3, 3]
-        for part in parts(thing)
-        for whole in [_within(part, thing)]
-    ]
-    return np.ptp(np.concatenate(corners), axis=0) if corners else np.zeros(3)
+    corners = corners_of(thing, lambda part: _within(part, thing))
+    return np.ptp(corners, axis=0) if len(corners) else np.zeros(3)
+
+
+def corners_of(thing: bpy.types.Object, placed: Callable[[bpy.types.Object], FloatArray]) -> FloatArray:
+    """Corners (8 P, 3) of the boxes round an object's parts, each where ``placed`` (4, 4) puts it."""
+    corners = [np.zeros((0, 3))]
+    for part in parts(thing):
+        whole = placed(part)
+        corners.append(np.array(part.bound_box, float) @ whole[:3, :3].T + whole[:3, 3])
+    return np.concatenate(corners)
 
 
 def _within(part: bpy.types.Object, thing: bpy.types.Object) -> FloatArray:

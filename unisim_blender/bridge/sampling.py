@@ -18,7 +18,7 @@ from ..core.geometry import BoolArray, FloatArray
 from .animation import keys_hide
 from .cameras import model_of
 from .clock import Clock
-from .meshes import file_of
+from .meshes import file_of, size_of
 from .meshes import model_of as model_of_mesh
 from .poses import rigid
 from .things import KINDS_OF_DRIVE, things
@@ -107,7 +107,7 @@ def sample(
             there[i, at] = not (now.hide_viewport and keyed[i]) and not now.hide_render and thing.name in shown
     poses = rigid(matrices)
     size = picture_size(scene.render)
-    extents = [tuple(float(x) for x in np.ptp(np.array(thing.bound_box), axis=0)) for thing in found]
+    extents = [tuple(size_of(thing).tolist()) for thing in found]
     files = [""] * len(found)
     for i, thing in enumerate(found):
         if thing.unisim.mesh and there[i].any():

@@ -115,8 +115,9 @@ class Renderer:
         rays = camera_rays(camera, frame, u, v)
         stats = RenderStats()
         needed = {*passes, "depth", "instance"} if self.shaders else set(passes)
-        met = self.cast.extras.met_by_camera(camera, frame, (u, v), up, NEAR_M, partial(self._light, camera, frame))
-        traced, maps = self._trace(rays.flat(), needed, stats, sky=True, met=met)
+        flat = rays.flat()
+        met = self.cast.extras.met_by_camera(camera, frame, (u, v), flat, up, NEAR_M, partial(self._light, camera, frame))
+        traced, maps = self._trace(flat, needed, stats, sky=True, met=met)
         traced_s = time.perf_counter()
         image = self._decode(traced, rays.directions, camera_id, u.shape)
         if met is not None and traced.mesh_opacity is not None:

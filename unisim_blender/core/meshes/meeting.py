@@ -86,13 +86,20 @@ class Extras:
         return [ready(read_mesh(Path(actor.look.mesh))) for actor in self.actors]
 
     def met_by_camera(
-        self, camera: Camera, frame: int, cells: tuple[FloatArray, FloatArray], up: int, near_m: float, level: Level
+        self,
+        camera: Camera,
+        frame: int,
+        cells: tuple[FloatArray, FloatArray],
+        centres: Rays,
+        up: int,
+        near_m: float,
+        level: Level,
     ) -> Met | None:
-        """What ``cells`` of ``up`` x ``up`` pixels with centres (u, v) (h, w) show of the meshes; None where they show none."""
+        """What ``cells`` of ``up`` x ``up`` pixels with centres (u, v) (h, w), and rays (h w,) through those, show of the meshes;
+        None where they show none."""
         if not self.actors:
             return None
         u, v = cells
-        centres = camera_rays(camera, frame, u, v).flat()
         near = np.flatnonzero(self._near(centres, 2.0 * up / camera.model.fx))
         side = up * SIDE
         offset = ((np.arange(side) + 0.5) / side - 0.5) * up
@@ -132,21 +139,24 @@ class Extras:
 
     def _near(self, rays: Rays, widening: float) -> BoolArray:
         """Which rays come near some mesh: into the sphere round its box, that much wider for each metre of distance."""
-        near = np.zeros(len(rays.time_s), bool)
+        times, which = _moments(rays)
+        near = np.zeros(len(which), bool)
         for actor in self.actors:
-            near |= _near(actor, rays, widening)
+            near |= _near(actor, actor.world_from_actor.at(times), which, rays, widening)
         return near
 
     def _first(self, rays: Rays, near_m: float) -> tuple[FloatArray, NDArray[np.int64], FloatArray, FloatArray]:
         """t (N,), actor (N,) or -1, normals (N, 3) world frame, colours (N, 3) linear, of the first mesh on each ray."""
-        n = len(rays.time_s)
+        times, which = _moments(rays)
+        n = len(which)
         t, owner = np.full(n, np.inf), np.full(n, -1)
         normals, colours = np.zeros((n, 3)), np.zeros((n, 3))
         for i, (actor, mesh) in enumerate(zip(self.actors, self.meshes, strict=True)):
-            mine = np.flatnonzero(_near(actor, rays, 0.0))
+            poses = actor.world_from_actor.at(times)
+            mine = np.flatnonzero(_near(actor, poses, which, rays, 0.0))
             if len(mine) == 0:
                 continue
-            pose = _poses(actor, rays.time_s[mine])
+            pose = poses[which[mine]]
             inverse = np.swapaxes(pose[:, :3, :3], 1, 2)
             o = np.einsum("nij,nj->ni", inverse, rays.origins[mine] - pose[:, :3, 3])
             d = np.einsum("nij,nj->ni", inverse, rays.directions[mine])
@@ -159,20 +169,20 @@ class Extras:
         return t, owner, normals, colours
 
 
-def _near(actor: Actor, rays: Rays, widening: float) -> BoolArray:
-    present = actor.present(rays.time_s)
+def _moments(rays: Rays) -> tuple[FloatArray, NDArray[np.int64]]:
+    """The different times (T,) of rays, and which of them is each ray's (N,): those of a row or a column share theirs."""
     times, which = np.unique(rays.time_s, return_inverse=True)
-    to = actor.world_from_actor.at(times)[which.reshape(-1), :3, 3] - rays.origins
+    return times, which.reshape(-1)
+
+
+def _near(actor: Actor, poses: FloatArray, which: NDArray[np.int64], rays: Rays, widening: float) -> BoolArray:
+    """Which rays come near one actor, whose poses (T, 4, 4) are those of the rays' different times."""
+    present = actor.present(rays.time_s)
+    to = poses[which, :3, 3] - rays.origins
     along = np.einsum("ij,ij->i", to, rays.directions)
     reach = np.linalg.norm(actor.size_m) / 2 + widening * np.maximum(along, 0) + 1e-3
     squared = np.einsum("ij,ij->i", to, to)
     return np.asarray(present & (squared - np.maximum(along, 0) ** 2 <= reach * reach))
-
-
-def _poses(actor: Actor, time_s: FloatArray) -> FloatArray:
-    """The actor's poses (N, 4, 4) at times (N,): rays of a row or a column share theirs."""
-    times, which = np.unique(time_s, return_inverse=True)
-    return np.asarray(actor.world_from_actor.at(times)[which.reshape(-1)])
 
 
 def _cell_means(
