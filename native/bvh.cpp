@@ -1,6 +1,5 @@
 // Rays against triangles: a bounding volume hierarchy (binned surface area heuristic; Wald, "On fast construction of SAH-based
 // bounding volume hierarchies", 2007) and the first triangle on each ray (Moeller and Trumbore, 1997).
-#include "unisim_native.h"
 #include "variant.h"
 
 #include <cmath>

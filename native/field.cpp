@@ -1,10 +1,5 @@
 // A field asked in one go: the grid's encoding and the network behind it, over tiles of points, so that no encoding is written to memory.
-#include "unisim_native.h"
 #include "variant.h"
-
-extern "C" int UNISIM_NAME(unisim_encode_forward)(const unisim_grid *g, const float *x, const int32_t *grid, int64_t n,
-                                                  const float *table, float *out, int threads);
-extern "C" int UNISIM_NAME(unisim_mlp_forward)(const unisim_mlp *net, const float *x, int64_t n, float *out, int threads);
 
 // out (n, outputs) of points x (n, 3) in the unit cube; grid (n) numbers each point's grid, null where there is one.
 extern "C" int UNISIM_NAME(unisim_field_forward)(const unisim_grid *g, const float *x, const int32_t *grid, int64_t n,

@@ -1,7 +1,6 @@
 // Hash-grid encoding and ray proposals. Compiled once for each instruction set; `dispatch.cpp` picks one when it loads.
 //
 // The functions are the same as the plain torch ones in fields/hash_grid.py and march.py, which are the specification.
-#include "unisim_native.h"
 #include "variant.h"
 
 #include <cmath>

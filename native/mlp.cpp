@@ -3,7 +3,6 @@
 // The function is the plain torch one in fields/networks.py, which is the specification. Points go through in tiles that stay in
 // the first-level cache with both layers' weights, so that the hidden layer is never written to memory: going backward it is
 // computed again.
-#include "unisim_native.h"
 #include "variant.h"
 
 #include <cstring>

@@ -1,5 +1,7 @@
 // What every kernel file needs: its instruction set's name on its functions, and blocks of work shared out among threads.
 #pragma once
+#include "kernels.h"
+
 #include <algorithm>
 #include <atomic>
 #include <cstdint>
@@ -12,6 +14,9 @@
 #define UNISIM_JOIN_(a, b) a##_##b
 #define UNISIM_JOIN(a, b) UNISIM_JOIN_(a, b)
 #define UNISIM_NAME(name) UNISIM_JOIN(name, UNISIM_VARIANT)
+
+#define UNISIM_DECLARED(type, name, parameters, arguments) extern "C" type UNISIM_NAME(unisim_##name) parameters;
+UNISIM_KERNELS(UNISIM_DECLARED)
 
 namespace {
 

@@ -1,0 +1,43 @@
+// Every kernel once: what it gives, its name, its parameters, and those as arguments. `variant.h` declares them for the
+// instruction set that a file is compiled for, `dispatch.cpp` for all of them; what each does is said where it is defined.
+#pragma once
+#include "unisim_native.h"
+
+// clang-format off
+#define UNISIM_KERNELS(KERNEL) \
+    KERNEL(int, encode_forward, \
+        (const unisim_grid *g, const float *x, const int32_t *grid, int64_t n, const float *table, float *out, int threads), \
+        (g, x, grid, n, table, out, threads)) \
+    KERNEL(int, encode_backward_table, \
+        (const unisim_grid *g, const float *x, const int32_t *grid, int64_t n, const float *grad_out, float *grad_table, \
+         int threads), \
+        (g, x, grid, n, grad_out, grad_table, threads)) \
+    KERNEL(int, encode_backward_input, \
+        (const unisim_grid *g, const float *x, const int32_t *grid, int64_t n, const float *table, const float *grad_out, \
+         float *grad_x, int threads), \
+        (g, x, grid, n, table, grad_out, grad_x, threads)) \
+    KERNEL(int, propose, \
+        (const float *origins, const float *directions, const float *t_near, const float *t_far, int64_t n, \
+         const uint8_t *voxels, const int32_t *shape, const float *lower, const float *voxel_m, float step, float decay, \
+         const float *u, int count, float *t, float *mass, int threads), \
+        (origins, directions, t_near, t_far, n, voxels, shape, lower, voxel_m, step, decay, u, count, t, mass, threads)) \
+    KERNEL(int, mlp_forward, \
+        (const unisim_mlp *net, const float *x, int64_t n, float *out, int threads), \
+        (net, x, n, out, threads)) \
+    KERNEL(int, mlp_backward, \
+        (const unisim_mlp *net, const float *x, int64_t n, const float *grad_out, float *grad_x, float *grad_w1, \
+         float *grad_w2, float *grad_bias, int threads), \
+        (net, x, n, grad_out, grad_x, grad_w1, grad_w2, grad_bias, threads)) \
+    KERNEL(int, field_forward, \
+        (const unisim_grid *g, const float *x, const int32_t *grid, int64_t n, const float *table, const unisim_mlp *net, \
+         float *out, int threads), \
+        (g, x, grid, n, table, net, out, threads)) \
+    KERNEL(int32_t, bvh_build, \
+        (const float *vertices, const int32_t *faces, int32_t n, unisim_bvh_node *nodes, int32_t *order), \
+        (vertices, faces, n, nodes, order)) \
+    KERNEL(int, bvh_first_hits, \
+        (const unisim_bvh_node *nodes, const int32_t *order, const float *vertices, const int32_t *faces, \
+         const double *origins, const double *directions, int64_t n, double near, double *t, int32_t *face, float *uv, \
+         int threads), \
+        (nodes, order, vertices, faces, origins, directions, n, near, t, face, uv, threads))
+// clang-format on

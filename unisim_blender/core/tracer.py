@@ -1,0 +1,63 @@
+"""What the renderer asks of whatever traces rays: the compiled kernels with numpy alone, or torch, the reference and the GPU's way.
+
+Arrays in and out are numpy's; rays are in the world frame, float64.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .frames import RenderStats
+from .geometry import FloatArray
+from .meshes.meeting import Met
+from .sensors.rays import Rays
+
+Array = NDArray[np.float32]
+Maps = dict[str, NDArray[Any]]
+"""One array (N, ...) for each pass."""
+NEAR_M = 0.5
+"""Nothing nearer to a sensor is looked at."""
+
+
+@dataclass
+class Found:
+    """What rays (N,) met. feature (N, F) composited, the far field and the sky included where they were asked for; depth_m (N,)
+    the mean distance of what stopped the ray, 0 where nothing did; opacity (N,); maps, one array (N, ...) for each pass."""
+
+    feature: Array
+    depth_m: Array
+    opacity: Array
+    maps: Maps
+    guest_features: list[Array] = field(default_factory=list)
+    """For each guest scene, by weight, features (N, F') of its own."""
+    guest_opacity: list[Array] = field(default_factory=list)
+    """How much of each ray (N,) each guest scene's actors stop."""
+    without_guests: Array | None = None
+    """``feature`` as if no guest and no mesh were there; None where none is."""
+    mesh_opacity: Array | None = None
+    """How much of each ray (N,) meshes stop; None where there are none."""
+
+
+class Tracer(Protocol):
+    """A trained scene and a drive's cast, ready for rays."""
+
+    upsample: int
+    """Image pixels along one edge of a cell of the feature map."""
+    reach: int
+    """How many cells away a pixel of `image` can depend on."""
+
+    def trace(self, rays: Rays, passes: set[str], sky: bool, met: Met | None, stats: RenderStats) -> Found:
+        """What flat rays meet. ``sky`` asks for what gives a camera its background, ``met`` is where the rays meet meshes."""
+
+    def image(self, found: Found, directions: FloatArray, camera_id: str, shape: tuple[int, ...]) -> Array:
+        """The picture (h up, w up, 3) in 0..1, display-referred sRGB, of cells in ``shape`` (h, w), directions (h w, 3)."""
+
+    def returns(self, found: Found, directions: FloatArray) -> tuple[Array, Array]:
+        """A LiDAR's intensities in 0..1 (N,), and the probabilities (N,) of a return."""
+
+    def heights(self, points: FloatArray) -> FloatArray:
+        """How high points (N, 3), world frame, are above the ground (N,), metres."""
