@@ -44,5 +44,14 @@
         (const unisim_bvh_node *nodes, const int32_t *order, const float *vertices, const int32_t *faces, \
          const double *origins, const double *directions, int64_t n, double near, double *t, int32_t *face, float *uv, \
          int threads), \
-        (nodes, order, vertices, faces, origins, directions, n, near, t, face, uv, threads))
+        (nodes, order, vertices, faces, origins, directions, n, near, t, face, uv, threads)) \
+    KERNEL(int, head_forward, \
+        (const unisim_head *head, const float *feature, const float *directions, const float *extra, int64_t n, float *out, \
+         int threads), \
+        (head, feature, directions, extra, n, out, threads)) \
+    KERNEL(int, has_half, (), ()) \
+    KERNEL(int, decode_image, \
+        (const unisim_head *head, const unisim_layer *layers, int count, int up, const float *features, \
+         const float *directions, int height, int width, float *rgb, int half, int threads), \
+        (head, layers, count, up, features, directions, height, width, rgb, half, threads))
 // clang-format on

@@ -30,6 +30,7 @@ inline void store(float *p, const lanes &a) { std::memcpy(p, &a, sizeof a); }
 
 inline lanes most(lanes a, lanes b) { return a > b ? a : b; }
 inline lanes least(lanes a, lanes b) { return a < b ? a : b; }
+inline lanes rectified(lanes a) { return most(a, lanes{}); }
 
 inline float sum_of(const lanes &a) {
     float v[LANES];

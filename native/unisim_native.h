@@ -127,3 +127,20 @@ struct unisim_found {
     float *mesh_opacity;        // (n)
     int64_t *samples;           // (1): points at which a field was asked
 };
+
+// A convolution with edges repeated, `kernel` odd; a linear layer is one of a single tap.
+struct unisim_layer {
+    int32_t inputs;
+    int32_t outputs;
+    int32_t kernel;
+    const float *weight; // (outputs, inputs, kernel, kernel)
+    const float *bias;   // (outputs), or null
+};
+
+// A perceptron of `features` inputs, the 16 spherical harmonics of a direction and `extras` further inputs.
+struct unisim_head {
+    int32_t features;
+    int32_t extras;
+    int32_t count; // of layers
+    const unisim_layer *layers;
+};
