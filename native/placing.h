@@ -26,28 +26,38 @@ inline void find_occupied(const unisim_scene &scene, const float *o, const float
     const float steps_a_voxel = fastest > 1e-6f ? 1.999f / fastest : 2.0f;
     const float span = t_far - t_near;
     const int32_t steps = span > 0 ? static_cast<int32_t>(std::ceil(span / step)) : 0;
-    const int32_t *shape = scene.voxel_shape;
+    const int_lanes shape[3] = {scene.voxel_shape[0] - int_lanes{}, scene.voxel_shape[1] - int_lanes{}, scene.voxel_shape[2] - int_lanes{}};
+    float ramp[LANES];
+    for (int k = 0; k < LANES; ++k) ramp[k] = static_cast<float>(k) + 0.5f;
     float total = 0, depth = 0;
     for (int32_t i = 0; i < steps;) {
-        const float t = t_near + (static_cast<float>(i) + 0.5f) * step;
-        const int32_t a = static_cast<int32_t>(std::floor((o[0] + t * d[0]) * inverse));
-        const int32_t b = static_cast<int32_t>(std::floor((o[1] + t * d[1]) * inverse));
-        const int32_t c = static_cast<int32_t>(std::floor((o[2] + t * d[2]) * inverse));
-        if (a < 0 || b < 0 || c < 0 || a >= shape[0] || b >= shape[1] || c >= shape[2]) {
-            ++i;
-            continue;
+        // one vector of steps: they do not wait for each other
+        const lanes t = t_near + (static_cast<float>(i) + load(ramp)) * step;
+        int_lanes cell{}, inside = ~int_lanes{};
+        for (int a = 0; a < 3; ++a) {
+            // truncation is the floor where the result is not negative; what lies before 0 is outside
+            const lanes x = (o[a] + t * d[a]) * inverse;
+            const int_lanes c = __builtin_convertvector(x, int_lanes);
+            inside &= (x >= 0.0f) & (c < shape[a]);
+            cell = cell * shape[a] + c;
         }
-        const int64_t cell = (static_cast<int64_t>(a) * shape[1] + b) * shape[2] + c;
-        if (const int free = scene.clearance[cell]) {
-            i += std::max(1, static_cast<int>(static_cast<float>(free - 1) * steps_a_voxel));
-            continue;
+        cell &= inside;
+        int32_t at[LANES], in[LANES], next = LANES, found = 0;
+        std::memcpy(at, &cell, sizeof at);
+        std::memcpy(in, &inside, sizeof in);
+        uint8_t clear[LANES];
+        for (int k = 0; k < LANES; ++k) clear[k] = in[k] ? scene.clearance[at[k]] : 1;
+        for (int k = 0; k < LANES; ++k) found |= !clear[k];
+        for (int k = 0; k < LANES; ++k) next = std::max(next, k + static_cast<int32_t>(static_cast<float>(clear[k] - 1) * steps_a_voxel));
+        for (int k = 0; found && k < std::min(LANES, steps - i); ++k) {
+            if (clear[k]) continue;
+            const float p = static_cast<float>(scene.voxels[at[k]]) * (1.0f / 255.0f);
+            total += p * std::exp(-scene.decay_per_m * step * depth);
+            depth += p;
+            out.mass.push_back(total);
+            out.step.push_back(i + k);
         }
-        const float p = static_cast<float>(scene.voxels[cell]) * (1.0f / 255.0f);
-        total += p * std::exp(-scene.decay_per_m * step * depth);
-        depth += p;
-        out.mass.push_back(total);
-        out.step.push_back(i);
-        ++i;
+        i += next;
     }
 }
 

@@ -61,6 +61,8 @@ class Decoder:
             return _Layer(get(f"camera_decoder.{name}.weight", out, c, kernel, kernel), get(f"camera_decoder.{name}.bias", out))
 
         k = config.decoder_kernel
+        self.reach = config.decoder_blocks * 2 * (k // 2) + min(k, 3) // 2
+        """How many feature cells away an output pixel can depend on."""
         self._codes = get("ray_head.codes", None, CODE)
         self._ray = perceptron("ray_head.network", f + SH_WIDTH + CODE, hidden, c)
         blocks = [f"blocks.{i}.{part}" for i in range(config.decoder_blocks) for part in ("first", "second")]
