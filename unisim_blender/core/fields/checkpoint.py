@@ -10,8 +10,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import torch
-from safetensors import SafetensorError
-from safetensors.torch import save_file
 from torch import Tensor
 
 from ..errors import SceneError
@@ -52,6 +50,9 @@ def _pack(model: SceneModel) -> dict[str, Tensor]:
 
 def save_scene(path: Path, header: SceneHeader, model: SceneModel) -> None:
     """Write both files; each appears under its name only when it is complete."""
+    from safetensors import SafetensorError  # here: what renders does not need it
+    from safetensors.torch import save_file
+
     path.mkdir(parents=True, exist_ok=True)
     temporary = path / f".{WEIGHTS_NAME}.part"
     try:
