@@ -19,8 +19,10 @@ from unisim_blender.core.fields.config import ModelConfig, preset
 from unisim_blender.core.fields.scene import SceneModel
 from unisim_blender.core.fields.volume import Volume
 from unisim_blender.core.geometry import FloatArray, Trajectory, make_pose, quaternion_from_matrix, quaternion_from_yaw
+from unisim_blender.core.render import Renderer
 from unisim_blender.core.scene_file import SceneHeader
 from unisim_blender.core.strands import RayBatch, Traced
+from unisim_blender.core.torch_tracer import TorchTracer
 from unisim_blender.core.trace import Sampling, trace
 
 GROUND_M = 0.0
@@ -199,3 +201,10 @@ def header_of(scene: SceneModel, drive: Drive, path: Path) -> SceneHeader:
         drive,
         {"cameras": ["front"]},
     )
+
+
+def renderer_of(
+    scene: Scene, drive: Drive, quality: str = "balanced", others: dict[str, Scene] | None = None, **how: Any
+) -> Renderer:
+    """The renderer of a scene, traced by torch."""
+    return Renderer(TorchTracer(scene, drive, quality, others), drive, **how)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from analytic_scene import drive_of, header_of, still
+from analytic_scene import drive_of, header_of, renderer_of, still
 from safetensors.torch import load_file, save_file
 from torch import Tensor
 
@@ -22,7 +22,6 @@ from unisim_blender.core.fields.config import preset
 from unisim_blender.core.fields.scene import SceneModel
 from unisim_blender.core.fields.volume import Volume
 from unisim_blender.core.frames import CAMERA_PASSES
-from unisim_blender.core.render import Renderer
 from unisim_blender.core.weights import weights_hash
 
 Tensors = dict[str, Tensor]
@@ -88,8 +87,8 @@ def test_it_renders_the_same_bytes(saved: Path) -> None:
             if value.ndim >= 2 and value.numel() > 1 << 15:
                 value.copy_(value.half().float())
     scenes = Scene(saved, header_of(model, drive, saved), model, tables), load_scene(saved)
-    frames = [Renderer(s, s.header.drive).camera("front", 1, CAMERA_PASSES) for s in scenes]
-    sweeps = [Renderer(s, s.header.drive).lidar("top", 1) for s in scenes]
+    frames = [renderer_of(s, s.header.drive).camera("front", 1, CAMERA_PASSES) for s in scenes]
+    sweeps = [renderer_of(s, s.header.drive).lidar("top", 1) for s in scenes]
     instance = frames[0].instance
     assert instance is not None and set(instance.ravel()) == {0, 1, 2} and frames[0].rgb.std() > 0
     for name in ("rgb", "depth_m", "normal", "instance", "opacity", "unsupported"):

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import torch
+from analytic_scene import renderer_of
 from click.testing import CliRunner
 from PIL import Image
 from tiny_drive import tiny_drive
@@ -19,7 +22,8 @@ from unisim_blender.core.fields.checkpoint import save_scene
 from unisim_blender.core.fields.config import preset
 from unisim_blender.core.fields.scene import SceneModel
 from unisim_blender.core.fields.volume import Volume
-from unisim_blender.core.scene_file import SceneHeader
+from unisim_blender.core.prepare.renderers import make_tracer
+from unisim_blender.core.scene_file import SceneHeader, read_scene_header
 
 
 @pytest.fixture(scope="module")
@@ -189,19 +193,33 @@ def test_evaluation_refuses_what_is_not_there(arguments: list[str], sentence: st
 
 def test_contact_shadows_lie_under_new_actors_alone(scenario: Path) -> None:
     from unisim_blender.core.fields.checkpoint import load_scene
-    from unisim_blender.core.render import Region, Renderer
+    from unisim_blender.core.render import Region
 
     scene = load_scene(scenario.parent / "scene")
     drive = scene.header.drive
     car = drive.actors["car"]
-    plain = Renderer(scene, drive).camera("front", 2).rgb
-    assert np.array_equal(Renderer(scene, drive, shadows=True).camera("front", 2).rgb, plain)
+    plain = renderer_of(scene, drive).camera("front", 2).rgb
+    assert np.array_equal(renderer_of(scene, drive, shadows=True).camera("front", 2).rgb, plain)
     edited = replace(drive, actors={**drive.actors, "new": replace(car, uid="new", inserted=True)})
-    light = Renderer(scene, edited).camera("front", 2, ("rgb", "instance", "depth"))
-    dark = Renderer(scene, edited, shadows=True).camera("front", 2)
+    light = renderer_of(scene, edited).camera("front", 2, ("rgb", "instance", "depth"))
+    dark = renderer_of(scene, edited, shadows=True).camera("front", 2)
     assert dark.depth_m is None and dark.instance is None
     changed = (dark.rgb != light.rgb).any(-1)
     assert light.instance is not None and (light.instance[changed] == 0).all()
     assert (dark.rgb <= light.rgb + 1e-6).all()
-    part = Renderer(scene, edited, shadows=True).camera("front", 2, region=Region(4, 3, 20, 15)).rgb
+    part = renderer_of(scene, edited, shadows=True).camera("front", 2, region=Region(4, 3, 20, 15)).rgb
     assert np.abs(part - dark.rgb[3:15, 4:20]).max() < 1e-5
+
+
+def test_scenes_are_loaded_once_until_they_change(scenario: Path, tmp_path: Path) -> None:
+    folder = Path(shutil.copytree(scenario.parent / "scene", tmp_path / "scene"))
+    drive, kept = read_scene_header(folder).drive, dict[object, Any]()
+    make_tracer(folder, drive, kept=kept)
+    (first,) = kept.values()
+    make_tracer(folder, drive, "fast", kept=kept)
+    (again,) = kept.values()
+    assert again is first
+    os.utime(folder / "weights.safetensors", ns=(1, 1))
+    make_tracer(folder, drive, kept=kept)
+    (changed,) = kept.values()
+    assert changed is not first, "and the one before is forgotten"

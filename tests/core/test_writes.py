@@ -102,13 +102,13 @@ import os, signal, sys
 from pathlib import Path
 sys.path.insert(0, sys.argv[1])
 import test_writes
-from unisim_blender.core.fields import checkpoint
-whole = checkpoint.save_file
+import safetensors.torch
+whole = safetensors.torch.save_file
 def half(tensors, file):
     whole(tensors, file)
     os.truncate(file, file.stat().st_size // 2)
     os.kill(os.getpid(), signal.SIGKILL)
-checkpoint.save_file = half
+safetensors.torch.save_file = half
 test_writes.write_weights(Path(sys.argv[2]), seed=1)
 """
 

@@ -22,8 +22,7 @@ from .fields.tracklets import Hits
 from .march import Segment, propose, refine_quantiles, stratified
 from .meshes.meeting import Met
 from .strands import RayBatch, Strands, Traced
-
-NEAR_M = 0.5
+from .tracer import NEAR_M
 
 
 @dataclass(frozen=True)

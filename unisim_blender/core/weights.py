@@ -65,7 +65,7 @@ class Weights:
 def read_weights(file: Path) -> Weights:
     """All arrays of a safetensors file. Raises `SceneError`."""
     try:
-        raw = np.memmap(file, np.uint8, "r")
+        raw = np.memmap(file, np.uint8, "c")  # the mapping is private: nothing that is written reaches the file
     except (OSError, ValueError) as fault:  # ValueError: an empty file
         raise SceneError(f"{file} cannot be read: {fault}") from fault
     if len(raw) < LENGTH_BYTES:
@@ -138,8 +138,8 @@ def _array(file: Path, name: str, entry: Any, data: NDArray[np.uint8]) -> tuple[
     except (ValueError, OverflowError) as fault:  # more axes, or longer ones beside one of length 0, than numpy has
         _fail(file, f"{_short(name)} has shape {_short(shape)}: {fault}")
     if not array.flags.aligned:  # kernels read whole words
-        array = array.copy()
-        array.flags.writeable = False
+        array = array.copy().view()
+    array.flags.writeable = False
     return array, begin
 
 

@@ -8,10 +8,10 @@ import dataclasses
 import os
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import torch
-from safetensors import SafetensorError
-from safetensors.torch import save_file
+from numpy.typing import NDArray
 from torch import Tensor
 
 from ..errors import SceneError
@@ -52,6 +52,9 @@ def _pack(model: SceneModel) -> dict[str, Tensor]:
 
 def save_scene(path: Path, header: SceneHeader, model: SceneModel) -> None:
     """Write both files; each appears under its name only when it is complete."""
+    from safetensors import SafetensorError  # here: what renders does not need it
+    from safetensors.torch import save_file
+
     path.mkdir(parents=True, exist_ok=True)
     temporary = path / f".{WEIGHTS_NAME}.part"
     try:
@@ -83,11 +86,18 @@ def load_scene(path: str | Path, device: str = "cpu") -> Scene:
     check_belongs(header)
     model.load_state_dict(state)
     model.eval().requires_grad_(False).to(device)
-    return Scene(path, header, model, torch.tensor(tables).float().to(device))
+    return Scene(path, header, model, _tensor(tables, torch.float32).to(device))
 
 
 def _unpack(weights: Weights, name: str, value: Tensor) -> Tensor:
     """What the file holds for an entry of the model's state, of its dtype."""
     shape = tuple(value.shape)
     found = weights.voxels(name, shape) if name in ("occupancy.values", "observed") else weights.array(name, shape)
-    return torch.tensor(found).to(value.dtype)
+    return _tensor(found, value.dtype)
+
+
+def _tensor(array: NDArray[Any], dtype: torch.dtype) -> Tensor:
+    """A tensor of a mapped array: one copy, which converts."""
+    open_array = array.view()
+    open_array.flags.writeable = True  # torch warns of arrays that cannot be written, though this one is only read
+    return torch.from_numpy(open_array).to(dtype, copy=True)

@@ -19,7 +19,7 @@ from ..drive import Actor, Drive
 from ..errors import SceneError
 from ..fields.config import preset
 from ..fields.fields import HashTable
-from ..fields.occupancy import OccupancyTrainer, seed_voxels
+from ..fields.occupancy import OccupancyTrainer
 from ..fields.scene import SceneModel
 from ..fields.tracklets import Tracklets
 from ..fields.volume import Volume
@@ -35,6 +35,7 @@ from .ground_heights import ground_heights
 from .hidden import Hidden
 from .losses import lidar_terms, perceptual_stand_in, spread
 from .perceptual import VggLoss
+from .seed_voxels import seed_voxels
 from .shape import Shape
 
 BETA_MAX = 100.0
