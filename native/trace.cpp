@@ -449,6 +449,9 @@ class Tile {
     // projected_ (count, wide_out): the strands' features, by weight, as the light has them.
     void project(Batch &b) {
         const Field &field = field_of(b);
+        const bool lit = b.medium == Medium::actor && task_.sampling.sky && fields_of(b).scene->light;
+        if (lit) find_light(b);
+        if (const unisim_head *head = fields_of(b).scene->sample_head) return project_directed(b, *head, lit);
         const int rows = (b.count + ROWS - 1) / ROWS * ROWS;
         summed_.assign(static_cast<size_t>(rows) * field.wide, 0.0f);
         for (int p = 0; p < b.count; ++p) {
@@ -463,28 +466,75 @@ class Tile {
         }
         projected_.resize(static_cast<size_t>(rows) * field.wide_out);
         layer<false>(rows, field.wide_out, field.hidden, summed_.data(), field.wide, field.feature.data(), projected_.data());
-        for (int p = 0; p < b.count; ++p)
-            for (int f = 0; f + 1 < field.outputs; ++f)
-                projected_[static_cast<size_t>(p * field.wide_out + f)] += strand_weight_[p] * field.bias[static_cast<size_t>(f + 1)];
-        if (b.medium == Medium::actor && task_.sampling.sky && fields_of(b).scene->light) light(b);
+        for (int p = 0; p < b.count; ++p) {
+            float *out = &projected_[static_cast<size_t>(p * field.wide_out)];
+            for (int f = 0; f + 1 < field.outputs; ++f) out[f] += strand_weight_[p] * field.bias[static_cast<size_t>(f + 1)];
+            if (!lit) continue;
+            const float *scale = &light_[static_cast<size_t>(2 * p * (field.outputs - 1))], *shift = scale + field.outputs - 1;
+            for (int f = 0; f + 1 < field.outputs; ++f) out[f] = out[f] * (1 + scale[f]) + shift[f] * strand_weight_[p];
+        }
     }
 
-    // Actors' features as the ground round their places has them look; `core/fields/light.py`.
-    void light(Batch &b) {
+    // The same where the direction enters at every sample.
+    void project_directed(Batch &b, const unisim_head &head, bool lit) {
+        const Field &field = field_of(b);
+        const int features = field.outputs - 1;
+        projected_.assign(static_cast<size_t>(b.count) * field.wide_out, 0.0f);
+        heavy_.clear();
+        for (int i = 0; i < b.samples * b.stride; ++i)
+            if (b.slot[static_cast<size_t>(i)] >= 0 && b.weight[static_cast<size_t>(i)] > LEAST_WEIGHT) heavy_.push_back(i);
+        begin_directed(static_cast<int>(heavy_.size()), features);
+        for (size_t i = 0; i < heavy_.size(); ++i) {
+            const int p = heavy_[i] % b.stride;
+            const float *scale = lit ? &light_[static_cast<size_t>(2 * p * features)] : nullptr;
+            add_directed(field, &b.units[static_cast<size_t>(b.slot[static_cast<size_t>(heavy_[i])]) * field.wide], b.ray[p], scale);
+        }
+        run_directed(head);
+        for (size_t i = 0; i < heavy_.size(); ++i) {
+            float *out = &projected_[static_cast<size_t>(heavy_[i] % b.stride) * field.wide_out];
+            const float weight = b.weight[static_cast<size_t>(heavy_[i])];
+            for (int f = 0; f < features; ++f) out[f] += weight * directed_[i * static_cast<size_t>(features) + f];
+        }
+    }
+
+    void begin_directed(int count, int features) {
+        undirected_.clear();
+        along_.clear();
+        directed_.resize(static_cast<size_t>(count) * features);
+    }
+
+    void add_directed(const Field &field, const float *h, int r, const float *light) {
+        const int features = field.outputs - 1;
+        for (int f = 0; f < features; ++f) {
+            float value = field.bias[static_cast<size_t>(f + 1)];
+            for (int j = 0; j < field.hidden; ++j) value += h[j] * field.feature[static_cast<size_t>(j * field.wide_out + f)];
+            undirected_.push_back(light ? value * (1 + light[f]) + light[features + f] : value);
+        }
+        for (int a = 0; a < 3; ++a) along_.push_back(static_cast<float>(rays_.direction[r][a]));
+    }
+
+    void run_directed(const unisim_head &head) {
+        UNISIM_NAME(unisim_head_forward)(&head, undirected_.data(), along_.data(), nullptr, static_cast<int64_t>(along_.size() / 3), directed_.data(), 1);
+    }
+
+    // light_ (count, 2, features): scales and shifts of actors' features, by the ground round their places;
+    // `core/fields/light.py`.
+    void find_light(Batch &b) {
         const Fields &fields = fields_of(b);
         const unisim_scene &scene = *fields.scene;
         const Field &field = fields.fixed;
         const unisim_mlp &net = *scene.light;
-        const int wide_out = field_of(b).wide_out, features = field.outputs - 1;
-        std::vector<int> lit;
+        const int features = field.outputs - 1;
+        light_.assign(static_cast<size_t>(b.count) * 2 * features, 0.0f);
+        heavy_.clear();
         for (int p = 0; p < b.count; ++p)
-            if (strand_weight_[p] > LEAST_WEIGHT) lit.push_back(p);
+            if (strand_weight_[p] > LEAST_WEIGHT) heavy_.push_back(p);
         constexpr int PLACES = BLOCK / 4;
         std::vector<float> looks(static_cast<size_t>(BLOCK) * field.wide_out), mean(static_cast<size_t>(features)), hidden(net.hidden);
-        for (size_t first = 0; first < lit.size(); first += PLACES) {
-            const int n = static_cast<int>(std::min<size_t>(PLACES, lit.size() - first));
+        for (size_t first = 0; first < heavy_.size(); first += PLACES) {
+            const int n = static_cast<int>(std::min<size_t>(PLACES, heavy_.size() - first));
             for (int i = 0; i < BLOCK; ++i) {
-                const int p = lit[first + std::min(i / 4, n - 1)], r = b.ray[p];
+                const int p = heavy_[first + std::min(i / 4, n - 1)], r = b.ray[p];
                 const float t = b.t[static_cast<size_t>(b.samples / 2 * b.stride + p)];
                 const float *home = scene.light_home + 3 * task_.cast.troupes[b.troupe].rows[b.box[p]];
                 const float reach = i & 1 ? -scene.light_reach_m : scene.light_reach_m;
@@ -507,15 +557,10 @@ class Tile {
                     for (int f = 0; f < features; ++f) sum += net.w1[h * features + f] * mean[f];
                     hidden[h] = std::fmax(sum, 0.0f);
                 }
-                const int p = lit[first + i];
-                for (int f = 0; f < features; ++f) {
-                    float scale = net.bias[f], shift = net.bias[features + f];
-                    for (int h = 0; h < net.hidden; ++h) {
-                        scale += net.w2[f * net.hidden + h] * hidden[h];
-                        shift += net.w2[(features + f) * net.hidden + h] * hidden[h];
-                    }
-                    float &value = projected_[static_cast<size_t>(p * wide_out + f)];
-                    value = value * (1 + scale) + shift * strand_weight_[p];
+                float *out = &light_[static_cast<size_t>(2 * heavy_[first + i] * features)];
+                for (int f = 0; f < 2 * features; ++f) {
+                    out[f] = net.bias[f];
+                    for (int h = 0; h < net.hidden; ++h) out[f] += net.w2[f * net.hidden + h] * hidden[h];
                 }
             }
         }
@@ -553,7 +598,17 @@ class Tile {
         const int rows = (n + ROWS - 1) / ROWS * ROWS;
         std::vector<float> summed(static_cast<size_t>(rows) * field.wide, 0.0f), whole(n, 0.0f), out(static_cast<size_t>(rows) * field.wide_out);
         std::vector<float> behind(n);
+        std::vector<float> weights;
+        std::vector<int> places;
+        if (scene_.sample_head) begin_directed(n * (count + 1), field.outputs - 1);
         const auto add = [&](int i, float weight, const float *h) {
+            if (scene_.sample_head) {
+                if (weight <= LEAST_WEIGHT) return;
+                add_directed(field, h, beyond_[i], nullptr);
+                weights.push_back(weight);
+                places.push_back(i);
+                return;
+            }
             for (int j = 0; j < field.wide; ++j) summed[static_cast<size_t>(i * field.wide + j)] += weight * h[j];
             whole[i] += weight;
         };
@@ -573,8 +628,11 @@ class Tile {
             sky(units);
             for (int i = 0; i < n; ++i) add(i, behind[i], &units[static_cast<size_t>(i) * field.wide]);
         }
-        layer<false>(rows, field.wide_out, field.hidden, summed.data(), field.wide, field.feature.data(), out.data());
         const int features = field.outputs - 1;
+        if (scene_.sample_head)
+            direct_far(*scene_.sample_head, weights, places, out);
+        else
+            layer<false>(rows, field.wide_out, field.hidden, summed.data(), field.wide, field.feature.data(), out.data());
         for (int i = 0; i < n; ++i) {
             const int r = beyond_[i];
             for (int f = 0; f < features; ++f) {
@@ -585,6 +643,16 @@ class Tile {
             far_behind_[r] = behind[i];
             behind_[r] *= behind[i];
         }
+    }
+
+    // Adds what the head makes of the far features noted with `add_directed`, by weight, to out (rays beyond, wide_out).
+    void direct_far(const unisim_head &head, const std::vector<float> &weights, const std::vector<int> &places, std::vector<float> &out) {
+        const Field &field = task_.fields[0].far;
+        const size_t features = static_cast<size_t>(field.outputs - 1);
+        run_directed(head);
+        std::fill(out.begin(), out.end(), 0.0f);
+        for (size_t i = 0; i < weights.size(); ++i)
+            for (size_t f = 0; f < features; ++f) out[static_cast<size_t>(places[i] * field.wide_out) + f] += weights[i] * directed_[i * features + f];
     }
 
     // Densities at places t (rays beyond, count); their hidden units too, where `units` is given.
@@ -797,8 +865,8 @@ class Tile {
     std::vector<Occupied> occupied_;
     std::vector<Hit> hits_;
     std::vector<Batch> batches_; // what stands still, the troupes, copies, meshes
-    std::vector<float> quantile_, shares_, passed_, code_, block_;
-    std::vector<int> going_, wanted_;
+    std::vector<float> quantile_, shares_, passed_, code_, block_, light_, undirected_, along_, directed_;
+    std::vector<int> going_, wanted_, heavy_;
     std::vector<std::vector<std::pair<float, float>>> span_;
     float x_[3][BLOCK];
     int32_t row_[BLOCK];

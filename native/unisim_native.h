@@ -34,6 +34,23 @@ struct unisim_bvh_node {
     int32_t faces;
 };
 
+// A convolution with edges repeated, `kernel` odd; a linear layer is one of a single tap.
+struct unisim_layer {
+    int32_t inputs;
+    int32_t outputs;
+    int32_t kernel;
+    const float *weight; // (outputs, inputs, kernel, kernel)
+    const float *bias;   // (outputs), or null
+};
+
+// A perceptron of `features` inputs, the 16 spherical harmonics of a direction and `extras` further inputs.
+struct unisim_head {
+    int32_t features;
+    int32_t extras;
+    int32_t count; // of layers
+    const unisim_layer *layers;
+};
+
 // A grid and the network behind it. The table is float32, or float16 where `half`.
 struct unisim_field {
     unisim_grid grid;
@@ -64,6 +81,7 @@ struct unisim_scene {
     const unisim_mlp *light;    // null: actors look alike everywhere
     const float *light_home;    // (actors, 3), volume coordinates
     float light_reach_m;
+    const unisim_head *sample_head; // null: the view direction enters once a ray, in the decoders
 };
 
 // Boxes on their ways, with looks of one scene.
@@ -126,21 +144,4 @@ struct unisim_found {
     float *const *guest_opacity; // a guest each, (n)
     float *mesh_opacity;        // (n)
     int64_t *samples;           // (1): points at which a field was asked
-};
-
-// A convolution with edges repeated, `kernel` odd; a linear layer is one of a single tap.
-struct unisim_layer {
-    int32_t inputs;
-    int32_t outputs;
-    int32_t kernel;
-    const float *weight; // (outputs, inputs, kernel, kernel)
-    const float *bias;   // (outputs), or null
-};
-
-// A perceptron of `features` inputs, the 16 spherical harmonics of a direction and `extras` further inputs.
-struct unisim_head {
-    int32_t features;
-    int32_t extras;
-    int32_t count; // of layers
-    const unisim_layer *layers;
 };

@@ -106,11 +106,10 @@ class Decoder:
         e = np.exp(-np.abs(out[:, 0]))
         return np.where(out[:, 0] >= 0, 1, e) / (1 + e), out[:, 1]
 
-    def directed(self, feature: NDArray[Any], directions: NDArray[Any]) -> Array:
-        """Features (N, F) with their view direction (N, 3), where the configuration has it enter at every sample."""
-        if self._sample is None:
-            return _contiguous(feature, (len(directions), self._config.features))
-        return self._run(self._sample, feature, directions, np.empty((len(directions), 0), np.float32))
+    @property
+    def sample_head(self) -> int | None:
+        """Where the head's structure lies that has the view direction enter at every sample; None where it enters once a ray."""
+        return None if self._sample is None else ctypes.addressof(self._sample.struct)
 
     def _run(self, head: _Head, feature: NDArray[Any], directions: NDArray[Any], extra: Array) -> Array:
         n = len(directions)

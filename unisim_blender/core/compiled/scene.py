@@ -63,6 +63,7 @@ class CompiledScene:
             home = self._keep(floats(weights.array("light.home", (len(self.looks), 3))))
         s = config.static_grid
         static = GridShape.cubic(extent, s.coarsest, s.finest, s.levels, s.features, s.log2_table)
+        self.decoder = Decoder(weights.arrays, config)
         self.struct = SceneStruct(
             fixed=self._field("static", "static.grid.table", static, ()),
             far=self._field("far", "far.grid.table", _unit(config.far_grid), ()),
@@ -86,8 +87,8 @@ class CompiledScene:
             light=light,
             light_home=address(home),
             light_reach_m=LIGHT_REACH_M,
+            sample_head=self.decoder.sample_head,
         )
-        self.decoder = Decoder(weights.arrays, config)
 
     def into_volume(self, points: FloatArray) -> FloatArray:
         """World points (N, 3) in volume coordinates."""

@@ -45,6 +45,7 @@ class SceneStruct(ctypes.Structure):
         ("light", ctypes.POINTER(MlpStruct)),
         ("light_home", _P),
         ("light_reach_m", _F32),
+        ("sample_head", _P),
     ]
 
 
