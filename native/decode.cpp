@@ -27,7 +27,7 @@ constexpr int ROWS = 4;
 // Points that go through a perceptron together, and columns that go through convolutions which look at one pixel only.
 constexpr int TILE = 8 * ROWS;
 // Bytes of rows before convolutions, for one strip.
-constexpr int64_t RINGS = 768 << 10;
+constexpr int64_t RINGS = 1 << 20;
 constexpr int SH_WIDTH = 16;
 
 // How a map is read: a float is one channel, a uint32_t two of them in bfloat16.
@@ -395,9 +395,10 @@ extern "C" int UNISIM_NAME(unisim_decode_image)(const unisim_head *head, const u
         return UNISIM_DECODE_HALF(head, layers, count, up, features, directions, height, width, rgb, half, threads);
 #endif
     (void)half;
+    if (height < 1 || width < 1) return 0;
     const Network net(*head, layers, count);
     const Image image{features, directions, height, width, up, rgb};
-    const auto split = parts(net, height, width, threads);
+    const auto split = parts(net, height, width, std::max(1, threads));
     const int strips = split.first, bands = split.second;
     const auto share = [](int64_t size, int i, int n) { return static_cast<int>(size * i / n); };
     parallel_blocks(static_cast<int64_t>(strips) * bands, 1, threads, [&](int64_t block, int64_t) {

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Mapping
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -52,7 +53,7 @@ class Decoder:
 
         def perceptron(name: str, *widths: int) -> list[_Layer]:
             layers = []
-            for i, (into, out) in enumerate(zip(widths, widths[1:])):  # noqa: B905
+            for i, (into, out) in enumerate(pairwise(widths)):
                 bias = get(f"{name}.{2 * i}.bias", out) if i + 2 == len(widths) else None
                 layers.append(_Layer(get(f"{name}.{2 * i}.weight", out, into)[..., None, None], bias))
             return layers
@@ -180,7 +181,7 @@ def resized(image: NDArray[Any], shape: tuple[int, int]) -> Array:
         n = out.shape[axis]
         at = np.maximum((np.arange(size, dtype=np.float32) + np.float32(0.5)) * np.float32(n / size) - np.float32(0.5), 0)
         before = at.astype(np.int64)
-        weight = (at - before).reshape(-1, *(1,) * (out.ndim - axis - 1))
+        weight = (at - before.astype(np.float32)).reshape(-1, *(1,) * (out.ndim - axis - 1))
         below = out.take(before, axis)
         out = below + (out.take(np.minimum(before + 1, n - 1), axis) - below) * weight
     return out
