@@ -32,6 +32,11 @@
         (const unisim_grid *g, const float *x, const int32_t *grid, int64_t n, const float *table, const unisim_mlp *net, \
          float *out, int threads), \
         (g, x, grid, n, table, net, out, threads)) \
+    KERNEL(int, trace, \
+        (const unisim_scene *scene, const unisim_cast *cast, const unisim_rays *rays, const unisim_mesh_hits *meshes, \
+         const unisim_sampling *sampling, const unisim_found *found, int threads), \
+        (scene, cast, rays, meshes, sampling, found, threads)) \
+    KERNEL(int, clearance, (const uint8_t *voxels, const int32_t *shape, uint8_t *out), (voxels, shape, out)) \
     KERNEL(int32_t, bvh_build, \
         (const float *vertices, const int32_t *faces, int32_t n, unisim_bvh_node *nodes, int32_t *order), \
         (vertices, faces, n, nodes, order)) \

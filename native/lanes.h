@@ -1,5 +1,8 @@
-// Registers of floats, as wide as the instruction set that a file is compiled for has them.
+// Vectors of floats, as wide as the instruction set has them, and the functions of them that libraries have for one float only.
+//
+// A lane's result depends on that lane alone, so it does not matter in which company a ray is computed.
 #pragma once
+#include <cstdint>
 #include <cstring>
 
 namespace {
@@ -12,32 +15,10 @@ constexpr int LANES = 8;
 constexpr int LANES = 4;
 #endif
 
-#if defined(__GNUC__)
 typedef float lanes __attribute__((vector_size(LANES * sizeof(float))));
+typedef int32_t int_lanes __attribute__((vector_size(LANES * sizeof(int32_t))));
+
 inline lanes spread(float x) { return x - lanes{}; }
-inline lanes rectified(lanes a) { return a > lanes{} ? a : lanes{}; }
-#else
-struct lanes {
-    float v[LANES];
-};
-inline lanes operator*(lanes a, const lanes &b) {
-    for (int i = 0; i < LANES; ++i) a.v[i] *= b.v[i];
-    return a;
-}
-inline lanes &operator+=(lanes &a, const lanes &b) {
-    for (int i = 0; i < LANES; ++i) a.v[i] += b.v[i];
-    return a;
-}
-inline lanes spread(float x) {
-    lanes a;
-    for (int i = 0; i < LANES; ++i) a.v[i] = x;
-    return a;
-}
-inline lanes rectified(lanes a) {
-    for (int i = 0; i < LANES; ++i) a.v[i] = a.v[i] > 0.0f ? a.v[i] : 0.0f;
-    return a;
-}
-#endif
 
 inline lanes load(const float *p) {
     lanes a;
@@ -46,5 +27,66 @@ inline lanes load(const float *p) {
 }
 
 inline void store(float *p, const lanes &a) { std::memcpy(p, &a, sizeof a); }
+
+inline lanes most(lanes a, lanes b) { return a > b ? a : b; }
+inline lanes least(lanes a, lanes b) { return a < b ? a : b; }
+inline lanes rectified(lanes a) { return most(a, lanes{}); }
+
+inline float sum_of(const lanes &a) {
+    float v[LANES];
+    store(v, a);
+    for (int width = LANES / 2; width; width /= 2)
+        for (int i = 0; i < width; ++i) v[i] += v[i + width];
+    return v[0];
+}
+
+// exp(x) to 2 units in the last place; 1e-38 below, 3e38 above what float32 holds. Cephes' expf (Moshier, 1992).
+inline lanes exp_of(lanes x) {
+    x = least(most(x, spread(-87.3f)), spread(88.3f));
+    const lanes n = (x * 1.44269504088896341f + 12582912.0f) - 12582912.0f;
+    lanes r = x - n * 0.693359375f;
+    r = r - n * -2.12194440e-4f;
+    lanes p = spread(1.9875691500e-4f);
+    p = p * r + 1.3981999507e-3f;
+    p = p * r + 8.3334519073e-3f;
+    p = p * r + 4.1665795894e-2f;
+    p = p * r + 1.6666665459e-1f;
+    p = p * r + 5.0000001201e-1f;
+    p = p * r * r + r + 1.0f;
+    const int_lanes power = (__builtin_convertvector(n, int_lanes) + 127) << 23;
+    lanes scale;
+    std::memcpy(&scale, &power, sizeof scale);
+    return p * scale;
+}
+
+// 1 - exp(-x) for x >= 0, also where that is small.
+inline lanes stopped_by(lanes x) {
+    lanes p = spread(-1.0f / 720);
+    p = p * x + 1.0f / 120;
+    p = p * x - 1.0f / 24;
+    p = p * x + 1.0f / 6;
+    p = p * x - 0.5f;
+    p = p * x + 1.0f;
+    return x < 0.125f ? p * x : 1.0f - exp_of(-x);
+}
+
+// log(1 + y) for y in [0, 1]: 2 atanh(y / (2 + y)).
+inline lanes log1p_of(lanes y) {
+    const lanes z = y / (2.0f + y), zz = z * z;
+    lanes p = spread(1.0f / 15);
+    p = p * zz + 1.0f / 13;
+    p = p * zz + 1.0f / 11;
+    p = p * zz + 1.0f / 9;
+    p = p * zz + 1.0f / 7;
+    p = p * zz + 1.0f / 5;
+    p = p * zz + 1.0f / 3;
+    p = p * zz + 1.0f;
+    return 2.0f * z * p;
+}
+
+inline lanes softplus(lanes x) {
+    const lanes magnitude = x > 0.0f ? x : -x;
+    return most(x, spread(0.0f)) + log1p_of(exp_of(-magnitude));
+}
 
 } // namespace

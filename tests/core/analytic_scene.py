@@ -11,7 +11,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from unisim_blender.core.cast import Cast, gather_cast
+from unisim_blender.core.cast import gather_cast
+from unisim_blender.core.cast_tensors import CastTensors, cast_tensors
 from unisim_blender.core.drive import Actor, Box, Camera, CameraModel, Drive, Lidar, LidarModel, Look, StaticCopy
 from unisim_blender.core.fields.checkpoint import Scene
 from unisim_blender.core.fields.config import ModelConfig, preset
@@ -156,9 +157,10 @@ class Stage:
     drive: Drive
     others: dict[str, SceneModel] = field(default_factory=dict)
 
-    def cast(self) -> Cast:
-        guests = {path: (scene, tables(scene)) for path, scene in self.others.items()}
-        return gather_cast(self.scene, tables(self.scene), self.drive, guests, self.drive)
+    def cast(self) -> CastTensors:
+        scenes = {path: (scene, tables(scene)) for path, scene in {"": self.scene, **self.others}.items()}
+        looks = {path: tuple(scene.actor_ids) for path, (scene, _) in scenes.items()}
+        return cast_tensors(gather_cast(self.drive, self.drive, looks), scenes)
 
     def trace(
         self, origins: Any, directions: Any, time_s: Any = 0.0, fine: float = 4.0, far: bool = False, among: Tensor | None = None

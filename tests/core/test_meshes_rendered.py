@@ -101,7 +101,7 @@ def test_edges_are_as_smooth_as_what_they_cover(cube: Path) -> None:
         renderer = Renderer(there.as_scene(), replace(drive, cameras={"front": camera}))
         cells = pixel_grid(camera.model, 2)
         centres = camera_rays(camera, 0, *cells).flat()
-        met = renderer.cast.extras.met_by_camera(camera, 0, cells, centres, 2, 0.5, lambda actor: np.ones(3))
+        met = renderer.who.extras.met_by_camera(camera, 0, cells, centres, 2, 0.5, lambda actor: np.ones(3))
         assert met is not None and met.pixels is not None
         covered.append(float(met.pixels[..., 3].sum()))
         partly += int(((met.pixels[..., 3] > 0) & (met.pixels[..., 3] < 1)).sum())

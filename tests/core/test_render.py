@@ -12,11 +12,11 @@ from analytic_scene import FRONT, Stage, analytic_scene, block, drive_of, empty,
 from numpy.typing import NDArray
 
 from unisim_blender.core import render
+from unisim_blender.core.bounds import Bounds
 from unisim_blender.core.decode import CameraDecoder
 from unisim_blender.core.drive import Actor, Box, Camera, CameraModel, Drive, Lidar, Look, RollingShutter, StaticCopy
 from unisim_blender.core.errors import SceneError
 from unisim_blender.core.fields.config import preset
-from unisim_blender.core.fields.tracklets import Tracklets
 from unisim_blender.core.frames import CAMERA_PASSES, RenderStats
 from unisim_blender.core.geometry import FloatArray, Trajectory, make_pose, quaternion_from_yaw, transform_points
 from unisim_blender.core.render import Renderer, observe
@@ -353,10 +353,10 @@ def test_an_output_pixel_depends_on_no_cell_beyond_the_decoders_reach(blocks: in
 def test_bounds_hold_an_actor_all_the_time() -> None:
     rng = np.random.default_rng(5)
     actors = random_actors(10, rng)
-    tracklets = Tracklets(actors)
+    bounds = Bounds(actors)
     for i, actor in enumerate(actors):
         for time in np.linspace(actor.start_s, actor.end_s, 23):
-            near = tracklets.bounds_between(i, time, time)
+            near = bounds.between(i, time, time)
             assert near is not None
             corner: FloatArray = actor.world_from_actor.at(time)[:3, 3]
             centres, radii = near

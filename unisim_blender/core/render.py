@@ -21,7 +21,9 @@ import torch.nn.functional as F
 from numpy.typing import NDArray
 from torch import Tensor
 
+from .bounds import Bounds
 from .cast import gather_cast
+from .cast_tensors import cast_tensors
 from .contact_shadow import shaded
 from .devices import tensor_to
 from .drive import Actor, Camera, Drive, Lidar
@@ -33,12 +35,14 @@ from .geometry import FloatArray, invert_pose, transform_points
 from .meshes.exposure import PROBE_M, beside, level_of
 from .meshes.meeting import Met
 from .own_vehicle import outlines_from_json, shows_scene
-from .passes import Maps, fill_passes, ray_passes
+from .passes import fill_passes
+from .ray_passes import ray_passes
 from .sensors.camera import camera_rays, pixel_grid
 from .sensors.lidar import lidar_rays
 from .sensors.rays import Rays
 from .strands import RayBatch, Traced
 from .trace import NEAR_M, Sampling, trace
+from .tracer import Maps
 
 QUALITY = {"fast": 0.67, "balanced": 1.0, "reference": 4.0}
 """Samples along a ray, beside the scene's own number."""
@@ -86,8 +90,10 @@ class Renderer:
             raise SceneError(f"no quality {quality!r}: there are {', '.join(QUALITY)}")
         self.scene, self.drive, self.draw = scene, drive, draw
         self.device = scene.actor_tables.device
-        guests = {path: (s.model, s.actor_tables) for path, s in (others or {}).items()}
-        self.cast = gather_cast(scene.model, scene.actor_tables, drive, guests, scene.header.drive).to(self.device)
+        scenes = {path: (s.model, s.actor_tables) for path, s in {"": scene, **(others or {})}.items()}
+        self.who = gather_cast(drive, scene.header.drive, {path: tuple(model.actor_ids) for path, (model, _) in scenes.items()})
+        self.cast = cast_tensors(self.who, scenes, self.device)
+        self.bounds = Bounds(self.who.own.actors)
         self.sampling = Sampling(fine=QUALITY[quality])
         self.shaders = [actor for actor in drive.actors.values() if actor.inserted] if shadows else []
 
@@ -116,7 +122,7 @@ class Renderer:
         stats = RenderStats()
         needed = {*passes, "depth", "instance"} if self.shaders else set(passes)
         flat = rays.flat()
-        met = self.cast.extras.met_by_camera(camera, frame, (u, v), flat, up, NEAR_M, partial(self._light, camera, frame))
+        met = self.who.extras.met_by_camera(camera, frame, (u, v), flat, up, NEAR_M, partial(self._light, camera, frame))
         traced, maps = self._trace(flat, needed, stats, sky=True, met=met)
         traced_s = time.perf_counter()
         image = self._decode(traced, rays.directions, camera_id, u.shape)
@@ -128,7 +134,7 @@ class Renderer:
         stats.seconds = {"trace": traced_s - begun, "decode": time.perf_counter() - traced_s}
         pose = camera.world_from_camera.at(camera.time_s[frame])
         inner = region.within(cells, up)
-        out = CameraFrame(model, pose, image[inner], instances=self.cast.uids, stats=stats)
+        out = CameraFrame(model, pose, image[inner], instances=self.who.uids, stats=stats)
         fill_passes(out, maps, rays, u.shape, up, inner)
         return out
 
@@ -181,7 +187,7 @@ class Renderer:
         stats.seconds = {"trace": time.perf_counter() - begun}
         return LidarFrame(
             lidar.model, lidar.world_from_lidar.at(lidar.time_s[frame]), rays.origins, rays.directions, rays.time_s,
-            depth, intensity, probability, returned, instance, self.cast.uids, stats,
+            depth, intensity, probability, returned, instance, self.who.uids, stats,
         )  # fmt: skip
 
     def _thresholds(self, lidar_id: str, frame: int, shape: tuple[int, ...]) -> FloatArray | float:
@@ -197,7 +203,7 @@ class Renderer:
         """Depth in metres, intensity in 0..1, probability of a return, instance (N,) of any LiDAR rays (N, 3), world frame."""
         stats = RenderStats() if stats is None else stats
         rays = Rays(origins, directions, time_s)
-        met = self.cast.extras.met_by_rays(rays, NEAR_M)
+        met = self.who.extras.met_by_rays(rays, NEAR_M)
         traced, maps = self._trace(rays, {"instance", "depth"}, stats, sky=False, met=met)
         directions_t = torch.as_tensor(directions, dtype=torch.float32, device=self.device)
         head = self.scene.model.lidar_head
@@ -235,31 +241,8 @@ class Renderer:
 
     def _visible(self, rays: Rays, stats: RenderStats) -> Tensor | None:
         """Own actors that rays can meet: present at some ray's time, and not behind the cone that holds the rays."""
-        tracklets = self.cast.own.tracklets
-        if tracklets.count == 0 or len(rays.time_s) == 0:
-            return None
-        first, last = float(rays.time_s.min()), float(rays.time_s.max())
-        axis = rays.directions.mean(0)
-        length = float(np.linalg.norm(axis))
-        cosine = float((rays.directions @ (axis / max(length, 1e-9))).min()) if length > 0.2 else -1.0
-        half_angle = float(np.arccos(np.clip(cosine, -1, 1)))
-        keep = []
-        origin = rays.origins.mean(0)
-        spread = float(np.linalg.norm(rays.origins - origin, axis=1).max())
-        for i in range(tracklets.count):
-            if float(tracklets.end_s[i]) < first or float(tracklets.start_s[i]) > last:
-                continue
-            near = tracklets.bounds_between(i, first, last)
-            if near is None:
-                continue
-            centres, radii = near
-            to = centres - origin
-            distance = np.linalg.norm(to, axis=1)
-            angle = np.arccos(np.clip((to @ (axis / max(length, 1e-9))) / np.maximum(distance, 1e-9), -1, 1))
-            reach = np.arcsin(np.clip((radii + spread) / np.maximum(distance, 1e-9), 0, 1))
-            if bool((angle <= half_angle + reach).any()) or half_angle > 3.1 or bool((distance <= radii + spread).any()):
-                keep.append(i)
-        stats.actors_skipped += tracklets.count - len(keep)
+        keep = self.bounds.in_reach(rays)
+        stats.actors_skipped += len(self.who.own.actors) - len(keep)
         return torch.tensor(keep, dtype=torch.long, device=self.device)
 
     def _count(self, part: RayBatch, traced: Traced, stats: RenderStats) -> None:

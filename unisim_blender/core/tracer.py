@@ -1,4 +1,4 @@
-"""What the renderer asks of whatever traces rays: the compiled kernels with numpy alone, or torch, the reference and the GPU's way.
+"""What the renderer asks of whatever traces rays: the compiled kernels with numpy alone, or torch, the reference and a GPU's way.
 
 Arrays in and out are numpy's; rays are in the world frame, float64.
 """
