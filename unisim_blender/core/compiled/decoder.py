@@ -98,7 +98,10 @@ class Decoder:
     def returns(
         self, feature: NDArray[Any], directions: NDArray[Any], depth_m: NDArray[Any], opacity: NDArray[Any]
     ) -> tuple[Array, Array]:
-        """Intensity in 0..1 (N,) and the logit of a return (N,) of feature (N, F), unit directions (N, 3), depth and opacity (N,)."""
+        """Intensity in 0..1 (N,) and the logit of a return (N,).
+
+        feature (N, F), directions (N, 3) unit, depth_m and opacity (N,).
+        """
         extra = np.stack([np.log1p(np.asarray(depth_m, np.float32)) / np.float32(5), np.asarray(opacity, np.float32)], -1)
         out = self._run(self._lidar, feature, directions, extra)
         # exp of the negative magnitude never overflows
@@ -116,7 +119,13 @@ class Decoder:
         feature, directions = _contiguous(feature, (n, self._config.features)), _contiguous(directions, (n, 3))
         extra, out = _contiguous(extra, (n, head.struct.extras)), np.empty((n, head.outputs), np.float32)
         self._library.unisim_head_forward(
-            ctypes.byref(head.struct), feature.ctypes.data, directions.ctypes.data, extra.ctypes.data, n, out.ctypes.data, self._threads
+            ctypes.byref(head.struct),
+            feature.ctypes.data,
+            directions.ctypes.data,
+            extra.ctypes.data,
+            n,
+            out.ctypes.data,
+            self._threads,
         )
         return out
 
@@ -181,7 +190,7 @@ def resized(image: NDArray[Any], shape: tuple[int, int]) -> Array:
         n = out.shape[axis]
         at = np.maximum((np.arange(size, dtype=np.float32) + np.float32(0.5)) * np.float32(n / size) - np.float32(0.5), 0)
         before = at.astype(np.int64)
-        weight = (at - before.astype(np.float32)).reshape(-1, *(1,) * (out.ndim - axis - 1))
+        weight: Array = (at - before.astype(np.float32)).reshape(-1, *(1,) * (out.ndim - axis - 1))
         below = out.take(before, axis)
         out = below + (out.take(np.minimum(before + 1, n - 1), axis) - below) * weight
     return out
