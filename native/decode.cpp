@@ -27,7 +27,7 @@ constexpr int ROWS = 4;
 // Points that go through a perceptron together, and columns that go through convolutions which look at one pixel only.
 constexpr int TILE = 8 * ROWS;
 // Bytes of rows before convolutions, for one strip.
-constexpr int64_t RINGS = 768 << 10;
+constexpr int64_t RINGS = 1 << 20;
 constexpr int SH_WIDTH = 16;
 
 // How a map is read: a float is one channel, a uint32_t two of them in bfloat16.
@@ -197,24 +197,7 @@ struct Head {
     std::vector<Layer<float>> layers;
 };
 
-// Branches are selections and the exponential a polynomial (Cephes' expf), so that a loop of it becomes vector instructions.
-inline float sigmoid(float x) {
-    float y = -x;
-    y = y > 87.0f ? 87.0f : y;
-    y = y < -87.0f ? -87.0f : y;
-    const float n = (y * 1.44269504088896341f + 12582912.0f) - 12582912.0f; // rounds to a whole number
-    const float r = (y - n * 0.693359375f) + n * 2.12194440e-4f;
-    float p = 1.9875691500e-4f;
-    p = p * r + 1.3981999507e-3f;
-    p = p * r + 8.3334519073e-3f;
-    p = p * r + 4.1665795894e-2f;
-    p = p * r + 1.6666665459e-1f;
-    p = p * r + 5.0000001201e-1f;
-    const int32_t bits = (static_cast<int32_t>(n) + 127) * (1 << 23);
-    float power;
-    std::memcpy(&power, &bits, sizeof power);
-    return 1.0f / (1.0f + (p * r * r + r + 1.0f) * power);
-}
+inline lanes sigmoid(const lanes &x) { return 1.0f / (1.0f + exp_of(-x)); }
 
 // Ray head and camera decoder, ready for images.
 struct Network {
@@ -314,7 +297,12 @@ struct Part {
             float *out = image.rgb + ((static_cast<int64_t>(y) * image.up + i) * image.width + left) * row;
             for (int64_t x = 0; x < count; ++x)
                 for (int j = 0; j < row; ++j) out[x * row + j] = logits.data[x * cell + i * row + j];
-            for (int64_t j = 0; j < count * row; ++j) out[j] = sigmoid(out[j]);
+            int64_t j = 0;
+            for (; j + LANES <= count * row; j += LANES) store(out + j, sigmoid(load(out + j)));
+            float last[LANES] = {};
+            std::copy_n(out + j, count * row - j, last);
+            store(last, sigmoid(load(last)));
+            std::copy_n(last, count * row - j, out + j);
         }
     }
     const Network &net;
@@ -333,14 +321,15 @@ std::pair<int, int> parts(const Network &net, int height, int width, int threads
         column += net.convolutions[i].kernel * wide * (sizeof(Active) / CHANNELS<Active> + (net.is_kept(i) ? sizeof(float) : 0));
     }
     const int reach = net.reach();
-    const int64_t widest = reach == 0 ? TILE : std::max<int64_t>(TILE, RINGS / column);
+    // large kernels compute long on what they load: for them what is computed twice weighs more than the cache
+    const int64_t widest = reach == 0 ? TILE : std::max<int64_t>({TILE, 25 * reach, RINGS / column});
     const int fewest = static_cast<int>((width + widest - 1) / widest);
     std::pair<int, int> best{fewest, 1};
     double least = INFINITY;
     for (int strips = fewest; strips <= std::min(width, fewest + 8 * threads); ++strips)
         for (int bands = 1; bands <= std::min(height, 8 * threads); ++bands) {
-            // a quarter more: threads do not end together
-            const double turns = (strips * bands + threads - 1) / threads + 0.25;
+            // a tenth more: threads do not end together
+            const double turns = (strips * bands + threads - 1) / threads + 0.1;
             const int across = ((width + strips - 1) / strips + reach + ROWS - 1) / ROWS * ROWS;
             const double pixels = turns * across * ((height + bands - 1) / bands + reach);
             if (pixels < least) least = pixels, best = {strips, bands};
@@ -395,9 +384,10 @@ extern "C" int UNISIM_NAME(unisim_decode_image)(const unisim_head *head, const u
         return UNISIM_DECODE_HALF(head, layers, count, up, features, directions, height, width, rgb, half, threads);
 #endif
     (void)half;
+    if (height < 1 || width < 1) return 0;
     const Network net(*head, layers, count);
     const Image image{features, directions, height, width, up, rgb};
-    const auto split = parts(net, height, width, threads);
+    const auto split = parts(net, height, width, std::max(1, threads));
     const int strips = split.first, bands = split.second;
     const auto share = [](int64_t size, int i, int n) { return static_cast<int>(size * i / n); };
     parallel_blocks(static_cast<int64_t>(strips) * bands, 1, threads, [&](int64_t block, int64_t) {

@@ -38,20 +38,21 @@ def ray_passes(scene: Scene, cast: CastTensors, part: RayBatch, traced: Traced, 
 def _instances(traced: Traced, rays: int) -> Tensor:
     """1 + the number of the actor with the largest weight on each ray (N,), 0 where the rest outweighs it."""
     best = traced.feature.new_zeros(rays)
-    out = torch.zeros(rays, dtype=torch.long, device=best.device)
     background = traced.behind.clone()
+    actors = []
     for strand in traced.strands:
         assert strand.weight is not None
         total = strand.weight.sum(1)
         if strand.bounds is None:
             background.index_add_(0, strand.ray, total)
-            continue
-        # several strands of one ray: the heaviest last, so that its number stays
-        order = torch.argsort(total, stable=True)
-        ray, total, medium = strand.ray[order], total[order], strand.medium[order]
-        heavier = total > best[ray]
-        out[ray[heavier]] = medium[heavier] + 1
-        best.index_put_((ray[heavier],), total[heavier])
+        else:
+            actors.append((strand, total))
+            best.scatter_reduce_(0, strand.ray, total, "amax")
+    out = torch.zeros(rays, dtype=torch.long, device=best.device)
+    for strand, total in actors:
+        heaviest = total == best[strand.ray]
+        # of several strands of one ray one order must decide: writing to one place by turns has none
+        out.scatter_reduce_(0, strand.ray[heaviest], strand.medium[heaviest] + 1, "amax")
     return torch.where(best > background, out, torch.zeros_like(out))
 
 

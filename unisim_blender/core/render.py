@@ -84,7 +84,7 @@ class Renderer:
         needed = {*passes, "depth", "instance"} if self.shaders else set(passes)
         flat = rays.flat()
         met = self.tracer.cast.extras.met_by_camera(camera, frame, (u, v), flat, up, NEAR_M, partial(self._light, camera, frame))
-        found = self.tracer.trace(flat, needed, True, met, stats)
+        found = self.tracer.trace(rays, needed, True, met, stats)
         maps = found.maps
         traced_s = time.perf_counter()
         image = self.tracer.image(found, flat.directions, camera_id, u.shape)
@@ -161,9 +161,10 @@ class Renderer:
         """Depth in metres, intensity in 0..1, probability of a return, instance (N,) of any LiDAR rays (N, 3), world frame."""
         stats = RenderStats() if stats is None else stats
         rays = Rays(origins, directions, time_s)
-        met = self.tracer.cast.extras.met_by_rays(rays, NEAR_M)
+        flat = rays.flat()
+        met = self.tracer.cast.extras.met_by_rays(flat, NEAR_M)
         found = self.tracer.trace(rays, {"instance", "depth"}, False, met, stats)
-        intensity, probability = self.tracer.returns(found, directions)
+        intensity, probability = self.tracer.returns(found, flat.directions)
         if met is not None and found.mesh_opacity is not None:
             bright = np.zeros_like(intensity)
             bright[met.ray] = met.intensity

@@ -48,6 +48,7 @@ class TorchTracer:
     @torch.no_grad()
     def trace(self, rays: Rays, passes: set[str], sky: bool, met: Met | None, stats: RenderStats) -> Found:
         """All rays in chunks; features joined, and for each pass one array (N, ...)."""
+        rays = rays.flat()
         batch = to_batch(rays, self.device)
         near = self.bounds.in_reach(rays)
         stats.actors_skipped += len(self.cast.own.actors) - len(near)

@@ -71,7 +71,8 @@ class Tracer(Protocol):
     """Who is on."""
 
     def trace(self, rays: Rays, passes: set[str], sky: bool, met: Met | None, stats: RenderStats) -> Found:
-        """What flat rays meet. ``sky`` asks for what gives a camera its background, ``met`` is where the rays meet meshes."""
+        """What rays (h, w), or (N,), meet, as flat arrays. ``sky`` asks for what gives a camera its background, ``met`` is where
+        the rays meet meshes."""
 
     def image(self, found: Found, directions: FloatArray, camera_id: str, shape: tuple[int, ...]) -> Array:
         """The picture (h up, w up, 3) in 0..1, display-referred sRGB, of cells in ``shape`` (h, w), directions (h w, 3)."""

@@ -47,7 +47,9 @@ class _Ways:
         candidates = np.array(among, np.int32)
         scene = ctypes.pointer(self.scene.struct)
         pointers = {name: address(array) for name, array in self.arrays.items()}
-        return TroupeStruct(scene, self.count, self.keys, **pointers, among=address(candidates), candidates=len(among)), candidates
+        return TroupeStruct(
+            scene, self.count, self.keys, **pointers, among=address(candidates), candidates=len(among)
+        ), candidates
 
 
 class CompiledCast:

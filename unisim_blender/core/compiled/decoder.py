@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Mapping
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -13,6 +13,8 @@ from .. import native
 from ..errors import SceneError, UnisimError
 from ..fields.config import ModelConfig
 from ..tracer import Array
+from ..weights import Weights
+from .structs import floats
 
 SH_WIDTH = 16
 """Length of a direction's spherical harmonics."""
@@ -25,13 +27,13 @@ LIDAR_EXTRAS = 2
 class Decoder:
     """The heads and the camera decoder of a trained scene.
 
-    ``weights`` are arrays by their names in the model's state dict, float16 or float32. ``half`` lets convolutions take bfloat16
-    where build and processor can; ``threads`` is `native.threads` where it is not given. Bits depend on neither the number of
-    threads nor on what else is decoded at the same time.
+    ``weights`` are those of its file, float16 or float32, ``cameras`` how many have codes. ``half`` lets convolutions take
+    bfloat16 where build and processor can; ``threads`` is `native.threads` where it is not given. Bits depend on neither the
+    number of threads nor on what else is decoded at the same time.
     """
 
     def __init__(
-        self, weights: Mapping[str, NDArray[Any]], config: ModelConfig, half: bool = False, threads: int | None = None
+        self, weights: Weights, config: ModelConfig, cameras: int, half: bool = False, threads: int | None = None
     ) -> None:
         library = native.library()
         if library is None:
@@ -42,17 +44,12 @@ class Decoder:
         self._threads = native.threads() if threads is None else threads
         f, hidden, c, up = config.features, config.hidden, config.decoder_channels, config.upsample
 
-        def get(name: str, *shape: int | None) -> Array:
-            if name not in weights:
-                raise SceneError(f"the scene's weights have no {name}")
-            value = weights[name]
-            if value.ndim != len(shape) or any(n not in (None, m) for n, m in zip(shape, value.shape, strict=True)):
-                raise SceneError(f"the scene's {name} is of shape {value.shape}, not {shape}")
-            return np.ascontiguousarray(value, dtype=np.float32)
+        def get(name: str, *shape: int) -> Array:
+            return floats(weights.array(name, shape))
 
         def perceptron(name: str, *widths: int) -> list[_Layer]:
             layers = []
-            for i, (into, out) in enumerate(zip(widths, widths[1:])):  # noqa: B905
+            for i, (into, out) in enumerate(pairwise(widths)):
                 bias = get(f"{name}.{2 * i}.bias", out) if i + 2 == len(widths) else None
                 layers.append(_Layer(get(f"{name}.{2 * i}.weight", out, into)[..., None, None], bias))
             return layers
@@ -63,7 +60,7 @@ class Decoder:
         k = config.decoder_kernel
         self.reach = config.decoder_blocks * 2 * (k // 2) + min(k, 3) // 2
         """How many feature cells away an output pixel can depend on."""
-        self._codes = get("ray_head.codes", None, CODE)
+        self._codes = get("ray_head.codes", max(cameras, 1), CODE)
         self._ray = perceptron("ray_head.network", f + SH_WIDTH + CODE, hidden, c)
         blocks = [f"blocks.{i}.{part}" for i in range(config.decoder_blocks) for part in ("first", "second")]
         last = convolution("last", 3 * up**2, min(k, 3))
@@ -99,7 +96,10 @@ class Decoder:
     def returns(
         self, feature: NDArray[Any], directions: NDArray[Any], depth_m: NDArray[Any], opacity: NDArray[Any]
     ) -> tuple[Array, Array]:
-        """Intensity in 0..1 (N,) and the logit of a return (N,) of feature (N, F), unit directions (N, 3), depth and opacity (N,)."""
+        """Intensity in 0..1 (N,) and the logit of a return (N,).
+
+        feature (N, F), directions (N, 3) unit, depth_m and opacity (N,).
+        """
         extra = np.stack([np.log1p(np.asarray(depth_m, np.float32)) / np.float32(5), np.asarray(opacity, np.float32)], -1)
         out = self._run(self._lidar, feature, directions, extra)
         # exp of the negative magnitude never overflows
@@ -116,7 +116,13 @@ class Decoder:
         feature, directions = _contiguous(feature, (n, self._config.features)), _contiguous(directions, (n, 3))
         extra, out = _contiguous(extra, (n, head.struct.extras)), np.empty((n, head.outputs), np.float32)
         self._library.unisim_head_forward(
-            ctypes.byref(head.struct), feature.ctypes.data, directions.ctypes.data, extra.ctypes.data, n, out.ctypes.data, self._threads
+            ctypes.byref(head.struct),
+            feature.ctypes.data,
+            directions.ctypes.data,
+            extra.ctypes.data,
+            n,
+            out.ctypes.data,
+            self._threads,
         )
         return out
 
@@ -181,7 +187,7 @@ def resized(image: NDArray[Any], shape: tuple[int, int]) -> Array:
         n = out.shape[axis]
         at = np.maximum((np.arange(size, dtype=np.float32) + np.float32(0.5)) * np.float32(n / size) - np.float32(0.5), 0)
         before = at.astype(np.int64)
-        weight = (at - before).reshape(-1, *(1,) * (out.ndim - axis - 1))
+        weight: Array = (at - before.astype(np.float32)).reshape(-1, *(1,) * (out.ndim - axis - 1))
         below = out.take(before, axis)
         out = below + (out.take(np.minimum(before + 1, n - 1), axis) - below) * weight
     return out

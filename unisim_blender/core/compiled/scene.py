@@ -18,7 +18,7 @@ from ..fields.grid_shape import GridArrays, GridShape
 from ..fields.volume import Volume
 from ..geometry import FloatArray, invert_pose, transform_points
 from ..scene_file import HEADER_NAME, WEIGHTS_NAME, read_scene_header
-from ..weights import Weights, check_belongs, read_weights
+from ..weights import check_belongs, read_weights
 from .decoder import Decoder
 from .structs import FieldStruct, SceneStruct, address, doubles, floats
 
@@ -36,7 +36,9 @@ class CompiledScene:
     def __init__(self, path: str | Path) -> None:
         library = native.library()
         if library is None:
-            raise UnisimError("rendering without torch needs the compiled kernels: run make setup, and leave UNISIM_NATIVE=0 away")
+            raise UnisimError(
+                "rendering without torch needs the compiled kernels: run make setup, and leave UNISIM_NATIVE=0 away"
+            )
         self.path = Path(path)
         self.header = read_scene_header(self.path)
         self.config = config = ModelConfig.from_dict(self.header.model)
@@ -63,7 +65,7 @@ class CompiledScene:
             home = self._keep(floats(weights.array("light.home", (len(self.looks), 3))))
         s = config.static_grid
         static = GridShape.cubic(extent, s.coarsest, s.finest, s.levels, s.features, s.log2_table)
-        self.decoder = Decoder(weights.arrays, config)
+        self.decoder = Decoder(weights, config, len(self.cameras))
         self.struct = SceneStruct(
             fixed=self._field("static", "static.grid.table", static, ()),
             far=self._field("far", "far.grid.table", _unit(config.far_grid), ()),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -135,12 +136,13 @@ class CompiledTracer:
             return scene.decoder.image(feature.reshape(*shape, -1), cells, code)
 
         rgb = picture(self.scene, found.feature if found.without_guests is None else found.without_guests)
+        size = rgb.shape[0], rgb.shape[1]
         for i, guest in enumerate(self._guests):
             # each scene's features are its own decoder's: the pictures are laid over each other, not the features
             share = found.guest_opacity[i].clip(0, 1).reshape(*shape)
             feature = spread_over_edges(found.guest_features[i].reshape(*shape, -1), share, EDGE_CELLS)
-            other, alpha = picture(guest, feature), resized(share[..., None], rgb.shape[:2])
-            rgb += alpha * (resized(other, rgb.shape[:2]) - rgb)
+            other, alpha = picture(guest, feature), resized(share[..., None], size)
+            rgb += alpha * (resized(other, size) - rgb)
         return rgb
 
     def returns(self, found: Found, directions: FloatArray) -> tuple[Array, Array]:
@@ -161,7 +163,7 @@ class CompiledTracer:
 
 
 def tiled(shape: tuple[int, ...]) -> NDArray[np.int64]:
-    """Numbers of rays (h, w), or (N,), in an order in which neighbours come together: rays that are near ask for the same rows."""
+    """Numbers of rays (h, w), or (N,), so ordered that neighbours come together: near rays ask for the same rows."""
     numbers = np.arange(int(np.prod(shape)), dtype=np.int64).reshape(shape)
     if len(shape) < 2:
         return numbers
@@ -178,8 +180,9 @@ class _MeshHits:
 
     def __init__(self, met: Met) -> None:
         share = np.minimum(met.share, 1 - WHOLE)
-        self._arrays = (
-            np.ascontiguousarray(met.ray, np.int64), floats(met.t), floats(-np.log1p(-share)), floats(met.normals),
+        self._arrays: list[NDArray[Any]] = [
+            np.ascontiguousarray(met.ray, np.int64),
+            *map(floats, (met.t, -np.log1p(-share), met.normals)),
             np.ascontiguousarray(met.actor, np.int32),
-        )  # fmt: skip
+        ]
         self.struct = MeshHitsStruct(len(met.ray), *map(address, self._arrays))

@@ -4,12 +4,17 @@ from __future__ import annotations
 
 import hashlib
 import platform
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from .. import native
+from ..compiled.scene import CompiledScene
+from ..compiled.tracer import CompiledTracer
 from ..drive import Drive
 from ..files import sha256_of_file
 from ..render import Renderer
@@ -47,18 +52,20 @@ def scene_hashes(scene: Path, drive: Drive) -> dict[str, str]:
     return {"": scene_hash(scene), **others, **{name: sha256_of_file(Path(name)) for name in sorted(meshes)}}
 
 
+def compiled(device: str) -> bool:
+    """Whether rays are traced by the compiled kernels there: on the CPU, where they were built."""
+    return device == "cpu" and native.library() is not None
+
+
 def environment(device: str) -> dict[str, str]:
     """What else equal bytes depend on: machine, instruction set, libraries that compute. ModuleNotFoundError names the one that
     is not installed."""
+    common = {"machine": platform.machine(), "device": device, "numpy": np.__version__}
+    if compiled(device):
+        return {**common, "kernels": str(native.ABI_VERSION), "instruction_set": native.variant()}
     import torch
 
-    return {
-        "machine": platform.machine(),
-        "device": device,
-        "numpy": np.__version__,
-        "torch": torch.__version__,
-        "instruction_set": torch.backends.cpu.get_cpu_capability(),
-    }
+    return {**common, "torch": torch.__version__, "instruction_set": torch.backends.cpu.get_cpu_capability()}
 
 
 def stamp(scene: Path) -> object:
@@ -74,17 +81,28 @@ def make_tracer(
 
     ``kept`` holds the scenes that an earlier call has loaded, and afterwards those of this one. Raises `SceneError`.
     """
+    if compiled(device):
+        scene, others = _loaded(CompiledScene, scene_path, drive, device, kept)
+        return CompiledTracer(scene, drive, quality, others)
     from ..fields.checkpoint import load_scene
     from ..torch_tracer import TorchTracer
 
+    scene, others = _loaded(partial(load_scene, device=device), scene_path, drive, device, kept)
+    return TorchTracer(scene, drive, quality, others)
+
+
+def _loaded(
+    load: Callable[[Path], Any], scene_path: Path, drive: Drive, device: str, kept: dict[object, Any] | None
+) -> tuple[Any, dict[str, Any]]:
+    """The scene in a folder, and by their paths those that actors were inserted from."""
     before, now, loaded = kept or {}, {}, {}
     for name, path in {"": scene_path, **{name: Path(name) for name in other_scenes(drive)}}.items():
         key = device, stamp(path)
-        loaded[name] = now[key] = before.get(key) or load_scene(path, device)
+        loaded[name] = now[key] = before.get(key) or load(path)
     if kept is not None:
         kept.clear()
         kept.update(now)
-    return TorchTracer(loaded.pop(""), drive, quality, loaded)
+    return loaded.pop(""), loaded
 
 
 @dataclass(frozen=True)
