@@ -197,7 +197,7 @@ def test_weights_that_do_not_fit_are_named() -> None:
 def test_without_the_library_one_clear_error(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(native, "library", lambda: None)
     with pytest.raises(UnisimError, match="compiled kernels"):
-        Decoder({}, CONFIGS["tiny"])
+        Decoder(changed(weights(modules(CONFIGS["tiny"])), {}), CONFIGS["tiny"], CAMERAS)
 
 
 def test_it_needs_no_torch() -> None:

@@ -75,7 +75,7 @@ def saved(folder: Path, config: ModelConfig, seed: int = 0) -> Path:
     torch.manual_seed(seed)
     drive = drive_of([*CARS, MOVING])
     corner = make_pose(np.array([-30.0, -20.0, -4.0]), quaternion_from_yaw(0.1))
-    model = SceneModel(config, Volume(corner, np.array([60.0, 40.0, 16.0])), tuple(sorted(drive.actors)), ("front",))
+    model: Any = SceneModel(config, Volume(corner, np.array([60.0, 40.0, 16.0])), tuple(sorted(drive.actors)), ("front",))
     with torch.no_grad():
         for field in (model.static, model.far):
             rows = torch.linspace(2.0, 0.0, len(field.grid.table))[:, None]

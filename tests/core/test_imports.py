@@ -11,6 +11,8 @@ from pathlib import Path
 
 import pytest
 
+from unisim_blender.core.native import library
+
 HEAVY = ("torch", "pandas", "scipy", "skimage", "trimesh")
 
 BLOCKED = """
@@ -57,8 +59,8 @@ def test_types_and_readers_need_numpy_alone(name: str) -> None:
 
 
 RENDERING = (
-    "bounds", "cast", "contact_shadow", "fields.config", "fields.config_check", "fields.grid_shape", "fields.volume", "frames",
-    "meshes", "output", "passes", "prepare", "render", "sequence", "tracer", "weights", "worker", "commands.render",
+    "bounds", "cast", "compiled", "contact_shadow", "fields.config", "fields.config_check", "fields.grid_shape", "fields.volume",
+    "frames", "meshes", "output", "passes", "prepare", "render", "sequence", "tracer", "weights", "worker", "commands.render",
 )  # fmt: skip
 
 
@@ -79,47 +81,29 @@ def test_help_loads_nothing_heavy() -> None:
     assert "Commands:" in result.stdout
 
 
-RENDER_A_PLANE = """
-sys.path.insert(0, {tests!r})
+RENDER = """
+from pathlib import Path
 import numpy as np
-from tiny_drive import tiny_drive
-from unisim_blender.core.cast import gather_cast
 from unisim_blender.core.frames import CAMERA_PASSES
+from unisim_blender.core.prepare.renderers import make_tracer
 from unisim_blender.core.render import Region, Renderer
-from unisim_blender.core.tracer import Found
+from unisim_blender.core.scene_file import read_scene_header
 
-class Plane:
-    upsample, reach = 2, 1
-    def __init__(self, drive):
-        self.cast = gather_cast(drive, drive, {{"": sorted(drive.actors)}})
-    def trace(self, rays, passes, sky, met, stats):
-        n, down = len(rays.time_s), rays.directions[:, 2]
-        depth = np.where(down < 0, -rays.origins[:, 2] / np.minimum(down, -1e-9), np.inf).astype(np.float32)
-        maps = {{"depth": depth, "instance": np.zeros(n, np.int64), "opacity": np.isfinite(depth).astype(np.float32),
-                "normal": np.tile(np.float32([0, 0, 1]), (n, 1)), "support": np.zeros(n, bool)}}
-        return Found(depth, depth, maps["opacity"], maps)
-    def image(self, found, directions, camera_id, shape):
-        return np.repeat(np.repeat(np.isfinite(found.depth_m).reshape(*shape, 1), 2, 0), 2, 1) * np.ones(3, np.float32)
-    def returns(self, found, directions):
-        return np.full(len(directions), 0.5, np.float32), found.opacity
-    def heights(self, points):
-        return points[:, 2]
-
-drive = tiny_drive()
-drive.actors.update({{uid: __import__("dataclasses").replace(a, inserted=True) for uid, a in drive.actors.items()}})
-renderer = Renderer(Plane(drive), drive, shadows=True)
-camera, lidar = next(iter(drive.cameras)), next(iter(drive.lidars))
-whole = renderer.camera(camera, 0, CAMERA_PASSES)
-part = renderer.camera(camera, 0, CAMERA_PASSES, region=Region(2, 3, 9, 8))
-sweep = renderer.lidar(lidar, 0)
-assert np.array_equal(part.depth_m, whole.depth_m[3:8, 2:9]) and np.isfinite(whole.depth_m).any()
-hit = sweep.origins + sweep.directions * sweep.depth_m[..., None]
-assert sweep.returned.any() and np.abs(hit[sweep.returned][:, 2]).max() < 1e-4
+scene = Path({scene!r})
+drive = read_scene_header(scene).drive
+renderer = Renderer(make_tracer(scene, drive), drive, shadows=True)
+camera, lidar, frame = next(iter(drive.cameras)), next(iter(drive.lidars)), drive.frames[1]
+whole = renderer.camera(camera, frame, CAMERA_PASSES, width=64)
+part = renderer.camera(camera, frame, CAMERA_PASSES, width=64, region=Region(2, 3, 19, 8))
+sweep = renderer.lidar(lidar, frame)
+assert np.array_equal(part.rgb, whole.rgb[3:8, 2:19]) and np.array_equal(part.normal, whole.normal[3:8, 2:19])
+assert np.isfinite(whole.depth_m).mean() > 0.5 and whole.rgb.std() > 0.05 and sweep.returned.mean() > 0.5
 """
 
 
+@pytest.mark.skipif(library() is None, reason="the compiled kernels were not built")
 def test_pictures_and_sweeps_are_rendered_without_torch() -> None:
-    """By a tracer of a plane: all that is no tracer runs on numpy alone."""
-    program = RENDER_A_PLANE.format(tests=str(Path(__file__).parent))
+    """The sample's scene, and a region of a picture has the bits that it has in the whole."""
+    program = RENDER.format(scene=str(Path(__file__).parents[2] / "sample" / "scene"))
     result = run_without(("torch", "pandas", "scipy", "skimage", "safetensors"), program)
     assert result.returncode == 0, result.stderr

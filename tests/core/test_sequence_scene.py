@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import os
 import shutil
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -17,6 +19,7 @@ from click.testing import CliRunner
 from PIL import Image
 from tiny_drive import tiny_drive
 
+from unisim_blender.core import native
 from unisim_blender.core.cli import unisim
 from unisim_blender.core.fields.checkpoint import save_scene
 from unisim_blender.core.fields.config import preset
@@ -98,6 +101,22 @@ def test_jobs_and_resuming_change_no_byte(scenario: Path, tmp_path: Path) -> Non
     manifest = json.loads(one["manifest.json"])
     assert manifest["samples"]["samples_spent"] > 0
     assert str(scenario.parent) not in one["manifest.json"].decode(), "no paths: the same bytes wherever it lies"
+
+
+@pytest.mark.skipif(native.library() is None, reason="the compiled kernels were not built")
+def test_a_scenario_is_rendered_without_torch(scenario: Path, tmp_path: Path) -> None:
+    """In an interpreter that cannot import it, all formats, to the same bytes; --device auto is then the CPU."""
+    render(scenario, "--out", tmp_path / "with", "--jobs", "1")
+    blocked = "import sys; sys.modules.update(dict.fromkeys(('torch', 'scipy', 'skimage', 'safetensors')))\n"
+    asked = ["render", str(scenario), "--out", str(tmp_path / "without"), "--jobs", "1", "--device", "auto"]
+    program = f"{blocked}from unisim_blender.core.cli import run\nsys.exit(run({asked!r}))"
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stderr
+    files = [path.relative_to(tmp_path / "with") for path in (tmp_path / "with").rglob("*") if path.is_file()]
+    assert len(files) > 10
+    for file in files:
+        if file.suffix in (".png", ".exr", ".npz"):
+            assert (tmp_path / "with" / file).read_bytes() == (tmp_path / "without" / file).read_bytes(), file
 
 
 def test_command_line_goes_before_the_scenario(scenario: Path, tmp_path: Path) -> None:
