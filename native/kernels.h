@@ -36,6 +36,12 @@
         (const unisim_scene *scene, const unisim_cast *cast, const unisim_rays *rays, const unisim_mesh_hits *meshes, \
          const unisim_sampling *sampling, const unisim_found *found, int threads), \
         (scene, cast, rays, meshes, sampling, found, threads)) \
+    KERNEL(int, cells, \
+        (const unisim_scene *scene, const int64_t *voxels, int64_t n, uint16_t *kinds, int threads), \
+        (scene, voxels, n, kinds, threads)) \
+    KERNEL(int, box_cells, \
+        (const unisim_scene *scene, const float *sizes, int32_t actors, uint8_t *kinds, int threads), \
+        (scene, sizes, actors, kinds, threads)) \
     KERNEL(int, clearance, (const uint8_t *voxels, const int32_t *shape, uint8_t *out), (voxels, shape, out)) \
     KERNEL(int32_t, bvh_build, \
         (const float *vertices, const int32_t *faces, int32_t n, unisim_bvh_node *nodes, int32_t *order), \

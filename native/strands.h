@@ -40,15 +40,20 @@ struct Batch {
         ++count;
     }
 
-    // Room for k samples a strand. What is behind the last strand keeps lanes busy and is never read.
+    // Room for k samples a strand, and no units yet.
     void sample(int k) {
+        lay(k);
+        units.clear();
+    }
+
+    // Room for k samples a strand. What is behind the last strand keeps lanes busy and is never read.
+    void lay(int k) {
         samples = k;
         stride = (count + LANES - 1) / LANES * LANES;
         const size_t n = static_cast<size_t>(stride) * k;
         for (auto *v : {&t, &s, &tau, &share, &front, &weight}) v->assign(n, 0.0f);
         slot.assign(n, -1);
         last.assign(count, 0);
-        units.clear();
     }
 };
 

@@ -2,6 +2,7 @@
 //
 // `core/trace.py` is the same in plain torch, and the specification. What is left out here cannot be seen: samples behind what
 // lets less than `opaque` through, strands that lie wholly behind it. A ray's results do not depend on the others of its tile.
+#include "marching.h"
 #include "placing.h"
 #include "strands.h"
 
@@ -97,19 +98,6 @@ class Tile {
 
     // Which media each ray runs through.
     void gather_strands() {
-        const float zero[3] = {}, none[9] = {};
-        Batch &still = fixed();
-        still.begin(Medium::fixed, 0);
-        occupied_.resize(TILE);
-        for (int r = 0; r < rays_.count; ++r) {
-            float near = 0, far = 0;
-            if (!span_of_box(o_[r], d_[r], zero, scene_.size, task_.sampling.near_m, near, far)) far = near;
-            far_[r] = far;
-            Occupied &in = occupied_[static_cast<size_t>(still.count)];
-            find_occupied(scene_, o_[r], d_[r], near, far, in);
-            // free space: a ray that meets no occupied voxel takes no sample
-            if (in.total() > 0) still.add(r, 0, o_[r], d_[r], near, far, scene_.size, none);
-        }
         for (int i = 0; i < task_.cast.troupe_count; ++i) {
             const unisim_troupe &troupe = task_.cast.troupes[i];
             Batch &b = batches_[static_cast<size_t>(1 + i)];
@@ -117,6 +105,29 @@ class Tile {
             hits_.clear();
             meet_boxes(troupe, rays_, task_.sampling.near_m, hits_);
             for (const Hit &hit : hits_) b.add(hit.ray, hit.box, hit.o, hit.d, hit.t_near, hit.t_far, troupe.sizes + 3 * hit.box, hit.rotation);
+        }
+        find_cleared();
+        const float zero[3] = {}, none[9] = {};
+        Batch &still = fixed();
+        still.begin(Medium::fixed, 0);
+        occupied_.resize(TILE);
+        runs_.resize(std::max<size_t>(runs_.size(), TILE));
+        for (int r = 0; r < rays_.count; ++r) {
+            float near = 0, far = 0;
+            if (!span_of_box(o_[r], d_[r], zero, scene_.size, task_.sampling.near_m, near, far)) far = near;
+            far_[r] = far;
+            bool some;
+            if (marches(scene_)) {
+                std::vector<Run> &runs = runs_[static_cast<size_t>(still.count)];
+                find_runs(scene_, o_[r], d_[r], near, far, [&](float t) { return cleared(r, t, scene_.voxel_m); }, runs);
+                some = !runs.empty();
+            } else {
+                Occupied &in = occupied_[static_cast<size_t>(still.count)];
+                find_occupied(scene_, o_[r], d_[r], near, far, in);
+                some = in.total() > 0;
+            }
+            // free space: a ray that meets nothing that could stop it takes no sample
+            if (some) still.add(r, 0, o_[r], d_[r], near, far, scene_.size, none);
         }
         Batch &copies = batches_[batches_.size() - 2];
         copies.begin(Medium::copy, 0);
@@ -181,6 +192,7 @@ class Tile {
             ask(b, true);
             return;
         }
+        if (marches(*fields_of(b).scene)) return march(b);
         const bool still = b.medium == Medium::fixed;
         const int proposals = still ? sampling.proposals : sampling.actor_proposals;
         const int samples_of = still ? sampling.samples : sampling.actor_samples;
@@ -265,76 +277,160 @@ class Tile {
         }
     }
 
+    // The field at samples of a batch, by their numbers.
     void evaluate(Batch &b, const int *ids, int count, bool keep) {
+        at_.clear();
+        for (int i = 0; i < count; ++i) at_.push_back({ids[i] % b.stride, b.t[static_cast<size_t>(ids[i])]});
+        ask_at(b, keep);
+        for (int i = 0; i < count; ++i) {
+            b.s[static_cast<size_t>(ids[i])] = told_[static_cast<size_t>(i)].s;
+            b.slot[static_cast<size_t>(ids[i])] = told_[static_cast<size_t>(i)].slot;
+        }
+    }
+
+    // told_: the distances at the places at_, and, where units are to be kept, their slots.
+    void ask_at(Batch &b, bool keep) {
         const Field &field = field_of(b);
         const unisim_troupe *troupe = b.medium == Medium::actor ? &task_.cast.troupes[b.troupe] : nullptr;
         const float shift = troupe ? 0.5f : 0.0f;
+        const int count = static_cast<int>(at_.size());
         samples += count;
+        told_.resize(at_.size());
         for (int first = 0; first < count; first += BLOCK) {
             const int n = std::min(BLOCK, count - first);
             for (int i = 0; i < BLOCK; ++i) {
-                const int id = ids[first + std::min(i, n - 1)], p = id % b.stride;
-                for (int a = 0; a < 3; ++a)
-                    x_[a][i] = (b.o[3 * p + a] + b.t[static_cast<size_t>(id)] * b.d[3 * p + a]) / b.size[3 * p + a] + shift;
+                const Place &place = at_[static_cast<size_t>(first + std::min(i, n - 1))];
+                const int p = place.strand;
+                for (int a = 0; a < 3; ++a) x_[a][i] = (b.o[3 * p + a] + place.t * b.d[3 * p + a]) / b.size[3 * p + a] + shift;
                 row_[i] = troupe ? troupe->rows[b.box[p]] : 0;
             }
             float *h = block_.data();
+            const size_t slot = b.units.size() / static_cast<size_t>(field.wide);
             if (keep) {
-                const size_t begin = b.units.size();
-                b.units.resize(begin + static_cast<size_t>(BLOCK) * field.wide);
-                h = &b.units[begin];
-                for (int i = 0; i < n; ++i) b.slot[ids[first + i]] = static_cast<int>(begin / field.wide) + i;
+                b.units.resize(b.units.size() + static_cast<size_t>(BLOCK) * field.wide);
+                h = &b.units[slot * static_cast<size_t>(field.wide)];
             }
             field.units(x_, troupe ? row_ : nullptr, n, code_.data(), h);
-            for (int i = 0; i < n; ++i) b.s[ids[first + i]] = field.first_output(h + i * field.wide);
+            for (int i = 0; i < n; ++i) {
+                const Place &place = at_[static_cast<size_t>(first + i)];
+                Probe &probe = told_[static_cast<size_t>(first + i)];
+                probe = {place.t, field.first_output(h + i * field.wide), keep ? static_cast<int>(slot) + i : -1};
+                if (b.medium == Medium::fixed) clear(b, place.strand, place.t, probe.s);
+                if (b.medium == Medium::copy) lift(b, place.strand, place.t, probe.s);
+            }
         }
-        if (b.medium == Medium::fixed) clear(b, ids, count);
-        if (b.medium == Medium::copy) lift(b, ids, count);
     }
 
-    // Inside a present actor's box, and in a removed box, nothing stands above the ground: the ground is then all that is near.
-    void clear(Batch &b, const int *ids, int count) {
-        span_.assign(rays_.count, {});
-        bool some = task_.cast.removals > 0;
+    // Whether a scene's strands are followed from cell to cell; the paper's density depends on the steps, and takes even ones.
+    bool marches(const unisim_scene &scene) const { return task_.sampling.stride_m > 0 && scene.cells && !scene.paper_density; }
+
+    // Samples of a batch's strands from near to far, until each is stopped; the answers are the samples that are composited.
+    void march(Batch &b) {
+        const unisim_scene &scene = *fields_of(b).scene;
+        const float limit = -std::log(task_.sampling.opaque);
+        const size_t count = static_cast<size_t>(b.count);
+        passed_.assign(count, 0.0f);
+        runs_.resize(std::max(runs_.size(), count));
+        probes_.resize(std::max(probes_.size(), count));
+        if (b.medium == Medium::actor) {
+            behind_the_fixed(b);
+            for (size_t p = 0; p < count; ++p)
+                find_box_runs(scene.box_cells + static_cast<int64_t>(task_.cast.troupes[b.troupe].rows[b.box[p]]) * BOX_CELLS * BOX_CELLS * BOX_CELLS,
+                              &b.o[3 * p], &b.d[3 * p], &b.size[3 * p], b.t_near[p], b.t_far[p], runs_[p]);
+        }
+        walks_.assign(count, {});
+        going_.clear();
+        b.units.clear();
+        for (size_t p = 0; p < count; ++p) {
+            probes_[p].clear();
+            if (runs_[p].empty() || passed_[p] >= limit) continue;
+            walks_[p].next = runs_[p][0].begin;
+            walks_[p].passed = passed_[p];
+            going_.push_back(static_cast<int>(p));
+        }
+        while (!going_.empty()) {
+            at_.clear();
+            for (const int p : going_) at_.push_back({p, walks_[static_cast<size_t>(p)].next});
+            ask_at(b, true);
+            size_t kept = 0;
+            for (size_t i = 0; i < going_.size(); ++i) {
+                const size_t p = static_cast<size_t>(going_[i]);
+                probes_[p].push_back(told_[i]);
+                if (walks_[p].take(runs_[p], probes_[p], scene.beta, limit, task_.sampling)) going_[kept++] = going_[i];
+            }
+            going_.resize(kept);
+        }
+        for (int round = 0; round < task_.sampling.splits; ++round) {
+            at_.clear();
+            wanted_.clear();
+            for (size_t p = 0; p < count; ++p) {
+                size_t after = 0;
+                float t = 0;
+                if (!find_split(probes_[p], scene.beta, task_.sampling.split_weight, after, t)) continue;
+                at_.push_back({static_cast<int>(p), t});
+                wanted_.push_back(static_cast<int>(after));
+            }
+            if (at_.empty()) break;
+            ask_at(b, true);
+            for (size_t i = 0; i < at_.size(); ++i) {
+                std::vector<Probe> &probes = probes_[static_cast<size_t>(at_[i].strand)];
+                probes.insert(probes.begin() + wanted_[i], told_[i]);
+            }
+        }
+        size_t longest = 1;
+        for (size_t p = 0; p < count; ++p) longest = std::max(longest, probes_[p].size());
+        b.lay(static_cast<int>(longest));
+        for (size_t p = 0; p < count; ++p)
+            for (size_t k = 0; k < longest; ++k) {
+                // behind the last answer nothing is told, and nothing stops the ray
+                const bool told = k < probes_[p].size();
+                const Probe probe = told ? probes_[p][k] : probes_[p].empty() ? Probe{b.t_near[p], EMPTY_M, -1} : probes_[p].back();
+                const size_t i = k * static_cast<size_t>(b.stride) + p;
+                b.t[i] = probe.t;
+                b.s[i] = probe.s;
+                b.slot[i] = told ? probe.slot : -1;
+            }
+        find_depths(b, 0, b.samples, scene.beta, false);
+    }
+
+    // Where rays are in a present actor's box, or in a removed one.
+    void find_cleared() {
+        for (int r = 0; r < rays_.count; ++r) span_[r].clear();
         for (const Batch &boxes : batches_)
             if (boxes.medium == Medium::actor)
-                for (int p = 0; p < boxes.count; ++p) {
-                    span_[boxes.ray[p]].push_back({boxes.t_near[p], boxes.t_far[p]});
-                    some = true;
-                }
-        if (!some) return;
-        for (int i = 0; i < count; ++i) {
-            const int id = ids[i], p = id % b.stride, r = b.ray[p];
-            const float t = b.t[id];
-            bool inside = false;
-            for (const auto &[near, far] : span_[r]) inside |= t >= near && t <= far;
-            for (int k = 0; k < task_.cast.removals && !inside; ++k) inside = removed(k, r, t);
-            if (!inside) continue;
-            const float x = b.o[3 * p] + t * b.d[3 * p], y = b.o[3 * p + 1] + t * b.d[3 * p + 1], z = b.o[3 * p + 2] + t * b.d[3 * p + 2];
-            const float height = z - ground_at(scene_, x, y);
-            if (height > scene_.ground_clearance_m) b.s[id] = std::fmax(b.s[id], height);
+                for (int p = 0; p < boxes.count; ++p) span_[boxes.ray[p]].push_back({boxes.t_near[p], boxes.t_far[p]});
+        for (int k = 0; k < task_.cast.removals; ++k) {
+            const double *m = task_.cast.removal_from_world + 12 * k;
+            const float *size = task_.cast.removal_sizes + 3 * k;
+            const float half[3] = {size[0] / 2, size[1] / 2, size[2] / 2}, minus[3] = {-half[0], -half[1], -half[2]};
+            for (int r = 0; r < rays_.count; ++r) {
+                float o[3], d[3], near, far;
+                transform(m, rays_.origin[r], o);
+                turn(m, rays_.direction[r], d);
+                if (span_of_box(o, d, minus, half, 0.0f, near, far)) span_[r].push_back({near, far});
+            }
         }
     }
 
-    bool removed(int box, int r, float t) const {
-        const double *m = task_.cast.removal_from_world + 12 * box;
-        const float *size = task_.cast.removal_sizes + 3 * box;
-        for (int a = 0; a < 3; ++a) {
-            double x = m[4 * a + 3];
-            for (int c = 0; c < 3; ++c) x += m[4 * a + c] * (rays_.origin[r][c] + t * rays_.direction[r][c]);
-            if (!(std::fabs(x) <= size[a] / 2)) return false;
-        }
-        return true;
+    bool cleared(int r, float t, float margin) const {
+        for (const Run &span : span_[r])
+            if (t >= span.begin - margin && t <= span.end + margin) return true;
+        return false;
+    }
+
+    // In such a box nothing stands above the ground: the ground is then all that is near.
+    void clear(const Batch &b, int p, float t, float &s) const {
+        if (!cleared(b.ray[p], t, 0.0f)) return;
+        const float x = b.o[3 * p] + t * b.d[3 * p], y = b.o[3 * p + 1] + t * b.d[3 * p + 1], z = b.o[3 * p + 2] + t * b.d[3 * p + 2];
+        const float height = z - ground_at(scene_, x, y);
+        if (height > scene_.ground_clearance_m) s = std::max(s, height);
     }
 
     // The ground of a copied box stays where it is.
-    void lift(Batch &b, const int *ids, int count) {
-        for (int i = 0; i < count; ++i) {
-            const int id = ids[i], p = id % b.stride;
-            const float t = b.t[id], z = b.o[3 * p + 2] + t * b.d[3 * p + 2];
-            const float height = ground_at(scene_, b.o[3 * p] + t * b.d[3 * p], b.o[3 * p + 1] + t * b.d[3 * p + 1]);
-            if (!(z > height + scene_.ground_clearance_m)) b.s[id] = EMPTY_M;
-        }
+    void lift(const Batch &b, int p, float t, float &s) const {
+        const float z = b.o[3 * p + 2] + t * b.d[3 * p + 2];
+        const float height = ground_at(scene_, b.o[3 * p] + t * b.d[3 * p], b.o[3 * p + 1] + t * b.d[3 * p + 1]);
+        if (!(z > height + scene_.ground_clearance_m)) s = EMPTY_M;
     }
 
     bool guest(const Batch &b) const { return b.medium == Medium::mesh || (b.medium == Medium::actor && b.troupe > 0); }
@@ -867,7 +963,16 @@ class Tile {
     std::vector<Batch> batches_; // what stands still, the troupes, copies, meshes
     std::vector<float> quantile_, shares_, passed_, code_, block_, light_, undirected_, along_, directed_;
     std::vector<int> going_, wanted_, heavy_;
-    std::vector<std::vector<std::pair<float, float>>> span_;
+    struct Place {
+        int strand;
+        float t;
+    };
+    std::vector<Place> at_;
+    std::vector<Probe> told_;
+    std::vector<std::vector<Run>> runs_;
+    std::vector<std::vector<Probe>> probes_;
+    std::vector<Walk> walks_;
+    std::vector<Run> span_[TILE];
     float x_[3][BLOCK];
     int32_t row_[BLOCK];
     std::vector<Strand> strands_[TILE], own_;

@@ -72,6 +72,8 @@ struct unisim_scene {
     float step_m;               // of the paper's density
     const uint8_t *voxels;      // (X, Y, Z) values, 0 is free
     const uint8_t *clearance;   // (X, Y, Z): voxels to the nearest that is not free, or fewer
+    const uint16_t *cells;      // (X, Y, Z): two bits for each of a voxel's eight cells, see cells.h; null: not known
+    const uint8_t *box_cells;   // (actors, 16, 16, 16): the same of the actors' boxes
     int32_t voxel_shape[3];
     float voxel_m;
     float decay_per_m;
@@ -130,6 +132,13 @@ struct unisim_sampling {
     float opaque;     // transmittance behind which nothing is computed
     float far_opaque; // the same for what lies beyond the volume
     int32_t far, sky;
+    // Following surfaces from cell to cell; stride_m 0 places samples by quantiles instead.
+    float stride_m;     // the longest step
+    float widening;     // how much longer it may be a metre farther away
+    float relaxation;   // steps may be this much longer than the distance
+    float least_slope, least_step_m;
+    int32_t splits;     // so often the interval that stops most is split
+    float split_weight; // where it stops at least this much
 };
 
 // What rays met, (n, ...) each. Null: not asked for.

@@ -92,6 +92,8 @@ def library() -> ctypes.CDLL | None:
     lib.unisim_bvh_first_hits.argtypes = [p, p, p, p, p, p, i64, f64, p, p, p, i32]
     lib.unisim_trace.argtypes = [p, p, p, p, p, p, i32]
     lib.unisim_clearance.argtypes = [p, p, p]
+    lib.unisim_cells.argtypes = [p, p, i64, p, i32]
+    lib.unisim_box_cells.argtypes = [p, p, i32, p, i32]
     lib.unisim_head_forward.argtypes = [p, p, p, p, i64, p, i32]
     lib.unisim_decode_image.argtypes = [p, p, i32, i32, p, p, i32, i32, p, i32, i32]
     return lib

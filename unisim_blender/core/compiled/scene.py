@@ -23,6 +23,7 @@ from .decoder import Decoder
 from .structs import FieldStruct, SceneStruct, address, doubles, floats
 
 LIGHT_HIDDEN = 16
+BOX_CELLS = 16
 MOST_BETA = 1e4
 
 
@@ -55,9 +56,8 @@ class CompiledScene:
         voxels = self._keep(weights.voxels("occupancy.values", shape))
         self.observed = weights.voxels("observed", shape)
         clearance = self._keep(np.empty_like(voxels))
-        library.unisim_clearance(address(voxels), address(np.array(shape, np.int32)), address(clearance))
-        cells = tuple(int(np.ceil(s / GROUND_CELL_M)) for s in size[:2])
-        self._ground = self._keep(floats(weights.array("ground.heights", cells)))
+        ground = tuple(int(np.ceil(s / GROUND_CELL_M)) for s in size[:2])
+        self._ground = self._keep(floats(weights.array("ground.heights", ground)))
         self._volume_from_world = invert_pose(volume.world_from_volume)
         light, home = None, None
         if config.light == "ground":
@@ -83,7 +83,7 @@ class CompiledScene:
             voxel_m=config.voxel_m,
             decay_per_m=DECAY_PER_M,
             ground=address(self._ground),
-            ground_shape=(ctypes.c_int32 * 2)(*cells),
+            ground_shape=(ctypes.c_int32 * 2)(*ground),
             ground_m=GROUND_CELL_M,
             ground_clearance_m=CLEARANCE_M,
             light=light,
@@ -91,6 +91,14 @@ class CompiledScene:
             light_reach_m=LIGHT_REACH_M,
             sample_head=self.decoder.sample_head,
         )
+        occupied = np.flatnonzero(voxels)
+        cells = self._keep(np.zeros(shape, np.uint16))
+        library.unisim_cells(ctypes.byref(self.struct), address(occupied), len(occupied), address(cells), native.threads())
+        sizes = floats([self.header.drive.actors[uid].size_m for uid in self.looks]).reshape(-1, 3)
+        box_cells = self._keep(np.empty((len(self.looks), BOX_CELLS, BOX_CELLS, BOX_CELLS), np.uint8))
+        library.unisim_box_cells(ctypes.byref(self.struct), address(sizes), len(sizes), address(box_cells), native.threads())
+        self.struct.cells, self.struct.box_cells = address(cells), address(box_cells)
+        library.unisim_clearance(address((cells > 0).astype(np.uint8)), address(np.array(shape, np.int32)), address(clearance))
 
     def into_volume(self, points: FloatArray) -> FloatArray:
         """World points (N, 3) in volume coordinates."""

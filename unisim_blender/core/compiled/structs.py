@@ -35,6 +35,8 @@ class SceneStruct(ctypes.Structure):
         ("step_m", _F32),
         ("voxels", _P),
         ("clearance", _P),
+        ("cells", _P),
+        ("box_cells", _P),
         ("voxel_shape", _I32 * 3),
         ("voxel_m", _F32),
         ("decay_per_m", _F32),
@@ -97,6 +99,9 @@ class SamplingStruct(ctypes.Structure):
         ("far_opaque", _F32),
         ("far", _I32),
         ("sky", _I32),
+        *((name, _F32) for name in ("stride_m", "widening", "relaxation", "least_slope", "least_step_m")),
+        ("splits", _I32),
+        ("split_weight", _F32),
     ]
 
 
