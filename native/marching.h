@@ -20,22 +20,32 @@ struct Probe {
     int slot; // of its hidden units
 };
 
-// Steps of half a cell through the volume's cells; `behind` says whether solid cells count at a place, where an emptied box may
-// have opened them.
+// -log Phi(s): what a surface has stopped of a ray where the distance is s; 0 where that is less than anybody sees.
+inline float stopped_at(float s, float beta) {
+    const float a = -beta * s;
+    return a < -12.0f ? 0.0f : a > 20.0f ? a : std::log1p(std::exp(a));
+}
+
+// How many runs are looked for at a time: most rays are stopped in the first.
+constexpr size_t RUNS = 2;
+
+// Steps of a cell through the volume's cells: the next RUNS runs, from step `next` on, which is moved; none where there are no
+// more. `behind` says whether solid cells count at a place, where an emptied box may have opened them.
 template <class Behind>
-void find_runs(const unisim_scene &scene, const float *o, const float *d, float t_near, float t_far, const Behind &behind, std::vector<Run> &out) {
+void find_runs(const unisim_scene &scene, const float *o, const float *d, float t_near, float t_far, const Behind &behind, int32_t &next_step,
+               std::vector<Run> &out) {
     out.clear();
-    const float step = scene.voxel_m / (2 * CELLS), inverse = 1.0f / scene.voxel_m;
+    const float inverse = 1.0f / scene.voxel_m;
     const float fastest = std::max(std::fabs(d[0]), std::max(std::fabs(d[1]), std::fabs(d[2])));
-    // a little short of it, for rounding
-    const float steps_a_voxel = (fastest > 1e-6f ? 1.0f / fastest : 1.0f) * 2 * CELLS * 0.9995f;
+    // a cell along the axis that the ray follows most; a little short of a voxel's steps, for rounding
+    const float step = scene.voxel_m / (CELLS * std::max(fastest, 0.5f)), steps_a_voxel = CELLS * 0.999f;
     const float span = t_far - t_near;
     const int32_t steps = span > 0 ? static_cast<int32_t>(std::ceil(span / step)) : 0;
     const int_lanes shape[3] = {scene.voxel_shape[0] - int_lanes{}, scene.voxel_shape[1] - int_lanes{}, scene.voxel_shape[2] - int_lanes{}};
     float ramp[LANES];
     for (int k = 0; k < LANES; ++k) ramp[k] = static_cast<float>(k) + 0.5f;
-    int32_t last = -2;
-    for (int32_t i = 0; i < steps;) {
+    int32_t last = -2, i = next_step;
+    while (i < steps && out.size() < RUNS) {
         // one vector of steps: they do not wait for each other
         const lanes t = t_near + (static_cast<float>(i) + load(ramp)) * step;
         int_lanes cell{}, inside = ~int_lanes{}, part{};
@@ -48,16 +58,19 @@ void find_runs(const unisim_scene &scene, const float *o, const float *d, float 
             part = part * CELLS + __builtin_convertvector((x - __builtin_convertvector(c, lanes)) * static_cast<float>(CELLS), int_lanes);
         }
         cell &= inside;
-        int32_t at[LANES], in[LANES], of[LANES], next = LANES;
+        int32_t at[LANES], of[LANES];
         std::memcpy(at, &cell, sizeof at);
+        uint8_t clear[LANES], all = 255;
+        for (int k = 0; k < LANES; ++k) all = std::min(all, clear[k] = scene.clearance[at[k]]);
+        if (all) {
+            i += std::max(LANES, LANES - 1 + static_cast<int32_t>(static_cast<float>(clear[LANES - 1] - 1) * steps_a_voxel));
+            continue;
+        }
+        int32_t in[LANES];
         std::memcpy(in, &inside, sizeof in);
         std::memcpy(of, &part, sizeof of);
         for (int k = 0; k < std::min(LANES, steps - i); ++k) {
-            if (!in[k]) continue;
-            if (const int free = scene.clearance[at[k]]) {
-                next = std::max(next, k + static_cast<int32_t>(static_cast<float>(free - 1) * steps_a_voxel));
-                continue;
-            }
+            if (!in[k] || clear[k]) continue;
             const int kind = scene.cells[at[k]] >> 2 * of[k] & 3;
             const float from = t_near + static_cast<float>(i + k) * step;
             if (kind == OPEN || (kind == SOLID && !behind(from))) continue;
@@ -67,8 +80,9 @@ void find_runs(const unisim_scene &scene, const float *o, const float *d, float 
                 out.push_back({from, from + step});
             last = i + k;
         }
-        i += next;
+        i += LANES;
     }
+    next_step = i;
     if (!out.empty()) out.back().end = std::min(out.back().end, t_far);
 }
 
@@ -108,10 +122,11 @@ struct Walk {
     float outside = 0; // of the last answer: -log Phi
     bool fresh = true; // no answer yet in this run
 
-    // Takes the answer at `next`; false where the walk ends.
-    bool take(const std::vector<Run> &runs, const std::vector<Probe> &probes, float beta, float limit, const unisim_sampling &how) {
+    // Takes the answer at `next`; false where the walk ends. `more` puts the next runs in the place of those that were walked.
+    template <class More>
+    bool take(std::vector<Run> &runs, const std::vector<Probe> &probes, float beta, float limit, const unisim_sampling &how, const More &more) {
         const Probe &here = probes.back();
-        const float a = -beta * here.s, out = std::max(a, 0.0f) + std::log1p(std::exp(-std::fabs(a)));
+        const float out = stopped_at(here.s, beta);
         passed += probes.size() == 1 ? out : std::max(out - outside, 0.0f);
         outside = out;
         if (!(passed < limit)) return false;
@@ -143,7 +158,11 @@ struct Walk {
             next = end;
             return true;
         }
-        if (++run >= runs.size()) return false;
+        if (++run >= runs.size()) {
+            run = 0;
+            more(runs);
+            if (runs.empty()) return false;
+        }
         next = std::max(runs[run].begin, here.t + 1e-4f);
         fresh = true;
         return true;
@@ -153,24 +172,23 @@ struct Walk {
 // Where one more answer tells most: in the interval that stops most of the ray, at the place that halves what it stops. False
 // where none stops much, or over no length that matters.
 inline bool find_split(const std::vector<Probe> &probes, float beta, float least_weight, size_t &after, float &t) {
-    float before = 0, best = least_weight;
+    float before = 0, best = least_weight, last = 0;
     bool found = false;
-    const auto phi = [&](float s) { return 1 / (1 + std::exp(-beta * s)); };
-    float last = 1;
     for (size_t k = 0; k < probes.size(); ++k) {
-        const float now = std::max(phi(probes[k].s), 1e-12f);
-        const float depth = std::max(std::log(last) - std::log(now), 0.0f);
-        const float weight = std::exp(-before) * (1 - std::exp(-depth));
-        before += depth;
-        if (k && weight > best && probes[k].t - probes[k - 1].t > 0.01f) {
-            const float s0 = probes[k - 1].s, s1 = probes[k].s, middle = (last + now) / 2;
-            const float s = std::log(middle / std::max(1 - middle, 1e-6f)) / beta;
-            const float share = std::min(std::max((s0 - s) / std::max(s0 - s1, 1e-6f), 0.05f), 0.95f);
-            best = weight;
-            after = k;
-            t = probes[k - 1].t + share * (probes[k].t - probes[k - 1].t);
-            found = true;
+        const float now = stopped_at(probes[k].s, beta), depth = now - last;
+        if (k && depth > least_weight && probes[k].t - probes[k - 1].t > 0.01f) {
+            const float weight = std::exp(-before) * (1 - std::exp(-depth));
+            if (weight > best) {
+                const float s0 = probes[k - 1].s, s1 = probes[k].s, middle = (std::exp(-last) + std::exp(-now)) / 2;
+                const float s = std::log(middle / std::max(1 - middle, 1e-6f)) / beta;
+                const float share = std::min(std::max((s0 - s) / std::max(s0 - s1, 1e-6f), 0.05f), 0.95f);
+                best = weight;
+                after = k;
+                t = probes[k - 1].t + share * (probes[k].t - probes[k - 1].t);
+                found = true;
+            }
         }
+        before += std::max(depth, 0.0f);
         last = now;
     }
     return found;

@@ -17,6 +17,7 @@ struct Batch {
     std::vector<float> rotation;                  // (count, 9): what turns the medium's normals into the world's
     std::vector<float> t, s, tau, share, front, weight;
     std::vector<int> slot;     // of a sample's hidden units, -1 where they were not asked for
+    size_t slots = 0;
     std::vector<float> units;  // (slots, wide)
 
     void begin(Medium kind, int owner) {
@@ -40,10 +41,19 @@ struct Batch {
         ++count;
     }
 
+    // Takes back what was added last.
+    void drop() {
+        --count;
+        for (auto *v : {&ray, &box}) v->pop_back();
+        for (auto *v : {&o, &d, &size}) v->resize(v->size() - 3);
+        rotation.resize(rotation.size() - 9);
+        for (auto *v : {&t_near, &t_far}) v->pop_back();
+    }
+
     // Room for k samples a strand, and no units yet.
     void sample(int k) {
         lay(k);
-        units.clear();
+        slots = 0;
     }
 
     // Room for k samples a strand. What is behind the last strand keeps lanes busy and is never read.

@@ -6,6 +6,8 @@
 #include "placing.h"
 #include "strands.h"
 
+#include <memory>
+
 namespace {
 
 constexpr int TILE = 64;
@@ -116,18 +118,19 @@ class Tile {
             float near = 0, far = 0;
             if (!span_of_box(o_[r], d_[r], zero, scene_.size, task_.sampling.near_m, near, far)) far = near;
             far_[r] = far;
-            bool some;
             if (marches(scene_)) {
-                std::vector<Run> &runs = runs_[static_cast<size_t>(still.count)];
-                find_runs(scene_, o_[r], d_[r], near, far, [&](float t) { return cleared(r, t, scene_.voxel_m); }, runs);
-                some = !runs.empty();
-            } else {
-                Occupied &in = occupied_[static_cast<size_t>(still.count)];
-                find_occupied(scene_, o_[r], d_[r], near, far, in);
-                some = in.total() > 0;
+                // added first, to be looked for like what follows
+                const size_t p = static_cast<size_t>(still.count);
+                steps_[p] = 0;
+                still.add(r, 0, o_[r], d_[r], near, far, scene_.size, none);
+                continue_runs(still, p, runs_[p]);
+                if (runs_[p].empty()) still.drop();
+                continue;
             }
+            Occupied &in = occupied_[static_cast<size_t>(still.count)];
+            find_occupied(scene_, o_[r], d_[r], near, far, in);
             // free space: a ray that meets nothing that could stop it takes no sample
-            if (some) still.add(r, 0, o_[r], d_[r], near, far, scene_.size, none);
+            if (in.total() > 0) still.add(r, 0, o_[r], d_[r], near, far, scene_.size, none);
         }
         Batch &copies = batches_[batches_.size() - 2];
         copies.begin(Medium::copy, 0);
@@ -305,9 +308,11 @@ class Tile {
                 row_[i] = troupe ? troupe->rows[b.box[p]] : 0;
             }
             float *h = block_.data();
-            const size_t slot = b.units.size() / static_cast<size_t>(field.wide);
+            const size_t slot = b.slots;
             if (keep) {
-                b.units.resize(b.units.size() + static_cast<size_t>(BLOCK) * field.wide);
+                b.slots += BLOCK;
+                // grown, and never cleared: what is kept is written before it is read
+                b.units.resize(std::max(b.units.size(), b.slots * static_cast<size_t>(field.wide)));
                 h = &b.units[slot * static_cast<size_t>(field.wide)];
             }
             field.units(x_, troupe ? row_ : nullptr, n, code_.data(), h);
@@ -319,6 +324,11 @@ class Tile {
                 if (b.medium == Medium::copy) lift(b, place.strand, place.t, probe.s);
             }
         }
+    }
+
+    void continue_runs(const Batch &b, size_t p, std::vector<Run> &runs) {
+        const int r = b.ray[p];
+        find_runs(scene_, o_[r], d_[r], b.t_near[p], b.t_far[p], [&](float t) { return cleared(r, t, scene_.voxel_m); }, steps_[p], runs);
     }
 
     // Whether a scene's strands are followed from cell to cell; the paper's density depends on the steps, and takes even ones.
@@ -340,7 +350,7 @@ class Tile {
         }
         walks_.assign(count, {});
         going_.clear();
-        b.units.clear();
+        b.slots = 0;
         for (size_t p = 0; p < count; ++p) {
             probes_[p].clear();
             if (runs_[p].empty() || passed_[p] >= limit) continue;
@@ -356,7 +366,11 @@ class Tile {
             for (size_t i = 0; i < going_.size(); ++i) {
                 const size_t p = static_cast<size_t>(going_[i]);
                 probes_[p].push_back(told_[i]);
-                if (walks_[p].take(runs_[p], probes_[p], scene.beta, limit, task_.sampling)) going_[kept++] = going_[i];
+                const auto more = [&](std::vector<Run> &runs) {
+                    if (b.medium == Medium::fixed) return continue_runs(b, p, runs);
+                    runs.clear();
+                };
+                if (walks_[p].take(runs_[p], probes_[p], scene.beta, limit, task_.sampling, more)) going_[kept++] = going_[i];
             }
             going_.resize(kept);
         }
@@ -972,6 +986,7 @@ class Tile {
     std::vector<std::vector<Run>> runs_;
     std::vector<std::vector<Probe>> probes_;
     std::vector<Walk> walks_;
+    int32_t steps_[TILE]; // through the cells, of the strands of what stands still
     std::vector<Run> span_[TILE];
     float x_[3][BLOCK];
     int32_t row_[BLOCK];
@@ -999,10 +1014,12 @@ extern "C" int UNISIM_NAME(unisim_trace)(const unisim_scene *scene, const unisim
     }
     task.first.push_back(first);
     std::atomic<int64_t> samples{0};
-    parallel_blocks(rays->n, 8 * TILE, threads, [&](int64_t begin, int64_t end) {
-        Tile tile(task);
-        for (int64_t at = begin; at < end; at += TILE) tile.trace(at, std::min(at + TILE, end));
-        samples += tile.samples;
+    parallel_bodies(rays->n, 4 * TILE, threads, [&] {
+        return [&, tile = std::make_unique<Tile>(task)](int64_t begin, int64_t end) {
+            tile->samples = 0;
+            for (int64_t at = begin; at < end; at += TILE) tile->trace(at, std::min(at + TILE, end));
+            samples += tile->samples;
+        };
     });
     *found->samples = samples;
     return 0;
