@@ -16,48 +16,31 @@ struct Occupied {
     float total() const { return mass.empty() ? 0.0f : mass.back(); }
 };
 
-// Steps of half a voxel through what is not free. `clearance` says how many steps meet nothing, without being looked at.
+// Steps of half a voxel through what is not free.
 inline void find_occupied(const unisim_scene &scene, const float *o, const float *d, float t_near, float t_far, Occupied &out) {
     out.step.clear();
     out.mass.clear();
     const float step = scene.voxel_m / 2, inverse = 1.0f / scene.voxel_m;
-    const float fastest = std::fmax(std::fabs(d[0]), std::fmax(std::fabs(d[1]), std::fabs(d[2])));
-    // a little short of it, for rounding
-    const float steps_a_voxel = fastest > 1e-6f ? 1.999f / fastest : 2.0f;
     const float span = t_far - t_near;
     const int32_t steps = span > 0 ? static_cast<int32_t>(std::ceil(span / step)) : 0;
-    const int_lanes shape[3] = {scene.voxel_shape[0] - int_lanes{}, scene.voxel_shape[1] - int_lanes{}, scene.voxel_shape[2] - int_lanes{}};
-    float ramp[LANES];
-    for (int k = 0; k < LANES; ++k) ramp[k] = static_cast<float>(k) + 0.5f;
+    const int32_t *shape = scene.voxel_shape;
     float total = 0, depth = 0;
-    for (int32_t i = 0; i < steps;) {
-        // one vector of steps: they do not wait for each other
-        const lanes t = t_near + (static_cast<float>(i) + load(ramp)) * step;
-        int_lanes cell{}, inside = ~int_lanes{};
+    for (int32_t i = 0; i < steps; ++i) {
+        const float t = t_near + (static_cast<float>(i) + 0.5f) * step;
+        int64_t cell = 0;
+        bool inside = true;
         for (int a = 0; a < 3; ++a) {
-            // truncation is the floor where the result is not negative; what lies before 0 is outside
-            const lanes x = (o[a] + t * d[a]) * inverse;
-            const int_lanes c = __builtin_convertvector(x, int_lanes);
-            inside &= (x >= 0.0f) & (c < shape[a]);
-            cell = cell * shape[a] + c;
+            const float x = std::floor((o[a] + t * d[a]) * inverse);
+            inside &= x >= 0 && x < static_cast<float>(shape[a]);
+            cell = cell * shape[a] + static_cast<int64_t>(inside ? x : 0.0f);
         }
-        cell &= inside;
-        int32_t at[LANES], in[LANES], next = LANES, found = 0;
-        std::memcpy(at, &cell, sizeof at);
-        std::memcpy(in, &inside, sizeof in);
-        uint8_t clear[LANES];
-        for (int k = 0; k < LANES; ++k) clear[k] = in[k] ? scene.clearance[at[k]] : 1;
-        for (int k = 0; k < LANES; ++k) found |= !clear[k];
-        for (int k = 0; k < LANES; ++k) next = std::max(next, k + static_cast<int32_t>(static_cast<float>(clear[k] - 1) * steps_a_voxel));
-        for (int k = 0; found && k < std::min(LANES, steps - i); ++k) {
-            if (clear[k]) continue;
-            const float p = static_cast<float>(scene.voxels[at[k]]) * (1.0f / 255.0f);
-            total += p * std::exp(-scene.decay_per_m * step * depth);
-            depth += p;
-            out.mass.push_back(total);
-            out.step.push_back(i + k);
-        }
-        i += next;
+        const uint8_t value = inside ? scene.voxels[cell] : 0;
+        if (!value) continue;
+        const float p = static_cast<float>(value) * (1.0f / 255.0f);
+        total += p * std::exp(-scene.decay_per_m * step * depth);
+        depth += p;
+        out.mass.push_back(total);
+        out.step.push_back(i);
     }
 }
 

@@ -645,7 +645,7 @@ class Tile {
             const int n = static_cast<int>(std::min<size_t>(PLACES, heavy_.size() - first));
             for (int i = 0; i < BLOCK; ++i) {
                 const int p = heavy_[first + std::min(i / 4, n - 1)], r = b.ray[p];
-                const float t = b.t[static_cast<size_t>(b.samples / 2 * b.stride + p)];
+                const float t = b.t[static_cast<size_t>((marches(*fields_of(b).scene) ? heaviest(b, p) : b.samples / 2) * b.stride + p)];
                 const float *home = scene.light_home + 3 * task_.cast.troupes[b.troupe].rows[b.box[p]];
                 const float reach = i & 1 ? -scene.light_reach_m : scene.light_reach_m;
                 float place[3];
@@ -877,6 +877,13 @@ class Tile {
         }
     }
 
+    static int heaviest(const Batch &b, int p) {
+        int best = 0;
+        for (int k = 1; k < b.samples; ++k)
+            if (b.weight[static_cast<size_t>(k * b.stride + p)] > b.weight[static_cast<size_t>(best * b.stride + p)]) best = k;
+        return best;
+    }
+
     static float weight_of(const Strand &s) {
         float sum = 0;
         for (int k = 0; k < s.batch->samples; ++k) sum += s.batch->weight[static_cast<size_t>(k * s.batch->stride + s.p)];
@@ -922,10 +929,7 @@ class Tile {
                 const int n = static_cast<int>(std::min<size_t>(PLACES, heavy.size() - first));
                 for (int i = 0; i < BLOCK; ++i) {
                     const int p = heavy[first + std::min(i / 4, n - 1)].p;
-                    int heaviest = 0;
-                    for (int k = 1; k < b.samples; ++k)
-                        if (b.weight[static_cast<size_t>(k * b.stride + p)] > b.weight[static_cast<size_t>(heaviest * b.stride + p)]) heaviest = k;
-                    const float t = b.t[static_cast<size_t>(heaviest * b.stride + p)];
+                    const float t = b.t[static_cast<size_t>(heaviest(b, p) * b.stride + p)];
                     for (int a = 0; a < 3; ++a)
                         x_[a][i] = (b.o[3 * p + a] + t * b.d[3 * p + a] + NORMAL_STEP_M * CORNER[i % 4][a]) / b.size[3 * p + a] + (troupe ? 0.5f : 0.0f);
                     row_[i] = troupe ? troupe->rows[b.box[p]] : 0;

@@ -71,7 +71,7 @@ struct unisim_scene {
     int32_t paper_density;      // 0: logistic; 1: the paper's
     float step_m;               // of the paper's density
     const uint8_t *voxels;      // (X, Y, Z) values, 0 is free
-    const uint8_t *clearance;   // (X, Y, Z): voxels to the nearest that is not free, or fewer
+    const uint8_t *clearance;   // (X, Y, Z): voxels to the nearest with a cell that is not open, or fewer
     const uint16_t *cells;      // (X, Y, Z): two bits for each of a voxel's eight cells, see cells.h; null: not known
     const uint8_t *box_cells;   // (actors, 16, 16, 16): the same of the actors' boxes
     int32_t voxel_shape[3];

@@ -19,10 +19,10 @@ from unisim_blender.core.errors import SceneError
 from unisim_blender.core.fields.config import preset
 from unisim_blender.core.frames import CAMERA_PASSES, RenderStats
 from unisim_blender.core.geometry import FloatArray, Trajectory, make_pose, quaternion_from_yaw, transform_points
+from unisim_blender.core.quality import QUALITY
 from unisim_blender.core.sensors.camera import camera_rays, pixel_grid
 from unisim_blender.core.sensors.lidar import lidar_rays
 from unisim_blender.core.sensors.rays import Rays
-from unisim_blender.core.tracer import QUALITY
 from unisim_blender.core.training.observed import observe
 
 LEVEL = np.array([1.0, 0, 0, 0])
@@ -324,7 +324,7 @@ def test_lidar_returns_count_as_seen() -> None:
 
 
 def test_errors_name_what_is_wrong(stage: Stage) -> None:
-    with pytest.raises(SceneError, match="no quality 'superb': there are fast, balanced, reference"):
+    with pytest.raises(SceneError, match="no quality 'superb': there are fast, balanced, fine, reference"):
         renderer_of(stage.as_scene(), stage.drive, "superb")
     renderer = renderer_of(stage.as_scene(), stage.drive)
     with pytest.raises(SceneError, match="no camera 'rear'"):

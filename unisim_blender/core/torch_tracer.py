@@ -23,11 +23,12 @@ from .fields.scene import SceneModel
 from .frames import RenderStats
 from .geometry import FloatArray
 from .meshes.meeting import Met
+from .quality import quality_named
 from .ray_passes import ray_passes
 from .sensors.rays import Rays
 from .strands import RayBatch, Traced
 from .trace import Sampling, trace
-from .tracer import EDGE_CELLS, NEAR_M, UNIFORM_STEP_M, Array, Found, fineness
+from .tracer import EDGE_CELLS, NEAR_M, UNIFORM_STEP_M, Array, Found
 
 CHUNK_RAYS = 16384
 
@@ -36,7 +37,7 @@ class TorchTracer:
     """A `Tracer` on the scene's device. ``others`` are scenes by path, for actors that come from them."""
 
     def __init__(self, scene: Scene, drive: Drive, quality: str = "balanced", others: dict[str, Scene] | None = None) -> None:
-        self.scene, self.device, self.fine = scene, scene.actor_tables.device, fineness(quality)
+        self.scene, self.device, self.fine = scene, scene.actor_tables.device, quality_named(quality).samples
         scenes = {path: (s.model, s.actor_tables) for path, s in {"": scene, **(others or {})}.items()}
         looks = {path: tuple(model.actor_ids) for path, (model, _) in scenes.items()}
         self.cast = gather_cast(drive, scene.header.drive, looks)

@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .cast import Cast
-from .errors import SceneError
 from .frames import RenderStats
 from .geometry import FloatArray
 from .meshes.meeting import Met
@@ -26,19 +25,10 @@ Maps = dict[str, NDArray[Any]]
 """One array (N, ...) for each pass."""
 NEAR_M = 0.5
 """Nothing nearer to a sensor is looked at."""
-QUALITY = {"fast": 0.67, "balanced": 1.0, "reference": 4.0}
-"""Samples along a ray, beside the scene's own number."""
 EDGE_CELLS = 8
 """How far past its edges a guest is carried on, for the decoder to look at."""
 UNIFORM_STEP_M = 0.2
 """What saved samples are counted beside: a march through the volume in steps of this length."""
-
-
-def fineness(quality: str) -> float:
-    """Samples along a ray at a quality, beside the scene's own number. SceneError lists the qualities."""
-    if quality not in QUALITY:
-        raise SceneError(f"no quality {quality!r}: there are {', '.join(QUALITY)}")
-    return QUALITY[quality]
 
 
 @dataclass

@@ -15,8 +15,9 @@ from ..drive import Drive
 from ..frames import RenderStats
 from ..geometry import FloatArray
 from ..meshes.meeting import Met
+from ..quality import quality_named
 from ..sensors.rays import Rays
-from ..tracer import EDGE_CELLS, NEAR_M, UNIFORM_STEP_M, Array, Found, Maps, fineness
+from ..tracer import EDGE_CELLS, NEAR_M, UNIFORM_STEP_M, Array, Found, Maps
 from .cast import CompiledCast
 from .decoder import resized, spread_over_edges
 from .scene import CompiledScene
@@ -24,6 +25,13 @@ from .structs import FoundStruct, MeshHitsStruct, RaysStruct, SamplingStruct, ad
 
 CHUNK_RAYS = 1 << 18
 """So many at a time: between two chunks Python can be interrupted."""
+WIDENING = 0.02
+"""How much longer the march's steps may be for each metre of distance, as a share: what is far is small in the picture."""
+LEAST_SLOPE = 0.2
+"""A surface is taken to come nearer by at least this much a metre, where its distance is negative or falls."""
+LEAST_STEP_M = 0.01
+SPLIT_WEIGHT = 0.2
+"""An interval that stops less of a ray than this is not halved."""
 SIDE = 8
 """Of the square of rays that are traced together."""
 
@@ -39,7 +47,7 @@ class CompiledTracer:
         self.cast = gather_cast(drive, scene.header.drive, looks)
         self._guests = [others[path] for path in self.cast.guests]
         self._cast = CompiledCast(self.cast, scene, others)
-        self._fine = fineness(quality)
+        self.quality = quality_named(quality)
         self.upsample = scene.config.upsample
         self.reach = scene.decoder.reach + (EDGE_CELLS if self.cast.guests else 0)
 
@@ -108,14 +116,17 @@ class CompiledTracer:
         stats.samples_saved += max(0, self._uniform(some) - int(samples[0]))
 
     def _sampling(self, sky: bool) -> SamplingStruct:
-        s = self.scene.config.samples
+        s, q = self.scene.config.samples, self.quality
 
-        def count(n: int) -> int:
-            return max(2, round(n * self._fine))
+        def count(n: int, times: float) -> int:
+            return max(2, round(n * times))
 
+        placed = (count(n, q.samples) for n in (s.static_proposals, s.static, s.actor_proposals, s.actor))
+        far = (count(n, q.far) for n in (s.far_proposals, s.far))
         return SamplingStruct(
-            count(s.static_proposals), count(s.static), count(s.actor_proposals), count(s.actor), s.far_proposals, s.far,
-            near_m=NEAR_M, opaque=1e-4, far_opaque=OPAQUE, far=1, sky=int(sky),
+            *placed, *far, near_m=NEAR_M, opaque=q.opaque, far_opaque=OPAQUE, far=1, sky=int(sky), stride_m=q.stride_m,
+            widening=WIDENING, relaxation=q.relaxation, least_slope=LEAST_SLOPE, least_step_m=LEAST_STEP_M, splits=q.splits,
+            split_weight=SPLIT_WEIGHT,
         )  # fmt: skip
 
     def _uniform(self, rays: Rays) -> int:
