@@ -33,6 +33,10 @@ from .sensors.rays import Rays
 from .tracer import NEAR_M, Array, Maps, Tracer, tiled
 
 
+LATTICE_PIXELS = 1.5
+"""A lattice is at most as wide as so many pixels of the images that the scene learnt from."""
+
+
 class Region(NamedTuple):
     """Part of an image, in pixels from its top left corner; ``right`` and ``bottom`` are the first that do not belong to it."""
 
@@ -81,7 +85,7 @@ class Renderer:
         cells = region.cells(up, self.tracer.reach, whole)
         needed = {*passes, "depth", "instance"} if self.shaders else set(passes)
         stats = RenderStats()
-        size = self._lattice()
+        size = self._lattice(model.width / (self.tracer.trained_width or recorded.model.width))
         if size > 1:
             cells = aligned(cells, size, (model.height, model.width))
             u, v = (x[cells] for x in pixel_grid(model))
@@ -102,10 +106,12 @@ class Renderer:
         fill_passes(out, maps, rays, u.shape, up, inner)
         return out
 
-    def _lattice(self) -> int:
-        """How many pixels apart a picture is traced at first: only where a pixel's colour hangs on its own ray alone."""
+    def _lattice(self, scale: float) -> int:
+        """How many pixels apart a picture is traced at first, that is ``scale`` times as wide as those the scene learnt from: it
+        shows little that is smaller than their pixels. 1 where a pixel's colour hangs on more than its own ray."""
         alone = self.tracer.reach == 0 and self.tracer.upsample == 1 and not self.tracer.cast.extras.actors
-        return self.tracer.quality.lattice if alone else 1
+        finest = 2 ** int(np.log2(max(LATTICE_PIXELS * scale, 1.0)))
+        return min(self.tracer.quality.lattice, finest) if alone else 1
 
     def _whole(
         self, camera: Camera, frame: int, cells: tuple[FloatArray, FloatArray], rays: Rays, needed: set[str], stats: RenderStats

@@ -43,7 +43,7 @@ class TorchTracer:
         self.cast = gather_cast(drive, scene.header.drive, looks)
         self.tensors = cast_tensors(self.cast, scenes, self.device)
         self.bounds = Bounds(self.cast.own.actors)
-        self.upsample = scene.model.config.upsample
+        self.upsample, self.trained_width = scene.model.config.upsample, scene.header.training.get("width")
         self.reach = scene.model.camera_decoder.reach + (EDGE_CELLS if self.cast.guests else 0)
 
     @torch.no_grad()

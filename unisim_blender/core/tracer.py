@@ -64,6 +64,8 @@ class Tracer(Protocol):
     """Who is on."""
     quality: Quality
     """What may be saved."""
+    trained_width: int | None
+    """Width in pixels of the images that the scene learnt from; None for the recorded one."""
 
     def trace(self, rays: Rays, passes: set[str], sky: bool, met: Met | None, stats: RenderStats) -> Found:
         """What rays (h, w), or (N,), meet, as flat arrays. ``sky`` asks for what gives a camera its background, ``met`` is where

@@ -48,7 +48,7 @@ class CompiledTracer:
         self._guests = [others[path] for path in self.cast.guests]
         self._cast = CompiledCast(self.cast, scene, others)
         self.quality = quality_named(quality)
-        self.upsample = scene.config.upsample
+        self.upsample, self.trained_width = scene.config.upsample, scene.header.training.get("width")
         self.reach = scene.decoder.reach + (EDGE_CELLS if self.cast.guests else 0)
 
     def trace(self, rays: Rays, passes: set[str], sky: bool, met: Met | None, stats: RenderStats) -> Found:
