@@ -32,7 +32,6 @@ from .sensors.lidar import lidar_rays
 from .sensors.rays import Rays
 from .tracer import NEAR_M, Array, Maps, Tracer, tiled
 
-
 LATTICE_PIXELS = 1.5
 """A lattice is at most as wide as so many pixels of the images that the scene learnt from."""
 
