@@ -18,12 +18,27 @@ struct Run {
 struct Probe {
     float t, s;
     int slot; // of its hidden units
+    bool beyond = false; // free space lies between the answer before and this one
 };
 
 // -log Phi(s): what a surface has stopped of a ray where the distance is s; 0 where that is less than anybody sees.
 inline float stopped_at(float s, float beta) {
     const float a = -beta * s;
     return a < -12.0f ? 0.0f : a > 20.0f ? a : std::log1p(std::exp(a));
+}
+
+// Where a ray is in the cell about its place t. Runs begin and end there to the bit: outside a cell nobody taught the distance.
+inline Run cell_about(const unisim_scene &scene, const float *o, const float *d, float t) {
+    const float size = scene.voxel_m / CELLS;
+    Run run{0, 3e38f};
+    for (int a = 0; a < 3; ++a) {
+        if (std::fabs(d[a]) < 1e-9f) continue;
+        const float low = std::floor((o[a] + t * d[a]) / size) * size;
+        const float first = (low - o[a]) / d[a], second = (low + size - o[a]) / d[a];
+        run.begin = std::max(run.begin, std::min(first, second));
+        run.end = std::min(run.end, std::max(first, second));
+    }
+    return run.begin < run.end ? run : Run{t, t};
 }
 
 // How many runs are looked for at a time: most rays are stopped in the first.
@@ -72,12 +87,13 @@ void find_runs(const unisim_scene &scene, const float *o, const float *d, float 
         for (int k = 0; k < std::min(LANES, steps - i); ++k) {
             if (!in[k] || clear[k]) continue;
             const int kind = scene.cells[at[k]] >> 2 * of[k] & 3;
-            const float from = t_near + static_cast<float>(i + k) * step;
-            if (kind == OPEN || (kind == SOLID && !behind(from))) continue;
+            const float middle = t_near + (static_cast<float>(i + k) + 0.5f) * step;
+            if (kind == OPEN || (kind == SOLID && !behind(middle))) continue;
+            const Run within = cell_about(scene, o, d, middle);
             if (i + k == last + 1)
-                out.back().end = from + step;
+                out.back().end = within.end;
             else
-                out.push_back({from, from + step});
+                out.push_back({std::max(within.begin, t_near), within.end});
             last = i + k;
         }
         i += LANES;
@@ -135,6 +151,7 @@ struct Walk {
             const Probe &before = probes[probes.size() - 2];
             closing = (before.s - here.s) / std::max(here.t - before.t, 1e-4f);
         }
+        const bool first = fresh;
         fresh = false;
         const float slope = std::min(std::max(closing, how.least_slope), 1.5f);
         const float longest = how.stride_m * (1 + how.widening * here.t), least = std::max(how.least_step_m, 0.5f / beta);
@@ -149,7 +166,9 @@ struct Walk {
         }
         step = std::max(step, least) * (1 + static_cast<float>(probes.size() / 24));
         const float end = runs[run].end;
-        if (here.t + step < end) {
+        // what the first answer in a run says may be of what lies before it
+        if (first) step = std::min(step, std::min(0.5f * (end - here.t), how.stride_m));
+        if (here.t + step < end && step > 0) {
             next = here.t + step;
             return true;
         }
@@ -176,7 +195,7 @@ inline bool find_split(const std::vector<Probe> &probes, float beta, float least
     bool found = false;
     for (size_t k = 0; k < probes.size(); ++k) {
         const float now = stopped_at(probes[k].s, beta), depth = now - last;
-        if (k && depth > least_weight && probes[k].t - probes[k - 1].t > 0.01f) {
+        if (k && depth > least_weight && !probes[k].beyond && probes[k].t - probes[k - 1].t > 0.01f) {
             const float weight = std::exp(-before) * (1 - std::exp(-depth));
             if (weight > best) {
                 const float s0 = probes[k - 1].s, s1 = probes[k].s, middle = (std::exp(-last) + std::exp(-now)) / 2;

@@ -331,6 +331,48 @@ class Tile {
         find_runs(scene_, o_[r], d_[r], b.t_near[p], b.t_far[p], [&](float t) { return cleared(r, t, scene_.voxel_m); }, steps_[p], runs);
     }
 
+    // One more answer for each strand for which `find` names a place and where it belongs; whether there were any.
+    template <class Find> bool insert(Batch &b, const Find &find) {
+        at_.clear();
+        wanted_.clear();
+        for (size_t p = 0; p < static_cast<size_t>(b.count); ++p) {
+            size_t at = 0;
+            float t = 0;
+            if (!find(p, at, t)) continue;
+            at_.push_back({static_cast<int>(p), t});
+            wanted_.push_back(static_cast<int>(at));
+        }
+        if (at_.empty()) return false;
+        ask_at(b, true);
+        for (size_t i = 0; i < at_.size(); ++i) {
+            std::vector<Probe> &probes = probes_[static_cast<size_t>(at_[i].strand)];
+            probes.insert(probes.begin() + wanted_[i], told_[i]);
+        }
+        return true;
+    }
+
+    // Where a ray comes out of free space into what is solid, the surface lies in between: it was learnt from samples on both sides.
+    // The place before the free space, the nearest that is occupied; false where there is none.
+    static bool find_face(const unisim_scene &scene, const Batch &b, size_t p, const std::vector<Probe> &probes, size_t &at, float &t) {
+        const float step = scene.voxel_m / 2;
+        for (size_t k = 0; k < probes.size(); ++k) {
+            if (stopped_at(probes[k].s, scene.beta) < 0.05f) continue;
+            const float least = k ? probes[k - 1].t + step : b.t_near[p];
+            for (t = probes[k].t - step; t > least; t -= step) {
+                int64_t cell = 0;
+                for (int a = 0; a < 3; ++a) {
+                    const int c = static_cast<int>((b.o[3 * p + a] + t * b.d[3 * p + a]) / scene.voxel_m);
+                    cell = cell * scene.voxel_shape[a] + std::max(0, std::min(scene.voxel_shape[a] - 1, c));
+                }
+                if (!scene.voxels[cell]) continue;
+                at = k;
+                return true;
+            }
+            return false;
+        }
+        return false;
+    }
+
     // Whether a scene's strands are followed from cell to cell; the paper's density depends on the steps, and takes even ones.
     bool marches(const unisim_scene &scene) const { return task_.sampling.stride_m > 0 && scene.cells && !scene.paper_density; }
 
@@ -366,6 +408,7 @@ class Tile {
             for (size_t i = 0; i < going_.size(); ++i) {
                 const size_t p = static_cast<size_t>(going_[i]);
                 probes_[p].push_back(told_[i]);
+                probes_[p].back().beyond = walks_[p].fresh;
                 const auto more = [&](std::vector<Run> &runs) {
                     if (b.medium == Medium::fixed) return continue_runs(b, p, runs);
                     runs.clear();
@@ -374,23 +417,16 @@ class Tile {
             }
             going_.resize(kept);
         }
-        for (int round = 0; round < task_.sampling.splits; ++round) {
-            at_.clear();
-            wanted_.clear();
-            for (size_t p = 0; p < count; ++p) {
-                size_t after = 0;
-                float t = 0;
-                if (!find_split(probes_[p], scene.beta, task_.sampling.split_weight, after, t)) continue;
-                at_.push_back({static_cast<int>(p), t});
-                wanted_.push_back(static_cast<int>(after));
-            }
-            if (at_.empty()) break;
-            ask_at(b, true);
+        if (b.medium == Medium::fixed && insert(b, [&](size_t p, size_t &at, float &t) { return find_face(scene_, b, p, probes_[p], at, t); }))
             for (size_t i = 0; i < at_.size(); ++i) {
-                std::vector<Probe> &probes = probes_[static_cast<size_t>(at_[i].strand)];
-                probes.insert(probes.begin() + wanted_[i], told_[i]);
+                Probe *at = &probes_[static_cast<size_t>(at_[i].strand)][static_cast<size_t>(wanted_[i])];
+                at[1].beyond = at[1].t - at[0].t > 0.75f * scene_.voxel_m;
             }
-        }
+        for (int round = 0; round < task_.sampling.splits; ++round)
+            if (!insert(b, [&](size_t p, size_t &at, float &t) {
+                    return find_split(probes_[p], scene.beta, task_.sampling.split_weight, at, t);
+                }))
+                break;
         size_t longest = 1;
         for (size_t p = 0; p < count; ++p) longest = std::max(longest, probes_[p].size());
         b.lay(static_cast<int>(longest));
