@@ -33,3 +33,13 @@ struct unisim_bvh_node {
     float high[3];
     int32_t faces;
 };
+
+// Strands of one medium: ray (n); samples t, optical depths tau of intervals and shares of where they stop (n, width).
+struct unisim_strands {
+    int64_t n;
+    int32_t width;
+    const int64_t *ray;
+    const float *t;
+    const float *tau;
+    const float *share;
+};
