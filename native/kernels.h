@@ -32,6 +32,10 @@
         (const unisim_grid *g, const float *x, const int32_t *grid, int64_t n, const float *table, const unisim_mlp *net, \
          float *out, int threads), \
         (g, x, grid, n, table, net, out, threads)) \
+    KERNEL(int, near_spheres, \
+        (const float *origins, const float *directions, const int64_t *bin, int64_t n, const float *centres, \
+         const float *radii, int64_t boxes, uint8_t *near, int threads), \
+        (origins, directions, bin, n, centres, radii, boxes, near, threads)) \
     KERNEL(int, intervals_forward, \
         (const float *s, int64_t n, int k, float beta, float *tau, float *share, int threads), \
         (s, n, k, beta, tau, share, threads)) \

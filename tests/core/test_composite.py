@@ -27,7 +27,8 @@ def generator(seed: int) -> torch.Generator:
 
 def distances(n: int, k: int, seed: int = 0) -> Tensor:
     """Walks in and out of surfaces, some far away, some deep inside, some that stand still."""
-    s = torch.randn(n, k, generator=generator(seed)).cumsum(1) * torch.logspace(-3, 0.7, n)[torch.randperm(n, generator=generator(1))][:, None]
+    size = torch.logspace(-3, 0.7, n)[torch.randperm(n, generator=generator(1))]
+    s = torch.randn(n, k, generator=generator(seed)).cumsum(1) * size[:, None]
     s[::7] += 3.0
     s[3::7] -= 3.0
     s[5::11] = s[5::11, :1]

@@ -55,7 +55,7 @@ def gather_reference(strand: Strands, front: Tensor) -> tuple[Tensor, Tensor, Te
 
 def gather(strand: Strands, front: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     """`gather_reference`, by the compiled kernels where they apply."""
-    if not _is_plain([strand, front]):
+    if not _is_plain([strand]):
         return gather_reference(strand, front)
     out: tuple[Tensor, Tensor, Tensor] = _Gather.apply(  # type: ignore[no-untyped-call]
         strand.ray, strand.t, strand.tau, strand.share, front, strand.features
@@ -71,11 +71,11 @@ def transmittances(rays: int, strands: list[Strands]) -> list[Tensor]:
     return list(_Transmittances.apply(rays, order, *(s.tau for s in strands)))  # type: ignore[no-untyped-call]
 
 
-def _is_plain(parts: list[Any]) -> bool:
-    """Whether the compiled kernels take these strands and tensors: float32 on the CPU, with places that are not learnt."""
-    tensors = [x for part in parts for x in ((part.tau, part.share, part.t, part.features) if isinstance(part, Strands) else (part,))]
+def _is_plain(strands: list[Strands]) -> bool:
+    """Whether the compiled kernels take these strands: float32 on the CPU, at places that are not learnt."""
+    tensors = [x for s in strands for x in (s.tau, s.share, s.t, s.features)]
     plain = all(x.device.type == "cpu" and x.dtype == torch.float32 for x in tensors)
-    return plain and native.library() is not None and not any(s.t.requires_grad for s in parts if isinstance(s, Strands))
+    return plain and native.library() is not None and not any(s.t.requires_grad for s in strands)
 
 
 def _struct(ray: Tensor, t: Tensor, tau: Tensor, share: Tensor) -> native.StrandsStruct:

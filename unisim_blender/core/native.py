@@ -78,6 +78,7 @@ def library() -> ctypes.CDLL | None:
     lib.unisim_mlp_forward.argtypes = [p, p, i64, p, i32]
     lib.unisim_mlp_backward.argtypes = [p, p, i64, p, p, p, p, p, i32]
     lib.unisim_field_forward.argtypes = [p, p, p, i64, p, p, p, i32]
+    lib.unisim_near_spheres.argtypes = [p, p, p, i64, p, p, i64, p, i32]
     lib.unisim_intervals_forward.argtypes = [p, i64, i32, f32, p, p, i32]
     lib.unisim_intervals_backward.argtypes = [p, i64, i32, f32, p, p, p, p, i32]
     lib.unisim_transmittances_forward.argtypes = [p, i32, i64, p, i32]

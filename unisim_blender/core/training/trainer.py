@@ -147,21 +147,22 @@ class Trainer:
         batches = [
             dataclasses.replace(b, rays=self.camera_poses(b.rays, b.camera, b.world_from_camera, learn_cameras)) for b in batches
         ]
-        seen = trace(self.model, cast, _together([b.rays for b in batches]), sampling)
-        features = seen.feature.split([len(b.rays) for b in batches])
-        images = [self._decode(f, b, generator) for f, b in zip(features, batches, strict=True)]
-        errors = [F.mse_loss(i, b.target, reduction="sum") for i, b in zip(images, batches, strict=True)]
-        mse = torch.stack(errors).sum() / sum(i.numel() for i in images)
-        image, patch = images[0], batches[0]
-        terms = {"rgb": mse, "spread": w.spread * spread(seen)}
-        if done >= c.perceptual_from:
-            terms["perceptual"] = w.perceptual * self.perceptual(image, patch.target)
-        fake = None
-        if self.adversary and done >= c.poses_from:
-            beside = shifted(patch, generator)
-            fake = self._decode(trace(self.model, cast, beside.rays, sampling).feature, beside, generator)
-            terms["adversarial"] = w.adversarial * self.adversary.generator_loss(fake)
-        swept = trace(self.model, cast, lidar.rays, dataclasses.replace(sampling, sky=False))
+        with self.tracklets.hold():
+            seen = trace(self.model, cast, _together([b.rays for b in batches]), sampling)
+            features = seen.feature.split([len(b.rays) for b in batches])
+            images = [self._decode(f, b, generator) for f, b in zip(features, batches, strict=True)]
+            errors = [F.mse_loss(i, b.target, reduction="sum") for i, b in zip(images, batches, strict=True)]
+            mse = torch.stack(errors).sum() / sum(i.numel() for i in images)
+            image, patch = images[0], batches[0]
+            terms = {"rgb": mse, "spread": w.spread * spread(seen)}
+            if done >= c.perceptual_from:
+                terms["perceptual"] = w.perceptual * self.perceptual(image, patch.target)
+            fake = None
+            if self.adversary and done >= c.poses_from:
+                beside = shifted(patch, generator)
+                fake = self._decode(trace(self.model, cast, beside.rays, sampling).feature, beside, generator)
+                terms["adversarial"] = w.adversarial * self.adversary.generator_loss(fake)
+            swept = trace(self.model, cast, lidar.rays, dataclasses.replace(sampling, sky=False))
         terms |= self._lidar_loss(swept, lidar)
         terms |= {name: getattr(w, name) * term for name, term in self.shape.terms(tables, swept, seen, lidar, generator).items()}
         if done >= c.hidden_from:
