@@ -118,8 +118,8 @@ def encode_reference(grid: GridArrays, table: Tensor, x: Tensor, index: Tensor |
             rows.append(base + int(grid.offset[level]) + row)
             weights.append(near[0] * near[1] * near[2])
     # taken from the table in one go: each time costs a gradient of the whole table
-    corners = torch.stack(weights, -1)[..., None] * flat.index_select(0, torch.stack(rows, -1).view(-1)).view(len(x), len(rows), -1)
-    return corners.view(len(x), grid.shape.levels, 8, -1).sum(2).flatten(1)
+    values = flat.index_select(0, torch.stack(rows, -1).view(-1)).view(len(x), grid.shape.levels, 8, grid.shape.features)
+    return (torch.stack(weights, -1).view(len(x), grid.shape.levels, 8, 1) * values).sum(2).flatten(1)
 
 
 def _pointer(tensor: Tensor | None) -> int | None:
