@@ -14,6 +14,7 @@ from torch.autograd.function import once_differentiable
 
 from . import native
 from .density import weights_from_tau
+from .devices import kernel_threads
 from .strands import Strands, Traced
 
 
@@ -100,7 +101,7 @@ class _Transmittances(torch.autograd.Function):
         ]
         front = [torch.empty_like(tau, memory_format=torch.contiguous_format) for tau in taus]
         structs = (native.StrandsStruct * len(taus))(*(_struct(*strand) for strand in ctx.strands))
-        lib.unisim_transmittances_forward(structs, len(taus), rays, _pointers(front), torch.get_num_threads())
+        lib.unisim_transmittances_forward(structs, len(taus), rays, _pointers(front), kernel_threads())
         ctx.save_for_backward(*front)
         return tuple(front)
 
@@ -113,7 +114,7 @@ class _Transmittances(torch.autograd.Function):
         of_tau = [torch.empty_like(f) for f in front]
         structs = (native.StrandsStruct * len(front))(*(_struct(*strand) for strand in ctx.strands))
         lib.unisim_transmittances_backward(
-            structs, len(front), ctx.rays, _pointers(front), _pointers(of_front), _pointers(of_tau), torch.get_num_threads()
+            structs, len(front), ctx.rays, _pointers(front), _pointers(of_front), _pointers(of_tau), kernel_threads()
         )  # fmt: skip
         return None, None, *of_tau
 
@@ -135,7 +136,7 @@ class _Gather(torch.autograd.Function):
         interval, weight, sums = torch.empty_like(tau), torch.empty_like(tau), tau.new_empty(n, length + 3)
         lib.unisim_gather_forward(
             ctypes.byref(_struct(ray, t, tau, share)), front.data_ptr(), features.data_ptr(), features.stride(1), length,
-            interval.data_ptr(), weight.data_ptr(), sums.data_ptr(), torch.get_num_threads(),
+            interval.data_ptr(), weight.data_ptr(), sums.data_ptr(), kernel_threads(),
         )  # fmt: skip
         ctx.save_for_backward(ray, t, tau, share, front, features, weight)
         return interval, weight, sums
@@ -152,7 +153,7 @@ class _Gather(torch.autograd.Function):
         lib.unisim_gather_backward(
             ctypes.byref(_struct(ray, t, tau, share)), front.data_ptr(), features.data_ptr(), features.stride(1),
             features.shape[2], weight.data_ptr(), of_interval.data_ptr(), of_weight.data_ptr(), of_sums.data_ptr(),
-            of_tau.data_ptr(), of_share.data_ptr(), of_front.data_ptr(), of_features.data_ptr(), torch.get_num_threads(),
+            of_tau.data_ptr(), of_share.data_ptr(), of_front.data_ptr(), of_features.data_ptr(), kernel_threads(),
         )  # fmt: skip
         return None, None, of_tau, of_share, of_front, of_features
 

@@ -18,6 +18,7 @@ from torch import Tensor
 from torch.autograd.function import once_differentiable
 
 from . import native
+from .devices import kernel_threads
 
 
 def logistic_intervals_reference(s: Tensor, beta: Tensor | float) -> tuple[Tensor, Tensor]:
@@ -55,7 +56,7 @@ class _LogisticIntervals(torch.autograd.Function):
         s, sharp = s.contiguous(), float(beta)
         tau, share = torch.empty_like(s), torch.empty_like(s)
         lib.unisim_intervals_forward(
-            s.data_ptr(), *s.shape, sharp, tau.data_ptr(), share.data_ptr(), torch.get_num_threads()
+            s.data_ptr(), *s.shape, sharp, tau.data_ptr(), share.data_ptr(), kernel_threads()
         )  # fmt: skip
         ctx.sharp = sharp
         ctx.save_for_backward(s)
@@ -71,7 +72,7 @@ class _LogisticIntervals(torch.autograd.Function):
         of_s, of_beta = torch.empty_like(s), torch.empty(())
         lib.unisim_intervals_backward(
             s.data_ptr(), *s.shape, ctx.sharp, of_tau.data_ptr(), of_share.data_ptr(), of_s.data_ptr(), of_beta.data_ptr(),
-            torch.get_num_threads(),
+            kernel_threads(),
         )  # fmt: skip
         return of_s, of_beta
 

@@ -8,6 +8,7 @@ import torch
 from torch import Tensor, nn
 
 from .. import native
+from ..devices import kernel_threads
 from .config import ModelConfig
 from .hash_grid import GridArrays, GridShape, encode
 from .networks import mlp, network_struct, run_mlp
@@ -47,7 +48,7 @@ def query(
     out = torch.empty(len(x), len(w2))
     status = lib.unisim_field_forward(
         ctypes.byref(grid.struct), x.data_ptr(), None if numbers is None else numbers.data_ptr(), len(x), table.data_ptr(),
-        ctypes.byref(network_struct(w1, w2, bias)), out.data_ptr(), torch.get_num_threads(),
+        ctypes.byref(network_struct(w1, w2, bias)), out.data_ptr(), kernel_threads(),
     )  # fmt: skip
     assert status == 0, status
     return out

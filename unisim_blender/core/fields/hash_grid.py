@@ -16,6 +16,7 @@ from torch import Tensor
 from torch.autograd.function import once_differentiable
 
 from .. import native
+from ..devices import kernel_threads
 
 _PRIMES = (1, 2654435761, 805459861)
 
@@ -138,7 +139,7 @@ class _Encode(torch.autograd.Function):
         out = torch.empty(len(x), grid.shape.width)
         status = lib.unisim_encode_forward(
             ctypes.byref(grid.struct), x.data_ptr(), _pointer(index), len(x), table.data_ptr(), out.data_ptr(),
-            torch.get_num_threads(),
+            kernel_threads(),
         )  # fmt: skip
         assert status == 0, status
         ctx.grid, ctx.index = grid, index
@@ -152,7 +153,7 @@ class _Encode(torch.autograd.Function):
         assert lib is not None
         table, x = ctx.saved_tensors
         grad = grads[0].contiguous()
-        grid, index, threads = ctx.grid, ctx.index, torch.get_num_threads()
+        grid, index, threads = ctx.grid, ctx.index, kernel_threads()
         grad_table = grad_x = None
         if ctx.needs_input_grad[1]:
             # a sink takes the sum itself, and autograd sees no gradient

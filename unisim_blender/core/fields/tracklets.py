@@ -11,6 +11,7 @@ import torch
 from torch import Tensor, nn
 
 from .. import native
+from ..devices import kernel_threads
 from ..drive import Actor
 from ..geometry import FloatArray
 
@@ -106,7 +107,7 @@ def near_spheres(origins: Tensor, directions: Tensor, bins: Tensor, centres: Ten
     arrays = [x.contiguous() for x in (origins, directions, bins, centres, radii)]
     o, d, b, c, r = (x.data_ptr() for x in arrays)
     near = torch.empty(len(origins), radii.shape[1], dtype=torch.bool)
-    lib.unisim_near_spheres(o, d, b, len(origins), c, r, radii.shape[1], near.data_ptr(), torch.get_num_threads())
+    lib.unisim_near_spheres(o, d, b, len(origins), c, r, radii.shape[1], near.data_ptr(), kernel_threads())
     return near
 
 

@@ -12,8 +12,9 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
+from .. import native
 from ..cast import Cast, Troupe, on_stage
-from ..devices import module_to, tensor_to
+from ..devices import module_to, tensor_to, torch_threads
 from ..drive import Actor, Drive
 from ..errors import SceneError
 from ..fields.config import preset
@@ -131,6 +132,12 @@ class Trainer:
 
     def step(self) -> dict[str, float]:
         """One batch, one update; the figures of its loss."""
+        compiled = self.config.device == "cpu" and native.library() is not None
+        # a batch's tensors are small: threads lose more on them by waiting for each other than they save, the kernels' apart
+        with torch_threads(1 if compiled else None):
+            return self._step()
+
+    def _step(self) -> dict[str, float]:
         c, w, done = self.config, self.config.weights, self.progress
         # seeded by the iteration: a resumed run draws what an uninterrupted one would
         rng = np.random.default_rng([c.seed, self.iteration])
@@ -172,14 +179,17 @@ class Trainer:
         if not bool(torch.isfinite(loss)):
             bad = [name for name, value in terms.items() if not bool(torch.isfinite(value))]
             raise SceneError(f"training diverged at iteration {self.iteration}: {', '.join(bad)} is not a finite number")
-        self.optimiser.zero_grad(set_to_none=False)
+        with torch_threads(None):
+            self.optimiser.zero_grad(set_to_none=False)
         loss.backward()
-        self.optimiser.step()
+        with torch_threads(None):
+            self.optimiser.step()
         with torch.no_grad():
             self.model.log_beta.clamp_(max=math.log(BETA_MAX))
         self.model.actors.gradient = None
         if (self.iteration + 1) % c.slow_every == 0:
-            self._update_slow(done >= c.poses_from)
+            with torch_threads(None):
+                self._update_slow(done >= c.poses_from)
         if self.adversary and fake is not None:
             self.adversary.update(patch.target, fake)
         self._update_occupancy(seen, camera=True)
@@ -195,7 +205,8 @@ class Trainer:
     def actor_tables(self) -> Tensor:
         """Every actor's grid as it stands between two slow updates; its gradient, of many encodings and steps, is added up."""
         if self._tables is None:
-            tables = self.model.actors.tables()
+            with torch_threads(None):
+                tables = self.model.actors.tables()
             cut = tables.detach().requires_grad_()
             cut.grad = torch.zeros_like(cut)
             self._tables = tables, cut
