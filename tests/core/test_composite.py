@@ -1,4 +1,5 @@
-"""The compiled intervals, transmittances and sums along rays against plain torch: values, gradients, threads, every variant."""
+"""The compiled intervals, transmittances and sums along rays against plain torch: values, gradients, threads, every variant (of
+the kernels that place samples and sort rays out as well)."""
 
 from __future__ import annotations
 
@@ -150,11 +151,15 @@ VARIANT_SCRIPT = """
 import sys
 sys.path.insert(0, sys.argv[1])
 import test_composite as t
+from test_march import test_compiled_proposals
+from test_tracklets import test_compiled_spheres
 from unisim_blender.core import native
 assert native.variant() == sys.argv[2], native.variant()
 for beta in (1.0, 20.0, 300.0):
     t.test_intervals((500, 12), beta)
 t.test_values_and_gradients(t.GROUPS)
+test_compiled_proposals(0.3)
+test_compiled_spheres(37)
 """
 
 
