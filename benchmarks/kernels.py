@@ -15,7 +15,8 @@ from torch import Tensor, nn
 
 from unisim_blender.core import native
 from unisim_blender.core.fields.config import preset
-from unisim_blender.core.fields.hash_grid import GridArrays, GridShape, encode, encode_reference
+from unisim_blender.core.fields.grid_shape import GridArrays, GridShape
+from unisim_blender.core.fields.hash_grid import encode, encode_reference
 from unisim_blender.core.fields.networks import mlp, run_mlp
 
 Case = tuple[str, Callable[[], Tensor], Callable[[], Tensor]]

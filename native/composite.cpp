@@ -1,7 +1,7 @@
 // Compositing along rays, forward and backward. The functions are the plain torch ones in composite.py, which are the specification.
 //
 // A strand is one ray inside one medium, with `width` intervals; strands of one medium come as a group.
-#include "elementary.h"
+#include "lanes.h"
 #include "variant.h"
 
 namespace {
@@ -40,7 +40,7 @@ void in_order(const unisim_strands *groups, const ByRay &by_ray, int64_t ray, st
         const unisim_strands &g = groups[by_ray.strand[m].group];
         const int64_t at = by_ray.strand[m].row * g.width;
         for (int k = 0; k < g.width; ++k) {
-            const float near = g.t[at + (k ? k - 1 : 0)], alpha = stopped(g.tau[at + k]);
+            const float near = g.t[at + (k ? k - 1 : 0)], alpha = stopped_by(g.tau[at + k]);
             const float inside = alpha > 1e-4f ? g.share[at + k] / alpha : 0.5f;
             intervals.push_back({near + inside * (g.t[at + k] - near), by_ray.strand[m].group, at + k});
         }
@@ -108,7 +108,7 @@ extern "C" int UNISIM_NAME(unisim_gather_forward)(const unisim_strands *g, const
                                                   int length, float *interval, float *weight, float *sums, int threads) {
     const int k = g->width;
     parallel_blocks(g->n, 64, threads, [&](int64_t begin, int64_t end) {
-        for (int64_t i = begin * k; i < end * k; ++i) interval[i] = front[i] * stopped(g->tau[i]);
+        for (int64_t i = begin * k; i < end * k; ++i) interval[i] = front[i] * stopped_by(g->tau[i]);
         for (int64_t r = begin; r < end; ++r) {
             float *sum = sums + r * (length + 3);
             for (int f = 0; f < length + 3; ++f) sum[f] = 0;
@@ -153,7 +153,7 @@ extern "C" int UNISIM_NAME(unisim_gather_backward)(const unisim_strands *g, cons
                 const int64_t i = r * k + j;
                 const float near = of_weight[j ? j - 1 : 0], far = j ? of_weight[j] - near : of_weight[0];
                 const float whole = grad_interval[i] + near;
-                grad_front[i] = far * g->share[i] + whole * stopped(g->tau[i]);
+                grad_front[i] = far * g->share[i] + whole * stopped_by(g->tau[i]);
                 grad_share[i] = far * front[i];
                 grad_tau[i] = whole * front[i] * exp_of(-g->tau[i]) + sum[length + 2];
             }

@@ -1,6 +1,6 @@
 // The logistic density's intervals, forward and backward. The function is the plain torch one in density.py, which is the
 // specification, its gradients at kinks and ties included.
-#include "elementary.h"
+#include "lanes.h"
 #include "variant.h"
 
 namespace {
@@ -34,10 +34,10 @@ inline Mean mean_of(float slope, float rise, float outside) {
     m.is_flat = slope < FLAT && slope > -FLAT;
     m.is_deep = outside > DEEP;
     m.safe = m.is_flat ? 1.0f : slope;
-    m.e = exp_of(outside < DEEP ? outside : DEEP);
+    m.e = exp_of(least(outside, DEEP));
     m.surface = (slope - rise) / m.safe * m.e;
-    const float y = m.safe > FLAT ? m.safe : FLAT;
-    m.deep = stopped(y) / y;
+    const float y = most(m.safe, FLAT);
+    m.deep = stopped_by(y) / y;
     return m;
 }
 
@@ -55,13 +55,11 @@ extern "C" int UNISIM_NAME(unisim_intervals_forward)(const float *s, int64_t n, 
         for (int64_t i = 1; i < count; ++i) {
             const float rise = outside[i] - outside[i - 1];
             const Mean m = mean_of(a[i] - a[i - 1], rise, outside[i - 1]);
-            const float depth = rise > 0.0f ? rise : 0.0f, alpha = stopped(depth);
+            const float depth = most(0.0f, rise), alpha = stopped_by(depth);
             float mean = m.is_deep ? m.deep : m.surface;
             mean = m.is_flat ? 1.0f - alpha / 2 : mean;
-            float inside = mean - exp_of(-depth);
-            inside = inside > 0.0f ? inside : 0.0f;
             t[i] = depth;
-            h[i] = inside < alpha ? inside : alpha;
+            h[i] = least(most(0.0f, mean - exp_of(-depth)), alpha);
         }
         for (int64_t i = 0; i < count; i += k) {
             t[i] = outside[i];
@@ -88,10 +86,10 @@ extern "C" int UNISIM_NAME(unisim_intervals_backward)(const float *s, int64_t n,
         for (int64_t i = 1; i < count; ++i) {
             const float rise = outside[i] - outside[i - 1];
             const Mean m = mean_of(a[i] - a[i - 1], rise, outside[i - 1]);
-            const float depth = rise > 0.0f ? rise : 0.0f, alpha = stopped(depth), left = exp_of(-depth);
+            const float depth = most(0.0f, rise), alpha = stopped_by(depth), left = exp_of(-depth);
             float mean = m.is_deep ? m.deep : m.surface;
             mean = m.is_flat ? 1.0f - alpha / 2 : mean;
-            const float raw = mean - left, inside = raw > 0.0f ? raw : 0.0f;
+            const float raw = mean - left, inside = most(0.0f, raw);
             float chosen = inside < alpha ? 1.0f : 0.0f;
             chosen = inside == alpha ? 0.5f : chosen;
             const float g_mean = raw >= 0.0f ? g_share[i] * chosen : 0.0f;
@@ -100,7 +98,7 @@ extern "C" int UNISIM_NAME(unisim_intervals_backward)(const float *s, int64_t n,
             const float g_deep = !m.is_flat && m.is_deep && m.slope >= FLAT ? g_mean : 0.0f;
             const float g_depth = g_tau[i] + (g_alpha + g_mean) * left;
             const float g_rise = (rise >= 0.0f ? g_depth : 0.0f) - g_surface * m.e / m.safe;
-            const float y = m.safe > FLAT ? m.safe : FLAT;
+            const float y = most(m.safe, FLAT);
             slopes[i] = g_surface * m.e * rise / (m.safe * m.safe) + g_deep * (1 - y * m.deep - m.deep) / y;
             far_o[i] = g_rise;
             near_o[i] = g_surface * m.surface - g_rise;

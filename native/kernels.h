@@ -60,6 +60,17 @@
          float *grad_front, float *grad_features, int threads), \
         (g, front, features, stride, length, weight, grad_interval, grad_weight, grad_sums, grad_tau, grad_share, grad_front, \
          grad_features, threads)) \
+    KERNEL(int, trace, \
+        (const unisim_scene *scene, const unisim_cast *cast, const unisim_rays *rays, const unisim_mesh_hits *meshes, \
+         const unisim_sampling *sampling, const unisim_found *found, int threads), \
+        (scene, cast, rays, meshes, sampling, found, threads)) \
+    KERNEL(int, cells, \
+        (const unisim_scene *scene, const int64_t *voxels, int64_t n, uint16_t *kinds, int threads), \
+        (scene, voxels, n, kinds, threads)) \
+    KERNEL(int, box_cells, \
+        (const unisim_scene *scene, const float *sizes, int32_t actors, uint8_t *kinds, int threads), \
+        (scene, sizes, actors, kinds, threads)) \
+    KERNEL(int, clearance, (const uint8_t *voxels, const int32_t *shape, uint8_t *out), (voxels, shape, out)) \
     KERNEL(int32_t, bvh_build, \
         (const float *vertices, const int32_t *faces, int32_t n, unisim_bvh_node *nodes, int32_t *order), \
         (vertices, faces, n, nodes, order)) \
@@ -67,5 +78,14 @@
         (const unisim_bvh_node *nodes, const int32_t *order, const float *vertices, const int32_t *faces, \
          const double *origins, const double *directions, int64_t n, double near, double *t, int32_t *face, float *uv, \
          int threads), \
-        (nodes, order, vertices, faces, origins, directions, n, near, t, face, uv, threads))
+        (nodes, order, vertices, faces, origins, directions, n, near, t, face, uv, threads)) \
+    KERNEL(int, head_forward, \
+        (const unisim_head *head, const float *feature, const float *directions, const float *extra, int64_t n, float *out, \
+         int threads), \
+        (head, feature, directions, extra, n, out, threads)) \
+    KERNEL(int, has_half, (), ()) \
+    KERNEL(int, decode_image, \
+        (const unisim_head *head, const unisim_layer *layers, int count, int up, const float *features, \
+         const float *directions, int height, int width, float *rgb, int half, int threads), \
+        (head, layers, count, up, features, directions, height, width, rgb, half, threads))
 // clang-format on

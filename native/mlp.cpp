@@ -3,52 +3,19 @@
 // The function is the plain torch one in fields/networks.py, which is the specification. Points go through in tiles that stay in
 // the first-level cache with both layers' weights, so that the hidden layer is never written to memory: going backward it is
 // computed again.
+#include "lanes.h"
 #include "variant.h"
-
-#include <cstring>
 
 namespace {
 
 #if defined(__AVX512F__)
-constexpr int LANES = 16, ROWS = 8;
-#elif defined(__AVX2__)
-constexpr int LANES = 8, ROWS = 4;
+constexpr int ROWS = 8;
 #else
-constexpr int LANES = 4, ROWS = 4;
+constexpr int ROWS = 4;
 #endif
 // Matrices are padded to this many columns: two registers, beside ROWS pairs that take the sums.
 constexpr int PANEL = 2 * LANES;
 constexpr int TILE = 128, CHUNK = 16 * TILE;
-
-#if defined(__GNUC__)
-typedef float lanes __attribute__((vector_size(LANES * sizeof(float))));
-inline lanes spread(float x) { return x - lanes{}; }
-#else
-struct lanes {
-    float v[LANES];
-};
-inline lanes operator*(lanes a, const lanes &b) {
-    for (int i = 0; i < LANES; ++i) a.v[i] *= b.v[i];
-    return a;
-}
-inline lanes &operator+=(lanes &a, const lanes &b) {
-    for (int i = 0; i < LANES; ++i) a.v[i] += b.v[i];
-    return a;
-}
-inline lanes spread(float x) {
-    lanes a;
-    for (int i = 0; i < LANES; ++i) a.v[i] = x;
-    return a;
-}
-#endif
-
-inline lanes load(const float *p) {
-    lanes a;
-    std::memcpy(&a, p, sizeof a);
-    return a;
-}
-
-inline void store(float *p, const lanes &a) { std::memcpy(p, &a, sizeof a); }
 
 constexpr int padded(int n) { return (n + PANEL - 1) / PANEL * PANEL; }
 

@@ -20,18 +20,25 @@ UNISIM_KERNELS(UNISIM_DECLARED)
 
 namespace {
 
-// Runs body(begin, end) over [0, n) in blocks; which thread takes which block never changes a result.
-template <class Body> void parallel_blocks(int64_t n, int64_t block, int threads, const Body &body) {
+// Runs over [0, n) in blocks what make() gives each thread, a body(begin, end) with memory of its own; which thread takes which
+// block never changes a result.
+template <class Make> void parallel_bodies(int64_t n, int64_t block, int threads, const Make &make) {
     const int64_t blocks = (n + block - 1) / block;
     const int workers = static_cast<int>(std::min<int64_t>(threads, blocks));
     std::atomic<int64_t> next{0};
     const auto work = [&] {
+        auto body = make();
         for (int64_t b = next++; b < blocks; b = next++) body(b * block, std::min(n, (b + 1) * block));
     };
     std::vector<std::thread> pool;
     for (int i = 1; i < workers; ++i) pool.emplace_back(work);
     work();
     for (auto &thread : pool) thread.join();
+}
+
+// The same with one body for all threads.
+template <class Body> void parallel_blocks(int64_t n, int64_t block, int threads, const Body &body) {
+    parallel_bodies(n, block, threads, [&] { return [&](int64_t begin, int64_t end) { body(begin, end); }; });
 }
 
 } // namespace

@@ -15,9 +15,10 @@ KINDS = (
     ("POINTS", "LiDAR points", "A sweep's returns"),
 )
 QUALITIES = (
-    ("fast", "Fast", "Two thirds of the samples"),
-    ("balanced", "Balanced", "As many samples as the scene was trained with"),
-    ("reference", "Reference", "Four times the samples"),
+    ("fast", "Fast", "Long steps, and fewer pixels by themselves"),
+    ("balanced", "Balanced", "Pixels that are alike are traced together"),
+    ("fine", "Fine", "Every pixel by itself, in steps of centimetres"),
+    ("reference", "Reference", "Slow and plain: four times the scene's own samples"),
 )
 PASSES = (
     ("depth", "Depth", "Distance along each ray, and along the camera's axis"),

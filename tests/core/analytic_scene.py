@@ -11,15 +11,18 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from unisim_blender.core.cast import Cast, gather_cast
+from unisim_blender.core.cast import gather_cast
+from unisim_blender.core.cast_tensors import CastTensors, cast_tensors
 from unisim_blender.core.drive import Actor, Box, Camera, CameraModel, Drive, Lidar, LidarModel, Look, StaticCopy
 from unisim_blender.core.fields.checkpoint import Scene
 from unisim_blender.core.fields.config import ModelConfig, preset
 from unisim_blender.core.fields.scene import SceneModel
 from unisim_blender.core.fields.volume import Volume
 from unisim_blender.core.geometry import FloatArray, Trajectory, make_pose, quaternion_from_matrix, quaternion_from_yaw
+from unisim_blender.core.render import Renderer
 from unisim_blender.core.scene_file import SceneHeader
 from unisim_blender.core.strands import RayBatch, Traced
+from unisim_blender.core.torch_tracer import TorchTracer
 from unisim_blender.core.trace import Sampling, trace
 
 GROUND_M = 0.0
@@ -156,9 +159,10 @@ class Stage:
     drive: Drive
     others: dict[str, SceneModel] = field(default_factory=dict)
 
-    def cast(self) -> Cast:
-        guests = {path: (scene, tables(scene)) for path, scene in self.others.items()}
-        return gather_cast(self.scene, tables(self.scene), self.drive, guests, self.drive)
+    def cast(self) -> CastTensors:
+        scenes = {path: (scene, tables(scene)) for path, scene in {"": self.scene, **self.others}.items()}
+        looks = {path: tuple(scene.actor_ids) for path, (scene, _) in scenes.items()}
+        return cast_tensors(gather_cast(self.drive, self.drive, looks), scenes)
 
     def trace(
         self, origins: Any, directions: Any, time_s: Any = 0.0, fine: float = 4.0, far: bool = False, among: Tensor | None = None
@@ -197,3 +201,10 @@ def header_of(scene: SceneModel, drive: Drive, path: Path) -> SceneHeader:
         drive,
         {"cameras": ["front"]},
     )
+
+
+def renderer_of(
+    scene: Scene, drive: Drive, quality: str = "balanced", others: dict[str, Scene] | None = None, **how: Any
+) -> Renderer:
+    """The renderer of a scene, traced by torch."""
+    return Renderer(TorchTracer(scene, drive, quality, others), drive, **how)

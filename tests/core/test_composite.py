@@ -67,6 +67,17 @@ def test_intervals(shape: tuple[int, int], beta: float) -> None:
     assert errors(fast[0], exact[0])[0] < 1e-5 * max(1.0, beta / 20)
 
 
+@pytest.mark.parametrize("at", (0, 4, 11))
+def test_what_is_not_a_number_stays_so(at: int) -> None:
+    """A training that diverges must show it."""
+    s = distances(40, 12)
+    s[17, at] = torch.nan
+    for found, wanted in zip(logistic_intervals(s, 20.0), logistic_intervals_reference(s, 20.0), strict=True):
+        assert torch.equal(found.isnan(), wanted.isnan())
+    tau = logistic_intervals(s, 20.0)[0]
+    assert tau[17].isnan().nonzero()[:, 0].tolist() == [at, at + 1][: 12 - at]
+
+
 def strands_of(seed: int, groups: tuple[tuple[int, int], ...], features: int = 5) -> list[Strands]:
     """Groups of (strands, samples) over RAYS rays; those of the first are on rays of their own each, so that rays with one
     strand, with several, and with several of one medium are among them."""

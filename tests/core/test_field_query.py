@@ -7,7 +7,8 @@ import torch
 
 from unisim_blender.core import native
 from unisim_blender.core.fields import fields
-from unisim_blender.core.fields.hash_grid import GridArrays, GridShape, encode, encode_reference
+from unisim_blender.core.fields.grid_shape import GridArrays, GridShape
+from unisim_blender.core.fields.hash_grid import encode, encode_reference
 from unisim_blender.core.fields.networks import mlp, run_mlp
 
 SHAPE = GridShape.unit(4, 64, 5, 4, 10)

@@ -12,7 +12,8 @@ import torch
 from torch import Tensor
 
 from unisim_blender.core import native
-from unisim_blender.core.fields.hash_grid import GridArrays, GridShape, encode, encode_reference
+from unisim_blender.core.fields.grid_shape import GridArrays, GridShape
+from unisim_blender.core.fields.hash_grid import encode, encode_reference
 
 needs_library = pytest.mark.skipif(native.library() is None, reason="the compiled kernels are not built")
 SHAPES = {

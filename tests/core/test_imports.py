@@ -7,8 +7,11 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
+
+from unisim_blender.core.native import library
 
 HEAVY = ("torch", "pandas", "scipy", "skimage", "trimesh")
 
@@ -55,7 +58,52 @@ def test_types_and_readers_need_numpy_alone(name: str) -> None:
     assert result.returncode == 0, result.stderr
 
 
+RENDERING = (
+    "bounds", "cast", "compiled", "contact_shadow", "fields.config", "fields.config_check", "fields.grid_shape", "fields.volume",
+    "frames", "meshes", "output", "passes", "prepare", "render", "sequence", "tracer", "weights", "worker", "commands.render",
+)  # fmt: skip
+
+
+def test_what_renders_is_imported_without_torch() -> None:
+    program = "".join(IMPORT_EVERYTHING % f"unisim_blender.core.{name}" for name in RENDERING)
+    result = run_without(("torch", "pandas", "scipy", "skimage", "safetensors"), program)
+    assert result.returncode == 0, result.stderr
+
+
+def test_a_machine_without_torch_has_a_cpu() -> None:
+    result = run_without(("torch",), "from unisim_blender.core.prepare.renderers import pick_device\nprint(pick_device('auto'))")
+    assert result.stdout == "cpu\n", result.stderr
+
+
 def test_help_loads_nothing_heavy() -> None:
     result = run_without(HEAVY, "from unisim_blender.core.cli import run\nsys.exit(run(['--help']))")
     assert result.returncode == 0, result.stderr
     assert "Commands:" in result.stdout
+
+
+RENDER = """
+from pathlib import Path
+import numpy as np
+from unisim_blender.core.frames import CAMERA_PASSES
+from unisim_blender.core.prepare.renderers import make_tracer
+from unisim_blender.core.render import Region, Renderer
+from unisim_blender.core.scene_file import read_scene_header
+
+scene = Path({scene!r})
+drive = read_scene_header(scene).drive
+renderer = Renderer(make_tracer(scene, drive), drive, shadows=True)
+camera, lidar, frame = next(iter(drive.cameras)), next(iter(drive.lidars)), drive.frames[1]
+whole = renderer.camera(camera, frame, CAMERA_PASSES, width=64)
+part = renderer.camera(camera, frame, CAMERA_PASSES, width=64, region=Region(2, 3, 19, 8))
+sweep = renderer.lidar(lidar, frame)
+assert np.array_equal(part.rgb, whole.rgb[3:8, 2:19]) and np.array_equal(part.normal, whole.normal[3:8, 2:19])
+assert np.isfinite(whole.depth_m).mean() > 0.5 and whole.rgb.std() > 0.05 and sweep.returned.mean() > 0.5
+"""
+
+
+@pytest.mark.skipif(library() is None, reason="the compiled kernels were not built")
+def test_pictures_and_sweeps_are_rendered_without_torch() -> None:
+    """The sample's scene, and a region of a picture has the bits that it has in the whole."""
+    program = RENDER.format(scene=str(Path(__file__).parents[2] / "sample" / "scene"))
+    result = run_without(("torch", "pandas", "scipy", "skimage", "safetensors"), program)
+    assert result.returncode == 0, result.stderr

@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 import pytest
 import trimesh
-from analytic_scene import Stage, analytic_scene, block, drive_of, ground, still, union, wall
+from analytic_scene import Stage, analytic_scene, block, drive_of, ground, renderer_of, still, union, wall
 
 from unisim_blender.core.drive import Actor, CameraModel, Look
 from unisim_blender.core.edits import apply_scenario
 from unisim_blender.core.errors import ScenarioError
 from unisim_blender.core.frames import CAMERA_PASSES
 from unisim_blender.core.prepare.renderers import scene_hashes
-from unisim_blender.core.render import Region, Renderer
+from unisim_blender.core.render import Region
 from unisim_blender.core.scenario import load_scenario, save_scenario, scenario_from_json, scenario_to_json
 from unisim_blender.core.sensors.camera import camera_rays, pixel_grid
 
@@ -45,9 +45,9 @@ def stage(*actors: Actor) -> Stage:
 
 
 def test_a_mesh_takes_its_place_in_every_pass(cube: Path) -> None:
-    bare = Renderer(stage().as_scene(), stage().drive).camera("front", 0, CAMERA_PASSES)
+    bare = renderer_of(stage().as_scene(), stage().drive).camera("front", 0, CAMERA_PASSES)
     there = stage(mesh_actor(cube, [0, -1.5, 1.0]))
-    renderer = Renderer(there.as_scene(), there.drive)
+    renderer = renderer_of(there.as_scene(), there.drive)
     frame = renderer.camera("front", 0, CAMERA_PASSES)
     assert frame.depth_m is not None and frame.z_depth_m is not None and frame.normal is not None and bare.normal is not None
     assert frame.instance is not None and frame.unsupported is not None and frame.instances == ("car", "cube")
@@ -70,20 +70,20 @@ def test_a_mesh_takes_its_place_in_every_pass(cube: Path) -> None:
 
 def test_a_car_hides_a_mesh_and_a_mesh_a_car(cube: Path) -> None:
     behind = stage(mesh_actor(cube, [-1.0, 2.5, 1.0]))
-    frame = Renderer(behind.as_scene(), behind.drive).camera("front", 0, ("rgb", "depth", "instance"))
-    alone = Renderer(stage().as_scene(), stage().drive).camera("front", 0, ("rgb", "depth", "instance"))
+    frame = renderer_of(behind.as_scene(), behind.drive).camera("front", 0, ("rgb", "depth", "instance"))
+    alone = renderer_of(stage().as_scene(), stage().drive).camera("front", 0, ("rgb", "depth", "instance"))
     assert frame.instance is not None and alone.instance is not None
     car = alone.instance == 1
     assert car.sum() > 20 and (frame.instance[car] == 1).mean() > 0.95
     front = stage(mesh_actor(cube, [-12.0, 1.3, 1.0]))
-    frame = Renderer(front.as_scene(), front.drive).camera("front", 0, ("rgb", "depth", "instance"))
+    frame = renderer_of(front.as_scene(), front.drive).camera("front", 0, ("rgb", "depth", "instance"))
     assert frame.instance is not None
     assert (frame.instance[car] == 2).mean() > 0.9
 
 
 def test_a_band_of_the_picture_is_the_pictures(cube: Path) -> None:
     there = stage(mesh_actor(cube, [-4, -1.0, 1.0]))
-    renderer = Renderer(there.as_scene(), there.drive, shadows=True)
+    renderer = renderer_of(there.as_scene(), there.drive, shadows=True)
     whole = renderer.camera("front", 0, CAMERA_PASSES)
     part = renderer.camera("front", 0, CAMERA_PASSES, region=Region(20, 10, 34, 23))
     np.testing.assert_allclose(part.rgb, whole.rgb[10:23, 20:34], atol=2e-6)
@@ -98,10 +98,10 @@ def test_edges_are_as_smooth_as_what_they_cover(cube: Path) -> None:
         there = stage(mesh_actor(cube, [-9.0, shift, 1.6]))
         drive = there.drive
         camera = replace(drive.cameras["front"], model=CameraModel(48, 32, 40.0, 40.0, 24.0, 16.0))
-        renderer = Renderer(there.as_scene(), replace(drive, cameras={"front": camera}))
+        renderer = renderer_of(there.as_scene(), replace(drive, cameras={"front": camera}))
         cells = pixel_grid(camera.model, 2)
         centres = camera_rays(camera, 0, *cells).flat()
-        met = renderer.cast.extras.met_by_camera(camera, 0, cells, centres, 2, 0.5, lambda actor: np.ones(3))
+        met = renderer.tracer.cast.extras.met_by_camera(camera, 0, cells, centres, 2, 0.5, lambda actor: np.ones(3))
         assert met is not None and met.pixels is not None
         covered.append(float(met.pixels[..., 3].sum()))
         partly += int(((met.pixels[..., 3] > 0) & (met.pixels[..., 3] < 1)).sum())
@@ -111,8 +111,8 @@ def test_edges_are_as_smooth_as_what_they_cover(cube: Path) -> None:
 
 def test_a_sweep_returns_from_a_mesh(cube: Path) -> None:
     there, bare = stage(mesh_actor(cube, [-10, 0.0, 1.6])), stage()
-    frame = Renderer(there.as_scene(), there.drive).lidar("top", 0)
-    before = Renderer(bare.as_scene(), bare.drive).lidar("top", 0)
+    frame = renderer_of(there.as_scene(), there.drive).lidar("top", 0)
+    before = renderer_of(bare.as_scene(), bare.drive).lidar("top", 0)
     mine = frame.instance == 2
     assert mine.sum() >= 6 and frame.returned[mine].all()
     x = (frame.origins + frame.directions * frame.depth_m[..., None])[mine]
@@ -125,7 +125,7 @@ def test_a_sweep_returns_from_a_mesh(cube: Path) -> None:
 
 def test_a_mesh_is_there_in_its_time_alone(cube: Path) -> None:
     there = stage(mesh_actor(cube, [-10, 0.0, 1.6], start_s=0.15, end_s=0.35))
-    renderer = Renderer(there.as_scene(), there.drive)
+    renderer = renderer_of(there.as_scene(), there.drive)
     frames = (renderer.camera("front", frame, ("rgb", "instance")) for frame in range(6))
     assert [frame.instance is not None and 2 in frame.instance for frame in frames] == [False, False, True, True, False, False]
 

@@ -8,21 +8,22 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from analytic_scene import FRONT, Stage, analytic_scene, block, drive_of, empty, ground, sphere, still, union, wall
+from analytic_scene import FRONT, Stage, analytic_scene, block, drive_of, empty, ground, renderer_of, sphere, still, union, wall
 from numpy.typing import NDArray
 
-from unisim_blender.core import render
+from unisim_blender.core import torch_tracer
+from unisim_blender.core.bounds import Bounds
 from unisim_blender.core.decode import CameraDecoder
 from unisim_blender.core.drive import Actor, Box, Camera, CameraModel, Drive, Lidar, Look, RollingShutter, StaticCopy
 from unisim_blender.core.errors import SceneError
 from unisim_blender.core.fields.config import preset
-from unisim_blender.core.fields.tracklets import Tracklets
 from unisim_blender.core.frames import CAMERA_PASSES, RenderStats
 from unisim_blender.core.geometry import FloatArray, Trajectory, make_pose, quaternion_from_yaw, transform_points
-from unisim_blender.core.render import Renderer, observe
+from unisim_blender.core.quality import QUALITY
 from unisim_blender.core.sensors.camera import camera_rays, pixel_grid
 from unisim_blender.core.sensors.lidar import lidar_rays
 from unisim_blender.core.sensors.rays import Rays
+from unisim_blender.core.training.observed import observe
 
 LEVEL = np.array([1.0, 0, 0, 0])
 SIZE = np.array([4.0, 2.0, 2.0])
@@ -50,7 +51,7 @@ def rays_of(drive: Drive, up: int = 2) -> Rays:
 
 
 def test_every_pass_of_a_picture(stage: Stage) -> None:
-    frame = Renderer(stage.as_scene(), stage.drive, "reference").camera("front", 0, CAMERA_PASSES)
+    frame = renderer_of(stage.as_scene(), stage.drive, "reference").camera("front", 0, CAMERA_PASSES)
     assert frame.depth_m is not None and frame.z_depth_m is not None and frame.normal is not None
     assert frame.instance is not None and frame.opacity is not None and frame.unsupported is not None
     assert frame.rgb.shape == (32, 48, 3) and frame.rgb.dtype == np.float32 and 0 <= frame.rgb.min() <= frame.rgb.max() <= 1
@@ -78,7 +79,7 @@ def test_every_pass_of_a_picture(stage: Stage) -> None:
 
 
 def test_no_pass_is_made_that_was_not_asked_for(stage: Stage) -> None:
-    renderer = Renderer(stage.as_scene(), stage.drive)
+    renderer = renderer_of(stage.as_scene(), stage.drive)
     plain, whole = renderer.camera("front", 0), renderer.camera("front", 0, CAMERA_PASSES)
     assert plain.depth_m is None and plain.normal is None and plain.instance is None and plain.unsupported is None
     np.testing.assert_array_equal(plain.rgb, whole.rgb)
@@ -86,7 +87,7 @@ def test_no_pass_is_made_that_was_not_asked_for(stage: Stage) -> None:
 
 def test_where_nothing_is_hit() -> None:
     stage = Stage(analytic_scene(sphere([0.0, 0, 1.6], 1.5), {}), drive_of([]))
-    frame = Renderer(stage.as_scene(), stage.drive).camera("front", 0, CAMERA_PASSES)
+    frame = renderer_of(stage.as_scene(), stage.drive).camera("front", 0, CAMERA_PASSES)
     assert frame.depth_m is not None and frame.normal is not None and frame.z_depth_m is not None
     sky = np.isinf(frame.depth_m)
     assert 0.5 < sky.mean() < 1 and np.isinf(frame.z_depth_m[sky]).all() and (frame.normal[sky] == 0).all()
@@ -99,7 +100,7 @@ def test_normals_of_a_turned_copy(turn: float) -> None:
     target = make_pose(np.array([-8.0, 0.0, 1.6]), quaternion_from_yaw(np.pi + turn))
     scene = analytic_scene(lambda x: block([1.6, 1.6, 1.6])(x - torch.tensor([0, 12.0, 1.0])), {})
     drive = drive_of([], copies=(StaticCopy("copy", source, target),))
-    frame = Renderer(Stage(scene, drive).as_scene(), drive, "reference").camera("front", 0, ("rgb", "normal"))
+    frame = renderer_of(Stage(scene, drive).as_scene(), drive, "reference").camera("front", 0, ("rgb", "normal"))
     assert frame.normal is not None
     normals = frame.normal[np.linalg.norm(frame.normal, axis=-1) > 0.5]
     facing = target[:3, :3] @ np.eye(3)
@@ -113,21 +114,21 @@ def test_normals_of_a_turned_copy(turn: float) -> None:
 @pytest.mark.parametrize(("width", "height"), ((47, 31), (48, 32), (1, 1), (3, 64)))
 def test_sizes_that_do_not_divide(stage: Stage, width: int, height: int) -> None:
     drive = with_camera(stage.drive, CameraModel(width, height, 40.0, 40.0, width / 2, height / 2))
-    frame = Renderer(stage.as_scene(), drive).camera("front", 0, CAMERA_PASSES)
+    frame = renderer_of(stage.as_scene(), drive).camera("front", 0, CAMERA_PASSES)
     assert frame.rgb.shape == (height, width, 3)
     for name in ("depth_m", "z_depth_m", "instance", "opacity", "unsupported"):
         assert getattr(frame, name).shape == (height, width), name
 
 
 def test_another_width(stage: Stage) -> None:
-    frame = Renderer(stage.as_scene(), stage.drive).camera("front", 0, width=24)
+    frame = renderer_of(stage.as_scene(), stage.drive).camera("front", 0, width=24)
     assert frame.rgb.shape == (16, 24, 3) and frame.model == stage.drive.cameras["front"].model.resized(24)
 
 
 def test_chunks_change_nothing(stage: Stage, monkeypatch: pytest.MonkeyPatch) -> None:
-    renderer = Renderer(stage.as_scene(), stage.drive)
+    renderer = renderer_of(stage.as_scene(), stage.drive)
     whole = renderer.camera("front", 0, CAMERA_PASSES)
-    monkeypatch.setattr(render, "CHUNK_RAYS", 77)
+    monkeypatch.setattr(torch_tracer, "CHUNK_RAYS", 77)
     parts = renderer.camera("front", 0, CAMERA_PASSES)
     assert whole.depth_m is not None and parts.depth_m is not None
     np.testing.assert_allclose(parts.rgb, whole.rgb, atol=1e-5)
@@ -136,13 +137,13 @@ def test_chunks_change_nothing(stage: Stage, monkeypatch: pytest.MonkeyPatch) ->
 
 
 def test_equal_frames_have_equal_bytes(stage: Stage) -> None:
-    frames = [Renderer(car_before_a_wall().as_scene(), stage.drive).camera("front", 0, CAMERA_PASSES) for _ in range(2)]
+    frames = [renderer_of(car_before_a_wall().as_scene(), stage.drive).camera("front", 0, CAMERA_PASSES) for _ in range(2)]
     for name in ("rgb", "depth_m", "normal", "instance", "opacity", "unsupported"):
         assert getattr(frames[0], name).tobytes() == getattr(frames[1], name).tobytes(), name
 
 
 def test_qualities_spend_more(stage: Stage) -> None:
-    spent = [Renderer(stage.as_scene(), stage.drive, q).camera("front", 0).stats.samples_spent for q in render.QUALITY]
+    spent = [renderer_of(stage.as_scene(), stage.drive, q).camera("front", 0).stats.samples_spent for q in QUALITY]
     assert spent == sorted(spent) and spent[0] < spent[1] < spent[2]
 
 
@@ -177,13 +178,14 @@ def test_no_actor_is_skipped_that_a_ray_meets() -> None:
         bundles = [camera_rays(camera, int(rng.integers(6)), *pixel_grid(model)).flat()]
         lidar = replace(drive.lidars["top"], world_from_lidar=Trajectory.from_poses(np.array([0.0, 0.5]), poses))
         bundles.append(lidar_rays(lidar, int(rng.integers(6))).flat())
-        renderer = Renderer(Stage(scene, drive).as_scene(), drive)
+        tracer = torch_tracer.TorchTracer(Stage(scene, drive).as_scene(), drive)
         for rays in bundles:
-            among = renderer._visible(rays, stats := RenderStats())
-            assert among is not None and stats.actors_skipped == 60 - len(among)
-            batch = render.to_batch(rays, torch.device("cpu"))
-            hits = renderer.cast.own.tracklets.hits(batch.origins, batch.directions, batch.time_s, 0.5)
-            assert set(hits.actor.tolist()) <= set(among.tolist())
+            among = tracer.bounds.in_reach(rays)
+            tracer.trace(rays, set(), True, None, stats := RenderStats())
+            assert stats.actors_skipped == 60 - len(among)
+            batch = torch_tracer.to_batch(rays, torch.device("cpu"))
+            hits = tracer.tensors.own.tracklets.hits(batch.origins, batch.directions, batch.time_s, 0.5)
+            assert set(hits.actor.tolist()) <= set(among)
             skipped, met = skipped + stats.actors_skipped, met + len(hits.ray)
     assert skipped > 1000 and met > 1000
 
@@ -198,7 +200,7 @@ def test_rows_of_a_rolling_shutter_see_a_moving_actor_at_different_places() -> N
     for duration in (0.0, 0.05, -0.05):
         model = CameraModel(96, 64, 80.0, 80.0, 48.0, 32.0, RollingShutter(duration, 0.5))
         drive = with_camera(drive_of([actor]), model)
-        frame = Renderer(Stage(scene, drive).as_scene(), drive).camera("front", 0, ("rgb", "instance"))
+        frame = renderer_of(Stage(scene, drive).as_scene(), drive).camera("front", 0, ("rgb", "instance"))
         assert frame.instance is not None
         rows = frame.instance == 1
         assert rows.any(1).all(), "the bar crosses every row"
@@ -219,7 +221,7 @@ def test_a_sweep(stage: Stage) -> None:
     lidar = stage.drive.lidars["top"]
     near = Lidar("top", replace(lidar.model, max_range_m=20.0), lidar.world_from_lidar, lidar.time_s, blocked)
     drive = replace(stage.drive, lidars={"top": near})
-    sweep = Renderer(stage.as_scene(), drive, "reference").lidar("top", 2)
+    sweep = renderer_of(stage.as_scene(), drive, "reference").lidar("top", 2)
     assert sweep.depth_m.shape == sweep.returned.shape == (4, 180) and sweep.instances == ("car",)
     d = sweep.directions
     assert not sweep.returned[blocked].any() and not sweep.returned[sweep.depth_m > 20].any()
@@ -237,9 +239,9 @@ def test_drawn_returns_follow_their_probability(stage: Stage) -> None:
     with torch.no_grad():
         stage.scene.get_parameter("lidar_head.network.4.weight")[1] = 0.0
         stage.scene.get_parameter("lidar_head.network.4.bias")[1] = -1.0
-    settled = Renderer(stage.as_scene(), stage.drive).lidar("top", 2)
+    settled = renderer_of(stage.as_scene(), stage.drive).lidar("top", 2)
     assert not settled.returned.any() and settled.return_probability.max() == pytest.approx(0.2689, abs=1e-3)
-    drawn = [Renderer(stage.as_scene(), stage.drive, draw=seed).lidar("top", 2).returned for seed in (1, 1, 2)]
+    drawn = [renderer_of(stage.as_scene(), stage.drive, draw=seed).lidar("top", 2).returned for seed in (1, 1, 2)]
     meets = settled.return_probability > 0
     assert drawn[0][meets].mean() == pytest.approx(0.2689, abs=0.08) and not drawn[0][~meets].any()
     np.testing.assert_array_equal(drawn[0], drawn[1])
@@ -257,8 +259,8 @@ def guest_stage(features: int, upsample: int) -> Stage:
 def test_a_guest_is_laid_over_the_picture(features: int, upsample: int) -> None:
     stage = guest_stage(features, upsample)
     others = {"elsewhere": Stage(stage.others["elsewhere"], drive_of([])).as_scene("elsewhere")}
-    frame = Renderer(stage.as_scene(), stage.drive, others=others).camera("front", 0, CAMERA_PASSES)
-    bare = Renderer(stage.as_scene(), drive_of([])).camera("front", 0, CAMERA_PASSES)
+    frame = renderer_of(stage.as_scene(), stage.drive, others=others).camera("front", 0, CAMERA_PASSES)
+    bare = renderer_of(stage.as_scene(), drive_of([])).camera("front", 0, CAMERA_PASSES)
     assert frame.instance is not None and frame.instances == ("new",)
     there = frame.instance == 1
     assert there.sum() > 20
@@ -274,7 +276,7 @@ def test_a_guest_is_laid_over_the_picture(features: int, upsample: int) -> None:
 def test_a_guest_in_a_sweep() -> None:
     stage = guest_stage(7, 3)
     others = {"elsewhere": Stage(stage.others["elsewhere"], drive_of([])).as_scene("elsewhere")}
-    sweep = Renderer(stage.as_scene(), stage.drive, others=others).lidar("top", 0)
+    sweep = renderer_of(stage.as_scene(), stage.drive, others=others).lidar("top", 0)
     hit = sweep.instance == 1
     assert hit.sum() > 3 and np.isfinite(sweep.intensity).all()
     points = sweep.origins[hit] + sweep.directions[hit] * sweep.depth_m[hit][:, None]
@@ -285,8 +287,8 @@ def test_a_guest_answers_a_lidar_as_in_its_own_scene() -> None:
     stage = guest_stage(7, 3)
     home = drive_of([replace(stage.drive.actors["new"], look=Look("car"))])
     other = Stage(stage.others["elsewhere"], home).as_scene("elsewhere")
-    there = Renderer(other, home).lidar("top", 0)
-    here = Renderer(stage.as_scene(), stage.drive, others={"elsewhere": other}).lidar("top", 0)
+    there = renderer_of(other, home).lidar("top", 0)
+    here = renderer_of(stage.as_scene(), stage.drive, others={"elsewhere": other}).lidar("top", 0)
     hit = (here.instance == 1) & (there.instance == 1)
     assert hit.sum() > 3
     # at its edges the wall behind has its share
@@ -298,12 +300,12 @@ def test_a_guest_answers_a_lidar_as_in_its_own_scene() -> None:
 def test_what_the_recording_saw(stage: Stage) -> None:
     scene = car_before_a_wall().as_scene()
     observe(scene, ["front"], [0], np.zeros((0, 3)))
-    frame = Renderer(scene, stage.drive).camera("front", 0, ("rgb", "support", "depth"))
+    frame = renderer_of(scene, stage.drive).camera("front", 0, ("rgb", "support", "depth"))
     assert frame.unsupported is not None and frame.depth_m is not None
     # further on, rows of one image lie voxels apart on the road
     assert frame.unsupported[frame.depth_m < 12].mean() < 0.02 and frame.unsupported[:16].mean() < 0.02
     back = replace(stage.drive.cameras["front"], world_from_camera=Trajectory.from_poses(np.zeros(1), BACK[None]))
-    behind = Renderer(scene, replace(stage.drive, cameras={"front": back})).camera("front", 0, ("rgb", "support", "depth"))
+    behind = renderer_of(scene, replace(stage.drive, cameras={"front": back})).camera("front", 0, ("rgb", "support", "depth"))
     assert behind.unsupported is not None and behind.depth_m is not None
     assert behind.unsupported[np.isfinite(behind.depth_m)].mean() > 0.8
 
@@ -322,9 +324,9 @@ def test_lidar_returns_count_as_seen() -> None:
 
 
 def test_errors_name_what_is_wrong(stage: Stage) -> None:
-    with pytest.raises(SceneError, match="no quality 'superb': there are fast, balanced, reference"):
-        Renderer(stage.as_scene(), stage.drive, "superb")
-    renderer = Renderer(stage.as_scene(), stage.drive)
+    with pytest.raises(SceneError, match="no quality 'superb': there are fast, balanced, fine, reference"):
+        renderer_of(stage.as_scene(), stage.drive, "superb")
+    renderer = renderer_of(stage.as_scene(), stage.drive)
     with pytest.raises(SceneError, match="no camera 'rear'"):
         renderer.camera("rear", 0)
     with pytest.raises(SceneError, match="no LiDAR 'rear'"):
@@ -353,10 +355,10 @@ def test_an_output_pixel_depends_on_no_cell_beyond_the_decoders_reach(blocks: in
 def test_bounds_hold_an_actor_all_the_time() -> None:
     rng = np.random.default_rng(5)
     actors = random_actors(10, rng)
-    tracklets = Tracklets(actors)
+    bounds = Bounds(actors)
     for i, actor in enumerate(actors):
         for time in np.linspace(actor.start_s, actor.end_s, 23):
-            near = tracklets.bounds_between(i, time, time)
+            near = bounds.between(i, time, time)
             assert near is not None
             corner: FloatArray = actor.world_from_actor.at(time)[:3, 3]
             centres, radii = near

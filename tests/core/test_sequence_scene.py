@@ -3,23 +3,30 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import torch
+from analytic_scene import renderer_of
 from click.testing import CliRunner
 from PIL import Image
 from tiny_drive import tiny_drive
 
+from unisim_blender.core import native
 from unisim_blender.core.cli import unisim
 from unisim_blender.core.fields.checkpoint import save_scene
 from unisim_blender.core.fields.config import preset
 from unisim_blender.core.fields.scene import SceneModel
 from unisim_blender.core.fields.volume import Volume
-from unisim_blender.core.scene_file import SceneHeader
+from unisim_blender.core.prepare.renderers import make_tracer
+from unisim_blender.core.scene_file import SceneHeader, read_scene_header
 
 
 @pytest.fixture(scope="module")
@@ -94,6 +101,22 @@ def test_jobs_and_resuming_change_no_byte(scenario: Path, tmp_path: Path) -> Non
     manifest = json.loads(one["manifest.json"])
     assert manifest["samples"]["samples_spent"] > 0
     assert str(scenario.parent) not in one["manifest.json"].decode(), "no paths: the same bytes wherever it lies"
+
+
+@pytest.mark.skipif(native.library() is None, reason="the compiled kernels were not built")
+def test_a_scenario_is_rendered_without_torch(scenario: Path, tmp_path: Path) -> None:
+    """In an interpreter that cannot import it, all formats, to the same bytes; --device auto is then the CPU."""
+    render(scenario, "--out", tmp_path / "with", "--jobs", "1")
+    blocked = "import sys; sys.modules.update(dict.fromkeys(('torch', 'scipy', 'skimage', 'safetensors')))\n"
+    asked = ["render", str(scenario), "--out", str(tmp_path / "without"), "--jobs", "1", "--device", "auto"]
+    program = f"{blocked}from unisim_blender.core.cli import run\nsys.exit(run({asked!r}))"
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stderr
+    files = [path.relative_to(tmp_path / "with") for path in (tmp_path / "with").rglob("*") if path.is_file()]
+    assert len(files) > 10
+    for file in files:
+        if file.suffix in (".png", ".exr", ".npz"):
+            assert (tmp_path / "with" / file).read_bytes() == (tmp_path / "without" / file).read_bytes(), file
 
 
 def test_command_line_goes_before_the_scenario(scenario: Path, tmp_path: Path) -> None:
@@ -189,19 +212,33 @@ def test_evaluation_refuses_what_is_not_there(arguments: list[str], sentence: st
 
 def test_contact_shadows_lie_under_new_actors_alone(scenario: Path) -> None:
     from unisim_blender.core.fields.checkpoint import load_scene
-    from unisim_blender.core.render import Region, Renderer
+    from unisim_blender.core.render import Region
 
     scene = load_scene(scenario.parent / "scene")
     drive = scene.header.drive
     car = drive.actors["car"]
-    plain = Renderer(scene, drive).camera("front", 2).rgb
-    assert np.array_equal(Renderer(scene, drive, shadows=True).camera("front", 2).rgb, plain)
+    plain = renderer_of(scene, drive).camera("front", 2).rgb
+    assert np.array_equal(renderer_of(scene, drive, shadows=True).camera("front", 2).rgb, plain)
     edited = replace(drive, actors={**drive.actors, "new": replace(car, uid="new", inserted=True)})
-    light = Renderer(scene, edited).camera("front", 2, ("rgb", "instance", "depth"))
-    dark = Renderer(scene, edited, shadows=True).camera("front", 2)
+    light = renderer_of(scene, edited).camera("front", 2, ("rgb", "instance", "depth"))
+    dark = renderer_of(scene, edited, shadows=True).camera("front", 2)
     assert dark.depth_m is None and dark.instance is None
     changed = (dark.rgb != light.rgb).any(-1)
     assert light.instance is not None and (light.instance[changed] == 0).all()
     assert (dark.rgb <= light.rgb + 1e-6).all()
-    part = Renderer(scene, edited, shadows=True).camera("front", 2, region=Region(4, 3, 20, 15)).rgb
+    part = renderer_of(scene, edited, shadows=True).camera("front", 2, region=Region(4, 3, 20, 15)).rgb
     assert np.abs(part - dark.rgb[3:15, 4:20]).max() < 1e-5
+
+
+def test_scenes_are_loaded_once_until_they_change(scenario: Path, tmp_path: Path) -> None:
+    folder = Path(shutil.copytree(scenario.parent / "scene", tmp_path / "scene"))
+    drive, kept = read_scene_header(folder).drive, dict[object, Any]()
+    make_tracer(folder, drive, kept=kept)
+    (first,) = kept.values()
+    make_tracer(folder, drive, "fast", kept=kept)
+    (again,) = kept.values()
+    assert again is first
+    os.utime(folder / "weights.safetensors", ns=(1, 1))
+    make_tracer(folder, drive, kept=kept)
+    (changed,) = kept.values()
+    assert changed is not first, "and the one before is forgotten"

@@ -10,6 +10,7 @@ import torch
 from analytic_scene import Stage, analytic_scene, block, drive_of, empty, ground, sphere, still, union, wall
 
 from unisim_blender.core.cast import gather_cast, vacated
+from unisim_blender.core.cast_tensors import cast_tensors
 from unisim_blender.core.drive import Box, Look, StaticCopy
 from unisim_blender.core.errors import SceneError
 from unisim_blender.core.fields.config import preset
@@ -416,7 +417,7 @@ def test_gradients_reach_every_medium() -> None:
     scene.occupancy.values.fill_(255)
     drawn = fan(64, spread=0.1)
     batch = RayBatch(torch.tensor(np.tile(EYE, (64, 1))).float(), torch.tensor(drawn).float(), torch.zeros(64).double())
-    cast = gather_cast(scene, scene.actors.tables(), drive, {}, drive)
+    cast = cast_tensors(gather_cast(drive, drive, {"": ("car",)}), {"": (scene, scene.actors.tables())})
     traced = trace(scene, cast, batch, Sampling(jitter=True, generator=torch.Generator().manual_seed(2)))
     (traced.feature.sum() + traced.depth_m.sum() + traced.behind.sum()).backward()
     for name in (

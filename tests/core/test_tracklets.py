@@ -11,6 +11,7 @@ from analytic_scene import drive_of
 from torch import Tensor
 
 from unisim_blender.core import native
+from unisim_blender.core.bounds import Bounds
 from unisim_blender.core.cast import on_stage
 from unisim_blender.core.drive import Actor, Look
 from unisim_blender.core.fields.tracklets import (
@@ -231,10 +232,10 @@ def test_an_actor_that_was_always_there_has_bounds() -> None:
     always = replace(random_actors(2, 3)[1], start_s=-np.inf, end_s=np.inf)
     gone = replace(always, uid="gone", start_s=-9.0, end_s=-8.0)
     drive = drive_of([always, gone])
-    tracklets = Tracklets(on_stage(drive, drive.actors.values()))
-    index = [a.uid for a in on_stage(drive, drive.actors.values())].index(always.uid)
-    assert tracklets.bounds_between(index, 0.0, 0.5) is not None
-    assert tracklets.bounds_between(1 - index, 0.0, 0.5) is None
+    actors = on_stage(drive, drive.actors.values())
+    bounds, index = Bounds(actors), [a.uid for a in actors].index(always.uid)
+    assert bounds.between(index, 0.0, 0.5) is not None
+    assert bounds.between(1 - index, 0.0, 0.5) is None
 
 
 @pytest.mark.skipif(native.library() is None, reason="the compiled kernels are not built")

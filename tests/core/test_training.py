@@ -29,6 +29,7 @@ from unisim_blender.core.render import Renderer
 from unisim_blender.core.sensors.camera import camera_rays, pixel_grid
 from unisim_blender.core.street.street import build_street
 from unisim_blender.core.street.truth import truth_camera, truth_lidar
+from unisim_blender.core.torch_tracer import TorchTracer
 from unisim_blender.core.training.config import TrainConfig
 from unisim_blender.core.training.data import CameraData, LidarData
 from unisim_blender.core.training.run import (
@@ -115,11 +116,11 @@ def test_a_device_without_float64_trains_and_renders_alike(
     assert not any(b.dtype == torch.float64 for module in kept for b in module.buffers())
     train(log, SMALL, tmp_path, quiet=True)
     scene, wanted = load_scene(tmp_path), load_scene(whole)
-    renderer = Renderer(scene, scene.header.drive)
-    assert renderer.cast.own.tracklets.times.dtype == torch.float32
-    got = renderer.camera("front_camera", 1).rgb
+    tracer = TorchTracer(scene, scene.header.drive)
+    assert tracer.tensors.own.tracklets.times.dtype == torch.float32
+    got = Renderer(tracer, scene.header.drive).camera("front_camera", 1).rgb
     monkeypatch.undo()
-    expected = Renderer(wanted, wanted.header.drive).camera("front_camera", 1).rgb
+    expected = Renderer(TorchTracer(wanted, wanted.header.drive), wanted.header.drive).camera("front_camera", 1).rgb
     assert np.abs(got - expected).mean() < 0.01
 
 
@@ -159,7 +160,7 @@ def test_what_a_finished_training_leaves(log: Log, whole: Path) -> None:
     training = scene.header.training
     assert training["iterations"] == 6 and training["cameras"] == ["front_camera"] and training["preset"] == "tiny"
     assert (whole / scene.header.log_path).resolve() == log.path.resolve()
-    frame = Renderer(scene, scene.header.drive).camera("front_camera", 1)
+    frame = Renderer(TorchTracer(scene, scene.header.drive), scene.header.drive).camera("front_camera", 1)
     assert frame.rgb.shape == (32, 48, 3) and np.isfinite(frame.rgb).all()
     assert int(scene.model.observed.sum()) > 100
 

@@ -21,12 +21,13 @@ from small_log import small_drive
 from test_checkpoint import random_scene
 
 from unisim_blender.core.errors import UnisimError
-from unisim_blender.core.fields.checkpoint import load_scene, save_scene, weights_hash
+from unisim_blender.core.fields.checkpoint import load_scene, save_scene
 from unisim_blender.core.logs.pandaset_writer import PandasetWriter
 from unisim_blender.core.logs.table_file import write_table
 from unisim_blender.core.output.video import write_video
 from unisim_blender.core.training import run
 from unisim_blender.core.training.config import TrainConfig
+from unisim_blender.core.weights import weights_hash
 
 resource = pytest.importorskip("resource", reason="limits on files' sizes are POSIX's")
 
@@ -101,13 +102,13 @@ import os, signal, sys
 from pathlib import Path
 sys.path.insert(0, sys.argv[1])
 import test_writes
-from unisim_blender.core.fields import checkpoint
-whole = checkpoint.save_file
+import safetensors.torch
+whole = safetensors.torch.save_file
 def half(tensors, file):
     whole(tensors, file)
     os.truncate(file, file.stat().st_size // 2)
     os.kill(os.getpid(), signal.SIGKILL)
-checkpoint.save_file = half
+safetensors.torch.save_file = half
 test_writes.write_weights(Path(sys.argv[2]), seed=1)
 """
 

@@ -140,7 +140,8 @@ def tiny_plan(log_path: Path | None = None, delay_s: float = 0.0, frames: int = 
     drive = tiny_drive(6)
     settings = SequenceSettings(("front",), ("top",), ALL_PASSES, width=width)
     about = {"scenario": {"sha256": "0" * 64}}
-    return RenderPlan(drive, drive.frames[:frames], settings, FakeSource(drive, log_path, delay_s), {"": "1" * 64}, about)
+    source, environment = FakeSource(drive, log_path, delay_s), {"numpy": np.__version__}
+    return RenderPlan(drive, drive.frames[:frames], settings, source, {"": "1" * 64}, environment, about)
 
 
 def world_pose(x: float, y: float, z: float) -> FloatArray:

@@ -1,58 +1,44 @@
-"""Who is on: a drive's actors, copied and removed boxes of space, as tensors that rays are traced against."""
+"""Who is on: a drive's actors, copied and removed boxes of space, and whose looks they have. A tracer makes its tables of it."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-import torch
-from torch import Tensor
 
-from .devices import module_to
 from .drive import FRAME_MARGIN_S, Actor, Box, Drive, Look, StaticCopy
 from .errors import SceneError
-from .fields.scene import SceneModel
-from .fields.tracklets import Tracklets
-from .geometry import Trajectory, invert_pose
+from .geometry import Trajectory
 from .meshes.meeting import Extras
 
 
-@dataclass
+@dataclass(frozen=True)
 class Troupe:
-    """Actors whose looks come from one scene: boxes on their ways, and each one's row of that scene's tables."""
+    """Actors whose looks come from one scene, with their windows as `on_stage` gives them, and each one's row of that scene's
+    tables."""
 
-    scene: SceneModel
-    tables: Tensor
-    tracklets: Tracklets
-    rows: Tensor
-    uids: tuple[str, ...]
+    actors: tuple[Actor, ...]
+    rows: tuple[int, ...]
+
+    @property
+    def uids(self) -> tuple[str, ...]:
+        """Their ids."""
+        return tuple(actor.uid for actor in self.actors)
 
 
-@dataclass
+@dataclass(frozen=True)
 class Cast:
-    """``own`` are actors with looks of the scene itself, ``guests`` those of other scenes by their paths, ``extras`` meshes.
-
-    removals: (box_from_world (R, 4, 4), size_m (R, 3)); copies: tracklets of the target boxes, source_from_target (C, 4, 4).
-    """
+    """``own`` are actors with looks of the scene itself, ``guests`` those of other scenes by their paths, in order; ``extras``
+    are meshes. ``removals`` are boxes in which nothing stands above the ground; ``targets`` are boxes of copies, as actors that
+    stand still throughout, and ``sources`` where each one's content is."""
 
     own: Troupe
     guests: dict[str, Troupe] = field(default_factory=dict)
-    removals: tuple[Tensor, Tensor] | None = None
-    copies: Tracklets | None = None
-    copy_source: Tensor | None = None
+    removals: tuple[Box, ...] = ()
+    targets: tuple[Actor, ...] = ()
+    sources: tuple[Box, ...] = ()
     extras: Extras = field(default_factory=lambda: Extras(()))
-
-    def to(self, device: torch.device) -> Cast:
-        """The same on another device."""
-        for troupe in (self.own, *self.guests.values()):
-            module_to(troupe.tracklets, device)
-            troupe.rows = troupe.rows.to(device)
-        if self.removals is not None:
-            self.removals = (self.removals[0].to(device), self.removals[1].to(device))
-        if self.copies is not None and self.copy_source is not None:
-            self.copies, self.copy_source = module_to(self.copies, device), self.copy_source.to(device)
-        return self
 
     @property
     def uids(self) -> tuple[str, ...]:
@@ -64,23 +50,6 @@ def on_stage(drive: Drive, actors: Iterable[Actor]) -> list[Actor]:
     """Actors in the order of their ids, so that overlapping ones composite alike in any list, present in their windows."""
     windows = ((actor, drive.window(actor)) for actor in sorted(actors, key=lambda a: a.uid))
     return [replace(actor, start_s=start, end_s=end) for actor, (start, end) in windows]
-
-
-def gather_troupe(scene: SceneModel, tables: Tensor, actors: list[Actor]) -> Troupe:
-    """Actors, as `on_stage` gives them, with looks of ``scene``."""
-    for actor in actors:
-        if actor.look.actor not in scene.actor_ids:
-            where = f" at {actor.look.scene}" if actor.look.scene else ""
-            raise SceneError(
-                f"actor {actor.uid!r} has the look of {actor.look.actor!r}, which the trained scene{where} does not hold"
-            )
-    rows = torch.tensor([scene.actor_ids[a.look.actor] for a in actors], dtype=torch.long)
-    return Troupe(scene, tables, Tracklets(actors), rows, tuple(a.uid for a in actors))
-
-
-def _boxes(boxes: tuple[Box, ...]) -> tuple[Tensor, Tensor]:
-    poses = np.stack([invert_pose(b.world_from_box) for b in boxes])
-    return torch.as_tensor(poses).float(), torch.as_tensor(np.stack([b.size_m for b in boxes])).float()
 
 
 def vacated(recorded: Drive, drive: Drive) -> tuple[Box, ...]:
@@ -97,27 +66,34 @@ def vacated(recorded: Drive, drive: Drive) -> tuple[Box, ...]:
     return tuple(boxes)
 
 
-def gather_cast(
-    scene: SceneModel, tables: Tensor, drive: Drive, others: dict[str, tuple[SceneModel, Tensor]], recorded: Drive
-) -> Cast:
-    """The cast of a drive; ``tables`` are the scene's baked actor grids, ``others`` the same of scenes by path, ``recorded`` the
-    drive that the scene was trained on."""
-    own = [a for a in drive.actors.values() if not a.look.scene and not a.look.mesh]
+def gather_cast(drive: Drive, recorded: Drive, looks: Mapping[str, Sequence[str]]) -> Cast:
+    """The cast of a drive. ``recorded`` is the drive that the scene was trained on; ``looks`` are the actors that the rows of
+    each scene's tables belong to, the scene's own under "", others' under their paths. Raises `SceneError`."""
+    actors = list(drive.actors.values())
     guests = {}
-    for path in sorted({a.look.scene for a in drive.actors.values() if a.look.scene}):
-        if path not in others:
+    for path in sorted({a.look.scene for a in actors if a.look.scene}):
+        if path not in looks:
             raise SceneError(f"{path}: this trained scene is needed for an inserted actor and was not loaded")
-        guests[path] = gather_troupe(*others[path], on_stage(drive, (a for a in drive.actors.values() if a.look.scene == path)))
-    extras = Extras(on_stage(drive, (a for a in drive.actors.values() if a.look.mesh)))
-    cast = Cast(gather_troupe(scene, tables, on_stage(drive, own)), guests, extras=extras)
-    emptied = drive.static_removals + vacated(recorded, drive)
-    if emptied:
-        cast.removals = _boxes(emptied)
-    if drive.static_copies:
-        targets = [_target(drive, copy) for copy in drive.static_copies]
-        cast.copies = Tracklets(targets)
-        cast.copy_source = torch.as_tensor(np.stack([c.source.world_from_box for c in drive.static_copies])).float()
-    return cast
+        guests[path] = _troupe(looks[path], on_stage(drive, (a for a in actors if a.look.scene == path)))
+    return Cast(
+        own=_troupe(looks[""], on_stage(drive, (a for a in actors if not a.look.scene and not a.look.mesh))),
+        guests=guests,
+        removals=drive.static_removals + vacated(recorded, drive),
+        targets=tuple(_target(drive, copy) for copy in drive.static_copies),
+        sources=tuple(copy.source for copy in drive.static_copies),
+        extras=Extras(on_stage(drive, (a for a in actors if a.look.mesh))),
+    )
+
+
+def _troupe(looks: Sequence[str], actors: list[Actor]) -> Troupe:
+    rows = {uid: row for row, uid in enumerate(looks)}
+    for actor in actors:
+        if actor.look.actor not in rows:
+            where = f" at {actor.look.scene}" if actor.look.scene else ""
+            raise SceneError(
+                f"actor {actor.uid!r} has the look of {actor.look.actor!r}, which the trained scene{where} does not hold"
+            )
+    return Troupe(tuple(actors), tuple(rows[actor.look.actor] for actor in actors))
 
 
 def _target(drive: Drive, copy: StaticCopy) -> Actor:

@@ -15,10 +15,8 @@ import torch.nn.functional as F
 from torch import Tensor
 
 from . import native
+from .constants import DECAY_PER_M, QUANTILE_FLOOR
 from .devices import kernel_threads
-
-DECAY_PER_M = 0.15
-"""How fast occupied voxels hide those behind them: gently, for a ray can graze the road for tens of metres."""
 
 
 @dataclass(frozen=True)
@@ -104,11 +102,11 @@ def propose(voxels: Voxels, segment: Segment, u: Tensor) -> tuple[Tensor, Tensor
     return t, mass
 
 
-def refine_quantiles(u: Tensor, t: Tensor, s: Tensor, beta: float, count: int, jitter: Tensor, floor: float = 0.05) -> Tensor:
+def refine_quantiles(u: Tensor, t: Tensor, s: Tensor, beta: float, count: int, jitter: Tensor) -> Tensor:
     """Quantiles (N, count) near the surface that signed distances s (N, K) at places t (N, K), quantiles u (N, K), point to.
 
     The weights are the logistic density's with a beta that an interval's length bounds: a sample that passes near a thin thing
-    draws others to it. ``floor`` of them are spread evenly over the quantiles. ``jitter`` (N, count) rises in [0, 1].
+    draws others to it. `QUANTILE_FLOOR` of them are spread evenly over the quantiles. ``jitter`` (N, count) rises in [0, 1].
     """
     gap = (t[:, 1:] - t[:, :-1]).clamp_min(1e-4)
     sharp = (4.0 / gap).clamp_max(beta)
@@ -122,7 +120,7 @@ def refine_quantiles(u: Tensor, t: Tensor, s: Tensor, beta: float, count: int, j
     widths = torch.diff(edges, dim=-1)
     first = -torch.expm1(-before)
     weight = torch.cat([first, weight, torch.zeros_like(first)], -1) + 1e-5
-    pdf = (1 - floor) * weight / weight.sum(-1, keepdim=True) + floor * widths
+    pdf = (1 - QUANTILE_FLOOR) * weight / weight.sum(-1, keepdim=True) + QUANTILE_FLOOR * widths
     cdf = torch.cat([torch.zeros_like(u[:, :1]), pdf.cumsum(-1)], -1)
     cdf = cdf / cdf[:, -1:]
     j = torch.searchsorted(cdf, jitter.contiguous(), right=True).clamp(1, cdf.shape[1] - 1)

@@ -10,7 +10,7 @@ import sys
 import warnings
 from pathlib import Path
 
-ABI_VERSION = 6
+ABI_VERSION = 7
 _SUFFIX = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
 
 
@@ -55,6 +55,29 @@ class StrandsStruct(ctypes.Structure):
     ]
 
 
+class LayerStruct(ctypes.Structure):
+    """`unisim_layer` of native/unisim_native.h."""
+
+    _fields_ = [
+        ("inputs", ctypes.c_int32),
+        ("outputs", ctypes.c_int32),
+        ("kernel", ctypes.c_int32),
+        ("weight", ctypes.c_void_p),
+        ("bias", ctypes.c_void_p),
+    ]
+
+
+class HeadStruct(ctypes.Structure):
+    """`unisim_head` of native/unisim_native.h."""
+
+    _fields_ = [
+        ("features", ctypes.c_int32),
+        ("extras", ctypes.c_int32),
+        ("count", ctypes.c_int32),
+        ("layers", ctypes.c_void_p),
+    ]
+
+
 @functools.cache
 def library() -> ctypes.CDLL | None:
     """The kernels, or None (with one warning) where they were not built. UNISIM_NATIVE=0 switches them off."""
@@ -87,6 +110,12 @@ def library() -> ctypes.CDLL | None:
     lib.unisim_gather_backward.argtypes = [p, p, p, i64, i32, p, p, p, p, p, p, p, p, i32]
     lib.unisim_bvh_build.argtypes = [p, p, i32, p, p]
     lib.unisim_bvh_first_hits.argtypes = [p, p, p, p, p, p, i64, f64, p, p, p, i32]
+    lib.unisim_trace.argtypes = [p, p, p, p, p, p, i32]
+    lib.unisim_clearance.argtypes = [p, p, p]
+    lib.unisim_cells.argtypes = [p, p, i64, p, i32]
+    lib.unisim_box_cells.argtypes = [p, p, i32, p, i32]
+    lib.unisim_head_forward.argtypes = [p, p, p, p, i64, p, i32]
+    lib.unisim_decode_image.argtypes = [p, p, i32, i32, p, p, i32, i32, p, i32, i32]
     return lib
 
 
@@ -99,3 +128,9 @@ def variant() -> str:
     """The instruction set in use: avx512, avx2, portable, or "torch" without the library."""
     lib = library()
     return "torch" if lib is None else lib.unisim_variant().decode()
+
+
+def has_half() -> bool:
+    """Whether the kernels can multiply bfloat16 here."""
+    lib = library()
+    return lib is not None and bool(lib.unisim_has_half())

@@ -2,44 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-import torch
-import torch.nn.functional as F
 from numpy.typing import NDArray
-from torch import Tensor
 
-from .cast import Cast
-from .fields.checkpoint import Scene
-from .fields.gradient import CORNERS, distance_gradient
 from .frames import CameraFrame
-from .median import median_depth
 from .sensors.rays import Rays
-from .strands import RayBatch, Strands, Traced
-
-Maps = dict[str, NDArray[Any]]
-"""One array (N, ...) for each pass."""
-_STEP_M = 0.03
-
-
-def ray_passes(scene: Scene, cast: Cast, part: RayBatch, traced: Traced, passes: set[str]) -> Maps:
-    """One array (N, ...) for each pass asked for, of rays that were traced; ``depth`` comes with those that need it."""
-    maps: Maps = {}
-    solid = traced.opacity > 0.5
-    if passes & {"depth", "normal", "support"}:
-        depth = torch.where(solid, median_depth(scene.model, traced), torch.inf)
-        maps["depth"] = depth.cpu().numpy()
-    if "opacity" in passes:
-        maps["opacity"] = traced.opacity.cpu().numpy()
-    if "instance" in passes:
-        maps["instance"] = _instances(traced, len(part)).cpu().numpy()
-    if "normal" in passes:
-        maps["normal"] = _normals(scene, cast, traced, part, solid).cpu().numpy()
-    if "support" in passes:
-        maps["support"] = (~_supported(scene, traced, part, depth)).cpu().numpy()
-    return maps
+from .tracer import Maps
 
 
 def fill_passes(out: CameraFrame, maps: Maps, rays: Rays, shape: tuple[int, ...], up: int, inner: tuple[slice, slice]) -> None:
@@ -62,63 +32,3 @@ def fill_passes(out: CameraFrame, maps: Maps, rays: Rays, shape: tuple[int, ...]
         out.opacity = full(maps["opacity"]).astype(np.float32)
     if "support" in maps:
         out.unsupported = full(maps["support"]).astype(np.bool_)
-
-
-def _instances(traced: Traced, rays: int) -> Tensor:
-    """1 + the number of the actor with the largest weight on each ray (N,), 0 where the rest outweighs it."""
-    best = traced.feature.new_zeros(rays)
-    out = torch.zeros(rays, dtype=torch.long, device=best.device)
-    background = traced.behind.clone()
-    for strand in traced.strands:
-        assert strand.weight is not None
-        total = strand.weight.sum(1)
-        if strand.bounds is None:
-            background.index_add_(0, strand.ray, total)
-            continue
-        # several strands of one ray: the heaviest last, so that its number stays
-        order = torch.argsort(total, stable=True)
-        ray, total, medium = strand.ray[order], total[order], strand.medium[order]
-        heavier = total > best[ray]
-        out[ray[heavier]] = medium[heavier] + 1
-        best.index_put_((ray[heavier],), total[heavier])
-    return torch.where(best > background, out, torch.zeros_like(out))
-
-
-def _normals(scene: Scene, cast: Cast, traced: Traced, part: RayBatch, solid: Tensor) -> Tensor:
-    """Unit normals (N, 3), world frame, 0 where nothing solid is: each strand's gradient of the distance at its heaviest sample,
-    by central differences on a tetrahedron, weighted with what the strand gives to the ray."""
-    out = torch.zeros_like(part.directions)
-    for strand in traced.strands:
-        assert strand.weight is not None
-        weight, heaviest = strand.weight.sum(1), strand.weight.argmax(1)
-        if strand.normals is not None:
-            out.index_add_(0, strand.ray, weight[:, None] * strand.normals)
-            continue
-        x = strand.points[torch.arange(len(heaviest), device=heaviest.device), heaviest]
-        gradient = distance_gradient(_distance_of(scene, cast, strand), x, _STEP_M, strand.size_m)
-        if strand.bounds is None:
-            gradient = gradient @ scene.model.frame.rotation
-        if strand.world_from_box is not None:
-            gradient = torch.einsum("nij,nj->ni", strand.world_from_box, gradient)
-        out.index_add_(0, strand.ray, weight[:, None] * F.normalize(gradient, dim=-1))
-    return torch.where(solid[:, None], F.normalize(out, dim=-1), torch.zeros_like(out))
-
-
-def _distance_of(scene: Scene, cast: Cast, strand: Strands) -> Callable[[Tensor], Tensor]:
-    """The signed distance in a strand's medium, of points in its own coordinates, `CORNERS` for each row."""
-    if strand.bounds is None:
-        return scene.model.static.distance
-    troupes = [cast.own, *cast.guests.values()]
-    troupe = troupes[strand.guest + 1]
-    first = sum(len(t.uids) for t in troupes[: strand.guest + 1])
-    row = troupe.rows[strand.medium - first].repeat_interleave(CORNERS)
-    return lambda y: troupe.scene.actors.distance(troupe.tables, y, row)
-
-
-def _supported(scene: Scene, traced: Traced, part: RayBatch, depth_m: Tensor) -> Tensor:
-    """Which rays (N,) end where the recording saw something: an observed voxel, an actor, or beyond the volume."""
-    model = scene.model
-    x = model.frame.points(part.origins + part.directions * torch.nan_to_num(depth_m, posinf=1e6)[:, None])
-    outside = ((x < 0) | (x > model.frame.size_m)).any(-1)
-    seen = model.observed.view(-1)[model.occupancy.cells(x)] > 0
-    return outside | seen | (_instances(traced, len(part)) > 0)

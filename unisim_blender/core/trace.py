@@ -13,23 +13,16 @@ import torch.nn.functional as F
 from numpy.typing import NDArray
 from torch import Tensor
 
-from .cast import Cast, Troupe
+from .cast_tensors import CastTensors, TroupeTensors
 from .composite import composite
+from .constants import CLEARANCE_M, EMPTY_M, OPAQUE, WHOLE
 from .density import logistic_intervals, unisim_intervals, weights_from_tau
-from .fields.ground import CLEARANCE_M
 from .fields.scene import SceneModel
 from .fields.tracklets import Hits
 from .march import Segment, propose, refine_quantiles, stratified
 from .meshes.meeting import Met
 from .strands import RayBatch, Strands, Traced
-
-NEAR_M = 0.5
-OPAQUE = 1e-3
-"""Transmittance under which nothing behind is computed."""
-EMPTY_M = 10.0
-"""The distance that stands for empty space."""
-WHOLE = 1e-6
-"""What a mesh that covers a ray lets through."""
+from .tracer import NEAR_M
 
 
 @dataclass(frozen=True)
@@ -47,7 +40,7 @@ class Sampling:
 
 
 def trace(
-    scene: SceneModel, cast: Cast, rays: RayBatch, sampling: Sampling, among: Tensor | None = None, met: Met | None = None
+    scene: SceneModel, cast: CastTensors, rays: RayBatch, sampling: Sampling, among: Tensor | None = None, met: Met | None = None
 ) -> Traced:
     """Features, depths and opacities of rays. ``among`` names the own actors that can be met, the others are skipped; ``met`` is
     where rays meet meshes."""
@@ -94,7 +87,7 @@ def _count(n: int, sampling: Sampling) -> int:
     return max(2, round(n * sampling.fine))
 
 
-def _static_strands(scene: SceneModel, cast: Cast, rays: RayBatch, sampling: Sampling, actors: list[Strands]) -> Strands:
+def _static_strands(scene: SceneModel, cast: CastTensors, rays: RayBatch, sampling: Sampling, actors: list[Strands]) -> Strands:
     o, d = scene.frame.points(rays.origins), scene.frame.vectors(rays.directions)
     t_near, t_far = scene.frame.span(o, d, NEAR_M)
     n, samples = len(rays), scene.config.samples
@@ -122,7 +115,7 @@ def _static_strands(scene: SceneModel, cast: Cast, rays: RayBatch, sampling: Sam
 
 
 def _actor_strands(
-    troupe: Troupe, rays: RayBatch, sampling: Sampling, among: Tensor | None, first: int, guest: int
+    troupe: TroupeTensors, rays: RayBatch, sampling: Sampling, among: Tensor | None, first: int, guest: int
 ) -> list[Strands]:
     if not troupe.uids or (among is not None and len(among) == 0):
         return []
@@ -187,7 +180,7 @@ def _mirrored(directions: Tensor, across: Tensor, flip: Tensor) -> Tensor:
     return directions + ((flip - 1) * (directions * across).sum(-1))[:, None] * across
 
 
-def _copy_strands(scene: SceneModel, cast: Cast, rays: RayBatch, sampling: Sampling) -> list[Strands]:
+def _copy_strands(scene: SceneModel, cast: CastTensors, rays: RayBatch, sampling: Sampling) -> list[Strands]:
     """What stands above the ground in a source box, seen where its copy stands."""
     if cast.copies is None or cast.copy_source is None:
         return []
@@ -231,7 +224,7 @@ def _surfaces(met: Met, rays: RayBatch, first: int, guest: int) -> Strands:
 
 
 def _cleared(
-    scene: SceneModel, cast: Cast, rays: RayBatch, actors: list[Strands], ray: Tensor, t: Tensor, points: Tensor, s: Tensor
+    scene: SceneModel, cast: CastTensors, rays: RayBatch, actors: list[Strands], ray: Tensor, t: Tensor, points: Tensor, s: Tensor
 ) -> Tensor:
     """The static field's distances s (P, K) at samples t (P, K), points (P, K, 3), of rays (P,), as a ray may meet them.
 
@@ -248,7 +241,7 @@ def _cleared(
 
 
 @torch.no_grad()
-def _in_boxes(cast: Cast, rays: RayBatch, actors: list[Strands], ray: Tensor, t: Tensor) -> Tensor:
+def _in_boxes(cast: CastTensors, rays: RayBatch, actors: list[Strands], ray: Tensor, t: Tensor) -> Tensor:
     """Which samples t (P, K) of rays (P,) lie in the box of an actor that the ray meets, or in a removed one: (P, K)."""
     covers = torch.zeros_like(t)
     row_of_ray = torch.full((len(rays),), -1, dtype=torch.long, device=t.device)

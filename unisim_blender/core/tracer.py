@@ -1,6 +1,7 @@
-"""What the renderer asks of whatever traces rays: the compiled kernels with numpy alone, or torch, the reference and the GPU's way.
+"""What the renderer asks of whatever traces rays: the compiled kernels with numpy alone, or torch, the reference and a GPU's way.
 
-Arrays in and out are numpy's; rays are in the world frame, float64.
+Rays are in the world frame, float64. Arrays are numpy's, but for what only the tracer itself reads again: that may stay where it
+computes.
 """
 
 from __future__ import annotations
@@ -11,16 +12,23 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from .cast import Cast
 from .frames import RenderStats
 from .geometry import FloatArray
 from .meshes.meeting import Met
 from .sensors.rays import Rays
 
 Array = NDArray[np.float32]
+Own = Any
+"""An array (N, ...) or torch's tensor: only the tracer that made it looks into it."""
 Maps = dict[str, NDArray[Any]]
 """One array (N, ...) for each pass."""
 NEAR_M = 0.5
 """Nothing nearer to a sensor is looked at."""
+EDGE_CELLS = 8
+"""How far past its edges a guest is carried on, for the decoder to look at."""
+UNIFORM_STEP_M = 0.2
+"""What saved samples are counted beside: a march through the volume in steps of this length."""
 
 
 @dataclass
@@ -28,15 +36,15 @@ class Found:
     """What rays (N,) met. feature (N, F) composited, the far field and the sky included where they were asked for; depth_m (N,)
     the mean distance of what stopped the ray, 0 where nothing did; opacity (N,); maps, one array (N, ...) for each pass."""
 
-    feature: Array
-    depth_m: Array
-    opacity: Array
+    feature: Own
+    depth_m: Own
+    opacity: Own
     maps: Maps
-    guest_features: list[Array] = field(default_factory=list)
+    guest_features: list[Own] = field(default_factory=list)
     """For each guest scene, by weight, features (N, F') of its own."""
-    guest_opacity: list[Array] = field(default_factory=list)
+    guest_opacity: list[Own] = field(default_factory=list)
     """How much of each ray (N,) each guest scene's actors stop."""
-    without_guests: Array | None = None
+    without_guests: Own | None = None
     """``feature`` as if no guest and no mesh were there; None where none is."""
     mesh_opacity: Array | None = None
     """How much of each ray (N,) meshes stop; None where there are none."""
@@ -49,9 +57,12 @@ class Tracer(Protocol):
     """Image pixels along one edge of a cell of the feature map."""
     reach: int
     """How many cells away a pixel of `image` can depend on."""
+    cast: Cast
+    """Who is on."""
 
     def trace(self, rays: Rays, passes: set[str], sky: bool, met: Met | None, stats: RenderStats) -> Found:
-        """What flat rays meet. ``sky`` asks for what gives a camera its background, ``met`` is where the rays meet meshes."""
+        """What rays (h, w), or (N,), meet, as flat arrays. ``sky`` asks for what gives a camera its background, ``met`` is where
+        the rays meet meshes."""
 
     def image(self, found: Found, directions: FloatArray, camera_id: str, shape: tuple[int, ...]) -> Array:
         """The picture (h up, w up, 3) in 0..1, display-referred sRGB, of cells in ``shape`` (h, w), directions (h w, 3)."""

@@ -10,6 +10,7 @@ from tqdm import tqdm
 
 from ..logs.splits import SPLITS
 from ..prepare.selection import split_names
+from ..quality import QUALITY
 
 HELD_OUT = "1::2"
 """Frames that a split is measured on: even frames train, odd frames test."""
@@ -28,7 +29,7 @@ LEFT_TO_THE_FILE = ("by_sensor", "pixels", "chamfer_squared_m2", "depth_median_s
 @click.option("--split", type=click.Choice(sorted(SPLITS)), help="SCENE and LOG hold a folder for each log of this split.")
 @click.option(
     "--quality",
-    type=click.Choice(["fast", "balanced", "reference"]),
+    type=click.Choice(list(QUALITY)),
     default="balanced",
     show_default=True,
     help="Samples a ray.",

@@ -11,6 +11,7 @@ from tqdm import tqdm
 from ..output.frame_files import camera_path
 from ..prepare.scenario_plan import SEQUENCE_FORMATS, Wishes, plan_scenario, sequence_formats
 from ..prepare.selection import split_names
+from ..quality import QUALITY
 from ..sequence.plan import RenderPlan
 from ..sequence.run import render_sequence
 
@@ -25,7 +26,7 @@ MOST_JOBS = 8
 @click.option("--sensors", metavar="A,B", help="Cameras and LiDARs by name. [default: all of the scenario's]")
 @click.option("--passes", metavar="A,B", help="rgb, depth, normal, instance, opacity, support. [default: the scenario's, or rgb]")
 @click.option("--width", type=click.IntRange(min=8), help="Width of the images; heights follow. [default: the cameras' own]")
-@click.option("--quality", type=click.Choice(["fast", "balanced", "reference"]), help="[default: the scenario's, or balanced]")
+@click.option("--quality", type=click.Choice(list(QUALITY)), help="[default: the scenario's, or balanced]")
 @click.option(
     "--jobs", type=click.IntRange(min=1), help=f"Processes, of one thread each. [default: one a core, at most {MOST_JOBS}]"
 )

@@ -5,25 +5,22 @@ Tables in half precision, actors' grids baked. No pickle."""
 from __future__ import annotations
 
 import dataclasses
-import hashlib
 import os
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
-import numpy as np
 import torch
-from safetensors import SafetensorError
-from safetensors.torch import load_file, save_file
+from numpy.typing import NDArray
 from torch import Tensor
 
 from ..errors import SceneError
-from ..scene_file import HEADER_NAME, SceneHeader, read_scene_header, write_scene_header
+from ..scene_file import HEADER_NAME, WEIGHTS_NAME, SceneHeader, read_scene_header, write_scene_header
+from ..weights import Weights, check_belongs, read_weights, weights_hash
 from .config import ModelConfig
 from .config_check import check_config
 from .scene import SceneModel
 from .volume import Volume
-
-WEIGHTS = "weights.safetensors"
 
 
 @dataclass
@@ -55,14 +52,17 @@ def _pack(model: SceneModel) -> dict[str, Tensor]:
 
 def save_scene(path: Path, header: SceneHeader, model: SceneModel) -> None:
     """Write both files; each appears under its name only when it is complete."""
+    from safetensors import SafetensorError  # here: what renders does not need it
+    from safetensors.torch import save_file
+
     path.mkdir(parents=True, exist_ok=True)
-    temporary = path / f".{WEIGHTS}.part"
+    temporary = path / f".{WEIGHTS_NAME}.part"
     try:
         save_file(_pack(model), temporary)
-        os.replace(temporary, path / WEIGHTS)
+        os.replace(temporary, path / WEIGHTS_NAME)
     except (OSError, SafetensorError) as error:
         temporary.unlink(missing_ok=True)
-        raise SceneError(f"{path / WEIGHTS} cannot be written: {error}") from error
+        raise SceneError(f"{path / WEIGHTS_NAME} cannot be written: {error}") from error
     # a kill between the two leaves a header that does not belong to the weights, and says so
     write_scene_header(path, dataclasses.replace(header, weights=weights_hash(path)))
 
@@ -74,60 +74,30 @@ def load_scene(path: str | Path, device: str = "cpu") -> Scene:
     config = ModelConfig.from_dict(header.model)
     check_config(config, f"{path / HEADER_NAME}: model")
     volume = Volume.from_dict(header.volume)
-    file = path / WEIGHTS
+    file = path / WEIGHTS_NAME
     if not file.is_file():
         raise SceneError(f"{file}: the trained scene has no weights")
-    try:
-        tensors = load_file(file)
-    except (OSError, SafetensorError, ValueError) as error:
-        raise SceneError(f"{file} cannot be read: {error}") from error
+    weights = read_weights(file)
     cameras = tuple(str(name) for name in header.training.get("cameras", ()))
     model = SceneModel(config, volume, tuple(sorted(header.drive.actors)), cameras)
     model.actors.drop_hypernetwork()
-    tables = tensors.pop("actors.tables", None)
-    state = _unpack(file, tensors, model)
-    expected = (len(header.drive.actors), model.actors.grid.rows, config.actor_grid.features)
-    if tables is None or tuple(tables.shape) != expected:
-        raise SceneError(f"{file}: actors.tables has shape {None if tables is None else tuple(tables.shape)}, not {expected}")
-    _check_finite(file, "actors.tables", tables)
-    if header.weights and header.weights != weights_hash(path):
-        raise SceneError(
-            f"{file} does not belong to the {HEADER_NAME} beside it: one of the two was written or copied without the other"
-        )
+    state = {name: _unpack(weights, name, value) for name, value in model.state_dict().items()}
+    tables = weights.array("actors.tables", (len(header.drive.actors), model.actors.grid.rows, config.actor_grid.features))
+    check_belongs(header)
     model.load_state_dict(state)
     model.eval().requires_grad_(False).to(device)
-    return Scene(path, header, model, tables.float().to(device))
+    return Scene(path, header, model, _tensor(tables, torch.float32).to(device))
 
 
-def _unpack(file: Path, tensors: dict[str, Tensor], model: SceneModel) -> dict[str, Tensor]:
-    state = {}
-    for name, value in model.state_dict().items():
-        if name in ("occupancy.values", "observed"):
-            index, entries = tensors.get(f"{name}.index"), tensors.get(f"{name}.value")
-            if index is None or entries is None:
-                raise SceneError(f"{file}: {name} is missing")
-            if index.shape != entries.shape or (len(index) and not 0 <= int(index.min()) <= int(index.max()) < value.numel()):
-                raise SceneError(f"{file}: {name} does not fit a grid of {tuple(value.shape)} voxels")
-            full = torch.zeros(value.numel(), dtype=torch.uint8)
-            full[index.long()] = entries.to(torch.uint8)
-            state[name] = full.view(value.shape)
-            continue
-        if name not in tensors:
-            raise SceneError(f"{file}: {name} is missing")
-        if tensors[name].shape != value.shape:
-            raise SceneError(f"{file}: {name} has shape {tuple(tensors[name].shape)}, scene.json asks for {tuple(value.shape)}")
-        _check_finite(file, name, tensors[name])
-        state[name] = tensors[name].to(value.dtype)
-    return state
+def _unpack(weights: Weights, name: str, value: Tensor) -> Tensor:
+    """What the file holds for an entry of the model's state, of its dtype."""
+    shape = tuple(value.shape)
+    found = weights.voxels(name, shape) if name in ("occupancy.values", "observed") else weights.array(name, shape)
+    return _tensor(found, value.dtype)
 
 
-def _check_finite(file: Path, name: str, value: Tensor) -> None:
-    if value.is_floating_point() and not bool(torch.isfinite(value).all()):
-        where = np.unravel_index(int((~torch.isfinite(value)).flatten().int().argmax()), tuple(value.shape) or (1,))
-        raise SceneError(f"{file}: {name}{[int(i) for i in where]} is not a finite number")
-
-
-def weights_hash(path: str | Path) -> str:
-    """SHA-256 of the weights file, in hexadecimal."""
-    with (Path(path) / WEIGHTS).open("rb") as stream:
-        return hashlib.file_digest(stream, "sha256").hexdigest()
+def _tensor(array: NDArray[Any], dtype: torch.dtype) -> Tensor:
+    """A tensor of a mapped array: one copy, which converts."""
+    open_array = array.view()
+    open_array.flags.writeable = True  # torch warns of arrays that cannot be written, though this one is only read
+    return torch.from_numpy(open_array).to(dtype, copy=True)

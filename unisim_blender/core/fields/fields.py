@@ -8,17 +8,20 @@ import torch
 from torch import Tensor, nn
 
 from .. import native
+from ..constants import MAX_LOG_DENSITY
 from ..devices import kernel_threads
 from .config import ModelConfig
-from .hash_grid import GridArrays, GridShape, encode
+from .grid_shape import GridArrays, GridShape
+from .hash_grid import encode
 from .networks import mlp, network_struct, run_mlp
-from .volume import Volume, VolumeFrame, contract, contract_direction
+from .volume import Volume
+from .volume_frame import VolumeFrame, contract, contract_direction
 
 INITIAL_DISTANCE_M = 0.1
 INITIAL_ACTOR_DISTANCE_M = 0.3
 """An actor's box is entered from outside: there its field must not stop a ray from the start."""
 
-INITIAL_LOG_DENSITY, MAX_LOG_DENSITY = -1.0, 8.0
+INITIAL_LOG_DENSITY = -1.0
 """Of the far field."""
 
 

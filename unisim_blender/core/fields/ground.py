@@ -1,57 +1,14 @@
-"""The height of the ground under the drive, on a grid, from LiDAR returns."""
+"""The height of the ground under the drive, as a grid."""
 
 from __future__ import annotations
 
 import numpy as np
 import torch
 import torch.nn.functional as F
-from numpy.typing import NDArray
-from scipy import ndimage
 from torch import Tensor, nn
 
+from ..constants import CLEARANCE_M, GROUND_CELL_M
 from ..geometry import FloatArray
-
-CELL_M = 1.0
-CLEARANCE_M = 0.1
-"""What lies higher than this above the ground is not the ground."""
-
-
-KNOWN_M = 8.0
-"""Up to this far from a cell that LiDAR saw, the ground is taken to go on."""
-
-
-def ground_heights(points: FloatArray, size_m: FloatArray) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-    """Heights (X, Y) of the ground in cells of 1 m, in volume coordinates, from static points (N, 3) in volume coordinates; and
-    in which cells (X, Y) they can be trusted.
-
-    The lowest returns of a cell, opened over 9 m so that roofs and walls do not count, median-smoothed; cells that no LiDAR saw
-    take their nearest neighbour's.
-    """
-    shape = tuple(int(np.ceil(s / CELL_M)) for s in size_m[:2])
-    cell = np.floor(points[:, :2] / CELL_M).astype(np.int64)
-    keep = ((cell >= 0) & (cell < np.array(shape))).all(1)
-    flat, z = cell[keep, 0] * shape[1] + cell[keep, 1], points[keep, 2]
-    lowest = np.full(shape[0] * shape[1], np.inf)
-    order = np.lexsort((z, flat))
-    flat, z = flat[order], z[order]
-    starts = np.flatnonzero(np.r_[True, np.diff(flat) > 0]) if len(flat) else np.zeros(0, np.int64)
-    counts = np.diff(np.r_[starts, len(flat)])
-    # the 5th percentile: a few stray returns lie below the road
-    lowest[flat[starts]] = z[starts + (counts * 0.05).astype(np.int64)] if len(flat) else np.inf
-    heights = lowest.reshape(shape)
-    if not np.isfinite(heights).any():
-        return np.zeros(shape, np.float32), np.zeros(shape, np.bool_)
-    heights = _fill(heights)
-    opened = ndimage.grey_opening(heights, size=(9, 9))
-    trusted = np.isfinite(lowest.reshape(shape)) & (heights <= opened + 0.4)
-    known = ndimage.distance_transform_edt(~trusted) * CELL_M <= KNOWN_M
-    heights = _fill(np.where(trusted, heights, np.inf))
-    return ndimage.median_filter(heights, size=5).astype(np.float32), known
-
-
-def _fill(heights: FloatArray) -> FloatArray:
-    nearest = ndimage.distance_transform_edt(~np.isfinite(heights), return_distances=False, return_indices=True)
-    return np.asarray(heights[tuple(nearest)])
 
 
 class Ground(nn.Module):
@@ -59,14 +16,14 @@ class Ground(nn.Module):
 
     def __init__(self, size_m: FloatArray) -> None:
         super().__init__()
-        shape = tuple(int(np.ceil(s / CELL_M)) for s in size_m[:2])
+        shape = tuple(int(np.ceil(s / GROUND_CELL_M)) for s in size_m[:2])
         self.register_buffer("heights", torch.zeros(shape))
 
     heights: Tensor
 
     def height(self, x: Tensor) -> Tensor:
         """Ground heights (N,) under points (N, 3), volume coordinates; bilinear between cell centres."""
-        extent = x.new_tensor([self.heights.shape[0] * CELL_M, self.heights.shape[1] * CELL_M])
+        extent = x.new_tensor([self.heights.shape[0] * GROUND_CELL_M, self.heights.shape[1] * GROUND_CELL_M])
         place = (x[:, :2] / extent * 2 - 1).flip(-1)
         grid = self.heights.to(x.dtype)[None, None]
         return F.grid_sample(grid, place[None, None], padding_mode="border", align_corners=False)[0, 0, 0]

@@ -10,11 +10,10 @@ from __future__ import annotations
 import torch
 from torch import Tensor, nn
 
+from ..constants import LIGHT_REACH_M
 from .config import ModelConfig
 from .networks import mlp, run_mlp
 
-REACH_M = 0.6
-"""The look is a mean of four places this far from the one asked for: a lane mark is no light."""
 HIDDEN = 16
 
 
@@ -33,7 +32,7 @@ class Light(nn.Module):
         nn.init.zeros_(last.weight)
         nn.init.zeros_(last.bias)
         self.register_buffer("home", torch.zeros(actors, 3))
-        self.register_buffer("around", REACH_M * torch.tensor([[1.0, 0], [-1, 0], [0, 1], [0, -1]]), persistent=False)
+        self.register_buffer("around", LIGHT_REACH_M * torch.tensor([[1.0, 0], [-1, 0], [0, 1], [0, -1]]), persistent=False)
 
     home: Tensor
     around: Tensor

@@ -15,7 +15,8 @@ from .ground import Ground
 from .light import Light
 from .networks import SH_WIDTH, mlp, spherical_harmonics
 from .occupancy import Occupancy
-from .volume import Volume, VolumeFrame
+from .volume import Volume
+from .volume_frame import VolumeFrame
 
 
 class SceneModel(nn.Module):

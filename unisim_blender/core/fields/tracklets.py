@@ -11,11 +11,10 @@ import torch
 from torch import Tensor, nn
 
 from .. import native
+from ..bounds import BIN_S, Bounds
 from ..devices import kernel_threads
 from ..drive import Actor
-from ..geometry import FloatArray
 
-BIN_S = 0.05
 SMOOTH_S = 0.2
 """Corrections of poses change as slowly as this: what some frames teach holds for the ones between."""
 
@@ -152,7 +151,10 @@ class Tracklets(nn.Module):
         )
         self.register_buffer("start_s", torch.tensor([a.start_s for a in actors], dtype=torch.float64), persistent=False)
         self.register_buffer("end_s", torch.tensor([a.end_s for a in actors], dtype=torch.float64), persistent=False)
-        self._make_bounds(actors)
+        bounds = Bounds(actors)
+        self.first_bin_s = bounds.first_s
+        self.register_buffer("bound_centres", torch.as_tensor(bounds.centres), persistent=False)
+        self.register_buffer("bound_radii", torch.as_tensor(bounds.radii), persistent=False)
         self.refine = refine
         if refine:
             rot6 = torch.as_tensor(rotations[..., :, :2].swapaxes(-1, -2).reshape(n, keys, 6)).float()
@@ -175,31 +177,6 @@ class Tracklets(nn.Module):
     smoothing: Tensor
     bound_centres: Tensor
     bound_radii: Tensor
-
-    def _make_bounds(self, actors: Sequence[Actor]) -> None:
-        """A sphere round each actor for every bin of time, so that most rays are sorted out without a pose."""
-        self.first_bin_s = min((a.start_s for a in actors), default=0.0)
-        last = max((a.end_s for a in actors), default=0.0)
-        bins = max(1, int(np.ceil((last - self.first_bin_s) / BIN_S)) + 1)
-        centres, radii = np.zeros((bins, len(actors), 3)), np.full((bins, len(actors)), -1.0)
-        edges = self.first_bin_s + BIN_S * np.arange(bins + 1)
-        for i, actor in enumerate(actors):
-            at = actor.world_from_actor.at(edges)[:, :3, 3]
-            step = np.linalg.norm(np.diff(at, axis=0), axis=1)
-            present = (edges[1:] >= actor.start_s) & (edges[:-1] <= actor.end_s)
-            centres[:, i] = (at[1:] + at[:-1]) / 2
-            radii[:, i] = np.where(present, np.linalg.norm(actor.size_m) / 2 + step / 2 + 0.5, -1.0)
-        self.register_buffer("bound_centres", torch.as_tensor(centres).float(), persistent=False)
-        self.register_buffer("bound_radii", torch.as_tensor(radii).float(), persistent=False)
-
-    def bounds_between(self, actor: int, first_s: float, last_s: float) -> tuple[FloatArray, FloatArray] | None:
-        """Spheres (K, 3), (K,) round one actor over a span of time, world frame; None where it is absent throughout."""
-        last_bin = len(self.bound_radii) - 1
-        low = min(max(int((first_s - self.first_bin_s) // BIN_S), 0), last_bin)
-        high = min(max(int((last_s - self.first_bin_s) // BIN_S), 0), last_bin)
-        radii = self.bound_radii[low : high + 1, actor].cpu().numpy()
-        here = radii > 0
-        return (self.bound_centres[low : high + 1, actor].cpu().numpy()[here], radii[here]) if here.any() else None
 
     def keys(self) -> tuple[Tensor, Tensor]:
         """Positions (A, K, 3) and quaternions (A, K, 4), corrected where they are refined; what stands still is moved as one."""

@@ -13,7 +13,7 @@ from ..output.frame_files import FORMATS
 from ..scenario import scenario_to_json
 from ..scenario.types import Outputs, Scenario
 from ..sequence.plan import RenderPlan, SequenceSettings
-from .renderers import SceneSource, scene_hashes
+from .renderers import SceneSource, environment, scene_hashes
 from .scenario import PreparedScenario, prepare_scenario
 from .selection import check_names, select_frames
 
@@ -65,7 +65,8 @@ def plan_scenario(path: Path, wishes: Wishes) -> tuple[RenderPlan, PreparedScena
         "log": {"name": drive.name, "world_origin": drive.world_origin.tolist()},
     }
     source = SceneSource(prepared.scene_path, drive, quality, wishes.device, wishes.draw, settings.contact_shadows)
-    return RenderPlan(drive, frames, settings, source, scene_hashes(prepared.scene_path, drive), about), prepared
+    hashes = scene_hashes(prepared.scene_path, drive)
+    return RenderPlan(drive, frames, settings, source, hashes, environment(wishes.device), about), prepared
 
 
 def sequence_formats(scenario: Scenario) -> tuple[str, ...]:

@@ -4,15 +4,12 @@ from __future__ import annotations
 
 import hashlib
 import json
-import platform
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, Protocol
-
-import numpy as np
 
 from ..drive import Drive
 from ..files import sha256_of_file
@@ -57,8 +54,9 @@ class RenderPlan:
     """A sequence to render.
 
     ``make_renderer`` is called once in every process and must pickle; ``scenes`` are the trained scenes' and meshes' hashes by
-    the name that looks have for them ("" is the drive's own), part of what decides whether a frame is up to date; ``about`` is
-    what the manifest says besides (names and hashes, no paths, so that it is the same wherever things lie).
+    the name that looks have for them ("" is the drive's own), part of what decides whether a frame is up to date, as is
+    ``environment``: machine, instruction set, libraries that compute; ``about`` is what the manifest says besides (names and
+    hashes, no paths, so that it is the same wherever things lie).
     """
 
     drive: Drive
@@ -66,6 +64,7 @@ class RenderPlan:
     settings: SequenceSettings
     make_renderer: Callable[[], FrameRenderer]
     scenes: dict[str, str]
+    environment: dict[str, str]
     about: dict[str, Any]
 
 
@@ -80,7 +79,7 @@ def plan_key(plan: RenderPlan) -> str:
         "scene": plan.scenes.get(""),
         "settings": asdict(plan.settings),
         "code": code_identity(),
-        "environment": environment(plan.settings.device),
+        "environment": plan.environment,
     }
     return hashlib.sha256(json.dumps(document, sort_keys=True).encode()).hexdigest()
 
@@ -99,13 +98,3 @@ def code_identity() -> dict[str, str]:
     except PackageNotFoundError:  # run from its sources, or as an extension of Blender
         release = "source"
     return {"version": release, "sha256": digest.hexdigest()}
-
-
-def environment(device: str) -> dict[str, str]:
-    """What else equal bytes depend on: machine, instruction set, libraries that compute."""
-    found = {"machine": platform.machine(), "device": device, "numpy": np.__version__}
-    try:
-        import torch
-    except ModuleNotFoundError:
-        return found
-    return found | {"torch": torch.__version__, "instruction_set": torch.backends.cpu.get_cpu_capability()}

@@ -27,7 +27,7 @@ from ..files import remove_partial_files, sha256_of_file, write_file
 from ..frames import RenderStats
 from ..output.frame_files import json_bytes, write_camera, write_labels, write_lidar
 from ..processes import THREAD_VARIABLES, end_with_parent
-from .plan import FrameRenderer, RenderPlan, code_identity, environment, plan_key
+from .plan import FrameRenderer, RenderPlan, code_identity, plan_key
 from .records import STATE_FOLDER
 
 MANIFEST_NAME = "manifest.json"
@@ -156,7 +156,7 @@ def _manifest(plan: RenderPlan, out: Path, key: str) -> dict[str, Any]:
         "format": "unisim-render",
         "version": MANIFEST_VERSION,
         "code": code_identity(),
-        "environment": environment(plan.settings.device),
+        "environment": plan.environment,
         "inputs": {**plan.about, "scenes": {"own": plan.scenes.get(""), "others": _other_scenes(plan)}, "key": key},
         "settings": asdict(plan.settings),
         "samples": totals,

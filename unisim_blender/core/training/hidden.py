@@ -11,7 +11,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-from ..fields.ground import CELL_M
+from ..constants import GROUND_CELL_M
 from ..fields.occupancy import OccupancyTrainer
 from ..fields.scene import SceneModel
 
@@ -86,7 +86,7 @@ class Hidden:
         """Points (N, 3) of known ground."""
         device = self.known_ground.device
         cells = self.known_ground[torch.randint(len(self.known_ground), (_DRAWS,), generator=generator, device=device)]
-        place = (cells + torch.rand(_DRAWS, 2, generator=generator, device=device)) * CELL_M
+        place = (cells + torch.rand(_DRAWS, 2, generator=generator, device=device)) * GROUND_CELL_M
         return self.model.ground.under(place)
 
     def _aloft(self, generator: torch.Generator) -> Tensor:
@@ -194,8 +194,8 @@ class Hidden:
         """
         model, device = self.model, self.known_ground.device
         voxel, shape = model.config.voxel_m, model.occupancy.values.shape
-        corner = torch.arange(0, CELL_M, voxel, device=device)
-        place = ((self.known_ground * CELL_M)[:, None] + torch.cartesian_prod(corner, corner) + voxel / 4).reshape(-1, 2)
+        corner = torch.arange(0, GROUND_CELL_M, voxel, device=device)
+        place = ((self.known_ground * GROUND_CELL_M)[:, None] + torch.cartesian_prod(corner, corner) + voxel / 4).reshape(-1, 2)
         column = model.occupancy.cells(model.ground.under(place)).unique()
         ground, levels = column % shape[2], round(REACH_M / voxel)
         seen, shown = self.occupancy.seen, self.occupancy.shown()

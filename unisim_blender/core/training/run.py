@@ -26,9 +26,11 @@ from ..geometry import Trajectory
 from ..images import resize_image
 from ..log import Log
 from ..own_vehicle import outlines_to_json
-from ..render import Renderer, observe
+from ..render import Renderer
 from ..scene_file import SceneHeader
+from ..torch_tracer import TorchTracer
 from .config import TrainConfig
+from .observed import observe
 from .trainer import Trainer
 
 CHECKPOINT = "checkpoint.safetensors"
@@ -274,7 +276,8 @@ def preview(trainer: Trainer, file: Path) -> None:
     width = min(PREVIEW_WIDTH, trainer.cameras.cameras[name].model.width)
     trainer.model.eval()
     scene = _as_scene(trainer, file.parent)
-    rendered = Renderer(scene, scene.header.drive, "fast").camera(name, frame, width=width)
+    drive = scene.header.drive
+    rendered = Renderer(TorchTracer(scene, drive, "fast"), drive).camera(name, frame, width=width)
     trainer.model.train()
     recorded = resize_image(trainer.log.image(name, frame), rendered.model)
     both = np.concatenate([recorded, np.round(rendered.rgb * 255).astype(np.uint8)], 1)

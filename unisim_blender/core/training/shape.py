@@ -6,8 +6,8 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
+from ..constants import GROUND_CELL_M
 from ..fields.gradient import CORNERS, distance_gradient
-from ..fields.ground import CELL_M
 from ..fields.occupancy import OccupancyTrainer
 from ..fields.scene import SceneModel
 from ..strands import Strands, Traced
@@ -140,7 +140,7 @@ class Shape:
         s = self.model.static.distance(returns + F.pad(height[:, None], (2, 0)))
         band = distance_band(s, height) + F.relu(s - 0.8 * height)[height < 0].sum() / len(returns)
         cells = self.known_ground[torch.randint(len(self.known_ground), (256,), generator=generator, device=device)]
-        place = (cells + torch.rand(256, 2, generator=generator, device=device)) * CELL_M
+        place = (cells + torch.rand(256, 2, generator=generator, device=device)) * GROUND_CELL_M
         deep = 0.15 + 0.35 * torch.rand(256, generator=generator, device=device)
         x = self.model.ground.under(place) - F.pad(deep[:, None], (2, 0))
         return band + F.relu(self.model.static.distance(x) + 0.1).mean()

@@ -13,14 +13,14 @@ import torch.nn.functional as F
 from torch import Tensor
 
 from .. import native
-from ..cast import Cast, Troupe, on_stage
+from ..cast import on_stage
+from ..cast_tensors import CastTensors, TroupeTensors
 from ..devices import module_to, tensor_to, torch_threads
 from ..drive import Actor, Drive
 from ..errors import SceneError
 from ..fields.config import preset
 from ..fields.fields import HashTable
-from ..fields.ground import ground_heights
-from ..fields.occupancy import OccupancyTrainer, seed_voxels
+from ..fields.occupancy import OccupancyTrainer
 from ..fields.scene import SceneModel
 from ..fields.tracklets import Tracklets
 from ..fields.volume import Volume
@@ -32,9 +32,11 @@ from .adversarial import Adversary, shifted
 from .camera_poses import CameraPoses
 from .config import VEHICLES, TrainConfig
 from .data import CameraData, LidarBatch, LidarData, PatchBatch
+from .ground_heights import ground_heights
 from .hidden import Hidden
 from .losses import lidar_terms, perceptual_stand_in, spread
 from .perceptual import VggLoss
+from .seed_voxels import seed_voxels
 from .shape import Shape
 
 BETA_MAX = 100.0
@@ -126,9 +128,9 @@ class Trainer:
         assert self.config.minutes is not None
         return min(1.0, self.elapsed_s / (self.config.minutes * 60))
 
-    def _cast(self, tables: Tensor) -> Cast:
+    def _cast(self, tables: Tensor) -> CastTensors:
         uids = tuple(sorted(self.log.drive.actors))
-        return Cast(Troupe(self.model, tables, self.tracklets, self.rows, uids))
+        return CastTensors(TroupeTensors(self.model, tables, self.tracklets, self.rows, uids))
 
     def step(self) -> dict[str, float]:
         """One batch, one update; the figures of its loss."""

@@ -8,7 +8,7 @@ import sys
 from typing import Any
 
 from ..native import variant
-from ..prepare.renderers import pick_device
+from ..prepare.renderers import environment, pick_device
 
 
 def about() -> dict[str, Any]:
@@ -16,20 +16,22 @@ def about() -> dict[str, Any]:
     import click  # noqa: F401
     import OpenEXR  # noqa: F401
     import PIL  # noqa: F401
-    import safetensors  # noqa: F401
-    import scipy  # noqa: F401
-    import torch
 
     best = pick_device("auto")
-    memory = torch.cuda.get_device_properties(0).total_memory if best == "cuda" else _memory_bytes()
     return {
         "python": platform.python_version(),
         "executable": sys.executable,
-        "torch": torch.__version__,
+        "torch": environment(best).get("torch", ""),
         "devices": list(dict.fromkeys((best, "cpu"))),
-        "memory_bytes": memory,
+        "memory_bytes": _device_bytes() if best == "cuda" else _memory_bytes(),
         "kernels": variant(),
     }
+
+
+def _device_bytes() -> int:
+    import torch
+
+    return int(torch.cuda.get_device_properties(0).total_memory)
 
 
 def _memory_bytes() -> int:

@@ -6,7 +6,7 @@ import itertools
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,19 +14,15 @@ from numpy.typing import NDArray
 from ..drive import CameraModel, Drive
 from ..edits import apply_scenario
 from ..errors import ScenarioError
-from ..prepare.renderers import other_scenes, pick_device
+from ..frames import CameraFrame
+from ..prepare.renderers import make_tracer, pick_device, stamp
 from ..prepare.scenario import recorded_drive, scene_actors
+from ..render import Region, Renderer
 from ..scenario import scenario_from_json
 from ..scenario.types import Scenario
-from ..scene_file import HEADER_NAME, WEIGHTS_NAME
 from .about import about
 from .protocol import Message
 from .server import Job
-
-if TYPE_CHECKING:
-    from ..fields.checkpoint import Scene
-    from ..frames import CameraFrame
-    from ..render import Renderer
 
 BAND_RAYS = 16384
 """Pixels that are rendered and shown at once: half a second on two cores."""
@@ -39,7 +35,7 @@ class Jobs:
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
-        self.scenes: dict[object, Scene] = {}
+        self.scenes: dict[object, Any] = {}
         self.recorded: dict[object, Drive] = {}
         self.numbers = itertools.count()
 
@@ -55,8 +51,6 @@ class Jobs:
         widths at which the whole view is rendered first; ``shadows``. Events have arrays of rgb and the passes, and which
         ``rows`` they are.
         """
-        from ..render import Region
-
         scenario, drive = self._drive(request)
         name, passes = str(request["camera"]), tuple(request.get("passes", ("rgb",)))
         model = CameraModel.from_dict(request["model"])
@@ -94,21 +88,10 @@ class Jobs:
         return scenario, apply_scenario(scenario, self.recorded[key], scene_actors)
 
     def _renderer(self, request: Message, scenario: Scenario, drive: Drive) -> Renderer:
-        from ..fields.checkpoint import load_scene
-        from ..render import Renderer
-
-        device = pick_device(str(request.get("device", "cpu")))
-        paths = {"": scenario.scene_path, **{name: Path(name) for name in other_scenes(drive)}}
-        loaded: dict[str, Scene] = {}
-        kept: dict[object, Scene] = {}
-        for name, path in paths.items():
-            assert path is not None  # `_drive` has seen to it
-            key = device, stamp(path)
-            loaded[name] = kept[key] = self.scenes.get(key) or load_scene(path, device)
-        self.scenes = kept
-        return Renderer(
-            loaded.pop(""), drive, str(request.get("quality", "balanced")), loaded, shadows=bool(request.get("shadows"))
-        )
+        assert scenario.scene_path is not None  # `_drive` has seen to it
+        device, quality = pick_device(str(request.get("device", "cpu"))), str(request.get("quality", "balanced"))
+        tracer = make_tracer(scenario.scene_path, drive, quality, device, self.scenes)
+        return Renderer(tracer, drive, shadows=bool(request.get("shadows")))
 
     def _leave(self, arrays: dict[str, NDArray[Any]], **more: Any) -> Message:
         """Write arrays into one file and say where in it each of them lies."""
@@ -120,12 +103,6 @@ class Jobs:
                 places[key] = {"dtype": array.dtype.str, "shape": list(array.shape), "offset": offset}
                 offset += array.nbytes
         return {"event": "arrays", "file": path.name, "arrays": places, **more}
-
-
-def stamp(scene: Path) -> object:
-    """What changes when a trained scene is written anew. A digest would take longer than a picture of the view."""
-    files = [scene / name for name in (HEADER_NAME, WEIGHTS_NAME)]
-    return scene, *((file.stat().st_mtime_ns, file.stat().st_size) if file.is_file() else None for file in files)
 
 
 def _arrays(picture: CameraFrame) -> dict[str, NDArray[Any]]:

@@ -1,0 +1,206 @@
+// A field asked at a block of points, for rendering: grid and first layer in one go, and what of the second one is wanted.
+//
+// The distance is one row of the last layer. The others are linear in the hidden units, so they are applied once a ray, behind
+// compositing, and not at every point. Tables may be half precision: what they hold is then the very same number.
+#pragma once
+#include "lanes.h"
+#include "variant.h"
+
+#include <cmath>
+#if defined(__F16C__)
+#include <immintrin.h>
+#endif
+
+namespace {
+
+constexpr int BLOCK = 64;
+// A layer's outputs are computed two vectors at a time, for ROWS points.
+constexpr int PANEL = 2 * LANES;
+#if defined(__AVX512F__)
+constexpr int ROWS = 8;
+#else
+constexpr int ROWS = 4;
+#endif
+
+constexpr int padded(int n) { return (n + PANEL - 1) / PANEL * PANEL; }
+
+inline float float_of(float x) { return x; }
+
+// Any half but infinities and NaN, which a scene is refused for.
+inline float float_of(uint16_t h) {
+    const uint32_t magnitude = static_cast<uint32_t>(h & 0x7fff) << 13;
+    float x;
+    std::memcpy(&x, &magnitude, sizeof x);
+    x *= 0x1p112f;
+    return h & 0x8000 ? -x : x;
+}
+
+// Adds weight * row to sum, F numbers.
+template <int F, class T> inline void add_row(const T *row, float weight, float *sum) {
+    for (int f = 0; f < F; ++f) sum[f] += weight * float_of(row[f]);
+}
+
+#if defined(__F16C__)
+inline __m128 four(const float *row) { return _mm_loadu_ps(row); }
+inline __m128 four(const uint16_t *row) { return _mm_cvtph_ps(_mm_loadl_epi64(reinterpret_cast<const __m128i *>(row))); }
+#endif
+
+// The corners of a block's points in one level.
+struct Corners {
+    int32_t row[8][BLOCK];
+    float weight[8][BLOCK];
+};
+
+// x: three rows of BLOCK coordinates in the unit cube.
+inline void find_corners(const unisim_grid &g, int level, const float (*x)[BLOCK], Corners &c) {
+    int32_t lower[3][BLOCK];
+    float fraction[3][BLOCK];
+    for (int a = 0; a < 3; ++a) {
+        const float scale = g.scale[level * 3 + a];
+        const float last = std::fmax(std::ceil(scale) - 1.0f, 0.0f);
+        for (int s = 0; s < BLOCK; ++s) {
+            // NaN and anything outside the cube go to its nearest face
+            float p = x[a][s] * scale;
+            p = p > 0.0f ? p : 0.0f;
+            p = p < scale ? p : scale;
+            float cell = static_cast<float>(static_cast<int32_t>(p));
+            cell = cell < last ? cell : last;
+            lower[a][s] = static_cast<int32_t>(cell);
+            fraction[a][s] = p - cell;
+        }
+    }
+    const uint32_t sy = g.stride_y[level], sz = g.stride_z[level], mask = g.size[level] - 1;
+    for (int corner = 0; corner < 8; ++corner) {
+        const uint32_t bx = corner & 1, by = corner >> 1 & 1, bz = corner >> 2;
+        if (sy)
+            for (int s = 0; s < BLOCK; ++s)
+                c.row[corner][s] = static_cast<int32_t>(lower[0][s] + bx + (lower[1][s] + by) * sy + (lower[2][s] + bz) * sz);
+        else
+            for (int s = 0; s < BLOCK; ++s)
+                c.row[corner][s] = static_cast<int32_t>(
+                    ((lower[0][s] + bx) ^ (lower[1][s] + by) * 2654435761u ^ (lower[2][s] + bz) * 805459861u) & mask);
+        for (int s = 0; s < BLOCK; ++s)
+            c.weight[corner][s] = (bx ? fraction[0][s] : 1 - fraction[0][s]) * (by ? fraction[1][s] : 1 - fraction[1][s]) *
+                                  (bz ? fraction[2][s] : 1 - fraction[2][s]);
+    }
+}
+
+template <int F, class T>
+inline void gather_level(const unisim_grid &g, int level, const T *table, const int32_t *grid, int count, const Corners &c,
+                         float *code, int width) {
+    for (int s = 0; s < count; ++s) {
+        const T *base = table + ((grid ? grid[s] * g.grid_stride : 0) + g.offset[level]) * F;
+        float *out = code + s * width + level * F;
+#if defined(__F16C__)
+        if constexpr (F == 4) {
+            __m128 even = _mm_setzero_ps(), odd = _mm_setzero_ps();
+            for (int corner = 0; corner < 8; corner += 2) {
+                even = _mm_fmadd_ps(_mm_set1_ps(c.weight[corner][s]), four(base + static_cast<int64_t>(c.row[corner][s]) * 4), even);
+                odd = _mm_fmadd_ps(_mm_set1_ps(c.weight[corner + 1][s]), four(base + static_cast<int64_t>(c.row[corner + 1][s]) * 4), odd);
+            }
+            _mm_storeu_ps(out, _mm_add_ps(even, odd));
+            continue;
+        }
+#endif
+        float sum[F] = {};
+        for (int corner = 0; corner < 8; ++corner)
+            add_row<F>(base + static_cast<int64_t>(c.row[corner][s]) * F, c.weight[corner][s], sum);
+        std::memcpy(out, sum, sizeof sum);
+    }
+}
+
+template <int F, class T>
+inline void prefetch_level(const unisim_grid &g, int level, const T *table, const int32_t *grid, int count, const Corners &c) {
+    for (int s = 0; s < count; ++s) {
+        const T *base = table + ((grid ? grid[s] * g.grid_stride : 0) + g.offset[level]) * F;
+        for (int corner = 0; corner < 8; ++corner) __builtin_prefetch(base + static_cast<int64_t>(c.row[corner][s]) * F);
+    }
+}
+
+template <int F, class T>
+void encode_block(const unisim_grid &g, const T *table, const float (*x)[BLOCK], const int32_t *grid, int count, float *code) {
+    const int width = g.levels * F;
+    Corners corners[2];
+    // a level's rows are on their way while the level before is summed
+    for (int level = 0; level <= g.levels; ++level) {
+        if (level < g.levels) {
+            find_corners(g, level, x, corners[level & 1]);
+            prefetch_level<F>(g, level, table, grid, count, corners[level & 1]);
+        }
+        if (level > 0) gather_level<F>(g, level - 1, table, grid, count, corners[(level - 1) & 1], code, width);
+    }
+}
+
+// c (R, PANEL) = relu of a (R, k) b (k, PANEL), or without relu.
+template <int R, bool RELU>
+inline void layer_panel(int k, const float *a, int a_row, const float *b, int b_row, float *c, int c_row) {
+    lanes sum[R][2];
+    for (int r = 0; r < R; ++r) sum[r][0] = sum[r][1] = lanes{};
+    for (int i = 0; i < k; ++i) {
+        const lanes b0 = load(b + i * b_row), b1 = load(b + i * b_row + LANES);
+        for (int r = 0; r < R; ++r) {
+            const lanes x = spread(a[r * a_row + i]);
+            sum[r][0] += x * b0;
+            sum[r][1] += x * b1;
+        }
+    }
+    for (int r = 0; r < R; ++r)
+        for (int j = 0; j < 2; ++j) store(c + r * c_row + j * LANES, RELU ? most(sum[r][j], lanes{}) : sum[r][j]);
+}
+
+// c (rows, n) of a (rows, k) and b (k, n); rows a multiple of ROWS, n of PANEL.
+template <bool RELU> inline void layer(int rows, int n, int k, const float *a, int a_row, const float *b, float *c) {
+    for (int j = 0; j < n; j += PANEL)
+        for (int i = 0; i < rows; i += ROWS) layer_panel<ROWS, RELU>(k, a + i * a_row, a_row, b + j, n, c + i * n + j, n);
+}
+
+// A field with its weights as the loops above want them.
+struct Field {
+    const unisim_grid *grid;
+    const void *table;
+    bool half;
+    int inputs, hidden, outputs, wide, wide_out;
+    std::vector<float> first;     // (inputs, wide), transposed
+    std::vector<float> distance;  // (wide): the last layer's first row
+    std::vector<float> feature;   // (hidden, wide_out): its other rows, transposed
+    std::vector<float> bias;      // (outputs)
+
+    explicit Field(const unisim_field &f)
+        : grid(&f.grid), table(f.table), half(f.half != 0), inputs(f.net.inputs), hidden(f.net.hidden), outputs(f.net.outputs),
+          wide(padded(hidden)), wide_out(padded(outputs - 1)), first(static_cast<size_t>(inputs) * wide), distance(wide),
+          feature(static_cast<size_t>(hidden) * wide_out), bias(f.net.bias, f.net.bias + outputs) {
+        for (int h = 0; h < hidden; ++h) {
+            for (int i = 0; i < inputs; ++i) first[static_cast<size_t>(i) * wide + h] = f.net.w1[h * inputs + i];
+            distance[h] = f.net.w2[h];
+            for (int o = 1; o < outputs; ++o) feature[static_cast<size_t>(h) * wide_out + o - 1] = f.net.w2[o * hidden + h];
+        }
+    }
+
+    // Hidden units (count, wide) of up to BLOCK points, rows behind `count` undefined; x as in `find_corners`, filled throughout.
+    void units(const float (*x)[BLOCK], const int32_t *row, int count, float *code, float *h) const {
+        if (half)
+            encode(static_cast<const uint16_t *>(table), x, row, count, code);
+        else
+            encode(static_cast<const float *>(table), x, row, count, code);
+        layer<true>((count + ROWS - 1) / ROWS * ROWS, wide, inputs, code, inputs, first.data(), h);
+    }
+
+    // The last layer's first output of units (wide).
+    float first_output(const float *h) const {
+        lanes sum{};
+        for (int j = 0; j < wide; j += LANES) sum += load(h + j) * load(&distance[static_cast<size_t>(j)]);
+        return sum_of(sum) + bias[0];
+    }
+
+  private:
+    template <class T> void encode(const T *rows, const float (*x)[BLOCK], const int32_t *row, int count, float *code) const {
+        switch (grid->features) {
+        case 1: return encode_block<1>(*grid, rows, x, row, count, code);
+        case 2: return encode_block<2>(*grid, rows, x, row, count, code);
+        case 4: return encode_block<4>(*grid, rows, x, row, count, code);
+        case 8: return encode_block<8>(*grid, rows, x, row, count, code);
+        }
+    }
+};
+
+} // namespace

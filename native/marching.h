@@ -1,0 +1,197 @@
+// A ray's way through the cells that can stop it: where it asks for the distance next, given what it was told so far.
+//
+// Steps follow the distance: as far as the last two answers say that the surface is, and a little beyond, so that two answers
+// hold it between them; never longer than what a thin thing could hide in. `core/surface_march.py` is the same, a ray at a time.
+#pragma once
+#include "cells.h"
+#include "lanes.h"
+
+#include <cmath>
+
+namespace {
+
+// A stretch of a ray, metres, through cells that can stop it.
+struct Run {
+    float begin, end;
+};
+
+struct Probe {
+    float t, s;
+    int slot; // of its hidden units
+};
+
+// -log Phi(s): what a surface has stopped of a ray where the distance is s; 0 where that is less than anybody sees.
+inline float stopped_at(float s, float beta) {
+    const float a = -beta * s;
+    return a < -12.0f ? 0.0f : a > 20.0f ? a : std::log1p(std::exp(a));
+}
+
+// How many runs are looked for at a time: most rays are stopped in the first.
+constexpr size_t RUNS = 2;
+
+// Steps of a cell through the volume's cells: the next RUNS runs, from step `next` on, which is moved; none where there are no
+// more. `behind` says whether solid cells count at a place, where an emptied box may have opened them.
+template <class Behind>
+void find_runs(const unisim_scene &scene, const float *o, const float *d, float t_near, float t_far, const Behind &behind, int32_t &next_step,
+               std::vector<Run> &out) {
+    out.clear();
+    const float inverse = 1.0f / scene.voxel_m;
+    const float fastest = std::max(std::fabs(d[0]), std::max(std::fabs(d[1]), std::fabs(d[2])));
+    // a cell along the axis that the ray follows most; a little short of a voxel's steps, for rounding
+    const float step = scene.voxel_m / (CELLS * std::max(fastest, 0.5f)), steps_a_voxel = CELLS * 0.999f;
+    const float span = t_far - t_near;
+    const int32_t steps = span > 0 ? static_cast<int32_t>(std::ceil(span / step)) : 0;
+    const int_lanes shape[3] = {scene.voxel_shape[0] - int_lanes{}, scene.voxel_shape[1] - int_lanes{}, scene.voxel_shape[2] - int_lanes{}};
+    float ramp[LANES];
+    for (int k = 0; k < LANES; ++k) ramp[k] = static_cast<float>(k) + 0.5f;
+    int32_t last = -2, i = next_step;
+    while (i < steps && out.size() < RUNS) {
+        // one vector of steps: they do not wait for each other
+        const lanes t = t_near + (static_cast<float>(i) + load(ramp)) * step;
+        int_lanes cell{}, inside = ~int_lanes{}, part{};
+        for (int a = 0; a < 3; ++a) {
+            // truncation is the floor where the result is not negative; what lies before 0 is outside
+            const lanes x = (o[a] + t * d[a]) * inverse;
+            const int_lanes c = __builtin_convertvector(x, int_lanes);
+            inside &= (x >= 0.0f) & (c < shape[a]);
+            cell = cell * shape[a] + c;
+            part = part * CELLS + __builtin_convertvector((x - __builtin_convertvector(c, lanes)) * static_cast<float>(CELLS), int_lanes);
+        }
+        cell &= inside;
+        int32_t at[LANES], of[LANES];
+        std::memcpy(at, &cell, sizeof at);
+        uint8_t clear[LANES], all = 255;
+        for (int k = 0; k < LANES; ++k) all = std::min(all, clear[k] = scene.clearance[at[k]]);
+        if (all) {
+            i += std::max(LANES, LANES - 1 + static_cast<int32_t>(static_cast<float>(clear[LANES - 1] - 1) * steps_a_voxel));
+            continue;
+        }
+        int32_t in[LANES];
+        std::memcpy(in, &inside, sizeof in);
+        std::memcpy(of, &part, sizeof of);
+        for (int k = 0; k < std::min(LANES, steps - i); ++k) {
+            if (!in[k] || clear[k]) continue;
+            const int kind = scene.cells[at[k]] >> 2 * of[k] & 3;
+            const float from = t_near + static_cast<float>(i + k) * step;
+            if (kind == OPEN || (kind == SOLID && !behind(from))) continue;
+            if (i + k == last + 1)
+                out.back().end = from + step;
+            else
+                out.push_back({from, from + step});
+            last = i + k;
+        }
+        i += LANES;
+    }
+    next_step = i;
+    if (!out.empty()) out.back().end = std::min(out.back().end, t_far);
+}
+
+// The same through the cells of an actor's box; origin and direction in the box's axes, metres.
+inline void find_box_runs(const uint8_t *kinds, const float *o, const float *d, const float *size, float t_near, float t_far, std::vector<Run> &out) {
+    out.clear();
+    float from[3], along[3], fastest = 1e-9f;
+    for (int a = 0; a < 3; ++a) {
+        from[a] = (o[a] / size[a] + 0.5f) * BOX_CELLS;
+        along[a] = d[a] / size[a] * BOX_CELLS;
+        fastest = std::max(fastest, std::fabs(along[a]));
+    }
+    const float step = 0.5f / fastest;
+    const int steps = static_cast<int>(std::min(std::ceil((t_far - t_near) / step), 1e4f));
+    int last = -2;
+    for (int i = 0; i < steps; ++i) {
+        const float t = t_near + (static_cast<float>(i) + 0.5f) * step;
+        int cell = 0;
+        for (int a = 0; a < 3; ++a)
+            cell = cell * BOX_CELLS + std::max(0, std::min(BOX_CELLS - 1, static_cast<int>(from[a] + t * along[a])));
+        if (kinds[cell] != SURFACE) continue;
+        const float begin = t_near + static_cast<float>(i) * step;
+        if (i == last + 1)
+            out.back().end = begin + step;
+        else
+            out.push_back({begin, begin + step});
+        last = i;
+    }
+    if (!out.empty()) out.back().end = std::min(out.back().end, t_far);
+}
+
+// The walk of one strand.
+struct Walk {
+    size_t run = 0;
+    float next = 0;
+    float passed = 0;  // optical depth so far
+    float outside = 0; // of the last answer: -log Phi
+    bool fresh = true; // no answer yet in this run
+
+    // Takes the answer at `next`; false where the walk ends. `more` puts the next runs in the place of those that were walked.
+    template <class More>
+    bool take(std::vector<Run> &runs, const std::vector<Probe> &probes, float beta, float limit, const unisim_sampling &how, const More &more) {
+        const Probe &here = probes.back();
+        const float out = stopped_at(here.s, beta);
+        passed += probes.size() == 1 ? out : std::max(out - outside, 0.0f);
+        outside = out;
+        if (!(passed < limit)) return false;
+        float closing = 1;
+        if (!fresh) {
+            const Probe &before = probes[probes.size() - 2];
+            closing = (before.s - here.s) / std::max(here.t - before.t, 1e-4f);
+        }
+        fresh = false;
+        const float slope = std::min(std::max(closing, how.least_slope), 1.5f);
+        const float longest = how.stride_m * (1 + how.widening * here.t), least = std::max(how.least_step_m, 0.5f / beta);
+        float step;
+        if (here.s > 0) {
+            // on towards the surface and through it, or past what the ray leaves
+            step = closing > 0 ? here.s / slope + 1.5f / (beta * slope) : here.s;
+            step = std::min(step, std::max(longest, how.relaxation * here.s));
+        } else {
+            // as deep as it takes to be opaque
+            step = std::min((limit / beta + here.s) / slope, longest);
+        }
+        step = std::max(step, least) * (1 + static_cast<float>(probes.size() / 24));
+        const float end = runs[run].end;
+        if (here.t + step < end) {
+            next = here.t + step;
+            return true;
+        }
+        // a run is not left unasked where the surface could be before its end
+        if (here.t + least < end && here.s < 1.5f * (end - here.t)) {
+            next = end;
+            return true;
+        }
+        if (++run >= runs.size()) {
+            run = 0;
+            more(runs);
+            if (runs.empty()) return false;
+        }
+        next = std::max(runs[run].begin, here.t + 1e-4f);
+        fresh = true;
+        return true;
+    }
+};
+
+// Where one more answer tells most: in the interval that stops most of the ray, at the place that halves what it stops. False
+// where none stops much, or over no length that matters.
+inline bool find_split(const std::vector<Probe> &probes, float beta, float least_weight, size_t &after, float &t) {
+    float before = 0, best = least_weight, last = 0;
+    bool found = false;
+    for (size_t k = 0; k < probes.size(); ++k) {
+        const float now = stopped_at(probes[k].s, beta), depth = now - last;
+        if (k && depth > least_weight && probes[k].t - probes[k - 1].t > 0.01f) {
+            const float weight = std::exp(-before) * (1 - std::exp(-depth));
+            if (weight > best) {
+                const float s0 = probes[k - 1].s, s1 = probes[k].s, middle = (std::exp(-last) + std::exp(-now)) / 2;
+                const float s = std::log(middle / std::max(1 - middle, 1e-6f)) / beta;
+                const float share = std::min(std::max((s0 - s) / std::max(s0 - s1, 1e-6f), 0.05f), 0.95f);
+                best = weight;
+                after = k;
+                t = probes[k - 1].t + share * (probes[k].t - probes[k - 1].t);
+                found = true;
+            }
+        }
+        before += std::max(depth, 0.0f);
+        last = now;
+    }
+    return found;
+}
+
+} // namespace

@@ -1,0 +1,1061 @@
+// Rays through a scene, a tile at a time: samples placed, fields asked, everything on a ray put in depth order, features summed.
+//
+// `core/trace.py` is the same in plain torch, and the specification. What is left out here cannot be seen: samples behind what
+// lets less than `opaque` through, strands that lie wholly behind it. A ray's results do not depend on the others of its tile.
+#include "marching.h"
+#include "placing.h"
+#include "strands.h"
+
+#include <memory>
+
+namespace {
+
+constexpr int TILE = 64;
+// Samples are asked for in rounds, and rays that are stopped by then take no more.
+constexpr int ROUND = 8, FINE_ROUND = 4;
+constexpr float EVEN = 0.05f;
+constexpr float EMPTY_M = 10.0f, NORMAL_STEP_M = 0.03f;
+constexpr float MAX_LOG_DENSITY = 8.0f;
+constexpr float LEAST_WEIGHT = 1e-4f;
+
+struct Fields {
+    const unisim_scene *scene;
+    Field fixed, far, actors;
+    explicit Fields(const unisim_scene *s) : scene(s), fixed(s->fixed), far(s->far), actors(s->actors) {}
+};
+
+struct Task {
+    const unisim_scene &scene;
+    const unisim_cast &cast;
+    const unisim_rays &rays;
+    const unisim_mesh_hits *meshes;
+    const unisim_sampling &sampling;
+    const unisim_found &found;
+    std::vector<Fields> fields; // a troupe each, the scene's own first
+    std::vector<int> first;     // a troupe each: the number of its first actor; then that of the first mesh
+};
+
+inline void transform(const double *m, const double *x, float *out) {
+    for (int a = 0; a < 3; ++a)
+        out[a] = static_cast<float>(m[4 * a] * x[0] + m[4 * a + 1] * x[1] + m[4 * a + 2] * x[2] + m[4 * a + 3]);
+}
+
+inline void turn(const double *m, const double *x, float *out) {
+    for (int a = 0; a < 3; ++a) out[a] = static_cast<float>(m[4 * a] * x[0] + m[4 * a + 1] * x[1] + m[4 * a + 2] * x[2]);
+}
+
+// Heights of the ground under (x, y), volume coordinates: bilinear between cells' middles.
+inline float ground_at(const unisim_scene &s, float x, float y) {
+    const float u = std::fmin(std::fmax(x / s.ground_m - 0.5f, 0.0f), static_cast<float>(s.ground_shape[0] - 1));
+    const float v = std::fmin(std::fmax(y / s.ground_m - 0.5f, 0.0f), static_cast<float>(s.ground_shape[1] - 1));
+    const int i = static_cast<int>(u), j = static_cast<int>(v), wide = s.ground_shape[1];
+    const int ii = std::min(i + 1, s.ground_shape[0] - 1), jj = std::min(j + 1, wide - 1);
+    const float fu = u - static_cast<float>(i), fv = v - static_cast<float>(j);
+    return (1 - fu) * ((1 - fv) * s.ground[i * wide + j] + fv * s.ground[i * wide + jj]) +
+           fu * ((1 - fv) * s.ground[ii * wide + j] + fv * s.ground[ii * wide + jj]);
+}
+
+class Tile {
+  public:
+    explicit Tile(const Task &task) : task_(task), scene_(task.scene), batches_(task.cast.troupe_count + 3) {
+        int inputs = 0, wide = 0;
+        for (const Fields &fields : task.fields)
+            for (const Field *field : {&fields.fixed, &fields.far, &fields.actors}) {
+                inputs = std::max(inputs, field->inputs);
+                wide = std::max(wide, field->wide);
+            }
+        code_.resize(static_cast<size_t>(BLOCK) * inputs);
+        block_.resize(static_cast<size_t>(BLOCK) * wide);
+    }
+
+    int64_t samples = 0;
+
+    void trace(int64_t begin, int64_t end) {
+        start(begin, end);
+        gather_strands();
+        for (Batch &b : batches_)
+            if (b.count && b.medium != Medium::mesh) follow(b);
+        composite();
+        beyond();
+        finish();
+    }
+
+  private:
+    const Fields &fields_of(const Batch &b) const { return task_.fields[b.medium == Medium::actor ? b.troupe : 0]; }
+    const Field &field_of(const Batch &b) const { return b.medium == Medium::actor ? fields_of(b).actors : fields_of(b).fixed; }
+    Batch &fixed() { return batches_[0]; }
+
+    void start(int64_t begin, int64_t end) {
+        const unisim_rays &rays = task_.rays;
+        rays_.count = static_cast<int>(end - begin);
+        for (int r = 0; r < rays_.count; ++r) {
+            const int64_t i = number_[r] = rays.order ? rays.order[begin + r] : begin + r;
+            rays_.origin[r] = rays.origins + 3 * i;
+            rays_.direction[r] = rays.directions + 3 * i;
+            rays_.time[r] = rays.times[i];
+            transform(scene_.volume_from_world, rays_.origin[r], o_[r]);
+            turn(scene_.volume_from_world, rays_.direction[r], d_[r]);
+        }
+    }
+
+    // Which media each ray runs through.
+    void gather_strands() {
+        for (int i = 0; i < task_.cast.troupe_count; ++i) {
+            const unisim_troupe &troupe = task_.cast.troupes[i];
+            Batch &b = batches_[static_cast<size_t>(1 + i)];
+            b.begin(Medium::actor, i);
+            hits_.clear();
+            meet_boxes(troupe, rays_, task_.sampling.near_m, hits_);
+            for (const Hit &hit : hits_) b.add(hit.ray, hit.box, hit.o, hit.d, hit.t_near, hit.t_far, troupe.sizes + 3 * hit.box, hit.rotation);
+        }
+        find_cleared();
+        const float zero[3] = {}, none[9] = {};
+        Batch &still = fixed();
+        still.begin(Medium::fixed, 0);
+        occupied_.resize(TILE);
+        runs_.resize(std::max<size_t>(runs_.size(), TILE));
+        for (int r = 0; r < rays_.count; ++r) {
+            float near = 0, far = 0;
+            if (!span_of_box(o_[r], d_[r], zero, scene_.size, task_.sampling.near_m, near, far)) far = near;
+            far_[r] = far;
+            if (marches(scene_)) {
+                // added first, to be looked for like what follows
+                const size_t p = static_cast<size_t>(still.count);
+                steps_[p] = 0;
+                still.add(r, 0, o_[r], d_[r], near, far, scene_.size, none);
+                continue_runs(still, p, runs_[p]);
+                if (runs_[p].empty()) still.drop();
+                continue;
+            }
+            Occupied &in = occupied_[static_cast<size_t>(still.count)];
+            find_occupied(scene_, o_[r], d_[r], near, far, in);
+            // free space: a ray that meets nothing that could stop it takes no sample
+            if (in.total() > 0) still.add(r, 0, o_[r], d_[r], near, far, scene_.size, none);
+        }
+        Batch &copies = batches_[batches_.size() - 2];
+        copies.begin(Medium::copy, 0);
+        if (task_.cast.copies) {
+            hits_.clear();
+            meet_boxes(*task_.cast.copies, rays_, task_.sampling.near_m, hits_);
+            for (const Hit &hit : hits_) add_copy(copies, hit);
+        }
+        add_meshes(batches_.back());
+    }
+
+    // A copied box is the place it was copied from, seen where the copy stands.
+    void add_copy(Batch &b, const Hit &hit) {
+        const double *source = task_.cast.world_from_source + 12 * hit.box;
+        double world[3], along[3];
+        for (int a = 0; a < 3; ++a) {
+            world[a] = source[4 * a + 3];
+            along[a] = 0;
+            for (int c = 0; c < 3; ++c) {
+                world[a] += source[4 * a + c] * hit.o[c];
+                along[a] += source[4 * a + c] * hit.d[c];
+            }
+        }
+        float o[3], d[3], rotation[9] = {};
+        transform(scene_.volume_from_world, world, o);
+        turn(scene_.volume_from_world, along, d);
+        // the world's axes at the source, to the copy's box, to the world's there
+        for (int a = 0; a < 3; ++a)
+            for (int c = 0; c < 3; ++c)
+                for (int e = 0; e < 3; ++e) rotation[3 * a + c] += hit.rotation[3 * a + e] * static_cast<float>(source[4 * c + e]);
+        b.add(hit.ray, hit.box, o, d, hit.t_near, hit.t_far, scene_.size, rotation);
+    }
+
+    void add_meshes(Batch &b) {
+        b.begin(Medium::mesh, task_.cast.troupe_count);
+        const unisim_mesh_hits *met = task_.meshes;
+        if (!met) return;
+        const float none[9] = {};
+        std::vector<int64_t> at;
+        for (int r = 0; r < rays_.count; ++r)
+            for (int64_t i = std::lower_bound(met->ray, met->ray + met->count, number_[r]) - met->ray;
+                 i < met->count && met->ray[i] == number_[r]; ++i) {
+                b.add(r, met->number[i], o_[r], d_[r], met->t[i], met->t[i], met->normals + 3 * i, none);
+                at.push_back(i);
+            }
+        b.sample(1);
+        for (int p = 0; p < b.count; ++p) {
+            b.t[p] = met->t[at[static_cast<size_t>(p)]];
+            b.tau[p] = met->tau[at[static_cast<size_t>(p)]];
+        }
+    }
+
+    // Samples of a batch's strands placed, and what they say.
+    void follow(Batch &b) {
+        const unisim_sampling &sampling = task_.sampling;
+        if (b.medium == Medium::copy) {
+            b.sample(2 * sampling.samples);
+            for (int p = 0; p < b.count; ++p)
+                for (int k = 0; k < b.samples; ++k)
+                    b.t[static_cast<size_t>(k * b.stride + p)] =
+                        b.t_near[p] + (static_cast<float>(k) + 0.5f) / static_cast<float>(b.samples) * (b.t_far[p] - b.t_near[p]);
+            ask(b, true);
+            return;
+        }
+        if (marches(*fields_of(b).scene)) return march(b);
+        const bool still = b.medium == Medium::fixed;
+        const int proposals = still ? sampling.proposals : sampling.actor_proposals;
+        const int samples_of = still ? sampling.samples : sampling.actor_samples;
+        b.sample(proposals);
+        quantile_.resize(static_cast<size_t>(std::max(proposals, samples_of)) * b.stride);
+        for (int k = 0; k < proposals; ++k)
+            for (int p = 0; p < b.count; ++p)
+                quantile_[static_cast<size_t>(k * b.stride + p)] = (static_cast<float>(k) + 0.5f) / static_cast<float>(proposals);
+        place(b, proposals);
+        ask(b, false);
+        shares_.resize(static_cast<size_t>(proposals + 1) * b.stride);
+        sum_shares(b.tau.data(), proposals, b.stride, EVEN, shares_.data());
+        const int stride = b.stride;
+        for (int p = 0; p < b.count; ++p) invert_shares(&shares_[p], proposals, stride, samples_of, &quantile_[p]);
+        b.sample(samples_of);
+        place(b, samples_of);
+        ask(b, true);
+    }
+
+    void place(Batch &b, int count) {
+        for (int p = 0; p < b.count; ++p) {
+            if (b.medium == Medium::fixed)
+                place_in(occupied_[static_cast<size_t>(p)], scene_.voxel_m / 2, b.t_near[p], &quantile_[p], count, b.stride, &b.t[p]);
+            else
+                for (int k = 0; k < count; ++k)
+                    b.t[static_cast<size_t>(k * b.stride + p)] =
+                        b.t_near[p] + quantile_[static_cast<size_t>(k * b.stride + p)] * (b.t_far[p] - b.t_near[p]);
+        }
+    }
+
+    // The field at a batch's samples, in rounds: a strand takes none behind what stops it. `final`: hidden units are kept, and
+    // depths are the density's; else they only say where samples shall be.
+    void ask(Batch &b, bool final) {
+        const unisim_scene &scene = *fields_of(b).scene;
+        const float limit = -std::log(task_.sampling.opaque);
+        passed_.assign(static_cast<size_t>(b.count), 0.0f);
+        if (b.medium == Medium::actor) behind_the_fixed(b);
+        going_.clear();
+        for (int p = 0; p < b.count; ++p)
+            if (passed_[p] < limit) going_.push_back(p);
+        const int round = final ? FINE_ROUND : ROUND;
+        for (int from = 0; from < b.samples && !going_.empty(); from += round) {
+            const int to = std::min(from + round, b.samples);
+            wanted_.clear();
+            for (int k = from; k < to; ++k)
+                for (const int p : going_) wanted_.push_back(k * b.stride + p);
+            evaluate(b, wanted_.data(), static_cast<int>(wanted_.size()), final);
+            for (const int p : going_) b.last[p] = to;
+            if (final && scene.paper_density)
+                find_paper_depths(b, from, to, scene.beta, b.medium == Medium::actor ? scene.step_m / 4 : scene.step_m);
+            else
+                find_depths(b, from, to, scene.beta, !final);
+            size_t kept = 0;
+            for (const int p : going_) {
+                for (int k = from; k < to; ++k) passed_[p] += b.tau[static_cast<size_t>(k * b.stride + p)];
+                if (passed_[p] < limit) going_[kept++] = p;
+            }
+            going_.resize(kept);
+        }
+        // where nothing was asked nothing is
+        for (int p = 0; p < b.count; ++p)
+            for (int k = b.last[p]; k < b.samples; ++k) {
+                const size_t i = static_cast<size_t>(k * b.stride + p);
+                b.tau[i] = b.share[i] = 0;
+            }
+    }
+
+    // Starts `passed_` of actors' strands with what stands before their boxes.
+    void behind_the_fixed(const Batch &b) {
+        const Batch &still = fixed();
+        if (!still.count) return;
+        int strand[TILE];
+        std::fill(strand, strand + TILE, -1);
+        for (int p = 0; p < still.count; ++p) strand[still.ray[p]] = p;
+        for (int p = 0; p < b.count; ++p) {
+            const int q = strand[b.ray[p]];
+            for (int k = 0; q >= 0 && k < still.samples; ++k) {
+                const size_t i = static_cast<size_t>(k * still.stride + q);
+                if (still.t[i] >= b.t_near[p]) break;
+                passed_[p] += still.tau[i];
+            }
+        }
+    }
+
+    // The field at samples of a batch, by their numbers.
+    void evaluate(Batch &b, const int *ids, int count, bool keep) {
+        at_.clear();
+        for (int i = 0; i < count; ++i) at_.push_back({ids[i] % b.stride, b.t[static_cast<size_t>(ids[i])]});
+        ask_at(b, keep);
+        for (int i = 0; i < count; ++i) {
+            b.s[static_cast<size_t>(ids[i])] = told_[static_cast<size_t>(i)].s;
+            b.slot[static_cast<size_t>(ids[i])] = told_[static_cast<size_t>(i)].slot;
+        }
+    }
+
+    // told_: the distances at the places at_, and, where units are to be kept, their slots.
+    void ask_at(Batch &b, bool keep) {
+        const Field &field = field_of(b);
+        const unisim_troupe *troupe = b.medium == Medium::actor ? &task_.cast.troupes[b.troupe] : nullptr;
+        const float shift = troupe ? 0.5f : 0.0f;
+        const int count = static_cast<int>(at_.size());
+        samples += count;
+        told_.resize(at_.size());
+        for (int first = 0; first < count; first += BLOCK) {
+            const int n = std::min(BLOCK, count - first);
+            for (int i = 0; i < BLOCK; ++i) {
+                const Place &place = at_[static_cast<size_t>(first + std::min(i, n - 1))];
+                const int p = place.strand;
+                for (int a = 0; a < 3; ++a) x_[a][i] = (b.o[3 * p + a] + place.t * b.d[3 * p + a]) / b.size[3 * p + a] + shift;
+                row_[i] = troupe ? troupe->rows[b.box[p]] : 0;
+            }
+            float *h = block_.data();
+            const size_t slot = b.slots;
+            if (keep) {
+                b.slots += BLOCK;
+                // grown, and never cleared: what is kept is written before it is read
+                b.units.resize(std::max(b.units.size(), b.slots * static_cast<size_t>(field.wide)));
+                h = &b.units[slot * static_cast<size_t>(field.wide)];
+            }
+            field.units(x_, troupe ? row_ : nullptr, n, code_.data(), h);
+            for (int i = 0; i < n; ++i) {
+                const Place &place = at_[static_cast<size_t>(first + i)];
+                Probe &probe = told_[static_cast<size_t>(first + i)];
+                probe = {place.t, field.first_output(h + i * field.wide), keep ? static_cast<int>(slot) + i : -1};
+                if (b.medium == Medium::fixed) clear(b, place.strand, place.t, probe.s);
+                if (b.medium == Medium::copy) lift(b, place.strand, place.t, probe.s);
+            }
+        }
+    }
+
+    void continue_runs(const Batch &b, size_t p, std::vector<Run> &runs) {
+        const int r = b.ray[p];
+        find_runs(scene_, o_[r], d_[r], b.t_near[p], b.t_far[p], [&](float t) { return cleared(r, t, scene_.voxel_m); }, steps_[p], runs);
+    }
+
+    // Whether a scene's strands are followed from cell to cell; the paper's density depends on the steps, and takes even ones.
+    bool marches(const unisim_scene &scene) const { return task_.sampling.stride_m > 0 && scene.cells && !scene.paper_density; }
+
+    // Samples of a batch's strands from near to far, until each is stopped; the answers are the samples that are composited.
+    void march(Batch &b) {
+        const unisim_scene &scene = *fields_of(b).scene;
+        const float limit = -std::log(task_.sampling.opaque);
+        const size_t count = static_cast<size_t>(b.count);
+        passed_.assign(count, 0.0f);
+        runs_.resize(std::max(runs_.size(), count));
+        probes_.resize(std::max(probes_.size(), count));
+        if (b.medium == Medium::actor) {
+            behind_the_fixed(b);
+            for (size_t p = 0; p < count; ++p)
+                find_box_runs(scene.box_cells + static_cast<int64_t>(task_.cast.troupes[b.troupe].rows[b.box[p]]) * BOX_CELLS * BOX_CELLS * BOX_CELLS,
+                              &b.o[3 * p], &b.d[3 * p], &b.size[3 * p], b.t_near[p], b.t_far[p], runs_[p]);
+        }
+        walks_.assign(count, {});
+        going_.clear();
+        b.slots = 0;
+        for (size_t p = 0; p < count; ++p) {
+            probes_[p].clear();
+            if (runs_[p].empty() || passed_[p] >= limit) continue;
+            walks_[p].next = runs_[p][0].begin;
+            walks_[p].passed = passed_[p];
+            going_.push_back(static_cast<int>(p));
+        }
+        while (!going_.empty()) {
+            at_.clear();
+            for (const int p : going_) at_.push_back({p, walks_[static_cast<size_t>(p)].next});
+            ask_at(b, true);
+            size_t kept = 0;
+            for (size_t i = 0; i < going_.size(); ++i) {
+                const size_t p = static_cast<size_t>(going_[i]);
+                probes_[p].push_back(told_[i]);
+                const auto more = [&](std::vector<Run> &runs) {
+                    if (b.medium == Medium::fixed) return continue_runs(b, p, runs);
+                    runs.clear();
+                };
+                if (walks_[p].take(runs_[p], probes_[p], scene.beta, limit, task_.sampling, more)) going_[kept++] = going_[i];
+            }
+            going_.resize(kept);
+        }
+        for (int round = 0; round < task_.sampling.splits; ++round) {
+            at_.clear();
+            wanted_.clear();
+            for (size_t p = 0; p < count; ++p) {
+                size_t after = 0;
+                float t = 0;
+                if (!find_split(probes_[p], scene.beta, task_.sampling.split_weight, after, t)) continue;
+                at_.push_back({static_cast<int>(p), t});
+                wanted_.push_back(static_cast<int>(after));
+            }
+            if (at_.empty()) break;
+            ask_at(b, true);
+            for (size_t i = 0; i < at_.size(); ++i) {
+                std::vector<Probe> &probes = probes_[static_cast<size_t>(at_[i].strand)];
+                probes.insert(probes.begin() + wanted_[i], told_[i]);
+            }
+        }
+        size_t longest = 1;
+        for (size_t p = 0; p < count; ++p) longest = std::max(longest, probes_[p].size());
+        b.lay(static_cast<int>(longest));
+        for (size_t p = 0; p < count; ++p)
+            for (size_t k = 0; k < longest; ++k) {
+                // behind the last answer nothing is told, and nothing stops the ray
+                const bool told = k < probes_[p].size();
+                const Probe probe = told ? probes_[p][k] : probes_[p].empty() ? Probe{b.t_near[p], EMPTY_M, -1} : probes_[p].back();
+                const size_t i = k * static_cast<size_t>(b.stride) + p;
+                b.t[i] = probe.t;
+                b.s[i] = probe.s;
+                b.slot[i] = told ? probe.slot : -1;
+            }
+        find_depths(b, 0, b.samples, scene.beta, false);
+    }
+
+    // Where rays are in a present actor's box, or in a removed one.
+    void find_cleared() {
+        for (int r = 0; r < rays_.count; ++r) span_[r].clear();
+        for (const Batch &boxes : batches_)
+            if (boxes.medium == Medium::actor)
+                for (int p = 0; p < boxes.count; ++p) span_[boxes.ray[p]].push_back({boxes.t_near[p], boxes.t_far[p]});
+        for (int k = 0; k < task_.cast.removals; ++k) {
+            const double *m = task_.cast.removal_from_world + 12 * k;
+            const float *size = task_.cast.removal_sizes + 3 * k;
+            const float half[3] = {size[0] / 2, size[1] / 2, size[2] / 2}, minus[3] = {-half[0], -half[1], -half[2]};
+            for (int r = 0; r < rays_.count; ++r) {
+                float o[3], d[3], near, far;
+                transform(m, rays_.origin[r], o);
+                turn(m, rays_.direction[r], d);
+                if (span_of_box(o, d, minus, half, 0.0f, near, far)) span_[r].push_back({near, far});
+            }
+        }
+    }
+
+    bool cleared(int r, float t, float margin) const {
+        for (const Run &span : span_[r])
+            if (t >= span.begin - margin && t <= span.end + margin) return true;
+        return false;
+    }
+
+    // In such a box nothing stands above the ground: the ground is then all that is near.
+    void clear(const Batch &b, int p, float t, float &s) const {
+        if (!cleared(b.ray[p], t, 0.0f)) return;
+        const float x = b.o[3 * p] + t * b.d[3 * p], y = b.o[3 * p + 1] + t * b.d[3 * p + 1], z = b.o[3 * p + 2] + t * b.d[3 * p + 2];
+        const float height = z - ground_at(scene_, x, y);
+        if (height > scene_.ground_clearance_m) s = std::max(s, height);
+    }
+
+    // The ground of a copied box stays where it is.
+    void lift(const Batch &b, int p, float t, float &s) const {
+        const float z = b.o[3 * p + 2] + t * b.d[3 * p + 2];
+        const float height = ground_at(scene_, b.o[3 * p] + t * b.d[3 * p], b.o[3 * p + 1] + t * b.d[3 * p + 1]);
+        if (!(z > height + scene_.ground_clearance_m)) s = EMPTY_M;
+    }
+
+    bool guest(const Batch &b) const { return b.medium == Medium::mesh || (b.medium == Medium::actor && b.troupe > 0); }
+
+    void composite() {
+        for (int r = 0; r < rays_.count; ++r) {
+            strands_[r].clear();
+            guests_[r] = false;
+            behind_[r] = behind_own_[r] = 1;
+        }
+        for (Batch &b : batches_) {
+            if (!b.count) continue;
+            find_fronts(b);
+            for (int p = 0; p < b.count; ++p) {
+                strands_[b.ray[p]].push_back({&b, p});
+                guests_[b.ray[p]] |= guest(b);
+            }
+        }
+        const bool apart = task_.found.own_feature != nullptr;
+        bool some = false;
+        for (int r = 0; r < rays_.count; ++r) {
+            std::vector<Strand> &all = strands_[r];
+            if (all.empty()) continue;
+            if (guests_[r] && apart) {
+                own_.clear();
+                for (const Strand &s : all)
+                    if (!guest(*s.batch)) own_.push_back(s);
+                behind_own_[r] = own_.empty() ? 1.0f : std::exp(-merge_fronts(own_, next_, stops_));
+                some = true;
+                continue;
+            }
+            float depth = 0;
+            if (all.size() > 1)
+                depth = merge_fronts(all, next_, stops_);
+            else
+                for (int k = 0; k < all[0].batch->samples; ++k) depth += all[0].batch->tau[static_cast<size_t>(k * all[0].batch->stride + all[0].p)];
+            behind_[r] = behind_own_[r] = std::exp(-depth);
+        }
+        clear_sums();
+        for (Batch &b : batches_)
+            if (b.count) find_weights(b);
+        // what the scene's own decoder is to see: everything but the guests
+        if (apart) sum_features(true);
+        if (some) {
+            for (int r = 0; r < rays_.count; ++r)
+                if (guests_[r]) behind_[r] = std::exp(-merge_fronts(strands_[r], next_, stops_));
+            for (Batch &b : batches_)
+                if (b.count) find_weights(b);
+        }
+        sum_features(false);
+    }
+
+    void clear_sums() {
+        const size_t width = static_cast<size_t>(task_.fields[0].fixed.outputs - 1);
+        feature_.assign(TILE * width, 0.0f);
+        own_feature_.assign(TILE * width, 0.0f);
+        for (int r = 0; r < TILE; ++r) total_[r] = stopped_[r] = 0;
+        for (int i = 0; i < task_.cast.troupe_count - 1; ++i) {
+            const int wide = task_.fields[static_cast<size_t>(i + 1)].fixed.outputs - 1;
+            for (int r = 0; r < rays_.count; ++r) {
+                std::fill_n(task_.found.guest_feature[i] + number_[r] * wide, wide, 0.0f);
+                task_.found.guest_opacity[i][number_[r]] = 0;
+            }
+        }
+        if (task_.found.mesh_opacity)
+            for (int r = 0; r < rays_.count; ++r) task_.found.mesh_opacity[number_[r]] = 0;
+    }
+
+    // Sums of what strands give to their rays. `own`: as if there were no guests, and features alone.
+    void sum_features(bool own) {
+        const int width = task_.fields[0].fixed.outputs - 1;
+        for (Batch &b : batches_) {
+            if (!b.count || (own && guest(b))) continue;
+            strand_weight_.assign(static_cast<size_t>(b.count), 0.0f);
+            for (int k = 0; k < b.samples; ++k)
+                for (int p = 0; p < b.count; ++p) strand_weight_[p] += b.weight[static_cast<size_t>(k * b.stride + p)];
+            if (b.medium == Medium::mesh) {
+                for (int p = 0; p < b.count; ++p) {
+                    task_.found.mesh_opacity[number_[b.ray[p]]] += strand_weight_[p];
+                    add_depth(b, p);
+                }
+                continue;
+            }
+            project(b);
+            const int wide_out = field_of(b).wide_out;
+            for (int p = 0; p < b.count; ++p) {
+                const int r = b.ray[p];
+                if (!own) add_depth(b, p);
+                const float *feature = &projected_[static_cast<size_t>(p) * wide_out];
+                if (!own && guest(b)) {
+                    const int i = b.troupe - 1, wide = field_of(b).outputs - 1;
+                    float *out = task_.found.guest_feature[i] + number_[r] * wide;
+                    for (int f = 0; f < wide; ++f) out[f] += feature[f];
+                    task_.found.guest_opacity[i][number_[r]] += strand_weight_[p];
+                } else {
+                    float *out = (own ? own_feature_.data() : feature_.data()) + static_cast<int64_t>(r) * width;
+                    for (int f = 0; f < width; ++f) out[f] += feature[f];
+                }
+            }
+        }
+    }
+
+    void add_depth(const Batch &b, int p) {
+        const int r = b.ray[p];
+        total_[r] += strand_weight_[p];
+        for (int k = 0; k < b.samples; ++k) {
+            const size_t i = static_cast<size_t>(k * b.stride + p);
+            stopped_[r] += b.weight[i] * b.t[i];
+        }
+    }
+
+    // projected_ (count, wide_out): the strands' features, by weight, as the light has them.
+    void project(Batch &b) {
+        const Field &field = field_of(b);
+        const bool lit = b.medium == Medium::actor && task_.sampling.sky && fields_of(b).scene->light;
+        if (lit) find_light(b);
+        if (const unisim_head *head = fields_of(b).scene->sample_head) return project_directed(b, *head, lit);
+        const int rows = (b.count + ROWS - 1) / ROWS * ROWS;
+        summed_.assign(static_cast<size_t>(rows) * field.wide, 0.0f);
+        for (int p = 0; p < b.count; ++p) {
+            float *sum = &summed_[static_cast<size_t>(p) * field.wide];
+            for (int k = 0; k < b.samples; ++k) {
+                const size_t i = static_cast<size_t>(k * b.stride + p);
+                if (b.slot[i] < 0) continue;
+                const float *h = &b.units[static_cast<size_t>(b.slot[i]) * field.wide];
+                const lanes w = spread(b.weight[i]);
+                for (int j = 0; j < field.wide; j += LANES) store(sum + j, load(sum + j) + w * load(h + j));
+            }
+        }
+        projected_.resize(static_cast<size_t>(rows) * field.wide_out);
+        layer<false>(rows, field.wide_out, field.hidden, summed_.data(), field.wide, field.feature.data(), projected_.data());
+        for (int p = 0; p < b.count; ++p) {
+            float *out = &projected_[static_cast<size_t>(p * field.wide_out)];
+            for (int f = 0; f + 1 < field.outputs; ++f) out[f] += strand_weight_[p] * field.bias[static_cast<size_t>(f + 1)];
+            if (!lit) continue;
+            const float *scale = &light_[static_cast<size_t>(2 * p * (field.outputs - 1))], *shift = scale + field.outputs - 1;
+            for (int f = 0; f + 1 < field.outputs; ++f) out[f] = out[f] * (1 + scale[f]) + shift[f] * strand_weight_[p];
+        }
+    }
+
+    // The same where the direction enters at every sample.
+    void project_directed(Batch &b, const unisim_head &head, bool lit) {
+        const Field &field = field_of(b);
+        const int features = field.outputs - 1;
+        projected_.assign(static_cast<size_t>(b.count) * field.wide_out, 0.0f);
+        heavy_.clear();
+        for (int i = 0; i < b.samples * b.stride; ++i)
+            if (b.slot[static_cast<size_t>(i)] >= 0 && b.weight[static_cast<size_t>(i)] > LEAST_WEIGHT) heavy_.push_back(i);
+        begin_directed(static_cast<int>(heavy_.size()), features);
+        for (size_t i = 0; i < heavy_.size(); ++i) {
+            const int p = heavy_[i] % b.stride;
+            const float *scale = lit ? &light_[static_cast<size_t>(2 * p * features)] : nullptr;
+            add_directed(field, &b.units[static_cast<size_t>(b.slot[static_cast<size_t>(heavy_[i])]) * field.wide], b.ray[p], scale);
+        }
+        run_directed(head);
+        for (size_t i = 0; i < heavy_.size(); ++i) {
+            float *out = &projected_[static_cast<size_t>(heavy_[i] % b.stride) * field.wide_out];
+            const float weight = b.weight[static_cast<size_t>(heavy_[i])];
+            for (int f = 0; f < features; ++f) out[f] += weight * directed_[i * static_cast<size_t>(features) + f];
+        }
+    }
+
+    void begin_directed(int count, int features) {
+        undirected_.clear();
+        along_.clear();
+        directed_.resize(static_cast<size_t>(count) * features);
+    }
+
+    void add_directed(const Field &field, const float *h, int r, const float *light) {
+        const int features = field.outputs - 1;
+        for (int f = 0; f < features; ++f) {
+            float value = field.bias[static_cast<size_t>(f + 1)];
+            for (int j = 0; j < field.hidden; ++j) value += h[j] * field.feature[static_cast<size_t>(j * field.wide_out + f)];
+            undirected_.push_back(light ? value * (1 + light[f]) + light[features + f] : value);
+        }
+        for (int a = 0; a < 3; ++a) along_.push_back(static_cast<float>(rays_.direction[r][a]));
+    }
+
+    void run_directed(const unisim_head &head) {
+        UNISIM_NAME(unisim_head_forward)(&head, undirected_.data(), along_.data(), nullptr, static_cast<int64_t>(along_.size() / 3), directed_.data(), 1);
+    }
+
+    // light_ (count, 2, features): scales and shifts of actors' features, by the ground round their places;
+    // `core/fields/light.py`.
+    void find_light(Batch &b) {
+        const Fields &fields = fields_of(b);
+        const unisim_scene &scene = *fields.scene;
+        const Field &field = fields.fixed;
+        const unisim_mlp &net = *scene.light;
+        const int features = field.outputs - 1;
+        light_.assign(static_cast<size_t>(b.count) * 2 * features, 0.0f);
+        heavy_.clear();
+        for (int p = 0; p < b.count; ++p)
+            if (strand_weight_[p] > LEAST_WEIGHT) heavy_.push_back(p);
+        constexpr int PLACES = BLOCK / 4;
+        std::vector<float> looks(static_cast<size_t>(BLOCK) * field.wide_out), mean(static_cast<size_t>(features)), hidden(net.hidden);
+        for (size_t first = 0; first < heavy_.size(); first += PLACES) {
+            const int n = static_cast<int>(std::min<size_t>(PLACES, heavy_.size() - first));
+            for (int i = 0; i < BLOCK; ++i) {
+                const int p = heavy_[first + std::min(i / 4, n - 1)], r = b.ray[p];
+                const float t = b.t[static_cast<size_t>((marches(*fields_of(b).scene) ? heaviest(b, p) : b.samples / 2) * b.stride + p)];
+                const float *home = scene.light_home + 3 * task_.cast.troupes[b.troupe].rows[b.box[p]];
+                const float reach = i & 1 ? -scene.light_reach_m : scene.light_reach_m;
+                float place[3];
+                for (int a = 0; a < 3; ++a) place[a] = b.troupe == 0 ? o_[r][a] + t * d_[r][a] : home[a];
+                place[i & 2 ? 1 : 0] += reach;
+                place[2] = ground_at(scene, place[0], place[1]);
+                for (int a = 0; a < 3; ++a) x_[a][i] = place[a] / scene.size[a];
+            }
+            field.units(x_, nullptr, 4 * n, code_.data(), block_.data());
+            samples += 4 * n;
+            layer<false>(BLOCK, field.wide_out, field.hidden, block_.data(), field.wide, field.feature.data(), looks.data());
+            for (int i = 0; i < n; ++i) {
+                for (int f = 0; f < features; ++f) {
+                    mean[f] = field.bias[static_cast<size_t>(f + 1)];
+                    for (int k = 0; k < 4; ++k) mean[f] += looks[static_cast<size_t>((4 * i + k) * field.wide_out + f)] / 4;
+                }
+                for (int h = 0; h < net.hidden; ++h) {
+                    float sum = 0;
+                    for (int f = 0; f < features; ++f) sum += net.w1[h * features + f] * mean[f];
+                    hidden[h] = std::fmax(sum, 0.0f);
+                }
+                float *out = &light_[static_cast<size_t>(2 * heavy_[first + i] * features)];
+                for (int f = 0; f < 2 * features; ++f) {
+                    out[f] = net.bias[f];
+                    for (int h = 0; h < net.hidden; ++h) out[f] += net.w2[f * net.hidden + h] * hidden[h];
+                }
+            }
+        }
+    }
+
+    // The far field and the sky, along rays of which a share that counts comes through.
+    void beyond() {
+        const unisim_sampling &sampling = task_.sampling;
+        for (int r = 0; r < rays_.count; ++r) {
+            far_depth_[r] = 0;
+            far_behind_[r] = 1;
+            near_behind_[r] = behind_[r];
+        }
+        beyond_.clear();
+        if (!sampling.far) return;
+        for (int r = 0; r < rays_.count; ++r)
+            if (behind_own_[r] > sampling.far_opaque) beyond_.push_back(r);
+        if (beyond_.empty()) return;
+        const Field &field = task_.fields[0].far;
+        const int n = static_cast<int>(beyond_.size()), proposals = sampling.far_proposals, count = sampling.far_samples;
+        std::vector<float> share(static_cast<size_t>(n) * count), density(static_cast<size_t>(n) * proposals);
+        far_tau_.assign(static_cast<size_t>(n) * count, 0.0f);
+        far_t_.assign(static_cast<size_t>(n) * count, 0.0f);
+        std::vector<float> width(static_cast<size_t>(n) * count), t(static_cast<size_t>(n) * proposals);
+        const auto disparity = [&](int r, float u) { return 1 / ((1 - u) / std::fmax(far_[r], sampling.near_m) + u / scene_.far_m); };
+        for (int i = 0; i < n; ++i)
+            for (int k = 0; k < proposals; ++k)
+                t[static_cast<size_t>(i * proposals + k)] = disparity(beyond_[i], (static_cast<float>(k) + 0.5f) / static_cast<float>(proposals));
+        ask_far(t.data(), proposals, density.data(), nullptr);
+        for (int i = 0; i < n; ++i) find_far_places(&density[static_cast<size_t>(i * proposals)], &share[static_cast<size_t>(i * count)], &width[static_cast<size_t>(i * count)]);
+        for (int i = 0; i < n; ++i)
+            for (int k = 0; k < count; ++k) far_t_[static_cast<size_t>(i * count + k)] = disparity(beyond_[i], share[static_cast<size_t>(i * count + k)]);
+        std::vector<float> units;
+        ask_far(far_t_.data(), count, far_tau_.data(), &units);
+        const int rows = (n + ROWS - 1) / ROWS * ROWS;
+        std::vector<float> summed(static_cast<size_t>(rows) * field.wide, 0.0f), whole(n, 0.0f), out(static_cast<size_t>(rows) * field.wide_out);
+        std::vector<float> behind(n);
+        std::vector<float> weights;
+        std::vector<int> places;
+        if (scene_.sample_head) begin_directed(n * (count + 1), field.outputs - 1);
+        const auto add = [&](int i, float weight, const float *h) {
+            if (scene_.sample_head) {
+                if (weight <= LEAST_WEIGHT) return;
+                add_directed(field, h, beyond_[i], nullptr);
+                weights.push_back(weight);
+                places.push_back(i);
+                return;
+            }
+            for (int j = 0; j < field.wide; ++j) summed[static_cast<size_t>(i * field.wide + j)] += weight * h[j];
+            whole[i] += weight;
+        };
+        for (int i = 0; i < n; ++i) {
+            float before = 0;
+            for (int k = 0; k < count; ++k) {
+                const size_t at = static_cast<size_t>(i * count + k);
+                far_tau_[at] *= width[at];
+                const float weight = std::exp(-before) * -std::expm1(-far_tau_[at]);
+                add(i, weight, &units[at * field.wide]);
+                far_depth_[beyond_[i]] += weight * far_t_[at];
+                before += far_tau_[at];
+            }
+            behind[i] = std::exp(-before);
+        }
+        if (sampling.sky) {
+            sky(units);
+            for (int i = 0; i < n; ++i) add(i, behind[i], &units[static_cast<size_t>(i) * field.wide]);
+        }
+        const int features = field.outputs - 1;
+        if (scene_.sample_head)
+            direct_far(*scene_.sample_head, weights, places, out);
+        else
+            layer<false>(rows, field.wide_out, field.hidden, summed.data(), field.wide, field.feature.data(), out.data());
+        for (int i = 0; i < n; ++i) {
+            const int r = beyond_[i];
+            for (int f = 0; f < features; ++f) {
+                const float value = out[static_cast<size_t>(i * field.wide_out + f)] + whole[i] * field.bias[static_cast<size_t>(f + 1)];
+                feature_[static_cast<size_t>(r * features + f)] += behind_[r] * value;
+                own_feature_[static_cast<size_t>(r * features + f)] += behind_own_[r] * value;
+            }
+            far_behind_[r] = behind[i];
+            behind_[r] *= behind[i];
+        }
+    }
+
+    // Adds what the head makes of the far features noted with `add_directed`, by weight, to out (rays beyond, wide_out).
+    void direct_far(const unisim_head &head, const std::vector<float> &weights, const std::vector<int> &places, std::vector<float> &out) {
+        const Field &field = task_.fields[0].far;
+        const size_t features = static_cast<size_t>(field.outputs - 1);
+        run_directed(head);
+        std::fill(out.begin(), out.end(), 0.0f);
+        for (size_t i = 0; i < weights.size(); ++i)
+            for (size_t f = 0; f < features; ++f) out[static_cast<size_t>(places[i] * field.wide_out) + f] += weights[i] * directed_[i * features + f];
+    }
+
+    // Densities at places t (rays beyond, count); their hidden units too, where `units` is given.
+    void ask_far(const float *t, int count, float *density, std::vector<float> *units) {
+        const Field &field = task_.fields[0].far;
+        const int n = static_cast<int>(beyond_.size()) * count;
+        if (units) units->resize(static_cast<size_t>((n + BLOCK - 1) / BLOCK * BLOCK) * field.wide);
+        samples += n;
+        for (int first = 0; first < n; first += BLOCK) {
+            const int block = std::min(BLOCK, n - first);
+            for (int i = 0; i < BLOCK; ++i) {
+                const int at = first + std::min(i, block - 1), r = beyond_[at / count];
+                float y[3], norm = 0;
+                for (int a = 0; a < 3; ++a) {
+                    y[a] = (o_[r][a] + d_[r][a] * t[at] - scene_.size[a] / 2) / scene_.far_radius;
+                    norm += y[a] * y[a];
+                }
+                // mip-NeRF 360's contraction (Barron et al., 2022, eq. 10)
+                norm = std::fmax(std::sqrt(norm), 1e-9f);
+                const float scale = norm <= 1 ? 1.0f : (2 - 1 / norm) / norm;
+                for (int a = 0; a < 3; ++a) x_[a][i] = y[a] * scale / 4 + 0.5f;
+            }
+            float *h = units ? units->data() + static_cast<size_t>(first) * field.wide : block_.data();
+            field.units(x_, nullptr, block, code_.data(), h);
+            for (int i = 0; i < block; ++i) density[first + i] = std::exp(std::fmin(field.first_output(h + i * field.wide), MAX_LOG_DENSITY));
+        }
+    }
+
+    // Hidden units (rays beyond, wide) at infinity.
+    void sky(std::vector<float> &units) {
+        const Field &field = task_.fields[0].far;
+        const int n = static_cast<int>(beyond_.size());
+        units.resize(static_cast<size_t>((n + BLOCK - 1) / BLOCK * BLOCK) * field.wide);
+        samples += n;
+        for (int first = 0; first < n; first += BLOCK) {
+            const int block = std::min(BLOCK, n - first);
+            for (int i = 0; i < BLOCK; ++i)
+                for (int a = 0; a < 3; ++a) x_[a][i] = d_[beyond_[first + std::min(i, block - 1)]][a] / 2 + 0.5f;
+            field.units(x_, nullptr, block, code_.data(), units.data() + static_cast<size_t>(first) * field.wide);
+        }
+    }
+
+    // Where one ray asks the far field again, as shares of disparity, and the lengths of the intervals round these places.
+    void find_far_places(const float *density, float *share, float *width) {
+        const int proposals = task_.sampling.far_proposals, count = task_.sampling.far_samples;
+        std::vector<float> sum(static_cast<size_t>(proposals) + 1, 0.0f);
+        float before = 0, total = 0;
+        for (int k = 0; k < proposals; ++k) {
+            const float tau = density[k] / static_cast<float>(proposals);
+            sum[static_cast<size_t>(k + 1)] = std::exp(-before) * -std::expm1(-tau) + 1e-3f;
+            total += sum[static_cast<size_t>(k + 1)];
+            before += tau;
+        }
+        for (int k = 1; k <= proposals; ++k) sum[k] = sum[k - 1] + 0.8f * sum[k] / total + 0.2f / static_cast<float>(proposals);
+        int j = 1;
+        float edge = 0;
+        for (int k = 0; k <= count; ++k) {
+            const float target = static_cast<float>(k) / static_cast<float>(count) * sum[proposals];
+            while (j < proposals && sum[j] <= target) ++j;
+            const float at = (static_cast<float>(j - 1) + (target - sum[j - 1]) / (sum[j] - sum[j - 1])) / static_cast<float>(proposals);
+            if (k) {
+                width[k - 1] = at - edge;
+                share[k - 1] = edge + 0.5f * (at - edge);
+            }
+            edge = at;
+        }
+    }
+
+    void finish() {
+        const unisim_found &found = task_.found;
+        const int width = task_.fields[0].fixed.outputs - 1;
+        for (int r = 0; r < rays_.count; ++r) {
+            const int64_t i = number_[r];
+            const float opacity = 1 - behind_[r];
+            const float mean = stopped_[r] / std::fmax(total_[r], 1e-6f) * (1 - near_behind_[r]) + near_behind_[r] * far_depth_[r];
+            std::copy_n(&feature_[static_cast<size_t>(r) * width], width, found.feature + i * width);
+            if (found.own_feature) std::copy_n(&own_feature_[static_cast<size_t>(r) * width], width, found.own_feature + i * width);
+            found.opacity[i] = opacity;
+            found.depth[i] = mean / std::fmax(opacity, 1e-6f);
+        }
+        if (found.median) find_medians();
+        if (found.instance) find_instances();
+        if (found.normal) find_normals();
+    }
+
+    // Median distances; `core/median.py`.
+    void find_medians() {
+        for (int r = 0; r < rays_.count; ++r) {
+            const float wanted = (1 + behind_[r]) / 2;
+            float depth = 0;
+            for (const Strand &s : strands_[r]) {
+                const Batch &b = *s.batch;
+                const unisim_scene &scene = *fields_of(b).scene;
+                for (int k = 0; k < b.samples; ++k) {
+                    const size_t i = static_cast<size_t>(k * b.stride + s.p);
+                    if (b.front[i] > wanted && b.front[i] * std::exp(-b.tau[i]) <= wanted)
+                        depth = b.medium == Medium::mesh ? b.t[i] : place_of(b, s.p, k, wanted, scene.beta, scene.paper_density != 0);
+                }
+            }
+            task_.found.median[number_[r]] = depth;
+        }
+        const int count = task_.sampling.far_samples;
+        for (size_t i = 0; i < beyond_.size(); ++i) {
+            const int r = beyond_[i];
+            const float wanted = (1 + behind_[r]) / 2;
+            float front = near_behind_[r];
+            for (int k = 0; k < count; ++k) {
+                const float after = front * std::exp(-far_tau_[i * count + k]);
+                if (front > wanted && after <= wanted) task_.found.median[number_[r]] = far_t_[i * count + k];
+                front = after;
+            }
+        }
+    }
+
+    static int heaviest(const Batch &b, int p) {
+        int best = 0;
+        for (int k = 1; k < b.samples; ++k)
+            if (b.weight[static_cast<size_t>(k * b.stride + p)] > b.weight[static_cast<size_t>(best * b.stride + p)]) best = k;
+        return best;
+    }
+
+    static float weight_of(const Strand &s) {
+        float sum = 0;
+        for (int k = 0; k < s.batch->samples; ++k) sum += s.batch->weight[static_cast<size_t>(k * s.batch->stride + s.p)];
+        return sum;
+    }
+
+    // 1 + the number of the actor with the largest weight on a ray, 0 where the rest outweighs it.
+    void find_instances() {
+        for (int r = 0; r < rays_.count; ++r) {
+            float best = 0, rest = behind_[r];
+            int32_t number = 0;
+            for (const Strand &s : strands_[r]) {
+                const float weight = weight_of(s);
+                if (s.batch->medium == Medium::fixed || s.batch->medium == Medium::copy)
+                    rest += weight;
+                else if (weight > best) {
+                    best = weight;
+                    number = task_.first[static_cast<size_t>(s.batch->troupe)] + s.batch->box[s.p] + 1;
+                }
+            }
+            task_.found.instance[number_[r]] = best > rest ? number : 0;
+        }
+    }
+
+    // Unit normals: each strand's gradient of the distance at its heaviest sample, by differences on a tetrahedron, by weight.
+    void find_normals() {
+        constexpr float CORNER[4][3] = {{1, -1, -1}, {-1, -1, 1}, {-1, 1, -1}, {1, 1, 1}};
+        std::vector<float> sum(3 * TILE, 0.0f);
+        for (Batch &b : batches_) {
+            if (!b.count) continue;
+            std::vector<Strand> heavy;
+            for (int p = 0; p < b.count; ++p)
+                if (weight_of({&b, p}) > LEAST_WEIGHT) heavy.push_back({&b, p});
+            if (b.medium == Medium::mesh) {
+                for (const Strand &s : heavy)
+                    for (int a = 0; a < 3; ++a) sum[3 * b.ray[s.p] + a] += weight_of(s) * b.size[3 * s.p + a];
+                continue;
+            }
+            const Field &field = field_of(b);
+            const unisim_troupe *troupe = b.medium == Medium::actor ? &task_.cast.troupes[b.troupe] : nullptr;
+            constexpr int PLACES = BLOCK / 4;
+            for (size_t first = 0; first < heavy.size(); first += PLACES) {
+                const int n = static_cast<int>(std::min<size_t>(PLACES, heavy.size() - first));
+                for (int i = 0; i < BLOCK; ++i) {
+                    const int p = heavy[first + std::min(i / 4, n - 1)].p;
+                    const float t = b.t[static_cast<size_t>(heaviest(b, p) * b.stride + p)];
+                    for (int a = 0; a < 3; ++a)
+                        x_[a][i] = (b.o[3 * p + a] + t * b.d[3 * p + a] + NORMAL_STEP_M * CORNER[i % 4][a]) / b.size[3 * p + a] + (troupe ? 0.5f : 0.0f);
+                    row_[i] = troupe ? troupe->rows[b.box[p]] : 0;
+                }
+                field.units(x_, troupe ? row_ : nullptr, 4 * n, code_.data(), block_.data());
+                samples += 4 * n;
+                for (int i = 0; i < n; ++i) {
+                    const Strand &s = heavy[first + i];
+                    float gradient[3] = {}, world[3] = {}, length = 0;
+                    for (int c = 0; c < 4; ++c) {
+                        const float value = field.first_output(&block_[static_cast<size_t>((4 * i + c) * field.wide)]);
+                        for (int a = 0; a < 3; ++a) gradient[a] += value * CORNER[c][a];
+                    }
+                    turn_normal(b, s.p, gradient, world);
+                    for (const float x : world) length += x * x;
+                    length = std::fmax(std::sqrt(length), 1e-12f);
+                    for (int a = 0; a < 3; ++a) sum[3 * b.ray[s.p] + a] += weight_of(s) * world[a] / length;
+                }
+            }
+        }
+        for (int r = 0; r < rays_.count; ++r) {
+            const float *v = &sum[3 * r];
+            const float length = std::fmax(std::sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]), 1e-12f);
+            for (int a = 0; a < 3; ++a) task_.found.normal[3 * number_[r] + a] = 1 - behind_[r] > 0.5f ? v[a] / length : 0.0f;
+        }
+    }
+
+    // A gradient in a strand's own axes along the world's.
+    void turn_normal(const Batch &b, int p, const float *g, float *world) const {
+        const double *m = scene_.volume_from_world;
+        float local[3] = {g[0], g[1], g[2]};
+        if (b.medium != Medium::actor)
+            for (int a = 0; a < 3; ++a) local[a] = static_cast<float>(m[a] * g[0] + m[4 + a] * g[1] + m[8 + a] * g[2]);
+        if (b.medium == Medium::fixed) {
+            std::copy_n(local, 3, world);
+            return;
+        }
+        const float *rotation = &b.rotation[static_cast<size_t>(9 * p)];
+        for (int a = 0; a < 3; ++a) world[a] = rotation[3 * a] * local[0] + rotation[3 * a + 1] * local[1] + rotation[3 * a + 2] * local[2];
+    }
+
+    const Task &task_;
+    const unisim_scene &scene_;
+    TileRays rays_;
+    int64_t number_[TILE];
+    float o_[TILE][3], d_[TILE][3], far_[TILE];
+    std::vector<Occupied> occupied_;
+    std::vector<Hit> hits_;
+    std::vector<Batch> batches_; // what stands still, the troupes, copies, meshes
+    std::vector<float> quantile_, shares_, passed_, code_, block_, light_, undirected_, along_, directed_;
+    std::vector<int> going_, wanted_, heavy_;
+    struct Place {
+        int strand;
+        float t;
+    };
+    std::vector<Place> at_;
+    std::vector<Probe> told_;
+    std::vector<std::vector<Run>> runs_;
+    std::vector<std::vector<Probe>> probes_;
+    std::vector<Walk> walks_;
+    int32_t steps_[TILE]; // through the cells, of the strands of what stands still
+    std::vector<Run> span_[TILE];
+    float x_[3][BLOCK];
+    int32_t row_[BLOCK];
+    std::vector<Strand> strands_[TILE], own_;
+    bool guests_[TILE];
+    std::vector<int> next_;
+    std::vector<float> stops_, strand_weight_, summed_, projected_, feature_, own_feature_;
+    float behind_[TILE], behind_own_[TILE], total_[TILE], stopped_[TILE];
+    std::vector<int> beyond_;
+    std::vector<float> far_t_, far_tau_;
+    float far_depth_[TILE], far_behind_[TILE], near_behind_[TILE];
+};
+
+} // namespace
+
+extern "C" int UNISIM_NAME(unisim_trace)(const unisim_scene *scene, const unisim_cast *cast, const unisim_rays *rays,
+                                         const unisim_mesh_hits *meshes, const unisim_sampling *sampling,
+                                         const unisim_found *found, int threads) {
+    Task task{*scene, *cast, *rays, meshes, *sampling, *found, {}, {}};
+    int first = 0;
+    for (int i = 0; i < cast->troupe_count; ++i) {
+        task.fields.emplace_back(cast->troupes[i].scene);
+        task.first.push_back(first);
+        first += cast->troupes[i].count;
+    }
+    task.first.push_back(first);
+    std::atomic<int64_t> samples{0};
+    parallel_bodies(rays->n, 4 * TILE, threads, [&] {
+        return [&, tile = std::make_unique<Tile>(task)](int64_t begin, int64_t end) {
+            tile->samples = 0;
+            for (int64_t at = begin; at < end; at += TILE) tile->trace(at, std::min(at + TILE, end));
+            samples += tile->samples;
+        };
+    });
+    *found->samples = samples;
+    return 0;
+}
+
+// Chessboard distances (X, Y, Z), in voxels and at most 255, to the nearest voxel that is not free.
+extern "C" int UNISIM_NAME(unisim_clearance)(const uint8_t *voxels, const int32_t *shape, uint8_t *out) {
+    const int64_t nx = shape[0], ny = shape[1], nz = shape[2];
+    for (int64_t i = 0; i < nx * ny * nz; ++i) out[i] = voxels[i] ? 0 : 255;
+    const auto sweep = [&](int sign) {
+        for (int64_t ii = 0; ii < nx; ++ii)
+            for (int64_t jj = 0; jj < ny; ++jj)
+                for (int64_t kk = 0; kk < nz; ++kk) {
+                    const int64_t i = sign > 0 ? ii : nx - 1 - ii, j = sign > 0 ? jj : ny - 1 - jj, k = sign > 0 ? kk : nz - 1 - kk;
+                    int least = out[(i * ny + j) * nz + k];
+                    if (!least) continue;
+                    // the thirteen neighbours that were swept before
+                    for (int dj = -1; dj <= 1; ++dj)
+                        for (int dk = -1; dk <= 1; ++dk) {
+                            const int64_t a = i - sign, b = j + dj, c = k + dk;
+                            if (a >= 0 && a < nx && b >= 0 && b < ny && c >= 0 && c < nz)
+                                least = std::min(least, out[(a * ny + b) * nz + c] + 1);
+                        }
+                    for (int dk = -1; dk <= 1; ++dk) {
+                        const int64_t b = j - sign, c = k + dk;
+                        if (b >= 0 && b < ny && c >= 0 && c < nz) least = std::min(least, out[(i * ny + b) * nz + c] + 1);
+                    }
+                    if (k - sign >= 0 && k - sign < nz) least = std::min(least, out[(i * ny + j) * nz + k - sign] + 1);
+                    out[(i * ny + j) * nz + k] = static_cast<uint8_t>(std::min(least, 255));
+                }
+    };
+    sweep(1);
+    sweep(-1);
+    return 0;
+}

@@ -1,0 +1,72 @@
+"""Which actors a bundle of rays can meet at all: spheres that hold them on their ways, and the cone that holds the rays."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .drive import Actor
+from .geometry import FloatArray
+from .sensors.rays import Rays
+
+BIN_S = 0.05
+
+
+class Bounds:
+    """A sphere round each of the actors for every bin of time, so that most rays are sorted out without a pose.
+
+    Bins are `BIN_S` long from ``first_s`` on; centres (bins, actors, 3), world frame, and radii (bins, actors) are float32; a
+    radius below 0 says that the actor is absent.
+    """
+
+    def __init__(self, actors: Sequence[Actor]) -> None:
+        self.windows = [(actor.start_s, actor.end_s) for actor in actors]
+        self.first_s = min((start for start, _ in self.windows), default=0.0)
+        last = max((end for _, end in self.windows), default=0.0)
+        bins = max(1, int(np.ceil((last - self.first_s) / BIN_S)) + 1)
+        centres, radii = np.zeros((bins, len(actors), 3)), np.full((bins, len(actors)), -1.0)
+        edges = self.first_s + BIN_S * np.arange(bins + 1)
+        for i, actor in enumerate(actors):
+            at = actor.world_from_actor.at(edges)[:, :3, 3]
+            step = np.linalg.norm(np.diff(at, axis=0), axis=1)
+            present = (edges[1:] >= actor.start_s) & (edges[:-1] <= actor.end_s)
+            centres[:, i] = (at[1:] + at[:-1]) / 2
+            radii[:, i] = np.where(present, np.linalg.norm(actor.size_m) / 2 + step / 2 + 0.5, -1.0)
+        self.centres, self.radii = centres.astype(np.float32), radii.astype(np.float32)
+
+    def between(self, actor: int, first_s: float, last_s: float) -> tuple[NDArray[np.float32], NDArray[np.float32]] | None:
+        """Spheres (K, 3), (K,) round one actor over a span of time, world frame; None where it is absent throughout."""
+        last_bin = len(self.radii) - 1
+        low = min(max(int((first_s - self.first_s) // BIN_S), 0), last_bin)
+        high = min(max(int((last_s - self.first_s) // BIN_S), 0), last_bin)
+        radii = self.radii[low : high + 1, actor]
+        here = radii > 0
+        return (self.centres[low : high + 1, actor][here], radii[here]) if here.any() else None
+
+    def in_reach(self, rays: Rays) -> list[int]:
+        """Actors that flat rays (N,) can meet: present at some ray's time, and not behind the cone that holds the rays."""
+        if not self.windows or len(rays.time_s) == 0:
+            return []
+        first, last = float(rays.time_s.min()), float(rays.time_s.max())
+        axis: FloatArray = rays.directions.mean(0)
+        length = float(np.linalg.norm(axis))
+        axis = axis / max(length, 1e-9)
+        cosine = float((rays.directions @ axis).min()) if length > 0.2 else -1.0
+        half_angle = float(np.arccos(np.clip(cosine, -1, 1)))
+        origin = rays.origins.mean(0)
+        spread = float(np.linalg.norm(rays.origins - origin, axis=1).max())
+        keep = []
+        for i, (start, end) in enumerate(self.windows):
+            near = None if end < first or start > last else self.between(i, first, last)
+            if near is None:
+                continue
+            centres, radii = near
+            to = centres - origin
+            distance = np.linalg.norm(to, axis=1)
+            angle = np.arccos(np.clip((to @ axis) / np.maximum(distance, 1e-9), -1, 1))
+            reach = np.arcsin(np.clip((radii + spread) / np.maximum(distance, 1e-9), 0, 1))
+            if bool((angle <= half_angle + reach).any()) or half_angle > 3.1 or bool((distance <= radii + spread).any()):
+                keep.append(i)
+        return keep

@@ -1,0 +1,61 @@
+"""The cast as tensors that rays are traced against."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from .cast import Cast, Troupe
+from .devices import module_to
+from .fields.scene import SceneModel
+from .fields.tracklets import Tracklets
+from .geometry import FloatArray, invert_pose
+
+
+@dataclass
+class TroupeTensors:
+    """Actors whose looks come from one scene: boxes on their ways, and each one's row of that scene's tables."""
+
+    scene: SceneModel
+    tables: Tensor
+    tracklets: Tracklets
+    rows: Tensor
+    uids: tuple[str, ...]
+
+
+@dataclass
+class CastTensors:
+    """``own`` are actors with looks of the scene itself, ``guests`` those of other scenes by their paths.
+
+    removals: (box_from_world (R, 4, 4), size_m (R, 3)); copies: tracklets of the target boxes, source_from_target (C, 4, 4).
+    """
+
+    own: TroupeTensors
+    guests: dict[str, TroupeTensors] = field(default_factory=dict)
+    removals: tuple[Tensor, Tensor] | None = None
+    copies: Tracklets | None = None
+    copy_source: Tensor | None = None
+
+
+def cast_tensors(cast: Cast, scenes: Mapping[str, tuple[SceneModel, Tensor]], device: torch.device | str = "cpu") -> CastTensors:
+    """A cast on a device; ``scenes`` are models and their baked actor grids by path, the scene's own under ""."""
+
+    def troupe(path: str, actors: Troupe) -> TroupeTensors:
+        rows = torch.tensor(actors.rows, dtype=torch.long, device=device)
+        return TroupeTensors(*scenes[path], module_to(Tracklets(actors.actors), device), rows, actors.uids)
+
+    def stacked(arrays: list[FloatArray]) -> Tensor:
+        return torch.as_tensor(np.stack(arrays)).float().to(device)
+
+    out = CastTensors(troupe("", cast.own), {path: troupe(path, actors) for path, actors in cast.guests.items()})
+    if cast.removals:
+        poses = [invert_pose(box.world_from_box) for box in cast.removals]
+        out.removals = stacked(poses), stacked([box.size_m for box in cast.removals])
+    if cast.targets:
+        out.copies = module_to(Tracklets(cast.targets), device)
+        out.copy_source = stacked([box.world_from_box for box in cast.sources])
+    return out

@@ -1,0 +1,199 @@
+"""Rays traced with numpy and the compiled kernels: `tracer.Tracer` without torch, whose `TorchTracer` is the specification."""
+
+from __future__ import annotations
+
+import ctypes
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .. import native
+from ..cast import gather_cast
+from ..constants import OPAQUE, WHOLE
+from ..drive import Drive
+from ..frames import RenderStats
+from ..geometry import FloatArray
+from ..meshes.meeting import Met
+from ..quality import quality_named
+from ..sensors.rays import Rays
+from ..tracer import EDGE_CELLS, NEAR_M, UNIFORM_STEP_M, Array, Found, Maps
+from .cast import CompiledCast
+from .decoder import resized, spread_over_edges
+from .scene import CompiledScene
+from .structs import FoundStruct, MeshHitsStruct, RaysStruct, SamplingStruct, address, doubles, floats
+
+CHUNK_RAYS = 1 << 18
+"""So many at a time: between two chunks Python can be interrupted."""
+WIDENING = 0.02
+"""How much longer the march's steps may be for each metre of distance, as a share: what is far is small in the picture."""
+LEAST_SLOPE = 0.2
+"""A surface is taken to come nearer by at least this much a metre, where its distance is negative or falls."""
+LEAST_STEP_M = 0.01
+SPLIT_WEIGHT = 0.2
+"""An interval that stops less of a ray than this is not halved."""
+SIDE = 8
+"""Of the square of rays that are traced together."""
+
+
+class CompiledTracer:
+    """A scene and a drive's cast. ``others`` are scenes by path, for guests."""
+
+    def __init__(
+        self, scene: CompiledScene, drive: Drive, quality: str = "balanced", others: dict[str, CompiledScene] | None = None
+    ) -> None:
+        self.scene, others = scene, others or {}
+        looks = {"": scene.looks, **{path: other.looks for path, other in others.items()}}
+        self.cast = gather_cast(drive, scene.header.drive, looks)
+        self._guests = [others[path] for path in self.cast.guests]
+        self._cast = CompiledCast(self.cast, scene, others)
+        self.quality = quality_named(quality)
+        self.upsample = scene.config.upsample
+        self.reach = scene.decoder.reach + (EDGE_CELLS if self.cast.guests else 0)
+
+    def trace(self, rays: Rays, passes: set[str], sky: bool, met: Met | None, stats: RenderStats) -> Found:
+        """See `tracer.Tracer`."""
+        order, flat = tiled(rays.time_s.shape), rays.flat()
+        rays = Rays(doubles(flat.origins), doubles(flat.directions), doubles(flat.time_s))
+        n, features = len(rays.time_s), self.scene.config.features
+        found = Found(np.empty((n, features), np.float32), np.empty(n, np.float32), np.empty(n, np.float32), {})
+        found.guest_features = [np.empty((n, guest.config.features), np.float32) for guest in self._guests]
+        found.guest_opacity = [np.empty(n, np.float32) for _ in self._guests]
+        if met is not None or self._guests:
+            found.without_guests = np.empty_like(found.feature)
+        if met is not None:
+            found.mesh_opacity = np.empty(n, np.float32)
+        maps: Maps = {}
+        if passes & {"depth", "normal", "support"}:
+            maps["depth"] = np.empty(n, np.float32)
+        if passes & {"instance", "support"}:
+            maps["instance"] = np.empty(n, np.int32)
+        if "normal" in passes:
+            maps["normal"] = np.empty((n, 3), np.float32)
+        for begin in range(0, n, CHUNK_RAYS):
+            self._run(rays, order[begin : begin + CHUNK_RAYS], sky, met, found, maps, stats)
+        solid = found.opacity > 0.5
+        if "depth" in maps:
+            maps["depth"][~solid] = np.inf
+        if "opacity" in passes:
+            maps["opacity"] = found.opacity
+        if "support" in passes:
+            ends = rays.origins + rays.directions * np.nan_to_num(maps["depth"], posinf=1e6)[:, None].astype(np.float64)
+            maps["support"] = ~(self.scene.supported(ends) | (maps["instance"] > 0))
+        found.maps = maps
+        return found
+
+    def _run(
+        self, rays: Rays, order: NDArray[np.int64], sky: bool, met: Met | None, found: Found, maps: Maps, stats: RenderStats
+    ) -> None:
+        """Traces the rays of these numbers into the arrays of ``found`` and ``maps``."""
+        library = native.library()
+        assert library is not None
+        struct = RaysStruct(len(order), *map(address, (rays.origins, rays.directions, rays.time_s, order)))
+        some = Rays(rays.origins[order], rays.directions[order], rays.time_s[order])
+        cast, _kept, skipped = self._cast.struct(some)
+        meshes = None if met is None else _MeshHits(met)
+        samples = np.zeros(1, np.int64)
+        guests = len(self._guests)
+        out = FoundStruct(
+            *map(address, (found.feature, found.depth_m, found.opacity)),
+            *(address(maps.get(name)) for name in ("depth", "instance", "normal")),
+            address(found.without_guests),
+            ctypes.addressof(features := (ctypes.c_void_p * guests)(*map(address, found.guest_features))),
+            ctypes.addressof(opacities := (ctypes.c_void_p * guests)(*map(address, found.guest_opacity))),
+            address(found.mesh_opacity),
+            address(samples),
+        )
+        library.unisim_trace(
+            ctypes.byref(self.scene.struct), ctypes.byref(cast), ctypes.byref(struct),
+            None if meshes is None else ctypes.byref(meshes.struct), ctypes.byref(self._sampling(sky)), ctypes.byref(out),
+            native.threads(),
+        )  # fmt: skip
+        del features, opacities
+        stats.rays += len(order)
+        stats.actors_skipped += skipped
+        stats.samples_spent += int(samples[0])
+        stats.samples_saved += max(0, self._uniform(some) - int(samples[0]))
+
+    def _sampling(self, sky: bool) -> SamplingStruct:
+        s, q = self.scene.config.samples, self.quality
+
+        def count(n: int, times: float) -> int:
+            return max(2, round(n * times))
+
+        placed = (count(n, q.samples) for n in (s.static_proposals, s.static, s.actor_proposals, s.actor))
+        far = (count(n, q.far) for n in (s.far_proposals, s.far))
+        return SamplingStruct(
+            *placed, *far, near_m=NEAR_M, opaque=q.opaque, far_opaque=OPAQUE, far=1, sky=int(sky), stride_m=q.stride_m,
+            widening=WIDENING, relaxation=q.relaxation, least_slope=LEAST_SLOPE, least_step_m=LEAST_STEP_M, splits=q.splits,
+            split_weight=SPLIT_WEIGHT,
+        )  # fmt: skip
+
+    def _uniform(self, rays: Rays) -> int:
+        """How many samples a march through the volume in even steps would take."""
+        o = self.scene.into_volume(rays.origins)
+        d = self.scene.into_volume(rays.directions) - self.scene.into_volume(np.zeros((1, 3)))
+        safe = np.where(np.abs(d) < 1e-9, 1e-9, d)
+        a, b = -o / safe, (self.scene.volume.size_m - o) / safe
+        near, far = np.minimum(a, b).max(1).clip(NEAR_M), np.maximum(a, b).min(1)
+        return int(np.ceil(np.maximum(far - near, 0) / UNIFORM_STEP_M).sum())
+
+    def image(self, found: Found, directions: FloatArray, camera_id: str, shape: tuple[int, ...]) -> Array:
+        """See `tracer.Tracer`."""
+        cells = directions.reshape(*shape, 3)
+
+        def picture(scene: CompiledScene, feature: Array) -> Array:
+            code = scene.cameras.index(camera_id) if camera_id in scene.cameras else -1
+            return scene.decoder.image(feature.reshape(*shape, -1), cells, code)
+
+        rgb = picture(self.scene, found.feature if found.without_guests is None else found.without_guests)
+        size = rgb.shape[0], rgb.shape[1]
+        for i, guest in enumerate(self._guests):
+            # each scene's features are its own decoder's: the pictures are laid over each other, not the features
+            share = found.guest_opacity[i].clip(0, 1).reshape(*shape)
+            feature = spread_over_edges(found.guest_features[i].reshape(*shape, -1), share, EDGE_CELLS)
+            other, alpha = picture(guest, feature), resized(share[..., None], size)
+            rgb += alpha * (resized(other, size) - rgb)
+        return rgb
+
+    def returns(self, found: Found, directions: FloatArray) -> tuple[Array, Array]:
+        """See `tracer.Tracer`."""
+        intensity, logit = self.scene.decoder.returns(found.feature, directions, found.depth_m, found.opacity)
+        for i, guest in enumerate(self._guests):
+            share = found.guest_opacity[i].clip(0, 1)
+            own = found.guest_features[i] / share.clip(1e-3)[:, None]
+            theirs = guest.decoder.returns(own, directions, found.depth_m, found.opacity)
+            intensity, logit = (a + share * (b - a) for a, b in zip((intensity, logit), theirs, strict=True))
+        # exp of the negative magnitude never overflows; what meets nothing returns nothing
+        e = np.exp(-np.abs(logit))
+        return intensity, np.where(logit >= 0, 1, e) / (1 + e) * (found.opacity > 0.5)
+
+    def heights(self, points: FloatArray) -> FloatArray:
+        """See `tracer.Tracer`."""
+        return self.scene.height_above_ground(points)
+
+
+def tiled(shape: tuple[int, ...]) -> NDArray[np.int64]:
+    """Numbers of rays (h, w), or (N,), so ordered that neighbours come together: near rays ask for the same rows."""
+    numbers = np.arange(int(np.prod(shape)), dtype=np.int64).reshape(shape)
+    if len(shape) < 2:
+        return numbers
+    h, w = shape
+    rows, columns = -(-h // SIDE) * SIDE, -(-w // SIDE) * SIDE
+    padded = np.full((rows, columns), -1, np.int64)
+    padded[:h, :w] = numbers
+    order = padded.reshape(rows // SIDE, SIDE, columns // SIDE, SIDE).swapaxes(1, 2).reshape(-1)
+    return np.ascontiguousarray(order[order >= 0])
+
+
+class _MeshHits:
+    """Where rays meet meshes, as the kernels read it."""
+
+    def __init__(self, met: Met) -> None:
+        share = np.minimum(met.share, 1 - WHOLE)
+        self._arrays: list[NDArray[Any]] = [
+            np.ascontiguousarray(met.ray, np.int64),
+            *map(floats, (met.t, -np.log1p(-share), met.normals)),
+            np.ascontiguousarray(met.actor, np.int32),
+        ]
+        self.struct = MeshHitsStruct(len(met.ray), *map(address, self._arrays))

@@ -1,0 +1,160 @@
+"""The tracer in torch: the reference, what training renders with, and every device's but the CPU's way.
+
+trace                      samples, fields, depth order, features  trace.py, march.py, fields/, density.py, composite.py
+ray_passes                 depth, normal, instance, support        ray_passes.py
+ray_head, camera_decoder   features to pixels                      decode.py
+lidar_head                 features to intensity and returns       decode.py
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+import torch.nn.functional as F
+from torch import Tensor
+
+from .bounds import Bounds
+from .cast import gather_cast
+from .cast_tensors import cast_tensors
+from .devices import tensor_to
+from .drive import Drive
+from .fields.checkpoint import Scene
+from .fields.scene import SceneModel
+from .frames import RenderStats
+from .geometry import FloatArray
+from .meshes.meeting import Met
+from .quality import quality_named
+from .ray_passes import ray_passes
+from .sensors.rays import Rays
+from .strands import RayBatch, Traced
+from .trace import Sampling, trace
+from .tracer import EDGE_CELLS, NEAR_M, UNIFORM_STEP_M, Array, Found
+
+CHUNK_RAYS = 16384
+
+
+class TorchTracer:
+    """A `Tracer` on the scene's device. ``others`` are scenes by path, for actors that come from them."""
+
+    def __init__(self, scene: Scene, drive: Drive, quality: str = "balanced", others: dict[str, Scene] | None = None) -> None:
+        self.scene, self.device, self.fine = scene, scene.actor_tables.device, quality_named(quality).samples
+        scenes = {path: (s.model, s.actor_tables) for path, s in {"": scene, **(others or {})}.items()}
+        looks = {path: tuple(model.actor_ids) for path, (model, _) in scenes.items()}
+        self.cast = gather_cast(drive, scene.header.drive, looks)
+        self.tensors = cast_tensors(self.cast, scenes, self.device)
+        self.bounds = Bounds(self.cast.own.actors)
+        self.upsample = scene.model.config.upsample
+        self.reach = scene.model.camera_decoder.reach + (EDGE_CELLS if self.cast.guests else 0)
+
+    @torch.no_grad()
+    def trace(self, rays: Rays, passes: set[str], sky: bool, met: Met | None, stats: RenderStats) -> Found:
+        """All rays in chunks; features joined, and for each pass one array (N, ...)."""
+        rays = rays.flat()
+        batch = to_batch(rays, self.device)
+        near = self.bounds.in_reach(rays)
+        stats.actors_skipped += len(self.cast.own.actors) - len(near)
+        among = torch.tensor(near, dtype=torch.long, device=self.device)
+        sampling = Sampling(fine=self.fine, sky=sky)
+        pieces, maps = [], []
+        for begin in range(0, len(batch), CHUNK_RAYS):
+            part = RayBatch(*(x[begin : begin + CHUNK_RAYS] for x in (batch.origins, batch.directions, batch.time_s)))
+            surfaces = None if met is None else met.between(begin, begin + CHUNK_RAYS)
+            traced = trace(self.scene.model, self.tensors, part, sampling, among, surfaces)
+            self._count(part, traced, stats)
+            maps.append(ray_passes(self.scene, self.tensors, part, traced, passes))
+            traced.strands = []
+            pieces.append(traced)
+        covered = _joined([p.mesh_opacity for p in pieces])
+        return Found(
+            feature=torch.cat([p.feature for p in pieces]),
+            depth_m=torch.cat([p.depth_m for p in pieces]),
+            opacity=torch.cat([p.opacity for p in pieces]),
+            maps={name: np.concatenate([m[name] for m in maps]) for name in maps[0]},
+            guest_features=[torch.cat(parts) for parts in zip(*(p.guest_features for p in pieces), strict=True)],
+            guest_opacity=[torch.cat(parts) for parts in zip(*(p.guest_opacity for p in pieces), strict=True)],
+            without_guests=_joined([p.without_guests for p in pieces]),
+            mesh_opacity=None if covered is None else covered.cpu().numpy(),
+        )
+
+    def _count(self, part: RayBatch, traced: Traced, stats: RenderStats) -> None:
+        frame = self.scene.model.frame
+        near, far = frame.span(frame.points(part.origins), frame.vectors(part.directions), NEAR_M)
+        uniform = int(((far - near) / UNIFORM_STEP_M).ceil().sum())
+        config = self.scene.model.config.samples
+        # what places a sample costs a distance query too
+        spent = traced.samples + sum(
+            len(s.ray) * (config.static_proposals if s.bounds is None else config.actor_proposals)
+            for s in traced.strands
+            if s.normals is None
+        )
+        stats.rays += len(part)
+        stats.samples_spent += spent
+        stats.samples_saved += max(0, uniform - spent)
+
+    @torch.no_grad()
+    def image(self, found: Found, directions: FloatArray, camera_id: str, shape: tuple[int, ...]) -> Array:
+        """The picture (h up, w up, 3) in 0..1, display-referred sRGB, of cells in ``shape`` (h, w), directions (h w, 3)."""
+        along = torch.as_tensor(directions, dtype=torch.float32, device=self.device)
+
+        def decoded(network: SceneModel, feature: Tensor) -> Tensor:
+            code = network.camera_ids.get(camera_id, -1)
+            number = torch.full((len(feature),), code, dtype=torch.long, device=self.device)
+            features = network.ray_head(feature, along, number)
+            picture: Tensor = network.camera_decoder(features.view(1, *shape, -1).permute(0, 3, 1, 2))
+            return picture
+
+        rgb = decoded(self.scene.model, found.feature if found.without_guests is None else found.without_guests)
+        for i, troupe in enumerate(self.tensors.guests.values()):
+            # each scene's features are its own decoder's: the pictures are laid over each other, not the features
+            share = found.guest_opacity[i].clamp(0, 1)
+            other = decoded(troupe.scene, _spread_over_edges(found.guest_features[i], share, shape))
+            alpha = F.interpolate(share.view(1, 1, *shape), size=rgb.shape[-2:], mode="bilinear", align_corners=False)
+            if other.shape != rgb.shape:
+                other = F.interpolate(other, size=rgb.shape[-2:], mode="bilinear", align_corners=False)
+            rgb = torch.lerp(rgb, other, alpha)
+        return rgb[0].permute(1, 2, 0).cpu().numpy().astype(np.float32)
+
+    @torch.no_grad()
+    def returns(self, found: Found, directions: FloatArray) -> tuple[Array, Array]:
+        """A LiDAR's intensities in 0..1 (N,), and the probabilities (N,) of a return."""
+        along = torch.as_tensor(directions, dtype=torch.float32, device=self.device)
+        intensity, logit = self.scene.model.lidar_head(found.feature, along, found.depth_m, found.opacity)
+        for i, troupe in enumerate(self.tensors.guests.values()):
+            share = found.guest_opacity[i].clamp(0, 1)
+            own = found.guest_features[i] / share.clamp_min(1e-3)[:, None]
+            i_guest, l_guest = troupe.scene.lidar_head(own, along, found.depth_m, found.opacity)
+            intensity, logit = torch.lerp(intensity, i_guest, share), torch.lerp(logit, l_guest, share)
+        # what meets nothing returns nothing
+        probability = torch.sigmoid(logit) * (found.opacity > 0.5)
+        return intensity.cpu().numpy(), probability.cpu().numpy()
+
+    @torch.no_grad()
+    def heights(self, points: FloatArray) -> FloatArray:
+        """How high points (N, 3), world frame, are above the ground (N,), metres."""
+        local = self.scene.model.frame.points(torch.as_tensor(points, dtype=torch.float32, device=self.device))
+        return np.asarray((local[:, 2] - self.scene.model.ground.height(local)).cpu().numpy(), np.float64)
+
+
+def to_batch(rays: Rays, device: torch.device) -> RayBatch:
+    """Rays as tensors on a device."""
+    return RayBatch(
+        torch.as_tensor(rays.origins, dtype=torch.float32).to(device).contiguous(),
+        torch.as_tensor(rays.directions, dtype=torch.float32).to(device).contiguous(),
+        tensor_to(torch.as_tensor(rays.time_s, dtype=torch.float64), device).contiguous(),
+    )
+
+
+def _joined(parts: list[Tensor | None]) -> Tensor | None:
+    there = [part for part in parts if part is not None]
+    return torch.cat(there) if there else None
+
+
+def _spread_over_edges(feature: Tensor, share: Tensor, shape: tuple[int, ...]) -> Tensor:
+    """A guest's features (N, F), divided by its share of the ray and carried past its edges, where the decoder looks too."""
+    f = feature.view(1, *shape, -1).permute(0, 3, 1, 2)
+    a = share.view(1, 1, *shape)
+    for _ in range(EDGE_CELLS):
+        blurred_f, blurred_a = F.avg_pool2d(f, 3, 1, 1), F.avg_pool2d(a, 3, 1, 1)
+        empty = a < 1e-3
+        f, a = torch.where(empty, blurred_f, f), torch.where(empty, blurred_a, a)
+    return (f / a.clamp_min(1e-3)).permute(0, 2, 3, 1).reshape(-1, f.shape[1])

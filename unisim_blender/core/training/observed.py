@@ -1,0 +1,66 @@
+"""What a recording shows of a scene: the voxels that its images and LiDAR returns end in, and those that they look through."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor
+
+from ..fields.checkpoint import Scene
+from ..fields.scene import SceneModel
+from ..frames import RenderStats
+from ..geometry import FloatArray, invert_pose, transform_points
+from ..own_vehicle import outlines_from_json, shows_scene
+from ..sensors.camera import camera_rays, pixel_grid
+from ..strands import RayBatch
+from ..torch_tracer import TorchTracer, to_batch
+from ..tracer import NEAR_M
+
+
+def observe(scene: Scene, cameras: Sequence[str], frames: Sequence[int], points: FloatArray) -> Tensor:
+    """Mark the voxels that training images and LiDAR returns (N, 3) show, for the mask of what nothing recorded supports.
+
+    Those next to them are marked too: a surface on the border of two voxels is in one at one time, in the other at another.
+    Returns which voxels (V,) bool, flat, the images look through on the way: nobody saw anything there, and it was in view.
+    """
+    model = scene.model
+    seen, through = model.observed.view(-1), torch.zeros_like(model.observed, dtype=torch.bool).view(-1)
+    into = invert_pose(model.volume.world_from_volume)
+    seen[model.occupancy.cells(torch.as_tensor(transform_points(into, points)).float().to(seen.device))] = 1
+    drive = scene.header.drive
+    tracer = TorchTracer(scene, drive, "fast")
+    outlines = outlines_from_json(scene.header.training.get("own_vehicle"))
+    for camera in cameras:
+        for frame in frames:
+            shown = drive.cameras[camera]
+            if frame not in shown.time_s:
+                continue
+            u, v = pixel_grid(shown.model, max(1, shown.model.width // 96))
+            if camera in outlines:
+                size = shown.model.width, shown.model.height
+                scene_shown = shows_scene(*outlines[camera], u, v, size)
+                u, v = u[scene_shown], v[scene_shown]
+            rays = camera_rays(shown, frame, u, v).flat()
+            with torch.no_grad():
+                depth = torch.as_tensor(tracer.trace(rays, {"depth"}, False, None, RenderStats()).maps["depth"]).to(seen.device)
+                batch = to_batch(rays, seen.device)
+                x = model.frame.points(batch.origins + batch.directions * depth[:, None])
+                seen[model.occupancy.cells(x[model.frame.inside(x)])] = 1
+                for cells in _ways(model, batch, depth - model.config.voxel_m):
+                    through[cells] = True
+    grown = F.max_pool3d(model.observed[None, None].float(), 3, stride=1, padding=1)[0, 0]
+    model.observed.copy_(grown)
+    return through
+
+
+def _ways(model: SceneModel, rays: RayBatch, depth_m: Tensor) -> Iterator[Tensor]:
+    """Flat voxel numbers that rays come through before depths (N,), a part of the rays at a time."""
+    o, d = model.frame.points(rays.origins), model.frame.vectors(rays.directions)
+    reach = torch.minimum(depth_m, model.frame.span(o, d, NEAR_M)[1])
+    step = model.config.voxel_m / 2
+    for part in torch.arange(len(o), device=o.device).split(1024):
+        t = (torch.arange(int(reach[part].max().clamp_min(0) / step) + 1, device=o.device) + 0.5) * step
+        x = o[part, None] + t[:, None] * d[part, None]
+        yield model.occupancy.cells(x[(t < reach[part, None]) & model.frame.inside(x)])
