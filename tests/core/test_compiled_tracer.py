@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from unisim_blender.core import native
 from unisim_blender.core.compiled import tracer as compiled_tracer
 from unisim_blender.core.compiled.scene import CompiledScene
-from unisim_blender.core.compiled.tracer import CompiledTracer, tiled
+from unisim_blender.core.compiled.tracer import CompiledTracer
 from unisim_blender.core.drive import Box, Drive, Look, StaticCopy
 from unisim_blender.core.errors import SceneError, UnisimError
 from unisim_blender.core.fields.checkpoint import load_scene, save_scene
@@ -33,7 +33,7 @@ from unisim_blender.core.sensors.camera import camera_rays, pixel_grid
 from unisim_blender.core.sensors.lidar import lidar_rays
 from unisim_blender.core.sensors.rays import Rays
 from unisim_blender.core.torch_tracer import TorchTracer
-from unisim_blender.core.tracer import Found
+from unisim_blender.core.tracer import Found, tiled
 
 needs_library = pytest.mark.skipif(native.library() is None, reason="the compiled kernels were not built")
 TINY = preset("tiny")

@@ -24,12 +24,16 @@ from .drive import Actor, Camera, Drive, Lidar
 from .errors import SceneError
 from .frames import CameraFrame, LidarFrame, RenderStats
 from .geometry import FloatArray
+from .lattice import aligned, traced
 from .meshes.exposure import PROBE_M, beside, level_of
 from .passes import fill_passes
 from .sensors.camera import camera_rays, pixel_grid
 from .sensors.lidar import lidar_rays
 from .sensors.rays import Rays
-from .tracer import NEAR_M, Array, Maps, Tracer
+from .tracer import NEAR_M, Array, Maps, Tracer, tiled
+
+LATTICE_PIXELS = 1.5
+"""A lattice is at most as wide as so many pixels of the images that the scene learnt from."""
 
 
 class Region(NamedTuple):
@@ -78,27 +82,63 @@ class Renderer:
         region = whole if region is None else region
         # what the decoder looks at beside the region is traced with it
         cells = region.cells(up, self.tracer.reach, whole)
-        u, v = (x[cells] for x in pixel_grid(model, up))
-        rays = camera_rays(camera, frame, u, v)
-        stats = RenderStats()
         needed = {*passes, "depth", "instance"} if self.shaders else set(passes)
-        flat = rays.flat()
-        met = self.tracer.cast.extras.met_by_camera(camera, frame, (u, v), flat, up, NEAR_M, partial(self._light, camera, frame))
-        found = self.tracer.trace(rays, needed, True, met, stats)
-        maps = found.maps
-        traced_s = time.perf_counter()
-        image = self.tracer.image(found, flat.directions, camera_id, u.shape)
-        if met is not None and found.mesh_opacity is not None:
-            image = met.over(image, found.mesh_opacity, u.shape)
+        stats = RenderStats()
+        size = self._lattice(model.width / (self.tracer.trained_width or recorded.model.width))
+        if size > 1:
+            cells = aligned(cells, size, (model.height, model.width))
+            u, v = (x[cells] for x in pixel_grid(model))
+            image, maps = self._from_lattice(camera, frame, (u, v), size, needed, stats)
+            rays = camera_rays(camera, frame, u, v) if needed & {"depth"} else None
+        else:
+            u, v = (x[cells] for x in pixel_grid(model, up))
+            rays = camera_rays(camera, frame, u, v)
+            image, maps = self._whole(camera, frame, (u, v), rays, needed, stats)
         if self.shaders:
+            assert rays is not None
             image = self._shaded(image, rays, maps, camera.time_s[frame])
             maps = {name: values for name, values in maps.items() if name in passes or (name == "depth" and "normal" in passes)}
-        stats.seconds = {"trace": traced_s - begun, "decode": time.perf_counter() - traced_s}
+        stats.seconds["picture"] = time.perf_counter() - begun
         pose = camera.world_from_camera.at(camera.time_s[frame])
         inner = region.within(cells, up)
         out = CameraFrame(model, pose, image[inner], instances=self.tracer.cast.uids, stats=stats)
         fill_passes(out, maps, rays, u.shape, up, inner)
         return out
+
+    def _lattice(self, scale: float) -> int:
+        """How many pixels apart a picture is traced at first, that is ``scale`` times as wide as those the scene learnt from: it
+        shows little that is smaller than their pixels. 1 where a pixel's colour hangs on more than its own ray."""
+        alone = self.tracer.reach == 0 and self.tracer.upsample == 1 and not self.tracer.cast.extras.actors
+        finest = 2 ** int(np.log2(max(LATTICE_PIXELS * scale, 1.0)))
+        return min(self.tracer.quality.lattice, finest) if alone else 1
+
+    def _whole(
+        self, camera: Camera, frame: int, cells: tuple[FloatArray, FloatArray], rays: Rays, needed: set[str], stats: RenderStats
+    ) -> tuple[NDArray[np.float32], Maps]:
+        """The image, and a map for each pass that is needed, of cells with centres (u, v) (h, w), each traced."""
+        u, v = cells
+        up, flat, light = self.tracer.upsample, rays.flat(), partial(self._light, camera, frame)
+        met = self.tracer.cast.extras.met_by_camera(camera, frame, (u, v), flat, up, NEAR_M, light)
+        found = self.tracer.trace(rays, needed, True, met, stats)
+        image = self.tracer.image(found, flat.directions, camera.sensor_id, u.shape)
+        if met is not None and found.mesh_opacity is not None:
+            image = met.over(image, found.mesh_opacity, u.shape)
+        return image, found.maps
+
+    def _from_lattice(
+        self, camera: Camera, frame: int, cells: tuple[FloatArray, FloatArray], size: int, needed: set[str], stats: RenderStats
+    ) -> tuple[NDArray[np.float32], Maps]:
+        """The same of pixels, traced where `lattice.traced` wants them."""
+        u, v = (x.reshape(-1) for x in cells)
+
+        def trace(numbers: NDArray[np.int64]) -> tuple[NDArray[np.float32], Maps]:
+            rays = camera_rays(camera, frame, u[numbers], v[numbers])
+            found = self.tracer.trace(rays, needed, True, None, stats)
+            return self.tracer.image(found, rays.directions, camera.sensor_id, (1, len(numbers)))[0], found.maps
+
+        h, w = cells[0].shape
+        rgb, maps = traced((h, w), size, self.tracer.quality.spread, tiled((h, w)), trace)
+        return rgb.reshape(h, w, 3), maps
 
     def _light(self, camera: Camera, frame: int, actor: Actor) -> FloatArray:
         """How bright white ground under an actor would be (3,), linear: by the ground beside it, as the camera shows that."""

@@ -37,13 +37,13 @@ class TorchTracer:
     """A `Tracer` on the scene's device. ``others`` are scenes by path, for actors that come from them."""
 
     def __init__(self, scene: Scene, drive: Drive, quality: str = "balanced", others: dict[str, Scene] | None = None) -> None:
-        self.scene, self.device, self.fine = scene, scene.actor_tables.device, quality_named(quality).samples
+        self.scene, self.device, self.quality = scene, scene.actor_tables.device, quality_named(quality)
         scenes = {path: (s.model, s.actor_tables) for path, s in {"": scene, **(others or {})}.items()}
         looks = {path: tuple(model.actor_ids) for path, (model, _) in scenes.items()}
         self.cast = gather_cast(drive, scene.header.drive, looks)
         self.tensors = cast_tensors(self.cast, scenes, self.device)
         self.bounds = Bounds(self.cast.own.actors)
-        self.upsample = scene.model.config.upsample
+        self.upsample, self.trained_width = scene.model.config.upsample, scene.header.training.get("width")
         self.reach = scene.model.camera_decoder.reach + (EDGE_CELLS if self.cast.guests else 0)
 
     @torch.no_grad()
@@ -54,7 +54,7 @@ class TorchTracer:
         near = self.bounds.in_reach(rays)
         stats.actors_skipped += len(self.cast.own.actors) - len(near)
         among = torch.tensor(near, dtype=torch.long, device=self.device)
-        sampling = Sampling(fine=self.fine, sky=sky)
+        sampling = Sampling(fine=self.quality.samples, sky=sky)
         pieces, maps = [], []
         for begin in range(0, len(batch), CHUNK_RAYS):
             part = RayBatch(*(x[begin : begin + CHUNK_RAYS] for x in (batch.origins, batch.directions, batch.time_s)))

@@ -16,6 +16,7 @@ from .cast import Cast
 from .frames import RenderStats
 from .geometry import FloatArray
 from .meshes.meeting import Met
+from .quality import Quality
 from .sensors.rays import Rays
 
 Array = NDArray[np.float32]
@@ -25,6 +26,8 @@ Maps = dict[str, NDArray[Any]]
 """One array (N, ...) for each pass."""
 NEAR_M = 0.5
 """Nothing nearer to a sensor is looked at."""
+SIDE = 8
+"""Of the square of rays that are traced together."""
 EDGE_CELLS = 8
 """How far past its edges a guest is carried on, for the decoder to look at."""
 UNIFORM_STEP_M = 0.2
@@ -59,6 +62,10 @@ class Tracer(Protocol):
     """How many cells away a pixel of `image` can depend on."""
     cast: Cast
     """Who is on."""
+    quality: Quality
+    """What may be saved."""
+    trained_width: int | None
+    """Width in pixels of the images that the scene learnt from; None for the recorded one."""
 
     def trace(self, rays: Rays, passes: set[str], sky: bool, met: Met | None, stats: RenderStats) -> Found:
         """What rays (h, w), or (N,), meet, as flat arrays. ``sky`` asks for what gives a camera its background, ``met`` is where
@@ -72,3 +79,16 @@ class Tracer(Protocol):
 
     def heights(self, points: FloatArray) -> FloatArray:
         """How high points (N, 3), world frame, are above the ground (N,), metres."""
+
+
+def tiled(shape: tuple[int, ...]) -> NDArray[np.int64]:
+    """Numbers of rays (h, w), or (N,), so ordered that neighbours come together: near rays ask for the same rows."""
+    numbers = np.arange(int(np.prod(shape)), dtype=np.int64).reshape(shape)
+    if len(shape) < 2:
+        return numbers
+    h, w = shape
+    rows, columns = -(-h // SIDE) * SIDE, -(-w // SIDE) * SIDE
+    padded = np.full((rows, columns), -1, np.int64)
+    padded[:h, :w] = numbers
+    order = padded.reshape(rows // SIDE, SIDE, columns // SIDE, SIDE).swapaxes(1, 2).reshape(-1)
+    return np.ascontiguousarray(order[order >= 0])

@@ -17,7 +17,7 @@ from ..geometry import FloatArray
 from ..meshes.meeting import Met
 from ..quality import quality_named
 from ..sensors.rays import Rays
-from ..tracer import EDGE_CELLS, NEAR_M, UNIFORM_STEP_M, Array, Found, Maps
+from ..tracer import EDGE_CELLS, NEAR_M, UNIFORM_STEP_M, Array, Found, Maps, tiled
 from .cast import CompiledCast
 from .decoder import resized, spread_over_edges
 from .scene import CompiledScene
@@ -25,6 +25,8 @@ from .structs import FoundStruct, MeshHitsStruct, RaysStruct, SamplingStruct, ad
 
 CHUNK_RAYS = 1 << 18
 """So many at a time: between two chunks Python can be interrupted."""
+EVERY = 16
+"""One in so many rays is looked at to say how much was saved."""
 WIDENING = 0.02
 """How much longer the march's steps may be for each metre of distance, as a share: what is far is small in the picture."""
 LEAST_SLOPE = 0.2
@@ -32,8 +34,6 @@ LEAST_SLOPE = 0.2
 LEAST_STEP_M = 0.01
 SPLIT_WEIGHT = 0.2
 """An interval that stops less of a ray than this is not halved."""
-SIDE = 8
-"""Of the square of rays that are traced together."""
 
 
 class CompiledTracer:
@@ -48,7 +48,7 @@ class CompiledTracer:
         self._guests = [others[path] for path in self.cast.guests]
         self._cast = CompiledCast(self.cast, scene, others)
         self.quality = quality_named(quality)
-        self.upsample = scene.config.upsample
+        self.upsample, self.trained_width = scene.config.upsample, scene.header.training.get("width")
         self.reach = scene.decoder.reach + (EDGE_CELLS if self.cast.guests else 0)
 
     def trace(self, rays: Rays, passes: set[str], sky: bool, met: Met | None, stats: RenderStats) -> Found:
@@ -124,19 +124,20 @@ class CompiledTracer:
         placed = (count(n, q.samples) for n in (s.static_proposals, s.static, s.actor_proposals, s.actor))
         far = (count(n, q.far) for n in (s.far_proposals, s.far))
         return SamplingStruct(
-            *placed, *far, near_m=NEAR_M, opaque=q.opaque, far_opaque=OPAQUE, far=1, sky=int(sky), stride_m=q.stride_m,
+            *placed, *far, near_m=NEAR_M, opaque=q.opaque, far_opaque=max(OPAQUE, 1.5 * q.opaque), far=1, sky=int(sky), stride_m=q.stride_m,
             widening=WIDENING, relaxation=q.relaxation, least_slope=LEAST_SLOPE, least_step_m=LEAST_STEP_M, splits=q.splits,
             split_weight=SPLIT_WEIGHT,
         )  # fmt: skip
 
     def _uniform(self, rays: Rays) -> int:
-        """How many samples a march through the volume in even steps would take."""
+        """How many samples a march through the volume in even steps would take, by some of the rays."""
+        rays = Rays(*(x[::EVERY] for x in (rays.origins, rays.directions, rays.time_s)))
         o = self.scene.into_volume(rays.origins)
         d = self.scene.into_volume(rays.directions) - self.scene.into_volume(np.zeros((1, 3)))
         safe = np.where(np.abs(d) < 1e-9, 1e-9, d)
         a, b = -o / safe, (self.scene.volume.size_m - o) / safe
         near, far = np.minimum(a, b).max(1).clip(NEAR_M), np.maximum(a, b).min(1)
-        return int(np.ceil(np.maximum(far - near, 0) / UNIFORM_STEP_M).sum())
+        return EVERY * int(np.ceil(np.maximum(far - near, 0) / UNIFORM_STEP_M).sum())
 
     def image(self, found: Found, directions: FloatArray, camera_id: str, shape: tuple[int, ...]) -> Array:
         """See `tracer.Tracer`."""
@@ -171,19 +172,6 @@ class CompiledTracer:
     def heights(self, points: FloatArray) -> FloatArray:
         """See `tracer.Tracer`."""
         return self.scene.height_above_ground(points)
-
-
-def tiled(shape: tuple[int, ...]) -> NDArray[np.int64]:
-    """Numbers of rays (h, w), or (N,), so ordered that neighbours come together: near rays ask for the same rows."""
-    numbers = np.arange(int(np.prod(shape)), dtype=np.int64).reshape(shape)
-    if len(shape) < 2:
-        return numbers
-    h, w = shape
-    rows, columns = -(-h // SIDE) * SIDE, -(-w // SIDE) * SIDE
-    padded = np.full((rows, columns), -1, np.int64)
-    padded[:h, :w] = numbers
-    order = padded.reshape(rows // SIDE, SIDE, columns // SIDE, SIDE).swapaxes(1, 2).reshape(-1)
-    return np.ascontiguousarray(order[order >= 0])
 
 
 class _MeshHits:
