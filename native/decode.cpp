@@ -197,8 +197,6 @@ struct Head {
     std::vector<Layer<float>> layers;
 };
 
-inline lanes sigmoid(const lanes &x) { return 1.0f / (1.0f + exp_of(-x)); }
-
 // Ray head and camera decoder, ready for images.
 struct Network {
     Network(const unisim_head &from, const unisim_layer *layers, int count) : head(from) {

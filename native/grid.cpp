@@ -1,6 +1,6 @@
-// Hash-grid encoding and ray proposals. Compiled once for each instruction set; `dispatch.cpp` picks one when it loads.
+// Hash-grid encoding. Compiled once for each instruction set; `dispatch.cpp` picks one when it loads.
 //
-// The functions are the same as the plain torch ones in fields/hash_grid.py and march.py, which are the specification.
+// The functions are the same as the plain torch ones in fields/hash_grid.py, which are the specification.
 #include "variant.h"
 
 #include <cmath>
@@ -180,57 +180,4 @@ extern "C" int UNISIM_NAME(unisim_encode_backward_input)(const unisim_grid *g, c
 #define CALL(F) encode_backward_input<F>(*g, x, grid, n, table, grad_out, grad_x, threads)
     UNISIM_BY_FEATURES(CALL)
 #undef CALL
-}
-
-// Where along each ray the occupied voxels lie, and `count` places drawn from them by inverse CDF.
-//
-// A ray is cut into steps of `step` from t_near[r] on. The voxel at a step's middle gives its value p in 0..1 (uint8 / 255);
-// its mass is p * exp(-decay * step * sum of earlier p). u (n, count) in 0..1, increasing along each row, says which quantiles to
-// take. t (n, count); mass (n) is the sum of the masses, 0 where a ray meets nothing (its t then lie evenly between near and far).
-extern "C" int UNISIM_NAME(unisim_propose)(const float *origins, const float *directions, const float *t_near, const float *t_far,
-                                           int64_t n, const uint8_t *voxels, const int32_t *shape, const float *lower,
-                                           const float *voxel_m, float step, float decay, const float *u, int count, float *t,
-                                           float *mass, int threads) {
-    const float inverse = 1.0f / voxel_m[0];
-    parallel_blocks(n, 64, threads, [&](int64_t begin, int64_t end) {
-        std::vector<float> cdf;
-        std::vector<int32_t> index;
-        for (int64_t r = begin; r < end; ++r) {
-            const float *o = origins + r * 3, *d = directions + r * 3;
-            const float span = t_far[r] - t_near[r];
-            const int64_t steps = span > 0 ? static_cast<int64_t>(std::ceil(span / step)) : 0;
-            float total = 0, depth = 0;
-            cdf.clear();
-            index.clear();
-            for (int64_t i = 0; i < steps; ++i) {
-                const float ti = t_near[r] + (static_cast<float>(i) + 0.5f) * step;
-                const int64_t a = static_cast<int64_t>(std::floor((o[0] + ti * d[0] - lower[0]) * inverse));
-                const int64_t b = static_cast<int64_t>(std::floor((o[1] + ti * d[1] - lower[1]) * inverse));
-                const int64_t c = static_cast<int64_t>(std::floor((o[2] + ti * d[2] - lower[2]) * inverse));
-                if (a < 0 || b < 0 || c < 0 || a >= shape[0] || b >= shape[1] || c >= shape[2]) continue;
-                const uint8_t v = voxels[(a * shape[1] + b) * shape[2] + c];
-                if (!v) continue;
-                const float p = static_cast<float>(v) * (1.0f / 255.0f);
-                total += p * std::exp(-decay * step * depth);
-                depth += p;
-                cdf.push_back(total);
-                index.push_back(static_cast<int32_t>(i));
-            }
-            mass[r] = total;
-            const float *ur = u + r * count;
-            if (total <= 0) {
-                for (int k = 0; k < count; ++k) t[r * count + k] = t_near[r] + ur[k] * std::max(span, 0.0f);
-                continue;
-            }
-            size_t j = 0;
-            for (int k = 0; k < count; ++k) {
-                const float target = ur[k] * total;
-                while (j + 1 < cdf.size() && cdf[j] <= target) ++j;
-                const float before = j ? cdf[j - 1] : 0.0f;
-                const float fraction = std::min(std::max((target - before) / (cdf[j] - before), 0.0f), 1.0f);
-                t[r * count + k] = t_near[r] + (static_cast<float>(index[j]) + fraction) * step;
-            }
-        }
-    });
-    return 0;
 }

@@ -32,6 +32,34 @@
         (const unisim_grid *g, const float *x, const int32_t *grid, int64_t n, const float *table, const unisim_mlp *net, \
          float *out, int threads), \
         (g, x, grid, n, table, net, out, threads)) \
+    KERNEL(int, near_spheres, \
+        (const float *origins, const float *directions, const int64_t *bin, int64_t n, const float *centres, \
+         const float *radii, int64_t boxes, uint8_t *near, int threads), \
+        (origins, directions, bin, n, centres, radii, boxes, near, threads)) \
+    KERNEL(int, intervals_forward, \
+        (const float *s, int64_t n, int k, float beta, float *tau, float *share, int threads), \
+        (s, n, k, beta, tau, share, threads)) \
+    KERNEL(int, intervals_backward, \
+        (const float *s, int64_t n, int k, float beta, const float *grad_tau, const float *grad_share, float *grad_s, \
+         float *grad_beta, int threads), \
+        (s, n, k, beta, grad_tau, grad_share, grad_s, grad_beta, threads)) \
+    KERNEL(int, transmittances_forward, \
+        (const unisim_strands *groups, int count, int64_t rays, float *const *front, int threads), \
+        (groups, count, rays, front, threads)) \
+    KERNEL(int, transmittances_backward, \
+        (const unisim_strands *groups, int count, int64_t rays, const float *const *front, const float *const *grad_front, \
+         float *const *grad_tau, int threads), \
+        (groups, count, rays, front, grad_front, grad_tau, threads)) \
+    KERNEL(int, gather_forward, \
+        (const unisim_strands *g, const float *front, const float *features, int64_t stride, int length, float *interval, \
+         float *weight, float *sums, int threads), \
+        (g, front, features, stride, length, interval, weight, sums, threads)) \
+    KERNEL(int, gather_backward, \
+        (const unisim_strands *g, const float *front, const float *features, int64_t stride, int length, const float *weight, \
+         const float *grad_interval, const float *grad_weight, const float *grad_sums, float *grad_tau, float *grad_share, \
+         float *grad_front, float *grad_features, int threads), \
+        (g, front, features, stride, length, weight, grad_interval, grad_weight, grad_sums, grad_tau, grad_share, grad_front, \
+         grad_features, threads)) \
     KERNEL(int, trace, \
         (const unisim_scene *scene, const unisim_cast *cast, const unisim_rays *rays, const unisim_mesh_hits *meshes, \
          const unisim_sampling *sampling, const unisim_found *found, int threads), \

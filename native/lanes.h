@@ -1,6 +1,7 @@
 // Vectors of floats, as wide as the instruction set has them, and the functions of them that libraries have for one float only.
 //
-// A lane's result depends on that lane alone, so it does not matter in which company a ray is computed.
+// A lane's result depends on that lane alone, so it does not matter in which company a ray is computed. A function of a type F is
+// for lanes and for a float, without a branch, so that the compiler can do a loop's many at once. What is not a number stays so.
 #pragma once
 #include <cstdint>
 #include <cstring>
@@ -28,8 +29,9 @@ inline lanes load(const float *p) {
 
 inline void store(float *p, const lanes &a) { std::memcpy(p, &a, sizeof a); }
 
-inline lanes most(lanes a, lanes b) { return a > b ? a : b; }
-inline lanes least(lanes a, lanes b) { return a < b ? a : b; }
+// Where one is not a number, it is b.
+template <class F> inline F most(F a, F b) { return a > b ? a : b; }
+template <class F> inline F least(F a, F b) { return a < b ? a : b; }
 inline lanes rectified(lanes a) { return most(a, lanes{}); }
 
 inline float sum_of(const lanes &a) {
@@ -40,40 +42,53 @@ inline float sum_of(const lanes &a) {
     return v[0];
 }
 
+inline lanes power_of_two(lanes n) {
+    const int_lanes bits = (__builtin_convertvector(n, int_lanes) + 127) << 23;
+    lanes power;
+    std::memcpy(&power, &bits, sizeof power);
+    return power;
+}
+
+inline float power_of_two(float n) {
+    const int32_t bits = (static_cast<int32_t>(n) + 127) << 23;
+    float power;
+    std::memcpy(&power, &bits, sizeof power);
+    return power;
+}
+
 // exp(x) to 2 units in the last place; 1e-38 below, 3e38 above what float32 holds. Cephes' expf (Moshier, 1992).
-inline lanes exp_of(lanes x) {
-    x = least(most(x, spread(-87.3f)), spread(88.3f));
-    const lanes n = (x * 1.44269504088896341f + 12582912.0f) - 12582912.0f;
-    lanes r = x - n * 0.693359375f;
+template <class F> inline F exp_of(F x) {
+    x = least(F{} + 88.3f, most(F{} - 87.3f, x));
+    // adding and taking away 1.5 * 2^23 rounds to a whole number
+    const F n = (x * 1.44269504088896341f + 12582912.0f) - 12582912.0f;
+    F r = x - n * 0.693359375f;
     r = r - n * -2.12194440e-4f;
-    lanes p = spread(1.9875691500e-4f);
+    F p = F{} + 1.9875691500e-4f;
     p = p * r + 1.3981999507e-3f;
     p = p * r + 8.3334519073e-3f;
     p = p * r + 4.1665795894e-2f;
     p = p * r + 1.6666665459e-1f;
     p = p * r + 5.0000001201e-1f;
     p = p * r * r + r + 1.0f;
-    const int_lanes power = (__builtin_convertvector(n, int_lanes) + 127) << 23;
-    lanes scale;
-    std::memcpy(&scale, &power, sizeof scale);
-    return p * scale;
+    return p * power_of_two(n);
 }
 
 // 1 - exp(-x) for x >= 0, also where that is small.
-inline lanes stopped_by(lanes x) {
-    lanes p = spread(-1.0f / 720);
+template <class F> inline F stopped_by(F x) {
+    F p = F{} - 1.0f / 720;
     p = p * x + 1.0f / 120;
     p = p * x - 1.0f / 24;
     p = p * x + 1.0f / 6;
     p = p * x - 0.5f;
     p = p * x + 1.0f;
-    return x < 0.125f ? p * x : 1.0f - exp_of(-x);
+    const F small = p * x, large = 1.0f - exp_of(-x);
+    return x < 0.125f ? small : large;
 }
 
 // log(1 + y) for y in [0, 1]: 2 atanh(y / (2 + y)).
-inline lanes log1p_of(lanes y) {
-    const lanes z = y / (2.0f + y), zz = z * z;
-    lanes p = spread(1.0f / 15);
+template <class F> inline F log1p_of(F y) {
+    const F z = y / (2.0f + y), zz = z * z;
+    F p = F{} + 1.0f / 15;
     p = p * zz + 1.0f / 13;
     p = p * zz + 1.0f / 11;
     p = p * zz + 1.0f / 9;
@@ -84,9 +99,11 @@ inline lanes log1p_of(lanes y) {
     return 2.0f * z * p;
 }
 
-inline lanes softplus(lanes x) {
-    const lanes magnitude = x > 0.0f ? x : -x;
-    return most(x, spread(0.0f)) + log1p_of(exp_of(-magnitude));
+template <class F> inline F softplus(F x) {
+    const F magnitude = x > 0.0f ? x : -x;
+    return most(F{}, x) + log1p_of(exp_of(-magnitude));
 }
+
+template <class F> inline F sigmoid(F x) { return 1.0f / (1.0f + exp_of(-x)); }
 
 } // namespace

@@ -34,6 +34,16 @@ struct unisim_bvh_node {
     int32_t faces;
 };
 
+// Strands of one medium: ray (n); samples t, optical depths tau of intervals and shares of where they stop (n, width).
+struct unisim_strands {
+    int64_t n;
+    int32_t width;
+    const int64_t *ray;
+    const float *t;
+    const float *tau;
+    const float *share;
+};
+
 // A convolution with edges repeated, `kernel` odd; a linear layer is one of a single tap.
 struct unisim_layer {
     int32_t inputs;

@@ -84,7 +84,8 @@ def test_shares_lie_between_nothing_and_alpha(beta: float, dtype: torch.dtype) -
     tau, share = logistic_intervals(s, beta)
     alpha = -torch.expm1(-tau)
     assert bool(torch.isfinite(tau).all()) and bool((tau >= 0).all())
-    assert bool((share >= 0).all()) and bool((share <= alpha).all())
+    # two ways to round alpha
+    assert bool((share >= 0).all()) and bool((share <= alpha * (1 + 4 * torch.finfo(dtype).eps)).all())
     assert bool((share[:, 0] == 0).all())
 
 

@@ -10,12 +10,15 @@ import torch
 from analytic_scene import drive_of
 from torch import Tensor
 
+from unisim_blender.core import native
 from unisim_blender.core.bounds import Bounds
 from unisim_blender.core.cast import on_stage
 from unisim_blender.core.drive import Actor, Look
 from unisim_blender.core.fields.tracklets import (
     SMOOTH_S,
     Tracklets,
+    near_spheres,
+    near_spheres_reference,
     quaternion_from_rotation,
     rotation_from_6d,
     rotation_from_quaternion,
@@ -233,3 +236,40 @@ def test_an_actor_that_was_always_there_has_bounds() -> None:
     bounds, index = Bounds(actors), [a.uid for a in actors].index(always.uid)
     assert bounds.between(index, 0.0, 0.5) is not None
     assert bounds.between(1 - index, 0.0, 0.5) is None
+
+
+@pytest.mark.skipif(native.library() is None, reason="the compiled kernels are not built")
+@pytest.mark.parametrize("boxes", (0, 1, 37))
+def test_compiled_spheres(boxes: int) -> None:
+    r = torch.Generator().manual_seed(boxes)
+    o, d = 20 * torch.randn(900, 3, generator=r), torch.nn.functional.normalize(torch.randn(900, 3, generator=r), dim=-1)
+    centres, radii = 20 * torch.randn(5, boxes, 3, generator=r), 6 * torch.rand(5, boxes, generator=r) - 1
+    bins = torch.randint(-1, 5, (900,), generator=r)
+    found = near_spheres(o, d, bins, centres, radii)
+    assert found.dtype == torch.bool and found.shape == (900, boxes)
+    assert not bool(found[bins < 0].any()) and bool(found.any()) == (boxes > 0)
+    # whether a ray just touches a sphere is rounding's choice
+    grown, shrunk = (
+        near_spheres_reference(o.double(), d.double(), bins, centres.double(), radii.double() + by) for by in (1e-4, -1e-4)
+    )
+    assert not bool((found & ~grown).any()) and not bool((shrunk & ~found).any())
+
+
+def test_keys_are_worked_out_once_where_they_are_held(monkeypatch: pytest.MonkeyPatch) -> None:
+    tracklets, keys, asked = Tracklets(random_actors(6, 3), refine=True), Tracklets.keys, 0
+
+    def counted(self: Tracklets) -> tuple[Tensor, Tensor]:
+        nonlocal asked
+        asked += 1
+        return keys(self)
+
+    monkeypatch.setattr(Tracklets, "keys", counted)
+    r = torch.Generator().manual_seed(4)
+    d = torch.nn.functional.normalize(torch.randn(2000, 3, generator=r), dim=-1)
+    rays = torch.zeros(2000, 3), d, 4 * torch.rand(2000, generator=r, dtype=torch.float64), 0.5
+    plain = [tracklets.hits(*rays) for _ in range(2)]
+    assert len(plain[0].ray) > 0 and asked == 2
+    with tracklets.hold():
+        held = [tracklets.hits(*rays) for _ in range(2)]
+    assert asked == 3 and tracklets.held is None
+    assert all(torch.equal(a.origins, b.origins) for a in plain for b in held)

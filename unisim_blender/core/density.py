@@ -10,12 +10,18 @@ Everything stays in logs: ``1 - alpha`` is ``exp(-tau)``, ``alpha`` is ``-expm1(
 
 from __future__ import annotations
 
+from typing import Any
+
 import torch
 import torch.nn.functional as F
 from torch import Tensor
+from torch.autograd.function import once_differentiable
+
+from . import native
+from .devices import kernel_threads
 
 
-def logistic_intervals(s: Tensor, beta: Tensor | float) -> tuple[Tensor, Tensor]:
+def logistic_intervals_reference(s: Tensor, beta: Tensor | float) -> tuple[Tensor, Tensor]:
     """Optical depths tau (N, K) and shares (N, K) of intervals between samples with signed distances s (N, K), metres.
 
     Interval k > 0 lies between samples k - 1 and k; interval 0 has no length and stands at sample 0: what a ray that starts
@@ -38,6 +44,45 @@ def logistic_intervals(s: Tensor, beta: Tensor | float) -> tuple[Tensor, Tensor]
     mean = torch.where(flat, 1 - alpha / 2, mean)
     share = torch.minimum((mean - torch.exp(-tau)).clamp_min(0.0), alpha)
     return torch.cat([tau0, tau], -1), torch.cat([torch.zeros_like(tau0), share], -1)
+
+
+class _LogisticIntervals(torch.autograd.Function):
+    """The compiled intervals, forward and backward."""
+
+    @staticmethod
+    def forward(ctx: Any, s: Tensor, beta: Tensor) -> tuple[Tensor, Tensor]:
+        lib = native.library()
+        assert lib is not None
+        s, sharp = s.contiguous(), float(beta)
+        tau, share = torch.empty_like(s), torch.empty_like(s)
+        lib.unisim_intervals_forward(
+            s.data_ptr(), *s.shape, sharp, tau.data_ptr(), share.data_ptr(), kernel_threads()
+        )  # fmt: skip
+        ctx.sharp = sharp
+        ctx.save_for_backward(s)
+        return tau, share
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx: Any, *grads: Tensor) -> tuple[Tensor, Tensor]:
+        lib = native.library()
+        assert lib is not None
+        (s,) = ctx.saved_tensors
+        of_tau, of_share = (g.contiguous() for g in grads)
+        of_s, of_beta = torch.empty_like(s), torch.empty(())
+        lib.unisim_intervals_backward(
+            s.data_ptr(), *s.shape, ctx.sharp, of_tau.data_ptr(), of_share.data_ptr(), of_s.data_ptr(), of_beta.data_ptr(),
+            kernel_threads(),
+        )  # fmt: skip
+        return of_s, of_beta
+
+
+def logistic_intervals(s: Tensor, beta: Tensor | float) -> tuple[Tensor, Tensor]:
+    """`logistic_intervals_reference`, by the compiled kernels where they apply."""
+    if native.library() is None or s.device.type != "cpu" or s.dtype != torch.float32:
+        return logistic_intervals_reference(s, beta)
+    tau, share = _LogisticIntervals.apply(s, torch.as_tensor(beta))  # type: ignore[no-untyped-call]
+    return tau, share
 
 
 def unisim_intervals(s: Tensor, t: Tensor, beta: Tensor | float, step_m: float) -> tuple[Tensor, Tensor]:

@@ -1,13 +1,17 @@
-"""What torch devices can do, and how things get there."""
+"""What torch devices can do, how things get there, and how many threads work on them."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import TypeVar
 
 import torch
 from torch import Tensor, nn
 
 M = TypeVar("M", bound=nn.Module)
+
+_kernels: int | None = None
 
 
 def has_float64(device: torch.device | str) -> bool:
@@ -26,3 +30,23 @@ def tensor_to(value: Tensor, device: torch.device | str) -> Tensor:
 def module_to(module: M, device: torch.device | str) -> M:
     """A module on a device; its float64 buffers become float32 where the device has none."""
     return (module if has_float64(device) else module.float()).to(device)
+
+
+def kernel_threads() -> int:
+    """How many threads a compiled kernel takes: torch's number, or what that was outside of `torch_threads`."""
+    return _kernels or torch.get_num_threads()
+
+
+@contextmanager
+def torch_threads(count: int | None) -> Iterator[None]:
+    """Let torch's own operations take ``count`` threads, and the compiled kernels as many as torch had before; None, inside of
+    another such block, gives torch those back."""
+    global _kernels
+    torch_had, kernels_had = torch.get_num_threads(), _kernels
+    _kernels = kernel_threads()
+    torch.set_num_threads(count or _kernels)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(torch_had)
+        _kernels = kernels_had

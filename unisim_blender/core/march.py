@@ -16,6 +16,7 @@ from torch import Tensor
 
 from . import native
 from .constants import DECAY_PER_M, QUANTILE_FLOOR
+from .devices import kernel_threads
 
 
 @dataclass(frozen=True)
@@ -96,7 +97,7 @@ def propose(voxels: Voxels, segment: Segment, u: Tensor) -> tuple[Tensor, Tensor
     lib.unisim_propose(
         o.data_ptr(), d.data_ptr(), t_near.data_ptr(), t_far.data_ptr(), n, values.data_ptr(), shape.ctypes.data,
         lower.ctypes.data, voxel.ctypes.data, voxels.voxel_m / 2, DECAY_PER_M, u.data_ptr(), count, t.data_ptr(),
-        mass.data_ptr(), torch.get_num_threads(),
+        mass.data_ptr(), kernel_threads(),
     )  # fmt: skip
     return t, mass
 

@@ -10,7 +10,7 @@ import sys
 import warnings
 from pathlib import Path
 
-ABI_VERSION = 6
+ABI_VERSION = 7
 _SUFFIX = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
 
 
@@ -39,6 +39,19 @@ class MlpStruct(ctypes.Structure):
         ("w1", ctypes.c_void_p),
         ("w2", ctypes.c_void_p),
         ("bias", ctypes.c_void_p),
+    ]
+
+
+class StrandsStruct(ctypes.Structure):
+    """`unisim_strands` of native/unisim_native.h."""
+
+    _fields_ = [
+        ("n", ctypes.c_int64),
+        ("width", ctypes.c_int32),
+        ("ray", ctypes.c_void_p),
+        ("t", ctypes.c_void_p),
+        ("tau", ctypes.c_void_p),
+        ("share", ctypes.c_void_p),
     ]
 
 
@@ -88,6 +101,13 @@ def library() -> ctypes.CDLL | None:
     lib.unisim_mlp_forward.argtypes = [p, p, i64, p, i32]
     lib.unisim_mlp_backward.argtypes = [p, p, i64, p, p, p, p, p, i32]
     lib.unisim_field_forward.argtypes = [p, p, p, i64, p, p, p, i32]
+    lib.unisim_near_spheres.argtypes = [p, p, p, i64, p, p, i64, p, i32]
+    lib.unisim_intervals_forward.argtypes = [p, i64, i32, f32, p, p, i32]
+    lib.unisim_intervals_backward.argtypes = [p, i64, i32, f32, p, p, p, p, i32]
+    lib.unisim_transmittances_forward.argtypes = [p, i32, i64, p, i32]
+    lib.unisim_transmittances_backward.argtypes = [p, i32, i64, p, p, p, i32]
+    lib.unisim_gather_forward.argtypes = [p, p, p, i64, i32, p, p, p, i32]
+    lib.unisim_gather_backward.argtypes = [p, p, p, i64, i32, p, p, p, p, p, p, p, p, i32]
     lib.unisim_bvh_build.argtypes = [p, p, i32, p, p]
     lib.unisim_bvh_first_hits.argtypes = [p, p, p, p, p, p, i64, f64, p, p, p, i32]
     lib.unisim_trace.argtypes = [p, p, p, p, p, p, i32]

@@ -9,6 +9,7 @@ from torch import Tensor, nn
 
 from .. import native
 from ..constants import MAX_LOG_DENSITY
+from ..devices import kernel_threads
 from .config import ModelConfig
 from .grid_shape import GridArrays, GridShape
 from .hash_grid import encode
@@ -50,7 +51,7 @@ def query(
     out = torch.empty(len(x), len(w2))
     status = lib.unisim_field_forward(
         ctypes.byref(grid.struct), x.data_ptr(), None if numbers is None else numbers.data_ptr(), len(x), table.data_ptr(),
-        ctypes.byref(network_struct(w1, w2, bias)), out.data_ptr(), torch.get_num_threads(),
+        ctypes.byref(network_struct(w1, w2, bias)), out.data_ptr(), kernel_threads(),
     )  # fmt: skip
     assert status == 0, status
     return out
@@ -79,6 +80,12 @@ def _start_outside(network: nn.Sequential, distance_m: float = INITIAL_DISTANCE_
         last.bias[0] = distance_m
 
 
+def _parts(out: Tensor) -> tuple[Tensor, Tensor]:
+    """The first column (N,) and the others (N, F); their gradients are put together in one go."""
+    first, others = out.split((1, out.shape[1] - 1), 1)
+    return first[:, 0], others
+
+
 def _density(raw: Tensor) -> Tensor:
     return torch.exp(raw.clamp_max(MAX_LOG_DENSITY))
 
@@ -99,8 +106,7 @@ class StaticField(nn.Module):
 
     def forward(self, x: Tensor) -> tuple[Tensor, Tensor]:
         """Signed distances in metres (N,) and features (N, F) at points (N, 3) in volume coordinates."""
-        out = self.grid.ask(self.network, x / self.size_m)
-        return out[:, 0], out[:, 1:]
+        return _parts(self.grid.ask(self.network, x / self.size_m))
 
     def distance(self, x: Tensor) -> Tensor:
         """Signed distances (N,) alone: the last layer's other rows are not computed."""
@@ -126,8 +132,8 @@ class FarField(nn.Module):
     def forward(self, x: Tensor) -> tuple[Tensor, Tensor]:
         """Densities (N,), optical depth over the whole way beyond the volume, even in disparity, and features (N, F) at points
         (N, 3) in volume coordinates."""
-        out = self.grid.ask(self.network, self._contracted(x))
-        return _density(out[:, 0]), out[:, 1:]
+        raw, feature = _parts(self.grid.ask(self.network, self._contracted(x)))
+        return _density(raw), feature
 
     def density(self, x: Tensor) -> Tensor:
         """Densities (N,) alone."""
@@ -174,8 +180,7 @@ class ActorField(nn.Module):
 
     def forward(self, tables: Tensor, x: Tensor, actor: Tensor) -> tuple[Tensor, Tensor]:
         """Signed distances (N,) and features (N, F) at points x (N, 3) in the unit cube of each point's actor (N,)."""
-        out = self._ask(tables, x, actor, None)
-        return out[:, 0], out[:, 1:]
+        return _parts(self._ask(tables, x, actor, None))
 
     def distance(self, tables: Tensor, x: Tensor, actor: Tensor) -> Tensor:
         """Signed distances (N,) alone."""

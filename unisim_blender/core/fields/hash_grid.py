@@ -14,6 +14,7 @@ from torch import Tensor
 from torch.autograd.function import once_differentiable
 
 from .. import native
+from ..devices import kernel_threads
 from .grid_shape import GridArrays
 
 _PRIMES = (1, 2654435761, 805459861)
@@ -26,7 +27,7 @@ def encode_reference(grid: GridArrays, table: Tensor, x: Tensor, index: Tensor |
     """
     flat = table.reshape(-1, grid.shape.features)
     base: Tensor | int = 0 if index is None else index.long() * grid.rows
-    out = []
+    rows, weights = [], []
     for level in range(grid.shape.levels):
         scale = torch.as_tensor(grid.scale[level], dtype=x.dtype, device=x.device)
         # a point on or beyond a face, or NaN, stands on the face and does not move with x
@@ -34,7 +35,6 @@ def encode_reference(grid: GridArrays, table: Tensor, x: Tensor, index: Tensor |
         lower = torch.minimum(p.detach().floor(), (scale.ceil() - 1).clamp_min(0))
         fraction = p - lower
         i = lower.long()
-        total = torch.zeros(len(x), grid.shape.features, dtype=x.dtype, device=x.device)
         for corner in range(8):
             bits = (corner & 1, corner >> 1 & 1, corner >> 2)
             v = [i[:, a] + bits[a] for a in range(3)]
@@ -44,10 +44,11 @@ def encode_reference(grid: GridArrays, table: Tensor, x: Tensor, index: Tensor |
                 mixed = v[0] ^ (v[1] * _PRIMES[1] & 0xFFFFFFFF) ^ (v[2] * _PRIMES[2] & 0xFFFFFFFF)
                 row = mixed & (int(grid.size[level]) - 1)
             near = [fraction[:, a] if bits[a] else 1 - fraction[:, a] for a in range(3)]
-            weight = near[0] * near[1] * near[2]
-            total = total + weight[:, None] * flat[base + int(grid.offset[level]) + row]
-        out.append(total)
-    return torch.cat(out, -1)
+            rows.append(base + int(grid.offset[level]) + row)
+            weights.append(near[0] * near[1] * near[2])
+    # taken from the table in one go: each time costs a gradient of the whole table
+    values = flat.index_select(0, torch.stack(rows, -1).view(-1)).view(len(x), grid.shape.levels, 8, grid.shape.features)
+    return (torch.stack(weights, -1).view(len(x), grid.shape.levels, 8, 1) * values).sum(2).flatten(1)
 
 
 def _pointer(tensor: Tensor | None) -> int | None:
@@ -66,7 +67,7 @@ class _Encode(torch.autograd.Function):
         out = torch.empty(len(x), grid.shape.width)
         status = lib.unisim_encode_forward(
             ctypes.byref(grid.struct), x.data_ptr(), _pointer(index), len(x), table.data_ptr(), out.data_ptr(),
-            torch.get_num_threads(),
+            kernel_threads(),
         )  # fmt: skip
         assert status == 0, status
         ctx.grid, ctx.index = grid, index
@@ -80,7 +81,7 @@ class _Encode(torch.autograd.Function):
         assert lib is not None
         table, x = ctx.saved_tensors
         grad = grads[0].contiguous()
-        grid, index, threads = ctx.grid, ctx.index, torch.get_num_threads()
+        grid, index, threads = ctx.grid, ctx.index, kernel_threads()
         grad_table = grad_x = None
         if ctx.needs_input_grad[1]:
             # a sink takes the sum itself, and autograd sees no gradient

@@ -10,6 +10,7 @@ from torch import Tensor, nn
 from torch.autograd.function import once_differentiable
 
 from .. import native
+from ..devices import kernel_threads
 
 SH_WIDTH = 16
 
@@ -36,7 +37,7 @@ class _TwoLayers(torch.autograd.Function):
         x, w1, w2, bias = x.contiguous(), w1.contiguous(), w2.contiguous(), bias.contiguous()
         out = torch.empty(len(x), len(w2))
         net = network_struct(w1, w2, bias)
-        lib.unisim_mlp_forward(ctypes.byref(net), x.data_ptr(), len(x), out.data_ptr(), torch.get_num_threads())
+        lib.unisim_mlp_forward(ctypes.byref(net), x.data_ptr(), len(x), out.data_ptr(), kernel_threads())
         ctx.save_for_backward(x, w1, w2, bias)
         return out
 
@@ -50,7 +51,7 @@ class _TwoLayers(torch.autograd.Function):
         learnt = [torch.zeros_like(w) for w in (w1, w2, bias)] if any(ctx.needs_input_grad[1:]) else [None] * 3
         lib.unisim_mlp_backward(
             ctypes.byref(network_struct(w1, w2, bias)), x.data_ptr(), len(x), grad.data_ptr(), grad_x.data_ptr(),
-            *(None if w is None else w.data_ptr() for w in learnt), torch.get_num_threads(),
+            *(None if w is None else w.data_ptr() for w in learnt), kernel_threads(),
         )  # fmt: skip
         return grad_x, *learnt
 

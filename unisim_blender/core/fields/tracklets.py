@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
 import torch
 from torch import Tensor, nn
 
+from .. import native
 from ..bounds import BIN_S, Bounds
+from ..devices import kernel_threads
 from ..drive import Actor
 
 SMOOTH_S = 0.2
@@ -82,6 +85,31 @@ def _smoothing(times_s: Tensor) -> Tensor:
     return (w / w.sum(-1, keepdim=True).clamp_min(1e-12)).float()
 
 
+@torch.no_grad()
+def near_spheres_reference(origins: Tensor, directions: Tensor, bins: Tensor, centres: Tensor, radii: Tensor) -> Tensor:
+    """Which rays (N, 3), directions of length 1, pass through which spheres: (N, A) bool.
+
+    centres (T, A, 3) and radii (T, A), negative for none, are the spheres in each bin of time; a ray's bin (N,) is -1 for none.
+    """
+    at = bins.clamp_min(0)
+    c, r = centres[at] - origins[:, None], radii[at]
+    along = (c * directions[:, None]).sum(-1)
+    return ((c * c).sum(-1) - along.clamp_min(0) ** 2 <= r * r) & (r > 0) & (bins >= 0)[:, None]
+
+
+@torch.no_grad()
+def near_spheres(origins: Tensor, directions: Tensor, bins: Tensor, centres: Tensor, radii: Tensor) -> Tensor:
+    """`near_spheres_reference`, by the compiled kernels where they apply."""
+    lib = native.library()
+    if lib is None or origins.device.type != "cpu" or not origins.dtype == directions.dtype == centres.dtype == torch.float32:
+        return near_spheres_reference(origins, directions, bins, centres, radii)
+    arrays = [x.contiguous() for x in (origins, directions, bins, centres, radii)]
+    o, d, b, c, r = (x.data_ptr() for x in arrays)
+    near = torch.empty(len(origins), radii.shape[1], dtype=torch.bool)
+    lib.unisim_near_spheres(o, d, b, len(origins), c, r, radii.shape[1], near.data_ptr(), kernel_threads())
+    return near
+
+
 @dataclass(frozen=True)
 class Hits:
     """Pairs of a ray and a box that it meets: ray, actor (P,); t_near, t_far (P,); origins, directions (P, 3) in box axes;
@@ -111,6 +139,7 @@ class Tracklets(nn.Module):
             times[i, :k], positions[i, :k], quaternions[i, :k] = way.times_s, way.positions, way.quaternions_wxyz
             rotations[i, :k] = way.poses[:, :3, :3]
         self.count = n
+        self.held: tuple[Tensor, Tensor] | None = None
         self.register_buffer("times", torch.as_tensor(times), persistent=False)
         self.register_buffer(
             "lengths", torch.tensor([len(a.world_from_actor.times_s) for a in actors], dtype=torch.long), persistent=False
@@ -158,6 +187,15 @@ class Tracklets(nn.Module):
         turn = torch.where(still, self.turn_6d.mean(1, keepdim=True), self.smoothing @ self.turn_6d)
         return self.positions + shift, quaternion_from_rotation(rotation_from_6d(self.rotation_6d + turn))
 
+    @contextmanager
+    def hold(self) -> Iterator[None]:
+        """Work the keys out once for every `hits` inside."""
+        self.held = self.keys()
+        try:
+            yield
+        finally:
+            self.held = None
+
     def poses_at(self, actor: Tensor, time_s: Tensor, keys: tuple[Tensor, Tensor]) -> tuple[Tensor, Tensor]:
         """Positions (P, 3) and rotations (P, 3, 3), world from actor, at times (P,) float64."""
         positions, quaternions = keys
@@ -179,16 +217,11 @@ class Tracklets(nn.Module):
     def hits(self, origins: Tensor, directions: Tensor, time_s: Tensor, near_m: float, among: Tensor | None = None) -> Hits:
         """Which of the rays (N, 3), world frame, at times (N,) meet which boxes; ``among`` (A',) names the actors to try."""
         bins = ((time_s - self.first_bin_s) / BIN_S).floor().long()
-        inside = (bins >= 0) & (bins < len(self.bound_radii))
-        bins = bins.clamp(0, len(self.bound_radii) - 1)
+        bins = torch.where(bins < len(self.bound_radii), bins.clamp_min(-1), -1)
         centres, radii = self.bound_centres, self.bound_radii
         if among is not None:
             centres, radii = centres[:, among], radii[:, among]
-        c = centres[bins] - origins[:, None]
-        along = (c * directions[:, None]).sum(-1)
-        r = radii[bins]
-        near = (c * c).sum(-1) - along.clamp_min(0) ** 2 <= r * r
-        ray, actor = torch.nonzero(near & (r > 0) & inside[:, None], as_tuple=True)
+        ray, actor = torch.nonzero(near_spheres(origins, directions, bins, centres, radii), as_tuple=True)
         if among is not None:
             actor = among[actor]
         time = time_s[ray]
@@ -197,7 +230,7 @@ class Tracklets(nn.Module):
         if len(ray) == 0:
             empty = origins.new_zeros(0)
             return Hits(ray, actor, empty, empty, origins.new_zeros(0, 3), origins.new_zeros(0, 3), origins.new_zeros(0, 3, 3))
-        position, rotation = self.poses_at(actor, time_s[ray], self.keys())
+        position, rotation = self.poses_at(actor, time_s[ray], self.held or self.keys())
         o = torch.einsum("pji,pj->pi", rotation, origins[ray] - position)
         d = torch.einsum("pji,pj->pi", rotation, directions[ray])
         with torch.no_grad():

@@ -12,9 +12,10 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
+from .. import native
 from ..cast import on_stage
 from ..cast_tensors import CastTensors, TroupeTensors
-from ..devices import module_to, tensor_to
+from ..devices import module_to, tensor_to, torch_threads
 from ..drive import Actor, Drive
 from ..errors import SceneError
 from ..fields.config import preset
@@ -133,6 +134,12 @@ class Trainer:
 
     def step(self) -> dict[str, float]:
         """One batch, one update; the figures of its loss."""
+        compiled = self.config.device == "cpu" and native.library() is not None
+        # a batch's tensors are small: threads lose more on them by waiting for each other than they save, the kernels' apart
+        with torch_threads(1 if compiled else None):
+            return self._step()
+
+    def _step(self) -> dict[str, float]:
         c, w, done = self.config, self.config.weights, self.progress
         # seeded by the iteration: a resumed run draws what an uninterrupted one would
         rng = np.random.default_rng([c.seed, self.iteration])
@@ -149,21 +156,22 @@ class Trainer:
         batches = [
             dataclasses.replace(b, rays=self.camera_poses(b.rays, b.camera, b.world_from_camera, learn_cameras)) for b in batches
         ]
-        seen = trace(self.model, cast, _together([b.rays for b in batches]), sampling)
-        features = seen.feature.split([len(b.rays) for b in batches])
-        images = [self._decode(f, b, generator) for f, b in zip(features, batches, strict=True)]
-        errors = [F.mse_loss(i, b.target, reduction="sum") for i, b in zip(images, batches, strict=True)]
-        mse = torch.stack(errors).sum() / sum(i.numel() for i in images)
-        image, patch = images[0], batches[0]
-        terms = {"rgb": mse, "spread": w.spread * spread(seen)}
-        if done >= c.perceptual_from:
-            terms["perceptual"] = w.perceptual * self.perceptual(image, patch.target)
-        fake = None
-        if self.adversary and done >= c.poses_from:
-            beside = shifted(patch, generator)
-            fake = self._decode(trace(self.model, cast, beside.rays, sampling).feature, beside, generator)
-            terms["adversarial"] = w.adversarial * self.adversary.generator_loss(fake)
-        swept = trace(self.model, cast, lidar.rays, dataclasses.replace(sampling, sky=False))
+        with self.tracklets.hold():
+            seen = trace(self.model, cast, _together([b.rays for b in batches]), sampling)
+            features = seen.feature.split([len(b.rays) for b in batches])
+            images = [self._decode(f, b, generator) for f, b in zip(features, batches, strict=True)]
+            errors = [F.mse_loss(i, b.target, reduction="sum") for i, b in zip(images, batches, strict=True)]
+            mse = torch.stack(errors).sum() / sum(i.numel() for i in images)
+            image, patch = images[0], batches[0]
+            terms = {"rgb": mse, "spread": w.spread * spread(seen)}
+            if done >= c.perceptual_from:
+                terms["perceptual"] = w.perceptual * self.perceptual(image, patch.target)
+            fake = None
+            if self.adversary and done >= c.poses_from:
+                beside = shifted(patch, generator)
+                fake = self._decode(trace(self.model, cast, beside.rays, sampling).feature, beside, generator)
+                terms["adversarial"] = w.adversarial * self.adversary.generator_loss(fake)
+            swept = trace(self.model, cast, lidar.rays, dataclasses.replace(sampling, sky=False))
         terms |= self._lidar_loss(swept, lidar)
         terms |= {name: getattr(w, name) * term for name, term in self.shape.terms(tables, swept, seen, lidar, generator).items()}
         if done >= c.hidden_from:
@@ -173,14 +181,17 @@ class Trainer:
         if not bool(torch.isfinite(loss)):
             bad = [name for name, value in terms.items() if not bool(torch.isfinite(value))]
             raise SceneError(f"training diverged at iteration {self.iteration}: {', '.join(bad)} is not a finite number")
-        self.optimiser.zero_grad(set_to_none=False)
+        with torch_threads(None):
+            self.optimiser.zero_grad(set_to_none=False)
         loss.backward()
-        self.optimiser.step()
+        with torch_threads(None):
+            self.optimiser.step()
         with torch.no_grad():
             self.model.log_beta.clamp_(max=math.log(BETA_MAX))
         self.model.actors.gradient = None
         if (self.iteration + 1) % c.slow_every == 0:
-            self._update_slow(done >= c.poses_from)
+            with torch_threads(None):
+                self._update_slow(done >= c.poses_from)
         if self.adversary and fake is not None:
             self.adversary.update(patch.target, fake)
         self._update_occupancy(seen, camera=True)
@@ -196,7 +207,8 @@ class Trainer:
     def actor_tables(self) -> Tensor:
         """Every actor's grid as it stands between two slow updates; its gradient, of many encodings and steps, is added up."""
         if self._tables is None:
-            tables = self.model.actors.tables()
+            with torch_threads(None):
+                tables = self.model.actors.tables()
             cut = tables.detach().requires_grad_()
             cut.grad = torch.zeros_like(cut)
             self._tables = tables, cut

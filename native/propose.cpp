@@ -1,0 +1,91 @@
+// Ray proposals. The function is the plain torch one in march.py, which is the specification.
+#include "variant.h"
+
+#include <cmath>
+
+namespace {
+
+constexpr int BLOCK = 64;
+
+struct March {
+    const float *o, *d;
+    const uint8_t *voxels;
+    const int32_t *shape;
+    const float *lower;
+    float inverse, near, step;
+
+    // Values (BLOCK) of the voxels at the middles of the steps from `first` on, 0 outside of the grid; true where one is not 0.
+    bool values(int64_t first, uint8_t *value) const {
+        int32_t cell[3][BLOCK], inside[BLOCK];
+        for (int i = 0; i < BLOCK; ++i) inside[i] = 1;
+        for (int a = 0; a < 3; ++a) {
+            const float origin = o[a] - lower[a], along = d[a], end = static_cast<float>(shape[a]);
+            for (int i = 0; i < BLOCK; ++i) {
+                const float t = near + (static_cast<float>(static_cast<int32_t>(first) + i) + 0.5f) * step;
+                const float x = (origin + t * along) * inverse;
+                const int32_t in = (x >= 0.0f) & (x < end);
+                cell[a][i] = static_cast<int32_t>(in ? x : 0.0f);
+                inside[i] &= in;
+            }
+        }
+        uint8_t any = 0;
+        for (int i = 0; i < BLOCK; ++i) {
+            const int64_t row = static_cast<int64_t>(cell[0][i]) * shape[1] + cell[1][i];
+            value[i] = voxels[row * shape[2] + cell[2][i]] & static_cast<uint8_t>(-inside[i]);
+            any |= value[i];
+        }
+        return any != 0;
+    }
+};
+
+} // namespace
+
+// Where along each ray the occupied voxels lie, and `count` places drawn from them by inverse CDF.
+//
+// A ray is cut into steps of `step` from t_near[r] on. The voxel at a step's middle gives its value p in 0..1 (uint8 / 255);
+// its mass is p * exp(-decay * step * sum of earlier p). u (n, count) in 0..1, increasing along each row, says which quantiles to
+// take. t (n, count); mass (n) is the sum of the masses, 0 where a ray meets nothing (its t then lie evenly between near and far).
+extern "C" int UNISIM_NAME(unisim_propose)(const float *origins, const float *directions, const float *t_near, const float *t_far,
+                                           int64_t n, const uint8_t *voxels, const int32_t *shape, const float *lower,
+                                           const float *voxel_m, float step, float decay, const float *u, int count, float *t,
+                                           float *mass, int threads) {
+    parallel_blocks(n, 64, threads, [&](int64_t begin, int64_t end) {
+        std::vector<float> cdf;
+        std::vector<int32_t> index;
+        uint8_t value[BLOCK];
+        for (int64_t r = begin; r < end; ++r) {
+            const March march{origins + r * 3, directions + r * 3, voxels, shape, lower, 1.0f / voxel_m[0], t_near[r], step};
+            const float span = t_far[r] - t_near[r];
+            const int64_t steps = span > 0 ? static_cast<int64_t>(std::ceil(span / step)) : 0;
+            float total = 0, depth = 0;
+            cdf.clear();
+            index.clear();
+            for (int64_t first = 0; first < steps; first += BLOCK) {
+                if (!march.values(first, value)) continue;
+                for (int64_t i = first; i < std::min(steps, first + BLOCK); ++i) {
+                    if (!value[i - first]) continue;
+                    const float p = static_cast<float>(value[i - first]) * (1.0f / 255.0f);
+                    total += p * std::exp(-decay * step * depth);
+                    depth += p;
+                    cdf.push_back(total);
+                    index.push_back(static_cast<int32_t>(i));
+                }
+            }
+            mass[r] = total;
+            const float *ur = u + r * count;
+            if (total <= 0) {
+                for (int k = 0; k < count; ++k) t[r * count + k] = t_near[r] + ur[k] * std::max(span, 0.0f);
+                continue;
+            }
+            size_t j = 0;
+            for (int k = 0; k < count; ++k) {
+                const float target = ur[k] * total;
+                while (j + 1 < cdf.size() && cdf[j] <= target) ++j;
+                const float before = j ? cdf[j - 1] : 0.0f;
+                const float fraction = std::min(std::max((target - before) / (cdf[j] - before), 0.0f), 1.0f);
+                t[r * count + k] = t_near[r] + (static_cast<float>(index[j]) + fraction) * step;
+            }
+        }
+    });
+    return 0;
+}

@@ -1,0 +1,185 @@
+"""The compiled intervals, transmittances and sums along rays against plain torch: values, gradients, threads, every variant (of
+the kernels that place samples and sort rays out as well)."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+
+import pytest
+import torch
+from torch import Tensor
+
+from unisim_blender.core import native
+from unisim_blender.core.composite import composite, gather, gather_reference, transmittances, transmittances_reference
+from unisim_blender.core.density import logistic_intervals, logistic_intervals_reference
+from unisim_blender.core.strands import Strands
+
+pytestmark = pytest.mark.skipif(native.library() is None, reason="the compiled kernels are not built")
+RAYS = 300
+
+
+def generator(seed: int) -> torch.Generator:
+    return torch.Generator().manual_seed(seed)
+
+
+def distances(n: int, k: int, seed: int = 0) -> Tensor:
+    """Walks in and out of surfaces, some far away, some deep inside, some that stand still."""
+    size = torch.logspace(-3, 0.7, n)[torch.randperm(n, generator=generator(1))]
+    s = torch.randn(n, k, generator=generator(seed)).cumsum(1) * size[:, None]
+    s[::7] += 3.0
+    s[3::7] -= 3.0
+    s[5::11] = s[5::11, :1]
+    return s
+
+
+def given(function: Callable[[Tensor, Tensor], tuple[Tensor, Tensor]], s: Tensor, beta: float) -> list[Tensor]:
+    """tau and share, then the gradients of s and beta of a weighted sum of both."""
+    s, sharp = s.clone().requires_grad_(), torch.tensor(beta, dtype=s.dtype, requires_grad=True)
+    tau, share = function(s, sharp)
+    weights = (torch.randn(s.shape, generator=generator(seed)).to(s) for seed in (2, 3))
+    (sum((w * x).sum() for w, x in zip(weights, (tau, share), strict=True))).backward()  # type: ignore[union-attr]
+    assert s.grad is not None and sharp.grad is not None
+    return [tau.detach(), share.detach(), s.grad, sharp.grad]
+
+
+def errors(found: Tensor, wanted: Tensor) -> tuple[float, float]:
+    """The largest and the mean difference, as shares of the size."""
+    away = (found.double() - wanted).abs() / (1 + wanted.abs())
+    return (float(away.max()), float(away.mean())) if wanted.numel() else (0.0, 0.0)
+
+
+@pytest.mark.parametrize("beta", (1.0, 20.0, 300.0))
+@pytest.mark.parametrize("shape", ((0, 12), (1, 1), (63, 2), (500, 12)))
+def test_intervals(shape: tuple[int, int], beta: float) -> None:
+    s = distances(*shape)
+    fast, single = given(logistic_intervals, s, beta), given(logistic_intervals_reference, s, beta)
+    exact = given(logistic_intervals_reference, s.double(), beta)
+    for name, a, b, c in zip(("tau", "share", "s", "beta"), fast, single, exact, strict=True):
+        assert a.shape == c.shape
+        # differences of two softplus cancel in single precision, for torch as well; beta's gradient is one sum of many
+        slack = 2e-4 if name == "beta" else 2e-5
+        (most, mean), (most_single, mean_single) = errors(a, c), errors(b, c)
+        assert most <= 5 * most_single + slack and mean <= 1.5 * mean_single + slack, name
+    assert errors(fast[0], exact[0])[0] < 1e-5 * max(1.0, beta / 20)
+
+
+@pytest.mark.parametrize("at", (0, 4, 11))
+def test_what_is_not_a_number_stays_so(at: int) -> None:
+    """A training that diverges must show it."""
+    s = distances(40, 12)
+    s[17, at] = torch.nan
+    for found, wanted in zip(logistic_intervals(s, 20.0), logistic_intervals_reference(s, 20.0), strict=True):
+        assert torch.equal(found.isnan(), wanted.isnan())
+    tau = logistic_intervals(s, 20.0)[0]
+    assert tau[17].isnan().nonzero()[:, 0].tolist() == [at, at + 1][: 12 - at]
+
+
+def strands_of(seed: int, groups: tuple[tuple[int, int], ...], features: int = 5) -> list[Strands]:
+    """Groups of (strands, samples) over RAYS rays; those of the first are on rays of their own each, so that rays with one
+    strand, with several, and with several of one medium are among them."""
+    out = []
+    for g, (n, k) in enumerate(groups):
+        r = generator(seed + g)
+        ray = torch.randperm(RAYS, generator=r)[:n].sort()[0] if g == 0 else torch.randint(RAYS // 2, (n,), generator=r).sort()[0]
+        t = 1 + 20 * torch.rand(n, k, generator=r).sort(1)[0]
+        tau = torch.rand(n, k, generator=r) ** 4 * 2
+        share = -torch.expm1(-tau) * torch.rand(n, k, generator=r)
+        share[:, :1] = 0
+        look = torch.randn(n, k, features + 1, generator=r)[..., 1:]
+        out.append(Strands(ray, t, t, look, tau, share, t, ray, beta=1.0))
+    return out
+
+
+GROUPS = ((200, 12), (90, 8), (40, 3), (0, 8))
+KINDS: dict[str, tuple[Callable[..., list[Tensor]], Callable[..., tuple[Tensor, ...]]]] = {
+    "compiled": (transmittances, gather),
+    "plain": (transmittances_reference, gather_reference),
+}
+
+
+def composited(kind: str, strands: list[Strands], dtype: torch.dtype) -> list[Tensor]:
+    """Transmittances, weights and sums of every group, then the gradients of tau, share and features of a weighted sum of all."""
+    own, leaves = [], []
+    for s in strands:
+        tau, share, look = (x.detach().to(dtype).requires_grad_() for x in (s.tau, s.share, s.features))
+        leaves += [tau, share, look]
+        own.append(replace(s, t=s.t.to(dtype), tau=tau, share=share, features=look))
+    order, sums = KINDS[kind]
+    out: list[Tensor] = []
+    for s, front in zip(own, order(RAYS, own), strict=True):
+        out += [front, *sums(s, front)]
+    total = sum((x * torch.randn(x.shape, generator=generator(i)).to(dtype)).sum() for i, x in enumerate(out))
+    assert isinstance(total, Tensor)
+    total.backward()
+    return [x.detach() for x in out] + [x.grad for x in leaves if x.grad is not None]
+
+
+@pytest.mark.parametrize("groups", (GROUPS, GROUPS[:1], ((0, 4),), ((5, 1), (7, 1))))
+def test_values_and_gradients(groups: tuple[tuple[int, int], ...]) -> None:
+    strands = strands_of(10, groups)
+    if groups is GROUPS:
+        counts = torch.bincount(torch.cat([s.ray for s in strands]), minlength=RAYS)
+        assert int((counts == 1).sum()) > 30 and int((counts == 2).sum()) > 30 and int((counts > 2).sum()) > 10
+    fast, plain = composited("compiled", strands, torch.float32), composited("plain", strands, torch.float64)
+    assert len(fast) == len(plain) == 7 * len(groups)
+    for a, b in zip(fast, plain, strict=True):
+        assert a.shape == b.shape
+        torch.testing.assert_close(a.double(), b, rtol=1e-4, atol=1e-5)
+
+
+def test_a_whole_picture_is_the_same() -> None:
+    """Guests apart; the reference takes over where a place is learnt."""
+    strands = [replace(s, guest=guest) for s, guest in zip(strands_of(20, GROUPS), (-1, 0, -1, 0), strict=True)]
+    found = composite(RAYS, strands, 5, [5], strands[0].t)
+    plain = composite(RAYS, [replace(s, t=s.t.clone().requires_grad_()) for s in strands], 5, [5], strands[0].t)
+    for name in ("feature", "depth_m", "opacity", "behind"):
+        torch.testing.assert_close(getattr(found, name), getattr(plain, name).detach(), rtol=1e-5, atol=1e-5)
+    torch.testing.assert_close(found.guest_features[0], plain.guest_features[0].detach(), rtol=1e-5, atol=1e-5)
+    torch.testing.assert_close(found.guest_opacity[0], plain.guest_opacity[0].detach(), rtol=1e-5, atol=1e-5)
+
+
+def everything() -> list[Tensor]:
+    return given(logistic_intervals, distances(500, 12), 20.0) + composited("compiled", strands_of(10, GROUPS), torch.float32)
+
+
+def test_any_number_of_threads_gives_the_same_bits() -> None:
+    threads, found = torch.get_num_threads(), []
+    try:
+        for count in (1, 2, 3):
+            torch.set_num_threads(count)
+            found.append(everything())
+    finally:
+        torch.set_num_threads(threads)
+    for one, two, three in zip(*found, strict=True):
+        assert torch.equal(one, two) and torch.equal(one, three)
+
+
+VARIANT_SCRIPT = """
+import sys
+sys.path.insert(0, sys.argv[1])
+import test_composite as t
+from test_march import test_compiled_proposals
+from test_tracklets import test_compiled_spheres
+from unisim_blender.core import native
+assert native.variant() == sys.argv[2], native.variant()
+for beta in (1.0, 20.0, 300.0):
+    t.test_intervals((500, 12), beta)
+t.test_values_and_gradients(t.GROUPS)
+test_compiled_proposals(0.3)
+test_compiled_spheres(37)
+"""
+
+
+@pytest.mark.parametrize("name", ("portable", "avx2", "avx512"))
+def test_every_variant(name: str) -> None:
+    order = ("portable", "avx2", "avx512")
+    if order.index(name) > order.index(native.variant()):
+        pytest.skip(f"this processor has no {name}")
+    environment = {**os.environ, "UNISIM_NATIVE_VARIANT": name, "OMP_NUM_THREADS": "1"}
+    command = [sys.executable, "-c", VARIANT_SCRIPT, os.path.dirname(__file__), name]
+    run = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=120)
+    assert run.returncode == 0, run.stderr
