@@ -32,8 +32,8 @@ constexpr int SH_WIDTH = 16;
 
 // How a map is read: a float is one channel, a uint32_t two of them in bfloat16.
 template <class E> constexpr int CHANNELS = 1;
-template <> constexpr int CHANNELS<uint32_t> = 2;
 #if defined(__AVX512BF16__)
+template <> constexpr int CHANNELS<uint32_t> = 2;
 using Active = uint32_t;
 #else
 using Active = float;
