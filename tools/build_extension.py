@@ -17,7 +17,15 @@ from pathlib import Path
 import bpy
 
 ROOT = Path(__file__).resolve().parents[1]
-PURE = ("jsonschema==4.17.3", "attrs==26.1.0", "pyrsistent==0.20.0", "trimesh==5.2.0", "click==8.5.1", "tqdm==4.70.1", "plyfile==1.1.3")
+PURE = (
+    "jsonschema==4.17.3",
+    "attrs==26.1.0",
+    "pyrsistent==0.20.0",
+    "trimesh==5.2.0",
+    "click==8.5.1",
+    "tqdm==4.70.1",
+    "plyfile==1.1.3",
+)
 """The newest jsonschema that needs nothing compiled. Wheels come before Blender's own modules of these names, so an old one would
 break what Blender does with it."""
 COMPILED = ("pillow==13.0.0", "OpenEXR==3.5.3")

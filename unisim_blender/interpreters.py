@@ -1,5 +1,5 @@
-"""Which Python interpreter renders: the one chosen in the preferences, else Blender's own, which can without torch. Training needs
-one that has torch."""
+"""Which Python interpreter renders: the one chosen in the preferences, else Blender's own, which can without torch. Training
+takes the first that has it."""
 
 from __future__ import annotations
 
@@ -17,6 +17,9 @@ import bpy
 
 HERE = Path(__file__).resolve().parent
 BOOTSTRAP = HERE / "bootstrap.py"
+PYTHON = f"python{sys.version_info.major}.{sys.version_info.minor}"
+WHEELS = Path(bpy.utils.user_resource("EXTENSIONS"), ".local", "lib", PYTHON, "site-packages")
+"""Where Blender unpacks the wheels of its extensions."""
 PROBE_LIMIT_S = 120
 """A cold import of torch from a slow disk takes half a minute."""
 HOW_TO_MEND = (
@@ -34,10 +37,6 @@ class Probe:
     path: str
     about: dict[str, Any] = field(default_factory=dict)
     problem: str = ""
-
-
-WHEELS = Path(bpy.utils.user_resource("EXTENSIONS"), ".local", "lib", "python%d.%d" % sys.version_info[:2], "site-packages")
-"""Where Blender unpacks the wheels of its extensions."""
 
 
 def command(interpreter: str, *arguments: str) -> list[str]:

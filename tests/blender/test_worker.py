@@ -110,7 +110,7 @@ def test_an_interpreter_that_cannot_render_says_why() -> None:
 
 def site_packages(folder: Path, *leave_out: str) -> Path:
     """A folder of wheels as Blender unpacks them: this interpreter's packages, less what trains and what is left out."""
-    target = folder / ("python%d.%d" % sys.version_info[:2]) / "site-packages"
+    target = folder / f"python{sys.version_info.major}.{sys.version_info.minor}" / "site-packages"
     target.mkdir(parents=True)
     for path in Path(sysconfig.get_path("purelib")).iterdir():
         if path.suffix != ".pth" and path.stem not in ("torch", "scipy", "safetensors", "unisim_blender", *leave_out):
