@@ -32,8 +32,8 @@ constexpr int SH_WIDTH = 16;
 
 // How a map is read: a float is one channel, a uint32_t two of them in bfloat16.
 template <class E> constexpr int CHANNELS = 1;
-template <> constexpr int CHANNELS<uint32_t> = 2;
 #if defined(__AVX512BF16__)
+template <> constexpr int CHANNELS<uint32_t> = 2;
 using Active = uint32_t;
 #else
 using Active = float;
@@ -54,6 +54,9 @@ inline void store_rectified(uint32_t *p, const lanes &a) {
 }
 #endif
 
+inline void put(float *p, int, float x) { *p = x; }
+
+#if defined(__AVX512BF16__)
 // To the nearest bfloat16, even where two are as near.
 inline uint32_t bfloat16(float x) {
     uint32_t bits;
@@ -61,8 +64,8 @@ inline uint32_t bfloat16(float x) {
     return (bits + 0x7fff + (bits >> 16 & 1)) >> 16;
 }
 
-inline void put(float *p, int, float x) { *p = x; }
 inline void put(uint32_t *p, int channel, float x) { *p |= bfloat16(x) << (channel % 2 ? 16 : 0); }
+#endif
 
 // Zeros from the start of a cache line on.
 template <class T> struct Buffer {

@@ -31,6 +31,9 @@ Variant choose() {
     const char *wanted = std::getenv("UNISIM_NATIVE_VARIANT");
     const auto admits = [&](const char *name) { return !wanted || std::strcmp(wanted, name) == 0; };
     (void)admits;
+#if defined(UNISIM_HAS_AVX2) || defined(UNISIM_HAS_AVX512)
+    __builtin_cpu_init(); // this runs while the library is loaded, perhaps before what clang's runtime does then
+#endif
 #ifdef UNISIM_HAS_AVX512
     if (admits("avx512") && __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512dq") &&
         __builtin_cpu_supports("avx512bw") && __builtin_cpu_supports("avx512vl"))

@@ -1,8 +1,11 @@
-"""What the renderer's interpreter runs. It puts this package, and nothing else of Blender's, on the interpreter's path.
+"""What the renderer's interpreter runs. It puts this package on the interpreter's path, and behind all that the interpreter has
+the extension's wheels, where they are for its version of Python.
 
-python bootstrap.py probe              says in JSON what the interpreter has
-python bootstrap.py serve FOLDER       the worker: requests on stdin, events on stdout, pixels in files in FOLDER
-python bootstrap.py cli ARGUMENTS      the command line `unisim`
+python bootstrap.py WHEELS probe              says in JSON what the interpreter has
+python bootstrap.py WHEELS serve FOLDER       the worker: requests on stdin, events on stdout, pixels in files in FOLDER
+python bootstrap.py WHEELS cli ARGUMENTS      the command line `unisim`
+
+WHEELS is Blender's folder of unpacked wheels, `.../pythonX.Y/site-packages`, or empty.
 """
 
 import importlib.util
@@ -33,11 +36,13 @@ def load(root: Path) -> None:
 
 
 def main() -> None:
-    """Do what the first argument says."""
+    """Do what the second argument says."""
     here = Path(__file__).resolve().parent
     sys.path[:] = [place for place in sys.path if Path(place).resolve() != here]
+    wheels, what, *arguments = sys.argv[1:]
+    if Path(wheels).parent.name == f"python{sys.version_info.major}.{sys.version_info.minor}":
+        sys.path.append(wheels)
     load(here)
-    what, *arguments = sys.argv[1:]
     from unisim_blender.core.processes import wait_briefly
 
     wait_briefly()
@@ -60,3 +65,5 @@ def main() -> None:
 
 if __name__ == "__main__":
     main()
+elif __name__ == "__mp_main__":  # in a process that renders frames beside others; it has the path of the one that started it
+    load(Path(__file__).resolve().parent)

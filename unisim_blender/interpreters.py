@@ -1,4 +1,5 @@
-"""Which Python interpreter renders: the one chosen in the preferences, Blender's own, or one with the renderer installed."""
+"""Which Python interpreter renders: the one chosen in the preferences, else Blender's own, which can without torch. Training
+takes the first that has it."""
 
 from __future__ import annotations
 
@@ -8,14 +9,23 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+import bpy
+
 HERE = Path(__file__).resolve().parent
 BOOTSTRAP = HERE / "bootstrap.py"
+PYTHON = f"python{sys.version_info.major}.{sys.version_info.minor}"
+WHEELS = Path(bpy.utils.user_resource("EXTENSIONS"), ".local", "lib", PYTHON, "site-packages")
+"""Where Blender unpacks the wheels of its extensions."""
 PROBE_LIMIT_S = 120
 """A cold import of torch from a slow disk takes half a minute."""
+HOW_TO_MEND = (
+    "Run make setup in the sources, or pip install 'unisim_blender[torch]', and name that interpreter in "
+    "Preferences > Add-ons > UniSim"
+)
 VARIABLE = "UNISIM_PYTHON"
 """Environment variable that names an interpreter, for where preferences are not at hand."""
 
@@ -31,7 +41,7 @@ class Probe:
 
 def command(interpreter: str, *arguments: str) -> list[str]:
     """The command line that runs the bootstrap, apart from the user's own packages and variables."""
-    return [interpreter, "-I", str(BOOTSTRAP), *arguments]
+    return [interpreter, "-I", str(BOOTSTRAP), str(WHEELS), *arguments]
 
 
 def candidates(chosen: str = "") -> Iterator[str]:
@@ -67,21 +77,21 @@ def probe(path: str) -> Probe:
         return Probe(path, problem=str(fault))
 
 
-def find(chosen: str = "") -> tuple[Probe | None, list[Probe]]:
-    """The first interpreter that can render, and those that were tried before and cannot."""
+def find(chosen: str = "", training: bool = False) -> tuple[Probe | None, list[Probe]]:
+    """The first interpreter that can render, or even train, and those that were tried before and cannot."""
     failed: list[Probe] = []
     for path in candidates(chosen):
         found = probe(path)
+        if training and not found.problem and found.about["training_lacks"]:
+            found = replace(found, problem=f"has no {' and no '.join(found.about['training_lacks'])}")
         if not found.problem:
             return found, failed
         failed.append(found)
     return None, failed
 
 
-def how_to_mend(failed: list[Probe]) -> str:
-    """One sentence for a user whose machine has no interpreter that can render."""
+def how_to_mend(failed: list[Probe], training: bool = False) -> str:
+    """For a user whose machine has no interpreter that can render, or train: what was tried, and what to do."""
     tried = "; ".join(f"{one.path}: {one.problem}" for one in failed) or "none was found"
-    return (
-        f"no Python interpreter here can render ({tried}). Run `make setup` in the sources, or "
-        "`pip install unisim_blender[torch]`, and name that interpreter in Preferences > Add-ons > UniSim"
-    )
+    what = "train, which needs torch" if training else "render"
+    return f"no Python interpreter here can {what} ({tried}). {HOW_TO_MEND}"

@@ -18,7 +18,7 @@ class UniSimPreferences(bpy.types.AddonPreferences):
 
     interpreter: StringProperty(
         name="Renderer's Python",
-        description="An interpreter with torch and the renderer's packages. Left empty, one is looked for",
+        description="An interpreter with torch, for training and for GPUs. Left empty, Blender's own renders, on the processor",
         subtype="FILE_PATH",
     )
     device: EnumProperty(name="Device", description="What the renderer computes on", items=DEVICES, default="auto")

@@ -38,6 +38,9 @@ class Task:
     words: deque[str] = field(default_factory=lambda: deque(maxlen=20))
     before: float = 0.0
 
+    trains = False
+    """Whether it takes an interpreter that can train."""
+
     def start(self) -> None:
         """Begin; returns at once."""
         self.before = self.done
@@ -94,9 +97,9 @@ class Task:
 
     def _run(self) -> None:
         try:
-            found, failed = interpreters.find(self.chosen)
+            found, failed = interpreters.find(self.chosen, self.trains)
             if found is None:
-                self.words.append(interpreters.how_to_mend(failed))
+                self.words.append(interpreters.how_to_mend(failed, self.trains))
                 self.code = 1
                 return
             command = interpreters.command(found.path, "cli", *self.arguments)
@@ -143,6 +146,8 @@ class SequenceTask(Task):
 
 class TrainingTask(Task):
     """A scene that is trained."""
+
+    trains = True
 
     def curve(self) -> list[dict[str, float]]:
         """What the training has noted so far, one entry every hundred steps."""

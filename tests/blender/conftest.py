@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import sys
+import venv
 from collections.abc import Iterator
+from importlib.metadata import distribution
 from pathlib import Path
 from typing import Any
 
@@ -38,3 +40,13 @@ def street(scene: Any) -> Any:
 
     assert bpy.ops.unisim.import_scene(filepath=str(SAMPLE / "scene" / "scene.json")) == {"FINISHED"}
     return scene
+
+
+@pytest.fixture
+def bare(tmp_path: Path) -> Path:
+    """An interpreter as Blender brings one: numpy and nothing else."""
+    venv.create(tmp_path / "bare", symlinks=True)
+    (packages,) = (tmp_path / "bare").glob("lib/python*/site-packages")
+    for name in {file.parts[0] for file in distribution("numpy").files or () if file.parts[0] != ".."}:
+        (packages / name).symlink_to(Path(str(distribution("numpy").locate_file(name))))
+    return tmp_path / "bare" / "bin" / "python"

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import json
 import os
 import queue
 import signal
 import sys
+import sysconfig
 import time
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from helpers import SAMPLE
 
 from unisim_blender import interpreters
 from unisim_blender.client import Client, Request
@@ -99,7 +102,56 @@ def test_what_an_import_prints_is_no_part_of_the_answer(tmp_path: Path) -> None:
     assert not found.problem and "torch" in found.about
 
 
-def test_an_interpreter_that_cannot_render_says_why(tmp_path: object) -> None:
+def test_an_interpreter_that_cannot_render_says_why() -> None:
     found = interpreters.probe("/bin/false")
     assert found.problem
     assert "/bin/false" in interpreters.how_to_mend([found])
+
+
+def site_packages(folder: Path, *leave_out: str) -> Path:
+    """A folder of wheels as Blender unpacks them: this interpreter's packages, less what trains and what is left out."""
+    target = folder / f"python{sys.version_info.major}.{sys.version_info.minor}" / "site-packages"
+    target.mkdir(parents=True)
+    for path in Path(sysconfig.get_path("purelib")).iterdir():
+        if path.suffix != ".pth" and path.stem not in ("torch", "scipy", "safetensors", "unisim_blender", *leave_out):
+            (target / path.name).symlink_to(path)
+    return target
+
+
+def test_wheels_make_a_bare_interpreter_render(bare: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(interpreters, "WHEELS", tmp_path / "nothing")
+    assert "click" in interpreters.probe(str(bare)).problem
+    monkeypatch.setattr(interpreters, "WHEELS", site_packages(tmp_path / "whole"))
+    found = interpreters.probe(str(bare))
+    assert not found.problem and found.about["devices"] == ["cpu"] and found.about["torch"] == ""
+    assert found.about["training_lacks"] == ["torch", "scipy", "safetensors"]
+    other = site_packages(tmp_path / "other").parent.rename(tmp_path / "other" / "python3.9") / "site-packages"
+    monkeypatch.setattr(interpreters, "WHEELS", other)
+    assert "click" in interpreters.probe(str(bare)).problem, "wheels of another Python are not its own"
+    monkeypatch.setattr(interpreters, "WHEELS", site_packages(tmp_path / "less", "plyfile"))
+    assert "plyfile" in interpreters.probe(str(bare)).problem
+
+
+def test_training_passes_over_what_has_no_torch(bare: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Rendering takes the first that can; training the first that has torch, and says what the others lack."""
+    monkeypatch.setattr(interpreters, "WHEELS", site_packages(tmp_path))
+    found, failed = interpreters.find(str(bare))
+    assert found is not None and found.path == str(bare) and not failed
+    found, failed = interpreters.find(str(bare), training=True)
+    assert found is not None and found.path == sys.executable and found.about["torch"]
+    assert [one.path for one in failed] == [str(bare)]
+    sentence = interpreters.how_to_mend(failed, training=True)
+    assert "needs torch" in sentence and f"{bare}: has no torch and no scipy" in sentence
+
+
+def test_a_gpu_without_torch_is_a_sentence(bare: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(interpreters, "WHEELS", site_packages(tmp_path))
+    path = SAMPLE / "scenario.json"
+    request = {"scenario": json.loads(path.read_text()), "path": str(path), "lidar": "pandar64", "time_s": 0.5}
+    client = Client(str(bare))
+    try:
+        assert last(client.ask("lidar", **request, device="auto"))["event"] == "done"
+        text = str(last(client.ask("lidar", **request, device="cuda"))["text"])
+    finally:
+        client.close()
+    assert text.startswith("this needs torch") and str(bare) in text

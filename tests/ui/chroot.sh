@@ -16,10 +16,7 @@ cp /etc/resolv.conf "$root/etc/"
 extra=""
 [ "$release" = sid ] && extra=python3-cattr
 chroot "$root" apt-get -o Acquire::Check-Valid-Until=false -o Acquire::Check-Date=false update -qq
+# nothing that the renderer needs: the extension brings it
 chroot "$root" env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends blender xvfb xauth libgl1-mesa-dri \
-  libegl1 imagemagick xdotool python3-numpy python3-torch python3-click python3-pil python3-scipy python3-tqdm python3-safetensors \
-  python3-pip python3-jsonschema $extra >/dev/null
-# what Debian lacks of what the renderer needs
-chroot "$root" env SSL_CERT_FILE=/etc/host-ca.crt PIP_CERT=/etc/host-ca.crt ${PIP_INDEX_URL:+PIP_INDEX_URL="$PIP_INDEX_URL"} \
-  pip3 install -q --break-system-packages --no-deps plyfile OpenEXR
+  libegl1 imagemagick xdotool python3-numpy $extra >/dev/null
 cp "$0" "$root/.ready"

@@ -56,7 +56,7 @@ def main(root: Path, release: str, out: Path) -> int:
                 started = [*at_home(root, name), *BLENDER, *flags, "--python", f"/tmp/unisim/{name}.py", *arguments]
                 subprocess.run(started, timeout=LIMIT_S, stdout=log, stderr=log, check=False)
         command = ["blender", "-b", "/tmp/unisim/drive.blend", "--command", "unisim", "render", "--out", "/tmp/unisim/frames"]
-        wanted = ["--frames", "4", "--width", "96", "--sensors", "front_camera"]
+        wanted = ["--frames", "4:6", "--width", "96", "--sensors", "front_camera,pandar64", "--jobs", "2"]
         headless = [*at_home(root, "window"), *command, *wanted]
         ended = subprocess.run(
             headless, timeout=LIMIT_S, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, check=False
@@ -68,10 +68,10 @@ def main(root: Path, release: str, out: Path) -> int:
             subprocess.run(["umount", "-l", str(root / where)], check=False)
     shutil.copytree(work / "shots", out, dirs_exist_ok=True)
     shutil.copy(work / "log.txt", out)
-    pictures = list((work / "frames" / "camera").glob("*/*.png"))
-    if ended.returncode or not pictures or "Traceback" in ended.stdout:
+    left = [len(list((work / "frames").glob(f"{kind}/*/*{suffix}"))) for kind, suffix in (("camera", ".png"), ("lidar", ".ply"))]
+    if ended.returncode or left != [2, 2] or "Traceback" in ended.stdout:
         print(ended.stdout)
-        print(f"Error: blender --command unisim render ended with {ended.returncode} and left {len(pictures)} pictures")
+        print(f"Error: blender --command unisim render ended with {ended.returncode} and left {left} pictures and sweeps of 2")
         return 1
     return judge(out)
 
@@ -99,6 +99,9 @@ def judge(out: Path) -> int:
         message
         for holds, message in (
             *((result.get("done", False), f"{name}.py broke off") for name, result in results.items()),
+            (window.get("own_python", False), "it was not Blender's own Python that rendered"),
+            ("torch" in window.get("packages_lacking", []), "torch is installed there: nothing is shown by a picture"),
+            (window.get("sweep_points", 0) > 1000, "the simulated sweep is empty"),
             (window.get("viewport_and_f12", 99.0) <= WITHIN_BYTES, "viewport and F12 differ"),
             (window.get("refresh_changed", 0.0) > 0.05, "moving a box changed nothing"),
             (window.get("mesh_changed", 0.0) > 0.05, "a mesh made an actor is not to be seen"),

@@ -154,6 +154,9 @@ def steps() -> Iterator[float]:
     begun = time.monotonic()
     yield from wait_for_picture()
     results["viewport_s"] = time.monotonic() - begun
+    renderer = sys.modules[f"{MODULE}.client"]._client.found
+    results["own_python"] = renderer.path == sys.executable
+    results["packages_lacking"] = renderer.about["training_lacks"]
     screenshot("rendered")
     shown = picture()
     assert shown is not None
@@ -226,6 +229,7 @@ def steps() -> Iterator[float]:
         bpy.ops.unisim.show_points(recorded=False, simulated=True)
     yield from until(swept, "no simulated sweep comes")
     before_edit = swept()
+    results["sweep_points"] = sum(len(o.data.vertices) for o in scene.objects if o.unisim.kind == "POINTS")
     car.location.y += 1.0
     yield from until(lambda: swept() not in ("", before_edit), "the sweep does not follow an edit")
     yield 0.5

@@ -11,7 +11,7 @@ from importlib import import_module
 import click
 
 from . import commands
-from .errors import UnisimError
+from .errors import UnisimError, what_is_missing
 from .processes import wait_briefly
 
 DISTRIBUTION = "unisim_blender"
@@ -70,9 +70,10 @@ def run(arguments: Sequence[str] | None = None) -> int:
         where = f" for {error.filename}" if error.filename else ""
         return _fail(f"no space is left on the disk{where}")
     except ModuleNotFoundError as error:
-        if error.name is None or error.name.partition(".")[0] != "torch":
+        sentence = what_is_missing(error)
+        if not sentence:
             raise
-        return _fail("this command needs torch, which is not installed: pip install 'unisim_blender[torch]'")
+        return _fail(sentence)
     return result if isinstance(result, int) else 0
 
 

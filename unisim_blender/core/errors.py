@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+
 
 class UnisimError(Exception):
     """Bad input or a failed resource. The message is one clear sentence; the command line prints it and exits with 1."""
@@ -21,3 +23,16 @@ class ScenarioError(UnisimError):
 
 class OutputError(UnisimError):
     """Output that cannot be written."""
+
+
+EXTRA = "unisim_blender[torch]"
+OPTIONAL = {"torch": EXTRA, "safetensors": EXTRA, "scipy": EXTRA, "skimage": EXTRA, "imageio_ffmpeg": "imageio-ffmpeg"}
+"""Packages that rendering on a CPU does without, and what pip installs to bring them."""
+
+
+def what_is_missing(error: ModuleNotFoundError) -> str:
+    """One sentence on an optional package that is not installed; "" where the module is none of those."""
+    name = (error.name or "").partition(".")[0]
+    if name not in OPTIONAL:
+        return ""
+    return f"this needs {name}, which {sys.executable} does not have: pip install '{OPTIONAL[name]}'"

@@ -9,6 +9,7 @@ from ..bridge.windows import areas
 from ..preferences import interpreter
 
 POLL_S = 0.2
+NEEDS_TORCH = "It renders on the processor; training, and rendering on a GPU, need an interpreter with torch, named above"
 
 
 def report_of(chosen: str) -> str:
@@ -16,14 +17,16 @@ def report_of(chosen: str) -> str:
     found, failed = interpreters.find(chosen)
     lines = [f"{one.path}: {one.problem}" for one in failed]
     if found is None:
-        return "\n".join([*lines, "Run make setup, or pip install unisim_blender[torch], and name that interpreter above"])
+        return "\n".join([*lines, interpreters.HOW_TO_MEND])
     about = found.about
+    torch = f", torch {about['torch']}" if about["torch"] else ""
     memory = f", {about['memory_bytes'] / 2**30:.0f} GiB" if about["memory_bytes"] else ""
     return "\n".join(
         [
             f"Renders with {found.path}",
-            f"Python {about['python']}, torch {about['torch']}, kernels: {about['kernels']}",
+            f"Python {about['python']}{torch}, kernels: {about['kernels']}",
             f"{' and '.join(about['devices'])}{memory}",
+            *([NEEDS_TORCH] if about["training_lacks"] else []),
             *lines,
         ]
     )

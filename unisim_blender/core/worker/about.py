@@ -1,27 +1,38 @@
-"""What an interpreter has of what rendering needs."""
+"""What an interpreter has of what rendering and training need."""
 
 from __future__ import annotations
 
 import os
 import platform
 import sys
+from importlib import metadata, util
 from typing import Any
 
 from ..native import variant
 from ..prepare.renderers import environment, pick_device
 
+TRAINING_PACKAGES = ("torch", "scipy", "safetensors")
+"""What training takes besides."""
+
 
 def about() -> dict[str, Any]:
-    """Versions, devices, memory. Raises ImportError naming what is missing."""
+    """Versions, devices, memory. Raises ImportError naming what rendering needs and is missing."""
     import click  # noqa: F401
+    import jsonschema  # noqa: F401
     import OpenEXR  # noqa: F401
     import PIL  # noqa: F401
+    import plyfile  # noqa: F401
+    import tqdm  # noqa: F401
+    import trimesh  # noqa: F401
 
     best = pick_device("auto")
+    environment(best)
+    lacking = [name for name in TRAINING_PACKAGES if util.find_spec(name) is None]
     return {
         "python": platform.python_version(),
         "executable": sys.executable,
-        "torch": environment(best).get("torch", ""),
+        "torch": "" if "torch" in lacking else metadata.version("torch"),
+        "training_lacks": lacking,
         "devices": list(dict.fromkeys((best, "cpu"))),
         "memory_bytes": _device_bytes() if best == "cuda" else _memory_bytes(),
         "kernels": variant(),

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import BinaryIO
 
-from ..errors import UnisimError
+from ..errors import UnisimError, what_is_missing
 from .protocol import Message, read_message, write_message
 
 Job = Callable[[Message], Iterator[Message]]
@@ -57,8 +57,9 @@ class Server:
         except MemoryError:
             self._tell(number, {"event": "error", "text": "the worker has no memory left for this"})
         except Exception as fault:
+            missing = what_is_missing(fault) if isinstance(fault, ModuleNotFoundError) else ""
             traceback.print_exc(file=sys.stderr)
-            self._tell(number, {"event": "error", "text": f"{type(fault).__name__}: {fault}"})
+            self._tell(number, {"event": "error", "text": missing or f"{type(fault).__name__}: {fault}"})
         finally:
             self.cancelled.discard(number)
 
