@@ -20,6 +20,7 @@ from .devices import tensor_to
 from .drive import Drive
 from .fields.checkpoint import Scene
 from .fields.scene import SceneModel
+from .fields.volume_frame import VolumeFrame
 from .frames import RenderStats
 from .geometry import FloatArray
 from .meshes.meeting import Met
@@ -49,7 +50,7 @@ class TorchTracer:
     def trace(self, rays: Rays, passes: set[str], sky: bool, met: Met | None, stats: RenderStats) -> Found:
         """All rays in chunks; features joined, and for each pass one array (N, ...)."""
         rays = rays.flat()
-        batch = to_batch(rays, self.device)
+        batch = to_batch(rays, self.scene.model.frame)
         near = self.bounds.in_reach(rays)
         stats.actors_skipped += len(self.cast.own.actors) - len(near)
         among = torch.tensor(near, dtype=torch.long, device=self.device)
@@ -130,16 +131,16 @@ class TorchTracer:
     @torch.no_grad()
     def heights(self, points: FloatArray) -> FloatArray:
         """How high points (N, 3), world frame, are above the ground (N,), metres."""
-        local = self.scene.model.frame.points(torch.as_tensor(points, dtype=torch.float32, device=self.device))
+        local = self.scene.model.frame.points(self.scene.model.frame.recentred(points))
         return np.asarray((local[:, 2] - self.scene.model.ground.height(local)).cpu().numpy(), np.float64)
 
 
-def to_batch(rays: Rays, device: torch.device) -> RayBatch:
-    """Rays as tensors on a device."""
+def to_batch(rays: Rays, frame: VolumeFrame) -> RayBatch:
+    """Rays as tensors on a volume's device, from its corner."""
     return RayBatch(
-        torch.as_tensor(rays.origins, dtype=torch.float32).to(device).contiguous(),
-        torch.as_tensor(rays.directions, dtype=torch.float32).to(device).contiguous(),
-        tensor_to(torch.as_tensor(rays.time_s, dtype=torch.float64), device).contiguous(),
+        frame.recentred(rays.origins).contiguous(),
+        torch.as_tensor(rays.directions).to(frame.rotation.dtype).to(frame.rotation.device).contiguous(),
+        tensor_to(torch.as_tensor(rays.time_s, dtype=torch.float64), frame.rotation.device).contiguous(),
     )
 
 
