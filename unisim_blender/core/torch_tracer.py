@@ -25,7 +25,7 @@ from .frames import RenderStats
 from .geometry import FloatArray
 from .meshes.meeting import Met
 from .ray_passes import ray_passes
-from .sensors.rays import Rays
+from .sensors.rays import Rays, sound_directions
 from .strands import RayBatch, Traced
 from .trace import Sampling, trace
 from .tracer import EDGE_CELLS, NEAR_M, UNIFORM_STEP_M, Array, Found, fineness
@@ -49,7 +49,7 @@ class TorchTracer:
     @torch.no_grad()
     def trace(self, rays: Rays, passes: set[str], sky: bool, met: Met | None, stats: RenderStats) -> Found:
         """All rays in chunks; features joined, and for each pass one array (N, ...)."""
-        rays = rays.flat()
+        rays = rays.flat().sound()
         batch = to_batch(rays, self.scene.model.frame)
         near = self.bounds.in_reach(rays)
         stats.actors_skipped += len(self.cast.own.actors) - len(near)
@@ -94,7 +94,7 @@ class TorchTracer:
     @torch.no_grad()
     def image(self, found: Found, directions: FloatArray, camera_id: str, shape: tuple[int, ...]) -> Array:
         """The picture (h up, w up, 3) in 0..1, display-referred sRGB, of cells in ``shape`` (h, w), directions (h w, 3)."""
-        along = torch.as_tensor(directions, dtype=torch.float32, device=self.device)
+        along = torch.as_tensor(sound_directions(directions), dtype=torch.float32, device=self.device)
 
         def decoded(network: SceneModel, feature: Tensor) -> Tensor:
             code = network.camera_ids.get(camera_id, -1)
@@ -117,7 +117,7 @@ class TorchTracer:
     @torch.no_grad()
     def returns(self, found: Found, directions: FloatArray) -> tuple[Array, Array]:
         """A LiDAR's intensities in 0..1 (N,), and the probabilities (N,) of a return."""
-        along = torch.as_tensor(directions, dtype=torch.float32, device=self.device)
+        along = torch.as_tensor(sound_directions(directions), dtype=torch.float32, device=self.device)
         intensity, logit = self.scene.model.lidar_head(found.feature, along, found.depth_m, found.opacity)
         for i, troupe in enumerate(self.tensors.guests.values()):
             share = found.guest_opacity[i].clamp(0, 1)

@@ -15,7 +15,7 @@ from ..drive import Drive
 from ..frames import RenderStats
 from ..geometry import FloatArray
 from ..meshes.meeting import Met
-from ..sensors.rays import Rays
+from ..sensors.rays import Rays, sound_directions
 from ..tracer import EDGE_CELLS, NEAR_M, UNIFORM_STEP_M, Array, Found, Maps, fineness
 from .cast import CompiledCast
 from .decoder import resized, spread_over_edges
@@ -45,7 +45,7 @@ class CompiledTracer:
 
     def trace(self, rays: Rays, passes: set[str], sky: bool, met: Met | None, stats: RenderStats) -> Found:
         """See `tracer.Tracer`."""
-        order, flat = tiled(rays.time_s.shape), rays.flat()
+        order, flat = tiled(rays.time_s.shape), rays.flat().sound()
         rays = Rays(doubles(flat.origins), doubles(flat.directions), doubles(flat.time_s))
         n, features = len(rays.time_s), self.scene.config.features
         found = Found(np.empty((n, features), np.float32), np.empty(n, np.float32), np.empty(n, np.float32), {})
@@ -129,7 +129,7 @@ class CompiledTracer:
 
     def image(self, found: Found, directions: FloatArray, camera_id: str, shape: tuple[int, ...]) -> Array:
         """See `tracer.Tracer`."""
-        cells = directions.reshape(*shape, 3)
+        cells = sound_directions(directions).reshape(*shape, 3)
 
         def picture(scene: CompiledScene, feature: Array) -> Array:
             code = scene.cameras.index(camera_id) if camera_id in scene.cameras else -1
@@ -147,6 +147,7 @@ class CompiledTracer:
 
     def returns(self, found: Found, directions: FloatArray) -> tuple[Array, Array]:
         """See `tracer.Tracer`."""
+        directions = sound_directions(directions)
         intensity, logit = self.scene.decoder.returns(found.feature, directions, found.depth_m, found.opacity)
         for i, guest in enumerate(self._guests):
             share = found.guest_opacity[i].clip(0, 1)
