@@ -4,6 +4,7 @@
 #include "variant.h"
 
 #include <cmath>
+#include <cstring>
 
 namespace {
 

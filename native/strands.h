@@ -111,11 +111,14 @@ inline void find_paper_depths(Batch &b, int from, int to, float beta, float step
 // Transmittances in front of the intervals of strands that are alone on their rays.
 inline void find_fronts(Batch &b) {
     for (int p = 0; p < b.stride; p += LANES) {
-        lanes before{};
+        // what the sum's rounding takes away is added with the next interval: many thin ones would be lost one by one
+        lanes before{}, lost{};
         for (int k = 0; k < b.samples; ++k) {
             const int64_t i = static_cast<int64_t>(k) * b.stride + p;
             store(&b.front[i], exp_of(-before));
-            before += load(&b.tau[i]);
+            const lanes depth = load(&b.tau[i]) + lost, sum = before + depth;
+            lost = depth - (sum - before);
+            before = sum;
         }
     }
 }
@@ -151,15 +154,15 @@ inline float merge_fronts(const std::vector<Strand> &strands, std::vector<int> &
     next.assign(strands.size(), 0);
     stops.clear();
     for (const Strand &s : strands) stops.push_back(stop_of(*s.batch, s.p, 0));
-    float before = 0;
+    double before = 0; // many thin intervals would be lost one by one in float32
     for (;;) {
         size_t first = 0;
         for (size_t i = 1; i < strands.size(); ++i)
             if (stops[i] < stops[first]) first = i;
-        if (stops[first] == END) return before;
+        if (stops[first] == END) return static_cast<float>(before);
         Batch &b = *strands[first].batch;
         const int k = next[first]++, p = strands[first].p;
-        b.front[static_cast<int64_t>(k) * b.stride + p] = std::exp(-before);
+        b.front[static_cast<int64_t>(k) * b.stride + p] = std::exp(-static_cast<float>(before));
         before += b.tau[static_cast<int64_t>(k) * b.stride + p];
         stops[first] = k + 1 < b.samples ? stop_of(b, p, k + 1) : END;
     }

@@ -171,7 +171,7 @@ class Stage:
         o, d = np.broadcast_arrays(np.atleast_2d(origins).astype(float), np.atleast_2d(directions).astype(float))
         d = d / np.linalg.norm(d, axis=1, keepdims=True)
         batch = RayBatch(
-            torch.tensor(o, dtype=torch.float32),
+            self.scene.frame.recentred(o),
             torch.tensor(d, dtype=torch.float32),
             torch.tensor(np.broadcast_to(time_s, len(o)).copy(), dtype=torch.float64),
         )

@@ -119,7 +119,7 @@ def measured(n: int, factor: float = 1.0, returned: float = 1.0) -> tuple[Stage,
     stage = scene(3000.0)
     o, d = rays(n)
     depth = torch.tensor(np.where(d[:, 2] < 0, -1.6 / d[:, 2], np.inf)).clamp_max(torch.tensor(30 / d[:, 0])).float()
-    batch = RayBatch(torch.tensor(np.tile(o, (n, 1))).float(), torch.tensor(d).float(), torch.zeros(n).double())
+    batch = RayBatch(stage.scene.frame.recentred(np.tile(o, (n, 1))), torch.tensor(d).float(), torch.zeros(n).double())
     hit = torch.arange(n) < returned * n
     return stage, LidarBatch(batch, depth * factor, torch.full((n,), 0.5), hit, torch.ones(n))
 

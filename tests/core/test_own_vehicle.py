@@ -81,7 +81,7 @@ def test_training_draws_nothing_of_the_vehicle(monkeypatch: pytest.MonkeyPatch) 
     outline = np.full(model.width, model.height - 6)
     outline[: model.width // 2] -= 4
     monkeypatch.setattr("unisim_blender.core.training.data.find_outline", lambda images: outline)
-    data = CameraData(log, [name], [0, 1, 2], None)
+    data = CameraData(log, [name], [0, 1, 2], None, np.zeros(3))
     camera = data.cameras[name]
     rng = np.random.default_rng(0)
     for edge in (1, 5):

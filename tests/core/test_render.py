@@ -183,7 +183,7 @@ def test_no_actor_is_skipped_that_a_ray_meets() -> None:
             among = tracer.bounds.in_reach(rays)
             tracer.trace(rays, set(), True, None, stats := RenderStats())
             assert stats.actors_skipped == 60 - len(among)
-            batch = torch_tracer.to_batch(rays, torch.device("cpu"))
+            batch = torch_tracer.to_batch(rays, scene.frame)
             hits = tracer.tensors.own.tracklets.hits(batch.origins, batch.directions, batch.time_s, 0.5)
             assert set(hits.actor.tolist()) <= set(among)
             skipped, met = skipped + stats.actors_skipped, met + len(hits.ray)

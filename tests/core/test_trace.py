@@ -356,7 +356,7 @@ def test_what_lies_beyond_the_volume_has_a_depth_and_the_sky_has_none() -> None:
 def test_the_far_fields_samples_go_where_it_is_dense() -> None:
     stage = Stage(analytic_scene(empty, {}), drive_of([]))
     scene, ahead = stage.scene, torch.tensor([1.0, 0.0, 0.0])
-    at = torch.as_tensor(EYE).float() @ scene.frame.rotation.T + scene.frame.translation
+    at = scene.frame.points(scene.frame.recentred(EYE))
 
     def density(x: torch.Tensor) -> torch.Tensor:
         return 30.0 * ((x - at).norm(dim=-1) - 400.0).abs().lt(60.0)
@@ -399,7 +399,11 @@ def test_a_look_is_mirrored_on_all_rays_or_on_none() -> None:
 
     stage = Stage(analytic_scene(empty, {"car": (left, size)}), drive_of([still("car", [0, 0, 1.6], size)]))
     across = torch.stack([torch.full((40,), -20.0), torch.linspace(-1.7, 1.7, 40), torch.full((40,), 1.6)], -1)
-    rays = RayBatch(across, torch.tensor([[1.0, 0, 0]]).expand(40, 3), torch.zeros(40, dtype=torch.float64))
+    rays = RayBatch(
+        stage.scene.frame.recentred(across.numpy()),
+        torch.tensor([[1.0, 0, 0]]).expand(40, 3),
+        torch.zeros(40, dtype=torch.float64),
+    )
     sides = []
     for seed in range(12):
         sampling = Sampling(fine=4.0, far=False, mirror=torch.tensor([0.5]), generator=torch.Generator().manual_seed(seed))
@@ -416,7 +420,7 @@ def test_gradients_reach_every_medium() -> None:
     scene = SceneModel(preset("tiny"), volume, ("car",), ("front",))
     scene.occupancy.values.fill_(255)
     drawn = fan(64, spread=0.1)
-    batch = RayBatch(torch.tensor(np.tile(EYE, (64, 1))).float(), torch.tensor(drawn).float(), torch.zeros(64).double())
+    batch = RayBatch(scene.frame.recentred(np.tile(EYE, (64, 1))), torch.tensor(drawn).float(), torch.zeros(64).double())
     cast = cast_tensors(gather_cast(drive, drive, {"": ("car",)}), {"": (scene, scene.actors.tables())})
     traced = trace(scene, cast, batch, Sampling(jitter=True, generator=torch.Generator().manual_seed(2)))
     (traced.feature.sum() + traced.depth_m.sum() + traced.behind.sum()).backward()

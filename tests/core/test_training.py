@@ -298,7 +298,7 @@ def test_previews_leave_the_training_as_it_is(log: Log, whole: Path, tmp_path: P
 
 
 def test_patches_are_pixels_with_their_rays(log: Log) -> None:
-    data = CameraData(log, ["front_camera"], [0, 1, 2], None)
+    data = CameraData(log, ["front_camera"], [0, 1, 2], None, np.zeros(3))
     batch = data.patches(np.random.default_rng(0), 12, 4, 2)
     assert batch.target.shape == (12, 3, 8, 8) and len(batch.rays) == 12 * 16
     rays = {}
@@ -345,7 +345,7 @@ def test_what_changes_slowly_is_updated_every_few_steps(log: Log) -> None:
 
 
 def test_sweeps_give_returns_and_drops(log: Log) -> None:
-    data = LidarData(log, ["pandar64"], [0, 1])
+    data = LidarData(log, ["pandar64"], [0, 1], np.zeros(3))
     batch = data.sample(np.random.default_rng(0), 400)
     assert int(batch.returned.sum()) == 340
     np.testing.assert_array_equal(batch.depth_m.numpy() > 0, batch.returned.numpy())
@@ -359,11 +359,11 @@ def test_sweeps_give_returns_and_drops(log: Log) -> None:
 
 def test_logs_without_what_training_needs(log: Log) -> None:
     with pytest.raises(LogError, match="no image of front_camera in the frames asked for"):
-        CameraData(log, ["front_camera"], [77], None)
+        CameraData(log, ["front_camera"], [77], None, np.zeros(3))
     with pytest.raises(LogError, match="no sweep in the frames asked for"):
-        LidarData(log, ["pandar64"], [77])
+        LidarData(log, ["pandar64"], [77], np.zeros(3))
     with pytest.raises(LogError, match="are 48x32, smaller than a patch of 64"):
-        CameraData(log, ["front_camera"], [0], None).patches(np.random.default_rng(0), 1, 32, 2)
+        CameraData(log, ["front_camera"], [0], None, np.zeros(3)).patches(np.random.default_rng(0), 1, 32, 2)
 
 
 def test_the_command_line(path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .drive import Actor
 from .geometry import FloatArray
@@ -17,8 +16,8 @@ BIN_S = 0.05
 class Bounds:
     """A sphere round each of the actors for every bin of time, so that most rays are sorted out without a pose.
 
-    Bins are `BIN_S` long from ``first_s`` on; centres (bins, actors, 3), world frame, and radii (bins, actors) are float32; a
-    radius below 0 says that the actor is absent.
+    Bins are `BIN_S` long from ``first_s`` on; centres are (bins, actors, 3), world frame, and radii (bins, actors); a radius
+    below 0 says that the actor is absent.
     """
 
     def __init__(self, actors: Sequence[Actor]) -> None:
@@ -34,9 +33,9 @@ class Bounds:
             present = (edges[1:] >= actor.start_s) & (edges[:-1] <= actor.end_s)
             centres[:, i] = (at[1:] + at[:-1]) / 2
             radii[:, i] = np.where(present, np.linalg.norm(actor.size_m) / 2 + step / 2 + 0.5, -1.0)
-        self.centres, self.radii = centres.astype(np.float32), radii.astype(np.float32)
+        self.centres, self.radii = centres, radii
 
-    def between(self, actor: int, first_s: float, last_s: float) -> tuple[NDArray[np.float32], NDArray[np.float32]] | None:
+    def between(self, actor: int, first_s: float, last_s: float) -> tuple[FloatArray, FloatArray] | None:
         """Spheres (K, 3), (K,) round one actor over a span of time, world frame; None where it is absent throughout."""
         last_bin = len(self.radii) - 1
         low = min(max(int((first_s - self.first_s) // BIN_S), 0), last_bin)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -11,6 +11,7 @@ from torch import Tensor
 
 from .cast import Cast, Troupe
 from .devices import module_to
+from .drive import Actor
 from .fields.scene import SceneModel
 from .fields.tracklets import Tracklets
 from .geometry import FloatArray, invert_pose
@@ -31,7 +32,8 @@ class TroupeTensors:
 class CastTensors:
     """``own`` are actors with looks of the scene itself, ``guests`` those of other scenes by their paths.
 
-    removals: (box_from_world (R, 4, 4), size_m (R, 3)); copies: tracklets of the target boxes, source_from_target (C, 4, 4).
+    Places are measured from the corner of the own scene's volume, along the world's axes. removals: (box_from_world (R, 4, 4),
+    size_m (R, 3)); copies: tracklets of the target boxes, copy_source: world_from_source (C, 4, 4).
     """
 
     own: TroupeTensors
@@ -43,19 +45,26 @@ class CastTensors:
 
 def cast_tensors(cast: Cast, scenes: Mapping[str, tuple[SceneModel, Tensor]], device: torch.device | str = "cpu") -> CastTensors:
     """A cast on a device; ``scenes`` are models and their baked actor grids by path, the scene's own under ""."""
+    corner = scenes[""][0].volume.corner
+
+    def tracklets(actors: Sequence[Actor]) -> Tracklets:
+        return module_to(Tracklets(actors, corner=corner), device)
+
+    def recentred(pose: FloatArray) -> FloatArray:
+        return np.block([[pose[:3, :3], (pose[:3, 3] - corner)[:, None]], [pose[3:]]])
 
     def troupe(path: str, actors: Troupe) -> TroupeTensors:
         rows = torch.tensor(actors.rows, dtype=torch.long, device=device)
-        return TroupeTensors(*scenes[path], module_to(Tracklets(actors.actors), device), rows, actors.uids)
+        return TroupeTensors(*scenes[path], tracklets(actors.actors), rows, actors.uids)
 
     def stacked(arrays: list[FloatArray]) -> Tensor:
         return torch.as_tensor(np.stack(arrays)).float().to(device)
 
     out = CastTensors(troupe("", cast.own), {path: troupe(path, actors) for path, actors in cast.guests.items()})
     if cast.removals:
-        poses = [invert_pose(box.world_from_box) for box in cast.removals]
+        poses = [invert_pose(recentred(box.world_from_box)) for box in cast.removals]
         out.removals = stacked(poses), stacked([box.size_m for box in cast.removals])
     if cast.targets:
-        out.copies = module_to(Tracklets(cast.targets), device)
-        out.copy_source = stacked([box.world_from_box for box in cast.sources])
+        out.copies = tracklets(cast.targets)
+        out.copy_source = stacked([recentred(box.world_from_box) for box in cast.sources])
     return out

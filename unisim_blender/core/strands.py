@@ -14,7 +14,8 @@ from torch import Tensor
 
 @dataclass(frozen=True)
 class RayBatch:
-    """Rays as tensors: origins, directions (N, 3) world frame float32, time_s (N,) float64 where the device has it."""
+    """Rays as tensors: origins, from the volume's corner (`VolumeFrame.recentred`), and directions (N, 3), both along the world's
+    axes, float32; time_s (N,) float64 where the device has it."""
 
     origins: Tensor
     directions: Tensor

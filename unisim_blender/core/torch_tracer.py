@@ -20,12 +20,13 @@ from .devices import tensor_to
 from .drive import Drive
 from .fields.checkpoint import Scene
 from .fields.scene import SceneModel
+from .fields.volume_frame import VolumeFrame
 from .frames import RenderStats
 from .geometry import FloatArray
 from .meshes.meeting import Met
 from .quality import quality_named
 from .ray_passes import ray_passes
-from .sensors.rays import Rays
+from .sensors.rays import Rays, sound_directions
 from .strands import RayBatch, Traced
 from .trace import Sampling, trace
 from .tracer import EDGE_CELLS, NEAR_M, UNIFORM_STEP_M, Array, Found
@@ -49,8 +50,8 @@ class TorchTracer:
     @torch.no_grad()
     def trace(self, rays: Rays, passes: set[str], sky: bool, met: Met | None, stats: RenderStats) -> Found:
         """All rays in chunks; features joined, and for each pass one array (N, ...)."""
-        rays = rays.flat()
-        batch = to_batch(rays, self.device)
+        rays = rays.flat().sound()
+        batch = to_batch(rays, self.scene.model.frame)
         near = self.bounds.in_reach(rays)
         stats.actors_skipped += len(self.cast.own.actors) - len(near)
         among = torch.tensor(near, dtype=torch.long, device=self.device)
@@ -94,7 +95,7 @@ class TorchTracer:
     @torch.no_grad()
     def image(self, found: Found, directions: FloatArray, camera_id: str, shape: tuple[int, ...]) -> Array:
         """The picture (h up, w up, 3) in 0..1, display-referred sRGB, of cells in ``shape`` (h, w), directions (h w, 3)."""
-        along = torch.as_tensor(directions, dtype=torch.float32, device=self.device)
+        along = torch.as_tensor(sound_directions(directions), dtype=torch.float32, device=self.device)
 
         def decoded(network: SceneModel, feature: Tensor) -> Tensor:
             code = network.camera_ids.get(camera_id, -1)
@@ -117,7 +118,7 @@ class TorchTracer:
     @torch.no_grad()
     def returns(self, found: Found, directions: FloatArray) -> tuple[Array, Array]:
         """A LiDAR's intensities in 0..1 (N,), and the probabilities (N,) of a return."""
-        along = torch.as_tensor(directions, dtype=torch.float32, device=self.device)
+        along = torch.as_tensor(sound_directions(directions), dtype=torch.float32, device=self.device)
         intensity, logit = self.scene.model.lidar_head(found.feature, along, found.depth_m, found.opacity)
         for i, troupe in enumerate(self.tensors.guests.values()):
             share = found.guest_opacity[i].clamp(0, 1)
@@ -131,16 +132,16 @@ class TorchTracer:
     @torch.no_grad()
     def heights(self, points: FloatArray) -> FloatArray:
         """How high points (N, 3), world frame, are above the ground (N,), metres."""
-        local = self.scene.model.frame.points(torch.as_tensor(points, dtype=torch.float32, device=self.device))
+        local = self.scene.model.frame.points(self.scene.model.frame.recentred(points))
         return np.asarray((local[:, 2] - self.scene.model.ground.height(local)).cpu().numpy(), np.float64)
 
 
-def to_batch(rays: Rays, device: torch.device) -> RayBatch:
-    """Rays as tensors on a device."""
+def to_batch(rays: Rays, frame: VolumeFrame) -> RayBatch:
+    """Rays as tensors on a volume's device, from its corner."""
     return RayBatch(
-        torch.as_tensor(rays.origins, dtype=torch.float32).to(device).contiguous(),
-        torch.as_tensor(rays.directions, dtype=torch.float32).to(device).contiguous(),
-        tensor_to(torch.as_tensor(rays.time_s, dtype=torch.float64), device).contiguous(),
+        frame.recentred(rays.origins).contiguous(),
+        torch.as_tensor(rays.directions).to(frame.rotation.dtype).to(frame.rotation.device).contiguous(),
+        tensor_to(torch.as_tensor(rays.time_s, dtype=torch.float64), frame.rotation.device).contiguous(),
     )
 
 

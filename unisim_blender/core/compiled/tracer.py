@@ -16,7 +16,7 @@ from ..frames import RenderStats
 from ..geometry import FloatArray
 from ..meshes.meeting import Met
 from ..quality import quality_named
-from ..sensors.rays import Rays
+from ..sensors.rays import Rays, sound_directions
 from ..tracer import EDGE_CELLS, NEAR_M, UNIFORM_STEP_M, Array, Found, Maps, tiled
 from .cast import CompiledCast
 from .decoder import resized, spread_over_edges
@@ -53,7 +53,7 @@ class CompiledTracer:
 
     def trace(self, rays: Rays, passes: set[str], sky: bool, met: Met | None, stats: RenderStats) -> Found:
         """See `tracer.Tracer`."""
-        order, flat = tiled(rays.time_s.shape), rays.flat()
+        order, flat = tiled(rays.time_s.shape), rays.flat().sound()
         rays = Rays(doubles(flat.origins), doubles(flat.directions), doubles(flat.time_s))
         n, features = len(rays.time_s), self.scene.config.features
         found = Found(np.empty((n, features), np.float32), np.empty(n, np.float32), np.empty(n, np.float32), {})
@@ -124,9 +124,9 @@ class CompiledTracer:
         placed = (count(n, q.samples) for n in (s.static_proposals, s.static, s.actor_proposals, s.actor))
         far = (count(n, q.far) for n in (s.far_proposals, s.far))
         return SamplingStruct(
-            *placed, *far, near_m=NEAR_M, opaque=q.opaque, far_opaque=max(OPAQUE, 1.5 * q.opaque), far=1, sky=int(sky), stride_m=q.stride_m,
-            widening=WIDENING, relaxation=q.relaxation, least_slope=LEAST_SLOPE, least_step_m=LEAST_STEP_M, splits=q.splits,
-            split_weight=SPLIT_WEIGHT,
+            *placed, *far, near_m=NEAR_M, opaque=q.opaque, far_opaque=max(OPAQUE, 1.5 * q.opaque), far=1, sky=int(sky),
+            stride_m=q.stride_m, widening=WIDENING, relaxation=q.relaxation, least_slope=LEAST_SLOPE,
+            least_step_m=LEAST_STEP_M, splits=q.splits, split_weight=SPLIT_WEIGHT,
         )  # fmt: skip
 
     def _uniform(self, rays: Rays) -> int:
@@ -141,7 +141,7 @@ class CompiledTracer:
 
     def image(self, found: Found, directions: FloatArray, camera_id: str, shape: tuple[int, ...]) -> Array:
         """See `tracer.Tracer`."""
-        cells = directions.reshape(*shape, 3)
+        cells = sound_directions(directions).reshape(*shape, 3)
 
         def picture(scene: CompiledScene, feature: Array) -> Array:
             code = scene.cameras.index(camera_id) if camera_id in scene.cameras else -1
@@ -159,6 +159,7 @@ class CompiledTracer:
 
     def returns(self, found: Found, directions: FloatArray) -> tuple[Array, Array]:
         """See `tracer.Tracer`."""
+        directions = sound_directions(directions)
         intensity, logit = self.scene.decoder.returns(found.feature, directions, found.depth_m, found.opacity)
         for i, guest in enumerate(self._guests):
             share = found.guest_opacity[i].clip(0, 1)

@@ -14,6 +14,7 @@ from .. import native
 from ..bounds import BIN_S, Bounds
 from ..devices import kernel_threads
 from ..drive import Actor
+from ..geometry import FloatArray
 
 SMOOTH_S = 0.2
 """Corrections of poses change as slowly as this: what some frames teach holds for the ones between."""
@@ -125,10 +126,14 @@ class Hits:
 
 
 class Tracklets(nn.Module):
-    """The keys of many actors, padded to one length, with a learnable correction to each key where ``refine`` is set."""
+    """The keys of many actors, padded to one length, with a learnable correction to each key where ``refine`` is set.
 
-    def __init__(self, actors: Sequence[Actor], refine: bool = False) -> None:
+    Positions, and the rays that are to meet them, are measured from ``corner`` (3,), along the world's axes.
+    """
+
+    def __init__(self, actors: Sequence[Actor], refine: bool = False, corner: FloatArray | None = None) -> None:
         super().__init__()
+        self.corner = np.zeros(3) if corner is None else corner
         keys = max((len(a.world_from_actor.times_s) for a in actors), default=1)
         n = len(actors)
         times, positions = np.full((n, keys), np.inf), np.zeros((n, keys, 3))
@@ -144,7 +149,7 @@ class Tracklets(nn.Module):
         self.register_buffer(
             "lengths", torch.tensor([len(a.world_from_actor.times_s) for a in actors], dtype=torch.long), persistent=False
         )
-        self.register_buffer("positions", torch.as_tensor(positions).float(), persistent=False)
+        self.register_buffer("positions", torch.as_tensor(positions - self.corner).float(), persistent=False)
         self.register_buffer("quaternions", torch.as_tensor(quaternions).float(), persistent=False)
         self.register_buffer(
             "sizes_m", torch.as_tensor(np.array([a.size_m for a in actors]).reshape(-1, 3)).float(), persistent=False
@@ -153,8 +158,8 @@ class Tracklets(nn.Module):
         self.register_buffer("end_s", torch.tensor([a.end_s for a in actors], dtype=torch.float64), persistent=False)
         bounds = Bounds(actors)
         self.first_bin_s = bounds.first_s
-        self.register_buffer("bound_centres", torch.as_tensor(bounds.centres), persistent=False)
-        self.register_buffer("bound_radii", torch.as_tensor(bounds.radii), persistent=False)
+        self.register_buffer("bound_centres", torch.as_tensor(bounds.centres - self.corner).float(), persistent=False)
+        self.register_buffer("bound_radii", torch.as_tensor(bounds.radii).float(), persistent=False)
         self.refine = refine
         if refine:
             rot6 = torch.as_tensor(rotations[..., :, :2].swapaxes(-1, -2).reshape(n, keys, 6)).float()
@@ -179,7 +184,8 @@ class Tracklets(nn.Module):
     bound_radii: Tensor
 
     def keys(self) -> tuple[Tensor, Tensor]:
-        """Positions (A, K, 3) and quaternions (A, K, 4), corrected where they are refined; what stands still is moved as one."""
+        """Positions (A, K, 3), from the corner, and quaternions (A, K, 4), corrected where they are refined; what stands still is
+        moved as one."""
         if not self.refine:
             return self.positions, self.quaternions
         still = self.still[:, None, None]
@@ -197,7 +203,7 @@ class Tracklets(nn.Module):
             self.held = None
 
     def poses_at(self, actor: Tensor, time_s: Tensor, keys: tuple[Tensor, Tensor]) -> tuple[Tensor, Tensor]:
-        """Positions (P, 3) and rotations (P, 3, 3), world from actor, at times (P,) float64."""
+        """Positions (P, 3), from the corner, and rotations (P, 3, 3), world from actor, at times (P,) float64."""
         positions, quaternions = keys
         times = self.times[actor]
         upper = torch.searchsorted(times, time_s[:, None].contiguous(), right=True)[:, 0]
@@ -215,7 +221,8 @@ class Tracklets(nn.Module):
         return p0 + u[:, None] * (p1 - p0), rotation_from_quaternion(q)
 
     def hits(self, origins: Tensor, directions: Tensor, time_s: Tensor, near_m: float, among: Tensor | None = None) -> Hits:
-        """Which of the rays (N, 3), world frame, at times (N,) meet which boxes; ``among`` (A',) names the actors to try."""
+        """Which of the rays (N, 3), from the corner along the world's axes, at times (N,) meet which boxes; ``among`` (A',) names
+        the actors to try."""
         bins = ((time_s - self.first_bin_s) / BIN_S).floor().long()
         bins = torch.where(bins < len(self.bound_radii), bins.clamp_min(-1), -1)
         centres, radii = self.bound_centres, self.bound_radii

@@ -22,6 +22,11 @@ class Volume:
     world_from_volume: FloatArray
     size_m: FloatArray
 
+    @property
+    def corner(self) -> FloatArray:
+        """Where the lower corner lies (3,), world frame: what becomes float32 is measured from here, wherever the drive is."""
+        return self.world_from_volume[:3, 3]
+
     @staticmethod
     def along(drive: Drive, behind_m: float = 80, ahead_m: float = 80, width_m: float = 120, height_m: float = 40) -> Volume:
         """80 m behind the first ego pose, 80 m ahead of the last, 120 m wide, 40 m high (UniSim's supplement, section 1).

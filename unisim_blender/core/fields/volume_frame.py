@@ -2,30 +2,37 @@
 
 from __future__ import annotations
 
+import numpy as np
 import torch
 from torch import Tensor
 
-from ..geometry import invert_pose
+from ..geometry import FloatArray
 from .volume import Volume
 
 
 class VolumeFrame(torch.nn.Module):
-    """A volume as tensors: world points and directions into its own axes, and where rays enter and leave it."""
+    """A volume as tensors: points and directions into its own axes, and where rays enter and leave it.
+
+    Tensors hold world points along the world's axes, less the volume's `corner`, as `recentred` makes them.
+    """
 
     def __init__(self, volume: Volume) -> None:
         super().__init__()
-        pose = torch.as_tensor(invert_pose(volume.world_from_volume))
-        self.register_buffer("rotation", pose[:3, :3].float(), persistent=False)
-        self.register_buffer("translation", pose[:3, 3].float(), persistent=False)
+        self.corner = volume.corner
+        rotation = np.ascontiguousarray(volume.world_from_volume[:3, :3].T)
+        self.register_buffer("rotation", torch.as_tensor(rotation).float(), persistent=False)
         self.register_buffer("size_m", torch.as_tensor(volume.size_m).float(), persistent=False)
 
     rotation: Tensor
-    translation: Tensor
     size_m: Tensor
 
+    def recentred(self, points: FloatArray) -> Tensor:
+        """World points (..., 3) from the corner, subtracted in float64: float32 knows a place to 1e-7 of its distance."""
+        return torch.as_tensor(points - self.corner).to(self.rotation.dtype).to(self.rotation.device)
+
     def points(self, x: Tensor) -> Tensor:
-        """World points (..., 3) in metres from the volume's lower corner."""
-        return x @ self.rotation.T + self.translation
+        """Recentred points (..., 3) along the volume's axes."""
+        return x @ self.rotation.T
 
     def vectors(self, d: Tensor) -> Tensor:
         """World directions (..., 3) along the volume's axes."""

@@ -45,7 +45,7 @@ class LidarBatch:
 
 
 def ray_batch(origins: FloatArray, directions: FloatArray, time_s: FloatArray) -> RayBatch:
-    """Rays as tensors."""
+    """Rays as tensors, origins (N, 3) from the volume's corner."""
     return RayBatch(
         torch.as_tensor(np.ascontiguousarray(origins, np.float32)),
         torch.as_tensor(np.ascontiguousarray(directions, np.float32)),
@@ -54,9 +54,10 @@ def ray_batch(origins: FloatArray, directions: FloatArray, time_s: FloatArray) -
 
 
 class CameraData:
-    """The images of some cameras and frames, at one width."""
+    """The images of some cameras and frames, at one width; rays are measured from ``corner`` (3,), world frame."""
 
-    def __init__(self, log: Log, cameras: list[str], frames: list[int], width: int | None) -> None:
+    def __init__(self, log: Log, cameras: list[str], frames: list[int], width: int | None, corner: FloatArray) -> None:
+        self.corner = corner
         self.views: list[tuple[int, Camera, int, NDArray[np.uint8]]] = []
         self.cameras: dict[str, Camera] = {}
         self.outlines: dict[str, tuple[Outline, int]] = {}
@@ -94,7 +95,7 @@ class CameraData:
             centre, pixel = (np.arange(cells) + 0.5) * up, np.arange(edge)
             v, u = np.broadcast_arrays(y + centre[:, None], x + centre)
             rays = camera_rays(camera, frame, u.ravel(), v.ravel())
-            origins.append(rays.origins)
+            origins.append(rays.origins - self.corner)
             directions.append(rays.directions)
             times.append(rays.time_s)
             targets.append(image[y + pixel[:, None], x + pixel])
@@ -124,16 +125,18 @@ class CameraData:
 
 
 class LidarData:
-    """All rays of some sweeps, drops included, the ego vehicle's own cells left out."""
+    """All rays of some sweeps, drops included, the ego vehicle's own cells left out; origins are measured from ``corner`` (3,),
+    world frame."""
 
-    def __init__(self, log: Log, lidars: list[str], frames: list[int]) -> None:
+    def __init__(self, log: Log, lidars: list[str], frames: list[int], corner: FloatArray) -> None:
+        self.corner = corner
         parts: dict[str, list[NDArray[Any]]] = {k: [] for k in ("o", "d", "t", "depth", "intensity", "returned")}
         for name in lidars:
             have = set(log.sweep_frames(name))
             for frame in (f for f in frames if f in have):
                 grid = log.sweep_grid(name, frame)
                 keep = ~grid.blocked
-                parts["o"].append(grid.origins[keep].astype(np.float32))
+                parts["o"].append((grid.origins[keep] - corner).astype(np.float32))
                 parts["d"].append(grid.directions[keep].astype(np.float32))
                 parts["t"].append(grid.time_s[keep])
                 parts["depth"].append(grid.depth_m[keep])
@@ -150,7 +153,7 @@ class LidarData:
     def points(self) -> FloatArray:
         """Every return (N, 3), world frame."""
         h = self._hits
-        return self.origins[h] + self.directions[h] * self.depth_m[h, None].astype(np.float64)
+        return self.corner + self.origins[h] + self.directions[h] * self.depth_m[h, None].astype(np.float64)
 
     def static_returns(self, log: Log) -> tuple[FloatArray, FloatArray]:
         """Origins and points (N, 3) of the returns that lie in no actor's box."""
@@ -172,7 +175,7 @@ class LidarData:
                 continue
             local = transform_points(invert_pose(actor.world_from_actor.at(times[at])), points[at][:, None])[:, 0]
             inside[at] |= (np.abs(local) <= grown / 2).all(1)
-        return self.origins[h][~inside].astype(np.float64), points[~inside]
+        return self.corner + self.origins[h][~inside], points[~inside]
 
     def _weights(self, drops: float) -> tuple[float, float]:
         """Weights of hits and of drops, where drops are this share of a batch."""

@@ -45,7 +45,7 @@ def observe(scene: Scene, cameras: Sequence[str], frames: Sequence[int], points:
             rays = camera_rays(shown, frame, u, v).flat()
             with torch.no_grad():
                 depth = torch.as_tensor(tracer.trace(rays, {"depth"}, False, None, RenderStats()).maps["depth"]).to(seen.device)
-                batch = to_batch(rays, seen.device)
+                batch = to_batch(rays, model.frame)
                 x = model.frame.points(batch.origins + batch.directions * depth[:, None])
                 seen[model.occupancy.cells(x[model.frame.inside(x)])] = 1
                 for cells in _ways(model, batch, depth - model.config.voxel_m):

@@ -211,6 +211,7 @@ def refined_drive(trainer: Trainer) -> Drive:
     """The log's drive with the tracklets and camera mounts as training refined them."""
     drive = trainer.log.drive
     positions, quaternions = (t.detach().cpu().double().numpy() for t in trainer.tracklets.keys())
+    positions = trainer.tracklets.corner + positions
     actors = {}
     for i, uid in enumerate(sorted(drive.actors)):
         actor = drive.actors[uid]

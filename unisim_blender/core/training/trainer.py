@@ -49,10 +49,10 @@ class Trainer:
     def __init__(self, log: Log, config: TrainConfig) -> None:
         self.log, self.config = log, config
         torch.manual_seed(config.seed)
-        self.cameras = CameraData(log, list(config.cameras), list(config.frames), config.width)
-        self.lidar = LidarData(log, list(config.lidars), list(config.frames))
         drive = log.drive
         self.volume = Volume.along(drive)
+        self.cameras = CameraData(log, list(config.cameras), list(config.frames), config.width, self.volume.corner)
+        self.lidar = LidarData(log, list(config.lidars), list(config.frames), self.volume.corner)
         model = SceneModel(preset(config.preset), self.volume, tuple(sorted(drive.actors)), config.cameras)
         origins, points = self.lidar.static_returns(log)
         into = invert_pose(self.volume.world_from_volume)
@@ -69,7 +69,7 @@ class Trainer:
         self.model = model.to(config.device)
         self.occupancy = OccupancyTrainer(self.model.occupancy)
         actors = on_stage(drive, drive.actors.values())
-        self.tracklets = module_to(Tracklets(actors, refine=True), config.device)
+        self.tracklets = module_to(Tracklets(actors, refine=True, corner=self.volume.corner), config.device)
         self.rows = torch.arange(len(actors), device=config.device)
         mirrored = [config.mirrored * any(word in a.label.lower() for word in VEHICLES) for a in actors]
         self.mirror = torch.tensor(mirrored, device=config.device)
@@ -88,6 +88,7 @@ class Trainer:
         if not still:
             return None
         poses = np.stack([_middle(a) for a in still])
+        poses[:, :3, 3] -= self.volume.corner
         sizes = np.stack([a.size_m for a in still])
         device = self.config.device
         return torch.as_tensor(poses).float().to(device), torch.as_tensor(sizes).float().to(device)
