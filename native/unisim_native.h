@@ -121,7 +121,8 @@ struct unisim_cast {
     const float *removal_sizes;   // (removals, 3)
 };
 
-// Rays in the world frame; `order` (n) is the order in which they are computed, neighbours together.
+// Rays in the world frame, finite, their directions of unit length; `order` (n) is the order in which they are computed,
+// neighbours together.
 struct unisim_rays {
     int64_t n;
     const double *origins, *directions, *times;

@@ -664,9 +664,10 @@ def not_numbers(bench: Bench) -> Iterator[Measure]:
     for bits in (0x7E00, 0x7C00, 0xFC00, 0xFFFF):
         tracer = CompiledTracer(CompiledScene(folder), drive)
         kept = []
-        for field in (tracer.scene.struct.fixed, tracer.scene.struct.far, tracer.scene.struct.actors):
+        struct = tracer.scene.struct
+        for field, grids in ((struct.fixed, 1), (struct.far, 1), (struct.actors, len(tracer.scene.looks))):
             assert field.half
-            rows = int(field.grid.grid_stride) * (len(tracer.scene.looks) if field is tracer.scene.struct.actors else 1)
+            rows = int(field.grid.grid_stride) * grids
             table = np.full(rows * field.grid.features, bits, np.uint16)
             kept.append(table)
             field.table = address(table)
