@@ -10,7 +10,7 @@ from typing import Any
 import matplotlib
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.text import Text
+from matplotlib.transforms import Bbox
 
 from .figures import FRONT, front_of
 
@@ -81,7 +81,7 @@ def _against_time(panels: list[tuple[dict[str, Any], str, str]], what: str) -> b
             axes.plot(x, y, style, color=COLOURS[row["tracer"]], markersize=7, markerfacecolor=None if best else "white")
         # room for labels on the right
         left, right = axes.get_xlim()
-        axes.set_xlim(left, right * (right / left) ** 0.25)
+        axes.set_xlim(left, right * (right / left) ** 0.12)
         figure.draw_without_rendering()
         _label(axes, [(x, y, row["method"]) for x, y, row, _ in drawn])
     return _png(figure)
@@ -89,22 +89,23 @@ def _against_time(panels: list[tuple[dict[str, Any], str, str]], what: str) -> b
 
 def _label(axes: Axes, points: list[tuple[float, float, str]]) -> None:
     """Write each point's name beside it, where it covers no other name and no point, as far as there is such a place."""
-    taken = [tuple(axes.transData.transform((x, y))) for x, y, _ in points]
-    boxes: list[Any] = []
+    dots = [tuple(axes.transData.transform((x, y))) for x, y, _ in points]
+    taken: list[Bbox] = []
     for x, y, name in points:
         for offset in OFFSETS:
-            text = axes.annotate(
-                name, (x, y), xytext=offset, textcoords="offset points", fontsize=7.5, ha="left" if offset[0] > 0 else "right",
-                arrowprops={"arrowstyle": "-", "linewidth": 0.5, "color": "0.6", "shrinkA": 0, "shrinkB": 3},
-            )  # fmt: skip
+            side = "left" if offset[0] > 0 else "right"
+            text = axes.annotate(name, (x, y), xytext=offset, textcoords="offset points", fontsize=7.5, ha=side)
             text.set_in_layout(False)
-            box = Text.get_window_extent(text)  # without its line
-            inside = axes.bbox.x0 <= box.x0 and box.x1 <= axes.bbox.x1 and axes.bbox.y0 <= box.y0 and box.y1 <= axes.bbox.y1
-            if inside and not any(box.overlaps(other) for other in boxes) and not any(box.contains(*at) for at in taken):
+            box = text.get_window_extent()
+            inside = axes.bbox.containsx(box.x0) and axes.bbox.containsx(box.x1) and axes.bbox.containsy(box.y0)
+            if inside and not any(map(box.overlaps, taken)) and not any(box.padded(3).contains(*dot) for dot in dots):
                 break
             if offset != OFFSETS[-1]:
                 text.remove()
-        boxes.append(box)
+        taken.append(box)
+        if offset not in OFFSETS[:4]:
+            line = {"arrowstyle": "-", "linewidth": 0.5, "color": "0.5", "shrinkA": 0, "shrinkB": 3}
+            axes.annotate("", (x, y), xytext=(offset[0], offset[1] + 3), textcoords="offset points", arrowprops=line)
 
 
 def _growth(figures: dict[str, list[dict[str, Any]]], panels: Sequence[tuple[str, Draw]]) -> bytes:

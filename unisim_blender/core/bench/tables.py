@@ -57,9 +57,9 @@ def markdown(document: dict[str, Any]) -> str:
         f"{m['processor']}, {m['cores']} cores, {m['system']}; kernels {m['variant']}; Python {m['python']}, {packages}; "
         f"commit {m['commit'] or 'unknown'}. Load when it began: {m['load']}.", "",
         f"Scene {document['scene']}. Medians of {document['settings']['rounds']} rounds in which all take turns. What is scaled "
-        "was rendered in the compared windows alone, and its time multiplied by rays. In bold what nothing else beats in both time "
-        "and error (mean ΔE, p90); errors nearer than the truth's uncertainty are alike. Traced is the share of rays that was not "
-        "interpolated. Torch's compiler is not measured: the project does not use it.",
+        "was rendered in the compared windows alone, and its time multiplied by rays. In bold what nothing else beats in both "
+        "time and error (mean ΔE, p90); errors nearer than the truth's uncertainty are alike. Traced is the share of rays that "
+        "was not interpolated. Torch's compiler is not measured: the project does not use it.",
         *(f"Left out: {sentence}." for sentence in document["left_out"]),
     ]  # fmt: skip
     if not document["complete"]:
