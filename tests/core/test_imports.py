@@ -70,6 +70,11 @@ def test_what_renders_is_imported_without_torch() -> None:
     assert result.returncode == 0, result.stderr
 
 
+def test_measuring_imports_no_torch() -> None:
+    result = run_without(("torch",), IMPORT_EVERYTHING % "unisim_blender.core.bench")
+    assert result.returncode == 0, result.stderr
+
+
 def test_a_machine_without_torch_has_a_cpu() -> None:
     result = run_without(("torch",), "from unisim_blender.core.prepare.renderers import pick_device\nprint(pick_device('auto'))")
     assert result.stdout == "cpu\n", result.stderr

@@ -1,0 +1,62 @@
+"""A drive with copies of an actor before a camera, or behind it, to see what actors cost that are seen and that are not."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from ..drive import Actor, Drive
+from ..errors import SceneError
+from ..geometry import FloatArray, Trajectory, make_pose, quaternion_from_yaw
+
+FIRST_M, ALONG_M, ACROSS_M = 8.0, 6.0, 3.0
+"""Where the first row stands, and how far rows and columns are apart."""
+WITHIN = 0.8
+"""Of half the field of view: no copy stands at its edge."""
+LABEL = "Car"
+
+
+def grid(count: int, slope: float) -> FloatArray:
+    """Places (count, 2) ahead and to the left, metres, the nearest row first and its middle first, within ``slope`` metres to
+    either side a metre ahead."""
+    places: list[tuple[float, float]] = []
+    ahead = FIRST_M
+    while len(places) < count:
+        columns = int(slope * ahead / ACROSS_M)
+        places += [(ahead, ACROSS_M * column) for column in sorted(range(-columns, columns + 1), key=abs)]
+        ahead += ALONG_M
+    return np.array(places[:count], float).reshape(-1, 2)
+
+
+def model_actor(drive: Drive) -> Actor:
+    """The actor that is copied: the car, or whatever there is, of the middle size. Raises `SceneError`."""
+    actors = [actor for actor in drive.actors.values() if not actor.look.mesh]
+    actors = [actor for actor in actors if actor.label == LABEL] or actors
+    if not actors:
+        raise SceneError(f"the drive {drive.name} has no actor that could be copied")
+    return sorted(actors, key=lambda actor: (float(np.prod(actor.size_m)), actor.uid))[len(actors) // 2]
+
+
+def with_copies(
+    drive: Drive, heights: Callable[[FloatArray], FloatArray], view: str, frame: int, count: int, behind: bool
+) -> Drive:
+    """The drive with ``count`` copies on the ground, on a grid before the camera ``view`` at ``frame``, or ``behind`` it as far.
+    ``heights`` tells how high points (N, 3) are above the ground (N,)."""
+    camera = drive.cameras[view]
+    pose = camera.world_from_camera.at(camera.time_s[frame])
+    yaw = float(np.arctan2(pose[1, 2], pose[0, 2]))
+    places = grid(count, WITHIN * camera.model.width / 2 / camera.model.fx) * (-1 if behind else 1)
+    points = np.tile(pose[:3, 3], (count, 1))
+    points[:, :2] += places @ np.array([[np.cos(yaw), np.sin(yaw)], [-np.sin(yaw), np.cos(yaw)]])
+    points[:, 2] -= heights(points)
+    source = model_actor(drive)
+    points[:, 2] += source.size_m[2] / 2
+    first, last = drive.time_s[drive.frames[0]], drive.time_s[drive.frames[-1]]
+    copies = {}
+    for number, point in enumerate(points):
+        uid = f"copy {number}"
+        way = Trajectory.from_poses(np.zeros(1), make_pose(point, quaternion_from_yaw(yaw))[None])
+        copies[uid] = replace(source, uid=uid, world_from_actor=way, start_s=first, end_s=last, is_moving=False, inserted=True)
+    return replace(drive, actors={**drive.actors, **copies})

@@ -1,0 +1,106 @@
+"""Takes to figures: medians of rounds, errors against the truth. What was not measured is left out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from ..geometry import BoolArray
+from .cases import Case, Entry
+from .errors import Pieces, depth_error, picture_error
+from .pareto import pareto_front
+
+FRONT = {"camera": "delta_e", "lidar": "p90_mm"}
+"""The error that stands against run time."""
+
+
+def figures_of(cases: Sequence[Case]) -> dict[str, list[dict[str, Any]]]:
+    """By kind, each case that has begun: what it is about, and its entries."""
+    found: dict[str, list[dict[str, Any]]] = {}
+    for case in cases:
+        if any(entry.takes for entry in case.entries):
+            found.setdefault(case.kind, []).append({**case.about, **SUMMARIES.get(case.kind, _plain)(case)})
+    return found
+
+
+def _median(entry: Entry) -> dict[str, Any]:
+    seconds = [take.seconds for take in entry.takes]
+    take = entry.takes[0]
+    return {
+        **entry.about,
+        "seconds": float(np.median(seconds)),
+        "rounds_s": seconds,
+        "rays": take.rays,
+        "samples_per_ray": take.samples / max(take.rays, 1),
+        "actors_skipped": take.actors_skipped,
+    }
+
+
+def _plain(case: Case) -> dict[str, Any]:
+    return {"entries": [_median(entry) for entry in case.entries if entry.takes]}
+
+
+def _memory(case: Case) -> dict[str, Any]:
+    entries = [_median(entry) | {"peak_mb": entry.takes[0].peak_bytes / 1e6} for entry in case.entries if entry.takes]
+    return {"entries": entries}
+
+
+def _region(case: Case) -> dict[str, Any]:
+    """Beside each share of the picture: its time beside the whole's, and whether its pixels are the whole's to the bit."""
+    whole, *parts = case.entries
+    found = []
+    for i, entry in enumerate(parts):
+        if entry.takes and whole.takes:
+            row = _median(entry)
+            row["of_whole"] = row["seconds"] / _median(whole)["seconds"]
+            row["same_bits"] = all(np.array_equal(take.pieces[0], whole.takes[0].pieces[i]) for take in entry.takes)
+            found.append(row)
+    return {"whole_s": _median(whole)["seconds"] if whole.takes else None, "entries": found}
+
+
+def _against_truth(case: Case, error: Callable[[Pieces, Pieces], dict[str, float]]) -> dict[str, Any]:
+    truths = {entry.about["truth"]: entry.takes[0].pieces for entry in case.entries if "truth" in entry.about and entry.takes}
+    rows = []
+    for entry in case.entries:
+        if not entry.takes or "truth" in entry.about:
+            continue
+        row, take = _median(entry), entry.takes[0]
+        if row["scaled"]:
+            row["seconds"] *= take.sensor_rays / take.rays
+        else:
+            row["traced"] = take.rays / take.sensor_rays
+        row["per_second"] = 1 / row["seconds"]
+        row["rays_per_second"] = row["rays"] / float(np.median(row["rounds_s"]))
+        if "truth" in truths:
+            row |= error(take.pieces, truths["truth"])
+        if case.recorded is not None:
+            row["recorded_psnr_db"] = picture_error(take.pieces, case.recorded)["psnr_db"]
+        rows.append(row)
+    found: dict[str, Any] = {"entries": rows}
+    if len(truths) == 2:
+        found["truth"] = error(truths["truth"], truths["doubled"])
+    for row, front in zip(rows, front_of(found, FRONT[case.kind]), strict=True):
+        row["front"] = bool(front)
+    return found
+
+
+def front_of(case: dict[str, Any], error: str) -> BoolArray:
+    """Which of a case's entries nothing else beats in time and in an error; what is nearer than the truth's own uncertainty is
+    alike."""
+    rows = case["entries"]
+    tolerance = case.get("truth", {}).get(error, 0.0)
+    return pareto_front([row["seconds"] for row in rows], [row.get(error, np.nan) for row in rows], tolerance)
+
+
+def _lidar(case: Case) -> dict[str, Any]:
+    return _against_truth(case, lambda a, b: depth_error(a[0], b[0]))
+
+
+SUMMARIES: dict[str, Callable[[Case], dict[str, Any]]] = {
+    "camera": lambda case: _against_truth(case, picture_error),
+    "lidar": _lidar,
+    "region": _region,
+    "memory": _memory,
+}

@@ -1,0 +1,35 @@
+"""How large and how often: what a measurement's length is made of."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Widths are of pictures, in pixels. Pictures are compared with the truth in ``windows`` (columns, rows) of ``window``
+    (width, height) pixels, sweeps in every ``column_step``-th column. ``copies`` are numbers of added actors, ``shares`` of the
+    frame's area are rendered again alone; both at ``growth_width``."""
+
+    rounds: int = 3
+    widths: tuple[int, ...] = (640, 960, 1920)
+    windows: tuple[int, int] = (3, 2)
+    window: tuple[int, int] = (96, 64)
+    column_step: int = 16
+    growth_width: int = 640
+    growth_widths: tuple[int, ...] = (320, 480, 640, 960, 1280, 1920)
+    copies: tuple[int, ...] = (0, 1, 10, 50, 100, 200)
+    shares: tuple[float, ...] = (0.01, 0.05, 0.2, 1.0)
+    memory_width: int = 1920
+
+
+QUICK = Settings(
+    rounds=1,
+    widths=(640,),
+    windows=(2, 2),
+    growth_width=320,
+    growth_widths=(160, 320, 640),
+    copies=(0, 1, 50),
+    memory_width=1920,
+)
+"""A look in a minute or two: nothing of it is to be quoted."""
