@@ -64,6 +64,11 @@
         (const unisim_scene *scene, const unisim_cast *cast, const unisim_rays *rays, const unisim_mesh_hits *meshes, \
          const unisim_sampling *sampling, const unisim_found *found, int threads), \
         (scene, cast, rays, meshes, sampling, found, threads)) \
+    KERNEL(int, march, \
+        (const unisim_scene *scene, int32_t in_box, const float *origins, const float *directions, const float *spans, \
+         const float *opened, const float *passed, int64_t n, const unisim_sampling *sampling, unisim_distance distance, \
+         int32_t most, float *t, float *s, int32_t *counts), \
+        (scene, in_box, origins, directions, spans, opened, passed, n, sampling, distance, most, t, s, counts)) \
     KERNEL(int, cells, \
         (const unisim_scene *scene, const int64_t *voxels, int64_t n, uint16_t *kinds, int threads), \
         (scene, voxels, n, kinds, threads)) \

@@ -21,6 +21,12 @@ struct Probe {
     bool beyond = false; // free space lies between the answer before and this one
 };
 
+// Where a strand asks next.
+struct Place {
+    int strand;
+    float t;
+};
+
 // -log Phi(s): what a surface has stopped of a ray where the distance is s; 0 where that is less than anybody sees.
 inline float stopped_at(float s, float beta) {
     const float a = -beta * s;
@@ -43,9 +49,16 @@ inline Run cell_about(const unisim_scene &scene, const float *o, const float *d,
 
 // How many runs are looked for at a time: most rays are stopped in the first.
 constexpr size_t RUNS = 2;
+// No ray takes more steps, whatever its numbers are: NaN, or a direction of no length.
+constexpr float MOST_STEPS = 1e6f, MOST_BOX_STEPS = 1e4f;
 
-// Steps of a cell through the volume's cells: the next RUNS runs, from step `next` on, which is moved; none where there are no
-// more. `behind` says whether solid cells count at a place, where an emptied box may have opened them.
+// Steps of `step` from t_near to t_far; NaN counts as most.
+inline int32_t steps_between(float t_near, float t_far, float step, float most) {
+    return t_far > t_near ? static_cast<int32_t>(std::min(most, std::ceil((t_far - t_near) / step))) : 0;
+}
+
+// Steps of a cell through the volume's cells: the next RUNS runs or a few more, each whole, from step `next` on, which is moved;
+// none where there are no more. `behind` says whether solid cells count at a place, where an emptied box may have opened them.
 template <class Behind>
 void find_runs(const unisim_scene &scene, const float *o, const float *d, float t_near, float t_far, const Behind &behind, int32_t &next_step,
                std::vector<Run> &out) {
@@ -54,22 +67,22 @@ void find_runs(const unisim_scene &scene, const float *o, const float *d, float 
     const float fastest = std::max(std::fabs(d[0]), std::max(std::fabs(d[1]), std::fabs(d[2])));
     // a cell along the axis that the ray follows most; a little short of a voxel's steps, for rounding
     const float step = scene.voxel_m / (CELLS * std::max(fastest, 0.5f)), steps_a_voxel = CELLS * 0.999f;
-    const float span = t_far - t_near;
-    const int32_t steps = span > 0 ? static_cast<int32_t>(std::ceil(span / step)) : 0;
-    const int_lanes shape[3] = {scene.voxel_shape[0] - int_lanes{}, scene.voxel_shape[1] - int_lanes{}, scene.voxel_shape[2] - int_lanes{}};
+    const int32_t steps = steps_between(t_near, t_far, step, MOST_STEPS);
     float ramp[LANES];
     for (int k = 0; k < LANES; ++k) ramp[k] = static_cast<float>(k) + 0.5f;
     int32_t last = -2, i = next_step;
-    while (i < steps && out.size() < RUNS) {
+    while (i < steps && (out.size() < RUNS || last == i - 1)) {
         // one vector of steps: they do not wait for each other
         const lanes t = t_near + (static_cast<float>(i) + load(ramp)) * step;
         int_lanes cell{}, inside = ~int_lanes{}, part{};
         for (int a = 0; a < 3; ++a) {
-            // truncation is the floor where the result is not negative; what lies before 0 is outside
-            const lanes x = (o[a] + t * d[a]) * inverse;
+            lanes x = (o[a] + t * d[a]) * inverse;
+            const int_lanes in = (x >= 0.0f) & (x < static_cast<float>(scene.voxel_shape[a]));
+            // truncation is the floor where the result is not negative
+            x = in ? x : lanes{};
             const int_lanes c = __builtin_convertvector(x, int_lanes);
-            inside &= (x >= 0.0f) & (c < shape[a]);
-            cell = cell * shape[a] + c;
+            inside &= in;
+            cell = cell * scene.voxel_shape[a] + c;
             part = part * CELLS + __builtin_convertvector((x - __builtin_convertvector(c, lanes)) * static_cast<float>(CELLS), int_lanes);
         }
         cell &= inside;
@@ -112,13 +125,14 @@ inline void find_box_runs(const uint8_t *kinds, const float *o, const float *d, 
         fastest = std::max(fastest, std::fabs(along[a]));
     }
     const float step = 0.5f / fastest;
-    const int steps = static_cast<int>(std::min(std::ceil((t_far - t_near) / step), 1e4f));
-    int last = -2;
-    for (int i = 0; i < steps; ++i) {
+    const int32_t steps = steps_between(t_near, t_far, step, MOST_BOX_STEPS);
+    int32_t last = -2;
+    for (int32_t i = 0; i < steps; ++i) {
         const float t = t_near + (static_cast<float>(i) + 0.5f) * step;
         int cell = 0;
         for (int a = 0; a < 3; ++a)
-            cell = cell * BOX_CELLS + std::max(0, std::min(BOX_CELLS - 1, static_cast<int>(from[a] + t * along[a])));
+            // NaN and anything outside the box go to its nearest cells
+            cell = cell * BOX_CELLS + static_cast<int>(std::min(BOX_CELLS - 1.0f, std::max(0.0f, from[a] + t * along[a])));
         if (kinds[cell] != SURFACE) continue;
         const float begin = t_near + static_cast<float>(i) * step;
         if (i == last + 1)
@@ -182,7 +196,7 @@ struct Walk {
             more(runs);
             if (runs.empty()) return false;
         }
-        next = std::max(runs[run].begin, here.t + 1e-4f);
+        next = runs[run].begin;
         fresh = true;
         return true;
     }
@@ -212,5 +226,98 @@ inline bool find_split(const std::vector<Probe> &probes, float beta, float least
     }
     return found;
 }
+
+// Where a ray comes out of free space into what is solid, the surface lies in between: it was learnt from samples on both sides.
+// The answer before which the space lies, and the nearest occupied place before it; false where there is none.
+inline bool find_face(const unisim_scene &scene, const float *o, const float *d, float t_near, const std::vector<Probe> &probes, size_t &at, float &t) {
+    const float step = scene.voxel_m / 2;
+    for (size_t k = 0; k < probes.size(); ++k) {
+        if (stopped_at(probes[k].s, scene.beta) < 0.05f) continue;
+        const float least = k ? probes[k - 1].t + step : t_near;
+        for (t = probes[k].t - step; t > least; t -= step) {
+            int64_t cell = 0;
+            for (int a = 0; a < 3; ++a) {
+                const float x = std::min(std::max((o[a] + t * d[a]) / scene.voxel_m, 0.0f), static_cast<float>(scene.voxel_shape[a] - 1));
+                cell = cell * scene.voxel_shape[a] + static_cast<int64_t>(x);
+            }
+            if (!scene.voxels[cell]) continue;
+            at = k;
+            return true;
+        }
+        return false;
+    }
+    return false;
+}
+
+// Strands that are marched together: each takes one answer a round.
+struct March {
+    std::vector<std::vector<Run>> runs;
+    std::vector<std::vector<Probe>> probes; // the answers, rising in t
+    std::vector<Place> at;
+    std::vector<Probe> told; // at `at`
+
+    // The first `count` strands, whose first runs are in `runs`, from near to far until each is stopped; then the splits. `passed`
+    // are the optical depths before them. ask() answers `at` with `told`; more(p, runs) gives strand p its next runs; face(p, at, t)
+    // is `find_face` of its answers.
+    template <class Ask, class More, class Face>
+    void follow(size_t count, const float *passed, float beta, const unisim_sampling &how, const Ask &ask, const More &more, const Face &face,
+                float voxel_m) {
+        const float limit = -std::log(how.opaque);
+        walks_.assign(count, {});
+        probes.resize(std::max(probes.size(), count));
+        going_.clear();
+        for (size_t p = 0; p < count; ++p) {
+            probes[p].clear();
+            if (runs[p].empty() || !(passed[p] < limit)) continue;
+            walks_[p].next = runs[p][0].begin;
+            walks_[p].passed = passed[p];
+            going_.push_back(p);
+        }
+        while (!going_.empty()) {
+            at.clear();
+            for (const size_t p : going_) at.push_back({static_cast<int>(p), walks_[p].next});
+            ask();
+            size_t kept = 0;
+            for (size_t i = 0; i < going_.size(); ++i) {
+                const size_t p = going_[i];
+                probes[p].push_back(told[i]);
+                probes[p].back().beyond = walks_[p].fresh;
+                if (walks_[p].take(runs[p], probes[p], beta, limit, how, [&](std::vector<Run> &of) { more(p, of); })) going_[kept++] = p;
+            }
+            going_.resize(kept);
+        }
+        if (insert(count, ask, face))
+            for (size_t i = 0; i < at.size(); ++i) {
+                Probe *faced = &probes[static_cast<size_t>(at[i].strand)][after_[i]];
+                faced[1].beyond = faced[1].t - faced[0].t > 0.75f * voxel_m;
+            }
+        const auto split = [&](size_t p, size_t &after, float &t) { return find_split(probes[p], beta, how.split_weight, after, t); };
+        for (int round = 0; round < how.splits && insert(count, ask, split); ++round) {}
+    }
+
+  private:
+    // One more answer for each strand for which find(p, at, t) names a place and where it belongs; whether there were any.
+    template <class Ask, class Find> bool insert(size_t count, const Ask &ask, const Find &find) {
+        at.clear();
+        after_.clear();
+        for (size_t p = 0; p < count; ++p) {
+            size_t after = 0;
+            float t = 0;
+            if (!find(p, after, t)) continue;
+            at.push_back({static_cast<int>(p), t});
+            after_.push_back(after);
+        }
+        if (at.empty()) return false;
+        ask();
+        for (size_t i = 0; i < at.size(); ++i) {
+            std::vector<Probe> &of = probes[static_cast<size_t>(at[i].strand)];
+            of.insert(of.begin() + static_cast<int64_t>(after_[i]), told[i]);
+        }
+        return true;
+    }
+
+    std::vector<Walk> walks_;
+    std::vector<size_t> going_, after_;
+};
 
 } // namespace

@@ -113,7 +113,7 @@ class Tile {
         Batch &still = fixed();
         still.begin(Medium::fixed, 0);
         occupied_.resize(TILE);
-        runs_.resize(std::max<size_t>(runs_.size(), TILE));
+        march_.runs.resize(std::max<size_t>(march_.runs.size(), TILE));
         for (int r = 0; r < rays_.count; ++r) {
             float near = 0, far = 0;
             if (!span_of_box(o_[r], d_[r], zero, scene_.size, task_.sampling.near_m, near, far)) far = near;
@@ -123,8 +123,8 @@ class Tile {
                 const size_t p = static_cast<size_t>(still.count);
                 steps_[p] = 0;
                 still.add(r, 0, o_[r], d_[r], near, far, scene_.size, none);
-                continue_runs(still, p, runs_[p]);
-                if (runs_[p].empty()) still.drop();
+                continue_runs(still, p, march_.runs[p]);
+                if (march_.runs[p].empty()) still.drop();
                 continue;
             }
             Occupied &in = occupied_[static_cast<size_t>(still.count)];
@@ -282,27 +282,27 @@ class Tile {
 
     // The field at samples of a batch, by their numbers.
     void evaluate(Batch &b, const int *ids, int count, bool keep) {
-        at_.clear();
-        for (int i = 0; i < count; ++i) at_.push_back({ids[i] % b.stride, b.t[static_cast<size_t>(ids[i])]});
+        march_.at.clear();
+        for (int i = 0; i < count; ++i) march_.at.push_back({ids[i] % b.stride, b.t[static_cast<size_t>(ids[i])]});
         ask_at(b, keep);
         for (int i = 0; i < count; ++i) {
-            b.s[static_cast<size_t>(ids[i])] = told_[static_cast<size_t>(i)].s;
-            b.slot[static_cast<size_t>(ids[i])] = told_[static_cast<size_t>(i)].slot;
+            b.s[static_cast<size_t>(ids[i])] = march_.told[static_cast<size_t>(i)].s;
+            b.slot[static_cast<size_t>(ids[i])] = march_.told[static_cast<size_t>(i)].slot;
         }
     }
 
-    // told_: the distances at the places at_, and, where units are to be kept, their slots.
+    // march_.told: the distances at the places march_.at, and, where units are to be kept, their slots.
     void ask_at(Batch &b, bool keep) {
         const Field &field = field_of(b);
         const unisim_troupe *troupe = b.medium == Medium::actor ? &task_.cast.troupes[b.troupe] : nullptr;
         const float shift = troupe ? 0.5f : 0.0f;
-        const int count = static_cast<int>(at_.size());
+        const int count = static_cast<int>(march_.at.size());
         samples += count;
-        told_.resize(at_.size());
+        march_.told.resize(march_.at.size());
         for (int first = 0; first < count; first += BLOCK) {
             const int n = std::min(BLOCK, count - first);
             for (int i = 0; i < BLOCK; ++i) {
-                const Place &place = at_[static_cast<size_t>(first + std::min(i, n - 1))];
+                const Place &place = march_.at[static_cast<size_t>(first + std::min(i, n - 1))];
                 const int p = place.strand;
                 for (int a = 0; a < 3; ++a) x_[a][i] = (b.o[3 * p + a] + place.t * b.d[3 * p + a]) / b.size[3 * p + a] + shift;
                 row_[i] = troupe ? troupe->rows[b.box[p]] : 0;
@@ -317,8 +317,8 @@ class Tile {
             }
             field.units(x_, troupe ? row_ : nullptr, n, code_.data(), h);
             for (int i = 0; i < n; ++i) {
-                const Place &place = at_[static_cast<size_t>(first + i)];
-                Probe &probe = told_[static_cast<size_t>(first + i)];
+                const Place &place = march_.at[static_cast<size_t>(first + i)];
+                Probe &probe = march_.told[static_cast<size_t>(first + i)];
                 probe = {place.t, field.first_output(h + i * field.wide), keep ? static_cast<int>(slot) + i : -1};
                 if (b.medium == Medium::fixed) clear(b, place.strand, place.t, probe.s);
                 if (b.medium == Medium::copy) lift(b, place.strand, place.t, probe.s);
@@ -331,110 +331,39 @@ class Tile {
         find_runs(scene_, o_[r], d_[r], b.t_near[p], b.t_far[p], [&](float t) { return cleared(r, t, scene_.voxel_m); }, steps_[p], runs);
     }
 
-    // One more answer for each strand for which `find` names a place and where it belongs; whether there were any.
-    template <class Find> bool insert(Batch &b, const Find &find) {
-        at_.clear();
-        wanted_.clear();
-        for (size_t p = 0; p < static_cast<size_t>(b.count); ++p) {
-            size_t at = 0;
-            float t = 0;
-            if (!find(p, at, t)) continue;
-            at_.push_back({static_cast<int>(p), t});
-            wanted_.push_back(static_cast<int>(at));
-        }
-        if (at_.empty()) return false;
-        ask_at(b, true);
-        for (size_t i = 0; i < at_.size(); ++i) {
-            std::vector<Probe> &probes = probes_[static_cast<size_t>(at_[i].strand)];
-            probes.insert(probes.begin() + wanted_[i], told_[i]);
-        }
-        return true;
-    }
-
-    // Where a ray comes out of free space into what is solid, the surface lies in between: it was learnt from samples on both sides.
-    // The place before the free space, the nearest that is occupied; false where there is none.
-    static bool find_face(const unisim_scene &scene, const Batch &b, size_t p, const std::vector<Probe> &probes, size_t &at, float &t) {
-        const float step = scene.voxel_m / 2;
-        for (size_t k = 0; k < probes.size(); ++k) {
-            if (stopped_at(probes[k].s, scene.beta) < 0.05f) continue;
-            const float least = k ? probes[k - 1].t + step : b.t_near[p];
-            for (t = probes[k].t - step; t > least; t -= step) {
-                int64_t cell = 0;
-                for (int a = 0; a < 3; ++a) {
-                    const int c = static_cast<int>((b.o[3 * p + a] + t * b.d[3 * p + a]) / scene.voxel_m);
-                    cell = cell * scene.voxel_shape[a] + std::max(0, std::min(scene.voxel_shape[a] - 1, c));
-                }
-                if (!scene.voxels[cell]) continue;
-                at = k;
-                return true;
-            }
-            return false;
-        }
-        return false;
-    }
-
     // Whether a scene's strands are followed from cell to cell; the paper's density depends on the steps, and takes even ones.
     bool marches(const unisim_scene &scene) const { return task_.sampling.stride_m > 0 && scene.cells && !scene.paper_density; }
 
     // Samples of a batch's strands from near to far, until each is stopped; the answers are the samples that are composited.
     void march(Batch &b) {
         const unisim_scene &scene = *fields_of(b).scene;
-        const float limit = -std::log(task_.sampling.opaque);
         const size_t count = static_cast<size_t>(b.count);
         passed_.assign(count, 0.0f);
-        runs_.resize(std::max(runs_.size(), count));
-        probes_.resize(std::max(probes_.size(), count));
+        march_.runs.resize(std::max(march_.runs.size(), count));
         if (b.medium == Medium::actor) {
             behind_the_fixed(b);
             for (size_t p = 0; p < count; ++p)
                 find_box_runs(scene.box_cells + static_cast<int64_t>(task_.cast.troupes[b.troupe].rows[b.box[p]]) * BOX_CELLS * BOX_CELLS * BOX_CELLS,
-                              &b.o[3 * p], &b.d[3 * p], &b.size[3 * p], b.t_near[p], b.t_far[p], runs_[p]);
+                              &b.o[3 * p], &b.d[3 * p], &b.size[3 * p], b.t_near[p], b.t_far[p], march_.runs[p]);
         }
-        walks_.assign(count, {});
-        going_.clear();
         b.slots = 0;
-        for (size_t p = 0; p < count; ++p) {
-            probes_[p].clear();
-            if (runs_[p].empty() || passed_[p] >= limit) continue;
-            walks_[p].next = runs_[p][0].begin;
-            walks_[p].passed = passed_[p];
-            going_.push_back(static_cast<int>(p));
-        }
-        while (!going_.empty()) {
-            at_.clear();
-            for (const int p : going_) at_.push_back({p, walks_[static_cast<size_t>(p)].next});
-            ask_at(b, true);
-            size_t kept = 0;
-            for (size_t i = 0; i < going_.size(); ++i) {
-                const size_t p = static_cast<size_t>(going_[i]);
-                probes_[p].push_back(told_[i]);
-                probes_[p].back().beyond = walks_[p].fresh;
-                const auto more = [&](std::vector<Run> &runs) {
-                    if (b.medium == Medium::fixed) return continue_runs(b, p, runs);
-                    runs.clear();
-                };
-                if (walks_[p].take(runs_[p], probes_[p], scene.beta, limit, task_.sampling, more)) going_[kept++] = going_[i];
-            }
-            going_.resize(kept);
-        }
-        if (b.medium == Medium::fixed && insert(b, [&](size_t p, size_t &at, float &t) { return find_face(scene_, b, p, probes_[p], at, t); }))
-            for (size_t i = 0; i < at_.size(); ++i) {
-                Probe *at = &probes_[static_cast<size_t>(at_[i].strand)][static_cast<size_t>(wanted_[i])];
-                at[1].beyond = at[1].t - at[0].t > 0.75f * scene_.voxel_m;
-            }
-        for (int round = 0; round < task_.sampling.splits; ++round)
-            if (!insert(b, [&](size_t p, size_t &at, float &t) {
-                    return find_split(probes_[p], scene.beta, task_.sampling.split_weight, at, t);
-                }))
-                break;
+        const auto more = [&](size_t p, std::vector<Run> &runs) {
+            if (b.medium == Medium::fixed) return continue_runs(b, p, runs);
+            runs.clear();
+        };
+        const auto face = [&](size_t p, size_t &at, float &t) {
+            return b.medium == Medium::fixed && find_face(scene_, &b.o[3 * p], &b.d[3 * p], b.t_near[p], march_.probes[p], at, t);
+        };
+        march_.follow(count, passed_.data(), scene.beta, task_.sampling, [&] { ask_at(b, true); }, more, face, scene_.voxel_m);
+        const std::vector<std::vector<Probe>> &probes = march_.probes;
         size_t longest = 1;
-        for (size_t p = 0; p < count; ++p) longest = std::max(longest, probes_[p].size());
+        for (size_t p = 0; p < count; ++p) longest = std::max(longest, probes[p].size());
         b.lay(static_cast<int>(longest));
         for (size_t p = 0; p < count; ++p)
             for (size_t k = 0; k < longest; ++k) {
                 // behind the last answer nothing is told, and nothing stops the ray
-                const bool told = k < probes_[p].size();
-                const Probe probe = told ? probes_[p][k] : probes_[p].empty() ? Probe{b.t_near[p], EMPTY_M, -1} : probes_[p].back();
+                const bool told = k < probes[p].size();
+                const Probe probe = told ? probes[p][k] : probes[p].empty() ? Probe{b.t_near[p], EMPTY_M, -1} : probes[p].back();
                 const size_t i = k * static_cast<size_t>(b.stride) + p;
                 b.t[i] = probe.t;
                 b.s[i] = probe.s;
@@ -1017,15 +946,7 @@ class Tile {
     std::vector<Batch> batches_; // what stands still, the troupes, copies, meshes
     std::vector<float> quantile_, shares_, passed_, code_, block_, light_, undirected_, along_, directed_;
     std::vector<int> going_, wanted_, heavy_;
-    struct Place {
-        int strand;
-        float t;
-    };
-    std::vector<Place> at_;
-    std::vector<Probe> told_;
-    std::vector<std::vector<Run>> runs_;
-    std::vector<std::vector<Probe>> probes_;
-    std::vector<Walk> walks_;
+    March march_;
     int32_t steps_[TILE]; // through the cells, of the strands of what stands still
     std::vector<Run> span_[TILE];
     float x_[3][BLOCK];

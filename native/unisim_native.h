@@ -152,6 +152,9 @@ struct unisim_sampling {
     float split_weight; // where it stops at least this much
 };
 
+// The signed distance at `t` metres along a ray, by the ray's number.
+typedef float (*unisim_distance)(int64_t ray, float t);
+
 // What rays met, (n, ...) each. Null: not asked for.
 struct unisim_found {
     float *feature;             // (n, features)

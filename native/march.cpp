@@ -1,0 +1,46 @@
+// The march alone, of rays whose distances the caller tells: what `core/surface_march.py` is held against.
+#include "marching.h"
+
+// Answers t, s (n, most) and how many there are, counts (n), of rays in the volume's coordinates, or, `in_box`, through the first
+// of the scene's box cells in a box of the scene's size. spans, opened (n, 2): from where to where each ray goes, and where solid
+// cells count on it; passed (n): the optical depth before it.
+extern "C" int UNISIM_NAME(unisim_march)(const unisim_scene *scene, int32_t in_box, const float *origins, const float *directions,
+                                         const float *spans, const float *opened, const float *passed, int64_t n,
+                                         const unisim_sampling *sampling, unisim_distance distance, int32_t most, float *t,
+                                         float *s, int32_t *counts) {
+    March march;
+    std::vector<int32_t> steps(static_cast<size_t>(n), 0);
+    const auto continue_runs = [&](size_t p, std::vector<Run> &runs) {
+        const float *open = opened + 2 * p;
+        const auto behind = [&](float at) { return at >= open[0] - scene->voxel_m && at <= open[1] + scene->voxel_m; };
+        find_runs(*scene, origins + 3 * p, directions + 3 * p, spans[2 * p], spans[2 * p + 1], behind, steps[p], runs);
+    };
+    march.runs.resize(static_cast<size_t>(n));
+    for (size_t p = 0; p < march.runs.size(); ++p) {
+        if (in_box)
+            find_box_runs(scene->box_cells, origins + 3 * p, directions + 3 * p, scene->size, spans[2 * p], spans[2 * p + 1], march.runs[p]);
+        else
+            continue_runs(p, march.runs[p]);
+    }
+    const auto ask = [&] {
+        march.told.clear();
+        for (const Place &place : march.at) march.told.push_back({place.t, distance(place.strand, place.t), -1, false});
+    };
+    const auto more = [&](size_t p, std::vector<Run> &runs) {
+        if (!in_box) return continue_runs(p, runs);
+        runs.clear();
+    };
+    const auto face = [&](size_t p, size_t &at, float &t) {
+        return !in_box && find_face(*scene, origins + 3 * p, directions + 3 * p, spans[2 * p], march.probes[p], at, t);
+    };
+    march.follow(march.runs.size(), passed, scene->beta, *sampling, ask, more, face, scene->voxel_m);
+    for (size_t p = 0; p < march.runs.size(); ++p) {
+        const std::vector<Probe> &probes = march.probes[p];
+        counts[p] = static_cast<int32_t>(probes.size());
+        for (size_t k = 0; k < std::min(probes.size(), static_cast<size_t>(most)); ++k) {
+            t[p * static_cast<size_t>(most) + k] = probes[k].t;
+            s[p * static_cast<size_t>(most) + k] = probes[k].s;
+        }
+    }
+    return 0;
+}
