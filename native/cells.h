@@ -15,8 +15,8 @@ enum : uint8_t { OPEN, SOLID, SURFACE };
 
 // A cell by its least and largest distance, where points lie `gap` apart along an edge.
 inline uint8_t kind_of(float least, float largest, float gap) {
-    // the corner of the cube about a point is its farthest place
-    const float reach = 0.87f * gap;
+    // the cube about a point ends between 0.5 and 0.87 of the gap from it: what crosses its corners alone shows beside it too
+    const float reach = 0.67f * gap;
     return least > reach ? OPEN : largest < -reach ? SOLID : SURFACE;
 }
 

@@ -167,16 +167,17 @@ struct Walk {
         }
         const bool first = fresh;
         fresh = false;
-        const float slope = std::min(std::max(closing, how.least_slope), 1.5f);
         const float longest = how.stride_m * (1 + how.widening * here.t), least = std::max(how.least_step_m, 0.5f / beta);
         float step;
         if (here.s > 0) {
             // on towards the surface and through it, or past what the ray leaves
+            const float slope = std::min(std::max(closing, 1 / how.relaxation), 1.5f);
             step = closing > 0 ? here.s / slope + 1.5f / (beta * slope) : here.s;
             step = std::min(step, std::max(longest, how.relaxation * here.s));
         } else {
-            // as deep as it takes to be opaque
-            step = std::min((limit / beta + here.s) / slope, longest);
+            // deeper than it takes to be opaque, or a second one would be needed
+            const float slope = std::min(std::max(closing, how.least_slope), 1.5f);
+            step = std::min((1.5f * limit / beta + here.s) / slope, longest);
         }
         step = std::max(step, least) * (1 + static_cast<float>(probes.size() / 24));
         const float end = runs[run].end;

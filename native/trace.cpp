@@ -652,7 +652,7 @@ class Tile {
         beyond_.clear();
         if (!sampling.far) return;
         for (int r = 0; r < rays_.count; ++r)
-            if (behind_own_[r] > sampling.far_opaque) beyond_.push_back(r);
+            if (behind_own_[r] > std::max(sampling.far_opaque, sampling.opaque)) beyond_.push_back(r);
         if (beyond_.empty()) return;
         const Field &field = task_.fields[0].far;
         const int n = static_cast<int>(beyond_.size()), proposals = sampling.far_proposals, count = sampling.far_samples;

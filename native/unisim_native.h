@@ -141,12 +141,12 @@ struct unisim_sampling {
     int32_t proposals, samples, actor_proposals, actor_samples, far_proposals, far_samples;
     float near_m;
     float opaque;     // transmittance behind which nothing is computed
-    float far_opaque; // the same for what lies beyond the volume
+    float far_opaque; // the same for what lies beyond the volume, where it is more
     int32_t far, sky;
     // Following surfaces from cell to cell; stride_m 0 places samples by quantiles instead.
     float stride_m;     // the longest step
     float widening;     // how much longer it may be a metre farther away
-    float relaxation;   // steps may be this much longer than the distance
+    float relaxation;   // steps may be this much longer than the distance, which then falls by 1 / relaxation a metre
     float least_slope, least_step_m;
     int32_t splits;     // so often the interval that stops most is split
     float split_weight; // where it stops at least this much

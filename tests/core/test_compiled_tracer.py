@@ -264,6 +264,9 @@ assert native.variant() == sys.argv[2], native.variant()
 for name in ("tiny", "sample"):
     t.test_everything_that_is_recorded(Path(sys.argv[3]) / name, name, True)
 t.test_guests_and_meshes(Path(sys.argv[3]) / "guests", True)
+import test_surface_march
+test_surface_march.test_places_in_a_volume("balanced")
+test_surface_march.test_places_in_a_box("balanced")
 """
 
 

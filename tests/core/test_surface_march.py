@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import dataclasses
+import itertools
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -12,15 +13,19 @@ import numpy as np
 import pytest
 import torch
 from numpy.typing import NDArray
-from test_compiled_tracer import CONFIGS, needs_library, saved
+from test_compiled_tracer import CONFIGS, edited, needs_library, picture_rays, saved
 
 from unisim_blender.core import native
 from unisim_blender.core.compiled.scene import CompiledScene
 from unisim_blender.core.compiled.structs import SamplingStruct, SceneStruct, address, floats
-from unisim_blender.core.compiled.tracer import LEAST_SLOPE, LEAST_STEP_M, SPLIT_WEIGHT, WIDENING
+from unisim_blender.core.compiled.tracer import LEAST_SLOPE, LEAST_STEP_M, SPLIT_WEIGHT, WIDENING, CompiledTracer
 from unisim_blender.core.density import logistic_intervals, weights_from_tau
 from unisim_blender.core.fields.checkpoint import load_scene
+from unisim_blender.core.frames import RenderStats
 from unisim_blender.core.quality import QUALITY, Quality
+from unisim_blender.core.sensors.camera import camera_rays, pixel_grid
+from unisim_blender.core.sensors.lidar import lidar_rays
+from unisim_blender.core.sensors.rays import Rays
 from unisim_blender.core.surface_march import (
     BOX_CELLS,
     CELLS,
@@ -121,11 +126,16 @@ def pole(x: float, y: float, radius: float) -> Space:
     return lambda p: np.hypot(p[:, 0] - x, p[:, 1] - y) - radius
 
 
-def bumps(seed: int) -> Space:
+def bumps(seed: int, waves_a_metre: float = 1.2) -> Space:
     """A smooth random space, a quarter of it solid."""
     rng = np.random.default_rng(seed)
-    waves, phases = rng.normal(0, 1.2, (12, 3)), rng.uniform(0, 2 * np.pi, 12)
+    waves, phases = rng.normal(0, waves_a_metre, (12, 3)), rng.uniform(0, 2 * np.pi, 12)
     return lambda x: 0.25 + 0.12 * np.cos(x @ waves.T + phases).sum(-1)
+
+
+def moved(space: Space, by_m: float) -> Space:
+    """The same surfaces farther away."""
+    return lambda x: space(x) + by_m
 
 
 def random_rays(seed: int, n: int, size_m: NDArray[Any]) -> tuple[Floats, Floats]:
@@ -199,16 +209,18 @@ def same_places(found: list[NDArray[Any]], expected: list[list[Probe]]) -> None:
 @pytest.mark.parametrize("name", STEPS)
 def test_places_in_a_volume(name: str) -> None:
     space, size, n = bumps(0), np.array([20.0, 12.0, 8.0]), 90
-    volume = volume_of(space, size)
+    # much is solid, for emptied boxes to open
+    volume = volume_of(moved(space, -0.3), size)
     assert {OPEN, SOLID, SURFACE} == set(np.unique(volume.kinds))
     # a part that nobody knows is free
     volume.kinds[:12] = OPEN
     origins, directions = random_rays(1, n, size)
     rng = np.random.default_rng(2)
     spans = floats(np.stack([rng.uniform(0, 1, n), rng.uniform(-1, 25, n)], -1))
-    opened = floats(np.where(np.arange(n)[:, None] % 2, np.sort(rng.uniform(0, 20, (n, 2))), [np.inf, -np.inf]))
+    opened = floats(np.where(np.arange(n)[:, None] % 2, np.sort(rng.uniform(0, 6, (n, 2))), [np.inf, -np.inf]))
     passed = floats(np.where(np.arange(n) % 3, 0, rng.uniform(0, 9, n)))
-    ways = [along(space, o, d) for o, d in zip(origins, directions, strict=True)]
+    # every other pair of rays is stopped by nothing, and meets all of its runs
+    ways = [along(moved(space, 0.4 * (i // 2 % 2)), origins[i], directions[i]) for i in range(n)]
     voxels = (rng.random(np.array(volume.kinds.shape) // CELLS) < 0.3).astype(np.uint8)
     found = Kernel(volume, voxels=voxels).march(origins, directions, spans, ways, STEPS[name], opened, passed)
 
@@ -233,7 +245,7 @@ def test_places_in_a_volume(name: str) -> None:
 @needs_library
 @pytest.mark.parametrize("name", STEPS)
 def test_places_in_a_box(name: str) -> None:
-    space, size, n = bumps(3), np.array([4.0, 2.0, 1.5]), 90
+    space, size, n = bumps(3, 3.0), np.array([4.0, 2.0, 1.5]), 200
     points = grid((BOX_CELLS * POINTS,) * 3) / (BOX_CELLS * POINTS) - 0.5
     s = space(points * size).reshape((BOX_CELLS * POINTS,) * 3)
     box = ActorBox(raised(kinds_of(s.astype(np.float32), float(size.max()) / (BOX_CELLS * POINTS))), floats(size))
@@ -277,7 +289,7 @@ def test_rays_of_any_numbers_end() -> None:
     # distances that are no numbers, and surfaces as blurred as they can be
     start, ahead, spans = floats([[1, 5, 3]]), floats([[1, 0, 0]]), floats([[0, 35]])
     assert len(kernel.march(start, ahead, spans, [lambda t: np.nan], STEPS["fine"])[0]) == 1
-    for beta in (1e-6, 1e-2, 1e4):
+    for beta in (1e-6, 1e-2, 10.0, 1e4):
         blurred = Kernel(volume, beta).march(start, ahead, spans, [lambda t: 1e-3], STEPS["fine"])[0]
         expected = march(runs_in_volume(volume, start[0], ahead[0], 0, 35), lambda t: 1e-3, beta, STEPS["fine"])
         assert 0 < len(blurred) < 500
@@ -359,7 +371,7 @@ def test_a_wall_head_on(name: str) -> None:
     space = plate((20, -1, -1), (41, 11, 7))
     for y in (3.1, 4.9):
         depth, opacity, probes = seen(space, (1, y, 3.3), (1, 0, 0), STEPS[name])
-        assert abs(depth - 19) < 0.003 and opacity > 1 - 2 * STEPS[name].opaque and len(probes) <= 18
+        assert abs(depth - 19) < 0.003 and opacity > 1 - 2 * STEPS[name].opaque and len(probes) <= 9
 
 
 @pytest.mark.parametrize("name", STEPS)
@@ -369,7 +381,7 @@ def test_the_ground_at_one_degree(name: str) -> None:
 
     angle = np.radians(1.0)
     depth, opacity, probes = seen(ground, (1, 5, 1.5), (np.cos(angle), 0, -np.sin(angle)), STEPS[name], t_far=38.0)
-    assert abs(depth - 0.5 / np.sin(angle)) < 0.1 and opacity > 0.98 and len(probes) <= 120
+    assert abs(depth - 0.5 / np.sin(angle)) < 0.06 and opacity > 0.98 and len(probes) <= 100
 
 
 def test_a_pole_of_five_centimetres_at_thirty_metres() -> None:
@@ -380,12 +392,12 @@ def test_a_pole_of_five_centimetres_at_thirty_metres() -> None:
     for _ in range(n):
         origin = np.array([1.0, 5 + rng.uniform(-1, 1), 3 + rng.uniform(-1, 1)])
         aim = unit(*(np.array([31.0, 5 + rng.uniform(-0.02, 0.02), 3.0]) - origin))
-        truth = seen(space, origin, aim, dataclasses.replace(STEPS["fine"], stride_m=0.004, relaxation=0.0), volume=volume)
+        truth = seen(space, origin, aim, dataclasses.replace(STEPS["fine"], stride_m=0.004, relaxation=0.1), volume=volume)
         assert truth[1] > 0.5
         for name, how in STEPS.items():
             depth, opacity, _ = seen(space, origin, aim, how, volume=volume)
             missed[name] += opacity < 0.5 * truth[1] or abs(depth - truth[0]) > 0.1
-    assert missed["fine"] == 0 and missed["balanced"] <= 0.1 * n and missed["fast"] <= 0.35 * n, missed
+    assert not any(missed.values()), missed
 
 
 def test_two_walls() -> None:
@@ -435,3 +447,92 @@ def test_where_nothing_is_nothing_is_asked() -> None:
 
     for how in STEPS.values():
         assert seen(empty, (1, 5, 3), (1, 0, 0), how)[2] == []
+
+
+SAMPLE = Path(__file__).parents[2] / "sample" / "scene"
+
+
+@dataclasses.dataclass
+class Look:
+    """Rays of a sensor through the sample scene, and what there is to see."""
+
+    tracer: CompiledTracer
+    rays: Rays
+    sky: bool
+
+    def at(self, quality: Quality) -> tuple[NDArray[Any], NDArray[Any], float]:
+        """Picture (LiDAR: the features in its place), median depths, samples a ray."""
+        self.tracer.quality, stats = quality, RenderStats()
+        found = self.tracer.trace(self.rays, {"depth"}, self.sky, None, stats)
+        directions, shape = self.rays.flat().directions, self.rays.time_s.shape
+        picture = self.tracer.image(found, directions, "front_camera", shape) if self.sky else found.feature
+        return picture, found.maps["depth"], stats.samples_spent / stats.rays
+
+
+@pytest.fixture(scope="module")
+def looks() -> dict[str, Look]:
+    scene = CompiledScene(SAMPLE)
+    drive = scene.header.drive
+    tracer, camera = CompiledTracer(scene, drive), drive.cameras["front_camera"]
+    camera = dataclasses.replace(camera, model=camera.model.resized(96))
+    sweep = lidar_rays(drive.lidars["pandar64"], 4)
+    some = slice(None, None, 60)
+    columns = Rays(sweep.origins[:, some], sweep.directions[:, some], sweep.time_s[:, some])
+    picture = camera_rays(camera, 4, *pixel_grid(camera.model, scene.config.upsample))
+    return {"camera": Look(tracer, picture, True), "lidar": Look(tracer, columns, False)}
+
+
+def psnr(a: NDArray[Any], b: NDArray[Any]) -> float:
+    return float(-10 * np.log10(np.square(a - b).mean()))
+
+
+BOUNDS = {
+    "camera": {
+        "fast": (37.5, 6e-4, 0.025, 0.03, 17.0),
+        "balanced": (40.0, 3e-4, 0.012, 0.02, 20.0),
+        "fine": (43.0, 1.5e-4, 0.006, 0.013, 41.0),
+    },
+    "lidar": {
+        "fast": (30.5, 6e-4, 0.02, 0.022, 12.0),
+        "balanced": (31.5, 4e-4, 0.016, 0.016, 15.0),
+        "fine": (32.5, 2e-4, 0.013, 0.011, 24.0),
+    },
+}
+"""By sensor and quality: the least PSNR, in dB, and the largest median and 95th percentile of the depth's error, in metres, share
+of rays whose depth is off by more than 0.1 m, and samples a ray."""
+
+
+@needs_library
+@pytest.mark.parametrize("sensor", ("camera", "lidar"))
+def test_qualities_beside_the_truth(looks: dict[str, Look], sensor: str) -> None:
+    look = looks[sensor]
+    figures: list[NDArray[np.float64]] = []
+    for name, (least_psnr, median, p95, coarse, samples) in BOUNDS[sensor].items():
+        quality = QUALITY[name]
+        truth = look.at(dataclasses.replace(QUALITY["reference"], samples=16.0, far=quality.far))
+        found = look.at(quality)
+        met = np.isfinite(truth[1])
+        assert (np.isfinite(found[1]) == met).mean() > 0.998
+        both = met & np.isfinite(found[1])
+        error = np.abs(found[1][both] - truth[1][both])
+        figures.append(np.array([-psnr(found[0], truth[0]), *np.quantile(error, (0.5, 0.95)), (error > 0.1).mean()]))
+        assert (figures[-1] < (-least_psnr, median, p95, coarse)).all() and found[2] < samples, (name, figures[-1], found[2])
+    for worse, better in itertools.pairwise(figures):
+        assert (better < worse).all()
+
+
+@needs_library
+def test_every_medium_beside_the_quantiles(tmp_path: Path) -> None:
+    """Actors that overlap, an emptied box and a copy, on fields of random weights, which are rougher than any trained one."""
+    drive = edited()
+    tracer = CompiledTracer(CompiledScene(saved(tmp_path / "scene", CONFIGS["tiny"])), drive)
+    rays = picture_rays(drive)
+    found = {}
+    for name, quality in (("truth", dataclasses.replace(QUALITY["reference"], samples=16.0)), ("fine", QUALITY["fine"])):
+        tracer.quality = dataclasses.replace(quality, far=1.0)
+        found[name] = tracer.trace(rays, {"instance"}, True, None, RenderStats())
+    a, b = found["fine"], found["truth"]
+    assert (a.maps["instance"] == b.maps["instance"]).mean() > 0.985 and len(np.unique(b.maps["instance"])) > 2
+    assert (np.abs(a.opacity - b.opacity) < 0.1).mean() > 0.88 and 0.1 < b.opacity.mean() < 0.999
+    # features are 0.25 in the mean
+    assert np.median(np.abs(a.feature - b.feature)) < 0.03

@@ -52,9 +52,12 @@ class Picture:
 
 
 def aligned(cells: tuple[slice, slice], size: int, shape: tuple[int, int]) -> tuple[slice, slice]:
-    """Rows and columns of a picture of that shape (h, w), widened to where a lattice of ``size`` begins and ends."""
+    """Rows and columns of a picture of that shape (h, w), widened to where a lattice of ``size`` begins and ends.
+
+    With a block before those that begin on its lines: it may have these traced.
+    """
     rows, columns = (
-        slice(part.start // size * size, min(end, ((part.stop - 1) // size + 1) * size + 1))
+        slice(max(0, part.start - 1) // size * size, min(end, ((part.stop - 1) // size + 1) * size + 1))
         for part, end in zip(cells, shape, strict=True)
     )
     return rows, columns

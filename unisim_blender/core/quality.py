@@ -22,17 +22,17 @@ class Quality:
     samples: float = 1.0
     far: float = 1.0
     stride_m: float = 0.2
-    relaxation: float = 3.0
-    splits: int = 2
-    opaque: float = 1e-3
+    relaxation: float = 2.5
+    splits: int = 3
+    opaque: float = 3e-3
     lattice: int = 4
     spread: float = 0.04
 
 
 QUALITY = {
-    "fast": Quality(samples=0.67, stride_m=0.4, relaxation=4.0, splits=1, opaque=1e-2, spread=0.08),
+    "fast": Quality(samples=0.67, stride_m=0.4, relaxation=4.0, splits=2, opaque=1e-2, spread=0.08),
     "balanced": Quality(),
-    "fine": Quality(samples=2.0, far=4.0, stride_m=0.05, relaxation=1.0, splits=4, lattice=1),
+    "fine": Quality(samples=2.0, far=4.0, stride_m=0.05, relaxation=1.0, splits=4, opaque=1e-3, lattice=1),
     "reference": Quality(samples=4.0, stride_m=0.0, opaque=1e-4, lattice=1),
 }
 """By name, the cheapest first. ``reference`` takes the very samples that torch takes."""

@@ -25,8 +25,9 @@ BOX_CELLS = 16
 """Cells along each edge of an actor's box."""
 OPEN, SOLID, SURFACE = 0, 1, 2
 """What a cell is: nothing in it stops a ray; it lies behind a surface; a surface may be in it."""
-REACH = np.float32(0.87)
-"""How near to a surface a cell's points are that count as near it, in distances between points."""
+REACH = np.float32(0.67)
+"""How near to a surface a cell's points are that count as near it, in distances between points. The cube about a point ends
+between 0.5 and 0.87 of these from it: what crosses its corners alone shows in the cells beside it too."""
 MOST_STEPS, MOST_BOX_STEPS = np.float32(1e6), np.float32(1e4)
 """No ray is cut into more steps, whatever its numbers are."""
 LEAST_SPLIT_M = np.float32(0.01)
@@ -52,9 +53,10 @@ class Steps:
     widening: float
     """How much longer such a step may be for each metre from the origin, as a share."""
     relaxation: float
-    """How much longer than the distance a step may be."""
+    """How much longer than the distance a step may be: in the open the distance is taken to fall by at least 1 / ``relaxation``
+    a metre."""
     least_slope: float
-    """The distance is taken to fall by at least this much a metre."""
+    """The same of what is behind a surface."""
     least_step_m: float
     splits: int
     """How often an interval is split."""
@@ -199,7 +201,7 @@ def walk(runs: list[Run], distance: Distance, beta: float, how: Steps, passed: f
 
     A run is asked at its begin. From then on, where the distance is positive, the step is what the last two answers say that the
     surface is away, and 1.5 / beta beyond it, so that the surface lies between two answers, but no longer than what could hide
-    a thin thing: the stride or a multiple of the distance, the longer of them. Behind a surface the step leads to where it is
+    a thin thing: the stride or a multiple of the distance, the longer of them. Behind a surface the step leads past where it is
     opaque. A run's end is asked where the surface could be before it.
     """
     b, limit = F(beta), -np.log(F(how.opaque))
@@ -232,12 +234,13 @@ def walk(runs: list[Run], distance: Distance, beta: float, how: Steps, passed: f
 
 
 def _step(here: Probe, closing: np.float32, beta: np.float32, limit: np.float32, how: Steps) -> np.float32:
-    slope = min(max(closing, F(how.least_slope)), F(1.5))
     longest = F(how.stride_m) * (F(1) + F(how.widening) * here.t)
     if here.s > 0:
+        slope = min(max(closing, F(1) / F(how.relaxation)), F(1.5))
         step = here.s / slope + F(1.5) / (beta * slope) if closing > 0 else here.s
         return min(step, max(longest, F(how.relaxation) * here.s))
-    return min((limit / beta + here.s) / slope, longest)
+    slope = min(max(closing, F(how.least_slope)), F(1.5))
+    return min((F(1.5) * limit / beta + here.s) / slope, longest)
 
 
 def place_of_split(probes: list[Probe], beta: float, how: Steps) -> tuple[int, np.float32] | None:
