@@ -20,7 +20,7 @@ DPI = 110
 COLOURS = {"compiled": "tab:blue", "torch": "tab:red"}
 LEAST = {"delta_e": 1e-3, "median_mm": 1e-3, "p90_mm": 1e-2, "p99_mm": 1e-2}
 """An error of nothing has no place on an axis of logarithms: it is drawn here."""
-OFFSETS = [(8, 3), (8, -11), (-8, 3), (-8, -11), *((x, y) for y in (16, -24, 28, -36, 40, -48) for x in (10, -10))]
+OFFSETS = [(8, 3), (8, -11), (-8, 3), (-8, -11), *((x, y) for x in (10, -10) for y in (16, -24, 28, -36, 40, -48))]
 """Where a point's label may stand, in points from it: the first that covers no other label."""
 ERRORS = {
     "delta_e": "mean ΔE to the truth",
