@@ -124,9 +124,9 @@ class CompiledTracer:
         placed = (count(n, q.samples) for n in (s.static_proposals, s.static, s.actor_proposals, s.actor))
         far = (count(n, q.far) for n in (s.far_proposals, s.far))
         return SamplingStruct(
-            *placed, *far, near_m=NEAR_M, opaque=q.opaque, far_opaque=max(OPAQUE, 1.5 * q.opaque), far=1, sky=int(sky), stride_m=q.stride_m,
-            widening=WIDENING, relaxation=q.relaxation, least_slope=LEAST_SLOPE, least_step_m=LEAST_STEP_M, splits=q.splits,
-            split_weight=SPLIT_WEIGHT,
+            *placed, *far, near_m=NEAR_M, opaque=q.opaque, far_opaque=max(OPAQUE, 1.5 * q.opaque), far=1, sky=int(sky),
+            stride_m=q.stride_m, widening=WIDENING, relaxation=q.relaxation, least_slope=LEAST_SLOPE, least_step_m=LEAST_STEP_M,
+            splits=q.splits, split_weight=SPLIT_WEIGHT,
         )  # fmt: skip
 
     def _uniform(self, rays: Rays) -> int:
