@@ -111,7 +111,9 @@ extern "C" int UNISIM_NAME(unisim_gather_forward)(const unisim_strands *g, const
         for (int64_t i = begin * k; i < end * k; ++i) interval[i] = front[i] * stopped_by(g->tau[i]);
         for (int64_t r = begin; r < end; ++r) {
             float *sum = sums + r * (length + 3);
-            for (int f = 0; f < length + 3; ++f) sum[f] = 0;
+            for (int f = 0; f < length; ++f) sum[f] = 0;
+            // many thin intervals add up to what each alone would be lost in
+            double whole = 0, far = 0, depth = 0;
             for (int j = 0; j < k; ++j) {
                 const int64_t i = r * k + j;
                 // an interval's weight goes to the samples at its two ends; interval 0 has only its own
@@ -120,10 +122,13 @@ extern "C" int UNISIM_NAME(unisim_gather_forward)(const unisim_strands *g, const
                 weight[i] = w;
                 const float *feature = features + i * stride;
                 for (int f = 0; f < length; ++f) sum[f] += w * feature[f];
-                sum[length] += w;
-                sum[length + 1] += w * g->t[i];
-                sum[length + 2] += g->tau[i];
+                whole += w;
+                far += w * g->t[i];
+                depth += g->tau[i];
             }
+            sum[length] = static_cast<float>(whole);
+            sum[length + 1] = static_cast<float>(far);
+            sum[length + 2] = static_cast<float>(depth);
         }
     });
     return 0;

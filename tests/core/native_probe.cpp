@@ -26,10 +26,10 @@ Batch batch_of(int strands, int samples, const float *t, const float *tau, const
 extern "C" int probe_lanes() { return LANES; }
 
 // x, out (n), n a multiple of `probe_lanes`.
-extern "C" void probe_exp(const float *x, float *out, int64_t n) { over(x, out, n, exp_of); }
-extern "C" void probe_softplus(const float *x, float *out, int64_t n) { over(x, out, n, softplus); }
-extern "C" void probe_stopped(const float *x, float *out, int64_t n) { over(x, out, n, stopped_by); }
-extern "C" void probe_log1p(const float *x, float *out, int64_t n) { over(x, out, n, log1p_of); }
+extern "C" void probe_exp(const float *x, float *out, int64_t n) { over(x, out, n, exp_of<lanes>); }
+extern "C" void probe_softplus(const float *x, float *out, int64_t n) { over(x, out, n, softplus<lanes>); }
+extern "C" void probe_stopped(const float *x, float *out, int64_t n) { over(x, out, n, stopped_by<lanes>); }
+extern "C" void probe_log1p(const float *x, float *out, int64_t n) { over(x, out, n, log1p_of<lanes>); }
 
 // Every half (65536) by its bits.
 extern "C" void probe_halves(float *out) {
