@@ -24,7 +24,7 @@ extern "C" int UNISIM_NAME(unisim_march)(const unisim_scene *scene, int32_t in_b
     }
     const auto ask = [&] {
         march.told.clear();
-        for (const Place &place : march.at) march.told.push_back({place.t, distance(place.strand, place.t), -1, false});
+        for (const Place &place : march.at) march.told.push_back({place.t, distance(place.strand, place.t), -1});
     };
     const auto more = [&](size_t p, std::vector<Run> &runs) {
         if (!in_box) return continue_runs(p, runs);

@@ -19,6 +19,7 @@ struct Probe {
     float t, s;
     int slot; // of its hidden units
     bool beyond = false; // free space lies between the answer before and this one
+    float stopped = 0;   // `stopped_at` of s, worked out once
 };
 
 // Where a strand asks next.
@@ -156,7 +157,7 @@ struct Walk {
     template <class More>
     bool take(std::vector<Run> &runs, const std::vector<Probe> &probes, float beta, float limit, const unisim_sampling &how, const More &more) {
         const Probe &here = probes.back();
-        const float out = stopped_at(here.s, beta);
+        const float out = here.stopped;
         passed += probes.size() == 1 ? out : std::max(out - outside, 0.0f);
         outside = out;
         if (!(passed < limit)) return false;
@@ -209,7 +210,7 @@ inline bool find_split(const std::vector<Probe> &probes, float beta, float least
     float before = 0, best = least_weight, last = 0;
     bool found = false;
     for (size_t k = 0; k < probes.size(); ++k) {
-        const float now = stopped_at(probes[k].s, beta), depth = now - last;
+        const float now = probes[k].stopped, depth = now - last;
         if (k && depth > least_weight && !probes[k].beyond && probes[k].t - probes[k - 1].t > 0.01f) {
             const float weight = std::exp(-before) * (1 - std::exp(-depth));
             if (weight > best) {
@@ -233,7 +234,7 @@ inline bool find_split(const std::vector<Probe> &probes, float beta, float least
 inline bool find_face(const unisim_scene &scene, const float *o, const float *d, float t_near, const std::vector<Probe> &probes, size_t &at, float &t) {
     const float step = scene.voxel_m / 2;
     for (size_t k = 0; k < probes.size(); ++k) {
-        if (stopped_at(probes[k].s, scene.beta) < 0.05f) continue;
+        if (probes[k].stopped < 0.05f) continue;
         const float least = k ? probes[k - 1].t + step : t_near;
         for (t = probes[k].t - step; t > least; t -= step) {
             int64_t cell = 0;
@@ -278,6 +279,7 @@ struct March {
             at.clear();
             for (const size_t p : going_) at.push_back({static_cast<int>(p), walks_[p].next});
             ask();
+            weigh(beta);
             size_t kept = 0;
             for (size_t i = 0; i < going_.size(); ++i) {
                 const size_t p = going_[i];
@@ -287,18 +289,18 @@ struct March {
             }
             going_.resize(kept);
         }
-        if (insert(count, ask, face))
+        if (insert(count, beta, ask, face))
             for (size_t i = 0; i < at.size(); ++i) {
                 Probe *faced = &probes[static_cast<size_t>(at[i].strand)][after_[i]];
                 faced[1].beyond = faced[1].t - faced[0].t > 0.75f * voxel_m;
             }
         const auto split = [&](size_t p, size_t &after, float &t) { return find_split(probes[p], beta, how.split_weight, after, t); };
-        for (int round = 0; round < how.splits && insert(count, ask, split); ++round) {}
+        for (int round = 0; round < how.splits && insert(count, beta, ask, split); ++round) {}
     }
 
   private:
     // One more answer for each strand for which find(p, at, t) names a place and where it belongs; whether there were any.
-    template <class Ask, class Find> bool insert(size_t count, const Ask &ask, const Find &find) {
+    template <class Ask, class Find> bool insert(size_t count, float beta, const Ask &ask, const Find &find) {
         at.clear();
         after_.clear();
         for (size_t p = 0; p < count; ++p) {
@@ -310,11 +312,16 @@ struct March {
         }
         if (at.empty()) return false;
         ask();
+        weigh(beta);
         for (size_t i = 0; i < at.size(); ++i) {
             std::vector<Probe> &of = probes[static_cast<size_t>(at[i].strand)];
             of.insert(of.begin() + static_cast<int64_t>(after_[i]), told[i]);
         }
         return true;
+    }
+
+    void weigh(float beta) {
+        for (Probe &probe : told) probe.stopped = stopped_at(probe.s, beta);
     }
 
     std::vector<Walk> walks_;
