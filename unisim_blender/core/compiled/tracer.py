@@ -30,7 +30,7 @@ EVERY = 16
 WIDENING = 0.02
 """How much longer the march's steps may be for each metre of distance, as a share: what is far is small in the picture."""
 LEAST_SLOPE = 0.2
-"""A surface is taken to come nearer by at least this much a metre, where its distance is negative or falls."""
+"""Behind a surface the distance is taken to fall by at least this much a metre."""
 LEAST_STEP_M = 0.01
 SPLIT_WEIGHT = 0.2
 """An interval that stops less of a ray than this is not halved."""
