@@ -172,8 +172,8 @@ class Renderer:
         rays = lidar_rays(lidar, frame)
         shape = rays.time_s.shape
         stats = RenderStats()
-        flat = rays.flat()
-        measured = self.rays_lidar(flat.origins, flat.directions, flat.time_s, stats=stats)
+        # as beams and columns: neighbours are traced together
+        measured = self.rays_lidar(rays.origins, rays.directions, rays.time_s, stats=stats)
         depth, intensity, probability = (x.reshape(shape) for x in measured[:3])
         instance = measured[3].reshape(shape)
         returned = (
@@ -198,7 +198,8 @@ class Renderer:
     def rays_lidar(
         self, origins: FloatArray, directions: FloatArray, time_s: FloatArray, stats: RenderStats | None = None
     ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], NDArray[np.int32]]:
-        """Depth in metres, intensity in 0..1, probability of a return, instance (N,) of any LiDAR rays (N, 3), world frame."""
+        """Depth in metres, intensity in 0..1, probability of a return, instance (N,) of any LiDAR rays (N, 3), world frame, or of
+        beams and columns (B, C, 3), N = B C."""
         stats = RenderStats() if stats is None else stats
         rays = Rays(origins, directions, time_s)
         flat = rays.flat()

@@ -102,9 +102,7 @@ class Decoder:
         """
         extra = np.stack([np.log1p(np.asarray(depth_m, np.float32)) / np.float32(5), np.asarray(opacity, np.float32)], -1)
         out = self._run(self._lidar, feature, directions, extra)
-        # exp of the negative magnitude never overflows
-        e = np.exp(-np.abs(out[:, 0]))
-        return np.where(out[:, 0] >= 0, 1, e) / (1 + e), out[:, 1]
+        return sigmoid(out[:, 0]), out[:, 1]
 
     @property
     def sample_head(self) -> int | None:
@@ -155,6 +153,12 @@ def _contiguous(values: NDArray[Any], shape: tuple[int, ...]) -> Array:
     if values.shape != shape:
         raise ValueError(f"an array of shape {values.shape}, not {shape}")
     return np.ascontiguousarray(values, dtype=np.float32)
+
+
+def sigmoid(x: Array) -> Array:
+    """1 / (1 + exp(-x)), elementwise: exp of the negative magnitude never overflows."""
+    e = np.exp(-np.abs(x))
+    return np.where(x >= 0, 1, e) / (1 + e)
 
 
 def spread_over_edges(feature: NDArray[Any], share: NDArray[Any], cells: int) -> Array:

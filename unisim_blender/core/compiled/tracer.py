@@ -19,7 +19,7 @@ from ..quality import quality_named
 from ..sensors.rays import Rays, sound_directions
 from ..tracer import EDGE_CELLS, NEAR_M, UNIFORM_STEP_M, Array, Found, Maps, tiled
 from .cast import CompiledCast
-from .decoder import resized, spread_over_edges
+from .decoder import resized, sigmoid, spread_over_edges
 from .scene import CompiledScene
 from .structs import FoundStruct, MeshHitsStruct, RaysStruct, SamplingStruct, address, doubles, floats
 
@@ -166,9 +166,8 @@ class CompiledTracer:
             own = found.guest_features[i] / share.clip(1e-3)[:, None]
             theirs = guest.decoder.returns(own, directions, found.depth_m, found.opacity)
             intensity, logit = (a + share * (b - a) for a, b in zip((intensity, logit), theirs, strict=True))
-        # exp of the negative magnitude never overflows; what meets nothing returns nothing
-        e = np.exp(-np.abs(logit))
-        return intensity, np.where(logit >= 0, 1, e) / (1 + e) * (found.opacity > 0.5)
+        # what meets nothing returns nothing
+        return intensity, sigmoid(logit) * (found.opacity > 0.5)
 
     def heights(self, points: FloatArray) -> FloatArray:
         """See `tracer.Tracer`."""
