@@ -51,14 +51,16 @@ struct Corners {
     float weight[8][BLOCK];
 };
 
-// x: three rows of BLOCK coordinates in the unit cube.
-inline void find_corners(const unisim_grid &g, int level, const float (*x)[BLOCK], Corners &c) {
+// x: three rows of coordinates in the unit cube, of `count` points and up to a vector's end.
+inline void find_corners(const unisim_grid &g, int level, const float (*x)[BLOCK], int count, Corners &c) {
+    // whole vectors, which need no rest
+    const int end = (count + LANES - 1) / LANES * LANES;
     int32_t lower[3][BLOCK];
     float fraction[3][BLOCK];
     for (int a = 0; a < 3; ++a) {
         const float scale = g.scale[level * 3 + a];
         const float last = std::fmax(std::ceil(scale) - 1.0f, 0.0f);
-        for (int s = 0; s < BLOCK; ++s) {
+        for (int s = 0; s < end; ++s) {
             // NaN and anything outside the cube go to its nearest face
             float p = x[a][s] * scale;
             p = p > 0.0f ? p : 0.0f;
@@ -73,13 +75,13 @@ inline void find_corners(const unisim_grid &g, int level, const float (*x)[BLOCK
     for (int corner = 0; corner < 8; ++corner) {
         const uint32_t bx = corner & 1, by = corner >> 1 & 1, bz = corner >> 2;
         if (sy)
-            for (int s = 0; s < BLOCK; ++s)
+            for (int s = 0; s < end; ++s)
                 c.row[corner][s] = static_cast<int32_t>(lower[0][s] + bx + (lower[1][s] + by) * sy + (lower[2][s] + bz) * sz);
         else
-            for (int s = 0; s < BLOCK; ++s)
+            for (int s = 0; s < end; ++s)
                 c.row[corner][s] = static_cast<int32_t>(
                     ((lower[0][s] + bx) ^ (lower[1][s] + by) * 2654435761u ^ (lower[2][s] + bz) * 805459861u) & mask);
-        for (int s = 0; s < BLOCK; ++s)
+        for (int s = 0; s < end; ++s)
             c.weight[corner][s] = (bx ? fraction[0][s] : 1 - fraction[0][s]) * (by ? fraction[1][s] : 1 - fraction[1][s]) *
                                   (bz ? fraction[2][s] : 1 - fraction[2][s]);
     }
@@ -110,24 +112,12 @@ inline void gather_level(const unisim_grid &g, int level, const T *table, const 
 }
 
 template <int F, class T>
-inline void prefetch_level(const unisim_grid &g, int level, const T *table, const int32_t *grid, int count, const Corners &c) {
-    for (int s = 0; s < count; ++s) {
-        const T *base = table + ((grid ? grid[s] * g.grid_stride : 0) + g.offset[level]) * F;
-        for (int corner = 0; corner < 8; ++corner) __builtin_prefetch(base + static_cast<int64_t>(c.row[corner][s]) * F);
-    }
-}
-
-template <int F, class T>
 void encode_block(const unisim_grid &g, const T *table, const float (*x)[BLOCK], const int32_t *grid, int count, float *code) {
     const int width = g.levels * F;
-    Corners corners[2];
-    // a level's rows are on their way while the level before is summed
-    for (int level = 0; level <= g.levels; ++level) {
-        if (level < g.levels) {
-            find_corners(g, level, x, corners[level & 1]);
-            prefetch_level<F>(g, level, table, grid, count, corners[level & 1]);
-        }
-        if (level > 0) gather_level<F>(g, level - 1, table, grid, count, corners[(level - 1) & 1], code, width);
+    Corners corners;
+    for (int level = 0; level < g.levels; ++level) {
+        find_corners(g, level, x, count, corners);
+        gather_level<F>(g, level, table, grid, count, corners, code, width);
     }
 }
 

@@ -84,6 +84,11 @@
          const double *origins, const double *directions, int64_t n, double near, double *t, int32_t *face, float *uv, \
          int threads), \
         (nodes, order, vertices, faces, origins, directions, n, near, t, face, uv, threads)) \
+    KERNEL(int, local_planes, \
+        (const float *points, const int64_t *keys, const int64_t *starts, int64_t cells, const double *low, const int64_t *dims, \
+         double radius, int32_t most, const float *queries, int64_t m, int32_t *count, float *normal, float *height, \
+         float *rough, float *reach, int threads), \
+        (points, keys, starts, cells, low, dims, radius, most, queries, m, count, normal, height, rough, reach, threads)) \
     KERNEL(int, head_forward, \
         (const unisim_head *head, const float *feature, const float *directions, const float *extra, int64_t n, float *out, \
          int threads), \

@@ -29,6 +29,22 @@ inline lanes load(const float *p) {
 
 inline void store(float *p, const lanes &a) { std::memcpy(p, &a, sizeof a); }
 
+inline int_lanes load(const int32_t *p) {
+    int_lanes a;
+    std::memcpy(&a, p, sizeof a);
+    return a;
+}
+
+inline void store(int32_t *p, const int_lanes &a) { std::memcpy(p, &a, sizeof a); }
+
+// Whether any lane has a bit.
+inline bool any(const int_lanes &a) {
+    int64_t v[LANES / 2], all = 0;
+    std::memcpy(v, &a, sizeof v);
+    for (const int64_t x : v) all |= x;
+    return all != 0;
+}
+
 // Where one is not a number, it is b.
 template <class F> inline F most(F a, F b) { return a > b ? a : b; }
 template <class F> inline F least(F a, F b) { return a < b ? a : b; }
@@ -97,6 +113,29 @@ template <class F> inline F log1p_of(F y) {
     p = p * zz + 1.0f / 3;
     p = p * zz + 1.0f;
     return 2.0f * z * p;
+}
+
+// log(x) of a normal x > 0, to 2 units in the last place. Cephes' logf (Moshier, 1992).
+inline lanes log_of(lanes x) {
+    int_lanes bits;
+    std::memcpy(&bits, &x, sizeof bits);
+    // x = m 2^e, m from sqrt(1/2) to sqrt(2)
+    const int_lanes e = (bits - 0x3f3504f3) >> 23;
+    bits -= e << 23;
+    lanes m;
+    std::memcpy(&m, &bits, sizeof m);
+    m -= 1.0f;
+    const lanes z = m * m, n = __builtin_convertvector(e, lanes);
+    lanes p = spread(7.0376836292e-2f);
+    p = p * m - 1.1514610310e-1f;
+    p = p * m + 1.1676998740e-1f;
+    p = p * m - 1.2420140846e-1f;
+    p = p * m + 1.4249322787e-1f;
+    p = p * m - 1.6668057665e-1f;
+    p = p * m + 2.0000714765e-1f;
+    p = p * m - 2.4999993993e-1f;
+    p = p * m + 3.3333331174e-1f;
+    return n * 0.693359375f + (m + (p * m * z - n * 2.12194440e-4f - 0.5f * z));
 }
 
 template <class F> inline F softplus(F x) {

@@ -23,23 +23,22 @@ extern "C" int UNISIM_NAME(unisim_march)(const unisim_scene *scene, int32_t in_b
             continue_runs(p, march.runs[p]);
     }
     const auto ask = [&] {
-        march.told.clear();
-        for (const Place &place : march.at) march.told.push_back({place.t, distance(place.strand, place.t), -1});
+        for (const int p : march.asked) march.told[p] = distance(p, march.next[p]);
     };
     const auto more = [&](size_t p, std::vector<Run> &runs) {
         if (!in_box) return continue_runs(p, runs);
         runs.clear();
     };
-    const auto face = [&](size_t p, size_t &at, float &t) {
-        return !in_box && find_face(*scene, origins + 3 * p, directions + 3 * p, spans[2 * p], march.probes[p], at, t);
+    const auto face = [&](int p, int &at, float &t) {
+        return !in_box && find_face(*scene, origins + 3 * p, directions + 3 * p, spans[2 * p], &march.t[p], &march.stopped[p], march.counts[p],
+                                    march.stride, at, t);
     };
-    march.follow(march.runs.size(), passed, scene->beta, *sampling, ask, more, face, scene->voxel_m);
-    for (size_t p = 0; p < march.runs.size(); ++p) {
-        const std::vector<Probe> &probes = march.probes[p];
-        counts[p] = static_cast<int32_t>(probes.size());
-        for (size_t k = 0; k < std::min(probes.size(), static_cast<size_t>(most)); ++k) {
-            t[p * static_cast<size_t>(most) + k] = probes[k].t;
-            s[p * static_cast<size_t>(most) + k] = probes[k].s;
+    march.follow(static_cast<int>(n), passed, scene->beta, *sampling, ask, more, face, scene->voxel_m);
+    for (int64_t p = 0; p < n; ++p) {
+        counts[p] = march.counts[p];
+        for (int64_t k = 0; k < std::min(counts[p], most); ++k) {
+            t[p * most + k] = march.t[k * march.stride + p];
+            s[p * most + k] = march.s[k * march.stride + p];
         }
     }
     return 0;

@@ -148,7 +148,7 @@ inline float merge_fronts(const std::vector<Strand> &strands, std::vector<int> &
     constexpr float END = 3.4e38f;
     const auto stop_of = [](const Batch &b, int p, int k) {
         const int64_t i = static_cast<int64_t>(k) * b.stride + p;
-        const float t = b.t[i], near = k ? b.t[i - b.stride] : t, alpha = -std::expm1(-b.tau[i]);
+        const float t = b.t[i], near = k ? b.t[i - b.stride] : t, alpha = stopped_by(b.tau[i]);
         return near + (alpha > 1e-4f ? b.share[i] / alpha : 0.5f) * (t - near);
     };
     next.assign(strands.size(), 0);
@@ -162,7 +162,7 @@ inline float merge_fronts(const std::vector<Strand> &strands, std::vector<int> &
         if (stops[first] == END) return static_cast<float>(before);
         Batch &b = *strands[first].batch;
         const int k = next[first]++, p = strands[first].p;
-        b.front[static_cast<int64_t>(k) * b.stride + p] = std::exp(-static_cast<float>(before));
+        b.front[static_cast<int64_t>(k) * b.stride + p] = exp_of(-static_cast<float>(before));
         before += b.tau[static_cast<int64_t>(k) * b.stride + p];
         stops[first] = k + 1 < b.samples ? stop_of(b, p, k + 1) : END;
     }

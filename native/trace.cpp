@@ -17,11 +17,27 @@ constexpr float EVEN = 0.05f;
 constexpr float EMPTY_M = 10.0f, NORMAL_STEP_M = 0.03f;
 constexpr float MAX_LOG_DENSITY = 8.0f;
 constexpr float LEAST_WEIGHT = 1e-4f;
+// What weighs less is left out of sums: a millionth of a feature shows in none of its digits.
+constexpr float NO_WEIGHT = 1e-6f;
 
 struct Fields {
     const unisim_scene *scene;
     Field fixed, far, actors;
-    explicit Fields(const unisim_scene *s) : scene(s), fixed(s->fixed), far(s->far), actors(s->actors) {}
+    std::vector<float> light_first, light_last; // the light's layers, transposed: (features, wide), (hidden, wide)
+
+    explicit Fields(const unisim_scene *s) : scene(s), fixed(s->fixed), far(s->far), actors(s->actors) {
+        if (!s->light) return;
+        light_first = transposed(s->light->w1, s->light->hidden, s->light->inputs);
+        light_last = transposed(s->light->w2, s->light->outputs, s->light->hidden);
+    }
+
+    // (inputs, padded(outputs)) of a matrix (outputs, inputs).
+    static std::vector<float> transposed(const float *w, int outputs, int inputs) {
+        std::vector<float> out(static_cast<size_t>(inputs) * padded(outputs), 0.0f);
+        for (int o = 0; o < outputs; ++o)
+            for (int i = 0; i < inputs; ++i) out[static_cast<size_t>(i * padded(outputs) + o)] = w[o * inputs + i];
+        return out;
+    }
 };
 
 struct Task {
@@ -54,6 +70,19 @@ inline float ground_at(const unisim_scene &s, float x, float y) {
     return (1 - fu) * ((1 - fv) * s.ground[i * wide + j] + fv * s.ground[i * wide + jj]) +
            fu * ((1 - fv) * s.ground[ii * wide + j] + fv * s.ground[ii * wide + jj]);
 }
+
+// Places t on strands where a field is asked, and what it says.
+struct Asked {
+    int count = 0;
+    std::vector<int32_t> strand, slot;
+    std::vector<float> t, s;
+
+    void resize(int n) {
+        count = n;
+        for (auto *v : {&strand, &slot}) v->resize(static_cast<size_t>(n));
+        for (auto *v : {&t, &s}) v->resize(static_cast<size_t>(n));
+    }
+};
 
 class Tile {
   public:
@@ -186,6 +215,7 @@ class Tile {
     // Samples of a batch's strands placed, and what they say.
     void follow(Batch &b) {
         const unisim_sampling &sampling = task_.sampling;
+        find_ways(b);
         if (b.medium == Medium::copy) {
             b.sample(2 * sampling.samples);
             for (int p = 0; p < b.count; ++p)
@@ -282,47 +312,62 @@ class Tile {
 
     // The field at samples of a batch, by their numbers.
     void evaluate(Batch &b, const int *ids, int count, bool keep) {
-        march_.at.clear();
-        for (int i = 0; i < count; ++i) march_.at.push_back({ids[i] % b.stride, b.t[static_cast<size_t>(ids[i])]});
+        asked_.resize(count);
+        for (int i = 0; i < count; ++i) {
+            asked_.strand[i] = ids[i] % b.stride;
+            asked_.t[i] = b.t[static_cast<size_t>(ids[i])];
+        }
         ask_at(b, keep);
         for (int i = 0; i < count; ++i) {
-            b.s[static_cast<size_t>(ids[i])] = march_.told[static_cast<size_t>(i)].s;
-            b.slot[static_cast<size_t>(ids[i])] = march_.told[static_cast<size_t>(i)].slot;
+            b.s[static_cast<size_t>(ids[i])] = asked_.s[i];
+            b.slot[static_cast<size_t>(ids[i])] = asked_.slot[i];
         }
     }
 
-    // march_.told: the distances at the places march_.at, and, where units are to be kept, their slots.
+    // Strands in the unit cube of their field: where they begin and how far they go a metre.
+    void find_ways(const Batch &b) {
+        const unisim_troupe *troupe = b.medium == Medium::actor ? &task_.cast.troupes[b.troupe] : nullptr;
+        const size_t count = static_cast<size_t>(b.count);
+        for (size_t a = 0; a < 3; ++a) {
+            begin_[a].resize(count);
+            way_[a].resize(count);
+            for (size_t p = 0; p < count; ++p) {
+                begin_[a][p] = b.o[3 * p + a] / b.size[3 * p + a] + (troupe ? 0.5f : 0.0f);
+                way_[a][p] = b.d[3 * p + a] / b.size[3 * p + a];
+            }
+        }
+        rows_.assign(count, 0);
+        for (size_t p = 0; troupe && p < count; ++p) rows_[p] = troupe->rows[b.box[p]];
+    }
+
+    // The distances at the places `asked_` and, where units are to be kept, their slots; after `find_ways`.
     void ask_at(Batch &b, bool keep) {
         const Field &field = field_of(b);
-        const unisim_troupe *troupe = b.medium == Medium::actor ? &task_.cast.troupes[b.troupe] : nullptr;
-        const float shift = troupe ? 0.5f : 0.0f;
-        const int count = static_cast<int>(march_.at.size());
+        const int count = asked_.count;
         samples += count;
-        march_.told.resize(march_.at.size());
+        if (keep) {
+            // grown, and never cleared: what is kept is written before it is read
+            const size_t slots = b.slots + static_cast<size_t>((count + BLOCK - 1) / BLOCK * BLOCK);
+            if (b.units.size() < slots * field.wide) b.units.resize(slots * field.wide);
+        }
         for (int first = 0; first < count; first += BLOCK) {
             const int n = std::min(BLOCK, count - first);
+            const int32_t *strand = &asked_.strand[first];
+            const float *t = &asked_.t[first];
             for (int i = 0; i < BLOCK; ++i) {
-                const Place &place = march_.at[static_cast<size_t>(first + std::min(i, n - 1))];
-                const int p = place.strand;
-                for (int a = 0; a < 3; ++a) x_[a][i] = (b.o[3 * p + a] + place.t * b.d[3 * p + a]) / b.size[3 * p + a] + shift;
-                row_[i] = troupe ? troupe->rows[b.box[p]] : 0;
+                const int j = std::min(i, n - 1), p = strand[j];
+                for (int a = 0; a < 3; ++a) x_[a][i] = begin_[a][p] + t[j] * way_[a][p];
+                row_[i] = rows_[p];
             }
-            float *h = block_.data();
-            const size_t slot = b.slots;
-            if (keep) {
-                b.slots += BLOCK;
-                // grown, and never cleared: what is kept is written before it is read
-                b.units.resize(std::max(b.units.size(), b.slots * static_cast<size_t>(field.wide)));
-                h = &b.units[slot * static_cast<size_t>(field.wide)];
-            }
-            field.units(x_, troupe ? row_ : nullptr, n, code_.data(), h);
+            float *h = keep ? &b.units[b.slots * field.wide] : block_.data();
+            field.units(x_, b.medium == Medium::actor ? row_ : nullptr, n, code_.data(), h);
             for (int i = 0; i < n; ++i) {
-                const Place &place = march_.at[static_cast<size_t>(first + i)];
-                Probe &probe = march_.told[static_cast<size_t>(first + i)];
-                probe = {place.t, field.first_output(h + i * field.wide), keep ? static_cast<int>(slot) + i : -1};
-                if (b.medium == Medium::fixed) clear(b, place.strand, place.t, probe.s);
-                if (b.medium == Medium::copy) lift(b, place.strand, place.t, probe.s);
+                float &s = asked_.s[first + i] = field.first_output(h + i * field.wide);
+                asked_.slot[first + i] = keep ? static_cast<int>(b.slots) + i : -1;
+                if (b.medium == Medium::fixed) clear(b, strand[i], t[i], s);
+                if (b.medium == Medium::copy) lift(b, strand[i], t[i], s);
             }
+            if (keep) b.slots += n;
         }
     }
 
@@ -351,24 +396,44 @@ class Tile {
             if (b.medium == Medium::fixed) return continue_runs(b, p, runs);
             runs.clear();
         };
-        const auto face = [&](size_t p, size_t &at, float &t) {
-            return b.medium == Medium::fixed && find_face(scene_, &b.o[3 * p], &b.d[3 * p], b.t_near[p], march_.probes[p], at, t);
+        const auto face = [&](int p, int &at, float &t) {
+            return b.medium == Medium::fixed && find_face(scene_, &b.o[3 * p], &b.d[3 * p], b.t_near[p], &march_.t[p], &march_.stopped[p],
+                                                          march_.counts[p], march_.stride, at, t);
         };
-        march_.follow(count, passed_.data(), scene.beta, task_.sampling, [&] { ask_at(b, true); }, more, face, scene_.voxel_m);
-        const std::vector<std::vector<Probe>> &probes = march_.probes;
-        size_t longest = 1;
-        for (size_t p = 0; p < count; ++p) longest = std::max(longest, probes[p].size());
-        b.lay(static_cast<int>(longest));
-        for (size_t p = 0; p < count; ++p)
-            for (size_t k = 0; k < longest; ++k) {
-                // behind the last answer nothing is told, and nothing stops the ray
-                const bool told = k < probes[p].size();
-                const Probe probe = told ? probes[p][k] : probes[p].empty() ? Probe{b.t_near[p], EMPTY_M, -1} : probes[p].back();
-                const size_t i = k * static_cast<size_t>(b.stride) + p;
-                b.t[i] = probe.t;
-                b.s[i] = probe.s;
-                b.slot[i] = told ? probe.slot : -1;
+        const auto ask = [&] {
+            asked_.resize(static_cast<int>(march_.asked.size()));
+            for (int i = 0; i < asked_.count; ++i) {
+                asked_.strand[i] = march_.asked[i];
+                asked_.t[i] = march_.next[march_.asked[i]];
             }
+            ask_at(b, true);
+            for (int i = 0; i < asked_.count; ++i) {
+                march_.told[march_.asked[i]] = asked_.s[i];
+                march_.told_slot[march_.asked[i]] = asked_.slot[i];
+            }
+        };
+        march_.follow(b.count, passed_.data(), scene.beta, task_.sampling, ask, more, face, scene_.voxel_m);
+        b.lay(std::max(1, march_.rows));
+        if (march_.rows) {
+            std::swap(b.t, march_.t);
+            std::swap(b.s, march_.s);
+            std::swap(b.slot, march_.slot);
+        }
+        // behind the last answer nothing is told, and nothing stops the ray
+        for (int p = 0; p < b.stride; ++p) {
+            const int told = p < b.count ? march_.counts[p] : 0;
+            float t = p < b.count ? b.t_near[p] : 0.0f, s = EMPTY_M;
+            if (told) {
+                t = b.t[static_cast<size_t>((told - 1) * b.stride + p)];
+                s = b.s[static_cast<size_t>((told - 1) * b.stride + p)];
+            }
+            for (int k = told; k < b.samples; ++k) {
+                const size_t i = static_cast<size_t>(k * b.stride + p);
+                b.t[i] = t;
+                b.s[i] = s;
+                b.slot[i] = -1;
+            }
+        }
         find_depths(b, 0, b.samples, scene.beta, false);
     }
 
@@ -533,7 +598,7 @@ class Tile {
             float *sum = &summed_[static_cast<size_t>(p) * field.wide];
             for (int k = 0; k < b.samples; ++k) {
                 const size_t i = static_cast<size_t>(k * b.stride + p);
-                if (b.slot[i] < 0) continue;
+                if (b.slot[i] < 0 || b.weight[i] <= NO_WEIGHT) continue;
                 const float *h = &b.units[static_cast<size_t>(b.slot[i]) * field.wide];
                 const lanes w = spread(b.weight[i]);
                 for (int j = 0; j < field.wide; j += LANES) store(sum + j, load(sum + j) + w * load(h + j));
@@ -605,7 +670,10 @@ class Tile {
         for (int p = 0; p < b.count; ++p)
             if (strand_weight_[p] > LEAST_WEIGHT) heavy_.push_back(p);
         constexpr int PLACES = BLOCK / 4;
-        std::vector<float> looks(static_cast<size_t>(BLOCK) * field.wide_out), mean(static_cast<size_t>(features)), hidden(net.hidden);
+        const std::vector<float> &first_layer = fields.light_first, &last_layer = fields.light_last;
+        const int wide = padded(net.hidden), wide_out = padded(2 * features);
+        light_units_.resize(static_cast<size_t>(PLACES) * std::max(field.wide, wide));
+        looks_.resize(static_cast<size_t>(PLACES) * std::max(field.wide_out, wide_out));
         for (size_t first = 0; first < heavy_.size(); first += PLACES) {
             const int n = static_cast<int>(std::min<size_t>(PLACES, heavy_.size() - first));
             for (int i = 0; i < BLOCK; ++i) {
@@ -621,22 +689,21 @@ class Tile {
             }
             field.units(x_, nullptr, 4 * n, code_.data(), block_.data());
             samples += 4 * n;
-            layer<false>(BLOCK, field.wide_out, field.hidden, block_.data(), field.wide, field.feature.data(), looks.data());
+            // what is linear may be averaged before: the hidden units in place of the features
+            float *mean = light_units_.data();
+            for (int i = 0; i < n; ++i)
+                for (int j = 0; j < field.wide; j += LANES) {
+                    const float *h = &block_[static_cast<size_t>(4 * i * field.wide + j)];
+                    store(mean + i * field.wide + j, (load(h) + load(h + field.wide) + load(h + 2 * field.wide) + load(h + 3 * field.wide)) * 0.25f);
+                }
+            layer<false>(PLACES, field.wide_out, field.hidden, mean, field.wide, field.feature.data(), looks_.data());
+            for (int i = 0; i < n; ++i)
+                for (int f = 0; f < features; ++f) looks_[static_cast<size_t>(i * field.wide_out + f)] += field.bias[static_cast<size_t>(f + 1)];
+            layer<true>(PLACES, wide, features, looks_.data(), field.wide_out, first_layer.data(), light_units_.data());
+            layer<false>(PLACES, wide_out, net.hidden, light_units_.data(), wide, last_layer.data(), looks_.data());
             for (int i = 0; i < n; ++i) {
-                for (int f = 0; f < features; ++f) {
-                    mean[f] = field.bias[static_cast<size_t>(f + 1)];
-                    for (int k = 0; k < 4; ++k) mean[f] += looks[static_cast<size_t>((4 * i + k) * field.wide_out + f)] / 4;
-                }
-                for (int h = 0; h < net.hidden; ++h) {
-                    float sum = 0;
-                    for (int f = 0; f < features; ++f) sum += net.w1[h * features + f] * mean[f];
-                    hidden[h] = std::fmax(sum, 0.0f);
-                }
                 float *out = &light_[static_cast<size_t>(2 * heavy_[first + i] * features)];
-                for (int f = 0; f < 2 * features; ++f) {
-                    out[f] = net.bias[f];
-                    for (int h = 0; h < net.hidden; ++h) out[f] += net.w2[f * net.hidden + h] * hidden[h];
-                }
+                for (int f = 0; f < 2 * features; ++f) out[f] = looks_[static_cast<size_t>(i * wide_out + f)] + net.bias[f];
             }
         }
     }
@@ -656,26 +723,25 @@ class Tile {
         if (beyond_.empty()) return;
         const Field &field = task_.fields[0].far;
         const int n = static_cast<int>(beyond_.size()), proposals = sampling.far_proposals, count = sampling.far_samples;
-        std::vector<float> share(static_cast<size_t>(n) * count), density(static_cast<size_t>(n) * proposals);
-        far_tau_.assign(static_cast<size_t>(n) * count, 0.0f);
-        far_t_.assign(static_cast<size_t>(n) * count, 0.0f);
-        std::vector<float> width(static_cast<size_t>(n) * count), t(static_cast<size_t>(n) * proposals);
-        const auto disparity = [&](int r, float u) { return 1 / ((1 - u) / std::fmax(far_[r], sampling.near_m) + u / scene_.far_m); };
-        for (int i = 0; i < n; ++i)
-            for (int k = 0; k < proposals; ++k)
-                t[static_cast<size_t>(i * proposals + k)] = disparity(beyond_[i], (static_cast<float>(k) + 0.5f) / static_cast<float>(proposals));
-        ask_far(t.data(), proposals, density.data(), nullptr);
-        for (int i = 0; i < n; ++i) find_far_places(&density[static_cast<size_t>(i * proposals)], &share[static_cast<size_t>(i * count)], &width[static_cast<size_t>(i * count)]);
-        for (int i = 0; i < n; ++i)
-            for (int k = 0; k < count; ++k) far_t_[static_cast<size_t>(i * count + k)] = disparity(beyond_[i], share[static_cast<size_t>(i * count + k)]);
-        std::vector<float> units;
-        ask_far(far_t_.data(), count, far_tau_.data(), &units);
+        // of a march the first answers count like the second ones: for as many questions the sum is closer to the integral
+        const bool all = sampling.stride_m > 0;
+        const int first = all ? proposals : 0;
+        far_count_ = first + count;
+        far_share_.resize(static_cast<size_t>(n) * (proposals + count));
+        far_density_.resize(far_share_.size());
+        far_width_.resize(static_cast<size_t>(n) * count);
+        float *share = &far_share_[static_cast<size_t>(n) * proposals], *density = &far_density_[static_cast<size_t>(n) * proposals];
+        for (int i = 0; i < n * proposals; ++i)
+            far_share_[static_cast<size_t>(i)] = (static_cast<float>(i % proposals) + 0.5f) / static_cast<float>(proposals);
+        ask_far(far_share_.data(), proposals, far_density_.data(), all ? &far_units_[0] : nullptr);
+        for (int i = 0; i < n; ++i) find_far_places(&far_density_[static_cast<size_t>(i * proposals)], share + i * count, &far_width_[static_cast<size_t>(i * count)]);
+        ask_far(share, count, density, &far_units_[1]);
         const int rows = (n + ROWS - 1) / ROWS * ROWS;
         std::vector<float> summed(static_cast<size_t>(rows) * field.wide, 0.0f), whole(n, 0.0f), out(static_cast<size_t>(rows) * field.wide_out);
         std::vector<float> behind(n);
         std::vector<float> weights;
         std::vector<int> places;
-        if (scene_.sample_head) begin_directed(n * (count + 1), field.outputs - 1);
+        if (scene_.sample_head) begin_directed(n * (far_count_ + 1), field.outputs - 1);
         const auto add = [&](int i, float weight, const float *h) {
             if (scene_.sample_head) {
                 if (weight <= LEAST_WEIGHT) return;
@@ -684,24 +750,45 @@ class Tile {
                 places.push_back(i);
                 return;
             }
-            for (int j = 0; j < field.wide; ++j) summed[static_cast<size_t>(i * field.wide + j)] += weight * h[j];
             whole[i] += weight;
+            if (weight <= NO_WEIGHT) return;
+            float *sum = &summed[static_cast<size_t>(i * field.wide)];
+            for (int j = 0; j < field.wide; j += LANES) store(sum + j, load(sum + j) + weight * load(h + j));
         };
+        far_t_.resize(static_cast<size_t>(n) * far_count_);
+        far_tau_.resize(far_t_.size());
         for (int i = 0; i < n; ++i) {
-            float before = 0;
-            for (int k = 0; k < count; ++k) {
-                const size_t at = static_cast<size_t>(i * count + k);
-                far_tau_[at] *= width[at];
-                const float weight = std::exp(-before) * -std::expm1(-far_tau_[at]);
-                add(i, weight, &units[at * field.wide]);
-                far_depth_[beyond_[i]] += weight * far_t_[at];
-                before += far_tau_[at];
+            const float *shares[2] = {&far_share_[static_cast<size_t>(i * proposals)], share + i * count};
+            const int counts[2] = {first, count};
+            int next[2] = {0, 0};
+            float before = 0, edge = 0;
+            for (int k = 0; k < far_count_; ++k) {
+                // both rise
+                const int of = next[0] < counts[0] && (next[1] == counts[1] || shares[0][next[0]] <= shares[1][next[1]]) ? 0 : 1;
+                const int j = next[of]++, at = i * (of ? count : proposals) + j;
+                const float u = shares[of][j];
+                float width;
+                if (all) {
+                    float after = 1;
+                    for (int side = 0; side < 2; ++side)
+                        if (next[side] < counts[side]) after = std::min(after, 0.5f * (u + shares[side][next[side]]));
+                    width = after - edge;
+                    edge = after;
+                } else
+                    width = far_width_[static_cast<size_t>(at)];
+                const size_t place = static_cast<size_t>(i * far_count_ + k);
+                far_t_[place] = far_place(beyond_[i], u);
+                far_tau_[place] = (of ? density : far_density_.data())[at] * width;
+                const float weight = exp_of(-before) * stopped_by(far_tau_[place]);
+                add(i, weight, &far_units_[of][static_cast<size_t>(at) * field.wide]);
+                far_depth_[beyond_[i]] += weight * far_t_[place];
+                before += far_tau_[place];
             }
-            behind[i] = std::exp(-before);
+            behind[i] = exp_of(-before);
         }
         if (sampling.sky) {
-            sky(units);
-            for (int i = 0; i < n; ++i) add(i, behind[i], &units[static_cast<size_t>(i) * field.wide]);
+            sky(far_units_[0]);
+            for (int i = 0; i < n; ++i) add(i, behind[i], &far_units_[0][static_cast<size_t>(i) * field.wide]);
         }
         const int features = field.outputs - 1;
         if (scene_.sample_head)
@@ -730,19 +817,26 @@ class Tile {
             for (size_t f = 0; f < features; ++f) out[static_cast<size_t>(places[i] * field.wide_out) + f] += weights[i] * directed_[i * features + f];
     }
 
-    // Densities at places t (rays beyond, count); their hidden units too, where `units` is given.
-    void ask_far(const float *t, int count, float *density, std::vector<float> *units) {
+    // How far a share of the disparities beyond the volume is along a ray.
+    float far_place(int r, float u) const {
+        return 1 / ((1 - u) / std::max(far_[r], task_.sampling.near_m) + u / scene_.far_m);
+    }
+
+    // Densities at shares of disparity (rays beyond, count); their hidden units too, where `units` is given.
+    void ask_far(const float *share, int count, float *density, std::vector<float> *units) {
         const Field &field = task_.fields[0].far;
         const int n = static_cast<int>(beyond_.size()) * count;
-        if (units) units->resize(static_cast<size_t>((n + BLOCK - 1) / BLOCK * BLOCK) * field.wide);
+        const size_t room = static_cast<size_t>((n + BLOCK - 1) / BLOCK * BLOCK) * field.wide;
+        if (units && units->size() < room) units->resize(room);
         samples += n;
         for (int first = 0; first < n; first += BLOCK) {
             const int block = std::min(BLOCK, n - first);
             for (int i = 0; i < BLOCK; ++i) {
                 const int at = first + std::min(i, block - 1), r = beyond_[at / count];
+                const float t = far_place(r, share[at]);
                 float y[3], norm = 0;
                 for (int a = 0; a < 3; ++a) {
-                    y[a] = (o_[r][a] + d_[r][a] * t[at] - scene_.size[a] / 2) / scene_.far_radius;
+                    y[a] = (o_[r][a] + d_[r][a] * t - scene_.size[a] / 2) / scene_.far_radius;
                     norm += y[a] * y[a];
                 }
                 // mip-NeRF 360's contraction (Barron et al., 2022, eq. 10)
@@ -752,7 +846,7 @@ class Tile {
             }
             float *h = units ? units->data() + static_cast<size_t>(first) * field.wide : block_.data();
             field.units(x_, nullptr, block, code_.data(), h);
-            for (int i = 0; i < block; ++i) density[first + i] = std::exp(std::fmin(field.first_output(h + i * field.wide), MAX_LOG_DENSITY));
+            for (int i = 0; i < block; ++i) density[first + i] = exp_of(least(field.first_output(h + i * field.wide), MAX_LOG_DENSITY));
         }
     }
 
@@ -760,7 +854,8 @@ class Tile {
     void sky(std::vector<float> &units) {
         const Field &field = task_.fields[0].far;
         const int n = static_cast<int>(beyond_.size());
-        units.resize(static_cast<size_t>((n + BLOCK - 1) / BLOCK * BLOCK) * field.wide);
+        const size_t room = static_cast<size_t>((n + BLOCK - 1) / BLOCK * BLOCK) * field.wide;
+        if (units.size() < room) units.resize(room);
         samples += n;
         for (int first = 0; first < n; first += BLOCK) {
             const int block = std::min(BLOCK, n - first);
@@ -773,11 +868,12 @@ class Tile {
     // Where one ray asks the far field again, as shares of disparity, and the lengths of the intervals round these places.
     void find_far_places(const float *density, float *share, float *width) {
         const int proposals = task_.sampling.far_proposals, count = task_.sampling.far_samples;
-        std::vector<float> sum(static_cast<size_t>(proposals) + 1, 0.0f);
+        std::vector<float> &sum = far_sum_;
+        sum.assign(static_cast<size_t>(proposals) + 1, 0.0f);
         float before = 0, total = 0;
         for (int k = 0; k < proposals; ++k) {
             const float tau = density[k] / static_cast<float>(proposals);
-            sum[static_cast<size_t>(k + 1)] = std::exp(-before) * -std::expm1(-tau) + 1e-3f;
+            sum[static_cast<size_t>(k + 1)] = exp_of(-before) * stopped_by(tau) + 1e-3f;
             total += sum[static_cast<size_t>(k + 1)];
             before += tau;
         }
@@ -829,7 +925,7 @@ class Tile {
             }
             task_.found.median[number_[r]] = depth;
         }
-        const int count = task_.sampling.far_samples;
+        const int count = far_count_;
         for (size_t i = 0; i < beyond_.size(); ++i) {
             const int r = beyond_[i];
             const float wanted = (1 + behind_[r]) / 2;
@@ -944,9 +1040,12 @@ class Tile {
     std::vector<Occupied> occupied_;
     std::vector<Hit> hits_;
     std::vector<Batch> batches_; // what stands still, the troupes, copies, meshes
-    std::vector<float> quantile_, shares_, passed_, code_, block_, light_, undirected_, along_, directed_;
+    std::vector<float> quantile_, shares_, passed_, code_, block_, light_, light_units_, looks_, undirected_, along_, directed_;
     std::vector<int> going_, wanted_, heavy_;
     March march_;
+    Asked asked_;
+    std::vector<float> begin_[3], way_[3]; // of a batch's strands
+    std::vector<int32_t> rows_;            // their actors' grids
     int32_t steps_[TILE]; // through the cells, of the strands of what stands still
     std::vector<Run> span_[TILE];
     float x_[3][BLOCK];
@@ -957,7 +1056,9 @@ class Tile {
     std::vector<float> stops_, strand_weight_, summed_, projected_, feature_, own_feature_;
     float behind_[TILE], behind_own_[TILE], total_[TILE], stopped_[TILE];
     std::vector<int> beyond_;
-    std::vector<float> far_t_, far_tau_;
+    int far_count_ = 0;
+    std::vector<float> far_t_, far_tau_, far_share_, far_density_, far_width_, far_sum_;
+    std::vector<float> far_units_[2]; // of the first answers, of the second ones
     float far_depth_[TILE], far_behind_[TILE], near_behind_[TILE];
 };
 
@@ -990,27 +1091,27 @@ extern "C" int UNISIM_NAME(unisim_trace)(const unisim_scene *scene, const unisim
 extern "C" int UNISIM_NAME(unisim_clearance)(const uint8_t *voxels, const int32_t *shape, uint8_t *out) {
     const int64_t nx = shape[0], ny = shape[1], nz = shape[2];
     for (int64_t i = 0; i < nx * ny * nz; ++i) out[i] = voxels[i] ? 0 : 255;
+    std::vector<uint8_t> least(static_cast<size_t>(nz) + 2), wide(static_cast<size_t>(nz));
     const auto sweep = [&](int sign) {
         for (int64_t ii = 0; ii < nx; ++ii)
-            for (int64_t jj = 0; jj < ny; ++jj)
+            for (int64_t jj = 0; jj < ny; ++jj) {
+                const int64_t i = sign > 0 ? ii : nx - 1 - ii, j = sign > 0 ? jj : ny - 1 - jj;
+                // the four rows of neighbours that were swept before, and a voxel at both their ends
+                std::fill(least.begin(), least.end(), 255);
+                const auto join = [&](int64_t a, int64_t b) {
+                    if (a < 0 || a >= nx || b < 0 || b >= ny) return;
+                    const uint8_t *row = out + (a * ny + b) * nz;
+                    for (int64_t k = 0; k < nz; ++k) least[k + 1] = std::min(least[k + 1], row[k]);
+                };
+                for (int dj = -1; dj <= 1; ++dj) join(i - sign, j + dj);
+                join(i, j - sign);
+                for (int64_t k = 0; k < nz; ++k) wide[k] = std::min(std::min(least[k], least[k + 1]), least[k + 2]);
+                uint8_t *row = out + (i * ny + j) * nz, before = 255;
                 for (int64_t kk = 0; kk < nz; ++kk) {
-                    const int64_t i = sign > 0 ? ii : nx - 1 - ii, j = sign > 0 ? jj : ny - 1 - jj, k = sign > 0 ? kk : nz - 1 - kk;
-                    int least = out[(i * ny + j) * nz + k];
-                    if (!least) continue;
-                    // the thirteen neighbours that were swept before
-                    for (int dj = -1; dj <= 1; ++dj)
-                        for (int dk = -1; dk <= 1; ++dk) {
-                            const int64_t a = i - sign, b = j + dj, c = k + dk;
-                            if (a >= 0 && a < nx && b >= 0 && b < ny && c >= 0 && c < nz)
-                                least = std::min(least, out[(a * ny + b) * nz + c] + 1);
-                        }
-                    for (int dk = -1; dk <= 1; ++dk) {
-                        const int64_t b = j - sign, c = k + dk;
-                        if (b >= 0 && b < ny && c >= 0 && c < nz) least = std::min(least, out[(i * ny + b) * nz + c] + 1);
-                    }
-                    if (k - sign >= 0 && k - sign < nz) least = std::min(least, out[(i * ny + j) * nz + k - sign] + 1);
-                    out[(i * ny + j) * nz + k] = static_cast<uint8_t>(std::min(least, 255));
+                    const int64_t k = sign > 0 ? kk : nz - 1 - kk;
+                    before = row[k] = static_cast<uint8_t>(std::min<int>(row[k], std::min(wide[k], before) + 1));
                 }
+            }
     };
     sweep(1);
     sweep(-1);

@@ -171,6 +171,11 @@ def _reason(code: int, last_words: list[str]) -> str:
     return words or f"exit status {code}"
 
 
+def progress_line(event: Message) -> str:
+    """A ``progress`` event in words."""
+    return f"{event['text']}: {event['share']:.0%}"
+
+
 _client: Client | None = None
 
 

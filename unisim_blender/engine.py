@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import queue
 import sys
+import time
 from contextlib import suppress
 from typing import Any
 
@@ -15,14 +16,18 @@ from .bridge.sampling import picture_size
 from .bridge.snapshot import camera_request, moment
 from .bridge.source import source_of
 from .bridge.windows import areas
-from .client import Client, Request, client
+from .client import Client, Request, client, progress_line
 from .core.colour import linear_from_srgb
 from .core.errors import UnisimError
 from .preferences import device, interpreter
 
 WAIT_S = 0.05
 """Between two looks at whether the user has had enough."""
-REDRAW_S = 0.05
+LOOK_S = 0.01
+"""Between two looks at whether something has come for a viewport."""
+QUIET_S, QUIET = 0.1, 3.0
+"""What has come is drawn so long after the last drawing, and so many times as long as that took: where OpenGL is software,
+drawing takes its time from the worker. The first and the last of a picture are drawn at once."""
 PASSES = {
     "Depth": ("use_pass_z", 1, "Z", "VALUE", "depth"),
     "Normal": ("use_pass_normal", 3, "XYZ", "VECTOR", "normal"),
@@ -77,7 +82,7 @@ class UniSimEngine(bpy.types.RenderEngine):
         view.follow(context, depsgraph)
         view.gather()
         view.draw(self, depsgraph.scene)
-        self.update_stats("UniSim", view.problem or ("Rendering" if view.pending else ""))
+        self.update_stats("UniSim", view.problem or view.progress or ("Rendering" if view.pending else ""))
         if view.pending or view.waits:
             redraw_soon()
 
@@ -154,6 +159,9 @@ class UniSimEngine(bpy.types.RenderEngine):
                     self._fail(event["text"])
                     cancelled = True
                     return
+                if event["event"] == "progress":
+                    self.update_stats("UniSim", progress_line(event))
+                    continue
                 if event["event"] != "arrays":
                     return
                 done = picture.put(event, worker.arrays(event))
@@ -221,15 +229,30 @@ def border_of(render: bpy.types.RenderSettings, size: tuple[int, int]) -> tuple[
 
 
 def redraw_soon() -> None:
-    """Draw the viewports again in a moment: bands are on their way."""
-    if not bpy.app.timers.is_registered(_redraw):
-        bpy.app.timers.register(_redraw, first_interval=REDRAW_S)
+    """Draw the viewports again when there is something to draw: parts of a picture are on their way."""
+    if not bpy.app.timers.is_registered(_look):
+        bpy.app.timers.register(_look, first_interval=LOOK_S)
 
 
-def _redraw() -> None:
-    for area in areas("VIEW_3D"):
-        if area.spaces.active.shading.type == "RENDERED":
-            area.tag_redraw()
+_asked_s, _quiet_until_s = 0.0, 0.0
+"""When a drawing was asked for that is not done, and until when there is to be none."""
+
+
+def _look() -> float | None:
+    global _asked_s, _quiet_until_s
+    now = time.monotonic()
+    if _asked_s:  # timers run when all is drawn
+        _quiet_until_s, _asked_s = now + max(QUIET_S, QUIET * (now - _asked_s)), 0.0
+    viewport = sys.modules.get(f"{__package__}.viewport")
+    views = list(viewport.VIEWS) if viewport is not None else []
+    if any(view.news(now > _quiet_until_s) for view in views):
+        _asked_s = now
+        for area in areas("VIEW_3D"):
+            if area.spaces.active.shading.type == "RENDERED":
+                for region in area.regions:
+                    if region.type == "WINDOW":  # its panels show nothing of this
+                        region.tag_redraw()
+    return LOOK_S if any(view.pending or view.waits for view in views) else None
 
 
 CLASSES = (UniSimEngine,)

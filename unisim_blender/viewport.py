@@ -18,16 +18,17 @@ from .bridge.neighbours import lacking, sample_now, step_soon
 from .bridge.sampling import Sampled, Thing, frame_of
 from .bridge.snapshot import camera_request
 from .bridge.source import source_of
-from .bridge.touched import Rectangle, touched
-from .client import Client, Request, client
+from .bridge.touched import Rectangle, is_empty, joined, touched
+from .client import Client, Request, client, progress_line
 from .core.colour import linear_from_srgb
 from .core.drive import CameraModel
 from .core.errors import UnisimError
 from .preferences import device, interpreter
 
-COARSE = (8, 3)
-"""The whole view is rendered at these fractions of its width before it is rendered as it is."""
-
+COARSE = (8, 4)
+"""The view is shown with one in so many pixels each way before it is finished."""
+PART = 0.1
+"""A smaller share of the picture is shown when it is finished."""
 
 BOX_M, SHADOW_M = 0.1, 2.0
 """How far beside an actor's box a picture may change, without and with contact shadows."""
@@ -43,16 +44,21 @@ class View:
     key: object = None
     wanted: dict[str, Any] | None = None
     sampled: Sampled | None = None
-    columns: slice = slice(None)
+    unfinished: Rectangle = (0, 0, 0, 0)
+    """What was asked for and has not come."""
     request: Request | None = None
     worker: Client | None = None
     rectangle: tuple[int, int, int, int] = (0, 0, 0, 0)
     linear: NDArray[np.float32] = field(default_factory=lambda: np.zeros((0, 0, 4), np.float32))
     texture: Any = None
     problem: str = ""
+    progress: str = ""
+    """How far something is that has to be made before there is a picture."""
     changes: int = 0
     waits: bool = False
     """Whether a render job goes first."""
+    fresh: bool = False
+    """Whether nothing was drawn yet of what was asked for last."""
 
     def __post_init__(self) -> None:
         VIEWS.add(self)
@@ -61,6 +67,12 @@ class View:
     def pending(self) -> bool:
         """Whether more of the picture is to come."""
         return self.request is not None
+
+    def news(self, late: bool) -> bool:
+        """Whether there is something to draw; ``late``: whether the last drawing is long ago."""
+        if self.waits or self.request is None or self.request.events.empty():
+            return self.waits and late
+        return late or self.fresh or self.request.ended
 
     def changed(self) -> None:
         """The scene is another one now."""
@@ -76,7 +88,7 @@ class View:
         """Take back what was asked for."""
         if self.request is not None and self.worker is not None:
             self.worker.cancel(self.request)
-        self.request = None
+        self.request, self.progress = None, ""
 
     def follow(self, context: bpy.types.Context, depsgraph: bpy.types.Depsgraph) -> None:
         """Ask for the picture of what is looked at now, unless it was asked for already, or a render job runs."""
@@ -105,6 +117,7 @@ class View:
             values, sampled, view = found
             # much that Blender calls a change, a selection say, shows nowhere
             if values != self.wanted or self.problem:
+                self.gather()
                 self._ask(values, self._part(values, sampled, view))
             self.sampled, self.problem = sampled, ""
         except (UnisimError, OSError) as fault:
@@ -143,30 +156,33 @@ class View:
 
     def _part(self, values: dict[str, Any], sampled: Sampled, view: Thing) -> Rectangle | None:
         """The part of a finished picture that has to be rendered again; None for all."""
-        if self.wanted is None or self.sampled is None or self.pending or self.problem:
+        if self.wanted is None or self.sampled is None or self.problem:
             return None
         elsewhere = ("camera", "time_s", "model", "quality", "shadows", "device")
         if any(values[name] != self.wanted[name] for name in elsewhere) or self.linear.shape[:2] != self.rectangle[:1:-1]:
             return None
         model = CameraModel.from_dict(values["model"])
-        return touched(self.sampled, sampled, view, model, SHADOW_M if values["shadows"] else BOX_M)
+        part = touched(self.sampled, sampled, view, model, SHADOW_M if values["shadows"] else BOX_M)
+        return None if part is None else joined(part, self.unfinished)
 
     def _ask(self, values: dict[str, Any], part: Rectangle | None) -> None:
         self.drop()
         width, height = self.rectangle[2:]
         self.wanted, self.worker = values, client(interpreter())
-        left, top, right, bottom = part or (0, 0, width, height)
-        self.columns = slice(left, right)
-        if left >= right or top >= bottom:
+        self.unfinished = left, top, right, bottom = part or (0, 0, width, height)
+        if is_empty(self.unfinished):
             return
+        small = (right - left) * (bottom - top) < PART * width * height
         self.request = self.worker.ask(
             "camera",
             **values,
             passes=["rgb"],
-            coarse=[] if part else [max(16, width // fraction) for fraction in COARSE],
+            coarse=[] if small else COARSE,
             rows=[top, bottom],
             columns=[left, right],
+            touched=part is not None,
         )
+        self.fresh = True
         if self.linear.shape[:2] != (height, width):
             self.linear = np.zeros((height, width, 4), np.float32)
             self.texture = None
@@ -178,24 +194,36 @@ class View:
                 event = self.request.events.get_nowait()
             except queue.Empty:
                 return
+            if event["event"] == "progress":
+                self.progress = progress_line(event)
+                continue
+            self.progress = ""
             if event["event"] == "arrays":
                 self._put(event, self.worker.arrays(event)["rgb"])
             else:
                 self.problem = event.get("text", "")
                 self.request = None
+                if event["event"] == "done":
+                    self.unfinished = 0, 0, 0, 0
 
     def _put(self, event: dict[str, Any], rgb: NDArray[np.float32]) -> None:
-        height, width = self.linear.shape[:2]
-        first, last = event["rows"] or (0, height)
-        if event["rows"] is None:  # a coarse picture of it all: each of its pixels covers several
-            rows = np.minimum(np.arange(height) * rgb.shape[0] // height, rgb.shape[0] - 1)
-            across = np.minimum(np.arange(width) * rgb.shape[1] // width, rgb.shape[1] - 1)
-            rgb = rgb[rows[:, None], across]
-        columns = slice(None) if event["rows"] is None else self.columns
-        band = self.linear[height - last : height - first, columns]
-        band[..., :3] = linear_from_srgb(np.clip(rgb, 0, 1))[::-1]
+        height = len(self.linear)
+        (top, bottom), (left, right) = event["rows"], event["columns"]
+        linear = linear_from_srgb(np.clip(rgb, 0, 1))
+        if event["stride"] == [1, 1]:
+            if bottom > self.unfinished[1]:
+                self.unfinished = self.unfinished[0], bottom, *self.unfinished[2:]
+        else:  # each of a coarse picture's pixels stands for those about it
+            spans, places = ((top, bottom), (left, right)), zip(event["origin"], event["stride"], linear.shape, strict=False)
+            rows, across = (
+                np.clip(np.rint((np.arange(*span) - first) / stride).astype(int), 0, count - 1)
+                for span, (first, stride, count) in zip(spans, places, strict=True)
+            )
+            linear = linear[rows[:, None], across]
+        band = self.linear[height - bottom : height - top, left:right]
+        band[..., :3] = linear[::-1]
         band[..., 3] = 1.0
-        self.texture = None
+        self.texture, self.fresh = None, False
 
     def draw(self, engine: bpy.types.RenderEngine, scene: bpy.types.Scene) -> None:
         """Show the picture."""

@@ -10,6 +10,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from click.testing import CliRunner
+
+from unisim_blender.core.cli import unisim
 
 sys.path.insert(0, str(Path(__file__).parent))
 
@@ -40,6 +43,15 @@ def street(scene: Any) -> Any:
 
     assert bpy.ops.unisim.import_scene(filepath=str(SAMPLE / "scene" / "scene.json")) == {"FINISHED"}
     return scene
+
+
+@pytest.fixture(scope="session")
+def street_log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A street of a few frames."""
+    path = tmp_path_factory.mktemp("log") / "street"
+    result = CliRunner().invoke(unisim, ["synth", str(path), "--frames", "3", "--width", "96", "--height", "54"])
+    assert result.exit_code == 0, result.output
+    return path
 
 
 @pytest.fixture

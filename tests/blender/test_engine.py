@@ -143,7 +143,14 @@ def test_any_camera_sees(small: Any, tmp_path: Path) -> None:
     assert picture.std() > 5
 
 
-def test_a_drive_without_a_trained_scene_says_so(small: Any, tmp_path: Path) -> None:
-    small.unisim.scene = ""
-    with pytest.raises(RuntimeError, match="no log|trained scene"):
-        shot(small, tmp_path / "none.png")
+def test_a_log_without_a_trained_scene_is_rendered_by_its_surfels(
+    scene: Any, street_log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("UNISIM_CACHE", str(tmp_path / "cache"))
+    assert bpy.ops.unisim.import_log(filepath=str(street_log)) == {"FINISHED"}
+    scene.render.engine = "UNISIM"
+    scene.frame_set(1)
+    picture = pixels(shot(scene, tmp_path / "surfels.png"))
+    (recorded,) = (street_log / "camera" / scene.camera.unisim.uid).glob("01.*")
+    error = np.abs(picture - pixels(recorded)).mean()
+    assert picture.std() > 5 and error < 30, f"{error} of 255 beside the recorded picture"

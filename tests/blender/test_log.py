@@ -20,15 +20,6 @@ from unisim_blender.core.cli import unisim
 from unisim_blender.operators.background import CURVE, PREVIEW, curve_icon
 
 
-@pytest.fixture(scope="module")
-def street_log(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A street of a few frames."""
-    path = tmp_path_factory.mktemp("log") / "street"
-    result = CliRunner().invoke(unisim, ["synth", str(path), "--frames", "3", "--width", "96", "--height", "54"])
-    assert result.exit_code == 0, result.output
-    return path
-
-
 @pytest.fixture
 def logged(scene: Any, street_log: Path) -> Any:
     """A scene with that log imported."""

@@ -17,9 +17,11 @@ from unisim_blender.bridge.clock import Clock
 from unisim_blender.bridge.neighbours import lacking, sample_now, step_beside
 from unisim_blender.bridge.poses import same
 from unisim_blender.bridge.sampling import kept_frame, picture_size, sample
-from unisim_blender.bridge.snapshot import sized
+from unisim_blender.bridge.snapshot import camera_request, sized
 from unisim_blender.bridge.source import source_of
 from unisim_blender.bridge.touched import touched
+from unisim_blender.core.geometry import FloatArray
+from unisim_blender.core.worker.jobs import Jobs
 
 
 def both(scene: Any, frame: float) -> tuple[Any, Any]:
@@ -241,9 +243,26 @@ def test_what_an_edit_touches_holds_all_that_it_changes(street: Any, tmp_path: P
     rectangle = touched(before, after, view, model)
     assert rectangle is not None
     left, top, right, bottom = rectangle
-    changed = np.abs(first - second).max(-1) > 1
-    assert changed.any()
-    changed[top:bottom, left:right] = False
-    assert not changed.any()
-    assert (right - left) * (bottom - top) < first.shape[0] * first.shape[1]
+    assert (right - left) * (bottom - top) < first.shape[0] * first.shape[1] / 2
+    assert (np.abs(first - second).max(-1) > 1).any()
     assert touched(before, before, view, model) == (model.width, model.height, 0, 0)
+    # what the worker renders again, laid over the picture before, is the picture after, to the bit
+    jobs, source, size = Jobs(tmp_path), source_of(street), picture_size(street.render)
+    old, new = (camera_request(state, view, source, frame, size) for state in (before, after))
+    part = {**new, "rows": [top, bottom], "columns": [left, right], "touched": True}
+    assert np.array_equal(shown(jobs, [old, part]), shown(jobs, [new]))
+    assert not np.array_equal(shown(jobs, [old]), shown(jobs, [new]))
+
+
+def shown(jobs: Jobs, requests: list[dict[str, Any]]) -> FloatArray:
+    """The colours of what is asked for, one laid over the other."""
+    model = requests[0]["model"]
+    whole = np.full((model["height"], model["width"], 3), np.nan)
+    for event in (event for request in requests for event in jobs.camera(request)):
+        (top, bottom), (left, right) = event["rows"], event["columns"]
+        place = event["arrays"]["rgb"]
+        data = (jobs.folder / event["file"]).read_bytes()
+        rgb = np.frombuffer(data, place["dtype"], (bottom - top) * (right - left) * 3, place["offset"])
+        whole[top:bottom, left:right] = rgb.reshape(bottom - top, right - left, 3)
+    assert np.isfinite(whole).all()
+    return whole

@@ -1,8 +1,19 @@
-"""Helper modules of these tests are imported by name, in worker processes too."""
+"""Helper modules of these tests are imported by name, in worker processes too. What is kept for later is kept nowhere else."""
 
 from __future__ import annotations
 
+import os
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
+import pytest
+
 sys.path.insert(0, str(Path(__file__).parent))
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    os.environ["UNISIM_CACHE"] = str(tmp_path_factory.mktemp("cache"))
+    yield
+    del os.environ["UNISIM_CACHE"]

@@ -205,15 +205,16 @@ def test_it_needs_no_torch() -> None:
     assert subprocess.run([sys.executable, "-c", script], timeout=60).returncode == 0
 
 
+@pytest.mark.parametrize("cells", (0, 8))
 @pytest.mark.parametrize("shape", ((1, 1), (3, 30), (40, 33)))
-def test_a_guest_is_carried_past_its_edges(shape: tuple[int, int]) -> None:
+def test_a_guest_is_carried_past_its_edges(shape: tuple[int, int], cells: int) -> None:
     torch.manual_seed(shape[1])
     share = torch.rand(shape) * (torch.rand(shape) < 0.03)
     share[0, 0] = 5e-4  # too little to be looked at, but something
     feature = torch.randn(*shape, 5) * share[..., None]
     feature[-1, -1] = 0.1  # of no share at all
-    expected = torch_tracer._spread_over_edges(feature.view(-1, 5), share.view(-1), shape).view(*shape, 5)
-    found = spread_over_edges(feature.numpy(), share.numpy(), 8)
+    expected = torch_tracer._spread_over_edges(feature.view(-1, 5), share.view(-1), shape, cells).view(*shape, 5)
+    found = spread_over_edges(feature.numpy(), share.numpy(), cells)
     torch.testing.assert_close(torch.from_numpy(found), expected, rtol=1e-5, atol=1e-6)
 
 

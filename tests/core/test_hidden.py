@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import torch
 
+from unisim_blender.core.decode import CameraDecoder
 from unisim_blender.core.fields.config import preset
 from unisim_blender.core.fields.occupancy import OccupancyTrainer
 from unisim_blender.core.fields.scene import SceneModel
@@ -129,6 +130,7 @@ def test_lidar_sees_no_looks(model: SceneModel, teach: bool) -> None:
     wall = torch.cat([foot + torch.tensor([0, 0, up]) for up in (0.6, 1.2, 1.8)])
     hidden = Hidden(model, occupancy, torch.zeros(0, 2), None, torch.cat([foot, wall]))
     wanted = torch.linspace(-1, 1, model.config.features)
+    assert isinstance(model.camera_decoder, CameraDecoder)
     with torch.no_grad():
         model.camera_decoder.last.weight.mul_(1000)  # colours far enough apart
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from unisim_blender.core.lattice import aligned, traced
-from unisim_blender.core.tracer import Maps, tiled
+from unisim_blender.core.lattice import Picture, aligned, grown
+from unisim_blender.core.tracer import Maps
 
 
 class Scene:
@@ -37,7 +37,10 @@ class Scene:
         return self.rgb.reshape(-1, 3)[numbers], {name: values[numbers] for name, values in self.maps.items()}
 
     def picture(self, shape: tuple[int, int], size: int = 4, spread: float = 0.05) -> tuple[NDArray[np.float32], Maps]:
-        return traced(shape, size, spread, tiled(shape), self.trace)
+        picture = Picture(shape)
+        for _ in grown(picture, size, spread, self.trace):
+            pass
+        return picture.values.pop("rgb"), picture.values
 
 
 @pytest.mark.parametrize("shape", ((1, 1), (1, 40), (3, 5), (4, 4), (5, 9), (61, 83), (64, 128)))
@@ -67,6 +70,33 @@ def test_most_pixels_are_not_traced() -> None:
     assert scene.asked.mean() < 0.2
     # but each of what stands out is
     assert scene.asked.reshape(128, 256)[:-1, [6, 7, 15, 16]].all()
+
+
+def test_a_slope_is_foretold_and_what_stands_on_it_is_not() -> None:
+    shape = 65, 65
+    scene = Scene(shape, ())
+    y, x = np.mgrid[0:65, 0:65].astype(np.float32)
+    # between a block's corners more than they may differ by, less than ends something
+    slope = np.stack([0.02 * x, 0.01 * y, 0.5 + 0 * x], -1)
+    scene.rgb = slope.copy()
+    scene.rgb[34, 42] += 0.3
+    rgb = scene.picture(shape)[0].reshape(65, 65, 3)
+    asked = scene.asked.reshape(65, 65)
+    assert asked[2::4, 2::4].all()
+    assert asked[:-1, :-1].mean() < 0.14
+    assert asked[32:37, 40:45].all()
+    assert np.abs(rgb - scene.rgb).max() < 1e-6
+
+
+def test_a_middle_that_is_off_a_little_bends_its_block() -> None:
+    shape = 5, 5
+    scene = Scene(shape, ())
+    scene.rgb = np.zeros((5, 5, 3), np.float32) + 0.08 * (np.arange(5) > 3)[:, None].astype(np.float32)
+    scene.rgb[2, 2] = 0.06
+    rgb = scene.picture(shape)[0].reshape(5, 5, 3)
+    assert scene.asked.reshape(5, 5)[1:4, 1:4].sum() == 1
+    # half of what the middle is off is left half way to the edges
+    assert np.allclose(rgb[2, :4, 0], [0, 0.03, 0.06, 0.07], atol=1e-6)
 
 
 def test_what_no_pass_tells_apart_is_told_by_depth() -> None:

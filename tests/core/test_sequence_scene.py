@@ -21,11 +21,13 @@ from tiny_drive import tiny_drive
 
 from unisim_blender.core import native
 from unisim_blender.core.cli import unisim
+from unisim_blender.core.errors import UnisimError
 from unisim_blender.core.fields.checkpoint import save_scene
 from unisim_blender.core.fields.config import preset
 from unisim_blender.core.fields.scene import SceneModel
 from unisim_blender.core.fields.volume import Volume
 from unisim_blender.core.prepare.renderers import make_tracer
+from unisim_blender.core.quality import LADDER
 from unisim_blender.core.scene_file import SceneHeader, read_scene_header
 
 
@@ -101,6 +103,43 @@ def test_jobs_and_resuming_change_no_byte(scenario: Path, tmp_path: Path) -> Non
     manifest = json.loads(one["manifest.json"])
     assert manifest["samples"]["samples_spent"] > 0
     assert str(scenario.parent) not in one["manifest.json"].decode(), "no paths: the same bytes wherever it lies"
+
+
+def test_a_bound_on_the_error_is_in_the_manifest(scenario: Path, tmp_path: Path) -> None:
+    """With what was chosen and whether it is kept; the bytes hang on neither jobs nor resuming."""
+    bounds = ("--max-error", "20dB", "--max-error", "500mm", "--max-error", "99dE")
+    render(scenario, "--out", tmp_path / "one", "--jobs", 1, *bounds)
+    render(scenario, "--out", tmp_path / "more", "--jobs", 2, "--frames", "2:4", *bounds)
+    render(scenario, "--out", tmp_path / "more", "--jobs", 1, "--resume", *bounds)
+    one = contents(tmp_path / "one")
+    assert contents(tmp_path / "more") == one
+    manifest = json.loads(one["manifest.json"])["max_error"]
+    assert manifest["bounds"] == ["20dB", "500mm", "99dE"] and manifest["kept"] and manifest["not_kept"] == []
+    assert set(manifest["frames"]) == {"000001", "000002", "000003"}
+    for promises in manifest["frames"].values():
+        camera, lidar = promises["camera/front"], promises["lidar/top"]
+        assert set(camera["errors"]) == {"20dB", "99dE"} and set(lidar["errors"]) == {"500mm"}
+        assert camera["errors"]["20dB"]["estimate"] >= camera["errors"]["20dB"]["at_worst"] >= 20
+        assert lidar["errors"]["500mm"]["estimate"] <= lidar["errors"]["500mm"]["at_worst"] <= 500
+        assert camera["settings"] in manifest["settings"] and lidar["settings"] in manifest["settings"]
+    render(scenario, "--out", tmp_path / "plain", "--jobs", 1)
+    assert "max_error" not in json.loads((tmp_path / "plain" / "manifest.json").read_bytes())
+
+
+def test_a_bound_that_cannot_be_kept_is_owned_up_to(scenario: Path, tmp_path: Path) -> None:
+    said = render(scenario, "--out", tmp_path / "out", "--jobs", 1, "--frames", "2", "--sensors", "front", "--max-error", "150dB")
+    assert "Warning: 1 pictures and sweeps may not keep 150dB, though rendered at the finest settings" in said
+    manifest = json.loads((tmp_path / "out" / "manifest.json").read_bytes())["max_error"]
+    assert not manifest["kept"] and manifest["not_kept"] == ["000002: camera/front"]
+    promise = manifest["frames"]["000002"]["camera/front"]
+    assert not promise["kept"] and promise["settings"] == list(LADDER)[-1]
+
+
+def test_a_bound_takes_the_place_of_a_quality(scenario: Path, tmp_path: Path) -> None:
+    both = ["render", str(scenario), "--out", str(tmp_path / "out"), "--quality", "fast", "--max-error", "40dB"]
+    with pytest.raises(UnisimError, match="--quality fast and --max-error 40dB: give one of the two"):
+        CliRunner().invoke(unisim, both, catch_exceptions=False)
+    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.skipif(native.library() is None, reason="the compiled kernels were not built")

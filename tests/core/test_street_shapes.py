@@ -11,7 +11,7 @@ import trimesh
 from unisim_blender.core.geometry import BoolArray, FloatArray
 from unisim_blender.core.street.cars import STYLES, car
 from unisim_blender.core.street.facade import Facade, Storey
-from unisim_blender.core.street.shapes import Cone, Convex, Ellipsoid, Shape, Spheres, box, hull
+from unisim_blender.core.street.shapes import Cone, Convex, Ellipsoid, Solid, Spheres, box, hull
 
 Inside = Callable[[FloatArray], BoolArray]
 
@@ -36,7 +36,7 @@ def in_cone(r0: float, r1: float) -> Inside:
 
 
 BLOCK = hull(np.array([[0, 0, 0], [1, 0, 0], [0, 1.2, 0], [0.2, 0.3, 0.9], [0.8, 0.7, 0.5]]))
-SOLIDS: dict[str, tuple[Shape, Inside]] = {
+SOLIDS: dict[str, tuple[Solid, Inside]] = {
     "box": (box((-0.5, -0.2, 0.1), (0.6, 0.9, 0.7)), lambda p: ((p >= [-0.5, -0.2, 0.1]) & (p <= [0.6, 0.9, 0.7])).all(-1)),
     "hull": (BLOCK, lambda p: (p @ BLOCK.planes.T <= BLOCK.offsets).all(-1)),
     "cylinder": (Cone(0.5, 0.5, 1.0), in_cone(0.5, 0.5)),
@@ -48,7 +48,7 @@ SOLIDS: dict[str, tuple[Shape, Inside]] = {
 }
 
 
-def rays_at(shape: Shape, count: int, seed: int = 0) -> tuple[FloatArray, FloatArray]:
+def rays_at(shape: Solid, count: int, seed: int = 0) -> tuple[FloatArray, FloatArray]:
     """Rays from a shell round the shape to points in its box, some of them along an axis."""
     rng = np.random.default_rng(seed)
     target = rng.uniform(shape.low, shape.high, (count, 3))

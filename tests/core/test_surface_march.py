@@ -509,14 +509,16 @@ def test_qualities_beside_the_truth(looks: dict[str, Look], sensor: str) -> None
     figures: list[NDArray[np.float64]] = []
     for name, (least_psnr, median, p95, coarse, samples) in BOUNDS[sensor].items():
         quality = QUALITY[name]
-        truth = look.at(dataclasses.replace(QUALITY["reference"], samples=16.0, far=quality.far))
-        found = look.at(quality)
+        # what lies beyond the volume is asked so often that both sums are the integral
+        truth = look.at(dataclasses.replace(QUALITY["reference"], samples=16.0, far=8.0))
+        found = look.at(dataclasses.replace(quality, far=8.0))
         met = np.isfinite(truth[1])
         assert (np.isfinite(found[1]) == met).mean() > 0.998
         both = met & np.isfinite(found[1])
         error = np.abs(found[1][both] - truth[1][both])
         figures.append(np.array([-psnr(found[0], truth[0]), *np.quantile(error, (0.5, 0.95)), (error > 0.1).mean()]))
-        assert (figures[-1] < (-least_psnr, median, p95, coarse)).all() and found[2] < samples, (name, figures[-1], found[2])
+        spent = look.at(quality)[2]
+        assert (figures[-1] < (-least_psnr, median, p95, coarse)).all() and spent < samples, (name, figures[-1], spent)
     for worse, better in itertools.pairwise(figures):
         assert (better < worse).all()
 

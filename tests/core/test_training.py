@@ -322,12 +322,12 @@ def test_patches_are_pixels_with_their_rays(log: Log) -> None:
 def test_rays_are_drawn_apart_where_the_decoder_looks_at_pixels_alone(
     log: Log, monkeypatch: pytest.MonkeyPatch, trainer: Trainer
 ) -> None:
-    together = trainer._draw_pixels(np.random.default_rng(0))
+    together, _ = trainer._draw_pixels(np.random.default_rng(0))
     assert [(len(b.camera), b.cells) for b in together] == [(2, 8)], "a patch for a decoder that sees a pixel's neighbours"
     alone = replace(preset("tiny"), decoder_kernel=1, upsample=1)
     monkeypatch.setitem(PRESETS, "alone", alone)
     apart = Trainer(log, replace(SMALL, preset="alone", patches=4, iterations=1))
-    batches = apart._draw_pixels(np.random.default_rng(0))
+    batches, _ = apart._draw_pixels(np.random.default_rng(0))
     assert [(len(b.camera), b.cells) for b in batches] == [(1, 8), (3 * 64, 1)], "as many rays as the patches had"
     assert len(torch.unique(batches[1].rays.time_s)) > 20, "from all over: rows of several frames"
     assert np.isfinite(apart.step()["loss"])
@@ -353,7 +353,7 @@ def test_sweeps_give_returns_and_drops(log: Log) -> None:
     # weighted, drops count as often as they occur
     assert float((batch.weight * batch.returned).mean()) == pytest.approx(share, abs=1e-6)
     assert float(batch.weight.mean()) == pytest.approx(1, abs=1e-6)
-    origins, points = data.static_returns(log)
+    origins, points = data.static_returns(log.drive.actors.values())
     assert origins.shape == points.shape and 0 < len(points) <= len(data.points)
 
 

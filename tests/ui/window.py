@@ -7,8 +7,9 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -111,6 +112,79 @@ def stopped_by_esc() -> Iterator[float]:
     scene.render.resolution_percentage = 100
 
 
+def timed(change: Callable[[], None]) -> Iterator[float]:
+    """Make a change; the window's times go to `TIMES`: seconds to the first drawing of what comes of it and to the last, and for
+    how long the window did nothing else at most."""
+    viewport = sys.modules[f"{MODULE}.viewport"]
+    before, drawn, draw = [one.wanted for one in viewport.VIEWS], [], viewport.View.draw
+
+    def noted(self: Any, *arguments: Any) -> None:
+        fresh, pending = self.fresh, self.pending
+        draw(self, *arguments)
+        if not fresh and all(self.wanted is not wanted for wanted in before):
+            drawn.append((time.monotonic(), pending))
+
+    viewport.View.draw = noted
+    begun = last = time.monotonic()
+    change()
+    longest = 0.0
+    while not drawn or drawn[-1][1]:
+        states = [(one.pending, one.fresh, one.waits, one.problem) for one in viewport.VIEWS]
+        assert last < begun + 60, f"the viewport's picture does not come: {states}"
+        yield 0.005
+        longest, last = max(longest, time.monotonic() - last), time.monotonic()
+    viewport.View.draw = draw
+    TIMES.append((drawn[0][0] - begun, drawn[-1][0] - begun, longest))
+    yield 0.3
+
+
+def medians() -> dict[str, float]:
+    """Of `TIMES`, which then are none."""
+    values = dict(zip(("first_s", "last_s", "longest_wait_s"), np.median(TIMES, 0).round(3).tolist(), strict=True))
+    TIMES.clear()
+    return values
+
+
+def times() -> Iterator[float]:
+    """How soon a camera's view of 960 x 540 pixels follows another frame, a box that is moved, and one that is dragged."""
+    scene = bpy.context.scene
+    with inside(area("VIEW_3D")):
+        bpy.ops.screen.screen_full_area()
+    yield 1.0
+    found, _, region = view()
+    width = next(r for r in found.regions if r.type == "WINDOW").width
+    region.view_camera_zoom = 50 * (2 * np.sqrt(960 / width) - np.sqrt(2))
+    yield from wait_for_picture()
+    for frame in (10, 11, 12, 13, 14):
+        yield from timed(partial(scene.frame_set, frame))
+    shown = picture()
+    assert shown is not None
+    measured: dict[str, Any] = {"size": [shown.shape[1], shown.shape[0]], "frame": medians()}
+    screenshot("times")
+    car = nearest(scene)
+
+    def move() -> None:
+        car.location.x += 0.1
+
+    for _ in range(5):
+        yield from timed(move)
+    measured["box"] = medians()
+    for _ in range(10):
+        move()
+        yield 0.05
+    yield from timed(move)
+    results["times"] = {**measured, "dragged": medians()}
+    car.location.x -= 1.6
+    scene.frame_set(9)
+    region.view_camera_zoom = 0.0
+    with inside(area("VIEW_3D")):
+        bpy.ops.screen.screen_full_area()
+    yield 1.0
+
+
+TIMES: list[tuple[float, float, float]] = []
+
+
 def steps() -> Iterator[float]:
     """The session; what is yielded are seconds for the window to go on."""
     bpy.ops.extensions.package_install_files(filepath=str(ARCHIVE), repo="user_default", enable_on_install=True, overwrite=True)
@@ -172,6 +246,9 @@ def steps() -> Iterator[float]:
     srgb = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * np.maximum(linear, 1e-8) ** (1 / 2.4) - 0.055)
     results["viewport_and_f12"] = float(np.abs(srgb - written).max() * 255)
     yield from stopped_by_esc()
+    yield from times()
+    found, space, region = view()
+    yield from wait_for_picture()
     # an edit
     car = nearest(scene)
     choose(car)

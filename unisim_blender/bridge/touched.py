@@ -9,8 +9,8 @@ from ..core.geometry import FloatArray, box_corners, invert_pose, transform_poin
 from .poses import optical
 from .sampling import Sampled, Thing
 
-MARGIN_PX = 32
-"""How far from a ray's own pixel a decoder may carry it, and more."""
+MARGIN_PX = 2
+"""A pixel is met by rays about its middle; the renderer knows how far its decoder carries them."""
 NEAR_M = 0.1
 
 TOLD = ("kind", "uid", "look", "look_scene", "model", "camera", "size_m", "mesh")
@@ -21,7 +21,8 @@ Rectangle = tuple[int, int, int, int]
 
 
 def touched(before: Sampled, after: Sampled, view: Thing, model: CameraModel, beside_m: float = 0.1) -> Rectangle | None:
-    """The part of ``view``'s picture that differs between two states of a scene at the same frames; None where all of it may.
+    """The part of ``view``'s picture whose rays see the difference between two states of a scene at the same frames; None where
+    all of it may.
 
     ``beside_m`` is how far beside a box it may still show. An empty rectangle means that nothing differs.
     """
@@ -41,7 +42,7 @@ def touched(before: Sampled, after: Sampled, view: Thing, model: CameraModel, be
             if thing.kind != "ACTOR" or rectangle is None:
                 return None
             if thing.there.any():
-                rectangle = _join(rectangle, _seen(thing, view, model, beside_m))
+                rectangle = joined(rectangle, _seen(thing, view, model, beside_m))
     return rectangle
 
 
@@ -68,9 +69,15 @@ def _seen(thing: Thing, view: Thing, model: CameraModel, beside_m: float) -> Rec
     return int(left), int(top), int(np.ceil(right)), int(np.ceil(bottom))
 
 
-def _join(a: Rectangle, b: Rectangle | None) -> Rectangle | None:
+def is_empty(part: Rectangle) -> bool:
+    """Whether there is nothing in it."""
+    return part[0] >= part[2] or part[1] >= part[3]
+
+
+def joined(a: Rectangle, b: Rectangle | None) -> Rectangle | None:
+    """The rectangle about two, of which either may be empty; None where the second is all."""
     if b is None:
         return None
-    if b[0] >= b[2] or b[1] >= b[3]:
-        return a
+    if is_empty(b) or is_empty(a):
+        return a if is_empty(b) else b
     return min(a[0], b[0]), min(a[1], b[1]), max(a[2], b[2]), max(a[3], b[3])

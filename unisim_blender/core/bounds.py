@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from .drive import Actor
-from .geometry import FloatArray
+from .geometry import BoolArray, FloatArray
 from .sensors.rays import Rays
 
 BIN_S = 0.05
@@ -69,3 +69,21 @@ class Bounds:
             if bool((angle <= half_angle + reach).any()) or half_angle > 3.1 or bool((distance <= radii + spread).any()):
                 keep.append(i)
         return keep
+
+
+def beside_boxes(actors: Sequence[Actor], rays: Rays, widening: float) -> BoolArray:
+    """Which flat rays (N,) pass by boxes that are there at their time, nearer than ``widening`` times the distance."""
+    near = np.zeros(len(rays.time_s), bool)
+    times, which = np.unique(rays.time_s, return_inverse=True)
+    for i in Bounds(actors).in_reach(rays):
+        actor = actors[i]
+        poses = actor.world_from_actor.at(times)[which]
+        o = np.einsum("nij,ni->nj", poses[:, :3, :3], rays.origins - poses[:, :3, 3])
+        d = np.einsum("nij,ni->nj", poses[:, :3, :3], rays.directions)
+        reach = np.linalg.norm(o, axis=1) + np.linalg.norm(actor.size_m) / 2
+        half = actor.size_m / 2 + widening * reach[:, None]
+        safe = np.where(np.abs(d) < 1e-9, 1e-9, d)
+        a, b = (-half - o) / safe, (half - o) / safe
+        enter, leave = np.minimum(a, b).max(1), np.maximum(a, b).min(1)
+        near |= (enter <= leave) & (leave > 0) & actor.present(rays.time_s)
+    return near

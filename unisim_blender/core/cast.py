@@ -66,10 +66,12 @@ def vacated(recorded: Drive, drive: Drive) -> tuple[Box, ...]:
     return tuple(boxes)
 
 
-def gather_cast(drive: Drive, recorded: Drive, looks: Mapping[str, Sequence[str]]) -> Cast:
+def gather_cast(drive: Drive, recorded: Drive, looks: Mapping[str, Sequence[str] | None]) -> Cast:
     """The cast of a drive. ``recorded`` is the drive that the scene was trained on; ``looks`` are the actors that the rows of
-    each scene's tables belong to, the scene's own under "", others' under their paths. Raises `SceneError`."""
-    actors = list(drive.actors.values())
+    each scene's tables belong to, the scene's own under "", others' under their paths, None for a scene that is one field: it has
+    no own actors, and what a drive says of them is left out. Raises `SceneError`."""
+    one_field = looks[""] is None
+    actors = [a for a in drive.actors.values() if not one_field or a.look.scene or a.look.mesh]
     guests = {}
     for path in sorted({a.look.scene for a in actors if a.look.scene}):
         if path not in looks:
@@ -78,15 +80,15 @@ def gather_cast(drive: Drive, recorded: Drive, looks: Mapping[str, Sequence[str]
     return Cast(
         own=_troupe(looks[""], on_stage(drive, (a for a in actors if not a.look.scene and not a.look.mesh))),
         guests=guests,
-        removals=drive.static_removals + vacated(recorded, drive),
+        removals=drive.static_removals + (() if one_field else vacated(recorded, drive)),
         targets=tuple(_target(drive, copy) for copy in drive.static_copies),
         sources=tuple(copy.source for copy in drive.static_copies),
         extras=Extras(on_stage(drive, (a for a in actors if a.look.mesh))),
     )
 
 
-def _troupe(looks: Sequence[str], actors: list[Actor]) -> Troupe:
-    rows = {uid: row for row, uid in enumerate(looks)}
+def _troupe(looks: Sequence[str] | None, actors: list[Actor]) -> Troupe:
+    rows = {uid: row for row, uid in enumerate(looks or ())}
     for actor in actors:
         if actor.look.actor not in rows:
             where = f" at {actor.look.scene}" if actor.look.scene else ""

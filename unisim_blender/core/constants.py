@@ -1,4 +1,4 @@
-"""Numbers that torch's tracer and the compiled one must agree on."""
+"""Numbers and words that several ways of rendering must agree on."""
 
 from __future__ import annotations
 
@@ -19,6 +19,8 @@ CLEARANCE_M = 0.1
 LIGHT_REACH_M = 0.6
 """The look of the ground under an actor is a mean of four places this far from the one asked for: a lane mark is no light."""
 MAX_LOG_DENSITY = 8.0
-"""Of the far field."""
+"""Of the far field, and of densities in 1 / metres."""
 NORMAL_STEP_M = 0.03
 """How far from a place the distances lie whose differences are the normal there."""
+VEHICLES = ("car", "truck", "bus", "van", "vehicle", "trailer", "towed", "motorcycle", "bicycle", "scooter")
+"""Words of the classes that are symmetric about their length: what was seen of one side tells of the other."""

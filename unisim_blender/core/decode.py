@@ -26,6 +26,37 @@ class RayHead(nn.Module):
         return run_mlp(self.network, torch.cat([feature, spherical_harmonics(directions), codes.to(feature.dtype)], -1))
 
 
+class ColourHead(nn.Module):
+    """Features (N, F) of samples, seen along unit directions (N, 3), to features whose first three are a colour in 0..1."""
+
+    def __init__(self, config: ModelConfig) -> None:
+        super().__init__()
+        self.network = mlp(config.features + SH_WIDTH, config.hidden, 3, layers=3)
+
+    def forward(self, feature: Tensor, directions: Tensor) -> Tensor:
+        """The features (N, F)."""
+        colour = torch.sigmoid(self.network(torch.cat([feature, spherical_harmonics(directions)], -1)))
+        return torch.cat([colour, feature[:, 3:]], -1)
+
+
+class SampleColours(nn.Module):
+    """In `RayHead`'s place: the colours (N, 3) that samples had, composited."""
+
+    def forward(self, feature: Tensor, directions: Tensor, camera: Tensor) -> Tensor:
+        """See `RayHead`."""
+        return feature[:, :3]
+
+
+class NoDecoder(nn.Module):
+    """In `CameraDecoder`'s place: colours (B, 3, H, W) are the picture."""
+
+    reach = 0
+
+    def forward(self, features: Tensor) -> Tensor:
+        """See `CameraDecoder`."""
+        return features.clamp(0, 1)
+
+
 class Block(nn.Module):
     """x + conv(relu(conv(x))), edges replicated."""
 

@@ -1,9 +1,10 @@
 """From signed distances along a ray to weights.
 
-Two densities. ``logistic`` (the default; NeuS, Wang et al., 2021, eq. 13, for an interval between two samples):
-``1 - alpha = Phi(s2) / Phi(s1)`` with ``Phi(s) = sigmoid(beta s)``, so the optical depth of an interval is
+Two densities of signed distances. ``logistic`` (the default; NeuS, Wang et al., 2021, eq. 13, for an interval between two
+samples): ``1 - alpha = Phi(s2) / Phi(s1)`` with ``Phi(s) = sigmoid(beta s)``, so the optical depth of an interval is
 ``tau = max(0, softplus(-beta s2) - softplus(-beta s1))``. It telescopes: a surface's weight does not depend on the steps.
 ``unisim``: ``alpha = sigmoid(-beta s)`` a step of fixed length (UniSim, eq. 2), scaled to the interval's length.
+``volume`` knows no distance: ``exp(-s)`` is the density itself (NeRF, Mildenhall et al., 2020, eq. 3; Mueller et al., 2022).
 
 Everything stays in logs: ``1 - alpha`` is ``exp(-tau)``, ``alpha`` is ``-expm1(-tau)``, neither comes from a subtraction.
 """
@@ -18,6 +19,7 @@ from torch import Tensor
 from torch.autograd.function import once_differentiable
 
 from . import native
+from .constants import MAX_LOG_DENSITY
 from .devices import kernel_threads
 
 
@@ -95,6 +97,19 @@ def unisim_intervals(s: Tensor, t: Tensor, beta: Tensor | float, step_m: float) 
     tau = per_step * length
     alpha = -torch.expm1(-tau)
     return tau, torch.cat([torch.zeros_like(alpha[:, :1]), alpha[:, 1:]], -1)
+
+
+def volume_intervals(s: Tensor, length_m: Tensor) -> tuple[Tensor, Tensor]:
+    """Optical depths tau (N, K) of densities exp(-s), s (N, K), over lengths (N, K) in metres, and shares (N, K) with all of an
+    interval's weight at its far sample; interval 0 stands at sample 0 and its share is 0."""
+    tau = volume_density(s) * length_m
+    alpha = -torch.expm1(-tau)
+    return tau, torch.cat([torch.zeros_like(alpha[:, :1]), alpha[:, 1:]], -1)
+
+
+def volume_density(s: Tensor) -> Tensor:
+    """exp(-s), in 1 / metres, bounded."""
+    return torch.exp((-s).clamp_max(MAX_LOG_DENSITY))
 
 
 def weights_from_tau(tau: Tensor) -> tuple[Tensor, Tensor]:

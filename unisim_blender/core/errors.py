@@ -26,7 +26,11 @@ class OutputError(UnisimError):
 
 
 EXTRA = "unisim_blender[torch]"
-OPTIONAL = {"torch": EXTRA, "safetensors": EXTRA, "scipy": EXTRA, "skimage": EXTRA, "imageio_ffmpeg": "imageio-ffmpeg"}
+OPTIONAL = {
+    **dict.fromkeys(("torch", "safetensors", "scipy", "skimage"), EXTRA),
+    "bpy": "unisim_blender[blender]",
+    "imageio_ffmpeg": "imageio-ffmpeg",
+}
 """Packages that rendering on a CPU does without, and what pip installs to bring them."""
 
 

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from .drive import CameraModel, LidarModel
 from .geometry import FloatArray
+from .max_error import Promise
 
 CAMERA_PASSES = ("rgb", "depth", "normal", "instance", "opacity", "support")
 """Passes a camera frame can hold; ``rgb`` alone is rendered where nothing else was asked for."""
@@ -54,6 +55,7 @@ class CameraFrame:
     unsupported: NDArray[np.bool_] | None = None
     instances: tuple[str, ...] = ()
     stats: RenderStats = field(default_factory=RenderStats)
+    promise: Promise | None = None
 
 
 @dataclass
@@ -76,3 +78,4 @@ class LidarFrame:
     instance: NDArray[np.int32]
     instances: tuple[str, ...] = ()
     stats: RenderStats = field(default_factory=RenderStats)
+    promise: Promise | None = None

@@ -1,24 +1,32 @@
 """A picture traced where it must be: first pixels on a lattice, and in between only where those at a block's corners differ.
 
 What lies between corners that are alike is interpolated: colours as they are, depths as disparities, which are linear on planes.
-A block is decided on by its own corners alone, so a part of a picture that begins on the lattice has the whole picture's bits.
+Where they differ a little, the pixel in a block's middle is traced too, and if it is what the corners foretold the block is left
+at that. A block is decided on by its own pixels alone, so a part of a picture that begins on the lattice has the whole's bits.
+A picture can be looked at while it grows: what is traced of it at first, every eighth pixel say, is what is traced of it at last.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .tracer import Array, Maps
+from .tracer import SIDE, Array, Maps
 
 DISPARITY_RANGE = 0.1
 """Depths at corners that differ by more than this share lie on several things, or on one that bends."""
 DISPARITY_TWIST = 0.01
 """So far may the corners' disparities be from one plane, as a share of the largest."""
+CROWDED = "crowded"
+"""A map that says of pixels that something thinner than a block may be beside them: every pixel there is traced."""
+CONTRAST = 4.0
+"""Where corners differ by more than this times what they may, something ends between them: nothing is foretold."""
+FORETOLD = 0.5
+"""So far may a middle be from its corners' mean, as a share of what these may differ by."""
 Blocks = NDArray[np.int64]
 """Rows and columns of blocks' first pixels (N, 2)."""
 Trace = Callable[[NDArray[np.int64]], tuple[Array, Maps]]
@@ -63,51 +71,81 @@ def aligned(cells: tuple[slice, slice], size: int, shape: tuple[int, int]) -> tu
     return rows, columns
 
 
-def traced(shape: tuple[int, int], size: int, spread: float, order: NDArray[np.int64], trace: Trace) -> tuple[Array, Maps]:
-    """Colours (h w, 3) and maps of a picture of pixels (h, w), from a lattice of ``size``, a power of two.
+def grown(
+    picture: Picture, size: int, spread: float, trace: Trace, coarse: Sequence[int] = (), band: int | None = None
+) -> Iterator[tuple[int, slice]]:
+    """Fills a picture from a lattice of ``size``, a power of two, and says what there is of it: a stride and rows.
 
-    ``spread`` is by how much colours may differ between the corners of what is interpolated; ``order`` (h w,) are the pixels'
-    numbers, neighbours together.
+    ``spread`` is by how much colours may differ between the corners of what is interpolated. First every stride-th pixel of
+    every stride-th row, for those strides of ``coarse`` that are multiples of ``size``; then, with stride 1, finished bands of
+    ``band`` rows or a few less, from the top.
     """
-    h, w = shape
-    picture = Picture(shape)
+    h, w = picture.shape
     last = (h - 1) // size * size, (w - 1) // size * size
-    wanted = np.zeros(shape, bool)
-    wanted[0 : last[0] + 1 : size, 0 : last[1] + 1 : size] = True
-    # on the last lines and beyond them no block begins
-    wanted[last[0] :] = wanted[:, last[1] :] = True
-    _take(picture, wanted, order, trace)
-    y, x = np.mgrid[0 : last[0] : size, 0 : last[1] : size]
-    blocks = np.stack([y.reshape(-1), x.reshape(-1)], 1)
-    leaves = []
+    for stride in coarse:
+        if stride > size and stride % size == 0:
+            _take(picture, _numbers(np.arange(0, h, stride), np.arange(0, w, stride), w), stride, trace)
+            yield stride, slice(0, h)
+    step = h if band is None else max(size, band // size * size)
+    for top in range(0, h, step):
+        bottom = min(top + step, h)
+        wanted = np.zeros((min(bottom + 1, h) - top, w), bool)
+        # the next band's first line has corners of this one's blocks
+        wanted[0 : last[0] + 1 - top : size, 0 : last[1] + 1 : size] = True
+        # on the last lines and beyond them no block begins
+        wanted[: bottom - top, last[1] :] = True
+        wanted[max(0, last[0] - top) : bottom - top] = True
+        _take(picture, np.flatnonzero(wanted) + top * w, size, trace)
+        y, x = np.mgrid[top : min(bottom, last[0]) : size, 0 : last[1] : size]
+        _refine(picture, np.stack([y.reshape(-1), x.reshape(-1)], 1), size, spread, trace)
+        yield 1, slice(top, bottom)
+
+
+def _refine(picture: Picture, blocks: Blocks, size: int, spread: float, trace: Trace) -> None:
+    """Fills blocks whose corners are known. Those above and to the left are full, or here too."""
+    leaves, w = [], picture.shape[1]
     while size > 1 and len(blocks):
-        apart = _differ(picture, blocks, size, spread)
+        half = size // 2
+        apart, doubtful = _differ(picture, blocks, size, spread)
+        _take(picture, (blocks[doubtful] + half) @ np.array([w, 1]), half, trace)
+        apart[doubtful] = ~_foretold(picture, blocks[doubtful], size, spread)
         leaves.append((blocks[~apart], size))
-        blocks, half = blocks[apart], size // 2
-        wanted[:] = False
-        for step in ((0, half), (half, 0), (half, half), (size, half), (half, size)):
-            wanted[tuple((blocks + step).T)] = True
-        _take(picture, wanted & ~picture.known, order, trace)
+        blocks = blocks[apart]
+        steps = np.array([half, half * w, half * w + half, size * w + half, half * w + size])
+        _take(picture, np.unique((blocks[:, :1] * w + blocks[:, 1:]) + steps), half, trace)
         blocks = np.concatenate([blocks + step for step in ((0, 0), (0, half), (half, 0), (half, half))])
         size = half
     for blocks, size in leaves:
         _fill(picture, blocks, size)
-    return picture.values.pop("rgb"), picture.values
 
 
-def _take(picture: Picture, wanted: NDArray[np.bool_], order: NDArray[np.int64], trace: Trace) -> None:
-    numbers = order[wanted.reshape(-1)[order]]
+def _numbers(rows: NDArray[np.int64], columns: NDArray[np.int64], width: int) -> NDArray[np.int64]:
+    """Flat numbers of the pixels in rows and columns."""
+    numbers: NDArray[np.int64] = (rows[:, None] * width + columns).reshape(-1)
+    return numbers
+
+
+def _take(picture: Picture, numbers: NDArray[np.int64], stride: int, trace: Trace) -> None:
+    """Traces those of the pixels that are not known, which lie about ``stride`` apart; neighbours together."""
+    known = picture.known.reshape(-1)
+    numbers = numbers[~known[numbers]]
     if len(numbers) == 0:
         return
+    side, width = SIDE * stride, picture.shape[1]
+    tile = numbers // width // side * (width // side + 1) + numbers % width // side
+    numbers = numbers[np.argsort(tile, kind="stable")]
     rgb, maps = trace(numbers)
     picture.put(numbers, {"rgb": rgb, **maps})
-    picture.known |= wanted
+    known[numbers] = True
 
 
-def _differ(picture: Picture, blocks: Blocks, size: int, spread: float) -> NDArray[np.bool_]:
-    """Which blocks (N,) have corners that are not alike."""
+def _differ(picture: Picture, blocks: Blocks, size: int, spread: float) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Which blocks (N,) have corners that are not alike, and of which others their middles are to tell."""
     rgb = picture.corners("rgb", blocks, size)
-    apart = (rgb.max(0) - rgb.min(0)).max(1) > spread
+    range_of = (rgb.max(0) - rgb.min(0)).max(1)
+    apart = range_of > CONTRAST * spread
+    if CROWDED in picture.values:
+        apart |= picture.corners(CROWDED, blocks, size).any(0)
     for name in ("instance", "support"):
         if name in picture.values:
             values = picture.corners(name, blocks, size)
@@ -117,17 +155,37 @@ def _differ(picture: Picture, blocks: Blocks, size: int, spread: float) -> NDArr
         largest = disparity.max(0)
         twist = np.abs(disparity[0] + disparity[3] - disparity[1] - disparity[2])
         apart |= (largest - disparity.min(0) > DISPARITY_RANGE * largest) | (twist > DISPARITY_TWIST * largest)
-    return apart
+    return apart, (range_of > spread) & ~apart
+
+
+def _foretold(picture: Picture, blocks: Blocks, size: int, spread: float) -> NDArray[np.bool_]:
+    """Whether what was traced in the middles of blocks (N,) is what stands at their corners."""
+    y, x = (blocks + size // 2).T
+    number = y * picture.shape[1] + x
+    rgb = picture.corners("rgb", blocks, size)
+    alike = np.abs(picture.values["rgb"][number] - rgb.mean(0)).max(1) <= FORETOLD * spread
+    for name in ("instance", "support"):
+        if name in picture.values:
+            alike &= picture.values[name][number] == picture.corners(name, blocks, size)[0]
+    if "depth" in picture.values:
+        disparity = 1 / picture.corners("depth", blocks, size)
+        alike &= np.abs(1 / picture.values["depth"][number] - disparity.mean(0)) <= DISPARITY_TWIST * disparity.max(0)
+    return alike
 
 
 def _fill(picture: Picture, blocks: Blocks, size: int) -> None:
-    """Values in blocks whose corners are alike, at pixels that were not traced."""
+    """Values in blocks whose corners are alike, at pixels that were not traced: bilinear, and bent to a middle that was traced,
+    less and less towards the edges."""
     steps = np.arange(size, dtype=np.float32) / np.float32(size)
+    tent = 1 - np.abs(2 * steps - 1)
+    tent = (tent[:, None] * tent).reshape(-1, 1)
     v, u = (x.reshape(-1, 1) for x in np.meshgrid(steps, steps, indexing="ij"))
     weights = np.stack([(1 - v) * (1 - u), (1 - v) * u, v * (1 - u), v * u])
     y, x = blocks.T
     inner = (np.arange(size)[:, None] * picture.shape[1] + np.arange(size)).reshape(-1, 1)
     numbers = inner + (y * picture.shape[1] + x)
+    middle = numbers[size // 2 * (size + 1)]
+    asked = picture.known.reshape(-1)[middle]
     unknown = ~picture.known.reshape(-1)[numbers]
     numbers = numbers[unknown]
     for name, values in picture.values.items():
@@ -137,7 +195,11 @@ def _fill(picture: Picture, blocks: Blocks, size: int) -> None:
             values[numbers] = np.broadcast_to(corners[0], unknown.shape)[unknown]
             continue
         at = 1 / corners if name == "depth" else corners
-        mixed = sum(w.reshape(-1, *(1,) * (at.ndim - 1)) * c for w, c in zip(weights, at, strict=True))[unknown]
+        beside = (1,) * (at.ndim - 1)
+        mixed = sum(w.reshape(-1, *beside) * c for w, c in zip(weights, at, strict=True))
+        told = values[middle[asked]]
+        mixed[:, asked] += tent.reshape(-1, *beside) * ((1 / told if name == "depth" else told) - at[:, asked].mean(0))
+        mixed = mixed[unknown]
         if name == "normal":
             mixed /= np.maximum(np.linalg.norm(mixed, axis=-1, keepdims=True), 1e-12)
         with np.errstate(divide="ignore"):

@@ -116,12 +116,25 @@ def refine_quantiles(u: Tensor, t: Tensor, s: Tensor, beta: float, count: int, j
     total = tau.cumsum(-1)
     weight = torch.exp(-(total - tau) - before) * -torch.expm1(-tau)
     # the ends of [0, 1] belong to the first and last interval
-    edges = torch.cat([torch.zeros_like(u[:, :1]), u, torch.ones_like(u[:, :1])], -1)
-    widths = torch.diff(edges, dim=-1)
     first = -torch.expm1(-before)
-    weight = torch.cat([first, weight, torch.zeros_like(first)], -1) + 1e-5
+    weight = torch.cat([first, weight, torch.zeros_like(first)], -1)
+    return _drawn(torch.cat([torch.zeros_like(u[:, :1]), u, torch.ones_like(u[:, :1])], -1), weight, jitter)
+
+
+def refine_by_density(u: Tensor, tau: Tensor, jitter: Tensor) -> Tensor:
+    """`refine_quantiles` for densities: tau (N, K) are the optical depths of the parts of [0, 1] about each of the quantiles
+    u (N, K), as NeRF's second pass has it (Mildenhall et al., 2020, section 5.2)."""
+    middle = (u[:, 1:] + u[:, :-1]) / 2
+    edges = torch.cat([torch.zeros_like(u[:, :1]), middle, torch.ones_like(u[:, :1])], -1)
+    total = tau.cumsum(-1)
+    return _drawn(edges, torch.exp(-(total - tau)) * -torch.expm1(-tau), jitter)
+
+
+def _drawn(edges: Tensor, weight: Tensor, jitter: Tensor) -> Tensor:
+    """Where between edges (N, M + 1) a distribution of weights (N, M), with its floor, reaches jitter (N, count)."""
+    weight, widths = weight + 1e-5, torch.diff(edges, dim=-1)
     pdf = (1 - QUANTILE_FLOOR) * weight / weight.sum(-1, keepdim=True) + QUANTILE_FLOOR * widths
-    cdf = torch.cat([torch.zeros_like(u[:, :1]), pdf.cumsum(-1)], -1)
+    cdf = F.pad(pdf.cumsum(-1), (1, 0))
     cdf = cdf / cdf[:, -1:]
     j = torch.searchsorted(cdf, jitter.contiguous(), right=True).clamp(1, cdf.shape[1] - 1)
     c0, c1 = cdf.gather(1, j - 1), cdf.gather(1, j)

@@ -37,7 +37,7 @@ def median_depth(scene: SceneModel, traced: Traced) -> Tensor:
 
 def _share(scene: SceneModel, strand: Strands, row: Tensor, k: Tensor, wanted: Tensor) -> Tensor:
     """How far into interval k of each row the transmittance falls to ``wanted``, 0 to 1; the distance is linear in between."""
-    if scene.config.density == "unisim":
+    if scene.config.density != "logistic":
         return torch.ones_like(wanted)
     assert strand.front is not None
     s1, s2 = strand.s[row, (k - 1).clamp_min(0)], strand.s[row, k]

@@ -10,7 +10,7 @@ import sys
 import warnings
 from pathlib import Path
 
-ABI_VERSION = 8
+ABI_VERSION = 9
 _SUFFIX = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
 
 
@@ -110,6 +110,7 @@ def library() -> ctypes.CDLL | None:
     lib.unisim_gather_backward.argtypes = [p, p, p, i64, i32, p, p, p, p, p, p, p, p, i32]
     lib.unisim_bvh_build.argtypes = [p, p, i32, p, p]
     lib.unisim_bvh_first_hits.argtypes = [p, p, p, p, p, p, i64, f64, p, p, p, i32]
+    lib.unisim_local_planes.argtypes = [p, p, p, i64, p, p, f64, i32, p, i64, p, p, p, p, p, i32]
     lib.unisim_trace.argtypes = [p, p, p, p, p, p, i32]
     lib.unisim_march.argtypes = [p, i32, p, p, p, p, p, i64, p, p, i32, p, p, p]
     lib.unisim_clearance.argtypes = [p, p, p]

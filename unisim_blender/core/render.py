@@ -12,28 +12,31 @@ Numpy alone: whatever a tracer computes with, it is given one.
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
-from functools import partial
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from .bounds import beside_boxes
 from .contact_shadow import shaded
-from .drive import Actor, Camera, Drive, Lidar
+from .drive import Actor, Camera, CameraModel, Drive, Lidar
 from .errors import SceneError
 from .frames import CameraFrame, LidarFrame, RenderStats
 from .geometry import FloatArray
-from .lattice import aligned, traced
+from .lattice import CROWDED, Picture, aligned, grown
 from .meshes.exposure import PROBE_M, beside, level_of
 from .passes import fill_passes
 from .sensors.camera import camera_rays, pixel_grid
 from .sensors.lidar import lidar_rays
 from .sensors.rays import Rays
-from .tracer import NEAR_M, Array, Maps, Tracer, tiled
+from .tracer import NEAR_M, Array, Maps, Tracer
 
 LATTICE_PIXELS = 1.5
 """A lattice is at most as wide as so many pixels of the images that the scene learnt from."""
+LEAST_WIDTH = 16
+"""Of a coarse picture, in pixels."""
 
 
 class Region(NamedTuple):
@@ -44,6 +47,11 @@ class Region(NamedTuple):
     right: int
     bottom: int
 
+    def within_image(self, model: CameraModel) -> Region:
+        """What of it lies in an image."""
+        spans = (self.left, model.width), (self.top, model.height), (self.right, model.width), (self.bottom, model.height)
+        return Region(*(min(max(at, 0), end) for at, end in spans))
+
     def cells(self, size: int, reach: int, whole: Region) -> tuple[slice, slice]:
         """Rows and columns of the cells of ``size`` pixels that the region touches, and ``reach`` more on every side."""
         spans = ((self.top, self.bottom, whole.bottom), (self.left, self.right, whole.right))
@@ -53,6 +61,35 @@ class Region(NamedTuple):
         """Where the region lies in the pixels of such cells."""
         rows, columns = (c.start * size for c in cells)
         return slice(self.top - rows, self.bottom - rows), slice(self.left - columns, self.right - columns)
+
+
+class Part(NamedTuple):
+    """A part of a picture: its pixel (i, j) is that of the image's row and column ``origin + (i, j) * stride``, and stands for
+    the ones about it; together they cover ``region``."""
+
+    frame: CameraFrame
+    region: Region
+    stride: tuple[float, float] = (1, 1)
+    first: tuple[float, float] | None = None
+
+    @property
+    def origin(self) -> tuple[float, float]:
+        """Row and column of its first pixel."""
+        return (self.region.top, self.region.left) if self.first is None else self.first
+
+
+@dataclass
+class _Shot:
+    """One image of a camera: what was asked for, what is needed for that, and what was found out on the way."""
+
+    camera: Camera
+    frame: int
+    passes: Sequence[str]
+    needed: set[str]
+    begun: float
+    stats: RenderStats = field(default_factory=RenderStats)
+    lights: dict[str, FloatArray] = field(default_factory=dict)
+    """How bright white ground under an actor would be, by its id."""
 
 
 class Renderer:
@@ -73,72 +110,148 @@ class Renderer:
         region: Region | None = None,
     ) -> CameraFrame:
         """One image with the passes asked for, or the ``region`` of it: the frame's arrays are then as large as that."""
+        (part,) = self.grow(camera_id, frame, passes, width, region)
+        return part.frame
+
+    def grow(
+        self,
+        camera_id: str,
+        frame: int,
+        passes: Sequence[str] = ("rgb",),
+        width: int | None = None,
+        region: Region | None = None,
+        coarse: Sequence[int] = (),
+        band: int | None = None,
+    ) -> Iterator[Part]:
+        """The same in parts: colours of it all, coarse by the strides in ``coarse``, then finished bands of about ``band`` rows
+        from the top, which together are the bits of the whole. Pixels of coarse parts are pixels of the finished ones, where a
+        pixel's colour hangs on its own ray alone."""
         begun = time.perf_counter()
-        recorded = _pick(self.drive.cameras, camera_id, "camera")
-        model = recorded.model.resized(width) if width else recorded.model
-        camera = Camera(camera_id, model, recorded.world_from_camera, recorded.time_s)
-        up = self.tracer.upsample
+        camera = self.sized(camera_id, width)
+        model = camera.model
+        shot = _Shot(camera, frame, passes, {*passes, "depth", "instance"} if self.shaders else set(passes), begun)
         whole = Region(0, 0, model.width, model.height)
         region = whole if region is None else region
-        # what the decoder looks at beside the region is traced with it
-        cells = region.cells(up, self.tracer.reach, whole)
-        needed = {*passes, "depth", "instance"} if self.shaders else set(passes)
-        stats = RenderStats()
-        size = self._lattice(model.width / (self.tracer.trained_width or recorded.model.width))
-        if size > 1:
-            cells = aligned(cells, size, (model.height, model.width))
-            u, v = (x[cells] for x in pixel_grid(model))
-            image, maps = self._from_lattice(camera, frame, (u, v), size, needed, stats)
-            rays = camera_rays(camera, frame, u, v) if needed & {"depth"} else None
-        else:
-            u, v = (x[cells] for x in pixel_grid(model, up))
-            rays = camera_rays(camera, frame, u, v)
-            image, maps = self._whole(camera, frame, (u, v), rays, needed, stats)
-        if self.shaders:
-            assert rays is not None
-            image = self._shaded(image, rays, maps, camera.time_s[frame])
-            maps = {name: values for name, values in maps.items() if name in passes or (name == "depth" and "normal" in passes)}
-        stats.seconds["picture"] = time.perf_counter() - begun
-        pose = camera.world_from_camera.at(camera.time_s[frame])
-        inner = region.within(cells, up)
-        out = CameraFrame(model, pose, image[inner], instances=self.tracer.cast.uids, stats=stats)
-        fill_passes(out, maps, rays, u.shape, up, inner)
-        return out
+        if self.tracer.reach == 0 and self.tracer.upsample == 1:
+            size = self._lattice(model.width / (self.tracer.trained_width or self.drive.cameras[camera_id].model.width))
+            yield from self._grow_lattice(shot, region, size, coarse, band)
+            return
+        for stride in coarse if region == whole else ():
+            picture = self.camera(camera_id, frame, ("rgb",), max(LEAST_WIDTH, model.width // stride))
+            height, across = picture.rgb.shape[:2]
+            y, x = model.height / height, model.width / across
+            yield Part(picture, whole, (y, x), (y / 2 - 0.5, x / 2 - 0.5))
+        step = region.bottom - region.top if band is None else band
+        for top in range(region.top, region.bottom, step):
+            part = region._replace(top=top, bottom=min(top + step, region.bottom))
+            yield Part(self._block(shot, part, whole), part)
+
+    def widened(self, region: Region) -> Region:
+        """What of an image can change where rays of the region see something else: the decoder carries it on, and a lattice's
+        blocks hang on their corners."""
+        margin = self.tracer.upsample * (self.tracer.reach + 1) + 2 * self.tracer.quality.lattice
+        return Region(region.left - margin, region.top - margin, region.right + margin, region.bottom + margin)
+
+    def sized(self, camera_id: str, width: int | None) -> Camera:
+        """A camera of the drive, its images ``width`` pixels wide."""
+        camera: Camera = _pick(self.drive.cameras, camera_id, "camera")
+        return replace(camera, model=camera.model.resized(width)) if width else camera
+
+    @property
+    def alone(self) -> bool:
+        """Whether a pixel's colour hangs on its own ray and on nothing else."""
+        return self.tracer.reach == 0 and self.tracer.upsample == 1 and not self.tracer.cast.extras.actors
 
     def _lattice(self, scale: float) -> int:
         """How many pixels apart a picture is traced at first, that is ``scale`` times as wide as those the scene learnt from: it
-        shows little that is smaller than their pixels. 1 where a pixel's colour hangs on more than its own ray."""
-        alone = self.tracer.reach == 0 and self.tracer.upsample == 1 and not self.tracer.cast.extras.actors
-        finest = 2 ** int(np.log2(max(LATTICE_PIXELS * scale, 1.0)))
-        return min(self.tracer.quality.lattice, finest) if alone else 1
+        shows little that is smaller than their pixels."""
+        return min(self.tracer.quality.lattice, 2 ** int(np.log2(max(LATTICE_PIXELS * scale, 1.0))))
 
-    def _whole(
-        self, camera: Camera, frame: int, cells: tuple[FloatArray, FloatArray], rays: Rays, needed: set[str], stats: RenderStats
-    ) -> tuple[NDArray[np.float32], Maps]:
-        """The image, and a map for each pass that is needed, of cells with centres (u, v) (h, w), each traced."""
-        u, v = cells
-        up, flat, light = self.tracer.upsample, rays.flat(), partial(self._light, camera, frame)
-        met = self.tracer.cast.extras.met_by_camera(camera, frame, (u, v), flat, up, NEAR_M, light)
-        found = self.tracer.trace(rays, needed, True, met, stats)
-        image = self.tracer.image(found, flat.directions, camera.sensor_id, u.shape)
+    def _block(self, shot: _Shot, region: Region, whole: Region) -> CameraFrame:
+        """A part of the picture whose every cell is traced, and those beside it at which the decoder looks."""
+        up, camera = self.tracer.upsample, shot.camera
+        cells = region.cells(up, self.tracer.reach, whole)
+        u, v = (x[cells] for x in pixel_grid(camera.model, up))
+        rays = camera_rays(camera, shot.frame, u, v)
+        image, maps = self._seen(shot, (u, v), rays, up)
+        return self._frame(shot, image, maps, rays, region.within(cells, up))
+
+    def _grow_lattice(self, shot: _Shot, region: Region, size: int, coarse: Sequence[int], band: int | None) -> Iterator[Part]:
+        """Parts of the picture, traced where `lattice.grown` wants them."""
+        camera, model = shot.camera, shot.camera.model
+        rows, columns = aligned(
+            (slice(region.top, region.bottom), slice(region.left, region.right)), size, (model.height, model.width)
+        )
+        u, v = (x[rows, columns] for x in pixel_grid(model))
+        crowd = [*self.tracer.cast.extras.actors, *(a for troupe in self.tracer.cast.guests.values() for a in troupe.actors)]
+
+        def trace(numbers: NDArray[np.int64]) -> tuple[NDArray[np.float32], Maps]:
+            cells = u.reshape(-1)[None, numbers], v.reshape(-1)[None, numbers]
+            rays = camera_rays(camera, shot.frame, *cells).flat()
+            image, maps = self._seen(shot, cells, rays, 1)
+            if crowd and size > 1:
+                # meshes are sharper than what the scene learnt, and so may be what others learnt
+                maps[CROWDED] = beside_boxes(crowd, rays, size / model.fx)
+            return image[0], maps
+
+        picture = Picture((u.shape[0], u.shape[1]))
+        for stride, done in grown(picture, size, self.tracer.quality.spread, trace, coarse, band):
+            values = {name: x.reshape(*u.shape, *x.shape[1:]) for name, x in picture.values.items() if name != CROWDED}
+            if stride > 1:
+                pose = camera.world_from_camera.at(camera.time_s[shot.frame])
+                rgb = values["rgb"][::stride, ::stride]
+                yield Part(CameraFrame(model, pose, rgb), region, (stride, stride), (rows.start, columns.start))
+                continue
+            part = region._replace(
+                top=max(region.top, rows.start + done.start), bottom=min(region.bottom, rows.start + done.stop)
+            )
+            if part.top >= part.bottom:
+                continue
+            inner = part.within((rows, columns), 1)
+            maps = {name: x[inner].reshape(-1, *x.shape[2:]) for name, x in values.items()}
+            rays = camera_rays(camera, shot.frame, u[inner], v[inner]) if "depth" in shot.needed else None
+            del maps["rgb"]
+            yield Part(self._frame(shot, values["rgb"][inner], maps, rays, (slice(None), slice(None))), part)
+
+    def _seen(self, shot: _Shot, cells: tuple[FloatArray, FloatArray], rays: Rays, up: int) -> tuple[NDArray[np.float32], Maps]:
+        """The image, and a map for each pass that is needed, of cells with centres (u, v) (h, w) and rays through these, flat
+        where neighbours are together already."""
+        (u, v), flat = cells, rays.flat()
+
+        def light(actor: Actor) -> FloatArray:
+            if actor.uid not in shot.lights:
+                shot.lights[actor.uid] = self._light(shot.camera, shot.frame, actor)
+            return shot.lights[actor.uid]
+
+        met = self.tracer.cast.extras.met_by_camera(shot.camera, shot.frame, (u, v), flat, up, NEAR_M, light)
+        found = self.tracer.trace(rays, shot.needed, True, met, shot.stats)
+        image = self.tracer.image(found, flat.directions, shot.camera.sensor_id, u.shape)
         if met is not None and found.mesh_opacity is not None:
             image = met.over(image, found.mesh_opacity, u.shape)
         return image, found.maps
 
-    def _from_lattice(
-        self, camera: Camera, frame: int, cells: tuple[FloatArray, FloatArray], size: int, needed: set[str], stats: RenderStats
-    ) -> tuple[NDArray[np.float32], Maps]:
-        """The same of pixels, traced where `lattice.traced` wants them."""
-        u, v = (x.reshape(-1) for x in cells)
+    def _frame(
+        self, shot: _Shot, image: NDArray[np.float32], maps: Maps, rays: Rays | None, inner: tuple[slice, slice]
+    ) -> CameraFrame:
+        """A frame of an image and its maps, of which ``inner`` pixels count."""
+        camera, time_s = shot.camera, shot.camera.time_s[shot.frame]
+        up = self.tracer.upsample
+        if self.shaders:
+            assert rays is not None
+            image = self._shaded(image, rays, maps, time_s)
+            maps = {name: x for name, x in maps.items() if name in shot.passes or (name == "depth" and "normal" in shot.passes)}
+        shot.stats.seconds["picture"] = time.perf_counter() - shot.begun
+        pose = camera.world_from_camera.at(time_s)
+        out = CameraFrame(camera.model, pose, image[inner], instances=self.tracer.cast.uids, stats=shot.stats)
+        shape = -(-image.shape[0] // up), -(-image.shape[1] // up)
+        fill_passes(out, maps, rays, shape, up, inner)
+        return out
 
-        def trace(numbers: NDArray[np.int64]) -> tuple[NDArray[np.float32], Maps]:
-            rays = camera_rays(camera, frame, u[numbers], v[numbers])
-            found = self.tracer.trace(rays, needed, True, None, stats)
-            return self.tracer.image(found, rays.directions, camera.sensor_id, (1, len(numbers)))[0], found.maps
-
-        h, w = cells[0].shape
-        rgb, maps = traced((h, w), size, self.tracer.quality.spread, tiled((h, w)), trace)
-        return rgb.reshape(h, w, 3), maps
+    def pixels(self, camera: Camera, frame: int, u: FloatArray, v: FloatArray) -> NDArray[np.float32]:
+        """Colours (N, 3) of pixels (N,) that are `alone`."""
+        cells = u[None], v[None]
+        shot = _Shot(camera, frame, (), set(), time.perf_counter())
+        return self._seen(shot, cells, camera_rays(camera, frame, *cells).flat(), 1)[0][0]
 
     def _light(self, camera: Camera, frame: int, actor: Actor) -> FloatArray:
         """How bright white ground under an actor would be (3,), linear: by the ground beside it, as the camera shows that."""
@@ -166,10 +279,7 @@ class Renderer:
     def lidar(self, lidar_id: str, frame: int) -> LidarFrame:
         """One sweep."""
         begun = time.perf_counter()
-        lidar: Lidar = _pick(self.drive.lidars, lidar_id, "LiDAR")
-        if not lidar.model.beams:
-            raise SceneError(f"LiDAR {lidar_id!r} has no beam table: the log has plain points of it")
-        rays = lidar_rays(lidar, frame)
+        lidar, rays = self.beams(lidar_id, frame)
         shape = rays.time_s.shape
         stats = RenderStats()
         # as beams and columns: neighbours are traced together
@@ -188,6 +298,13 @@ class Renderer:
             lidar.model, lidar.world_from_lidar.at(lidar.time_s[frame]), rays.origins, rays.directions, rays.time_s,
             depth, intensity, probability, returned, instance, self.tracer.cast.uids, stats,
         )  # fmt: skip
+
+    def beams(self, lidar_id: str, frame: int) -> tuple[Lidar, Rays]:
+        """A LiDAR of the drive, and its sweep's rays (beams, columns)."""
+        lidar: Lidar = _pick(self.drive.lidars, lidar_id, "LiDAR")
+        if not lidar.model.beams:
+            raise SceneError(f"LiDAR {lidar_id!r} has no beam table: the log has plain points of it")
+        return lidar, lidar_rays(lidar, frame)
 
     def _thresholds(self, lidar_id: str, frame: int, shape: tuple[int, ...]) -> FloatArray | float:
         """What a beam's probability must reach: half, or a number in (0, 1] that depends on the seed and the sweep alone."""

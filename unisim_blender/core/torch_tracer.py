@@ -40,12 +40,16 @@ class TorchTracer:
     def __init__(self, scene: Scene, drive: Drive, quality: str = "balanced", others: dict[str, Scene] | None = None) -> None:
         self.scene, self.device, self.quality = scene, scene.actor_tables.device, quality_named(quality)
         scenes = {path: (s.model, s.actor_tables) for path, s in {"": scene, **(others or {})}.items()}
-        looks = {path: tuple(model.actor_ids) for path, (model, _) in scenes.items()}
+        looks = {path: None if m.config.actors == "none" else tuple(m.actor_ids) for path, (m, _) in scenes.items()}
         self.cast = gather_cast(drive, scene.header.drive, looks)
         self.tensors = cast_tensors(self.cast, scenes, self.device)
         self.bounds = Bounds(self.cast.own.actors)
         self.upsample, self.trained_width = scene.model.config.upsample, scene.header.training.get("width")
-        self.reach = scene.model.camera_decoder.reach + (EDGE_CELLS if self.cast.guests else 0)
+        models = [scene.model, *(troupe.scene for troupe in self.tensors.guests.values())]
+        # decoders that look aside see past a guest's edges
+        alone = all(model.camera_decoder.reach == 0 and model.config.upsample == 1 for model in models)
+        self.edge = 0 if alone else EDGE_CELLS
+        self.reach = scene.model.camera_decoder.reach + (self.edge if self.cast.guests else 0)
 
     @torch.no_grad()
     def trace(self, rays: Rays, passes: set[str], sky: bool, met: Met | None, stats: RenderStats) -> Found:
@@ -108,7 +112,7 @@ class TorchTracer:
         for i, troupe in enumerate(self.tensors.guests.values()):
             # each scene's features are its own decoder's: the pictures are laid over each other, not the features
             share = found.guest_opacity[i].clamp(0, 1)
-            other = decoded(troupe.scene, _spread_over_edges(found.guest_features[i], share, shape))
+            other = decoded(troupe.scene, _spread_over_edges(found.guest_features[i], share, shape, self.edge))
             alpha = F.interpolate(share.view(1, 1, *shape), size=rgb.shape[-2:], mode="bilinear", align_corners=False)
             if other.shape != rgb.shape:
                 other = F.interpolate(other, size=rgb.shape[-2:], mode="bilinear", align_corners=False)
@@ -150,11 +154,11 @@ def _joined(parts: list[Tensor | None]) -> Tensor | None:
     return torch.cat(there) if there else None
 
 
-def _spread_over_edges(feature: Tensor, share: Tensor, shape: tuple[int, ...]) -> Tensor:
-    """A guest's features (N, F), divided by its share of the ray and carried past its edges, where the decoder looks too."""
+def _spread_over_edges(feature: Tensor, share: Tensor, shape: tuple[int, ...], cells: int) -> Tensor:
+    """A guest's features (N, F), divided by its share of the ray and carried so far past its edges, where decoders look too."""
     f = feature.view(1, *shape, -1).permute(0, 3, 1, 2)
     a = share.view(1, 1, *shape)
-    for _ in range(EDGE_CELLS):
+    for _ in range(cells):
         blurred_f, blurred_a = F.avg_pool2d(f, 3, 1, 1), F.avg_pool2d(a, 3, 1, 1)
         empty = a < 1e-3
         f, a = torch.where(empty, blurred_f, f), torch.where(empty, blurred_a, a)

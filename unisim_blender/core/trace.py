@@ -16,13 +16,16 @@ from torch import Tensor
 from .cast_tensors import CastTensors, TroupeTensors
 from .composite import composite
 from .constants import CLEARANCE_M, EMPTY_M, OPAQUE, WHOLE
-from .density import logistic_intervals, unisim_intervals, weights_from_tau
+from .density import logistic_intervals, unisim_intervals, volume_density, volume_intervals, weights_from_tau
 from .fields.scene import SceneModel
 from .fields.tracklets import Hits
-from .march import Segment, propose, refine_quantiles, stratified
+from .march import Segment, propose, refine_by_density, refine_quantiles, stratified
 from .meshes.meeting import Met
 from .strands import RayBatch, Strands, Traced
 from .tracer import NEAR_M
+
+_LOOKS = 3
+"""Places between two samples at which the voxels are asked how much of the way is free."""
 
 
 @dataclass(frozen=True)
@@ -76,11 +79,35 @@ def trace(
     return traced
 
 
-def _intervals(scene: SceneModel, s: Tensor, t: Tensor, actor: bool) -> tuple[Tensor, Tensor]:
+def _intervals(scene: SceneModel, s: Tensor, t: Tensor, length_m: Tensor | None, actor: bool) -> tuple[Tensor, Tensor]:
     beta = scene.beta()
+    if length_m is not None:
+        return volume_intervals(s, length_m)
     if scene.config.density == "unisim":
         return unisim_intervals(s, t, beta, scene.config.unisim_step_m if not actor else scene.config.unisim_step_m / 4)
     return logistic_intervals(s, beta)
+
+
+@torch.no_grad()
+def _lengths(scene: SceneModel, o: Tensor, d: Tensor, t: Tensor) -> Tensor | None:
+    """Metres (N, K) of occupied voxels between each sample t (N, K) of rays o, d (N, 3) and the one before: a density has none
+    where a voxel is free, and samples lie on both sides of much free space. None for signed distances, which need no lengths."""
+    if scene.config.density != "volume":
+        return None
+    least = scene.config.voxel_m / 2
+    gap = torch.diff(t, dim=1, prepend=t[:, :1] - least)
+    share = (torch.arange(_LOOKS, device=t.device) + 0.5) / _LOOKS
+    x = o[:, None, None] + (t[..., None] - gap[..., None] * share)[..., None] * d[:, None, None]
+    occupied = scene.occupancy.values.view(-1)[scene.occupancy.cells(x.reshape(-1, 3))] > 0
+    # a sample that was placed behind free space stands in a voxel that is occupied
+    return torch.maximum(gap * occupied.view(x.shape[:3]).to(gap.dtype).mean(-1), gap.clamp_max(least))
+
+
+def _refined(scene: SceneModel, u: Tensor, t: Tensor, s: Tensor, length_m: Tensor | None, jitter: Tensor) -> Tensor:
+    """Quantiles like ``jitter`` (N, K'), where s (N, K) at places t (N, K), quantiles u (N, K), says that rays stop."""
+    if length_m is not None:
+        return refine_by_density(u, volume_density(s) * length_m, jitter)
+    return refine_quantiles(u, t, s, float(scene.beta().detach()), jitter.shape[1], jitter)
 
 
 def _count(n: int, sampling: Sampling) -> int:
@@ -102,13 +129,13 @@ def _static_strands(scene: SceneModel, cast: CastTensors, rays: RayBatch, sampli
         s = scene.static.distance(points.reshape(-1, 3)).view(t.shape)
         s = _cleared(scene, cast, rays, actors, ray, t, points, s)
         jitter = stratified(len(ray), _count(samples.static, sampling), sampling.jitter, o, sampling.generator)
-        quantiles = refine_quantiles(u, t, s, float(scene.beta().detach()), jitter.shape[1], jitter)
+        quantiles = _refined(scene, u, t, s, _lengths(scene, o, d, t), jitter)
         t, _ = propose(scene.occupancy.voxels, segment, quantiles)
     points = o[:, None] + t[..., None] * d[:, None]
     s, feature = scene.static(points.reshape(-1, 3))
     feature = scene.directed(feature, rays.directions[ray].repeat_interleave(t.shape[1], 0))
     s = _cleared(scene, cast, rays, actors, ray, t, points, s.view(t.shape))
-    tau, share = _intervals(scene, s, t, actor=False)
+    tau, share = _intervals(scene, s, t, _lengths(scene, o, d, t), actor=False)
     medium = torch.full_like(ray, -1)
     feature = feature.view(*t.shape, scene.config.features)
     return Strands(ray, t, s, feature, tau, share, points, medium, beta=float(scene.beta().detach()))
@@ -143,7 +170,9 @@ def _actor_strands(
         t = hits.t_near[:, None] + u * span
         s = scene.actors.distance(troupe.tables, unit(t).reshape(-1, 3), row.repeat_interleave(count)).view(t.shape)
         jitter = stratified(len(row), _count(samples.actor, sampling), sampling.jitter, span, sampling.generator)
-        t = hits.t_near[:, None] + refine_quantiles(u, t, s, float(scene.beta().detach()), jitter.shape[1], jitter) * span
+        even = (span / count).expand_as(t) if scene.config.density == "volume" else None
+        t = hits.t_near[:, None] + _refined(scene, u, t, s, even, jitter) * span
+        length = torch.diff(t, dim=1, prepend=hits.t_near[:, None]) if even is not None else None
     points = unit(t)
     s, feature = scene.actors(troupe.tables, points.reshape(-1, 3), row.repeat_interleave(t.shape[1]))
     if sampling.sky and scene.light is not None:
@@ -155,7 +184,7 @@ def _actor_strands(
         directions = _mirrored(directions, hits.world_from_box[:, :, 1], flip)
     feature = scene.directed(feature, directions.repeat_interleave(t.shape[1], 0))
     s = s.view(t.shape)
-    tau, share = _intervals(scene, s, t, actor=True)
+    tau, share = _intervals(scene, s, t, length, actor=True)
     return [
         Strands(
             hits.ray,
@@ -199,7 +228,8 @@ def _copy_strands(scene: SceneModel, cast: CastTensors, rays: RayBatch, sampling
     # the source's ground stays where it is
     s = torch.where(scene.ground.above(points.reshape(-1, 3)), s, EMPTY_M).view(t.shape)
     feature = scene.directed(feature, rays.directions[hits.ray].repeat_interleave(t.shape[1], 0))
-    tau, share = _intervals(scene, s, t, actor=False)
+    length = torch.diff(t, dim=1, prepend=hits.t_near[:, None]) if scene.config.density == "volume" else None
+    tau, share = _intervals(scene, s, t, length, actor=False)
     medium = torch.full_like(hits.ray, -2)
     feature = feature.view(*t.shape, scene.config.features)
     strands = Strands(hits.ray, t, s, feature, tau, share, points, medium, beta=float(scene.beta().detach()))
@@ -228,7 +258,8 @@ def _cleared(
 ) -> Tensor:
     """The static field's distances s (P, K) at samples t (P, K), points (P, K, 3), of rays (P,), as a ray may meet them.
 
-    Inside a present actor's box, and in a removed box, nothing stands above the ground: the ground is then all that is near.
+    Inside a present actor's box, and in a removed box, nothing stands above the ground: the ground is then all that is near. A
+    density is nothing there.
     """
     inside = _in_boxes(cast, rays, actors, ray, t)
     rows, columns = torch.nonzero(inside, as_tuple=True)
@@ -237,7 +268,8 @@ def _cleared(
     x = points[rows, columns]
     height = x[:, 2] - scene.ground.height(x)
     own = s[rows, columns]
-    return s.index_put((rows, columns), torch.where(height > CLEARANCE_M, torch.maximum(own, height), own))
+    empty = torch.full_like(own, EMPTY_M) if scene.config.density == "volume" else torch.maximum(own, height)
+    return s.index_put((rows, columns), torch.where(height > CLEARANCE_M, empty, own))
 
 
 @torch.no_grad()

@@ -13,7 +13,7 @@ from ..bridge.points import hide_points, put_points, show_recorded
 from ..bridge.sampling import frame_of
 from ..bridge.snapshot import lidar_request
 from ..bridge.source import source_of
-from ..client import Client, Request, client
+from ..client import Client, Request, client, progress_line
 from ..core.errors import UnisimError
 from ..preferences import device, interpreter
 from ..registering import add, take_away
@@ -63,6 +63,9 @@ def gather() -> float | None:
         except queue.Empty:
             continue
         scene = bpy.data.scenes.get(key[0])
+        if event["event"] == "progress":
+            bpy.context.window_manager.unisim_task = progress_line(event)
+            continue
         if event["event"] == "arrays" and scene is not None:
             arrays = worker.arrays(event)
             put_points(scene, key[1], SIMULATED, arrays.pop("points"), arrays)

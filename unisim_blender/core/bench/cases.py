@@ -14,10 +14,10 @@ from ..drive import CameraModel, Drive
 from ..errors import SceneError
 from ..evaluate.recorded import recorded_picture
 from ..log import Log
-from ..quality import QUALITY
+from ..quality import QUALITY, TRUTH
 from ..render import Region
 from ..scene_file import WEIGHTS_NAME, SceneHeader, read_scene_header
-from .methods import DEFAULT, DOUBLED, TRUTH, TYPICAL, Method
+from .methods import DEFAULT, DOUBLED, TYPICAL, Method
 from .settings import Settings
 from .shot import Shot, Stage, Take
 

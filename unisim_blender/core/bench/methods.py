@@ -20,7 +20,6 @@ ENVIRONMENTS = {
 }
 """What each process is started with."""
 TYPICAL = "balanced"
-TRUTH = replace(QUALITY["reference"], samples=16, far=8)
 DOUBLED = replace(QUALITY["reference"], samples=32, far=16)
 """How far the truth is from twice its samples is the truth's own uncertainty."""
 

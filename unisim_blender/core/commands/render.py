@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
+from typing import cast
 
 import click
 from tqdm import tqdm
 
+from ..errors import UnisimError
+from ..max_error import parse_bounds
 from ..output.frame_files import camera_path
 from ..prepare.scenario_plan import SEQUENCE_FORMATS, Wishes, plan_scenario, sequence_formats
 from ..prepare.selection import split_names
 from ..quality import QUALITY
 from ..sequence.plan import RenderPlan
-from ..sequence.run import render_sequence
+from ..sequence.run import MANIFEST_NAME, render_sequence
 
 MOST_JOBS = 8
 """Processes that are started unasked: each holds the scene."""
@@ -28,6 +31,13 @@ MOST_JOBS = 8
 @click.option("--width", type=click.IntRange(min=8), help="Width of the images; heights follow. [default: the cameras' own]")
 @click.option("--quality", type=click.Choice(list(QUALITY)), help="[default: the scenario's, or balanced]")
 @click.option(
+    "--max-error",
+    metavar="ERROR",
+    multiple=True,
+    help="Instead of --quality, the cheapest settings that keep every frame to it: 1mm (a sweep's median depth error) or another "
+    "percentile of it (p90:20mm), 40dB (a picture's PSNR), 1.5dE (its mean colour difference). Several, one option each.",
+)
+@click.option(
     "--jobs", type=click.IntRange(min=1), help=f"Processes, of one thread each. [default: one a core, at most {MOST_JOBS}]"
 )
 @click.option("--resume", is_flag=True, help="Continue a render; finished frames whose inputs did not change are kept.")
@@ -41,6 +51,13 @@ MOST_JOBS = 8
     type=click.IntRange(min=0),
     help="Draw whether a LiDAR beam returns from its probability. [default: it returns where that is half or more]",
 )
+@click.option(
+    "--renderer",
+    type=click.Choice(["neural", "ngp", "nsg", "surfel", "warp"]),
+    help="neural, ngp, nsg: a scene trained so; surfel: LiDAR returns as faces; warp: recorded images warped. [default: what the "
+    "scene was trained as, or surfel where the scenario names no trained scene]",
+)
+@click.option("--sources", metavar="START:STOP:STEP", help="Frames that surfel and warp may look at. [default: all]")
 @click.option("--device", default="cpu", show_default=True, help="cpu, cuda, mps, or auto for the best there is.")
 def command(
     scenario: Path,
@@ -50,18 +67,30 @@ def command(
     passes: str | None,
     width: int | None,
     quality: str | None,
+    max_error: tuple[str, ...],
     jobs: int | None,
     resume: bool,
     formats: tuple[str, ...],
     video: bool,
     draw: int | None,
+    renderer: str | None,
+    sources: str | None,
     device: str,
 ) -> None:
-    """Render SCENARIO's sensors into a folder: pictures, sweeps, labels and a manifest."""
-    from ..prepare.renderers import pick_device
+    """Render SCENARIO's sensors, or a log's, into a folder: pictures, sweeps, labels and a manifest."""
+    from ..prepare.renderers import Source, pick_device
 
-    wishes = Wishes(frames, split_names(sensors), split_names(passes), width, quality, pick_device(device), draw)
+    if quality and max_error:
+        raise UnisimError(f"--quality {quality} and --max-error {max_error[0]}: give one of the two")
+    device, bounds = pick_device(device), parse_bounds(max_error)
+    wishes = Wishes(frames, split_names(sensors), split_names(passes), width, quality, device, draw, bounds, renderer, sources)
     plan, prepared = plan_scenario(scenario, wishes)
+    for sentence in plan.about.get("warnings", ()):
+        click.echo(f"Warning: {sentence}", err=True)
+    with tqdm(total=1.0, bar_format="{desc}: {percentage:3.0f}%|{bar}| {elapsed}", dynamic_ncols=True, delay=0.5) as bar:
+        for step in cast(Source, plan.make_renderer).steps():
+            bar.set_description_str(step.text, refresh=False)
+            bar.update(step.share - bar.n)
     wanted = {*sequence_formats(prepared.scenario), *formats, *(("video",) if video else ())}
     with tqdm(total=len(plan.frames), unit="frame", dynamic_ncols=True, smoothing=0.1) as bar:
         report = render_sequence(
@@ -70,6 +99,10 @@ def command(
     for name in SEQUENCE_FORMATS:
         if name in wanted:
             WRITERS[name](plan, out)
+    if report.broken:
+        many, wanted_errors = len(report.broken), ", ".join(plan.settings.max_error)
+        sentence = f"{many} pictures and sweeps may not keep {wanted_errors}, though rendered at the finest settings"
+        click.echo(f"Warning: {sentence}: {out / MANIFEST_NAME}", err=True)
     kept = f", {len(report.kept)} were there already" if report.kept else ""
     click.echo(f"{len(report.rendered)} frames rendered in {report.seconds:.1f} s{kept}: {out}")
 

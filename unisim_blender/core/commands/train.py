@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Literal
 
 import click
 
@@ -10,7 +11,22 @@ import click
 @click.command()
 @click.argument("log", type=click.Path(path_type=Path))
 @click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder of the trained scene.")
-@click.option("--preset", default="small", show_default=True, help="Shapes of the model: tiny, compact, small or paper.")
+@click.option(
+    "--preset",
+    default="small",
+    show_default=True,
+    help="Shapes of the model: tiny, compact, small or paper; or a rival: ngp, nsg.",
+)
+@click.option("--without", metavar="A,B", help="Leave out decoder, actor-prior or tracklet-refinement; of a rival, lidar.")
+@click.option(
+    "--density", type=click.Choice(["logistic", "unisim"]), help="What a signed distance stops. [default: the preset's]"
+)
+@click.option(
+    "--disturb",
+    type=(click.FloatRange(min=0.0), click.FloatRange(min=0.0)),
+    metavar="METRES DEGREES",
+    help="Train on moving actors' boxes with noise, each frame's its own, and tell how much of it refinement has taken back.",
+)
 @click.option("--cameras", default="front_camera", show_default=True, help="Cameras, separated by commas, or all.")
 @click.option("--frames", default="::2", show_default=True, help="START:STOP:STEP.")
 @click.option("--width", type=click.IntRange(min=16), help="Width of the images in pixels [default: as recorded].")
@@ -31,7 +47,8 @@ import click
 )
 @click.option("--quiet", is_flag=True, help="No progress bar.")
 def command(  # noqa: PLR0913
-    log: Path, out: Path, preset: str, cameras: str, frames: str, width: int | None, minutes: float | None,
+    log: Path, out: Path, preset: str, without: str | None, density: Literal["logistic", "unisim"] | None,
+    disturb: tuple[float, float] | None, cameras: str, frames: str, width: int | None, minutes: float | None,
     iterations: int | None, device: str, seed: int, vgg: str | None, adversarial: bool, resume: bool,
     preview: float | None, quiet: bool,
 ) -> None:  # fmt: skip
@@ -53,8 +70,12 @@ def command(  # noqa: PLR0913
     lidars = [name for name in recorded.drive.lidars if recorded.drive.lidars[name].model.beams and recorded.sweep_frames(name)]
     config = TrainConfig(
         cameras=names, lidars=tuple(lidars), frames=select_frames(frames, recorded.drive.frames), width=width,
-        preset=preset, minutes=minutes, iterations=iterations, device=pick_device(device), seed=seed, vgg=vgg,
-        adversarial=adversarial, preview_s=preview,
+        preset=preset, without=split_names(without) or (), density=density, disturb=disturb, minutes=minutes,
+        iterations=iterations, device=pick_device(device), seed=seed, vgg=vgg, adversarial=adversarial, preview_s=preview,
     )  # fmt: skip
     header = train(recorded, config, out, resume=resume, quiet=quiet)
     click.echo(f"{out}: {header.training['iterations']} steps in {header.training['seconds'] / 60:.1f} minutes")
+    if disturb is not None:
+        from ..evaluate.tracklets import in_words
+
+        click.echo(in_words(header, recorded.drive))

@@ -11,19 +11,20 @@ from numpy.typing import NDArray
 
 from .. import native
 from ..constants import CLEARANCE_M, DECAY_PER_M, GROUND_CELL_M, LIGHT_REACH_M
-from ..errors import UnisimError
+from ..errors import SceneError, UnisimError
 from ..fields.config import GridConfig, ModelConfig
 from ..fields.config_check import check_config
 from ..fields.grid_shape import GridArrays, GridShape
 from ..fields.volume import Volume
 from ..geometry import FloatArray, invert_pose, transform_points
-from ..scene_file import HEADER_NAME, WEIGHTS_NAME, read_scene_header
-from ..weights import check_belongs, read_weights
+from ..scene_file import HEADER_NAME, WEIGHTS_NAME, SceneHeader, read_scene_header
+from ..weights import Weights, check_belongs, read_weights
+from .cells import BOX_CELLS, Cells, kept, stored, to_store
 from .decoder import Decoder
 from .structs import FieldStruct, SceneStruct, address, doubles, floats
+from .support import not_taken
 
 LIGHT_HIDDEN = 16
-BOX_CELLS = 16
 MOST_BETA = 1e4
 
 
@@ -34,21 +35,25 @@ class CompiledScene:
     files that do not fit, `UnisimError` where the kernels were not built.
     """
 
-    def __init__(self, path: str | Path) -> None:
+    def __init__(self, path: str | Path, new: tuple[SceneHeader, Weights] | None = None) -> None:
+        """Opens the scene in folder ``path``; ``new`` are its header and weights where these are yet to be written."""
         library = native.library()
         if library is None:
             raise UnisimError(
                 "rendering without torch needs the compiled kernels: run make setup, and leave UNISIM_NATIVE=0 away"
             )
         self.path = Path(path)
-        self.header = read_scene_header(self.path)
+        self.header = read_scene_header(self.path) if new is None else new[0]
         self.config = config = ModelConfig.from_dict(self.header.model)
         check_config(config, f"{self.path / HEADER_NAME}: model")
+        if unknown := not_taken(config):
+            raise SceneError(f"{self.path / HEADER_NAME}: model: the compiled kernels do not take {unknown}: torch's tracer does")
         self.volume = volume = Volume.from_dict(self.header.volume)
         self.looks = tuple(sorted(self.header.drive.actors))
         self.cameras = tuple(str(name) for name in self.header.training.get("cameras", ()))
-        self._weights = weights = read_weights(self.path / WEIGHTS_NAME)
-        check_belongs(self.header)
+        self._weights = weights = read_weights(self.path / WEIGHTS_NAME) if new is None else new[1]
+        if new is None:
+            check_belongs(self.header)
         self._kept: list[Any] = []
         size = volume.size_m
         extent = (float(size[0]), float(size[1]), float(size[2]))
@@ -92,13 +97,27 @@ class CompiledScene:
             sample_head=self.decoder.sample_head,
         )
         occupied = np.flatnonzero(voxels)
-        cells = self._keep(np.zeros(shape, np.uint16))
+
+        def work_out() -> Cells:
+            return self._ask(library, occupied, shape)
+
+        if new is not None:
+            self.cells = work_out()
+        else:
+            self.cells = stored(weights, self.header, len(occupied)) or kept(self.header, len(occupied), work_out)
+        cells, box_cells = self._keep(np.zeros(shape, np.uint16)), self._keep(np.ascontiguousarray(self.cells.boxes))
+        cells.reshape(-1)[occupied] = self.cells.kinds
+        self.struct.cells, self.struct.box_cells = address(cells), address(box_cells)
+        library.unisim_clearance(address((cells > 0).view(np.uint8)), address(np.array(shape, np.int32)), address(clearance))
+
+    def _ask(self, library: ctypes.CDLL, occupied: NDArray[np.int64], shape: tuple[int, ...]) -> Cells:
+        """The cells of the voxels with these numbers, and of the actors' boxes."""
+        cells = np.zeros(shape, np.uint16)
         library.unisim_cells(ctypes.byref(self.struct), address(occupied), len(occupied), address(cells), native.threads())
         sizes = floats([self.header.drive.actors[uid].size_m for uid in self.looks]).reshape(-1, 3)
-        box_cells = self._keep(np.empty((len(self.looks), BOX_CELLS, BOX_CELLS, BOX_CELLS), np.uint8))
-        library.unisim_box_cells(ctypes.byref(self.struct), address(sizes), len(sizes), address(box_cells), native.threads())
-        self.struct.cells, self.struct.box_cells = address(cells), address(box_cells)
-        library.unisim_clearance(address((cells > 0).astype(np.uint8)), address(np.array(shape, np.int32)), address(clearance))
+        boxes = np.empty((len(self.looks), BOX_CELLS, BOX_CELLS, BOX_CELLS), np.uint8)
+        library.unisim_box_cells(ctypes.byref(self.struct), address(sizes), len(sizes), address(boxes), native.threads())
+        return Cells(cells.reshape(-1)[occupied], boxes)
 
     def into_volume(self, points: FloatArray) -> FloatArray:
         """World points (N, 3) in volume coordinates."""
@@ -139,3 +158,14 @@ class CompiledScene:
 
 def _unit(grid: GridConfig) -> GridShape:
     return GridShape.unit(int(grid.coarsest), int(grid.finest), grid.levels, grid.features, grid.log2_table)
+
+
+def cells_to_store(header: SceneHeader, weights: Weights) -> dict[str, NDArray[Any]]:
+    """What a scene's weights are to hold beside those given, so that opening it asks for nothing; nothing without kernels, and
+    for a scene that cannot be opened."""
+    if native.library() is None:
+        return {}
+    try:
+        return to_store(CompiledScene(header.path, (header, weights)).cells, header)
+    except SceneError:
+        return {}

@@ -49,7 +49,10 @@ class CompiledTracer:
         self._cast = CompiledCast(self.cast, scene, others)
         self.quality = quality_named(quality)
         self.upsample, self.trained_width = scene.config.upsample, scene.header.training.get("width")
-        self.reach = scene.decoder.reach + (EDGE_CELLS if self.cast.guests else 0)
+        # decoders that look aside see past a guest's edges
+        alone = all(s.decoder.reach == 0 and s.config.upsample == 1 for s in (scene, *self._guests))
+        self._edge = 0 if alone else EDGE_CELLS
+        self.reach = scene.decoder.reach + (self._edge if self._guests else 0)
 
     def trace(self, rays: Rays, passes: set[str], sky: bool, met: Met | None, stats: RenderStats) -> Found:
         """See `tracer.Tracer`."""
@@ -152,7 +155,7 @@ class CompiledTracer:
         for i, guest in enumerate(self._guests):
             # each scene's features are its own decoder's: the pictures are laid over each other, not the features
             share = found.guest_opacity[i].clip(0, 1).reshape(*shape)
-            feature = spread_over_edges(found.guest_features[i].reshape(*shape, -1), share, EDGE_CELLS)
+            feature = spread_over_edges(found.guest_features[i].reshape(*shape, -1), share, self._edge)
             other, alpha = picture(guest, feature), resized(share[..., None], size)
             rgb += alpha * (resized(other, size) - rgb)
         return rgb

@@ -22,6 +22,7 @@ from ..scene_file import SceneHeader, read_scene_header
 from ..sequence.plan import code_identity
 from .recorded import EvaluationPlan, Perceptual, evaluate
 from .report import Report
+from .tracklets import disturbance_taken_back
 
 Progress = Callable[[Iterable[int], str], Iterable[int]]
 """Shows a loop's progress; the loop's items and what they belong to."""
@@ -50,6 +51,8 @@ def evaluate_scene(scene: Path, log_path: Path, out: Path, wishes: EvaluationWis
     renderer = SceneSource(scene, drive, wishes.quality, wishes.device)()
     report = Report(out, f"{header.name} against {log.drive.name}")
     figures = evaluate(renderer, log, plan, report.add, lambda frames: progress(frames, log.drive.name))
+    if (noise := disturbance_taken_back(header, log.drive)) is not None:
+        figures["tracklets"] = noise
     about = {
         "scene": {"name": header.name, "sha256": scene_hash(scene)},
         "log": log.drive.name,

@@ -12,15 +12,18 @@ from ..drive import Drive
 from ..errors import ScenarioError
 from ..files import write_file
 from ..output.frame_files import json_bytes
-from ..prepare.renderers import SceneSource, other_scenes, scene_hash
+from ..prepare.renderers import SceneSource, scene_hash
 from ..prepare.scenario import PreparedScenario, prepare_scenario
 from ..prepare.scenario_plan import scenario_hash
 from ..prepare.selection import check_names, select_frames
+from ..prepare.street import street_of
 from ..render import Renderer
 from ..scene_file import SceneHeader, read_scene_header
 from ..sequence.plan import code_identity
 from ..street.edit_masks import edit_masks
+from ..street.path_tracer import Wanted, draw_truths
 from ..street.street import Street, load_street
+from ..street.true_pictures import lacks_pictures, true_picture
 from ..street.truth import truth_camera, truth_lidar
 from .contact_sheet import camera_row, sweep_tile, write_contact_sheet
 from .metrics import Picture
@@ -36,6 +39,7 @@ class ScenarioRun:
     """One scenario opened twice: as its scene renders it, and with the log's own poses as the truth has it."""
 
     street: Street
+    street_path: Path
     header: SceneHeader
     rendered: PreparedScenario
     true: PreparedScenario
@@ -69,6 +73,8 @@ def evaluate_scenario(
 ) -> dict[str, Any]:
     """Compare one scenario with the truth of its edits and write ``out``; the figures without those of single frames."""
     run = open_run(street_path, scenario, wishes)
+    if lacks_pictures(street_path, run.street, (run.true.edited, run.true.recorded), run.cameras, run.frames, run.width):
+        draw_truths(street_path, (Wanted(scenario, run.frames, run.cameras),), run.width, progress=True)
     report = Report(out, f"{run.rendered.scenario.name} against the truth")
     per_frame = []
     for frame in progress(run.frames, run.rendered.scenario.name):
@@ -104,7 +110,8 @@ def open_run(street_path: Path, scenario: Path, wishes: EvaluationWishes) -> Sce
     cameras = wishes.cameras or tuple(drive.cameras)
     check_names("camera", cameras, drive.cameras)
     return ScenarioRun(
-        street=_street(street_path, true.edited),
+        street=street_of(load_street(street_path), true.edited),
+        street_path=street_path,
         header=header,
         rendered=rendered,
         true=true,
@@ -133,7 +140,7 @@ def compare_frame(run: ScenarioRun, frame: int) -> tuple[dict[str, Any], FramePi
 
 def _compare_camera(run: ScenarioRun, name: str, frame: int) -> tuple[dict[str, Any], list[Tile]]:
     width = run.width
-    truth = truth_camera(run.street, run.true.edited, name, frame, width).rgb
+    truth = _true_picture(run, run.true.edited, name, frame)
     trained = tuple(camera for camera in run.header.training.get("cameras", ()) if camera in run.true.recorded.cameras)
     masks = edit_masks(
         run.street, run.true.recorded, run.true.edited, name, frame, trained_frames(run.header), trained or None, width
@@ -143,7 +150,7 @@ def _compare_camera(run: ScenarioRun, name: str, frame: int) -> tuple[dict[str, 
     found = {"edit": picture_figures(edited, truth, regions)}
     recorded = replay = None
     if name in run.true.recorded.cameras:
-        recorded = truth_camera(run.street, run.true.recorded, name, frame, width).rgb
+        recorded = _true_picture(run, run.true.recorded, name, frame)
         replay = _picture(run.replay, name, frame, width)
         if replay.shape == edited.shape:
             found["replay"] = picture_figures(replay, recorded, regions)
@@ -171,9 +178,8 @@ def _picture(renderer: Renderer, camera: str, frame: int, width: int | None) -> 
     return np.clip(renderer.camera(camera, frame, ("rgb",), width).rgb, 0, 1)
 
 
-def _street(path: Path, drive: Drive) -> Street:
-    """The street, with the streets of the scenes that actors were inserted from."""
-    street = load_street(path)
-    for scene in other_scenes(drive):
-        street = street.with_scene(scene, load_street(read_scene_header(Path(scene)).log_path))
-    return street
+def _true_picture(run: ScenarioRun, drive: Drive, camera: str, frame: int) -> Picture:
+    """What the camera truly sees: drawn now, or by Cycles before."""
+    if run.street.recipe.engine == "exact":
+        return truth_camera(run.street, drive, camera, frame, run.width).rgb
+    return true_picture(run.street_path, run.street, drive, camera, frame, run.width)

@@ -1,15 +1,17 @@
 """A trained scene on disk: `scene.json` (see scene_file.py) and `weights.safetensors`.
 
-Tables in half precision, actors' grids baked. No pickle."""
+Tables in half precision, actors' own baked. No pickle."""
 
 from __future__ import annotations
 
 import dataclasses
 import os
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
@@ -25,7 +27,7 @@ from .volume import Volume
 
 @dataclass
 class Scene:
-    """A trained scene, ready to render: header, model, and every actor's grid (actors, rows, features), baked."""
+    """A trained scene, ready to render: header, model, and every actor's own (actors, ...), baked."""
 
     path: Path
     header: SceneHeader
@@ -34,9 +36,9 @@ class Scene:
 
 
 def _pack(model: SceneModel) -> dict[str, Tensor]:
-    tensors = {}
+    tensors, own = {}, tuple(f"actors.{name}" for name in model.actors.OWN)
     for name, value in model.state_dict().items():
-        if name.startswith(("actors.hypernetwork", "actors.latents")):
+        if name.startswith(own):
             continue
         if name in ("occupancy.values", "observed"):
             # nearly all of them are 0: numbers of the others and their values
@@ -50,15 +52,23 @@ def _pack(model: SceneModel) -> dict[str, Tensor]:
     return tensors
 
 
-def save_scene(path: Path, header: SceneHeader, model: SceneModel) -> None:
-    """Write both files; each appears under its name only when it is complete."""
+Beside = Callable[[SceneHeader, Weights], dict[str, NDArray[Any]]]
+"""Arrays that follow from a scene's header and weights."""
+
+
+def save_scene(path: Path, header: SceneHeader, model: SceneModel, beside: Beside | None = None) -> None:
+    """Write both files; each appears under its name only when it is complete. The weights hold what ``beside`` gives, too."""
     from safetensors import SafetensorError  # here: what renders does not need it
     from safetensors.torch import save_file
 
     path.mkdir(parents=True, exist_ok=True)
     temporary = path / f".{WEIGHTS_NAME}.part"
+    tensors = _pack(model)
+    if beside is not None:
+        weights = Weights(path / WEIGHTS_NAME, {name: value.cpu().numpy() for name, value in tensors.items()})
+        tensors |= {name: torch.from_numpy(np.array(value)) for name, value in beside(header, weights).items()}
     try:
-        save_file(_pack(model), temporary)
+        save_file(tensors, temporary)
         os.replace(temporary, path / WEIGHTS_NAME)
     except (OSError, SafetensorError) as error:
         temporary.unlink(missing_ok=True)
@@ -80,9 +90,9 @@ def load_scene(path: str | Path, device: str = "cpu") -> Scene:
     weights = read_weights(file)
     cameras = tuple(str(name) for name in header.training.get("cameras", ()))
     model = SceneModel(config, volume, tuple(sorted(header.drive.actors)), cameras)
-    model.actors.drop_hypernetwork()
+    model.actors.drop_own()
     state = {name: _unpack(weights, name, value) for name, value in model.state_dict().items()}
-    tables = weights.array("actors.tables", (len(header.drive.actors), model.actors.grid.rows, config.actor_grid.features))
+    tables = weights.array("actors.tables", (len(model.actor_ids), *model.actors.row))
     check_belongs(header)
     model.load_state_dict(state)
     model.eval().requires_grad_(False).to(device)

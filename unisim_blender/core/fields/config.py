@@ -45,7 +45,13 @@ class ModelConfig:
     """Length of the geometry feature that an interval carries."""
     head: Literal["ray", "sample"] = "ray"
     """Where the view direction enters: once a ray, behind compositing, or at every sample as in the paper."""
-    density: Literal["logistic", "unisim"] = "logistic"
+    colour: Literal["decoded", "sample"] = "decoded"
+    """What is composited: features, which a decoder makes pixels of, or every sample's own colour, as in a NeRF."""
+    density: Literal["logistic", "unisim", "volume"] = "logistic"
+    """What stops a ray: a signed distance, in one of two ways, or a density of its own, as in a NeRF."""
+    actors: Literal["hypernetwork", "tables", "latent", "none"] = "hypernetwork"
+    """What an actor is: a hash grid that one hypernetwork makes of its latent, a hash grid that it learns alone, a latent that
+    conditions one network for all (Ost et al., "Neural Scene Graphs for Dynamic Scenes", 2021); or nothing, in one field."""
     unisim_step_m: float = 0.2
     light: Literal["fixed", "ground"] = "fixed"
     """Whether an actor's look is one for all places, as in the paper, or follows the light on the ground under it."""
@@ -61,6 +67,13 @@ class ModelConfig:
     voxel_m: float = 0.5
     far_m: float = 3000.0
 
+    @property
+    def method(self) -> str:
+        """Whose method this is: "ngp", one field for everything; "nsg", a scene graph of latent-coded actors; else "neural"."""
+        if self.density != "volume":
+            return "neural"
+        return "ngp" if self.actors == "none" else "nsg"
+
     def to_dict(self) -> dict[str, Any]:
         """Plain values, for JSON."""
         return dataclasses.asdict(self)
@@ -75,9 +88,15 @@ class ModelConfig:
                 "actor_grid": GridConfig(**values["actor_grid"]),
                 "samples": SampleConfig(**values["samples"]),
             }
-            return ModelConfig(**{**values, **nested})
+            config = ModelConfig(**{**values, **nested})
         except (KeyError, TypeError) as error:
             raise SceneError(f"scene.json: the model's configuration does not fit this version: {error}") from error
+        if config.colour == "sample" and (config.upsample != 1 or config.features < 3):
+            raise SceneError(
+                f"scene.json: model.upsample is {config.upsample} and model.features {config.features}: samples that have "
+                "colours make one pixel, of three features at least"
+            )
+        return config
 
 
 PRESETS: dict[str, ModelConfig] = {
@@ -128,7 +147,16 @@ PRESETS: dict[str, ModelConfig] = {
     ),
 }
 """``tiny`` for tests, ``compact`` for scenes of some megabytes, ``small`` for two CPU cores,
-``paper`` with the re-implementation's sizes."""
+``paper`` with the re-implementation's sizes; ``ngp`` and ``nsg`` are the rivals."""
+
+_RIVAL = dataclasses.replace(
+    PRESETS["small"], samples=SampleConfig(48, 24, 12, 12, 16, 8), light="fixed", colour="sample", density="volume",
+    decoder_kernel=1, upsample=1,
+)  # fmt: skip
+PRESETS["ngp"] = dataclasses.replace(_RIVAL, actors="none")
+"""After Instant-NGP (Mueller et al., 2022): one density for everything that is there, moving or not."""
+PRESETS["nsg"] = dataclasses.replace(_RIVAL, actors="latent")
+"""After Neural Scene Graphs (Ost et al., 2021): a density for what stands still, one conditioned by latents for actors."""
 
 
 def preset(name: str) -> ModelConfig:

@@ -1,4 +1,8 @@
-"""The three fields: static scene, far field, actors. Each maps points to a signed distance (or density) and a feature."""
+"""What stands still and what is far away; actors are in actors.py. Each field maps points to one number and a feature.
+
+The number s says what stops a ray: it is a signed distance in metres or, where the configuration's density is ``volume``, minus
+the logarithm of a density in 1 / metres. Either way it rises towards what is empty. The far field gives densities.
+"""
 
 from __future__ import annotations
 
@@ -17,9 +21,8 @@ from .networks import mlp, network_struct, run_mlp
 from .volume import Volume
 from .volume_frame import VolumeFrame, contract, contract_direction
 
-INITIAL_DISTANCE_M = 0.1
-INITIAL_ACTOR_DISTANCE_M = 0.3
-"""An actor's box is entered from outside: there its field must not stop a ray from the start."""
+INITIAL = {"logistic": 0.1, "unisim": 0.1, "volume": 3.5}
+"""What a new static field says everywhere: a distance of 0.1 m, or a density that lets most of a ray through for 30 m."""
 
 INITIAL_LOG_DENSITY = -1.0
 """Of the far field."""
@@ -72,15 +75,15 @@ class HashTable(nn.Module):
         return query(self.grid, self.table, network, x, outputs=outputs, sink=sink)
 
 
-def _start_outside(network: nn.Sequential, distance_m: float = INITIAL_DISTANCE_M) -> None:
-    """A new field is empty: its distance starts a little above zero everywhere."""
+def start_at(network: nn.Sequential, s: float) -> None:
+    """A new field is empty: a ray comes through it."""
     last = network[-1]
     assert isinstance(last, nn.Linear)
     with torch.no_grad():
-        last.bias[0] = distance_m
+        last.bias[0] = s
 
 
-def _parts(out: Tensor) -> tuple[Tensor, Tensor]:
+def parts(out: Tensor) -> tuple[Tensor, Tensor]:
     """The first column (N,) and the others (N, F); their gradients are put together in one go."""
     first, others = out.split((1, out.shape[1] - 1), 1)
     return first[:, 0], others
@@ -100,16 +103,16 @@ class StaticField(nn.Module):
         self.grid = HashTable(GridShape.cubic(extent, g.coarsest, g.finest, g.levels, g.features, g.log2_table))
         self.network = mlp(self.grid.grid.shape.width, config.hidden, 1 + config.features)
         self.register_buffer("size_m", torch.as_tensor(volume.size_m).float(), persistent=False)
-        _start_outside(self.network)
+        start_at(self.network, INITIAL[config.density])
 
     size_m: Tensor
 
     def forward(self, x: Tensor) -> tuple[Tensor, Tensor]:
-        """Signed distances in metres (N,) and features (N, F) at points (N, 3) in volume coordinates."""
-        return _parts(self.grid.ask(self.network, x / self.size_m))
+        """s (N,) and features (N, F) at points (N, 3) in volume coordinates."""
+        return parts(self.grid.ask(self.network, x / self.size_m))
 
     def distance(self, x: Tensor) -> Tensor:
-        """Signed distances (N,) alone: the last layer's other rows are not computed."""
+        """s (N,) alone: the last layer's other rows are not computed."""
         return self.grid.ask(self.network, x / self.size_m, 1)[:, 0]
 
 
@@ -132,7 +135,7 @@ class FarField(nn.Module):
     def forward(self, x: Tensor) -> tuple[Tensor, Tensor]:
         """Densities (N,), optical depth over the whole way beyond the volume, even in disparity, and features (N, F) at points
         (N, 3) in volume coordinates."""
-        raw, feature = _parts(self.grid.ask(self.network, self._contracted(x)))
+        raw, feature = parts(self.grid.ask(self.network, self._contracted(x)))
         return _density(raw), feature
 
     def density(self, x: Tensor) -> Tensor:
@@ -145,47 +148,3 @@ class FarField(nn.Module):
     def sky(self, d: Tensor) -> Tensor:
         """Features (N, F) at infinity, along directions (N, 3) in volume axes."""
         return self.grid.ask(self.network, contract_direction(d))[:, 1:]
-
-
-class ActorField(nn.Module):
-    """All actors: each one's latent goes through one hypernetwork to that actor's own hash grid; they share the network behind.
-
-    A trained scene keeps the grids themselves; only training needs the hypernetwork.
-    """
-
-    def __init__(self, config: ModelConfig, actors: int) -> None:
-        super().__init__()
-        g = config.actor_grid
-        self.grid = GridArrays(GridShape.unit(int(g.coarsest), int(g.finest), g.levels, g.features, g.log2_table))
-        self.latents = nn.Parameter(torch.randn(actors, config.latent))
-        outputs = self.grid.rows * g.features
-        self.hypernetwork = mlp(config.latent, config.hyper_hidden, outputs, config.hyper_layers)
-        last = self.hypernetwork[-1]
-        assert isinstance(last, nn.Linear)
-        nn.init.uniform_(last.weight, -1e-3, 1e-3)
-        nn.init.zeros_(last.bias)
-        self.network = mlp(self.grid.shape.width, config.hidden, 1 + config.features)
-        _start_outside(self.network, INITIAL_ACTOR_DISTANCE_M)
-        self.gradient: Tensor | None = None
-        """Where it is set, of `tables`' shape, the tables' gradient is added up here and autograd sees none."""
-
-    def drop_hypernetwork(self) -> None:
-        """Leave only what grids that were baked need."""
-        del self.hypernetwork, self.latents
-
-    def tables(self) -> Tensor:
-        """Every actor's grid (actors, rows, features), from its latent."""
-        out: Tensor = self.hypernetwork(self.latents)
-        return out.view(len(self.latents), self.grid.rows, self.grid.shape.features)
-
-    def forward(self, tables: Tensor, x: Tensor, actor: Tensor) -> tuple[Tensor, Tensor]:
-        """Signed distances (N,) and features (N, F) at points x (N, 3) in the unit cube of each point's actor (N,)."""
-        return _parts(self._ask(tables, x, actor, None))
-
-    def distance(self, tables: Tensor, x: Tensor, actor: Tensor) -> Tensor:
-        """Signed distances (N,) alone."""
-        return self._ask(tables, x, actor, 1)[:, 0]
-
-    def _ask(self, tables: Tensor, x: Tensor, actor: Tensor, outputs: int | None) -> Tensor:
-        sink = self.gradient if torch.is_grad_enabled() else None
-        return query(self.grid, tables, self.network, x, actor, outputs, sink)

@@ -8,9 +8,10 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from ..decode import CameraDecoder, LidarHead, RayHead
+from ..decode import CameraDecoder, ColourHead, LidarHead, NoDecoder, RayHead, SampleColours
+from .actors import actor_field
 from .config import ModelConfig
-from .fields import ActorField, FarField, StaticField
+from .fields import FarField, StaticField
 from .ground import Ground
 from .light import Light
 from .networks import SH_WIDTH, mlp, spherical_harmonics
@@ -20,32 +21,40 @@ from .volume_frame import VolumeFrame
 
 
 class SceneModel(nn.Module):
-    """Everything with weights. ``actors`` and ``cameras`` number the looks and the camera codes in the order of their ids."""
+    """Everything with weights. ``actors`` and ``cameras`` number the looks and the camera codes in the order of their ids; where
+    the configuration has one field for everything, no actor has a look of its own."""
 
     def __init__(self, config: ModelConfig, volume: Volume, actors: tuple[str, ...], cameras: tuple[str, ...]) -> None:
         super().__init__()
         self.config, self.volume = config, volume
-        self.actor_ids = {uid: i for i, uid in enumerate(actors)}
+        self.actor_ids = {uid: i for i, uid in enumerate(() if config.actors == "none" else actors)}
         self.camera_ids = {uid: i for i, uid in enumerate(cameras)}
         self.frame = VolumeFrame(volume)
         self.static = StaticField(config, volume)
         self.far = FarField(config, volume)
-        self.actors = ActorField(config, len(actors))
+        self.actors = actor_field(config, len(self.actor_ids))
         self.occupancy = Occupancy(volume.size_m, config.voxel_m)
         self.ground = Ground(volume.size_m)
         self.register_buffer("observed", torch.zeros_like(self.occupancy.values))
         self.log_beta = nn.Parameter(torch.tensor(math.log(config.beta)))
-        self.light = Light(config, len(actors)) if config.light == "ground" else None
-        if config.head == "sample":
+        self.light = Light(config, len(self.actor_ids)) if config.light == "ground" else None
+        if config.colour == "sample":
+            self.colour_head = ColourHead(config)
+        elif config.head == "sample":
             self.sample_head = mlp(config.features + SH_WIDTH, config.hidden, config.features, layers=3)
-        self.ray_head = RayHead(config, len(cameras))
-        self.camera_decoder = CameraDecoder(config)
+        decoded = config.colour == "decoded"
+        self.ray_head: RayHead | SampleColours = RayHead(config, len(cameras)) if decoded else SampleColours()
+        self.camera_decoder: CameraDecoder | NoDecoder = CameraDecoder(config) if decoded else NoDecoder()
         self.lidar_head = LidarHead(config)
 
     observed: Tensor
 
     def directed(self, feature: Tensor, directions: Tensor) -> Tensor:
-        """Features (N, F) with their view direction (N, 3), where the configuration has it enter at every sample."""
+        """Features (N, F) with their view direction (N, 3), where the configuration has it enter at every sample; where samples
+        have colours, these come first."""
+        if self.config.colour == "sample":
+            coloured: Tensor = self.colour_head(feature, directions)
+            return coloured
         if self.config.head == "ray":
             return feature
         out: Tensor = self.sample_head(torch.cat([feature, spherical_harmonics(directions)], -1))

@@ -166,7 +166,7 @@ class Tracklets(nn.Module):
             self.register_buffer("rotation_6d", rot6, persistent=False)
             self.shift_m = nn.Parameter(torch.zeros(n, keys, 3))
             self.turn_6d = nn.Parameter(torch.zeros(n, keys, 6))
-            still = torch.tensor([not a.is_moving for a in actors])
+            still = torch.tensor([not a.is_moving for a in actors], dtype=torch.bool)
             self.register_buffer("still", still, persistent=False)
             self.register_buffer("smoothing", _smoothing(torch.as_tensor(times)), persistent=False)
 

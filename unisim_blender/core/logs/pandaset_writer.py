@@ -62,7 +62,11 @@ class PandasetWriter:
             raise OutputError(f"{camera}: an image of {rgb.shape} {rgb.dtype} is none of {model.width}x{model.height} pixels")
         buffer = io.BytesIO()
         Image.fromarray(rgb).save(buffer, "JPEG", quality=self._quality, subsampling=0)
-        write_file(self.path / "camera" / camera / f"{frame:02d}.jpg", buffer.getvalue())
+        write_file(self.image_path(camera, frame), buffer.getvalue())
+
+    def image_path(self, camera: str, frame: int) -> Path:
+        """Where an image is written."""
+        return self.path / "camera" / camera / f"{frame:02d}.jpg"
 
     def write_sweep(self, frame: int, sweeps: Mapping[str, Sweep | LidarFrame]) -> None:
         """All LiDARs' returns of a frame; semantic classes are written where every sweep has them."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,32 +27,42 @@ class FirstHits(NamedTuple):
     uv: NDArray[np.float32]
 
 
-class Mesh:
+class Triangles:
+    """vertices (V, 3) float32 and faces (F, 3) int32, ready to be met by rays. ``boxes``, nodes and order, may be those that the
+    same triangles had before."""
+
+    def __init__(
+        self, vertices: NDArray[np.float32], faces: NDArray[np.int32], boxes: tuple[NDArray[Any], NDArray[np.int32]] | None = None
+    ) -> None:
+        self.vertices = np.ascontiguousarray(vertices, np.float32)
+        self.faces = np.ascontiguousarray(faces, np.int32)
+        self.boxes = boxes
+        lib = native.library()
+        if lib is not None and boxes is None and len(self.faces):
+            order, nodes = np.empty(len(self.faces), np.int32), np.empty(2 * len(self.faces), NODE)
+            pointers = (x.ctypes.data for x in (self.vertices, self.faces))
+            used = lib.unisim_bvh_build(*pointers, len(self.faces), nodes.ctypes.data, order.ctypes.data)
+            self.boxes = nodes[:used].copy(), order
+
+    def first_hits(self, origins: FloatArray, directions: FloatArray, near_m: float) -> FirstHits:
+        """What rays (N, 3) with unit directions, in the triangles' axes, meet first beyond ``near_m``."""
+        lib = native.library()
+        if lib is None or self.boxes is None:
+            return first_hits_reference(self, origins, directions, near_m)
+        o, d = np.ascontiguousarray(origins, np.float64), np.ascontiguousarray(directions, np.float64)
+        t, face, uv = np.empty(len(o)), np.empty(len(o), np.int32), np.empty((len(o), 2), np.float32)
+        out = (x.ctypes.data for x in (t, face, uv))
+        mesh = (x.ctypes.data for x in (*self.boxes, self.vertices, self.faces, o, d))
+        lib.unisim_bvh_first_hits(*mesh, len(o), near_m, *out, native.threads())
+        return FirstHits(t, face, uv)
+
+
+class Mesh(Triangles):
     """A model that is ready to be met by rays."""
 
     def __init__(self, model: MeshModel) -> None:
+        super().__init__(model.vertices, model.faces)
         self.model = model
-        self.vertices = np.ascontiguousarray(model.vertices, np.float32)
-        self.faces = np.ascontiguousarray(model.faces, np.int32)
-        lib = native.library()
-        if lib is not None:
-            self.order = np.empty(len(self.faces), np.int32)
-            self.nodes = np.empty(2 * len(self.faces), NODE)
-            pointers = (x.ctypes.data for x in (self.vertices, self.faces))
-            used = lib.unisim_bvh_build(*pointers, len(self.faces), self.nodes.ctypes.data, self.order.ctypes.data)
-            self.nodes = self.nodes[:used].copy()
-
-    def first_hits(self, origins: FloatArray, directions: FloatArray, near_m: float) -> FirstHits:
-        """What rays (N, 3) with unit directions, in the model's axes, meet first beyond ``near_m``."""
-        lib = native.library()
-        if lib is None:
-            return first_hits_reference(self.model, origins, directions, near_m)
-        o, d = np.ascontiguousarray(origins, np.float64), np.ascontiguousarray(directions, np.float64)
-        t, face, uv = np.empty(len(o)), np.empty(len(o), np.int32), np.empty((len(o), 2), np.float32)
-        mesh = (self.nodes, self.order, self.vertices, self.faces, o, d)
-        out = (x.ctypes.data for x in (t, face, uv))
-        lib.unisim_bvh_first_hits(*(x.ctypes.data for x in mesh), len(o), near_m, *out, native.threads())
-        return FirstHits(t, face, uv)
 
 
 @lru_cache(maxsize=16)
@@ -61,11 +71,13 @@ def ready(model: MeshModel) -> Mesh:
     return Mesh(model)
 
 
-def first_hits_reference(model: MeshModel, origins: FloatArray, directions: FloatArray, near_m: float) -> FirstHits:
-    """`Mesh.first_hits`, every ray against every triangle (Moeller and Trumbore, 1997)."""
-    corners = model.vertices.astype(np.float64)[model.faces]
+def first_hits_reference(mesh: MeshModel | Triangles, origins: FloatArray, directions: FloatArray, near_m: float) -> FirstHits:
+    """`Triangles.first_hits`, every ray against every triangle (Moeller and Trumbore, 1997)."""
+    corners = mesh.vertices.astype(np.float64)[mesh.faces]
     a, ab, ac = corners[:, 0], corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     t, face, uv = np.full(len(origins), np.inf), np.full(len(origins), -1, np.int32), np.zeros((len(origins), 2), np.float32)
+    if len(a) == 0:
+        return FirstHits(t, face, uv)
     step = max(1, PAIRS // len(a))
     for begin in range(0, len(origins), step):
         part = slice(begin, begin + step)

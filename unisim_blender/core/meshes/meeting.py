@@ -139,21 +139,21 @@ class Extras:
 
     def _near(self, rays: Rays, widening: float) -> BoolArray:
         """Which rays come near some mesh: into the sphere round its box, that much wider for each metre of distance."""
-        times, which = _moments(rays)
+        times, which = moments(rays)
         near = np.zeros(len(which), bool)
         for actor in self.actors:
-            near |= _near(actor, actor.world_from_actor.at(times), which, rays, widening)
+            near |= near_actor(actor, actor.world_from_actor.at(times), which, rays, widening)
         return near
 
     def _first(self, rays: Rays, near_m: float) -> tuple[FloatArray, NDArray[np.int64], FloatArray, FloatArray]:
         """t (N,), actor (N,) or -1, normals (N, 3) world frame, colours (N, 3) linear, of the first mesh on each ray."""
-        times, which = _moments(rays)
+        times, which = moments(rays)
         n = len(which)
         t, owner = np.full(n, np.inf), np.full(n, -1)
         normals, colours = np.zeros((n, 3)), np.zeros((n, 3))
         for i, (actor, mesh) in enumerate(zip(self.actors, self.meshes, strict=True)):
             poses = actor.world_from_actor.at(times)
-            mine = np.flatnonzero(_near(actor, poses, which, rays, 0.0))
+            mine = np.flatnonzero(near_actor(actor, poses, which, rays, 0.0))
             if len(mine) == 0:
                 continue
             pose = poses[which[mine]]
@@ -169,13 +169,13 @@ class Extras:
         return t, owner, normals, colours
 
 
-def _moments(rays: Rays) -> tuple[FloatArray, NDArray[np.int64]]:
+def moments(rays: Rays) -> tuple[FloatArray, NDArray[np.int64]]:
     """The different times (T,) of rays, and which of them is each ray's (N,): those of a row or a column share theirs."""
     times, which = np.unique(rays.time_s, return_inverse=True)
     return times, which.reshape(-1)
 
 
-def _near(actor: Actor, poses: FloatArray, which: NDArray[np.int64], rays: Rays, widening: float) -> BoolArray:
+def near_actor(actor: Actor, poses: FloatArray, which: NDArray[np.int64], rays: Rays, widening: float) -> BoolArray:
     """Which rays come near one actor, whose poses (T, 4, 4) are those of the rays' different times."""
     present = actor.present(rays.time_s)
     to = poses[which, :3, 3] - rays.origins

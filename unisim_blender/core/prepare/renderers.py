@@ -1,25 +1,37 @@
-"""Renderers of trained scenes, made from paths wherever they are needed: in this process or in a worker."""
+"""Renderers by name, made from paths wherever they are needed: in this process or in a worker."""
 
 from __future__ import annotations
 
 import hashlib
 import platform
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
-from functools import partial
+from functools import lru_cache, partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
 from .. import native
+from ..bounded import BoundedRenderer
 from ..compiled.scene import CompiledScene
+from ..compiled.support import not_taken
 from ..compiled.tracer import CompiledTracer
 from ..drive import Drive
+from ..errors import ScenarioError
+from ..fields.config import ModelConfig
 from ..files import sha256_of_file
+from ..log import Log
+from ..logs import open_log
+from ..max_error import Bound
 from ..render import Renderer
-from ..scene_file import HEADER_NAME, WEIGHTS_NAME
+from ..scene_file import HEADER_NAME, WEIGHTS_NAME, read_scene_header
+from ..surfels.build import Step, finished
+from ..surfels.cache import build_key, surfels_of
+from ..surfels.model import LIDARSIM, PROXY, SurfelScene, SurfelSettings
+from ..surfels.tracer import SurfelTracer
 from ..tracer import Tracer
+from ..warping.tracer import WarpTracer
 from ..weights import weights_hash
 
 
@@ -39,6 +51,11 @@ def other_scenes(drive: Drive) -> tuple[str, ...]:
     return tuple(sorted({actor.look.scene for actor in drive.actors.values()} - {""}))
 
 
+def scene_paths(scene: Path, drive: Drive) -> tuple[Path, ...]:
+    """Folders of all trained scenes that a drive is rendered with, its own first."""
+    return scene, *map(Path, other_scenes(drive))
+
+
 def scene_hash(path: Path) -> str:
     """One digest of a trained scene's two files."""
     parts = [sha256_of_file(path / HEADER_NAME), weights_hash(path)]
@@ -47,28 +64,39 @@ def scene_hash(path: Path) -> str:
 
 def scene_hashes(scene: Path, drive: Drive) -> dict[str, str]:
     """Digests of all scenes and meshes that a drive is rendered with, by the name that looks have for them."""
-    meshes = {actor.look.mesh for actor in drive.actors.values()} - {""}
     others = {name: scene_hash(Path(name)) for name in other_scenes(drive)}
-    return {"": scene_hash(scene), **others, **{name: sha256_of_file(Path(name)) for name in sorted(meshes)}}
+    return {"": scene_hash(scene), **others, **mesh_hashes(drive)}
 
 
-def compiled(device: str) -> bool:
-    """Whether rays are traced by the compiled kernels there: on the CPU, where they were built."""
-    return device == "cpu" and native.library() is not None
+def mesh_hashes(drive: Drive) -> dict[str, str]:
+    """Digests of all meshes in a drive, by the name that looks have for them."""
+    meshes = {actor.look.mesh for actor in drive.actors.values()} - {""}
+    return {name: sha256_of_file(Path(name)) for name in sorted(meshes)}
 
 
-def environment(device: str) -> dict[str, str]:
+def compiled(device: str, scenes: Iterable[Path] = ()) -> bool:
+    """Whether rays are traced by the compiled kernels there: on the CPU, where they were built, if they take all the scenes."""
+    return device == "cpu" and native.library() is not None and not any(_not_taken(stamp(scene)) for scene in scenes)
+
+
+@lru_cache(maxsize=64)
+def _not_taken(stamped: tuple[Any, ...]) -> str:
+    """`not_taken` of the scene that a stamp is of: the header need not be read for every picture of a view."""
+    return not_taken(ModelConfig.from_dict(read_scene_header(stamped[0]).model))
+
+
+def environment(device: str, scenes: Iterable[Path] = ()) -> dict[str, str]:
     """What else equal bytes depend on: machine, instruction set, libraries that compute. ModuleNotFoundError names the one that
     is not installed."""
     common = {"machine": platform.machine(), "device": device, "numpy": np.__version__}
-    if compiled(device):
+    if compiled(device, scenes):
         return {**common, "kernels": str(native.ABI_VERSION), "instruction_set": native.variant()}
     import torch
 
     return {**common, "torch": torch.__version__, "instruction_set": torch.backends.cpu.get_cpu_capability()}
 
 
-def stamp(scene: Path) -> object:
+def stamp(scene: Path) -> tuple[Any, ...]:
     """What changes when a trained scene is written anew. A digest would take longer than a picture of the view."""
     files = [scene / name for name in (HEADER_NAME, WEIGHTS_NAME)]
     return scene, *((file.stat().st_mtime_ns, file.stat().st_size) if file.is_file() else None for file in files)
@@ -81,7 +109,7 @@ def make_tracer(
 
     ``kept`` holds the scenes that an earlier call has loaded, and afterwards those of this one. Raises `SceneError`.
     """
-    if compiled(device):
+    if compiled(device, scene_paths(scene_path, drive)):
         scene, others = _loaded(CompiledScene, scene_path, drive, device, kept)
         return CompiledTracer(scene, drive, quality, others)
     from ..fields.checkpoint import load_scene
@@ -119,3 +147,135 @@ class SceneSource:
     def __call__(self) -> Renderer:
         """Load the scene and those that actors were inserted from. Raises `SceneError`."""
         return Renderer(make_tracer(self.scene, self.drive, self.quality, self.device), self.drive, self.draw, self.shadows)
+
+    def hashes(self) -> dict[str, str]:
+        """See `scene_hashes`."""
+        return scene_hashes(self.scene, self.drive)
+
+    def steps(self) -> Iterator[Step]:
+        """Nothing is to be made first."""
+        return iter(())
+
+
+@dataclass(frozen=True)
+class BoundedSource:
+    """The same of a renderer whose error is bounded."""
+
+    source: SceneSource
+    bounds: tuple[Bound, ...]
+
+    def __call__(self) -> BoundedRenderer:
+        """Load what the source loads. Raises `SceneError`."""
+        return BoundedRenderer(self.source(), self.bounds)
+
+    def steps(self) -> Iterator[Step]:
+        """See `SceneSource.steps`."""
+        return self.source.steps()
+
+
+METHODS = ("neural", "ngp", "nsg")
+"""What scenes can be trained by, see `ModelConfig.method`."""
+UNTRAINED: dict[str, SurfelSettings] = {"surfel": LIDARSIM, "warp": PROXY}
+"""Renderers that need no trained scene, and the surfels that they have."""
+UNTRAINED_DEFAULT = "surfel"
+"""What renders a log without a trained scene where nobody names another."""
+
+
+def untrained_tracer(
+    name: str, scene: SurfelScene, drive: Drive, log: Log, frames: tuple[int, ...] | None = None, quality: str = "balanced"
+) -> Tracer:
+    """What traces a drive's rays over a log's surfels, which were made of ``frames`` (all where None). Raises `SceneError`."""
+    if name == "warp":
+        return WarpTracer(scene, drive, log, log.drive.frames if frames is None else frames, quality)
+    return SurfelTracer(scene, drive, log.drive, quality)
+
+
+@dataclass(frozen=True)
+class LogSource:
+    """Makes one of the `UNTRAINED` renderers of a drive, from the log that it was recorded in; pickles. ``frames`` are those
+    whose sweeps and images may be looked at; all where None."""
+
+    name: str
+    log: Path
+    drive: Drive
+    frames: tuple[int, ...] | None = None
+    quality: str = "balanced"
+    draw: int | None = None
+    shadows: bool = False
+
+    def __call__(self) -> Renderer:
+        """Load the log's surfels; they are made where they are not kept. Raises `UnisimError`."""
+        log = open_log(self.log)
+        scene = finished(surfels_of(log, UNTRAINED[self.name], self.frames))
+        return Renderer(
+            untrained_tracer(self.name, scene, self.drive, log, self.frames, self.quality), self.drive, self.draw, self.shadows
+        )
+
+    def hashes(self) -> dict[str, str]:
+        """What stands for a trained scene's digest is that of log and settings."""
+        return {"": build_key(open_log(self.log), UNTRAINED[self.name], self.frames), **mesh_hashes(self.drive)}
+
+    def steps(self) -> Iterator[Step]:
+        """Make the surfels, step by step, where they are not kept. Raises `UnisimError`."""
+        steps = surfels_of(open_log(self.log), UNTRAINED[self.name], self.frames)
+        return (step for step in steps if isinstance(step, Step))
+
+
+class Source(Protocol):
+    """Makes a renderer in any process, and pickles."""
+
+    def __call__(self) -> Renderer:
+        """The renderer."""
+        ...
+
+    def hashes(self) -> dict[str, str]:
+        """Digests of what it renders, by the name that looks have for it, "" for the drive's own."""
+        ...
+
+    def steps(self) -> Iterator[Step]:
+        """What has to be made once before, step by step."""
+        ...
+
+
+class Wanted(NamedTuple):
+    """What a renderer is made for: a log's folder, a trained scene's, the edited drive, settings, frames to learn from."""
+
+    log: Path
+    scene: Path | None
+    drive: Drive
+    quality: str
+    device: str
+    draw: int | None
+    shadows: bool
+    frames: tuple[int, ...] | None
+
+
+def method_of(scene: Path) -> str:
+    """The method that a scene was trained by. Raises `SceneError`."""
+    return ModelConfig.from_dict(read_scene_header(scene).model).method
+
+
+def _trained(name: str, wanted: Wanted) -> Source:
+    if wanted.scene is None:
+        raise ScenarioError(f'{wanted.log}: has no trained scene to render with; train one with "unisim train"')
+    if (method := method_of(wanted.scene)) != name:
+        raise ScenarioError(f'{wanted.scene}: was trained by the method "{method}", not by "{name}"')
+    return SceneSource(wanted.scene, wanted.drive, wanted.quality, wanted.device, wanted.draw, wanted.shadows)
+
+
+def _untrained(name: str, wanted: Wanted) -> Source:
+    return LogSource(name, wanted.log, wanted.drive, wanted.frames, wanted.quality, wanted.draw, wanted.shadows)
+
+
+class RendererKind(NamedTuple):
+    """``source`` makes a renderer's source. ``trained`` renderers see the drive as their trained scene refined it."""
+
+    source: Callable[[Wanted], Source]
+    trained: bool
+
+
+RENDERERS: dict[str, RendererKind] = {
+    **{name: RendererKind(partial(_trained, name), trained=True) for name in METHODS},
+    **{name: RendererKind(partial(_untrained, name), trained=False) for name in UNTRAINED},
+}
+"""By the name that `unisim render --renderer` has for them."""

@@ -9,7 +9,7 @@ from ..drive import Actor, Drive
 from ..edits import apply_scenario
 from ..errors import LogError, ScenarioError, SceneError
 from ..logs import open_log
-from ..scenario import load_scenario
+from ..scenario import FORMAT, load_scenario, scenario_from_json
 from ..scenario.types import Scenario, StreetLog
 from ..scene_file import SceneHeader, read_scene_header
 from .replay import replayed_drive
@@ -25,14 +25,21 @@ class PreparedScenario(NamedTuple):
 
 
 def prepare_scenario(path: Path, refined: bool = True) -> PreparedScenario:
-    """Open the scenario at ``path``, its log and its scene's header, and apply the edits.
+    """Open the scenario at ``path``, its log and its scene's header, and apply the edits. A log's folder is a scenario
+    without any.
 
     With a trained scene the recorded drive has the scene's refined tracklets and sensor poses, and the log need not be there;
     ``refined=False`` takes the log's own, as the truth of a street needs it. Raises `UnisimError`.
     """
-    scenario = load_scenario(path)
+    scenario = _of_log(path) if path.is_dir() else load_scenario(path)
     recorded = recorded_drive(scenario, refined)
     return PreparedScenario(scenario, recorded, apply_scenario(scenario, recorded, scene_actors), scenario.scene_path)
+
+
+def _of_log(path: Path) -> Scenario:
+    """The scenario in which a log goes as it was recorded."""
+    document = {"format": FORMAT, "version": 1, "name": path.resolve().name, "log": ".", "edits": []}
+    return scenario_from_json(document, path / "scenario.json")
 
 
 def recorded_drive(scenario: Scenario, refined: bool = True) -> Drive:

@@ -4,16 +4,20 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
-from ..errors import ScenarioError
+from ..errors import ScenarioError, UnisimError
 from ..frames import CAMERA_PASSES
+from ..max_error import Bound
 from ..output.frame_files import FORMATS
 from ..scenario import scenario_to_json
 from ..scenario.types import Outputs, Scenario
-from ..sequence.plan import RenderPlan, SequenceSettings
-from .renderers import SceneSource, environment, scene_hashes
+from ..sequence.plan import FrameRenderer, RenderPlan, SequenceSettings
+from .cannot import warnings
+from .renderers import RENDERERS, UNTRAINED_DEFAULT, BoundedSource, SceneSource, Wanted, environment, method_of, scene_paths
 from .scenario import PreparedScenario, prepare_scenario
 from .selection import check_names, select_frames
 
@@ -32,13 +36,20 @@ class Wishes:
     quality: str | None = None
     device: str = "cpu"
     draw: int | None = None
+    max_error: tuple[Bound, ...] = ()
+    renderer: str | None = None
+    sources: str | None = None
 
 
 def plan_scenario(path: Path, wishes: Wishes) -> tuple[RenderPlan, PreparedScenario]:
-    """Open a scenario and say what to render of it with its trained scene. Raises `UnisimError`."""
-    prepared = prepare_scenario(path)
-    if prepared.scene_path is None:
+    """Open a scenario, or a log alone, and say what to render of it: by the renderer that is wished for, else with its trained
+    scene, and by surfels where it names none. Raises `UnisimError`."""
+    prepared = prepare_scenario(path, refined=wishes.renderer is None or RENDERERS[wishes.renderer].trained)
+    name = wishes.renderer or (UNTRAINED_DEFAULT if prepared.scene_path is None else method_of(prepared.scene_path))
+    if RENDERERS[name].trained and prepared.scene_path is None:
         raise ScenarioError(f'{path}: scene: names no trained scene to render with; train one with "unisim train"')
+    if wishes.sources is not None and RENDERERS[name].trained:
+        raise ScenarioError(f'{path}: what the renderer "{name}" learnt from was chosen when it was trained, not by --sources')
     drive, outputs = prepared.edited, prepared.scenario.outputs or Outputs()
     # a log's plain points, without a beam table, are no sensor that could be simulated
     there = (*drive.cameras, *(name for name, lidar in drive.lidars.items() if lidar.model.beams))
@@ -59,14 +70,32 @@ def plan_scenario(path: Path, wishes: Wishes) -> tuple[RenderPlan, PreparedScena
         device=wishes.device,
         draw=wishes.draw,
         contact_shadows=bool(outputs.contact_shadows),
+        max_error=tuple(map(str, wishes.max_error)),
+        renderer=name,
     )
-    about = {
+    sources = None if wishes.sources is None else select_frames(wishes.sources, prepared.recorded.frames, "--sources")
+    about: dict[str, Any] = {
         "scenario": {"name": prepared.scenario.name, "sha256": scenario_hash(prepared.scenario)},
         "log": {"name": drive.name, "world_origin": drive.world_origin.tolist()},
     }
-    source = SceneSource(prepared.scene_path, drive, quality, wishes.device, wishes.draw, settings.contact_shadows)
-    hashes = scene_hashes(prepared.scene_path, drive)
-    return RenderPlan(drive, frames, settings, source, hashes, environment(wishes.device), about), prepared
+    source = RENDERERS[name].source(
+        Wanted(
+            prepared.scenario.log_path, prepared.scene_path, drive, quality, wishes.device, wishes.draw,
+            settings.contact_shadows, sources,
+        )
+    )  # fmt: skip
+    hashes = source.hashes()
+    make: Callable[[], FrameRenderer] = source
+    scenes: tuple[Path, ...] = ()
+    if isinstance(source, SceneSource):
+        scenes = tuple(scene_paths(source.scene, drive))
+        if cannot := warnings(source.scene, prepared.recorded, drive, bool(settings.lidars)):
+            about["warnings"] = cannot
+        if wishes.max_error:
+            make = BoundedSource(source, wishes.max_error)
+    elif wishes.max_error:
+        raise UnisimError(f"--max-error {wishes.max_error[0]}: holds for trained scenes, not for --renderer {name}")
+    return RenderPlan(drive, frames, settings, make, hashes, environment(wishes.device, scenes), about), prepared
 
 
 def sequence_formats(scenario: Scenario) -> tuple[str, ...]:

@@ -10,12 +10,12 @@ from ..errors import UnisimError
 RANGE = re.compile(r"(-?\d*):(-?\d*)(?::(\d*))?")
 
 
-def select_frames(text: str | None, available: Sequence[int]) -> tuple[int, ...]:
+def select_frames(text: str | None, available: Sequence[int], option: str = "--frames") -> tuple[int, ...]:
     """Those of the ``available`` frame numbers that START:STOP:STEP names, in order; all where ``text`` is None.
 
     Parts may be left out; START counts from frame 0, STOP is not included, one number alone is that frame, and commas join
     several: "30:80:4", "::2", "42", "3,7,20:30". Frames that are missing are passed over, but at least one must be there.
-    Raises `UnisimError`.
+    Raises `UnisimError`, which names the ``option``.
     """
     if text is None:
         return tuple(available)
@@ -27,13 +27,13 @@ def select_frames(text: str | None, available: Sequence[int]) -> tuple[int, ...]
         match = RANGE.fullmatch(part)
         step = int(match[3] or 1) if match else 0
         if not match or step < 1:
-            raise UnisimError(f'--frames "{text}": must be START:STOP:STEP or frame numbers, with a step of at least 1')
+            raise UnisimError(f'{option} "{text}": must be START:STOP:STEP or frame numbers, with a step of at least 1')
         stop = int(match[2]) if match[2] else max(available, default=0) + 1
         chosen.update(range(int(match[1] or 0), stop, step))
     frames = tuple(frame for frame in available if frame in chosen)
     if not frames:
         span = f"{min(available)} to {max(available)}" if available else "none"
-        raise UnisimError(f'--frames "{text}": selects none of the frames there are ({span})')
+        raise UnisimError(f'{option} "{text}": selects none of the frames there are ({span})')
     return frames
 
 

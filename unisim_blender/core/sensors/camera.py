@@ -17,21 +17,30 @@ def pixel_directions(model: CameraModel, u: FloatArray, v: FloatArray) -> FloatA
 
 def row_times(camera: Camera, frame: int, v: FloatArray) -> FloatArray:
     """Exposure times (...) of image rows v (...), in pixels."""
+    return _row_times(camera, camera.time_s[frame], v)
+
+
+def _row_times(camera: Camera, time_s: float | FloatArray, v: FloatArray) -> FloatArray:
     shutter = camera.model.shutter
-    return camera.time_s[frame] + shutter.duration_s * (v / camera.model.height - shutter.reference)
+    return time_s + shutter.duration_s * (v / camera.model.height - shutter.reference)
 
 
 def camera_rays(camera: Camera, frame: int, u: FloatArray, v: FloatArray) -> Rays:
     """Rays through image points u, v (...), given in pixels; every ray leaves at its row's own time."""
-    time = row_times(camera, frame, v)
     if camera.model.shutter.duration_s == 0.0:
         pose = camera.world_from_camera.at(camera.time_s[frame])
         local = pixel_directions(camera.model, u, v)
         directions = rotate_vectors(pose, local.reshape(-1, 3)).reshape(local.shape)
-        return Rays(np.broadcast_to(pose[:3, 3], local.shape).copy(), directions, time)
+        return Rays(np.broadcast_to(pose[:3, 3], local.shape).copy(), directions, row_times(camera, frame, v))
+    return rays_at_times(camera, camera.time_s[frame], u, v)
+
+
+def rays_at_times(camera: Camera, time_s: float | FloatArray, u: FloatArray, v: FloatArray) -> Rays:
+    """Rays through image points u, v (...), in pixels, of an image that was taken at a time, or of one each (...)."""
+    time = _row_times(camera, time_s, v)
     # a row's rays leave together: one pose for all of them
-    rows, which = np.unique(v, return_inverse=True)
-    pose = camera.world_from_camera.at(row_times(camera, frame, rows))
+    moments, which = np.unique(time, return_inverse=True)
+    pose = camera.world_from_camera.at(moments)
     which = which.reshape(v.shape)
     directions = np.einsum("...ij,...j->...i", pose[:, :3, :3][which], pixel_directions(camera.model, u, v))
     return Rays(pose[:, :3, 3][which], directions, time)

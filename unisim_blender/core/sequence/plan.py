@@ -47,6 +47,9 @@ class SequenceSettings:
     draw: int | None = None
     """Seed of the draw that decides which beams return; None takes those with a probability of half or more."""
     contact_shadows: bool = False
+    max_error: tuple[str, ...] = ()
+    """Bounds that every frame is to keep; ``quality`` is then for the sensors that none of them is for."""
+    renderer: str = "neural"
 
 
 @dataclass(frozen=True)

@@ -27,6 +27,7 @@ from ..files import remove_partial_files, sha256_of_file, write_file
 from ..frames import RenderStats
 from ..output.frame_files import json_bytes, write_camera, write_labels, write_lidar
 from ..processes import THREAD_VARIABLES, end_with_parent
+from ..quality import LADDER
 from .plan import FrameRenderer, RenderPlan, code_identity, plan_key
 from .records import STATE_FOLDER
 
@@ -37,11 +38,13 @@ MANIFEST_VERSION = 1
 
 @dataclass(frozen=True)
 class RenderReport:
-    """What a run did: frames rendered now, frames found finished, wall-clock seconds."""
+    """What a run did: frames rendered now, frames found finished, wall-clock seconds, and which sensors of which frames do not
+    keep the error that was asked for."""
 
     rendered: tuple[int, ...]
     kept: tuple[int, ...]
     seconds: float
+    broken: tuple[str, ...] = ()
 
 
 def render_sequence(
@@ -79,14 +82,17 @@ def render_sequence(
         remove_partial_files(out)
         if out.is_dir():
             write_file(out / TIMINGS_NAME, json_bytes({name: timings[name] for name in sorted(timings, key=int)}))
-    write_file(out / MANIFEST_NAME, json_bytes(_manifest(plan, out, key)))
+    manifest = _manifest(plan, out, key)
+    write_file(out / MANIFEST_NAME, json_bytes(manifest))
     done = tuple(frame for frame in plan.frames if frame in kept)
-    return RenderReport(tuple(to_do), done, time.monotonic() - started)
+    broken = tuple(manifest.get("max_error", {}).get("not_kept", ()))
+    return RenderReport(tuple(to_do), done, time.monotonic() - started, broken)
 
 
 def render_frame(plan: RenderPlan, renderer: FrameRenderer, out: Path, key: str, frame: int) -> dict[str, float]:
     """Render one frame's sensors, write its files and then its record; seconds taken by sensor."""
     settings, files, samples, seconds = plan.settings, [], {}, {}
+    promises: dict[str, Any] = {}
     for name in settings.cameras:
         if frame not in plan.drive.cameras[name].time_s:
             continue
@@ -94,6 +100,7 @@ def render_frame(plan: RenderPlan, renderer: FrameRenderer, out: Path, key: str,
         image = renderer.camera(name, frame, settings.passes, settings.width)
         files += write_camera(out, name, frame, plan.drive.cameras[name].time_s[frame], image, settings.formats)
         samples[f"camera/{name}"], seconds[f"camera/{name}"] = _counts(image.stats), time.monotonic() - started
+        promises |= {} if image.promise is None else {f"camera/{name}": image.promise.to_json()}
     for name in settings.lidars:
         if frame not in plan.drive.lidars[name].time_s:
             continue
@@ -101,10 +108,12 @@ def render_frame(plan: RenderPlan, renderer: FrameRenderer, out: Path, key: str,
         sweep = renderer.lidar(name, frame)
         files += write_lidar(out, name, frame, plan.drive.lidars[name].time_s[frame], sweep, settings.formats)
         samples[f"lidar/{name}"], seconds[f"lidar/{name}"] = _counts(sweep.stats), time.monotonic() - started
+        promises |= {} if sweep.promise is None else {f"lidar/{name}": sweep.promise.to_json()}
     if "labels" in settings.formats:
         files += write_labels(out, plan.drive, frame)
     hashes = {path.relative_to(out).as_posix(): sha256_of_file(path) for path in files}
-    write_file(_record_path(out, frame), json_bytes({"frame": frame, "key": key, "files": hashes, "samples": samples}))
+    record = {"frame": frame, "key": key, "files": hashes, "samples": samples, "max_error": promises}
+    write_file(_record_path(out, frame), json_bytes(record))
     return seconds
 
 
@@ -122,7 +131,9 @@ def _records(out: Path) -> dict[int, dict[str, Any]]:
     for path in sorted((out / STATE_FOLDER).glob("*.json")):
         try:
             record = json.loads(path.read_bytes())
-            found[int(path.stem)] = {"key": record["key"], "files": dict(record["files"]), "samples": dict(record["samples"])}
+            found[int(path.stem)] = {
+                "key": record["key"], **{part: dict(record[part]) for part in ("files", "samples", "max_error")}
+            }  # fmt: skip
         except (ValueError, KeyError, TypeError):
             path.unlink()
     return found
@@ -160,7 +171,26 @@ def _manifest(plan: RenderPlan, out: Path, key: str) -> dict[str, Any]:
         "inputs": {**plan.about, "scenes": {"own": plan.scenes.get(""), "others": _other_scenes(plan)}, "key": key},
         "settings": asdict(plan.settings),
         "samples": totals,
+        **_promised(plan, frames),
         "frames": {name: {"files": record["files"], "samples": record["samples"]} for name, record in frames.items()},
+    }
+
+
+def _promised(plan: RenderPlan, frames: dict[str, dict[str, Any]]) -> dict[str, Any]:
+    """What the manifest says of the errors that were to be kept to; nothing where none were."""
+    if not plan.settings.max_error:
+        return {}
+    promises = {name: record["max_error"] for name, record in frames.items()}
+    broken = [f"{name}: {sensor}" for name, of in promises.items() for sensor, promise in of.items() if not promise["kept"]]
+    used = {promise["settings"] for of in promises.values() for promise in of.values()}
+    return {
+        "max_error": {
+            "bounds": list(plan.settings.max_error),
+            "kept": not broken,
+            "not_kept": broken,
+            "settings": {name: asdict(quality) for name, quality in LADDER.items() if name in used},
+            "frames": promises,
+        }
     }
 
 

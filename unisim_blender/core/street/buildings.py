@@ -9,7 +9,7 @@ import numpy as np
 from ..geometry import FloatArray, make_pose, quaternion_from_yaw
 from .facade import Facade, Storey
 from .facade_material import FrontPaint
-from .materials import Material, Plain, Points, Slats, Surface, surface
+from .materials import Finish, Material, Plain, Points, Slats, Surface, surface
 from .shapes import Shape, box, hull
 from .textures import cover, hashed, linear, mix, stripes
 from .trace import Part
@@ -33,6 +33,10 @@ class Tiles(Material):
 
     color: str
 
+    @property
+    def finish(self) -> Finish:
+        return Finish(0.75)
+
     def __call__(self, p: Points) -> Surface:
         x, y, z = p.part.T
         slope = np.hypot(y, z) * np.sign(z + 1e-9)
@@ -49,6 +53,10 @@ class ShopSign(Material):
     color: str
     width: float
     number: int
+
+    @property
+    def finish(self) -> Finish:
+        return Finish(0.4)
 
     def __call__(self, p: Points) -> Surface:
         x, _, z = p.part.T
@@ -68,6 +76,10 @@ class Awning(Material):
     """Striped cloth."""
 
     color: str
+
+    @property
+    def finish(self) -> Finish:
+        return Finish(0.9, translucent=0.25)
 
     def __call__(self, p: Points) -> Surface:
         band = stripes(p.part[:, 0], 0.6, 0.3, p.footprint)

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..geometry import FloatArray
-from .materials import Material, Plain, Points, Surface, surface
+from .materials import Finish, Material, Plain, Points, Surface, surface
 from .shapes import Cone, box, hull
 from .textures import cover, linear, mix, noises, rectangle, stripes
 from .trace import Asset, Part
@@ -104,6 +104,10 @@ class BodyPaint(Material):
     style: Style
     color: str
 
+    @property
+    def finish(self) -> Finish:
+        return Finish(0.35, metallic=0.25, coat=1.0)
+
     def __call__(self, p: Points) -> Surface:
         s = self.style
         x, y, _ = p.asset.T
@@ -152,6 +156,10 @@ class CabinPaint(Material):
     style: Style
     color: str
 
+    @property
+    def finish(self) -> Finish:
+        return Finish(0.35, metallic=0.25, coat=1.0)
+
     def __call__(self, p: Points) -> Surface:
         s, c = self.style, self.style.cabin
         x, y, _ = p.asset.T
@@ -186,6 +194,10 @@ class WheelPaint(Material):
 
     radius: float
 
+    @property
+    def finish(self) -> Finish:
+        return Finish(0.6)
+
     def __call__(self, p: Points) -> Surface:
         x, y, _ = p.part.T
         r = np.hypot(x, y) / self.radius
@@ -205,6 +217,10 @@ class LoadPaint(Material):
     color: str
     stripe: str
     middle: float
+
+    @property
+    def finish(self) -> Finish:
+        return Finish(0.4)
 
     def __call__(self, p: Points) -> Surface:
         x, y, z = p.asset.T

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry import FloatArray
-from .shapes import Shape, first_inside, slab
+from .shapes import Solid, first_inside, slab
 
-_SLACK = 1e-7
-"""Metres by which an opening's cheeks, found with rounding, may lie beside it."""
+_SLACK = 2e-6
+"""Metres by which an opening's cheeks, found with rounding, may lie beside it: those of triangles are single precision's."""
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class Storey:
     depth: float
 
 
-class Facade(Shape):
+class Facade(Solid):
     """A house ``width`` x ``depth`` x ``height`` whose front is the plane y = 0, looking along -y, x from 0 to ``width``.
 
     Openings are blind: a ray that enters one ends on its back or on one of its four cheeks. Storeys are given from the

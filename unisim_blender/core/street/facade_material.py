@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ..geometry import FloatArray
 from .facade import Facade
-from .materials import Material, Points, Surface, surface
+from .materials import Finish, Material, Points, Surface, surface
 from .textures import cover, hashed, linear, mix, noises, rectangle, stripes
 
 
@@ -25,6 +25,10 @@ class FrontPaint(Material):
     base: str
     door: str
     number: int
+
+    @property
+    def finish(self) -> Finish:
+        return Finish(0.88)
 
     def __call__(self, p: Points) -> Surface:
         x, y, z = p.part.T

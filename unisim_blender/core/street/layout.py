@@ -18,7 +18,7 @@ from .trace import Asset, Part
 SPEED_M_S = 8.0
 FRAME_S = 0.1
 EGO_Y = -LANE_M / 2
-_PARKED_Y = 4.62
+PARKED_Y = 4.62
 _PARKED_STYLES = ("sedan", "hatchback", "suv", "estate", "van", "hatchback", "suv", "sedan")
 
 
@@ -145,7 +145,7 @@ def _furniture(rng: np.random.Generator, plan: RoadPlan, travel: float, work_x: 
             at = np.array([x, side * (kerb_y + 0.1), KERB_M])
             parts += furniture.sign(at, np.pi if x < plan.crossing[0] else 0.0, 0 if side > 0 else 2)
     parts += furniture.hydrant(np.array([travel * 0.5 + 9.0, -kerb_y, KERB_M]))
-    parts += furniture.skip_container(np.array([work_x + 5.6, -_PARKED_Y, 0.0]), "#b98a1e")
+    parts += furniture.skip_container(np.array([work_x + 5.6, -PARKED_Y, 0.0]), "#b98a1e")
     return parts
 
 
@@ -196,7 +196,7 @@ def _add_cars(
             if not blocked and not near_crossing and rng.random() < 0.62:
                 kind = _PARKED_STYLES[int(rng.integers(len(_PARKED_STYLES)))]
                 turn = (0.0 if side < 0 else np.pi) + float(rng.normal(0, 0.012))
-                add(kind, np.array([[x, side * _PARKED_Y + rng.normal(0, 0.06), 0.0]]), np.array([turn]), False)
+                add(kind, np.array([[x, side * PARKED_Y + rng.normal(0, 0.06), 0.0]]), np.array([turn]), False)
             x += float(rng.uniform(6.0, 7.6))
 
 

@@ -26,14 +26,19 @@ def sky(directions: FloatArray) -> FloatArray:
     up = directions[:, 2]
     rise = np.clip(up, 0.0, 1.0)
     base = _ZENITH + (_HORIZON - _ZENITH) * (np.exp(-rise / 0.22))[:, None]
-    plane = directions[:, :2] / (rise + 0.22)[:, None]
-    cloud = noises()["cloud"](plane[:, 0] * 2.6 + 3.0, plane[:, 1] * 2.6 + 1.0, np.full(len(up), 0.02))
-    amount = np.clip(cloud * 0.55 + 0.12, 0.0, 1.0) ** 1.2 * np.clip(rise / 0.12, 0.0, 1.0)
-    base = base + (np.array([1.02, 1.0, 0.98]) - base) * (0.75 * amount)[:, None]
+    base = base + (np.array([1.02, 1.0, 0.98]) - base) * (0.75 * clouds(directions))[:, None]
     toward = np.clip(directions @ SUN, 0.0, 1.0)
     base = base + _SUN_COLOR * (0.05 * toward**8 + 0.12 * toward**64)[:, None]
     below = np.clip(-up / 0.05, 0.0, 1.0)
     return np.asarray(base + (_GROUND_BOUNCE - base) * below[:, None])
+
+
+def clouds(directions: FloatArray) -> FloatArray:
+    """How much of the sky is cloud (N,), 0..1, in unit directions (N, 3): a level high up, none of it at the horizon."""
+    rise = np.clip(directions[:, 2], 0.0, 1.0)
+    plane = directions[:, :2] / (rise + 0.22)[:, None]
+    cloud = noises()["cloud"](plane[:, 0] * 2.6 + 3.0, plane[:, 1] * 2.6 + 1.0, np.full(len(rise), 0.02))
+    return np.asarray(np.clip(cloud * 0.55 + 0.12, 0.0, 1.0) ** 1.2 * np.clip(rise / 0.12, 0.0, 1.0))
 
 
 def shade(

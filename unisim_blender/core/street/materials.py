@@ -57,8 +57,29 @@ def surface(
     return Surface(albedo, np.broadcast_to(gloss, n), np.broadcast_to(glass, n), reflectivity)
 
 
+@dataclass(frozen=True)
+class Finish:
+    """What a path tracer is told beside a surface's colour; where a surface is glass (`Surface.glass`) it mirrors as glass does.
+
+    roughness, metallic, coat (clear lacquer) in 0..1; grain_m: size of the bumps that roughen it, 0 for none, and their height
+    grain_height_m; translucent: share of light that shines through.
+    """
+
+    roughness: float = 0.8
+    metallic: float = 0.0
+    coat: float = 0.0
+    grain_m: float = 0.0
+    grain_height_m: float = 0.0
+    translucent: float = 0.0
+
+
 class Material(ABC):
     """A rule that paints points."""
+
+    @property
+    def finish(self) -> Finish:
+        """How the painted surface reflects."""
+        return Finish()
 
     @abstractmethod
     def __call__(self, p: Points) -> Surface:
@@ -73,6 +94,10 @@ class Plain(Material):
     mottle: float = 0.06
     gloss: float = 0.0
 
+    @property
+    def finish(self) -> Finish:
+        return Finish(0.45 if self.gloss else 0.85)
+
     def __call__(self, p: Points) -> Surface:
         x, y, z = p.asset.T
         tone = noises()["blotch"](x * 3 + 1.7 * z, y * 3 + 2.3 * z, p.spread * 3)
@@ -84,6 +109,10 @@ class Foliage(Material):
     """Leaves: blotches of light and dark green."""
 
     color: str = "#4e6336"
+
+    @property
+    def finish(self) -> Finish:
+        return Finish(0.55, translucent=0.5)
 
     def __call__(self, p: Points) -> Surface:
         x, y, z = p.asset.T
@@ -107,6 +136,10 @@ class Banded(Material):
     gloss: float = 0.02
     retro: float = 0.9
 
+    @property
+    def finish(self) -> Finish:
+        return Finish(0.5)
+
     def __call__(self, p: Points) -> Surface:
         z = p.part[:, 2]
         inside = np.zeros(len(z))
@@ -126,6 +159,10 @@ class Sign(Material):
     bar: str | None
     radius: float
 
+    @property
+    def finish(self) -> Finish:
+        return Finish(0.35)
+
     def __call__(self, p: Points) -> Surface:
         r = np.hypot(p.part[:, 0], p.part[:, 1])
         albedo = mix(linear(self.field), linear(self.rim), 1 - cover(r - 0.8 * self.radius, p.footprint))
@@ -143,6 +180,10 @@ class Slats(Material):
 
     color: str
     pitch: float = 0.12
+
+    @property
+    def finish(self) -> Finish:
+        return Finish(0.65)
 
     def __call__(self, p: Points) -> Surface:
         across = np.where(np.abs(p.normal[:, 2]) > 0.7, p.part[:, 1], p.part[:, 2])

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..geometry import FloatArray
-from .materials import Material, Points, Surface, surface
+from .materials import Finish, Material, Points, Surface, surface
 from .shapes import box
 from .textures import cover, hashed, linear, mix, noises, rectangle, stripes
 from .trace import Asset, Part
@@ -56,6 +56,10 @@ class RoadPaint(Material):
     """Asphalt with wheel tracks, patches, seams, manholes and worn white marks."""
 
     plan: RoadPlan
+
+    @property
+    def finish(self) -> Finish:
+        return Finish(0.85, grain_m=0.012, grain_height_m=0.002)
 
     def __call__(self, p: Points) -> Surface:
         x, y = p.asset[:, 0], p.asset[:, 1]
@@ -115,6 +119,10 @@ class PavementPaint(Material):
 
     reach_x: tuple[float, float]
     side: float
+
+    @property
+    def finish(self) -> Finish:
+        return Finish(0.85, grain_m=0.02, grain_height_m=0.001)
 
     def __call__(self, p: Points) -> Surface:
         x, y = p.asset[:, 0], np.abs(p.asset[:, 1])

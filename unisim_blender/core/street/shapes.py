@@ -1,8 +1,8 @@
-"""Solids with closed-form ray intersections, vectorised over rays.
+"""Shapes that rays meet, vectorised over rays; here solids with closed-form intersections.
 
 Each shape stands in its own frame. ``intersect`` gives, for rays (N, 3) with unit directions, the smallest t >= t_min at
 which the ray is inside the solid or on its surface: t_min itself where it starts inside, inf where it never enters.
-``normals`` gives the outward unit normals of surface points.
+``normals`` gives the outward unit normals of surface points. `triangles.Triangles` are surfaces: they have no inside.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ def _unit(v: FloatArray) -> FloatArray:
 
 
 class Shape(ABC):
-    """A solid."""
+    """What a ray can meet."""
 
     low: FloatArray
     high: FloatArray
@@ -54,6 +54,14 @@ class Shape(ABC):
         """First t (N,) of rays (N, 3), (N, 3) from t_min (N,) on."""
 
     @abstractmethod
+    def faced(self, points: FloatArray, directions: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Unit normals (N, 3) where rays of directions (N, 3) end at surface points (N, 3), and those to shade with."""
+
+
+class Solid(Shape):
+    """A shape with an inside."""
+
+    @abstractmethod
     def normals(self, points: FloatArray) -> FloatArray:
         """Outward unit normals (N, 3) at surface points (N, 3)."""
 
@@ -61,8 +69,11 @@ class Shape(ABC):
         """Normals to shade with: `normals`, save where a shape rounds its edges off for the eye."""
         return self.normals(points)
 
+    def faced(self, points: FloatArray, directions: FloatArray) -> tuple[FloatArray, FloatArray]:
+        return self.normals(points), self.soft_normals(points)
 
-class Convex(Shape):
+
+class Convex(Solid):
     """The intersection of half-spaces ``normal . x <= offset``; ``vertices`` (V, 3) bound it.
 
     ``edge_m`` > 0 blends the normals of neighbouring faces over that distance when shading, as sheet metal's edges do.
@@ -73,6 +84,7 @@ class Convex(Shape):
         self.planes = np.asarray(normals, np.float64) / lengths[:, None]
         self.offsets = np.asarray(offsets, np.float64) / lengths
         self.low, self.high = np.min(vertices, 0), np.max(vertices, 0)
+        self.middle = np.mean(vertices, 0)
         self.edge_m = edge_m
 
     def intersect(self, origins: FloatArray, directions: FloatArray, t_min: FloatArray) -> FloatArray:
@@ -113,7 +125,7 @@ def hull(points: FloatArray, edge_m: float = 0.0) -> Convex:
     return Convex(equations[:, :3], -equations[:, 3], points, edge_m)
 
 
-class Cone(Shape):
+class Cone(Solid):
     """A capped cylinder or truncated cone about z, from z = 0 (radius ``r0``) to ``height`` (radius ``r1``)."""
 
     def __init__(self, r0: float, r1: float, height: float) -> None:
@@ -157,7 +169,7 @@ class Cone(Shape):
         return np.where((mantle <= np.minimum(bottom, top))[:, None], side, cap)
 
 
-class Ellipsoid(Shape):
+class Ellipsoid(Solid):
     """An ellipsoid about the origin with semi-axes ``radii`` (3,)."""
 
     def __init__(self, radii: Sequence[float]) -> None:
@@ -173,7 +185,7 @@ class Ellipsoid(Shape):
         return _unit(points / self.radii**2)
 
 
-class Spheres(Shape):
+class Spheres(Solid):
     """A union of spheres, such as a tree's crown: centres (M, 3), radii (M,)."""
 
     def __init__(self, centers: FloatArray, radii: FloatArray) -> None:

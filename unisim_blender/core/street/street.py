@@ -22,6 +22,10 @@ from .trace import Asset
 RECIPE_FILE = "street.json"
 RECIPE_FORMAT, RECIPE_VERSION = "unisim-street", 1
 MAX_FRAMES = 1000
+ENGINES = ("exact", "cycles")
+"""Who draws a street: its own renderer, its solids in closed form; or Cycles, its triangles, with light that bounces."""
+EGO_REACH_M = 3.5
+"""How far aside of the recorded way paint is as fine as a camera there needs it."""
 
 MOUNTS: dict[str, tuple[tuple[float, float, float], float, float, float]] = {
     "front_camera": ((0.85, 0.0, 1.81), 0.0, 1970 / 1920, -0.050),
@@ -36,7 +40,10 @@ MOUNTS: dict[str, tuple[tuple[float, float, float], float, float, float]] = {
 
 @dataclass(frozen=True)
 class Recipe:
-    """All that a street depends on. ``range_noise_m``: deviation of the recorded LiDAR ranges; the truth has none."""
+    """All that a street depends on. ``range_noise_m``: deviation of the recorded LiDAR ranges; the truth has none.
+
+    engine: who draws its pictures, one of `ENGINES`; paths: how many paths a pixel Cycles traces.
+    """
 
     seed: int = 0
     frames: int = 20
@@ -44,9 +51,12 @@ class Recipe:
     height: int = 270
     cameras: tuple[str, ...] = ("front_camera",)
     range_noise_m: float = 0.01
+    engine: str = "exact"
+    paths: int = 96
 
     def __post_init__(self) -> None:
-        for name, low, high in (("seed", 0, 2**31), ("frames", 2, MAX_FRAMES), ("width", 16, 8192), ("height", 16, 8192)):
+        wholes = (("seed", 0, 2**31), ("frames", 2, MAX_FRAMES), ("width", 16, 8192), ("height", 16, 8192), ("paths", 1, 65536))
+        for name, low, high in wholes:
             value = getattr(self, name)
             if not isinstance(value, int) or isinstance(value, bool) or not low <= value <= high:
                 raise LogError(f"a street's {name} is a whole number from {low} to {high}, not {value!r}")
@@ -58,6 +68,8 @@ class Recipe:
         noise = self.range_noise_m
         if not isinstance(noise, (int, float)) or not math.isfinite(noise) or not 0 <= noise <= 1:
             raise LogError(f"a street's range_noise_m is from 0 to 1 m, not {noise!r}")
+        if self.engine not in ENGINES:
+            raise LogError(f"a street's engine is {' or '.join(ENGINES)}, not {self.engine!r}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,9 +106,11 @@ def build_street(
     height: int = 270,
     cameras: tuple[str, ...] = ("front_camera",),
     range_noise_m: float = 0.01,
+    engine: str = "exact",
+    paths: int = 96,
 ) -> Street:
     """The street of a recipe, and its recorded drive; the same arguments give the same street, to the bit."""
-    recipe = Recipe(seed, frames, width, height, tuple(cameras), range_noise_m)
+    recipe = Recipe(seed, frames, width, height, tuple(cameras), range_noise_m, engine, paths)
     layout = lay_out(seed, frames)
     times = FRAME_S * np.arange(frames)
     time_s = {frame: float(times[frame]) for frame in range(frames)}
@@ -120,7 +134,12 @@ def build_street(
         actors=actors,
         world_origin=origin,
     )
-    return Street(recipe, drive, layout.plan, layout.plan.asset(), layout.static, layout.assets)
+    if engine == "exact":
+        return Street(recipe, drive, layout.plan, layout.plan.asset(), layout.static, layout.assets)
+    from .meshed import meshed, meshed_ground  # scipy's, which a street of solids in logs can do without
+
+    assets = {uid: meshed(asset) for uid, asset in layout.assets.items()}
+    return Street(recipe, drive, layout.plan, meshed_ground(layout.plan), meshed(layout.static), assets)
 
 
 def _camera(name: str, recipe: Recipe, time_s: dict[int, float], world_from_street: FloatArray) -> Camera:

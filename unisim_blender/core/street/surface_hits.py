@@ -62,7 +62,7 @@ def look_up(
         ao, ad = (o[some], d[some]) if place.motion is None else to_asset(place.motion, o[some], d[some], time_s[rays[some]])
         po, pd = solid.to_part(ao, ad)
         in_asset, in_part = ao + t[some, None] * ad, po + t[some, None] * pd
-        normal, rounded = solid.shape.normals(in_part), solid.shape.soft_normals(in_part)
+        normal, rounded = solid.shape.faced(in_part, pd)
         cosine[some] = np.abs((pd * normal).sum(-1))
         if painted:
             paint = solid.material(Points(in_part, in_asset, normal, t[some] * footprint_rad, cosine[some]))

@@ -20,6 +20,7 @@ from ..frames import LidarFrame
 from ..logs.pandaset_sensors import PANDAR64
 from ..logs.pandaset_writer import PandasetWriter
 from ..processes import THREAD_VARIABLES, end_with_parent
+from .path_tracer import check_blender, draw_log
 from .street import RECIPE_FILE, Street, load_street, recipe_document
 from .truth import truth_camera, truth_lidar
 
@@ -29,20 +30,32 @@ _worker: tuple[Street, PandasetWriter] | None = None
 def write_log(street: Street, out: Path, jobs: int, progress: bool = True) -> None:
     """Write the log to ``out`` by ``jobs`` processes. A folder that holds a part of the same street is completed.
 
-    Raises `OutputError` where ``out`` holds anything else.
+    Cycles draws its images in a process of its own, those that are not there yet. Raises `OutputError` where ``out`` holds
+    anything else, `ModuleNotFoundError` where Cycles is wanted and Blender's module is not installed.
     """
+    if street.recipe.engine == "cycles":
+        check_blender()
     _claim(street, out)
     remove_partial_files(out)
     with _single_threaded():
         context = multiprocessing.get_context("spawn")  # a forked child would keep the parent's threaded BLAS
         with ProcessPoolExecutor(jobs, context, _start, (out,)) as pool:
+            what = "frames" if street.recipe.engine == "exact" else "sweeps"
             tasks = [pool.submit(_write_frame, frame) for frame in street.drive.frames]
             try:
-                for task in tqdm(as_completed(tasks), total=len(tasks), desc="frames", unit="frame", disable=not progress):
+                for task in tqdm(
+                    as_completed(tasks),
+                    total=len(tasks),
+                    desc=what,
+                    unit="frame",
+                    disable=not progress,
+                ):
                     task.result()
             except BaseException:
                 pool.shutdown(wait=True, cancel_futures=True)
                 raise
+    if street.recipe.engine == "cycles":
+        draw_log(out, progress)
     PandasetWriter(out, street.drive).finish()
 
 
@@ -91,7 +104,7 @@ def _start(out: Path) -> None:
 def _write_frame(frame: int) -> None:
     assert _worker is not None
     street, writer = _worker
-    for name in street.drive.cameras:
+    for name in street.drive.cameras if street.recipe.engine == "exact" else ():
         rgb = truth_camera(street, street.drive, name, frame).rgb
         writer.write_image(name, frame, np.rint(rgb * 255).astype(np.uint8))
     sweep = noisy(truth_lidar(street, street.drive, PANDAR64, frame), street, frame)

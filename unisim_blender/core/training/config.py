@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-
-VEHICLES = ("car", "truck", "bus", "van", "vehicle", "trailer", "towed", "motorcycle", "bicycle", "scooter")
-"""Words of the classes that are symmetric about their length: their actors are mirrored at random."""
+from typing import Literal
 
 
 @dataclass(frozen=True)
@@ -38,6 +36,12 @@ class TrainConfig:
     frames: tuple[int, ...]
     width: int | None = None
     preset: str = "small"
+    without: tuple[str, ...] = ()
+    """Parts that the method is to do without, of `recipe.PARTS`."""
+    density: Literal["logistic", "unisim"] | None = None
+    """Which signed distance's density; None for the preset's."""
+    disturb: tuple[float, float] | None = None
+    """Noise on moving actors' boxes, metres and degrees, see `disturb.disturbed`."""
     minutes: float | None = None
     iterations: int | None = None
     device: str = "cpu"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,14 +11,15 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from ..drive import Camera
+from ..drive import Actor, Camera
 from ..errors import LogError
 from ..geometry import FloatArray, invert_pose, points_in_box, transform_points
 from ..images import resize_image
 from ..log import Log
 from ..own_vehicle import Outline, find_outline, moved_frames
-from ..sensors.camera import camera_rays
+from ..sensors.camera import camera_rays, rays_at_times
 from ..strands import RayBatch
+from .pixels import Draw
 
 
 @dataclass(frozen=True)
@@ -62,19 +64,28 @@ class CameraData:
         self.cameras: dict[str, Camera] = {}
         self.outlines: dict[str, tuple[Outline, int]] = {}
         self._places: dict[tuple[int, int], NDArray[np.int64]] = {}
+        self._images: list[NDArray[np.uint8]] = []
+        self._first_view: list[int] = []
         for number, name in enumerate(cameras):
             recorded = log.drive.cameras[name]
             model = recorded.model.resized(width) if width else recorded.model
             camera = Camera(name, model, recorded.world_from_camera, recorded.time_s)
             self.cameras[name] = camera
             have = set(log.image_frames(name))
-            self.views += [(number, camera, f, resize_image(log.image(name, f), model)) for f in frames if f in have]
-            moved = set(moved_frames(log.drive, [f for f in frames if f in have]))
+            taken = [f for f in frames if f in have]
+            images = np.zeros((len(taken), model.height, model.width, 3), np.uint8)
+            for image, f in zip(images, taken, strict=True):
+                image[:] = resize_image(log.image(name, f), model)
+            self._images.append(images)
+            self._first_view.append(len(self.views))
+            self.views += [(number, camera, f, image) for f, image in zip(taken, images, strict=True)]
+            moved = set(moved_frames(log.drive, taken))
             outline = find_outline([image for n, _, f, image in self.views if n == number and f in moved])
             if outline is not None:
                 self.outlines[name] = outline, model.height
         if not self.views:
             raise LogError(f"{log.path}: no image of {', '.join(cameras)} in the frames asked for")
+        self._time_s = np.array([camera.time_s[frame] for _, camera, frame, _ in self.views])
 
     def times_s(self) -> list[FloatArray]:
         """Each camera's times (K,) of the images that are there, increasing."""
@@ -101,10 +112,39 @@ class CameraData:
             targets.append(image[y + pixel[:, None], x + pixel])
             numbers.append(np.full(n, number))
             rotations.append(np.broadcast_to(camera.world_from_camera.at(camera.time_s[frame])[:3, :3], (n, 3, 3)))
-        target = torch.as_tensor(np.concatenate(targets)).permute(0, 3, 1, 2).float() / 255
-        batch = ray_batch(np.concatenate(origins), np.concatenate(directions), np.concatenate(times))
-        turned = torch.as_tensor(np.concatenate(rotations)).float()
-        return PatchBatch(batch, torch.as_tensor(np.concatenate(numbers)), target, turned, cells)
+        return _patch_batch(origins, directions, times, targets, numbers, rotations, cells)
+
+    def pixels(self, draw: Draw, up: int) -> PatchBatch:
+        """Single feature cells, with their upper left corners where a draw says."""
+        origins, directions, times, targets, numbers, rotations = [], [], [], [], [], []
+        edge = np.arange(up)
+        starts = np.searchsorted(draw.view, [*self._first_view, len(self.views)])
+        for number, (name, begin, end) in enumerate(zip(self.cameras, starts, starts[1:], strict=False)):
+            camera, view = self.cameras[name], draw.view[begin:end]
+            x, y = draw.x[begin:end], draw.y[begin:end]
+            rays = rays_at_times(camera, self._time_s[view], x + 0.5 * up, y + 0.5 * up)
+            origins.append(rays.origins - self.corner)
+            directions.append(rays.directions)
+            times.append(rays.time_s)
+            images = self._images[number]
+            own = (view - self._first_view[number])[:, None, None]
+            targets.append(images[own, y[:, None, None] + edge[:, None], x[:, None, None] + edge])
+            numbers.append(np.full(len(view), number))
+            moments, which = np.unique(self._time_s[view], return_inverse=True)
+            rotations.append(camera.world_from_camera.at(moments)[which, :3, :3])
+        return _patch_batch(origins, directions, times, targets, numbers, rotations, 1)
+
+    def rooms(self, edge: int) -> list[NDArray[np.int64]]:
+        """For each view how many rows (W - edge + 1,), from above, there are for upper left corners of patches of ``edge`` pixels
+        that show nothing of the vehicle itself."""
+        return [self._room(camera, edge) for _, camera, _, _ in self.views]
+
+    def _room(self, camera: Camera, edge: int) -> NDArray[np.int64]:
+        columns, rows = max(0, camera.model.width - edge + 1), max(0, camera.model.height - edge + 1)
+        if camera.sensor_id not in self.outlines:
+            return np.full(columns, rows)
+        outline, _ = self.outlines[camera.sensor_id]
+        return np.array([max(0, min(rows, outline[x : x + edge].min() - edge + 1)) for x in range(columns)])
 
     def _corners(
         self, rng: np.random.Generator, number: int, camera: Camera, edge: int, count: int
@@ -115,13 +155,26 @@ class CameraData:
             y = rng.integers(rows, size=count)
             return rng.integers(columns, size=count), y
         if (number, edge) not in self._places:
-            outline, _ = self.outlines[camera.sensor_id]
-            room = np.array([max(0, min(rows, outline[x : x + edge].min() - edge + 1)) for x in range(columns)])
-            self._places[number, edge] = np.concatenate([[0], np.cumsum(room)])
+            self._places[number, edge] = np.concatenate([[0], np.cumsum(self._room(camera, edge))])
         ends = self._places[number, edge]
         place = rng.integers(ends[-1], size=count)
         x = np.searchsorted(ends, place, side="right") - 1
         return x, place - ends[x]
+
+
+def _patch_batch(
+    origins: list[FloatArray],
+    directions: list[FloatArray],
+    times: list[FloatArray],
+    targets: list[NDArray[np.uint8]],
+    numbers: list[NDArray[np.int64]],
+    rotations: list[FloatArray],
+    cells: int,
+) -> PatchBatch:
+    target = torch.as_tensor(np.concatenate(targets)).permute(0, 3, 1, 2).float() / 255
+    batch = ray_batch(np.concatenate(origins), np.concatenate(directions), np.concatenate(times))
+    turned = torch.as_tensor(np.concatenate(rotations)).float()
+    return PatchBatch(batch, torch.as_tensor(np.concatenate(numbers)), target, turned, cells)
 
 
 class LidarData:
@@ -155,12 +208,12 @@ class LidarData:
         h = self._hits
         return self.corner + self.origins[h] + self.directions[h] * self.depth_m[h, None].astype(np.float64)
 
-    def static_returns(self, log: Log) -> tuple[FloatArray, FloatArray]:
-        """Origins and points (N, 3) of the returns that lie in no actor's box."""
+    def static_returns(self, actors: Iterable[Actor]) -> tuple[FloatArray, FloatArray]:
+        """Origins and points (N, 3) of the returns that lie in none of the actors' boxes."""
         points, h = self.points, self._hits
         inside = np.zeros(len(points), bool)
         times = self.time_s[h]
-        for actor in log.drive.actors.values():
+        for actor in actors:
             near = actor.present(times)
             grown = np.asarray(actor.size_m) + 0.2
             if not actor.is_moving:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import torch
 import torch.nn.functional as F
-from torch import Tensor
+from torch import Tensor, nn
 
 from ..constants import GROUND_CELL_M
 from ..fields.occupancy import OccupancyTrainer
@@ -67,8 +67,10 @@ class Hidden:
         # only the tables of hidden places learn: through networks that all places share, looks and their models would grow
         # together without end
         model = self.model
-        shared = [model.static.network, model.ray_head, model.camera_decoder]
-        if model.config.head == "sample":
+        shared: list[nn.Module] = [model.static.network, model.ray_head, model.camera_decoder]
+        if model.config.colour == "sample":
+            shared.append(model.colour_head)
+        elif model.config.head == "sample":
             shared.append(model.sample_head)
         for module in shared:
             module.requires_grad_(False)

@@ -19,6 +19,7 @@ from safetensors.torch import save_file
 from torch import Tensor
 from tqdm import tqdm
 
+from ..compiled.scene import cells_to_store
 from ..drive import Drive
 from ..errors import SceneError
 from ..fields.checkpoint import Scene, save_scene
@@ -30,6 +31,7 @@ from ..render import Renderer
 from ..scene_file import SceneHeader
 from ..torch_tracer import TorchTracer
 from .config import TrainConfig
+from .disturb import disturbed_log
 from .observed import observe
 from .trainer import Trainer
 
@@ -51,7 +53,7 @@ def train(log: Log, config: TrainConfig, out: Path, resume: bool = False, quiet:
         raise SceneError(f"{file}: there is no checkpoint to resume")
     _check_device(config.device)
     _unpage_allocations()
-    trainer = Trainer(log, config)
+    trainer = Trainer(log if config.disturb is None else disturbed_log(log, *config.disturb, config.seed), config)
     out.mkdir(parents=True, exist_ok=True)
     if resume:
         load_checkpoint(file, trainer)
@@ -117,9 +119,10 @@ def _loop(trainer: Trainer, out: Path, stopped: list[int], quiet: bool) -> None:
             if trainer.iteration % 10 == 0:
                 left = trainer.elapsed_s * (1 / max(done, 1e-6) - 1)
                 bar.n = 100 * done
+                lidar = f"LiDAR {100 * smooth['lidar_m']:.1f} cm, " if "lidar_m" in smooth else ""
                 bar.set_postfix_str(
-                    f"step {trainer.iteration} loss {smooth['loss']:.4f} PSNR {smooth['psnr']:.2f} dB "
-                    f"LiDAR {100 * smooth['lidar_m']:.1f} cm, {left / 60:.1f} min left"
+                    f"step {trainer.iteration} loss {smooth['loss']:.4f} PSNR {smooth['psnr']:.2f} dB {lidar}"
+                    f"{left / 60:.1f} min left"
                 )
             if trainer.iteration % 100 == 0:
                 record = {"iteration": trainer.iteration, "seconds": trainer.elapsed_s, **smooth}
@@ -140,6 +143,7 @@ def _state(trainer: Trainer) -> dict[str, Tensor]:
     tensors |= {f"tracklets.{k}": v for k, v in trainer.tracklets.named_parameters()}
     tensors |= {f"camera_poses.{k}": v for k, v in trainer.camera_poses.named_parameters()}
     tensors |= {f"occupancy.{k}": v.to(torch.uint8) if v.dtype == torch.bool else v for k, v in trainer.occupancy.state().items()}
+    tensors |= {f"choice.{k}": v for k, v in trainer.choice.state().items()}
     if trainer.adversary:
         tensors |= {f"adversary.{k}": v for k, v in trainer.adversary.state().items()}
     for name, optimiser in _optimisers(trainer):
@@ -194,6 +198,7 @@ def load_checkpoint(file: Path, trainer: Trainer) -> None:
         if trainer.adversary:
             trainer.adversary.load_state(under("adversary."))
         trainer.camera_poses.load_state_dict(under("camera_poses."))
+        trainer.choice.load_state(under("choice."))
         trainer.occupancy.load_state({k: v.to(trainer.occupancy.state()[k].dtype) for k, v in under("occupancy.").items()})
     except (RuntimeError, KeyError) as error:
         raise SceneError(f"{file} does not fit this log or version: {error}") from error
@@ -212,8 +217,8 @@ def refined_drive(trainer: Trainer) -> Drive:
     drive = trainer.log.drive
     positions, quaternions = (t.detach().cpu().double().numpy() for t in trainer.tracklets.keys())
     positions = trainer.tracklets.corner + positions
-    actors = {}
-    for i, uid in enumerate(sorted(drive.actors)):
+    actors = dict(drive.actors)
+    for i, uid in enumerate(trainer.model.actor_ids if trainer.recipe.refines_tracklets else ()):
         actor = drive.actors[uid]
         k = len(actor.world_from_actor.times_s)
         q = quaternions[i, :k] / np.linalg.norm(quaternions[i, :k], axis=1, keepdims=True)
@@ -228,10 +233,13 @@ def header_of(trainer: Trainer, out: Path) -> SceneHeader:
     """What `scene.json` is to say."""
     config, log = trainer.config, trainer.log
     training = {
-        "preset": config.preset, "cameras": list(config.cameras), "lidars": list(config.lidars), "frames": list(config.frames),
+        "preset": config.preset, "method": trainer.model.config.method, "without": list(config.without),
+        "cameras": list(config.cameras), "lidars": list(config.lidars), "frames": list(config.frames),
         "width": config.width, "iterations": trainer.iteration, "seconds": round(trainer.elapsed_s, 1), "seed": config.seed,
         "device": config.device, "own_vehicle": outlines_to_json(trainer.cameras.outlines),
     }  # fmt: skip
+    if config.disturb is not None:
+        training["disturbed"] = dict(zip(("metres", "degrees"), config.disturb, strict=True))
     return SceneHeader(
         path=out,
         name=out.name,
@@ -258,8 +266,9 @@ def finish(trainer: Trainer, out: Path) -> SceneHeader:
     trainer.model.eval()
     trainer.occupancy.free_unshown()
     through = observe(scene, trainer.config.cameras, trainer.config.frames, trainer.lidar.points)
-    trainer.occupancy.free_hidden(through, trainer.hidden.continued)
-    save_scene(out, scene.header, trainer.model)
+    if trainer.recipe.weights.hidden:
+        trainer.occupancy.free_hidden(through, trainer.hidden.continued)
+    save_scene(out, scene.header, trainer.model, cells_to_store)
     return scene.header
 
 

@@ -15,10 +15,10 @@ from torch import Tensor
 from .. import native
 from ..cast import on_stage
 from ..cast_tensors import CastTensors, TroupeTensors
+from ..constants import VEHICLES
 from ..devices import module_to, tensor_to, torch_threads
 from ..drive import Actor, Drive
 from ..errors import SceneError
-from ..fields.config import preset
 from ..fields.fields import HashTable
 from ..fields.occupancy import OccupancyTrainer
 from ..fields.scene import SceneModel
@@ -30,12 +30,14 @@ from ..strands import RayBatch, Traced
 from ..trace import Sampling, trace
 from .adversarial import Adversary, shifted
 from .camera_poses import CameraPoses
-from .config import VEHICLES, TrainConfig
+from .config import TrainConfig
 from .data import CameraData, LidarBatch, LidarData, PatchBatch
 from .ground_heights import ground_heights
 from .hidden import Hidden
 from .losses import lidar_terms, perceptual_stand_in, spread
 from .perceptual import VggLoss
+from .pixels import Draw, PixelChoice
+from .recipe import recipe
 from .seed_voxels import seed_voxels
 from .shape import Shape
 
@@ -49,29 +51,33 @@ class Trainer:
     def __init__(self, log: Log, config: TrainConfig) -> None:
         self.log, self.config = log, config
         torch.manual_seed(config.seed)
-        drive = log.drive
+        self.recipe = recipe(config)
+        shapes, drive = self.recipe.model, log.drive
         self.volume = Volume.along(drive)
         self.cameras = CameraData(log, list(config.cameras), list(config.frames), config.width, self.volume.corner)
+        self.choice = PixelChoice(self.cameras.rooms(shapes.upsample))
         self.lidar = LidarData(log, list(config.lidars), list(config.frames), self.volume.corner)
-        model = SceneModel(preset(config.preset), self.volume, tuple(sorted(drive.actors)), config.cameras)
-        origins, points = self.lidar.static_returns(log)
+        model = SceneModel(shapes, self.volume, tuple(sorted(drive.actors)), config.cameras)
+        looks = {uid: drive.actors[uid] for uid in model.actor_ids}
+        origins, points = self.lidar.static_returns(looks.values())
         into = invert_pose(self.volume.world_from_volume)
         origins, points = transform_points(into, origins), transform_points(into, points)
         heights, known = ground_heights(points, self.volume.size_m)
         shape = tuple(model.occupancy.values.shape)
-        seeded = seed_voxels(origins, points, (shape[0], shape[1], shape[2]), model.config.voxel_m, heights, known)
-        model.occupancy.values.copy_(torch.as_tensor(seeded))
+        if self.recipe.uses_lidar:
+            seeded = seed_voxels(origins, points, (shape[0], shape[1], shape[2]), model.config.voxel_m, heights, known)
+            model.occupancy.values.copy_(torch.as_tensor(seeded))
         model.ground.heights.copy_(torch.as_tensor(heights))
         if model.light is not None:
-            home = [_middle(drive.actors[uid])[:3, 3] for uid in model.actor_ids]
+            home = [_middle(actor)[:3, 3] for actor in looks.values()]
             model.light.home.copy_(torch.as_tensor(transform_points(into, np.reshape(home, (-1, 3)))))
         self.known_ground = torch.as_tensor(np.argwhere(known)).float().to(config.device)
         self.model = model.to(config.device)
         self.occupancy = OccupancyTrainer(self.model.occupancy)
-        actors = on_stage(drive, drive.actors.values())
+        actors = on_stage(drive, looks.values())
         self.tracklets = module_to(Tracklets(actors, refine=True, corner=self.volume.corner), config.device)
         self.rows = torch.arange(len(actors), device=config.device)
-        mirrored = [config.mirrored * any(word in a.label.lower() for word in VEHICLES) for a in actors]
+        mirrored = [self.recipe.mirrored * any(word in a.label.lower() for word in VEHICLES) for a in actors]
         self.mirror = torch.tensor(mirrored, device=config.device)
         self.shape = Shape(self.model, self.occupancy, self.known_ground)
         self.hidden = Hidden(
@@ -101,7 +107,7 @@ class Trainer:
                 if self.config.device == "cpu":
                     module.table.grad = torch.zeros_like(module.table)
                     module.sink_gradient = True
-        looks = [self.model.actors.latents, *self.model.actors.hypernetwork.parameters()]
+        looks = self.model.actors.own()
         known = {id(p) for p in (*tables, *looks)}
         networks = [p for p in self.model.parameters() if id(p) not in known]
         c = self.config
@@ -110,7 +116,9 @@ class Trainer:
             {"params": networks, "rates": c.rate_networks, "eps": 1e-10},
         ]
         slow = [
-            {"params": looks, "rates": c.rate_networks, "eps": 1e-10},
+            {"params": looks, "rates": c.rate_tables, "eps": 1e-15}
+            if self.model.config.actors == "tables"
+            else {"params": looks, "rates": c.rate_networks, "eps": 1e-10},
             {"params": list(self.tracklets.parameters()), "rates": c.rate_poses, "eps": 1e-10},
             {"params": list(self.camera_poses.parameters()), "rates": c.rate_cameras, "eps": 1e-10},
         ]
@@ -130,7 +138,7 @@ class Trainer:
         return min(1.0, self.elapsed_s / (self.config.minutes * 60))
 
     def _cast(self, tables: Tensor) -> CastTensors:
-        uids = tuple(sorted(self.log.drive.actors))
+        uids = tuple(self.model.actor_ids)
         return CastTensors(TroupeTensors(self.model, tables, self.tracklets, self.rows, uids))
 
     def step(self) -> dict[str, float]:
@@ -141,7 +149,7 @@ class Trainer:
             return self._step()
 
     def _step(self) -> dict[str, float]:
-        c, w, done = self.config, self.config.weights, self.progress
+        c, w, done = self.config, self.recipe.weights, self.progress
         # seeded by the iteration: a resumed run draws what an uninterrupted one would
         rng = np.random.default_rng([c.seed, self.iteration])
         generator = torch.Generator(device=c.device).manual_seed(c.seed * 1_000_003 + self.iteration)
@@ -149,11 +157,11 @@ class Trainer:
         tables = self.actor_tables()
         self.model.actors.gradient = tables.grad
         cast = self._cast(tables)
-        batches = self._draw_pixels(rng)
+        batches, draw = self._draw_pixels(rng)
         lidar = self._to_device(self.lidar.sample(rng, c.lidar_rays))
         sampling = Sampling(jitter=True, mirror=self.mirror, generator=generator)
         # gradients with respect to the static field's points are dear: most steps go without
-        learn_cameras = done >= c.poses_from and self.iteration % c.slow_every == 0
+        learn_cameras = self.recipe.refines_cameras and done >= c.poses_from and self.iteration % c.slow_every == 0
         batches = [
             dataclasses.replace(b, rays=self.camera_poses(b.rays, b.camera, b.world_from_camera, learn_cameras)) for b in batches
         ]
@@ -161,23 +169,35 @@ class Trainer:
             seen = trace(self.model, cast, _together([b.rays for b in batches]), sampling)
             features = seen.feature.split([len(b.rays) for b in batches])
             images = [self._decode(f, b, generator) for f, b in zip(features, batches, strict=True)]
-            errors = [F.mse_loss(i, b.target, reduction="sum") for i, b in zip(images, batches, strict=True)]
-            mse = torch.stack(errors).sum() / sum(i.numel() for i in images)
+            squares = [(i - b.target).square() for i, b in zip(images, batches, strict=True)]
+            if draw is not None:
+                self.choice.note(draw.block, squares[1].detach().mean((1, 2, 3)).double().cpu().numpy())
+                squares[1] = squares[1] * tensor_to(torch.as_tensor(draw.weight).float(), c.device)[:, None, None, None]
+            mse = torch.stack([s.sum() for s in squares]).sum() / sum(s.numel() for s in squares)
             image, patch = images[0], batches[0]
-            terms = {"rgb": mse, "spread": w.spread * spread(seen)}
-            if done >= c.perceptual_from:
+            terms = {"rgb": mse}
+            if w.spread:
+                terms["spread"] = w.spread * spread(seen)
+            if w.perceptual and done >= c.perceptual_from:
                 terms["perceptual"] = w.perceptual * self.perceptual(image, patch.target)
             fake = None
             if self.adversary and done >= c.poses_from:
                 beside = shifted(patch, generator)
                 fake = self._decode(trace(self.model, cast, beside.rays, sampling).feature, beside, generator)
                 terms["adversarial"] = w.adversarial * self.adversary.generator_loss(fake)
-            swept = trace(self.model, cast, lidar.rays, dataclasses.replace(sampling, sky=False))
-        terms |= self._lidar_loss(swept, lidar)
-        terms |= {name: getattr(w, name) * term for name, term in self.shape.terms(tables, swept, seen, lidar, generator).items()}
-        if done >= c.hidden_from:
+            swept = (
+                trace(self.model, cast, lidar.rays, dataclasses.replace(sampling, sky=False)) if self.recipe.uses_lidar else None
+            )
+        if swept is not None:
+            terms |= self._lidar_loss(swept, lidar)
+            if w.band or w.eikonal or w.flat:
+                shaping = self.shape.terms(tables, swept, seen, lidar, generator)
+                terms |= {name: getattr(w, name) * term for name, term in shaping.items()}
+        if w.hidden and done >= c.hidden_from:
             terms["hidden"] = w.hidden * self.hidden.loss(generator)
-        terms["latent"] = w.latent * self.model.actors.latents.square().mean()
+        penalty = self.model.actors.penalty()
+        if penalty is not None:
+            terms["latent"] = w.latent * penalty
         loss = torch.stack(list(terms.values())).sum()
         if not bool(torch.isfinite(loss)):
             bad = [name for name, value in terms.items() if not bool(torch.isfinite(value))]
@@ -192,17 +212,18 @@ class Trainer:
         self.model.actors.gradient = None
         if (self.iteration + 1) % c.slow_every == 0:
             with torch_threads(None):
-                self._update_slow(done >= c.poses_from)
+                self._update_slow(self.recipe.refines_tracklets and done >= c.poses_from)
         if self.adversary and fake is not None:
             self.adversary.update(patch.target, fake)
         self._update_occupancy(seen, camera=True)
-        self._update_occupancy(swept, camera=False)
+        if swept is not None:
+            self._update_occupancy(swept, camera=False)
         self.iteration += 1
         figures = {name: float(value.detach()) for name, value in terms.items()}
         figures["loss"] = float(loss.detach())
         figures["psnr"] = -10 * float(torch.log10(mse.detach().clamp_min(1e-10)))
-        hit = lidar.returned
-        figures["lidar_m"] = float((swept.near_depth_m - lidar.depth_m)[hit].detach().abs().median())
+        if swept is not None:
+            figures["lidar_m"] = float((swept.near_depth_m - lidar.depth_m)[lidar.returned].detach().abs().median())
         return figures
 
     def actor_tables(self) -> Tensor:
@@ -249,14 +270,15 @@ class Trainer:
             warm = min(1.0, (self.iteration + 1) / 100)
             group["lr"] = warm * first * (last / first) ** done
 
-    def _draw_pixels(self, rng: np.random.Generator) -> list[PatchBatch]:
-        """Patches, then as many single cells as the patches that were taken apart held."""
+    def _draw_pixels(self, rng: np.random.Generator) -> tuple[list[PatchBatch], Draw | None]:
+        """Patches, then as many single cells as the patches that were taken apart held, drawn by their errors."""
         c, up = self.config, self.model.config.upsample
         apart = min(round(c.patches * c.scattered), c.patches - 1) if self.model.camera_decoder.reach == 0 else 0
-        batches = [self.cameras.patches(rng, c.patches - apart, c.patch_cells, up)]
+        batches, draw = [self.cameras.patches(rng, c.patches - apart, c.patch_cells, up)], None
         if apart:
-            batches.append(self.cameras.patches(rng, apart * c.patch_cells**2, 1, up))
-        return [self._to_device(b) for b in batches]
+            draw = self.choice.draw(rng, apart * c.patch_cells**2)
+            batches.append(self.cameras.pixels(draw, up))
+        return [self._to_device(b) for b in batches], draw
 
     def _decode(self, feature: Tensor, patch: PatchBatch, generator: torch.Generator) -> Tensor:
         cells, directions = patch.cells, patch.rays.directions
@@ -270,15 +292,12 @@ class Trainer:
         return image
 
     def _lidar_loss(self, swept: Traced, lidar: LidarBatch) -> dict[str, Tensor]:
-        w = self.config.weights
+        w = self.recipe.weights
         end = self.model.frame.points(lidar.rays.origins + lidar.rays.directions * lidar.depth_m[:, None])
         terms, good = lidar_terms(swept, lidar, self.model.frame.inside(end))
         intensity, logit = self.model.lidar_head(swept.feature, lidar.rays.directions, swept.depth_m, swept.opacity)
         return {
-            "depth": w.lidar_depth * terms["depth"],
-            "reach": w.lidar_reach * terms["reach"],
-            "opacity": w.lidar_opacity * terms["opacity"],
-            "free": w.lidar_free * terms["free"],
+            **{name: getattr(w, f"lidar_{name}") * terms[name] for name in terms if getattr(w, f"lidar_{name}")},
             "intensity": w.lidar_intensity * F.mse_loss(intensity[good], lidar.intensity[good]),
             "drop": w.lidar_drop * F.binary_cross_entropy_with_logits(logit, lidar.returned.float(), lidar.weight),
         }

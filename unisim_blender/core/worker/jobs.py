@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,30 +13,38 @@ from numpy.typing import NDArray
 
 from ..drive import CameraModel, Drive
 from ..edits import apply_scenario
-from ..errors import ScenarioError
 from ..frames import CameraFrame
-from ..prepare.renderers import make_tracer, pick_device, stamp
+from ..log import Log
+from ..logs import open_log
+from ..prepare.renderers import UNTRAINED, UNTRAINED_DEFAULT, make_tracer, pick_device, stamp, untrained_tracer
 from ..prepare.scenario import recorded_drive, scene_actors
 from ..render import Region, Renderer
 from ..scenario import scenario_from_json
 from ..scenario.types import Scenario
+from ..surfels.build import Step
+from ..surfels.cache import surfels_of
+from ..surfels.model import SurfelScene
 from .about import about
 from .protocol import Message
 from .server import Job
 
-BAND_RAYS = 16384
-"""Pixels that are rendered and shown at once: half a second on two cores."""
+BAND_PIXELS = 32768
+"""So many are rendered and shown at once, where Esc is heard between: 0.1 s on two cores."""
 NOW = 0
 """The number of the one frame of a request."""
 
 
 class Jobs:
-    """The jobs, and what they keep: drives and trained scenes that were read once. ``folder`` is where pixels are left."""
+    """The jobs, and what they keep: drives and trained scenes that were read once, surfels. ``folder`` is where pixels are
+    left."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self.scenes: dict[object, Any] = {}
         self.recorded: dict[object, Drive] = {}
+        self.log: Log | None = None
+        self.surfels: SurfelScene | None = None
+        self.build: Iterator[Step | SurfelScene] | None = None
         self.numbers = itertools.count()
 
     def about(self, request: Message) -> Iterator[Message]:
@@ -47,32 +55,36 @@ class Jobs:
         """A picture, in bands of rows from the top.
 
         Of the request: ``scenario`` (its document), ``path`` (what its paths are relative to), ``camera``, ``time_s``, ``model``,
-        ``passes``, ``quality``, ``device``; ``rows`` and ``columns`` (first, past the last) where not all are wanted; ``coarse``,
-        widths at which the whole view is rendered first; ``shadows``. Events have arrays of rgb and the passes, and which
-        ``rows`` they are.
+        ``passes``, ``quality``, ``device``; ``rows`` and ``columns`` (first, past the last) where not all are wanted, and
+        ``touched``, whether these are only what an edit can have touched directly; ``coarse``, strides at which it is shown
+        first; ``shadows``. Events have arrays of rgb and the passes, the ``rows`` and ``columns`` that they cover, and where in
+        these they have pixels: at ``origin`` and every ``stride`` from there, both as (row, column). Before them,
+        ``progress`` says how far something is that has to be made first.
         """
         scenario, drive = self._drive(request)
         name, passes = str(request["camera"]), tuple(request.get("passes", ("rgb",)))
         model = CameraModel.from_dict(request["model"])
         camera = replace(drive.cameras[name], model=model, time_s={NOW: float(request["time_s"])})
-        renderer = self._renderer(request, scenario, replace(drive, cameras={name: camera}, lidars={}))
-        for width in request.get("coarse", ()):
-            picture = renderer.camera(name, NOW, passes, min(int(width), model.width))
-            yield self._leave(_arrays(picture), instances=list(picture.instances), rows=None)
+        renderer = yield from self._renderer(request, scenario, replace(drive, cameras={name: camera}, lidars={}))
         first, last = request.get("rows") or (0, model.height)
         left, right = request.get("columns") or (0, model.width)
-        step = max(1, BAND_RAYS // (right - left))
-        for top in range(first, last, step):
-            bottom = min(top + step, last)
-            picture = renderer.camera(name, NOW, passes, region=Region(left, top, right, bottom))
-            yield self._leave(_arrays(picture), instances=list(picture.instances), rows=[top, bottom])
+        region = Region(left, first, right, last)
+        region = renderer.widened(region).within_image(model) if request.get("touched") else region
+        band, coarse = max(1, BAND_PIXELS // (region.right - region.left)), request.get("coarse", ())
+        for part in renderer.grow(name, NOW, passes, region=region, coarse=coarse, band=band):
+            covered = part.region
+            yield self._leave(
+                _arrays(part.frame), instances=list(part.frame.instances), origin=part.origin, stride=part.stride,
+                rows=[covered.top, covered.bottom], columns=[covered.left, covered.right],
+            )  # fmt: skip
 
     def lidar(self, request: Message) -> Iterator[Message]:
         """A sweep of ``lidar`` at ``time_s``: points (N, 3) in the world, intensity, depth, instance of beams that return."""
         scenario, drive = self._drive(request)
         name = str(request["lidar"])
         lidar = replace(drive.lidars[name], time_s={NOW: float(request["time_s"])})
-        sweep = self._renderer(request, scenario, replace(drive, cameras={}, lidars={name: lidar})).lidar(name, NOW)
+        renderer = yield from self._renderer(request, scenario, replace(drive, cameras={}, lidars={name: lidar}))
+        sweep = renderer.lidar(name, NOW)
         at = sweep.returned
         points = sweep.origins[at] + sweep.directions[at] * sweep.depth_m[at][:, None]
         arrays = {"points": points, "intensity": sweep.intensity[at], "depth": sweep.depth_m[at], "instance": sweep.instance[at]}
@@ -80,18 +92,42 @@ class Jobs:
 
     def _drive(self, request: Message) -> tuple[Scenario, Drive]:
         scenario = scenario_from_json(request["scenario"], Path(request["path"]))
-        if scenario.scene_path is None:
-            raise ScenarioError(f"{scenario.log_path}: has no trained scene to render with: import one, or train one")
-        key = scenario.log_path, stamp(scenario.scene_path)
+        # a log's own files are not looked at again: reading it takes a second
+        key = scenario.log_path, None if scenario.scene_path is None else stamp(scenario.scene_path)
         if key not in self.recorded:
             self.recorded = {key: recorded_drive(scenario)}
         return scenario, apply_scenario(scenario, self.recorded[key], scene_actors)
 
-    def _renderer(self, request: Message, scenario: Scenario, drive: Drive) -> Renderer:
-        assert scenario.scene_path is not None  # `_drive` has seen to it
+    def _renderer(self, request: Message, scenario: Scenario, drive: Drive) -> Generator[Message, None, Renderer]:
+        """The renderer of a request: of its trained scene, or of the log's surfels where it has none."""
         device, quality = pick_device(str(request.get("device", "cpu"))), str(request.get("quality", "balanced"))
-        tracer = make_tracer(scenario.scene_path, drive, quality, device, self.scenes)
+        if scenario.scene_path is not None:
+            tracer = make_tracer(scenario.scene_path, drive, quality, device, self.scenes)
+        else:
+            log, surfels = yield from self._surfels(scenario.log_path)
+            tracer = untrained_tracer(UNTRAINED_DEFAULT, surfels, drive, log, quality=quality)
         return Renderer(tracer, drive, shadows=bool(request.get("shadows")))
+
+    def _surfels(self, path: Path) -> Generator[Message, None, tuple[Log, SurfelScene]]:
+        """A log's surfels, and events of how far they are. A build that is not wanted any more stays where it was: the next
+        request goes on with it."""
+        if self.log is None or self.log.path != path:
+            self.log, self.surfels, self.build = open_log(path), None, None
+        if self.surfels is None:
+            if self.build is None:
+                self.build = surfels_of(self.log, UNTRAINED[UNTRAINED_DEFAULT])
+            try:
+                for step in self.build:
+                    if isinstance(step, SurfelScene):
+                        self.surfels = step
+                    else:
+                        yield {"event": "progress", "text": step.text, "share": step.share}
+            finally:
+                # what failed begins again; what was only left goes on
+                if self.surfels is not None or getattr(self.build, "gi_frame", None) is None:
+                    self.build = None
+        assert self.surfels is not None
+        return self.log, self.surfels
 
     def _leave(self, arrays: dict[str, NDArray[Any]], **more: Any) -> Message:
         """Write arrays into one file and say where in it each of them lies."""

@@ -1,0 +1,82 @@
+"""Samples of exact streets: images and sweeps by the exact renderer, with the noise of a recorded sweep, and nothing else.
+
+The traffic of every street sets out from the same places. So that a detector cannot learn these by heart, the streets to train on
+have it come earlier or later, and the recording vehicle further to the side, by amounts drawn from the street's seed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from unisim_blender.core.drive import Actor, Drive
+from unisim_blender.core.edits import apply_scenario
+from unisim_blender.core.logs.pandaset_sensors import PANDAR64
+from unisim_blender.core.scenario.types import Edit, Ego, Retime, Scenario
+from unisim_blender.core.street.street import Street, build_street
+from unisim_blender.core.street.truth import truth_camera, truth_lidar
+from unisim_blender.core.street.write import noisy
+
+from .samples import Key, Sample, make_sample
+
+CAMERA = "front_camera"
+EARLIER_S = 0.9
+"""Traffic comes at most so much earlier or later: no two vehicles of one lane meet."""
+LEFT_M = (-0.5, 2.0)
+
+
+@dataclass(frozen=True)
+class StreetSet:
+    """Which streets and frames: ``seeds``, streets of ``length`` frames, of which each ``step``-th is taken. ``varied``: with
+    traffic and vehicle elsewhere; ``left_m``: the vehicle so far to the left."""
+
+    seeds: tuple[int, ...]
+    length: int
+    step: int
+    varied: bool
+    left_m: float = 0.0
+    width: int = 320
+    height: int = 180
+
+    @property
+    def keys(self) -> list[Key]:
+        """The frames, by street."""
+        return [Key(f"street-{seed}", frame) for seed in self.seeds for frame in range(0, self.length, self.step)]
+
+    def sample(self, key: Key) -> Sample:
+        """Render one."""
+        street, drive = _street(self, int(key.sequence.rpartition("-")[2]))
+        camera = truth_camera(street, drive, CAMERA, key.frame)
+        sweep = noisy(truth_lidar(street, drive, PANDAR64, key.frame), street, key.frame)
+        on = sweep.returned
+        return make_sample(
+            drive, key.frame, drive.cameras[CAMERA], np.rint(camera.rgb * 255).astype(np.uint8),
+            sweep.origins[on] + sweep.directions[on] * sweep.depth_m[on, None].astype(np.float64), sweep.time_s[on],
+            sweep.intensity[on], sweep.model.sweep_s,
+        )  # fmt: skip
+
+
+@lru_cache(maxsize=1)  # frames come street by street
+def _street(streets: StreetSet, seed: int) -> tuple[Street, Drive]:
+    street = build_street(seed, streets.length, streets.width, streets.height)
+    edits = varied(street.drive, seed) if streets.varied else ()
+    if streets.left_m:
+        edits = (*edits, Ego(shift_left_m=streets.left_m))
+    return street, apply_scenario(Scenario(name=street.drive.name, log="street", edits=edits), street.drive, _no_scene)
+
+
+def varied(drive: Drive, seed: int) -> tuple[Edit, ...]:
+    """Edits that let every moving actor come earlier or later, and the vehicle drive further to the side."""
+    rng = np.random.default_rng([seed, 2018])
+    moving = [actor.uid for actor in drive.actors.values() if actor.is_moving]
+    shift = Ego(shift_left_m=float(rng.uniform(*LEFT_M)))
+    return (
+        *(Retime(actor=uid, offset_s=float(rng.uniform(-EARLIER_S, EARLIER_S)), outside="continue") for uid in moving),
+        shift,
+    )
+
+
+def _no_scene(path: object) -> dict[str, Actor]:
+    raise AssertionError(f"no actor of another scene was asked for: {path}")

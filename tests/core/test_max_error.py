@@ -1,0 +1,181 @@
+"""Errors that a user bounds: what is asked, what samples say of it, and whether frames keep what was promised."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from analytic_scene import drive_of
+from scipy.stats import binom
+from skimage.color import rgb2lab
+from test_compiled_tracer import CARS, CONFIGS, MOVING, saved
+
+from unisim_blender.core import native
+from unisim_blender.core.bounded import BoundedRenderer, Patches, at_quality, colour_errors
+from unisim_blender.core.colour import lab_from_srgb
+from unisim_blender.core.drive import Drive
+from unisim_blender.core.errors import UnisimError
+from unisim_blender.core.frames import CameraFrame, LidarFrame
+from unisim_blender.core.max_error import Bound, depth_errors, drawn, parse_bounds, quantile_check, quantile_rank
+from unisim_blender.core.prepare.renderers import make_tracer
+from unisim_blender.core.quality import LADDER, TRUTH
+from unisim_blender.core.render import Renderer
+from unisim_blender.core.scene_file import read_scene_header
+
+SAMPLE = Path(__file__).parents[2] / "sample" / "scene"
+needs_library = pytest.mark.skipif(native.library() is None, reason="the compiled kernels were not built")
+
+
+def test_bounds_are_read_as_they_are_written() -> None:
+    bounds = parse_bounds(["1mm", "p90:20mm", "40dB", "1.5de", "40 db"])
+    assert set(bounds) == {Bound("mm", 1.0), Bound("mm", 20.0, 0.9), Bound("dB", 40.0), Bound("dE", 1.5)}
+    assert {str(bound) for bound in bounds} == {"1mm", "p90:20mm", "40dB", "1.5dE"}
+    assert bounds == parse_bounds(["1.5dE", "40dB", "p90:20mm", "1mm"]), "their order changes nothing"
+    assert Bound("dB", 40.0).most == pytest.approx(1e-4) and Bound("dB", 40.0).shown(1e-4) == pytest.approx(40)
+
+
+@pytest.mark.parametrize("text", ("1", "mm", "1m", "-1mm", "0mm", "p90:40dB", "p0:1mm", "p100:1mm", "40dB,1mm"))
+def test_a_bound_that_says_nothing_is_named(text: str) -> None:
+    with pytest.raises(UnisimError, match=f'--max-error "{text}": must be a median depth error like 1mm'):
+        parse_bounds([text])
+
+
+def test_colours_in_lab_are_scikit_images() -> None:
+    """But for its white point, which has five digits."""
+    rgb = np.random.default_rng(0).random((1000, 3)).astype(np.float32)
+    rgb[:8] = [[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)]
+    rgb[8:200] *= 0.02
+    convert: Any = rgb2lab
+    assert np.abs(lab_from_srgb(rgb) - convert(rgb.astype(np.float64))).max() < 0.01
+
+
+def test_depths_that_one_alone_has_are_infinitely_wrong() -> None:
+    errors = depth_errors(np.array([1, 0, 2, 0], np.float32), np.array([1.5, 3, 0, 0], np.float32))
+    assert errors.tolist() == [500, np.inf, np.inf]
+
+
+@pytest.mark.parametrize("quantile", (0.5, 0.9, 0.99))
+@pytest.mark.parametrize("n", (1, 7, 512, 4096))
+def test_the_rank_is_the_binomials(n: int, quantile: float) -> None:
+    rank = quantile_rank(n, quantile)
+    assert rank > n or binom.sf(rank - 1, n, quantile) <= 0.002
+    assert binom.sf(rank - 2, n, quantile) > 0.002, "no smaller one would do"
+
+
+def test_a_quantiles_bound_holds_whatever_the_errors_are() -> None:
+    """Heavy tails, ties, and a fifth that is infinite."""
+    rng = np.random.default_rng(0)
+    everything = np.exp(rng.normal(0, 3, 20000))
+    everything[:3000], everything[3000:7000] = 1.0, np.inf
+    for quantile in (0.5, 0.75):
+        true = np.quantile(everything, quantile, method="inverted_cdf")
+        checks = [quantile_check(Bound("mm", 1.0, quantile), rng.choice(everything, 256, False)) for _ in range(2000)]
+        assert np.mean([check.most < true for check in checks]) <= 0.005
+        assert np.mean([check.estimate < true for check in checks]) > 0.3, "it is the margin that does it"
+    assert quantile_check(Bound("mm", 1.0, 0.9), everything[:20]).most == math.inf, "too few say nothing of a tail"
+    assert quantile_check(Bound("mm", 1.0), np.zeros(0)).kept
+
+
+def test_units_are_drawn_in_proportion_and_all_over() -> None:
+    rng = np.random.default_rng(0)
+    weights = np.array([1.0, 0.0, 3.0, 2.0, 0.0])
+    counts = np.bincount(drawn(weights, 6000, rng), minlength=5)
+    assert counts.tolist() == [1000, 0, 3000, 2000, 0]
+    assert np.diff(np.sort(drawn(np.ones(1000), 100, rng))).max() < 20
+
+
+def narrowed(drive: Drive, columns: int) -> Drive:
+    """A drive whose sweeps have so many columns."""
+    lidars = {
+        name: dataclasses.replace(lidar, model=dataclasses.replace(lidar.model, columns=columns), blocked=None)
+        for name, lidar in drive.lidars.items()
+        if lidar.model.beams
+    }
+    return dataclasses.replace(drive, lidars=lidars)
+
+
+def whole(frame: CameraFrame | LidarFrame, truth: CameraFrame | LidarFrame, bound: Bound) -> float:
+    """A whole frame's error."""
+    if isinstance(frame, LidarFrame) and isinstance(truth, LidarFrame):
+        errors = depth_errors(frame.depth_m, truth.depth_m)
+        return float(np.quantile(errors, bound.quantile, method="inverted_cdf"))
+    assert isinstance(frame, CameraFrame) and isinstance(truth, CameraFrame)
+    a, b = (np.clip(x.rgb.reshape(-1, 3), 0, 1).astype(np.float64) for x in (frame, truth))
+    return float(colour_errors(a, b)[bound.unit].mean())
+
+
+@pytest.fixture(scope="module")
+def street() -> Renderer:
+    header = read_scene_header(SAMPLE)
+    drive = narrowed(header.drive, 45)
+    return Renderer(make_tracer(SAMPLE, drive), drive)
+
+
+@needs_library
+def test_the_samples_rays_have_the_frames_bits(street: Renderer) -> None:
+    """Of a sweep's beams alone, and of a picture's pixels alone: so a sample is rendered as its frame is."""
+    rays, sweep = street.beams("pandar64", 9)[1].flat(), street.lidar("pandar64", 9)
+    some = np.random.default_rng(0).choice(len(rays.time_s), 300, False)
+    depth = street.rays_lidar(rays.origins[some], rays.directions[some], rays.time_s[some])[0]
+    assert np.array_equal(depth, sweep.depth_m.reshape(-1)[some])
+    patches = Patches(street, "front_camera", 96)
+    units = np.random.default_rng(1).choice(96 * 54, 300, False)
+    picture = street.camera("front_camera", 9, width=96)
+    found = patches.rendered(9, units, LADDER["balanced"])
+    assert np.array_equal(found, patches.shown(picture.rgb, units))
+
+
+@needs_library
+def test_the_sample_street_keeps_what_it_promises(street: Renderer) -> None:
+    """Every promise of a frame, held against the whole of it; what all settings keep is kept by the cheapest, and what none can
+    keep is said not to be."""
+    with at_quality(street, TRUTH):
+        truths = street.camera("front_camera", 13, width=64), street.lidar("pandar64", 13)
+    bounded = BoundedRenderer(street, ())
+    used = {}
+    for bound in parse_bounds(["20dB", "38dB", "90dB", "0.5dE", "500mm", "0.1mm", "p75:3mm", "0.00001mm"]):
+        of_depth = bound.unit == "mm"
+        bounded.of_depth, bounded.of_colour = ((bound,), ()) if of_depth else ((), (bound,))
+        found: CameraFrame | LidarFrame
+        found = bounded.lidar("pandar64", 13) if of_depth else bounded.camera("front_camera", 13, width=64)
+        assert found.promise is not None
+        assert found.promise.kept == (str(bound) not in ("90dB", "1e-05mm")), (bound, found.promise)
+        assert not found.promise.kept or whole(found, truths[of_depth], bound) <= bound.most, (bound, found.promise)
+        used[str(bound)] = found.promise.settings
+    assert used["20dB"] == used["500mm"] == "fast"
+    assert "fast" not in (used["38dB"], used["0.1mm"])
+    assert used["90dB"] == used["1e-05mm"] == list(LADDER)[-1]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_scenes_of_random_weights_keep_what_they_promise(seed: int, tmp_path: Path) -> None:
+    """Their decoder looks aside, so pictures are judged by patches."""
+    scene = saved(tmp_path / "scene", CONFIGS["tiny"], seed)
+    drive = drive_of([*CARS, MOVING])
+    renderer = Renderer(make_tracer(scene, drive), drive)
+    assert not renderer.alone
+    kept = 0
+    with at_quality(renderer, TRUTH):
+        truths = renderer.camera("front", 2), renderer.lidar("top", 2)
+    for bound in parse_bounds(["30dB", "3dE", "5mm", "100mm"]):
+        bounded = BoundedRenderer(renderer, [bound], seed)
+        of_depth = bound.unit == "mm"
+        found: CameraFrame | LidarFrame = bounded.lidar("top", 2) if of_depth else bounded.camera("front", 2)
+        assert found.promise is not None
+        if found.promise.kept:
+            kept += 1
+            assert whole(found, truths[of_depth], bound) <= bound.most, (bound, found.promise)
+        else:
+            assert found.promise.settings == list(LADDER)[-1]
+    assert kept, "a test of promises needs some"
+
+
+def test_sensors_without_a_bound_are_rendered_as_ever(street: Renderer) -> None:
+    bounded = BoundedRenderer(street, parse_bounds(["40dB"]))
+    sweep = bounded.lidar("pandar64", 3)
+    assert sweep.promise is None
+    assert np.array_equal(sweep.depth_m, street.lidar("pandar64", 3).depth_m)

@@ -1,0 +1,322 @@
+"""The rivals and what the method can do without: they learn, are kept, render and are edited, or say in a sentence why not."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from small_log import write_small_log
+from test_training import SMALL
+from torch import Tensor
+
+from unisim_blender.core.cli import run
+from unisim_blender.core.compiled.scene import CompiledScene
+from unisim_blender.core.errors import SceneError
+from unisim_blender.core.fields.checkpoint import load_scene
+from unisim_blender.core.fields.config import PRESETS, ModelConfig, SampleConfig, preset
+from unisim_blender.core.frames import CameraFrame
+from unisim_blender.core.log import Log
+from unisim_blender.core.logs import open_log
+from unisim_blender.core.prepare.renderers import compiled, environment, make_tracer
+from unisim_blender.core.render import Renderer
+from unisim_blender.core.torch_tracer import TorchTracer
+from unisim_blender.core.training.config import TrainConfig
+from unisim_blender.core.training.recipe import recipe
+from unisim_blender.core.training.run import CHECKPOINT, finish, save_checkpoint, train
+from unisim_blender.core.training.trainer import Trainer
+
+KINDS: dict[str, tuple[str, tuple[str, ...]]] = {
+    "ngp": ("tiny-ngp", ()),
+    "ngp without lidar": ("tiny-ngp", ("lidar",)),
+    "nsg": ("tiny-nsg", ()),
+    "no decoder": ("tiny", ("decoder",)),
+    "no actor prior": ("tiny", ("actor-prior",)),
+    "no refinement": ("tiny", ("tracklet-refinement",)),
+}
+"""Preset, and what it is without."""
+STEPS = 40
+
+
+@pytest.fixture(autouse=True, scope="module")
+def small_presets() -> None:
+    """The rivals with the sizes of ``tiny``."""
+    samples = SampleConfig(12, 8, 6, 4, 4, 2)
+    for name in ("ngp", "nsg"):
+        rival, tiny = preset(name), preset("tiny")
+        PRESETS[f"tiny-{name}"] = replace(
+            tiny, samples=samples, light="fixed", colour=rival.colour, density=rival.density, actors=rival.actors, upsample=1
+        )
+
+
+@pytest.fixture(scope="module")
+def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("rivals") / "log"
+    write_small_log(out)
+    return out
+
+
+@pytest.fixture(scope="module")
+def log(path: Path) -> Log:
+    return open_log(path)
+
+
+def config_of(kind: str) -> TrainConfig:
+    name, without = KINDS[kind]
+    fast = (2e-2, 2e-2)
+    return replace(
+        SMALL, preset=name, without=without, iterations=STEPS, patches=3, patch_cells=12, lidar_rays=128, rate_tables=fast,
+        rate_networks=fast,
+    )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Run:
+    """A training: its trainer, each step's figures, and what the learnt tensors were before."""
+
+    trainer: Trainer
+    figures: list[dict[str, float]]
+    before: dict[str, Tensor]
+
+
+def learnt(trainer: Trainer) -> dict[str, Tensor]:
+    return dict((*trainer.model.named_parameters(), *trainer.tracklets.named_parameters()))
+
+
+@pytest.fixture(scope="module")
+def runs(log: Log) -> dict[str, Run]:
+    found = {}
+    for kind in KINDS:
+        trainer = Trainer(log, config_of(kind))
+        before = {name: value.detach().clone() for name, value in learnt(trainer).items()}
+        found[kind] = Run(trainer, [trainer.step() for _ in range(STEPS)], before)
+    return found
+
+
+@pytest.fixture(scope="module")
+def trained(runs: dict[str, Run], tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """Each kind's scene."""
+    folder, found = tmp_path_factory.mktemp("rivals"), {}
+    for kind, made in runs.items():
+        found[kind] = folder / kind.replace(" ", "-")
+        found[kind].mkdir()
+        save_checkpoint(found[kind] / CHECKPOINT, made.trainer)
+        finish(made.trainer, found[kind])
+    return found
+
+
+def picture(scene_path: Path, frame: int = 1) -> CameraFrame:
+    scene = load_scene(scene_path)
+    renderer = Renderer(TorchTracer(scene, scene.header.drive), scene.header.drive)
+    return renderer.camera("front_camera", frame, ("rgb", "depth", "instance", "normal"))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_its_loss_falls(runs: dict[str, Run], kind: str) -> None:
+    figures = runs[kind].figures
+    first, last = (np.mean([f["rgb"] for f in part]) for part in (figures[:6], figures[-6:]))
+    assert last < 0.75 * first, (first, last)
+    assert ("depth" in figures[0]) == ("lidar" not in KINDS[kind][1])
+    if "depth" in figures[0]:
+        assert figures[-1]["depth"] < 0.75 * figures[0]["depth"]
+    ours = {"band", "eikonal", "flat", "free", "spread"}
+    assert ours <= figures[0].keys() if KINDS[kind][0] == "tiny" else not ours & figures[0].keys()
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_gradients_reach_what_they_must(runs: dict[str, Run], kind: str) -> None:
+    trainer, before = runs[kind].trainer, runs[kind].before
+    after = learnt(trainer)
+    changed = {name for name, value in after.items() if not torch.equal(value, before[name])}
+    still = {"log_beta"} if trainer.model.config.density == "volume" else set()
+    if trainer.model.config.actors == "none":
+        still |= {name for name in after if name.startswith("actors.")} | {"shift_m", "turn_6d"}
+    if not trainer.recipe.uses_lidar:
+        still |= {name for name in after if name.startswith("lidar_head")}
+    if not trainer.recipe.refines_tracklets:
+        still |= {"shift_m", "turn_6d"}
+    assert after.keys() - changed == still
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_saved_and_loaded_it_gives_the_same_picture(log: Log, runs: dict[str, Run], trained: dict[str, Path], kind: str) -> None:
+    scene = trained[kind]
+    header = load_scene(scene).header
+    method = KINDS[kind][0].removeprefix("tiny-").replace("tiny", "neural")
+    assert header.training["method"] == ModelConfig.from_dict(header.model).method == method
+    assert tuple(header.training["without"]) == KINDS[kind][1]
+    again = scene.with_name(f"{scene.name}-again")
+    again.mkdir()
+    (again / CHECKPOINT).write_bytes((scene / CHECKPOINT).read_bytes())
+    train(log, config_of(kind), again, resume=True, quiet=True)
+    assert (again / "weights.safetensors").read_bytes() == (scene / "weights.safetensors").read_bytes()
+    shown = picture(scene)
+    assert shown.rgb.shape == (32, 48, 3) and np.isfinite(shown.rgb).all() and 0 <= shown.rgb.min() and shown.rgb.max() <= 1
+    np.testing.assert_array_equal(picture(again).rgb, shown.rgb)
+    kept, model = load_scene(scene), runs[kind].trainer.model
+    assert kept.actor_tables.shape == (len(model.actor_ids), *model.actors.row)
+    assert not any(name.startswith(("actors.latents", "actors.own", "actors.hyper")) for name in kept.model.state_dict())
+
+
+@pytest.mark.parametrize("head", ("ray", "sample"))
+def test_what_nobody_saw_teaches_no_network_its_colours(log: Log, head: str) -> None:
+    """Whatever stands at the view direction's place: `Hidden` moves the tables of hidden places alone."""
+    PRESETS["tiny-head"] = replace(preset("tiny"), head=head)  # type: ignore[arg-type]
+    trainer = Trainer(log, replace(config_of("no decoder"), preset="tiny-head"))
+    assert trainer.model.config.colour == "sample" and trainer.model.config.head == head
+    loss = trainer.hidden.loss(torch.Generator().manual_seed(0))
+    colours, static = list(trainer.model.colour_head.parameters()), list(trainer.model.static.network.parameters())
+    assert all(parameter.requires_grad for parameter in colours), "and afterwards they learn again"
+    found = torch.autograd.grad(loss, [*colours, *static], allow_unused=True)
+    assert found == (None,) * len(found)
+
+
+def test_a_picture_is_the_colours_of_its_samples(trained: dict[str, Path]) -> None:
+    """Whatever stands before a ray, its pixel lies among the colours that samples and sky have."""
+    model = load_scene(trained["ngp"]).model
+    last = model.colour_head.network[-1]
+    assert isinstance(last, torch.nn.Linear)
+    with torch.no_grad():
+        last.weight.zero_()
+        last.bias.copy_(torch.logit(torch.tensor([0.25, 0.5, 0.75])))
+    scene = load_scene(trained["ngp"])
+    scene.model.load_state_dict(model.state_dict())
+    rgb = Renderer(TorchTracer(scene, scene.header.drive), scene.header.drive).camera("front_camera", 1).rgb
+    np.testing.assert_allclose(rgb, np.broadcast_to([0.25, 0.5, 0.75], rgb.shape), atol=2e-3)
+
+
+def edited(scene: Path, log_path: Path, out: Path, edits: list[dict[str, object]]) -> Path:
+    document = {
+        "format": "unisim-scenario", "version": 1, "name": "edited", "log": str(log_path), "scene": str(scene), "edits": edits,
+    }  # fmt: skip
+    out.write_text(json.dumps(document))
+    return out
+
+
+def rendered(scenario: Path, out: Path, *more: str) -> bytes:
+    """The picture of frame 1."""
+    options = ["--out", str(out), "--frames", "1", "--sensors", "front_camera", "--jobs", "1", *more]
+    assert run(["render", str(scenario), *options]) == 0
+    return (out / "camera/front_camera/000001.png").read_bytes()
+
+
+def test_a_scene_graph_is_edited(
+    path: Path, trained: dict[str, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    as_it_was = rendered(edited(trained["nsg"], path, tmp_path / "a.json", []), tmp_path / "a")
+    removed: dict[str, object] = {"type": "remove", "actor": "car-1"}
+    copied: dict[str, object] = {"type": "duplicate", "actor": "car-1", "id": "new", "world_offset_m": [0.0, 4.0, 0.0]}
+    pictures = [as_it_was]
+    for number, edits in enumerate(([removed], [copied], [copied, removed])):
+        pictures.append(rendered(edited(trained["nsg"], path, tmp_path / f"{number}.json", edits), tmp_path / f"{number}"))
+    assert len(set(pictures)) == len(pictures), "every edit is seen"
+    assert "Warning" not in capsys.readouterr().err
+    assert "warnings" not in json.loads((tmp_path / "1/manifest.json").read_text())["inputs"]
+
+
+def test_one_field_says_that_it_has_no_actors(
+    path: Path, trained: dict[str, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    as_it_was = rendered(edited(trained["ngp"], path, tmp_path / "a.json", []), tmp_path / "a")
+    assert "Warning" not in capsys.readouterr().err
+    without_car = rendered(
+        edited(trained["ngp"], path, tmp_path / "b.json", [{"type": "remove", "actor": "car-1"}]), tmp_path / "b"
+    )
+    warning = "scene 'ngp' is one field without actors: edits of car-1 change labels, but no picture or sweep"
+    assert warning in capsys.readouterr().err and without_car == as_it_was
+    assert json.loads((tmp_path / "b/manifest.json").read_text())["inputs"]["warnings"] == [warning]
+    shift: dict[str, object] = {"type": "ego", "shift_left_m": 1.0}
+    assert rendered(edited(trained["ngp"], path, tmp_path / "c.json", [shift]), tmp_path / "c") != as_it_was
+    assert "Warning" not in capsys.readouterr().err
+    assert picture(trained["ngp"]).instance is not None and not picture(trained["ngp"]).instance.any()  # type: ignore[union-attr]
+
+
+def test_a_renderer_is_what_its_scene_was_trained_as(
+    path: Path, trained: dict[str, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scenario = edited(trained["nsg"], path, tmp_path / "a.json", [])
+    named = rendered(scenario, tmp_path / "named", "--renderer", "nsg")
+    assert named == rendered(scenario, tmp_path / "own")
+    for name in ("named", "own"):
+        assert json.loads((tmp_path / name / "manifest.json").read_text())["settings"]["renderer"] == "nsg"
+    capsys.readouterr()
+    assert run(["render", str(scenario), "--out", str(tmp_path / "other"), "--renderer", "ngp"]) != 0
+    assert 'was trained by the method "nsg", not by "ngp"' in capsys.readouterr().err
+
+
+def test_sweeps_without_lidar_are_warned_of(
+    path: Path, trained: dict[str, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scenario = edited(trained["ngp without lidar"], path, tmp_path / "a.json", [])
+    assert (
+        run(["render", str(scenario), "--out", str(tmp_path / "a"), "--frames", "1", "--sensors", "pandar64", "--jobs", "1"]) == 0
+    )
+    assert "the intensities and drops of its sweeps mean nothing" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_what_the_kernels_do_not_take_is_torchs(trained: dict[str, Path], kind: str) -> None:
+    taken = kind in ("no actor prior", "no refinement")
+    drive = load_scene(trained[kind]).header.drive
+    tracer = make_tracer(trained[kind], drive)
+    assert compiled("cpu", [trained[kind]]) == taken == ("kernels" in environment("cpu", [trained[kind]]))
+    assert isinstance(tracer, TorchTracer) != taken
+    if taken:
+        wanted, got = (
+            Renderer(t, drive).camera("front_camera", 1).rgb for t in (TorchTracer(load_scene(trained[kind]), drive), tracer)
+        )
+        assert np.abs(wanted - got).mean() < 0.02
+    else:
+        with pytest.raises(
+            SceneError, match=r"scene\.json: model: the compiled kernels do not take (density 'volume'|colour 'sample')"
+        ):
+            CompiledScene(trained[kind])
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    (
+        (("--preset", "ngp", "--without", "decoder"), "preset 'ngp' cannot do without 'decoder', for it has none"),
+        (("--preset", "nsg", "--without", "actor-prior"), "preset 'nsg' cannot do without 'actor-prior', for it has none"),
+        (("--preset", "tiny", "--without", "lidar"), "preset 'tiny' cannot do without 'lidar': it learns signed distances"),
+        (("--preset", "tiny", "--without", "wheels"), "there is no part 'wheels' to do without: there are decoder, actor-prior"),
+        (("--preset", "ngp", "--density", "unisim"), "preset 'ngp' does not take a density 'unisim': it is another method's"),
+        (("--preset", "nsg", "--adversarial"), "preset 'nsg' does not take an adversarial loss: it is another method's"),
+    ),
+)
+def test_what_does_not_go_together_is_said(
+    path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], options: tuple[str, ...], message: str
+) -> None:
+    assert run(["train", str(path), "--out", str(tmp_path / "scene"), "--iterations", "1", "--quiet", *options]) == 1
+    assert message in capsys.readouterr().err and not (tmp_path / "scene").exists()
+
+
+def test_a_density_is_the_command_lines(path: Path, tmp_path: Path) -> None:
+    options = ["--preset", "tiny", "--density", "unisim", "--without", "decoder, actor-prior", "--iterations", "1", "--quiet"]
+    assert run(["train", str(path), "--out", str(tmp_path / "scene"), *options]) == 0
+    document = json.loads((tmp_path / "scene/scene.json").read_text())
+    model, training = document["model"], document["training"]
+    assert (model["density"], model["colour"], model["actors"]) == ("unisim", "sample", "tables")
+    assert training["without"] == ["decoder", "actor-prior"] and training["method"] == "neural"
+
+
+def test_the_presets_own_recipes() -> None:
+    def of(name: str, **more: object) -> tuple[object, ...]:
+        made = recipe(replace(SMALL, preset=name, **more))  # type: ignore[arg-type]
+        w = made.weights
+        return made.model.method, made.refines_tracklets, made.mirrored > 0, w.lidar_depth > 0, w.eikonal > 0, w.lidar_free > 0
+
+    assert of("small") == ("neural", True, True, True, True, True)
+    assert of("small", without=("actor-prior", "tracklet-refinement")) == ("neural", False, False, True, True, True)
+    assert of("ngp") == ("ngp", False, False, True, False, False)
+    assert of("nsg") == ("nsg", False, False, True, False, False)
+    assert of("nsg", without=("lidar",)) == ("nsg", False, False, False, False, False)
+
+
+def test_a_broken_configuration_is_refused() -> None:
+    values = replace(preset("ngp"), upsample=2).to_dict()
+    with pytest.raises(SceneError, match=r"model\.upsample is 2 .* samples that have colours make one pixel"):
+        ModelConfig.from_dict(values)

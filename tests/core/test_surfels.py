@@ -1,0 +1,253 @@
+"""Renderers that need no trained scene, on a street whose exact images and sweeps are known."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Generator, Iterator
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from PIL import Image
+
+from unisim_blender.core import native
+from unisim_blender.core.cli import run
+from unisim_blender.core.drive import Drive
+from unisim_blender.core.edits import apply_scenario
+from unisim_blender.core.errors import LogError, SceneError
+from unisim_blender.core.evaluate.metrics import psnr
+from unisim_blender.core.frames import CameraFrame
+from unisim_blender.core.log import Log
+from unisim_blender.core.logs import open_log
+from unisim_blender.core.prepare.renderers import UNTRAINED, untrained_tracer
+from unisim_blender.core.render import Region, Renderer
+from unisim_blender.core.scenario import scenario_from_json
+from unisim_blender.core.street.street import Street, build_street, load_street
+from unisim_blender.core.street.truth import truth_camera, truth_lidar
+from unisim_blender.core.street.write import write_log
+from unisim_blender.core.surfels.build import Step, build_surfels, finished
+from unisim_blender.core.surfels.cache import cache_folder, surfels_of
+from unisim_blender.core.surfels.model import LIDARSIM, SurfelScene
+from unisim_blender.core.surfels.tracer import SurfelTracer
+from unisim_blender.core.worker.jobs import Jobs
+
+pytestmark = pytest.mark.skipif(native.library() is None, reason="surfels are made by the compiled kernels")
+CAMERA, LIDAR, FRAME = "front_camera", "pandar64", 3
+SOURCES = (0, 2, 4, 6)
+"""Frames that surfels are made of; `FRAME` is held out."""
+
+
+@pytest.fixture(scope="module")
+def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("street") / "log"
+    write_log(build_street(seed=3, frames=7, width=192, height=108, cameras=(CAMERA,)), out, jobs=1, progress=False)
+    return out
+
+
+@pytest.fixture(scope="module", autouse=True)
+def cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    folder = tmp_path_factory.mktemp("cache")
+    before = os.environ.get("UNISIM_CACHE")
+    os.environ["UNISIM_CACHE"] = str(folder)
+    yield folder
+    del os.environ["UNISIM_CACHE"]
+    if before is not None:
+        os.environ["UNISIM_CACHE"] = before
+
+
+@pytest.fixture(scope="module")
+def log(path: Path) -> Log:
+    return open_log(path)
+
+
+@pytest.fixture(scope="module")
+def street(path: Path) -> Street:
+    return load_street(path)
+
+
+@pytest.fixture(scope="module")
+def scenes(log: Log) -> dict[str, SurfelScene]:
+    return {name: finished(surfels_of(log, settings, SOURCES)) for name, settings in UNTRAINED.items()}
+
+
+def renderer(name: str, scenes: dict[str, SurfelScene], log: Log, drive: Drive | None = None) -> Renderer:
+    drive = log.drive if drive is None else drive
+    return Renderer(untrained_tracer(name, scenes[name], drive, log, SOURCES), drive)
+
+
+def edited(log: Log, *edits: dict[str, Any]) -> Drive:
+    document = {"format": "unisim-scenario", "version": 1, "name": "edited", "log": ".", "edits": list(edits)}
+    return apply_scenario(scenario_from_json(document, log.path / "scenario.json"), log.drive, lambda path: {})
+
+
+def seen_actor(log: Log, street: Street, moving: bool) -> str:
+    """The actor of that kind that the truth shows largest in the held-out frame."""
+    truth = truth_camera(street, street.drive, CAMERA, FRAME, samples=1)
+    assert truth.instance is not None
+    counts = np.bincount(truth.instance.reshape(-1), minlength=len(truth.instances) + 1)[1:]
+    kinds = [log.drive.actors[uid].is_moving == moving for uid in truth.instances]
+    return truth.instances[int(np.argmax(np.where(kinds, counts, 0)))]
+
+
+def shows(frame: CameraFrame, uid: str) -> NDArray[np.bool_]:
+    assert frame.instance is not None
+    return frame.instance == frame.instances.index(uid) + 1 if uid in frame.instances else np.zeros(frame.instance.shape, bool)
+
+
+@pytest.mark.parametrize("name", list(UNTRAINED))
+def test_a_held_out_sweep_is_near_the_truth(name: str, scenes: dict[str, SurfelScene], log: Log, street: Street) -> None:
+    truth = truth_lidar(street, street.drive, LIDAR, FRAME)
+    sweep = renderer(name, scenes, log).lidar(LIDAR, FRAME)
+    both = truth.returned & sweep.returned
+    error = np.abs(truth.depth_m - sweep.depth_m)[both]
+    assert both.sum() > 0.85 * truth.returned.sum()
+    assert np.median(error) < 0.03
+    named = np.array([0, *(sorted(log.drive.actors).index(uid) + 1 for uid in truth.instances)])
+    own = np.array([0, *(sorted(log.drive.actors).index(uid) + 1 for uid in sweep.instances)])
+    assert (named[truth.instance[both]] == own[sweep.instance[both]]).mean() > 0.97
+    assert np.corrcoef(truth.intensity[both], sweep.intensity[both])[0, 1] > 0.7
+
+
+@pytest.mark.parametrize(("name", "least"), [("surfel", 20.0), ("warp", 21.0)])
+def test_a_held_out_image_is_near_the_truth(
+    name: str, least: float, scenes: dict[str, SurfelScene], log: Log, street: Street
+) -> None:
+    truth = truth_camera(street, street.drive, CAMERA, FRAME)
+    passes = ("rgb", "depth", "normal", "instance", "opacity", "support")
+    frame = renderer(name, scenes, log).camera(CAMERA, FRAME, passes)
+    assert psnr(frame.rgb, truth.rgb) > least
+    assert frame.depth_m is not None and truth.depth_m is not None and frame.normal is not None and truth.normal is not None
+    both = np.isfinite(frame.depth_m) & np.isfinite(truth.depth_m) & (truth.depth_m < 40)
+    assert both.sum() > 0.5 * (truth.depth_m < 40).sum(), "four sweeps leave out much of the walls"
+    assert np.median(np.abs(frame.depth_m[both] - truth.depth_m[both])) < 0.1
+    cosine = (frame.normal * truth.normal).sum(-1)[both]
+    assert np.median(cosine) > 0.98
+    assert frame.unsupported is not None and frame.opacity is not None
+    assert frame.unsupported.mean() < 0.4 and set(np.unique(frame.opacity)) <= {0.0, 1.0}
+
+
+@pytest.mark.parametrize("name", list(UNTRAINED))
+def test_a_region_has_the_pixels_of_the_whole(name: str, scenes: dict[str, SurfelScene], log: Log) -> None:
+    one = renderer(name, scenes, log)
+    whole, part = one.camera(CAMERA, FRAME), one.camera(CAMERA, FRAME, region=Region(40, 20, 100, 80))
+    np.testing.assert_array_equal(part.rgb, whole.rgb[20:80, 40:100])
+
+
+@pytest.mark.parametrize("name", list(UNTRAINED))
+def test_a_removed_actor_is_gone(name: str, scenes: dict[str, SurfelScene], log: Log, street: Street) -> None:
+    uid = seen_actor(log, street, moving=True)
+    edit = {"type": "remove", "actor": uid}
+    before = renderer(name, scenes, log).camera(CAMERA, FRAME, ("rgb", "depth", "instance"))
+    where = shows(before, uid)
+    after = renderer(name, scenes, log, edited(log, edit)).camera(CAMERA, FRAME, ("rgb", "depth", "instance"))
+    assert where.sum() > 30 and uid not in after.instances
+    truth = truth_camera(street, apply_street(street, log, edit), CAMERA, FRAME)
+    away, stays = (np.abs(picture.rgb - truth.rgb)[where].mean() for picture in (after, before))
+    assert away < 0.9 * stays
+    depth, behind = after.depth_m, before.depth_m
+    assert depth is not None and behind is not None
+    assert np.median(depth[where]) > np.median(behind[where]) + 3.0, "what is behind is farther away"
+
+
+def apply_street(street: Street, log: Log, *edits: dict[str, Any]) -> Drive:
+    document = {"format": "unisim-scenario", "version": 1, "name": "edited", "log": ".", "edits": list(edits)}
+    return apply_scenario(scenario_from_json(document, log.path / "scenario.json"), street.drive, lambda path: {})
+
+
+@pytest.mark.parametrize("name", list(UNTRAINED))
+def test_a_copy_stands_where_it_was_put(name: str, scenes: dict[str, SurfelScene], log: Log, street: Street) -> None:
+    uid = seen_actor(log, street, moving=True)
+    edit = {"type": "duplicate", "actor": uid, "id": "twin", "offset_m": [1.0, 3.5, 0.0]}
+    frame = renderer(name, scenes, log, edited(log, edit)).camera(CAMERA, FRAME, ("rgb", "depth", "instance"))
+    truth = truth_camera(street, apply_street(street, log, edit), CAMERA, FRAME)
+    ours, theirs = shows(frame, "twin"), shows(truth, "twin")
+    assert theirs.sum() > 30
+    assert (ours & theirs).sum() > 0.4 * (ours | theirs).sum(), "seen from one side, in four sweeps"
+    assert frame.depth_m is not None and truth.depth_m is not None
+    assert np.median(np.abs(frame.depth_m[ours & theirs] - truth.depth_m[ours & theirs])) < 0.2
+    sweep = renderer(name, scenes, log, edited(log, edit)).lidar(LIDAR, FRAME)
+    assert (sweep.returned & (sweep.instance == sweep.instances.index("twin") + 1)).sum() > 5
+
+
+@pytest.mark.parametrize("name", list(UNTRAINED))
+def test_a_vehicle_aside_sees_the_street_from_there(name: str, scenes: dict[str, SurfelScene], log: Log, street: Street) -> None:
+    edit = {"type": "ego", "shift_left_m": 1.5}
+    frame = renderer(name, scenes, log, edited(log, edit)).camera(CAMERA, FRAME, ("rgb", "depth"))
+    truth = truth_camera(street, apply_street(street, log, edit), CAMERA, FRAME)
+    assert frame.depth_m is not None and truth.depth_m is not None
+    near = np.isfinite(frame.depth_m) & (truth.depth_m < 30)
+    assert np.median(np.abs(frame.depth_m[near] - truth.depth_m[near])) < 0.1
+    assert psnr(frame.rgb, truth.rgb) > 17.0
+
+
+def test_surfels_are_kept_until_their_folder_goes(log: Log, scenes: dict[str, SurfelScene]) -> None:
+    again = list(surfels_of(log, LIDARSIM, SOURCES))
+    assert len(again) == 1 and isinstance(again[0], SurfelScene)
+    np.testing.assert_array_equal(again[0].static.vertices, scenes["surfel"].static.vertices)
+    for folder in (cache_folder() / "surfels").iterdir():
+        (folder / "surfels.json").unlink()
+    steps = surfels_of(log, LIDARSIM, SOURCES)
+    assert isinstance(next(steps), Step), "what is not whole is made again"
+
+
+def test_the_worker_renders_a_log_without_a_scene(path: Path, tmp_path: Path) -> None:
+    log = open_log(path)
+    camera = log.drive.cameras[CAMERA]
+    model = {**vars(camera.model.resized(48)), "shutter": vars(camera.model.shutter)}
+    document = {"format": "unisim-scenario", "version": 1, "name": "x", "log": str(path), "edits": []}
+    request = {"scenario": document, "path": str(tmp_path / "x.json"), "camera": CAMERA, "time_s": 0.3, "model": model}
+    jobs = Jobs(tmp_path)
+    first = cast(Generator[dict[str, Any], None, None], jobs.camera(request))
+    told = [next(first) for _ in range(4)]
+    assert all(event["event"] == "progress" for event in told)
+    first.close()  # not wanted any more
+    events = list(jobs.camera(request))
+    progress = [event["share"] for event in events if event["event"] == "progress"]
+    assert progress[0] > told[-1]["share"], "what was made before stays"
+    assert events[-1]["event"] == "arrays" and (tmp_path / events[-1]["file"]).stat().st_size > 0
+    assert [event["event"] for event in jobs.camera(request)] == ["arrays"], "made once"
+
+
+@pytest.mark.parametrize("name", [None, "warp"])
+def test_the_command_line_renders_a_log(name: str | None, path: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    arguments = ["--renderer", name] if name else []
+    options = ["--frames", "3", "--passes", "rgb,depth,instance", "--jobs", "1", "--sources", "::2"]
+    assert run(["render", str(path), "--out", str(out), *options, *arguments]) == 0
+    manifest = json.loads((out / "manifest.json").read_bytes())
+    assert manifest["settings"]["renderer"] == (name or "surfel")
+    assert np.asarray(Image.open(out / "camera" / CAMERA / "000003.png")).std() > 20
+    with np.load(out / "lidar" / LIDAR / "000003.npz") as sweep:
+        assert len(sweep["x"]) > 1000
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--renderer", "neural"], "names no trained scene"),
+        (["--sources", "90:95"], "selects none of the frames"),
+        (["--renderer", "warp", "--sensors", "nobody"], "is not one of"),
+    ],
+)
+def test_what_cannot_be_rendered_is_a_sentence(
+    arguments: list[str], words: str, path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(["render", str(path), "--out", str(tmp_path / "out"), *arguments]) == 1
+    assert words in capsys.readouterr().err
+
+
+def test_a_log_without_sweeps_is_a_sentence(log: Log) -> None:
+    with pytest.raises(LogError, match="no LiDAR sweep"):
+        next(build_surfels(log, LIDARSIM, frames=()))
+
+
+def test_an_actor_of_another_scene_is_a_sentence(log: Log, scenes: dict[str, SurfelScene]) -> None:
+    from dataclasses import replace
+
+    uid, actor = next(iter(log.drive.actors.items()))
+    drive = replace(log.drive, actors={uid: replace(actor, look=replace(actor.look, scene="/elsewhere"))})
+    with pytest.raises(SceneError, match="/elsewhere"):
+        SurfelTracer(scenes["surfel"], drive, log.drive)

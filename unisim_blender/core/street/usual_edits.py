@@ -1,0 +1,86 @@
+"""The edits that simulators are usually asked for, of any street, and the frames in which their truth can be looked at."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..drive import Actor, Drive
+from ..files import write_file
+from ..geometry import points_in_box
+from .layout import PARKED_Y
+from .street import Street
+
+FOLDER = "scenarios"
+SHIFTS_M = (0.5, 2.0, 3.0)
+_AHEAD_M = (12.0, 30.0)
+"""Where, before the drive's start, a parked car is well seen."""
+_COMMON_M = 4.6
+"""A usual car's length."""
+_ROOM_M = 0.3
+"""A camera this near to a box stands in it."""
+
+
+def write_scenarios(street: Street, out: Path) -> tuple[Path, ...]:
+    """Write the usual edits of the street whose log is at ``out`` as scenarios beside it; their paths."""
+    paths = []
+    for name, edits in usual_edits(street).items():
+        document = {"format": "unisim-scenario", "version": 1, "name": name, "log": "..", "edits": edits}
+        path = out / FOLDER / f"{name}.json"
+        write_file(path, (json.dumps(document, indent=1) + "\n").encode())
+        paths.append(path)
+    return tuple(paths)
+
+
+def usual_edits(street: Street) -> dict[str, list[dict[str, Any]]]:
+    """Edits by name: a car removed, one inserted, cones copied, a car retimed, and the vehicle moved to the left."""
+    actors = street.drive.actors
+    # the left row: the right one has the works' cones and skip
+    parked = {uid: actor for uid, actor in actors.items() if uid.startswith("car-") and _parked_left(street, actor)}
+    x = {uid: float(actor.world_from_actor.positions[0, 0]) for uid, actor in parked.items()}
+    removed = min(x, key=lambda uid: abs(x[uid] - sum(_AHEAD_M) / 2))
+    places = np.arange(_AHEAD_M[0], 2 * _AHEAD_M[1], 0.5)
+    place = float(places[np.abs(places[:, None] - np.array(list(x.values()))).min(1).argmax()])
+    look = min(x, key=lambda uid: abs(float(actors[uid].size_m[0]) - _COMMON_M))
+    position = [place, PARKED_Y - float(street.drive.world_origin[1]), float(actors[look].size_m[2]) / 2]
+    oncoming = next(uid for uid in sorted(actors) if actors[uid].is_moving and actors[uid].world_from_actor.poses[0, 0, 0] < 0)
+    cone = {"type": "duplicate", "actor": "cone-3"}
+    shifts = {f"shift-{m:g}m": [{"type": "ego", "shift": [{"frame": 0, "left_m": m}]}] for m in SHIFTS_M}
+    return {
+        "removal": [{"type": "remove", "actor": removed}],
+        "insertion": [{"type": "insert", "actor": look, "id": "inserted", "pose": {"position": position, "yaw_deg": 180.0}}],
+        "cones": [
+            {**cone, "id": "cone-a", "world_offset_m": [-1.5, 1.2, 0.0]},
+            {**cone, "id": "cone-b", "world_offset_m": [1.5, 1.0, 0.0]},
+        ],
+        "retiming": [{"type": "retime", "actor": oncoming, "offset_s": 0.6, "outside": "continue"}],
+        **shifts,
+    }
+
+
+def spread_frames(drive: Drive, count: int) -> tuple[int, ...]:
+    """``count`` of the odd frames, which are not trained on where even ones are, evenly spread; those left out in which a camera
+    stands in an actor, as one that is moved aside may."""
+    free = [frame for frame in drive.frames if not _in_actor(drive, frame)] or list(drive.frames)
+    odd = [frame for frame in free if frame % 2] or free
+    places = np.unique(np.rint(np.linspace(0, len(odd) - 1, max(1, min(count, len(odd))))).astype(int))
+    return tuple(odd[place] for place in places)
+
+
+def _in_actor(drive: Drive, frame: int) -> bool:
+    for camera in drive.cameras.values():
+        if frame in camera.time_s:
+            time = camera.time_s[frame]
+            place = camera.world_from_camera.at(time)[None, :3, 3]
+            for actor in drive.actors.values():
+                size = np.asarray(actor.size_m) + 2 * _ROOM_M
+                if actor.present(time) and points_in_box(place, actor.world_from_actor.at(time), size)[0]:
+                    return True
+    return False
+
+
+def _parked_left(street: Street, actor: Actor) -> bool:
+    return not actor.is_moving and float(actor.world_from_actor.positions[0, 1] + street.drive.world_origin[1]) > 0

@@ -1,0 +1,94 @@
+"""Surfels on disk, made once of each log: a folder that may be deleted at any time."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import shutil
+import sys
+import tempfile
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict
+from pathlib import Path
+
+from ..errors import OutputError
+from ..files import sha256_of_file
+from ..log import Log
+from .build import Step, build_surfels
+from .model import FORMAT_VERSION, SurfelScene, SurfelSettings, load_surfels, save_surfels
+
+CACHE_VARIABLE = "UNISIM_CACHE"
+
+
+def cache_folder() -> Path:
+    """Where what can be made again is kept: what UNISIM_CACHE names, or unisim/ in the system's folder for such things."""
+    if named := os.environ.get(CACHE_VARIABLE):
+        return Path(named)
+    if sys.platform == "win32":
+        base = Path(os.environ.get("LOCALAPPDATA") or Path.home() / "AppData" / "Local")
+    elif sys.platform == "darwin":
+        base = Path.home() / "Library" / "Caches"
+    else:
+        base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    return base / "unisim"
+
+
+def surfels_of(log: Log, settings: SurfelSettings, frames: Sequence[int] | None = None) -> Iterator[Step | SurfelScene]:
+    """Steps of the build, none where the surfels are kept already, and at last the scene, mapped from disk.
+
+    Raises `LogError`, and `OutputError` where the folder cannot be written.
+    """
+    folder = cache_folder() / "surfels" / build_key(log, settings, frames)
+    if (kept := _kept(folder)) is not None:
+        yield kept
+        return
+    for step in build_surfels(log, settings, frames):
+        if not isinstance(step, SurfelScene):
+            yield step
+            continue
+        yield Step("Writing surfels", 0.99)
+        try:
+            folder.parent.mkdir(parents=True, exist_ok=True)
+            temporary = Path(tempfile.mkdtemp(prefix=".making-", dir=folder.parent))
+            try:
+                save_surfels(step, temporary)
+                # of two that made the same, the first stays
+                if _kept(folder) is None:
+                    shutil.rmtree(folder, ignore_errors=True)
+                    temporary.rename(folder)
+            finally:
+                shutil.rmtree(temporary, ignore_errors=True)
+        except OSError as fault:
+            raise OutputError(
+                f"{folder}: surfels cannot be kept there: {fault.strerror or fault}; {CACHE_VARIABLE} names another folder"
+            ) from fault
+        kept = _kept(folder)
+        yield step if kept is None else kept
+
+
+def _kept(folder: Path) -> SurfelScene | None:
+    try:
+        return load_surfels(folder)
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+
+
+def build_key(log: Log, settings: SurfelSettings, frames: Sequence[int] | None) -> str:
+    """A digest of all that surfels depend on."""
+    document = {
+        "version": FORMAT_VERSION,
+        "log": log_digest(log.path),
+        "settings": asdict(settings),
+        "frames": None if frames is None else sorted(frames),
+    }
+    return hashlib.sha256(json.dumps(document, sort_keys=True).encode()).hexdigest()[:32]
+
+
+def log_digest(path: Path) -> str:
+    """One digest of a log's files: names and sizes of all, what is in the small ones. It is the same wherever the log lies."""
+    digest = hashlib.sha256()
+    for file in sorted(p for p in path.rglob("*") if p.is_file()):
+        content = sha256_of_file(file) if file.suffix == ".json" else ""
+        digest.update(f"{file.relative_to(path).as_posix()}\0{file.stat().st_size}\0{content}\n".encode())
+    return digest.hexdigest()

@@ -1,0 +1,163 @@
+"""Rays traced through a drive of surfels: a `tracer.Tracer` that needs no trained scene."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..cast import gather_cast
+from ..drive import Box, Drive
+from ..errors import SceneError
+from ..frames import RenderStats
+from ..geometry import BoolArray, FloatArray, invert_pose, points_in_box, transform_points
+from ..meshes.meeting import Met
+from ..quality import quality_named
+from ..sensors.rays import Rays
+from ..tracer import NEAR_M, Array, Found, Maps
+from .cloud import MARGIN_M
+from .colours import dome_cell, dome_colours
+from .model import SurfelScene, SurfelSet
+from .stage import NOBODY, Meeting, Stage
+
+CHUNK_RAYS = 1 << 18
+"""So many at a time: between two chunks Python can be interrupted."""
+
+
+class SurfelTracer:
+    """Surfels of a recorded drive and an edited drive's cast. ``recorded`` is the drive that the surfels were made of. Raises
+    `SceneError` where the edited one has actors that the log does not hold."""
+
+    upsample = 1
+    reach = 0
+    trained_width: int | None = None
+
+    def __init__(self, scene: SurfelScene, drive: Drive, recorded: Drive, quality: str = "balanced") -> None:
+        for actor in drive.actors.values():
+            if actor.look.scene:
+                raise SceneError(
+                    f"actor {actor.uid!r} comes from another scene, {actor.look.scene}: without a trained scene a log's own "
+                    "actors alone can be rendered, and meshes"
+                )
+        self.scene, self.recorded = scene, recorded
+        self.cast = gather_cast(drive, recorded, {"": tuple(scene.actors)})
+        self.quality = quality_named(quality)
+        static, centres = scene.static, scene.static.centres
+        upright = scene.upright if self.cast.removals or self.cast.sources else np.zeros(0, bool)
+        gone = np.zeros(len(static), bool)
+        for box in self.cast.removals:
+            gone |= upright & _inside(centres, box)
+        copies = [
+            (target, self._copied(upright, centres, box))
+            for target, box in zip(self.cast.targets, self.cast.sources, strict=True)
+        ]
+        own = [(actor, scene.actors[actor.look.actor]) for actor in self.cast.own.actors]
+        self.stage = Stage(static.without(gone), [*own, *copies])
+
+    def trace(self, rays: Rays, passes: set[str], sky: bool, met: Met | None, stats: RenderStats) -> Found:
+        """See `tracer.Tracer`. A camera's feature is its colour; a LiDAR's is intensity and the probability of a return."""
+        flat = rays.flat().sound()
+        n = len(flat.time_s)
+        stats.rays += n
+        stats.samples_spent += n
+        pixel_rad = _pixel_rad(rays)
+        parts = []
+        for begin in range(0, n, CHUNK_RAYS):
+            part = slice(begin, begin + CHUNK_RAYS)
+            parts.append(self._part(Rays(flat.origins[part], flat.directions[part], flat.time_s[part]), passes, sky, pixel_rad))
+        feature, depth, maps = (
+            np.concatenate([part[0] for part in parts]),
+            np.concatenate([part[1] for part in parts]),
+            {name: np.concatenate([part[2][name] for part in parts]) for name in parts[0][2]},
+        )
+        found = Found(feature, np.where(np.isfinite(depth), depth, 0.0), np.isfinite(depth).astype(np.float32), {})
+        found.maps = {name: maps[name] for name in maps if name in passes}
+        if met is not None:
+            found.without_guests = feature
+            found.mesh_opacity = self._with_meshes(found.maps, depth, met)
+        return found
+
+    def image(self, found: Found, directions: FloatArray, camera_id: str, shape: tuple[int, ...]) -> Array:
+        """See `tracer.Tracer`."""
+        return np.asarray(found.feature.reshape(*shape, 3), np.float32)
+
+    def returns(self, found: Found, directions: FloatArray) -> tuple[Array, Array]:
+        """See `tracer.Tracer`."""
+        return found.feature[:, 0], found.feature[:, 1]
+
+    def heights(self, points: FloatArray) -> FloatArray:
+        """See `tracer.Tracer`."""
+        return np.asarray(points[:, 2] - self.scene.ground.at(points))
+
+    def _part(self, rays: Rays, passes: set[str], sky: bool, pixel_rad: float) -> tuple[Array, Array, Maps]:
+        met = self.stage.first(rays, NEAR_M)
+        hit = met.owner != NOBODY
+        needs_normal = "normal" in passes or not sky
+        normals = self.stage.normals(met, rays) if needs_normal else None
+        feature, unsupported = self.colours(rays, met, pixel_rad) if sky else (self._beams(rays, met, normals), ~hit)
+        own = len(self.cast.own.actors)
+        maps: Maps = {
+            "depth": met.t.astype(np.float32),
+            "instance": np.where((met.owner >= 0) & (met.owner < own), met.owner + 1, 0).astype(np.int32),
+            "opacity": hit.astype(np.float32),
+            "support": unsupported,
+        }
+        if normals is not None:
+            maps["normal"] = normals.astype(np.float32)
+        return feature, met.t.astype(np.float32), maps
+
+    def colours(self, rays: Rays, met: Meeting, pixel_rad: float) -> tuple[Array, BoolArray]:
+        """Colours (N, 3) in 0..1 of flat rays, ``pixel_rad`` apart, and what they met; where (N,) nothing recorded is
+        behind them."""
+        hit = met.owner != NOBODY
+        colours = self.stage.colours(met)
+        dome = self.scene.dome
+        colours[~hit] = dome_colours(dome, rays.directions[~hit])
+        known = self.stage.gathered(met, "seen", (), np.bool_) & self.stage.gathered(met, "painted", (), np.bool_)
+        known[~hit] = self.scene.dome_seen.reshape(-1)[dome_cell(rays.directions[~hit], dome.shape)]
+        return colours, ~known
+
+    def _beams(self, rays: Rays, met: Meeting, normals: FloatArray | None) -> Array:
+        assert normals is not None
+        hit = met.owner != NOBODY
+        intensity = self.stage.gathered(met, "intensity", (), np.float64)
+        cosine = np.abs(np.einsum("ni,ni->n", normals, rays.directions))
+        returned = self.scene.drops.probability(np.where(hit, met.t, 0.0), cosine, intensity)
+        return np.stack([intensity, np.where(hit, returned, 0.0)], -1).astype(np.float32)
+
+    def _with_meshes(self, maps: Maps, depth: Array, met: Met) -> NDArray[np.float32]:
+        """How much of each ray (N,) meshes stop: what they cover of those that meet nothing before. The passes show them where
+        that is the larger part."""
+        stopped = np.zeros(len(depth), np.float32)
+        front = met.t < depth[met.ray]
+        stopped[met.ray[front]] = met.share[front]
+        shown = front & (met.share > 0.5)
+        first = len(self.cast.uids) - len(self.cast.extras.uids)
+        values = {
+            "depth": met.t,
+            "normal": met.normals,
+            "instance": first + met.actor + 1,
+            "opacity": np.ones(len(met.ray)),
+            "support": np.zeros(len(met.ray), bool),
+        }
+        for name, array in maps.items():
+            array[met.ray[shown]] = values[name][shown]
+        return stopped
+
+    def _copied(self, upright: BoolArray, centres: FloatArray, box: Box) -> SurfelSet:
+        """What stands still above the ground in a box, in the box's axes."""
+        part = self.scene.static.of(upright & points_in_box(centres, box.world_from_box, box.size_m))
+        inward = invert_pose(box.world_from_box)
+        vertices = transform_points(inward, part.vertices.astype(np.float64)).astype(np.float32)
+        normals = (part.normals @ inward[:3, :3].T).astype(np.float32)
+        return SurfelSet(vertices, normals, part.intensity, part.colours, part.seen, part.painted)
+
+
+def _inside(points: FloatArray, box: Box) -> BoolArray:
+    return points_in_box(points, box.world_from_box, box.size_m + 2 * MARGIN_M)
+
+
+def _pixel_rad(rays: Rays) -> float:
+    """The largest angle between neighbours in a row of rays (h, w); 0 of others: as fine as there is."""
+    if rays.time_s.ndim < 2 or rays.time_s.shape[1] < 2:
+        return 0.0
+    return float(np.linalg.norm(np.diff(rays.directions, axis=1), axis=-1).max())

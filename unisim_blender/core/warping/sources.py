@@ -1,0 +1,126 @@
+"""Which recorded images a picture is warped from, and those images, read once."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from ..cast import on_stage
+from ..drive import Actor
+from ..geometry import FloatArray
+from ..log import Log
+from ..surfels.model import SurfelScene
+from ..surfels.stage import Stage
+from ..surfels.views import View, open_view
+
+NEAREST = 2
+SHIFT_FRAMES = (0, -4, 4, -8, -12)
+"""UniSim's supplementary, 2.1: two images for the recorded way; beside it every fourth from 12 frames before to 4 after."""
+ASIDE_M = 0.5
+"""So far from the way that a camera took a picture counts as beside it."""
+SECOND_M = 0.5
+"""A second's difference in time counts as so many metres: where the vehicle stands, what was seen last is nearest."""
+FACING = 0.2
+"""Cosine between a camera's axis and where rays go, from which on its images are looked at."""
+DEPTH_WIDTH = 640
+KEPT = 24
+"""Images that are held at once."""
+
+
+class Source(NamedTuple):
+    """A recorded image."""
+
+    camera: str
+    frame: int
+
+
+class Sources:
+    """A log's images of the ``frames`` that may be used, with the depths of a scene's surfels in them, for ``actors`` as they are
+    now: those that are elsewhere, or gone, hide what is behind their recorded boxes."""
+
+    def __init__(self, log: Log, scene: SurfelScene, frames: Sequence[int], actors: Iterable[Actor]) -> None:
+        self.log, self.drive = log, log.drive
+        allowed = set(frames)
+        self.frames = {name: [f for f in log.image_frames(name) if f in allowed] for name in self.drive.cameras}
+        self.poses = {}
+        for name, numbers in self.frames.items():
+            camera = self.drive.cameras[name]
+            if numbers:
+                times = np.array([camera.time_s[frame] for frame in numbers])
+                self.poses[name] = times, camera.world_from_camera.at(times)
+        self.recorded = {actor.uid: actor for actor in on_stage(self.drive, self.drive.actors.values())}
+        self.stage = Stage(scene.static, [(actor, scene.actors[uid]) for uid, actor in self.recorded.items()])
+        stay = {actor.uid for actor in actors if self.unedited(actor)}
+        self.elsewhere = [actor for uid, actor in self.recorded.items() if uid not in stay]
+        self._views: OrderedDict[tuple[str, int, int], View] = OrderedDict()
+
+    def view(self, source: Source, shrink: int) -> View:
+        """The image at one ``shrink``-th of its width. Raises `LogError`."""
+        key = *source, shrink
+        if key not in self._views:
+            width = max(1, self.drive.cameras[source.camera].model.width // shrink)
+            self._views[key] = open_view(self.log, *source, width, min(width, DEPTH_WIDTH), self.stage, self.elsewhere)
+            while len(self._views) > KEPT:
+                self._views.popitem(last=False)
+        self._views.move_to_end(key)
+        return self._views[key]
+
+    def shrink(self, camera: str, pixel_rad: float) -> int:
+        """How much smaller an image may be whose pixels are to show no less than ``pixel_rad``."""
+        return int(np.clip(self.drive.cameras[camera].model.fx * pixel_rad + 0.25, 1, 8))
+
+    def about(self, origin: FloatArray, direction: FloatArray, time_s: float) -> list[Source]:
+        """The images for rays from a place (3,) in about that direction (3,) at a time, the camera that faces it first."""
+        found: list[list[Source]] = []
+        for name in self._facing(direction):
+            times, poses = self.poses[name]
+            near = np.linalg.norm(poses[:, :3, 3] - origin, axis=1) + SECOND_M * np.abs(times - time_s)
+            order = np.argsort(near, kind="stable")
+            aside = poses[order[0], :3, :3].T @ (origin - poses[order[0], :3, 3])
+            numbers = self.frames[name]
+            chosen = [numbers[i] for i in order[:NEAREST]]
+            if np.hypot(aside[0], aside[1]) > ASIDE_M:
+                middle = numbers[int(order[0])]
+                chosen = [min(numbers, key=lambda frame: abs(frame - (middle + k))) for k in SHIFT_FRAMES]  # noqa: B023
+            found.append([Source(name, frame) for frame in dict.fromkeys(chosen)])
+        return [source for sources in found for source in sources]
+
+    def farther(self, origin: FloatArray, direction: FloatArray, time_s: float) -> list[Source]:
+        """More images, for what those show that lies behind something there."""
+        found = []
+        for name in self._facing(direction)[:1]:
+            times, poses = self.poses[name]
+            near = np.linalg.norm(poses[:, :3, 3] - origin, axis=1) + SECOND_M * np.abs(times - time_s)
+            middle = self.frames[name][int(near.argmin())]
+            wanted = [middle + k for k in (-4, 4, -8, 8, -16, 16, -32, 32)]
+            found += [Source(name, min(self.frames[name], key=lambda frame: abs(frame - k))) for k in wanted]  # noqa: B023
+        return list(dict.fromkeys(found))
+
+    def of_actor(self, uid: str, place: FloatArray, direction: FloatArray) -> list[Source]:
+        """The images that show an actor as it is seen from a place (3,) in its box, in a direction (3,) of the world."""
+        actor, found = self.recorded[uid], []
+        for name in self._facing(direction):
+            times, poses = self.poses[name]
+            there = actor.present(times)
+            inward = actor.world_from_actor.at(times)
+            local = np.einsum("nji,nj->ni", inward[:, :3, :3], poses[:, :3, 3] - inward[:, :3, 3])
+            ahead = np.einsum("nij,ni->nj", poses[:, :3, :3], inward[:, :3, 3] - poses[:, :3, 3])[:, 2] > 0
+            near = np.where(there & ahead, np.linalg.norm(local - place, axis=1), np.inf)
+            found += [(near[i], Source(name, self.frames[name][i])) for i in np.argsort(near, kind="stable")[:NEAREST]]
+        return [source for distance, source in sorted(found) if np.isfinite(distance)][:NEAREST]
+
+    def _facing(self, direction: FloatArray) -> list[str]:
+        """Cameras by how well they face a direction (3,)."""
+        facing = {name: float(poses[:, :3, 2].mean(0) @ direction) for name, (_, poses) in self.poses.items()}
+        return [name for name in sorted(facing, key=lambda n: (-facing[n], n)) if facing[name] > FACING]
+
+    def unedited(self, actor: Actor) -> bool:
+        """Whether an actor goes the way that was recorded."""
+        recorded = self.recorded.get(actor.uid)
+        if recorded is None or actor.look.actor != actor.uid:
+            return False
+        a, b = actor.world_from_actor, recorded.world_from_actor
+        return np.array_equal(a.times_s, b.times_s) and np.array_equal(a.positions, b.positions)
