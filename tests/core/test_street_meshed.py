@@ -203,7 +203,7 @@ def test_usual_edits_are_scenarios_of_any_street(tmp_path: Path) -> None:
         edits = usual_edits(build_street(seed=seed, frames=4))
         assert set(edits) == {"removal", "insertion", "cones", "retiming", "shift-0.5m", "shift-2m", "shift-3m"}
     street = build_street(seed=3, frames=4)
-    for path in write_scenarios(street, tmp_path):
+    for path in write_scenarios(street, tmp_path, tmp_path):
         assert load_scenario(path).log_path == tmp_path.resolve()
     assert spread_frames(street.drive, 8) == (1, 3) and spread_frames(street.drive, 1) == (1,)
     box_of = street.drive.actors["car-03"]

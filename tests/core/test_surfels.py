@@ -19,6 +19,7 @@ from unisim_blender.core.drive import Drive
 from unisim_blender.core.edits import apply_scenario
 from unisim_blender.core.errors import LogError, SceneError
 from unisim_blender.core.evaluate.metrics import psnr
+from unisim_blender.core.files import cache_folder
 from unisim_blender.core.frames import CameraFrame
 from unisim_blender.core.log import Log
 from unisim_blender.core.logs import open_log
@@ -29,7 +30,7 @@ from unisim_blender.core.street.street import Street, build_street, load_street
 from unisim_blender.core.street.truth import truth_camera, truth_lidar
 from unisim_blender.core.street.write import write_log
 from unisim_blender.core.surfels.build import Step, build_surfels, finished
-from unisim_blender.core.surfels.cache import cache_folder, surfels_of
+from unisim_blender.core.surfels.cache import surfels_of
 from unisim_blender.core.surfels.model import LIDARSIM, SurfelScene
 from unisim_blender.core.surfels.tracer import SurfelTracer
 from unisim_blender.core.worker.jobs import Jobs

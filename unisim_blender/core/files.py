@@ -54,9 +54,12 @@ def sha256_of_file(path: Path) -> str:
     return digest.hexdigest()
 
 
+CACHE_VARIABLE = "UNISIM_CACHE"
+
+
 def cache_folder() -> Path:
     """Where this user's files lie that can be made again at any time: UNISIM_CACHE, or the platform's own place."""
-    if chosen := os.environ.get("UNISIM_CACHE"):
+    if chosen := os.environ.get(CACHE_VARIABLE):
         return Path(chosen)
     if sys.platform == "win32":
         base = os.environ.get("LOCALAPPDATA") or Path.home() / "AppData" / "Local"

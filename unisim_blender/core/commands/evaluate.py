@@ -23,6 +23,9 @@ LEFT_TO_THE_FILE = ("by_sensor", "pixels", "chamfer_squared_m2", "depth_median_s
 @click.argument("paths", nargs=-1, metavar="SCENE LOG | SCENARIO...", type=click.Path(path_type=Path))
 @click.option("--out", required=True, type=click.Path(path_type=Path), help="Folder for metrics.json, index.html and pictures.")
 @click.option("--truth", metavar="STREET", type=click.Path(path_type=Path), help="Measure scenarios against this street's truth.")
+@click.option(
+    "--scene", type=click.Path(path_type=Path), help="With --truth: the trained scene, in place of those that scenarios name."
+)
 @click.option("--frames", metavar="START:STOP:STEP", help="Frames by number. [default: those that were not trained on]")
 @click.option("--cameras", metavar="A,B", help="Cameras by name. [default: those that were trained on]")
 @click.option("--width", type=click.IntRange(min=16), help="Width of the pictures. [default: the width that was trained at]")
@@ -42,6 +45,7 @@ def command(
     paths: tuple[Path, ...],
     out: Path,
     truth: Path | None,
+    scene: Path | None,
     frames: str | None,
     cameras: str | None,
     width: int | None,
@@ -60,16 +64,18 @@ def command(
 
         if not paths or split is not None:
             raise click.UsageError("--truth takes scenarios, and no --split")
-        figures = evaluate_scenarios(truth, paths, out, wishes, _progress)
+        figures = evaluate_scenarios(truth, paths, out, wishes, _progress, scene)
     else:
+        if scene is not None:
+            raise click.UsageError("--scene goes with --truth: without it, the scene is the first argument")
         if len(paths) != 2:
             raise click.UsageError("eval takes a trained scene and a log, or --truth STREET and scenarios")
-        scene, log = paths
+        trained, log = paths
         if split is None:
-            figures = evaluate_scene(scene, log, out, wishes, _progress)
+            figures = evaluate_scene(trained, log, out, wishes, _progress)
         else:
             wishes = EvaluationWishes(frames or HELD_OUT, split_names(cameras), width, quality, lpips_weights, device)
-            figures = evaluate_split(SPLITS[split], scene, log, out, wishes, _progress)
+            figures = evaluate_split(SPLITS[split], trained, log, out, wishes, _progress)
     for name, value in flat_figures(figures):
         if not any(part in LEFT_TO_THE_FILE for part in name.split(".")):
             click.echo(f"{name:45} {value}")

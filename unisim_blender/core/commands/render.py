@@ -57,6 +57,7 @@ MOST_JOBS = 8
     help="neural, ngp, nsg: a scene trained so; surfel: LiDAR returns as faces; warp: recorded images warped. [default: what the "
     "scene was trained as, or surfel where the scenario names no trained scene]",
 )
+@click.option("--scene", type=click.Path(path_type=Path), help="A trained scene, in place of the one that the scenario names.")
 @click.option("--sources", metavar="START:STOP:STEP", help="Frames that surfel and warp may look at. [default: all]")
 @click.option("--device", default="cpu", show_default=True, help="cpu, cuda, mps, or auto for the best there is.")
 def command(
@@ -74,6 +75,7 @@ def command(
     video: bool,
     draw: int | None,
     renderer: str | None,
+    scene: Path | None,
     sources: str | None,
     device: str,
 ) -> None:
@@ -83,7 +85,9 @@ def command(
     if quality and max_error:
         raise UnisimError(f"--quality {quality} and --max-error {max_error[0]}: give one of the two")
     device, bounds = pick_device(device), parse_bounds(max_error)
-    wishes = Wishes(frames, split_names(sensors), split_names(passes), width, quality, device, draw, bounds, renderer, sources)
+    wishes = Wishes(
+        frames, split_names(sensors), split_names(passes), width, quality, device, draw, bounds, renderer, sources, scene
+    )
     plan, prepared = plan_scenario(scenario, wishes)
     for sentence in plan.about.get("warnings", ()):
         click.echo(f"Warning: {sentence}", err=True)

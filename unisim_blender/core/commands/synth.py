@@ -65,7 +65,7 @@ def command(
     street = build_street(seed, frames, width, height, names, range_noise, engine, paths)
     write_log(street, out, jobs or os.cpu_count() or 1, progress=not quiet)
     if edits:
-        scenarios = (*scenarios, *write_scenarios(street, out))
+        scenarios = (*scenarios, *write_scenarios(street, out, out))
     truths = []
     for scenario in scenarios if engine == "cycles" else ():
         drive = prepare_scenario(scenario, refined=False).edited

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,18 +19,28 @@ from .pictures import Tile, difference_picture, outline, sheet, sweep_picture
 SWEEP_METRES_PER_PIXEL = 0.17
 
 
+class CameraRow(NamedTuple):
+    """One frame's pictures, side by side."""
+
+    recorded: Tile
+    replay: Tile
+    edited: Tile
+    truth: Tile
+    difference: Tile
+
+
 def camera_row(
     label: str, recorded: Picture | None, replay: Picture | None, edited: Picture, truth: Picture, region: BoolArray
-) -> list[Tile]:
+) -> CameraRow:
     """One frame's pictures (H, W, 3); the edited region (H, W) is outlined in the difference. What is None stays empty."""
     blank = np.zeros((*truth.shape[:2], 3), np.uint8)
-    return [
+    return CameraRow(
         Tile(f"{label}: recorded", blank if recorded is None else bytes_from_srgb(recorded)),
         Tile("replay", blank if replay is None else bytes_from_srgb(replay)),
         Tile("edited", bytes_from_srgb(edited)),
         Tile("truth of the edit", bytes_from_srgb(truth)),
         Tile("difference (white: 0.25)", outline(difference_picture(edited, truth), region)),
-    ]
+    )
 
 
 def sweep_tile(

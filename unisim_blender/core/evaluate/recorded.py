@@ -7,7 +7,7 @@ means over sweeps.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
@@ -64,7 +64,7 @@ class FramePictures:
     """One frame's pictures for the report, one row a sensor."""
 
     frame: int
-    rows: list[list[Tile]] = field(default_factory=list)
+    rows: list[Sequence[Tile]] = field(default_factory=list)
 
 
 def evaluate(

@@ -2,169 +2,185 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
 from ..drive import Drive
 from ..errors import ScenarioError
 from ..files import write_file
+from ..frames import LidarFrame
 from ..output.frame_files import json_bytes
 from ..prepare.renderers import SceneSource, scene_hash
-from ..prepare.scenario import PreparedScenario, prepare_scenario
+from ..prepare.scenario import prepare_scenario
 from ..prepare.scenario_plan import scenario_hash
 from ..prepare.selection import check_names, select_frames
-from ..prepare.street import street_of
-from ..render import Renderer
-from ..scene_file import SceneHeader, read_scene_header
+from ..scene_file import read_scene_header
 from ..sequence.plan import code_identity
-from ..street.edit_masks import edit_masks
-from ..street.path_tracer import Wanted, draw_truths
-from ..street.street import Street, load_street
-from ..street.true_pictures import lacks_pictures, true_picture
-from ..street.truth import truth_camera, truth_lidar
-from .contact_sheet import camera_row, sweep_tile, write_contact_sheet
+from .contact_sheet import CameraRow, camera_row, sweep_tile, write_contact_sheet
 from .metrics import Picture
 from .pictures import Tile
-from .recorded import FramePictures, finite
-from .recorded_runs import EvaluationWishes, Progress, trained_frames
+from .recorded import FramePictures, Perceptual, RayRenderer, finite
+from .recorded_runs import EvaluationWishes, Progress, perceptual_metric, trained_frames
 from .report import Report
-from .truth import EditRegions, lidar_figures_beside, picture_figures, summarise_truth
+from .true_edits import Part, TrueEdit, TruePictures
+from .truth import lidar_figures_beside, picture_figures, summarise_truth
 
 
-@dataclass
+class Truth(Protocol):
+    """What an edited drive is compared with: a `TrueEdit`, or one that keeps what it has worked out."""
+
+    def pictures(self, camera: str, frame: int) -> TruePictures:
+        """See `TrueEdit.pictures`."""
+        ...
+
+    def sweep(self, part: Part, lidar: str, frame: int) -> LidarFrame | None:
+        """See `TrueEdit.sweep`."""
+        ...
+
+    def drive(self, part: Part) -> Drive:
+        """See `TrueEdit.drive`."""
+        ...
+
+
+@dataclass(frozen=True)
 class ScenarioRun:
-    """One scenario opened twice: as its scene renders it, and with the log's own poses as the truth has it."""
+    """One scenario twice: as a renderer shows it, and as the truth has it. ``replay`` renders the recorded drive, to tell what
+    the edit costs; None where nobody asks. ``replay_sweeps`` says whether its sweeps are wanted, too."""
 
-    street: Street
-    street_path: Path
-    header: SceneHeader
-    rendered: PreparedScenario
-    true: PreparedScenario
-    edited: Renderer
-    replay: Renderer
+    truth: Truth
+    edited: RayRenderer
+    replay: RayRenderer | None
     width: int | None
     frames: tuple[int, ...]
     cameras: tuple[str, ...]
-    rows: list[list[Tile]] = field(default_factory=list)
+    perceptual: Perceptual | None = None
+    replay_sweeps: bool = True
 
 
 def evaluate_scenarios(
-    street_path: Path, scenarios: tuple[Path, ...], out: Path, wishes: EvaluationWishes, progress: Progress
+    street_path: Path,
+    scenarios: tuple[Path, ...],
+    out: Path,
+    wishes: EvaluationWishes,
+    progress: Progress,
+    scene: Path | None = None,
 ) -> dict[str, Any]:
     """Compare scenarios with the truth of their edits on the street at ``street_path``; the figures by scenario.
 
-    Several scenarios are written to folders of their names below ``out``. Raises `UnisimError`.
+    They are rendered with ``scene``, or each with the one that it names. Several scenarios are written to folders of their names
+    below ``out``. Raises `UnisimError`.
     """
     if len(scenarios) == 1:
-        return evaluate_scenario(street_path, scenarios[0], out, wishes, progress)
+        return evaluate_scenario(street_path, scenarios[0], out, wishes, progress, scene)
     figures = {}
     for path in scenarios:
-        figures[path.stem] = evaluate_scenario(street_path, path, out / path.stem, wishes, progress)
+        figures[path.stem] = evaluate_scenario(street_path, path, out / path.stem, wishes, progress, scene)
     write_file(out / "metrics.json", json_bytes(figures))
     Report(out, "Edits against the truth").finish(figures)
     return figures
 
 
 def evaluate_scenario(
-    street_path: Path, scenario: Path, out: Path, wishes: EvaluationWishes, progress: Progress
+    street_path: Path,
+    scenario: Path,
+    out: Path,
+    wishes: EvaluationWishes,
+    progress: Progress,
+    scene: Path | None = None,
 ) -> dict[str, Any]:
     """Compare one scenario with the truth of its edits and write ``out``; the figures without those of single frames."""
-    run = open_run(street_path, scenario, wishes)
-    if lacks_pictures(street_path, run.street, (run.true.edited, run.true.recorded), run.cameras, run.frames, run.width):
-        draw_truths(street_path, (Wanted(scenario, run.frames, run.cameras),), run.width, progress=True)
-    report = Report(out, f"{run.rendered.scenario.name} against the truth")
-    per_frame = []
-    for frame in progress(run.frames, run.rendered.scenario.name):
-        record, pictures = compare_frame(run, frame)
-        per_frame.append(record)
-        run.rows += pictures.rows
-        report.add(pictures)
-    figures = summarise_truth(per_frame)
-    about = {
-        "scenario": {"name": run.rendered.scenario.name, "sha256": scenario_hash(run.rendered.scenario)},
-        "scene": {"name": run.header.name, "sha256": scene_hash(run.header.path)},
-        "street": run.street.drive.name,
-        "code": code_identity(),
-        "quality": wishes.quality,
-        "width": run.width,
-        "frames": list(run.frames),
-        "trained_frames": list(trained_frames(run.header)),
-    }
-    write_file(out / "metrics.json", json_bytes({**about, **figures, "per_frame": finite(per_frame)}))
-    write_contact_sheet(out / "contact_sheet.png", run.rows)
-    report.finish(figures)
-    return figures
-
-
-def open_run(street_path: Path, scenario: Path, wishes: EvaluationWishes) -> ScenarioRun:
-    """Open all that a scenario's evaluation needs. Raises `UnisimError`."""
-    rendered, true = prepare_scenario(scenario), prepare_scenario(scenario, refined=False)
+    rendered, true = prepare_scenario(scenario, scene=scene), prepare_scenario(scenario, refined=False, scene=scene)
     if rendered.scene_path is None:
-        raise ScenarioError(f"{scenario}: scene: names no trained scene to render with")
+        raise ScenarioError(f"{scenario}: scene: names no trained scene to render with; give one with --scene")
     header = read_scene_header(rendered.scene_path)
+    name, width = rendered.scenario.name, wishes.width or header.training.get("width")
     drive = rendered.edited
     frames = drive.frames if wishes.frames is None else select_frames(wishes.frames, sorted(drive.time_s))
     cameras = wishes.cameras or tuple(drive.cameras)
     check_names("camera", cameras, drive.cameras)
-    return ScenarioRun(
-        street=street_of(load_street(street_path), true.edited),
-        street_path=street_path,
-        header=header,
-        rendered=rendered,
-        true=true,
-        edited=SceneSource(rendered.scene_path, drive, wishes.quality, wishes.device)(),
-        replay=SceneSource(rendered.scene_path, rendered.recorded, wishes.quality, wishes.device)(),
-        width=wishes.width or header.training.get("width"),
-        frames=frames,
-        cameras=cameras,
+    truth = TrueEdit.on(street_path, true, trained_frames(header), tuple(header.training.get("cameras", ())), width)
+    truth.draw(scenario, frames, cameras)
+    run = ScenarioRun(
+        truth,
+        SceneSource(rendered.scene_path, drive, wishes.quality, wishes.device)(),
+        SceneSource(rendered.scene_path, rendered.recorded, wishes.quality, wishes.device)(),
+        width,
+        frames,
+        cameras,
+        perceptual_metric(wishes.lpips_weights),
     )
+    report, per_frame, rows = Report(out, f"{name} against the truth"), [], []
+    for frame in progress(frames, name):
+        record, pictures = compare_frame(run, frame)
+        per_frame.append(record)
+        rows += pictures.rows
+        report.add(pictures)
+    figures = summarise_truth(per_frame)
+    about = {
+        "scenario": {"name": name, "sha256": scenario_hash(rendered.scenario)},
+        "scene": {"name": header.name, "sha256": scene_hash(header.path)},
+        "street": truth.street.drive.name,
+        "code": code_identity(),
+        "quality": wishes.quality,
+        "width": width,
+        "frames": list(frames),
+        "trained_frames": list(trained_frames(header)),
+    }
+    write_file(out / "metrics.json", json_bytes({**about, **figures, "per_frame": finite(per_frame)}))
+    write_contact_sheet(out / "contact_sheet.png", rows)
+    report.finish(figures)
+    return figures
 
 
 def compare_frame(run: ScenarioRun, frame: int) -> tuple[dict[str, Any], FramePictures]:
     """All sensors of one frame: figures, and a row of pictures each."""
     pictures = FramePictures(frame)
     record: dict[str, Any] = {"frame": frame, "camera": {}, "lidar": {}}
+    edited = run.truth.drive("edit")
     for name in run.cameras:
-        if frame in run.true.edited.cameras[name].time_s:
+        if frame in edited.cameras[name].time_s:
             record["camera"][name], row = _compare_camera(run, name, frame)
             pictures.rows.append(row)
-    for name, lidar in run.true.edited.lidars.items():
+    for name, lidar in edited.lidars.items():
         if frame in lidar.time_s:
-            record["lidar"][name], row = _compare_lidar(run, name, frame)
-            pictures.rows.append(row)
+            record["lidar"][name], tiles = _compare_lidar(run, name, frame)
+            pictures.rows.append(tiles)
     return record, pictures
 
 
-def _compare_camera(run: ScenarioRun, name: str, frame: int) -> tuple[dict[str, Any], list[Tile]]:
-    width = run.width
-    truth = _true_picture(run, run.true.edited, name, frame)
-    trained = tuple(camera for camera in run.header.training.get("cameras", ()) if camera in run.true.recorded.cameras)
-    masks = edit_masks(
-        run.street, run.true.recorded, run.true.edited, name, frame, trained_frames(run.header), trained or None, width
-    )
-    regions = EditRegions(masks.edited, masks.shadow, masks.seen)
-    edited = _picture(run.edited, name, frame, width)
-    found = {"edit": picture_figures(edited, truth, regions)}
-    recorded = replay = None
-    if name in run.true.recorded.cameras:
-        recorded = _true_picture(run, run.true.recorded, name, frame)
-        replay = _picture(run.replay, name, frame, width)
+def _compare_camera(run: ScenarioRun, name: str, frame: int) -> tuple[dict[str, Any], CameraRow]:
+    true = run.truth.pictures(name, frame)
+    edited, replay = _picture(run.edited, name, frame, run.width), None
+    found = {"edit": _figures(run, edited, true.edit, true)}
+    if true.replay is not None and run.replay is not None:
+        replay = _picture(run.replay, name, frame, run.width)
         if replay.shape == edited.shape:
-            found["replay"] = picture_figures(replay, recorded, regions)
-    return found, camera_row(f"{name} {frame}", recorded, replay, edited, truth, regions.changed)
+            found["replay"] = _figures(run, replay, true.replay, true)
+    return found, camera_row(f"{name} {frame}", true.replay, replay, edited, true.edit, true.regions.changed)
+
+
+def _figures(run: ScenarioRun, rendered: Picture, truth: Picture, true: TruePictures) -> dict[str, Any]:
+    found = picture_figures(rendered, truth, true.regions)
+    if run.perceptual is not None:
+        found["lpips"] = run.perceptual(rendered, truth)
+    return found
 
 
 def _compare_lidar(run: ScenarioRun, name: str, frame: int) -> tuple[dict[str, Any], list[Tile]]:
-    drives = {"edit": run.true.edited, "replay": run.true.recorded}
-    found, tiles = {}, {}
-    for part, renderer in (("replay", run.replay), ("edit", run.edited)):
-        drive = drives[part]
-        if name not in drive.lidars:
+    found: dict[str, Any] = {}
+    tiles: dict[str, Tile] = {}
+    parts: tuple[tuple[Part, RayRenderer | None], ...] = (
+        ("replay", run.replay if run.replay_sweeps else None),
+        ("edit", run.edited),
+    )
+    for part, renderer in parts:
+        truth = None if renderer is None else run.truth.sweep(part, name, frame)
+        if renderer is None or truth is None:
             continue
-        truth = truth_lidar(run.street, drive, name, frame)
+        drive = run.truth.drive(part)
         found[part], rendered, true = lidar_figures_beside(renderer, truth, drive.lidars[name].blocked)
         ego = drive.world_from_ego.at(drive.time_s[frame])
         size = (run.width or next((c.model.width for c in drive.cameras.values()), 480), 360)
@@ -174,12 +190,5 @@ def _compare_lidar(run: ScenarioRun, name: str, frame: int) -> tuple[dict[str, A
     return found, [tiles[key] for key in ("replay truth", "replay", "edit", "edit truth") if key in tiles]
 
 
-def _picture(renderer: Renderer, camera: str, frame: int, width: int | None) -> Picture:
+def _picture(renderer: RayRenderer, camera: str, frame: int, width: int | None) -> Picture:
     return np.clip(renderer.camera(camera, frame, ("rgb",), width).rgb, 0, 1)
-
-
-def _true_picture(run: ScenarioRun, drive: Drive, camera: str, frame: int) -> Picture:
-    """What the camera truly sees: drawn now, or by Cycles before."""
-    if run.street.recipe.engine == "exact":
-        return truth_camera(run.street, drive, camera, frame, run.width).rgb
-    return true_picture(run.street_path, run.street, drive, camera, frame, run.width)

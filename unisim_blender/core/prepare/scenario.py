@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -24,14 +25,17 @@ class PreparedScenario(NamedTuple):
     scene_path: Path | None
 
 
-def prepare_scenario(path: Path, refined: bool = True) -> PreparedScenario:
+def prepare_scenario(path: Path, refined: bool = True, scene: Path | None = None) -> PreparedScenario:
     """Open the scenario at ``path``, its log and its scene's header, and apply the edits. A log's folder is a scenario
     without any.
 
     With a trained scene the recorded drive has the scene's refined tracklets and sensor poses, and the log need not be there;
-    ``refined=False`` takes the log's own, as the truth of a street needs it. Raises `UnisimError`.
+    ``refined=False`` takes the log's own, as the truth of a street needs it. ``scene`` takes the place of the trained scene
+    that the scenario names. Raises `UnisimError`.
     """
     scenario = _of_log(path) if path.is_dir() else load_scenario(path)
+    if scene is not None:
+        scenario = replace(scenario, scene=str(scene.resolve()))
     recorded = recorded_drive(scenario, refined)
     return PreparedScenario(scenario, recorded, apply_scenario(scenario, recorded, scene_actors), scenario.scene_path)
 

@@ -39,15 +39,18 @@ class Wishes:
     max_error: tuple[Bound, ...] = ()
     renderer: str | None = None
     sources: str | None = None
+    scene: Path | None = None
 
 
 def plan_scenario(path: Path, wishes: Wishes) -> tuple[RenderPlan, PreparedScenario]:
     """Open a scenario, or a log alone, and say what to render of it: by the renderer that is wished for, else with its trained
     scene, and by surfels where it names none. Raises `UnisimError`."""
-    prepared = prepare_scenario(path, refined=wishes.renderer is None or RENDERERS[wishes.renderer].trained)
+    prepared = prepare_scenario(path, wishes.renderer is None or RENDERERS[wishes.renderer].trained, wishes.scene)
     name = wishes.renderer or (UNTRAINED_DEFAULT if prepared.scene_path is None else method_of(prepared.scene_path))
     if RENDERERS[name].trained and prepared.scene_path is None:
-        raise ScenarioError(f'{path}: scene: names no trained scene to render with; train one with "unisim train"')
+        raise ScenarioError(
+            f'{path}: scene: names no trained scene to render with; give one with --scene, or train one with "unisim train"'
+        )
     if wishes.sources is not None and RENDERERS[name].trained:
         raise ScenarioError(f'{path}: what the renderer "{name}" learnt from was chosen when it was trained, not by --sources')
     drive, outputs = prepared.edited, prepared.scenario.outputs or Outputs()

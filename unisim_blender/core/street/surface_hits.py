@@ -55,7 +55,7 @@ def look_up(
     gloss, glass, reflectivity, cosine = (np.zeros(n) for _ in range(4))
     key = placement.astype(np.int32) * 32768 + part
     starts = np.flatnonzero(np.diff(key, prepend=-1))
-    for start, end in zip(starts, np.append(starts[1:], n), strict=True):
+    for start, end in zip(starts, np.append(starts, n)[1:], strict=True):
         some = slice(start, end)
         place = placements[placement[start]]
         solid = place.asset.parts[part[start]]

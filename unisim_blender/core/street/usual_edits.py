@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -24,11 +26,11 @@ _ROOM_M = 0.3
 """A camera this near to a box stands in it."""
 
 
-def write_scenarios(street: Street, out: Path) -> tuple[Path, ...]:
-    """Write the usual edits of the street whose log is at ``out`` as scenarios beside it; their paths."""
-    paths = []
+def write_scenarios(street: Street, out: Path, log: Path) -> tuple[Path, ...]:
+    """Write the usual edits of the street whose log is at ``log`` as scenarios below ``out``; their paths."""
+    paths, where = [], Path(os.path.relpath(log, out / FOLDER)).as_posix()
     for name, edits in usual_edits(street).items():
-        document = {"format": "unisim-scenario", "version": 1, "name": name, "log": "..", "edits": edits}
+        document = {"format": "unisim-scenario", "version": 1, "name": name, "log": where, "edits": edits}
         path = out / FOLDER / f"{name}.json"
         write_file(path, (json.dumps(document, indent=1) + "\n").encode())
         paths.append(path)
@@ -61,13 +63,13 @@ def usual_edits(street: Street) -> dict[str, list[dict[str, Any]]]:
     }
 
 
-def spread_frames(drive: Drive, count: int) -> tuple[int, ...]:
-    """``count`` of the odd frames, which are not trained on where even ones are, evenly spread; those left out in which a camera
-    stands in an actor, as one that is moved aside may."""
+def spread_frames(drive: Drive, count: int, among: Sequence[int] | None = None) -> tuple[int, ...]:
+    """``count`` frames of ``among``, evenly spread: of the odd ones, which are not trained on where even ones are, where None.
+    Those are left out in which a camera stands in an actor, as one that is moved aside may."""
     free = [frame for frame in drive.frames if not _in_actor(drive, frame)] or list(drive.frames)
-    odd = [frame for frame in free if frame % 2] or free
-    places = np.unique(np.rint(np.linspace(0, len(odd) - 1, max(1, min(count, len(odd))))).astype(int))
-    return tuple(odd[place] for place in places)
+    wanted = [frame for frame in free if (frame % 2 if among is None else frame in among)] or free
+    places = np.unique(np.rint(np.linspace(0, len(wanted) - 1, max(1, min(count, len(wanted))))).astype(int))
+    return tuple(wanted[place] for place in places)
 
 
 def _in_actor(drive: Drive, frame: int) -> bool:

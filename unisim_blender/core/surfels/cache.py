@@ -4,34 +4,17 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 import shutil
-import sys
 import tempfile
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from pathlib import Path
 
 from ..errors import OutputError
-from ..files import sha256_of_file
+from ..files import CACHE_VARIABLE, cache_folder, sha256_of_file
 from ..log import Log
 from .build import Step, build_surfels
 from .model import FORMAT_VERSION, SurfelScene, SurfelSettings, load_surfels, save_surfels
-
-CACHE_VARIABLE = "UNISIM_CACHE"
-
-
-def cache_folder() -> Path:
-    """Where what can be made again is kept: what UNISIM_CACHE names, or unisim/ in the system's folder for such things."""
-    if named := os.environ.get(CACHE_VARIABLE):
-        return Path(named)
-    if sys.platform == "win32":
-        base = Path(os.environ.get("LOCALAPPDATA") or Path.home() / "AppData" / "Local")
-    elif sys.platform == "darwin":
-        base = Path.home() / "Library" / "Caches"
-    else:
-        base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    return base / "unisim"
 
 
 def surfels_of(log: Log, settings: SurfelSettings, frames: Sequence[int] | None = None) -> Iterator[Step | SurfelScene]:

@@ -1,0 +1,92 @@
+"""A method's renderer: its scene trained within the budget, gone on with where it was cut off; or a log's surfels made."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ..drive import Drive
+from ..errors import SceneError
+from ..log import Log
+from ..prepare.renderers import UNTRAINED, LogSource, SceneSource, scene_hash
+from ..prepare.selection import select_frames
+from ..render import Renderer
+from ..scene_file import HEADER_NAME, SceneHeader, read_scene_header
+from ..surfels.build import Step, finished
+from ..surfels.cache import build_key, surfels_of
+from .methods import Method
+from .wishes import Wishes
+
+
+@dataclass(frozen=True)
+class Made:
+    """``scene`` is the trained scene's folder and ``header`` what it says of itself, None for methods without one; ``key`` a
+    digest of what renders; ``about`` how it was made; ``renderer`` makes a drive's renderer."""
+
+    scene: Path | None
+    header: SceneHeader | None
+    key: str
+    about: dict[str, Any]
+    renderer: Callable[[Drive], Renderer]
+
+
+def make(name: str, method: Method, log: Log, folder: Path, wishes: Wishes, quiet: bool) -> Made:
+    """Train the scene in ``folder``, or make the surfels, where that is not done. Raises `UnisimError`; KeyboardInterrupt leaves
+    a checkpoint."""
+    if method.untrained is not None:
+        return _untrained(method.untrained, log, wishes)
+    header = _trained(method, log, folder, wishes, quiet)
+    seconds, steps = header.training["seconds"], header.training["iterations"]
+    about = {"training_s": seconds, "iterations": steps}
+
+    def renderer(drive: Drive) -> Renderer:
+        return SceneSource(folder, drive, wishes.quality, wishes.device)()
+
+    return Made(folder, header, scene_hash(folder), about, renderer)
+
+
+def _trained(method: Method, log: Log, folder: Path, wishes: Wishes, quiet: bool) -> SceneHeader:
+    # torch takes seconds to import, and a table of what is measured already needs none
+    from ..training.config import TrainConfig
+    from ..training.run import CHECKPOINT, train
+
+    lidars = tuple(n for n, lidar in log.drive.lidars.items() if lidar.model.beams and log.sweep_frames(n))
+    config = TrainConfig(
+        cameras=wishes.cameras, lidars=lidars, frames=select_frames(wishes.frames, log.drive.frames), width=wishes.width,
+        preset=method.preset, without=method.without, density=method.density, adversarial=method.adversarial,
+        disturb=wishes.disturb, minutes=None if wishes.iterations else wishes.minutes, iterations=wishes.iterations,
+        device=wishes.device, seed=wishes.seed,
+    )  # fmt: skip
+    if (folder / HEADER_NAME).is_file():
+        header = read_scene_header(folder)
+        _check(header, config)
+        return header
+    return train(log, config, folder, resume=(folder / CHECKPOINT).is_file(), quiet=quiet)
+
+
+def _check(header: SceneHeader, config: Any) -> None:
+    """A scene that was trained otherwise has no place in the table."""
+    for name in ("preset", "without", "cameras", "frames", "width", "seed"):
+        asked, found = getattr(config, name), header.training.get(name)
+        if (list(asked) if isinstance(asked, tuple) else asked) != found:
+            raise SceneError(f"{header.path}: was trained with {name} {found}, not {asked}: give another folder with --out")
+    noise = None if config.disturb is None else dict(zip(("metres", "degrees"), config.disturb, strict=True))
+    if header.training.get("disturbed") != noise:
+        raise SceneError(f"{header.path}: was trained on boxes disturbed by {header.training.get('disturbed')}, not {noise}")
+
+
+def _untrained(renderer: str, log: Log, wishes: Wishes) -> Made:
+    frames = select_frames(wishes.frames, log.drive.frames)
+    begun = time.perf_counter()
+    steps: list[Step] = []
+    finished(surfels_of(log, UNTRAINED[renderer], frames), steps.append)
+    # surfels that were kept are there at once, which says nothing of how long they took
+    about = {"training_s": round(time.perf_counter() - begun, 1)} if steps else {}
+
+    def make_renderer(drive: Drive) -> Renderer:
+        return LogSource(renderer, log.path, drive, frames, wishes.quality)()
+
+    return Made(None, None, build_key(log, UNTRAINED[renderer], frames), about, make_renderer)

@@ -1,0 +1,215 @@
+"""One method at one part: its figures in a file, and some of its pictures beside it."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..evaluate.contact_sheet import CameraRow
+from ..evaluate.fid import Inception, frechet_distance
+from ..evaluate.pictures import Tile
+from ..evaluate.recorded import EvaluationPlan, FramePictures, Perceptual, evaluate, finite
+from ..evaluate.recorded_runs import Progress
+from ..evaluate.true_edits import TrueEdit
+from ..evaluate.truth import summarise_truth
+from ..evaluate.truth_runs import ScenarioRun, compare_frame
+from ..files import sha256_of_file, write_file
+from ..frames import CameraFrame
+from ..geometry import FloatArray
+from ..log import Log
+from ..output.frame_files import json_bytes, png_bytes
+from ..own_vehicle import outlines_from_json
+from ..prepare.replay import replayed_drive
+from ..prepare.scenario import prepare_scenario
+from ..prepare.selection import select_frames
+from ..render import Renderer
+from ..street.street import Street
+from .kept_truth import KeptTruth
+from .made import Made
+from .parts import REPLAY, Part
+from .wishes import Wishes
+
+SHOWN = 2
+"""Frames of a part whose pictures the page shows."""
+
+
+@dataclass
+class Timed:
+    """A renderer whose camera frames and sweeps are timed."""
+
+    renderer: Renderer
+    seconds: dict[str, list[float]] = field(default_factory=lambda: {"camera": [], "lidar": []})
+
+    def camera(self, camera_id: str, frame: int, passes: tuple[str, ...] = ("rgb",), width: int | None = None) -> CameraFrame:
+        """See `Renderer.camera`."""
+        begun = time.perf_counter()
+        picture = self.renderer.camera(camera_id, frame, passes, width)
+        self.seconds["camera"].append(time.perf_counter() - begun)
+        return picture
+
+    def rays_lidar(
+        self, origins: FloatArray, directions: FloatArray, time_s: FloatArray
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], NDArray[np.int32]]:
+        """See `Renderer.rays_lidar`."""
+        begun = time.perf_counter()
+        rays = self.renderer.rays_lidar(origins, directions, time_s)
+        self.seconds["lidar"].append(time.perf_counter() - begun)
+        return rays
+
+    def medians(self) -> dict[str, float | None]:
+        """Median seconds of a camera frame and of a sweep; the first of each, which warms caches, is left out."""
+        return {kind: float(np.median(times[1:] or times)) if times else None for kind, times in self.seconds.items()}
+
+
+@dataclass
+class Bench:
+    """What methods are measured on: the log, its street if it is one, and the networks that judge pictures."""
+
+    log: Log
+    street: Street | None
+    out: Path
+    wishes: Wishes
+    perceptual: Perceptual | None = None
+    inception: Inception | None = None
+
+
+def measured(bench: Bench, name: str, made: Made, part: Part, progress: Progress) -> dict[str, Any]:
+    """A method's figures of a part, from its file where that was measured on the same. Raises `UnisimError`."""
+    path = bench.out / "figures" / name / f"{part.name}.json"
+    key = _key(bench, made, part)
+    try:
+        document: dict[str, Any] = json.loads(path.read_text())
+        if document["key"] == key:
+            return document
+    except (OSError, ValueError, KeyError, TypeError):
+        pass
+    if part.name == REPLAY and bench.street is None:
+        found = _recorded(bench, name, made, part, progress)
+    else:
+        found = _true(bench, name, made, part, progress)
+    document = finite({"key": key, **found})
+    write_file(path, json_bytes(document))
+    return document
+
+
+def picture_path(out: Path, part: str, frame: int, camera: str, shows: str) -> Path:
+    """Where a picture for the page is; ``shows`` is a method's name, with "-difference" behind it, or "truth"."""
+    return out / "pictures" / part / f"{frame:06d}-{camera}-{shows}.png"
+
+
+def shown_frames(part: Part) -> tuple[int, ...]:
+    """The frames of a part that the page shows."""
+    count = len(part.frames)
+    return tuple(dict.fromkeys(part.frames[(2 * i + 1) * count // (2 * SHOWN)] for i in range(SHOWN)))
+
+
+def _key(bench: Bench, made: Made, part: Part) -> dict[str, Any]:
+    """All that the figures depend on."""
+    w = bench.wishes
+    return {
+        "renders": made.key,
+        "scenario": None if part.name == REPLAY else sha256_of_file(part.scenario),
+        "frames": list(part.frames),
+        "cameras": list(w.cameras),
+        "width": w.width,
+        "quality": w.quality,
+        "lpips": None if w.lpips is None else sha256_of_file(w.lpips),
+        "fid": None if w.fid is None else sha256_of_file(w.fid),
+    }
+
+
+def _recorded(bench: Bench, name: str, made: Made, part: Part, progress: Progress) -> dict[str, Any]:
+    """The replay beside a real log."""
+    log, w = bench.log, bench.wishes
+    drive = log.drive if made.header is None else replayed_drive(made.header, log.drive, log.path)
+    renderer = Timed(made.renderer(drive))
+    plan = EvaluationPlan(
+        frames=part.frames,
+        cameras=w.cameras,
+        lidars=tuple(n for n, lidar in log.drive.lidars.items() if lidar.model.beams and log.sweep_frames(n)),
+        width=w.width,
+        trained=select_frames(w.frames, log.drive.frames),
+        perceptual=bench.perceptual,
+        outlines={} if made.header is None else outlines_from_json(made.header.training.get("own_vehicle")),
+    )
+    judged = _Judged(bench, name, part)
+
+    def on_frame(pictures: FramePictures) -> None:
+        for camera, row in zip((c for c in w.cameras if pictures.frame in log.image_frames(c)), pictures.rows, strict=False):
+            recorded, rendered, difference = row[:3]
+            judged.add(pictures.frame, camera, recorded, rendered, difference)
+
+    figures = evaluate(renderer, log, plan, on_frame, lambda frames: progress(frames, f"{name}: {part.name}"))
+    return {
+        "camera": {"edit": figures["camera"]},
+        "lidar": {"edit": figures["lidar"]},
+        "seconds": renderer.medians(),
+        "psnr_db": {str(r["frame"]): {c: f["psnr_db"] for c, f in r["camera"].items()} for r in figures["per_frame"]},
+        **judged.fid(),
+    }
+
+
+def _true(bench: Bench, name: str, made: Made, part: Part, progress: Progress) -> dict[str, Any]:
+    """A street's replay or edit beside its truth."""
+    w = bench.wishes
+    rendered = prepare_scenario(part.scenario, scene=made.scene, refined=made.scene is not None)
+    true = prepare_scenario(part.scenario, refined=False)
+    learnt = select_frames(w.frames, bench.log.drive.frames)
+    truth = TrueEdit.on(bench.log.path, true, learnt, w.cameras, w.width)
+    cameras = tuple(camera for camera in w.cameras if camera in true.edited.cameras)
+    truth.draw(part.scenario, part.frames, cameras)
+    kept = KeptTruth(truth, bench.out / "truth" / f"{part.name}-{_digest(bench, part)}")
+    edited = Timed(made.renderer(rendered.edited))
+    replay = None if part.name == REPLAY else made.renderer(rendered.recorded)
+    run = ScenarioRun(kept, edited, replay, w.width, part.frames, cameras, bench.perceptual, replay_sweeps=False)
+    judged, per_frame = _Judged(bench, name, part), []
+    for frame in progress(part.frames, f"{name}: {part.name}"):
+        record, pictures = compare_frame(run, frame)
+        per_frame.append(record)
+        rows = [row for row in pictures.rows if isinstance(row, CameraRow)]
+        for camera, row in zip(record["camera"], rows, strict=True):
+            judged.add(frame, camera, row.truth, row.edited, row.difference)
+    return {
+        **summarise_truth(per_frame),
+        "seconds": edited.medians(),
+        "psnr_db": {str(r["frame"]): {c: f["edit"]["psnr_db"] for c, f in r["camera"].items()} for r in per_frame},
+        **judged.fid(),
+    }
+
+
+def _digest(bench: Bench, part: Part) -> str:
+    """What a part's truth depends on besides the street, short."""
+    w = bench.wishes
+    scenario = "" if part.name == REPLAY else sha256_of_file(part.scenario)
+    text = json.dumps([scenario, w.width, w.frames, list(w.cameras)])
+    return hashlib.sha256(text.encode()).hexdigest()[:12]
+
+
+class _Judged:
+    """Takes a part's pictures as they are rendered: some for the page, all of them to Inception where it is given."""
+
+    def __init__(self, bench: Bench, name: str, part: Part) -> None:
+        self.bench, self.name, self.part = bench, name, part
+        self._features: tuple[list[FloatArray], list[FloatArray]] = [], []
+
+    def add(self, frame: int, camera: str, truth: Tile, rendered: Tile, difference: Tile) -> None:
+        """One picture. Raises `OutputError`."""
+        if frame in shown_frames(self.part):
+            for shows, tile in (("truth", truth), (self.name, rendered), (f"{self.name}-difference", difference)):
+                write_file(picture_path(self.bench.out, self.part.name, frame, camera, shows), png_bytes(tile.pixels))
+        if self.bench.inception is not None:
+            for features, tile in zip(self._features, (truth, rendered), strict=True):
+                features.append(self.bench.inception.features(tile.pixels))
+
+    def fid(self) -> dict[str, float]:
+        """The distance of the rendered pictures from the true ones; nothing without Inception."""
+        if self.bench.inception is None or not self._features[0]:
+            return {}
+        return {"fid": frechet_distance(*(np.stack(features) for features in self._features))}

@@ -1,0 +1,47 @@
+"""What can be compared: our own model, what is left of it without one of its parts, and its rivals."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from ..errors import UnisimError
+
+
+@dataclass(frozen=True)
+class Method:
+    """How a method's scene is trained; or ``untrained``, the renderer that makes do without one."""
+
+    title: str
+    preset: str = "small"
+    without: tuple[str, ...] = ()
+    density: Literal["logistic", "unisim"] | None = None
+    adversarial: bool = False
+    untrained: str | None = None
+
+
+METHODS: dict[str, Method] = {
+    "unisim": Method("UniSim, ours"),
+    "no-decoder": Method("ours, no decoder", without=("decoder",)),
+    "no-actor-prior": Method("ours, no actor prior", without=("actor-prior",)),
+    "no-refinement": Method("ours, no tracklet refinement", without=("tracklet-refinement",)),
+    "adversarial": Method("ours, with the adversarial loss", adversarial=True),
+    "unisim-density": Method("ours, density of the paper", density="unisim"),
+    "ngp": Method("Instant-NGP, with LiDAR", preset="ngp"),
+    "ngp-images": Method("Instant-NGP, images alone", preset="ngp", without=("lidar",)),
+    "nsg": Method("NSG", preset="nsg"),
+    "surfel": Method("LiDARsim (surfels)", untrained="surfel"),
+    "warp": Method("FVS (warping)", untrained="warp"),
+}
+"""By the name that the command line has for them, in the table's order."""
+USUAL = ("unisim", "ngp", "nsg", "surfel", "warp")
+"""Those compared where nobody names others: the seed's table 1."""
+
+
+def methods_named(names: tuple[str, ...] | None) -> dict[str, Method]:
+    """The methods of these names ("all" for every one), in the table's order. UnisimError lists those that there are."""
+    wanted = USUAL if names is None else tuple(METHODS) if names == ("all",) else names
+    for name in wanted:
+        if name not in METHODS:
+            raise UnisimError(f"no method {name!r}: there are {', '.join(METHODS)}, or all")
+    return {name: method for name, method in METHODS.items() if name in wanted}

@@ -1,0 +1,69 @@
+"""The comparison's page: its tables, and the methods' pictures side by side, in any browser, without a network."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from html import escape
+from pathlib import Path
+from typing import Any
+
+from ..evaluate.report import STYLE
+from .measure import picture_path, shown_frames
+from .parts import Part
+from .table import Table, cells_of
+
+_STYLE = STYLE + "\n.best { color: #8fd18f; font-weight: bold; } figure img { max-width: 30vw; }"
+
+
+def page(
+    out: Path,
+    title: str,
+    about: str,
+    tables: list[Table],
+    rows: dict[str, dict[str, Any]],
+    parts: list[Part],
+    cameras: tuple[str, ...],
+) -> str:
+    """The page's text; its pictures are files below ``out``."""
+    body = [f"<h1>{escape(title)}</h1><p>{escape(about)}</p>"]
+    body += [_table(table, rows) for table in tables]
+    for part in parts:
+        for frame in shown_frames(part):
+            for camera in cameras:
+                figures = "".join(_figures(out, part, frame, camera, rows))
+                if figures:
+                    body.append(f"<h2>{escape(part.name)}: {escape(camera)} {frame}</h2>{figures}")
+    head = f'<meta charset="utf-8"><title>{escape(title)}</title><style>{_STYLE}</style>'
+    return f'<!doctype html><html lang="en"><head>{head}</head><body>' + "\n".join(body) + "\n</body></html>\n"
+
+
+def _table(table: Table, rows: dict[str, dict[str, Any]]) -> str:
+    headings, cells = cells_of(table, rows)
+    if not headings:
+        return ""
+    head = "".join(f"<th>{escape(text)}</th>" for text in ("", *headings))
+    body = ""
+    for name, row in rows.items():
+        printed = "".join(f"<td{' class=best' if cell.best else ''}>{escape(cell.text)}</td>" for cell in cells[name])
+        body += f"<tr><td>{escape(row['title'])}</td>{printed}</tr>"
+    return f"<h2>{escape(table.title)}</h2><table><tr>{head}</tr>{body}</table>"
+
+
+def _figures(out: Path, part: Part, frame: int, camera: str, rows: dict[str, dict[str, Any]]) -> Iterator[str]:
+    """The truth, every method's picture, and under them how far each is from the truth."""
+    truth = picture_path(out, part.name, frame, camera, "truth")
+    if truth.is_file():
+        yield _figure(out, truth, "truth" if part.moves_view or part.name != "replay" else "recorded")
+    for suffix in ("", "-difference"):
+        for name, row in rows.items():
+            path = picture_path(out, part.name, frame, camera, name + suffix)
+            if path.is_file():
+                value = row.get(part.name, {}).get("psnr_db", {}).get(str(frame), {}).get(camera)
+                found = "" if value is None or suffix else f", {value:.2f} dB"
+                yield _figure(out, path, f"{row['title']}{' beside the truth' if suffix else ''}{found}")
+        yield "<br>"
+
+
+def _figure(out: Path, path: Path, caption: str) -> str:
+    source = escape(path.relative_to(out).as_posix())
+    return f'<figure><img src="{source}" alt="{escape(caption)}"><figcaption>{escape(caption)}</figcaption></figure>'

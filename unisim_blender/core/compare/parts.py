@@ -1,0 +1,67 @@
+"""The parts of a comparison: the replay of frames that nobody trained on, and edits whose truth is known."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from ..drive import Drive
+from ..errors import UnisimError
+from ..log import Log
+from ..prepare.scenario import prepare_scenario
+from ..prepare.selection import select_frames
+from ..scenario.types import Ego
+from ..street.street import RECIPE_FILE, Street, load_street
+from ..street.usual_edits import FOLDER, spread_frames, write_scenarios
+from .wishes import Wishes
+
+REPLAY = "replay"
+
+
+@dataclass(frozen=True)
+class Part:
+    """``scenario`` is its file, of the replay the log's folder; ``frames`` are compared; ``moves_view`` says that it edits
+    nothing but where the vehicle drives."""
+
+    name: str
+    scenario: Path
+    frames: tuple[int, ...]
+    moves_view: bool = False
+
+
+def street_at(log: Path) -> Street | None:
+    """The street that a log was made of; None of a real one. Raises `UnisimError`."""
+    return load_street(log) if (log / RECIPE_FILE).is_file() else None
+
+
+def parts_of(log: Log, street: Street | None, out: Path, wishes: Wishes) -> list[Part]:
+    """The replay, and on a street the wished scenarios, or the usual edits, which are written to ``out`` where the log has none
+    of its own. Raises `UnisimError`."""
+    learnt = select_frames(wishes.frames, log.drive.frames)
+    held_out = tuple(frame for frame in log.drive.frames if frame not in learnt)
+    if not held_out:
+        raise UnisimError(f"{log.path}: --frames {wishes.frames} leaves no frame to compare")
+    parts = [Part(REPLAY, log.path, held_out)]
+    for scenario in _scenarios(log.path, street, out, wishes):
+        prepared = prepare_scenario(scenario, refined=False)
+        edits, name = prepared.scenario.edits, prepared.scenario.name
+        if any(part.name == name for part in parts):
+            raise UnisimError(f"{scenario}: is a second part named {name!r}")
+        frames = _spread(prepared.edited, learnt, wishes.truth_frames)
+        parts.append(Part(name, scenario, frames, all(isinstance(edit, Ego) for edit in edits)))
+    return parts
+
+
+def _scenarios(log: Path, street: Street | None, out: Path, wishes: Wishes) -> tuple[Path, ...]:
+    if street is None:
+        if wishes.scenarios:
+            raise UnisimError(f"{log}: is no street, so {wishes.scenarios[0]} has no truth to compare with")
+        return ()
+    if wishes.scenarios is not None:
+        return wishes.scenarios
+    return tuple(sorted((log / FOLDER).glob("*.json"))) or write_scenarios(street, out, log)
+
+
+def _spread(edited: Drive, learnt: tuple[int, ...], count: int) -> tuple[int, ...]:
+    """``count`` of an edited drive's frames that nobody learnt from, of all where there are none."""
+    return spread_frames(edited, count, [frame for frame in edited.frames if frame not in learnt])

@@ -1,0 +1,108 @@
+"""A comparison from a log to its table. Everything that takes long is kept in the folder: a run that was cut off goes on where it
+was, and one that asks for more methods makes the table grow."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from ..errors import UnisimError
+from ..evaluate.fid import Inception
+from ..evaluate.recorded_runs import Progress, perceptual_metric
+from ..evaluate.tracklets import disturbance_taken_back
+from ..files import write_file
+from ..log import Log
+from ..logs import open_log
+from ..output.frame_files import json_bytes
+from ..prepare.selection import check_names
+from ..sequence.plan import code_identity
+from .made import Made, make
+from .measure import Bench, measured
+from .methods import METHODS, methods_named
+from .page import page
+from .parts import Part, parts_of, street_at
+from .table import markdown, tables_of
+from .wishes import Wishes
+
+ROWS = "comparison.json"
+
+
+def compare(log_path: Path, out: Path, wishes: Wishes, say: Callable[[str], object], progress: Progress, quiet: bool) -> str:
+    """Make and measure every method that is wished for, and write comparison.json, comparison.md and index.html to ``out`` after
+    each; the Markdown. Methods that an earlier run measured there stay in the table. Raises `UnisimError`."""
+    methods = methods_named(wishes.methods)
+    log = open_log(log_path)
+    check_names("camera", wishes.cameras, [c for c in log.drive.cameras if log.image_frames(c)])
+    bench = Bench(log, street_at(log_path), out, wishes, perceptual_metric(wishes.lpips), _inception(wishes.fid))
+    parts = parts_of(log, bench.street, out, wishes)
+    about = _about(log, wishes, parts)
+    rows = _earlier(out / ROWS, about)
+    for name, method in methods.items():
+        say(f"{method.title}: making it")
+        made = make(name, method, log, out / "scenes" / name, wishes, quiet)
+        row = {"title": method.title, "made": made.about or rows.get(name, {}).get("made", {}), **_boxes(made, log)}
+        for part in parts:
+            row[part.name] = measured(bench, name, made, part, progress)
+        rows[name] = row
+        text = _write(out, log, about, parts, wishes, {n: rows[n] for n in METHODS if n in rows})
+    return text
+
+
+def _inception(path: Path | None) -> Inception | None:
+    return None if path is None else Inception(path)
+
+
+def _boxes(made: Made, log: Log) -> dict[str, Any]:
+    """How much of a disturbance was taken back, where the scene was trained on one."""
+    found = None if made.header is None else disturbance_taken_back(made.header, log.drive)
+    return {} if found is None else {"tracklets": found}
+
+
+def _about(log: Log, wishes: Wishes, parts: list[Part]) -> dict[str, Any]:
+    """What all rows of a table have in common."""
+    return {
+        "log": log.drive.name,
+        "cameras": list(wishes.cameras),
+        "frames": wishes.frames,
+        "width": wishes.width,
+        "budget": f"{wishes.iterations} steps" if wishes.iterations else f"{wishes.minutes:g} minutes",
+        "quality": wishes.quality,
+        "disturb": None if wishes.disturb is None else list(wishes.disturb),
+        "parts": {part.name: {"frames": list(part.frames), "moves_view": part.moves_view} for part in parts},
+    }
+
+
+def _earlier(path: Path, about: dict[str, Any]) -> dict[str, dict[str, Any]]:
+    """Rows that an earlier run measured. UnisimError where it compared something else."""
+    if not path.is_file():
+        return {}
+    try:
+        document = json.loads(path.read_text())
+        before, rows = document["about"], document["rows"]
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise UnisimError(f"{path}: is no comparison: {error}") from error
+    for name, value in about.items():
+        if before.get(name) != value:
+            raise UnisimError(
+                f"{path}: was measured with {name} {before.get(name)!r}, not {value!r}: give another folder with --out"
+            )
+    kept: dict[str, dict[str, Any]] = {name: row for name, row in rows.items() if name in METHODS}
+    return kept
+
+
+def _write(out: Path, log: Log, about: dict[str, Any], parts: list[Part], wishes: Wishes, rows: dict[str, dict[str, Any]]) -> str:
+    title = f"Methods on {log.drive.name}"
+    noise = "" if wishes.disturb is None else ", boxes disturbed by {:g} m and {:g} degrees".format(*wishes.disturb)
+    words = (
+        f"Learnt from frames {wishes.frames} of {', '.join(wishes.cameras)}, {wishes.width} pixels wide, {about['budget']} of "
+        f"training each{noise}; rendered at quality {wishes.quality}. PSNR over all pixels of a frame, frames averaged; inside "
+        "regions over all their pixels. Bold: the best of a column. Cost: dB below the replay of the same pixels."
+    )
+    tables = tables_of({part.name: part.moves_view for part in parts})
+    text = markdown(title, words, tables, rows)
+    write_file(out / ROWS, json_bytes({"about": about, "code": code_identity(), "rows": rows}))
+    write_file(out / "comparison.md", text.encode())
+    write_file(out / "index.html", page(out, title, words, tables, rows, parts, wishes.cameras).encode())
+    return text

@@ -1,0 +1,28 @@
+"""What a comparison is asked for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+
+@dataclass(frozen=True)
+class Wishes:
+    """Each training has ``minutes``, or ``iterations`` where those are given. ``frames`` are trained on and looked at; every
+    other one is compared in the replay, and ``truth_frames`` of them in each edit. ``scenarios``: None for a street's usual
+    edits. ``disturb`` is the noise on moving actors' boxes, metres and degrees, that trainings begin with."""
+
+    methods: tuple[str, ...] | None = None
+    minutes: float = 10.0
+    iterations: int | None = None
+    frames: str = "::2"
+    cameras: tuple[str, ...] = ("front_camera",)
+    width: int = 320
+    truth_frames: int = 8
+    scenarios: tuple[Path, ...] | None = None
+    disturb: tuple[float, float] | None = None
+    quality: str = "balanced"
+    device: str = "cpu"
+    seed: int = 0
+    lpips: Path | None = None
+    fid: Path | None = None

@@ -1,0 +1,87 @@
+"""What a scenario's cameras and LiDARs truly see of a street, frame by frame, and which pixels the scenario's edits change."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from ..drive import Drive
+from ..frames import LidarFrame
+from ..prepare.scenario import PreparedScenario
+from ..prepare.street import street_of
+from ..street.edit_masks import edit_masks
+from ..street.path_tracer import Wanted, draw_truths
+from ..street.street import Street, load_street
+from ..street.true_pictures import lacks_pictures, true_picture
+from ..street.truth import truth_camera, truth_lidar
+from .metrics import Picture
+from .truth import EditRegions
+
+Part = Literal["edit", "replay"]
+
+
+@dataclass(frozen=True)
+class TruePictures:
+    """A camera's true pictures (H, W, 3) of one frame: of the edit, of the recorded drive where that has the camera, and the
+    regions of the edit's."""
+
+    edit: Picture
+    replay: Picture | None
+    regions: EditRegions
+
+
+@dataclass(frozen=True)
+class TrueEdit:
+    """A scenario on the street at ``path``: the drive as it was recorded and edited, with the log's own poses; the frames and
+    cameras that count as seen; the pictures' width."""
+
+    path: Path
+    street: Street
+    recorded: Drive
+    edited: Drive
+    trained_frames: tuple[int, ...]
+    trained_cameras: tuple[str, ...]
+    width: int | None
+
+    @staticmethod
+    def on(
+        path: Path, prepared: PreparedScenario, frames: tuple[int, ...], cameras: tuple[str, ...], width: int | None
+    ) -> TrueEdit:
+        """Of a scenario that was prepared with the log's own poses, for those who learnt from frames of cameras. Raises
+        `UnisimError`."""
+        there = tuple(name for name in cameras if name in prepared.recorded.cameras)
+        return TrueEdit(
+            path, street_of(load_street(path), prepared.edited), prepared.recorded, prepared.edited, frames, there, width
+        )
+
+    def draw(self, scenario: Path, frames: tuple[int, ...], cameras: tuple[str, ...]) -> None:
+        """Have the pictures drawn that only a path tracer can draw, and that are not there. Raises `UnisimError`."""
+        if lacks_pictures(self.path, self.street, (self.edited, self.recorded), cameras, frames, self.width):
+            draw_truths(self.path, (Wanted(scenario, frames, cameras),), self.width, progress=True)
+
+    def pictures(self, camera: str, frame: int) -> TruePictures:
+        """What a camera sees. Raises `UnisimError`."""
+        masks = edit_masks(
+            self.street, self.recorded, self.edited, camera, frame, self.trained_frames, self.trained_cameras or None, self.width
+        )
+        return TruePictures(
+            self._picture(self.edited, camera, frame),
+            self._picture(self.recorded, camera, frame) if camera in self.recorded.cameras else None,
+            EditRegions(masks.edited, masks.shadow, masks.seen),
+        )
+
+    def sweep(self, part: Part, lidar: str, frame: int) -> LidarFrame | None:
+        """What a LiDAR sees, with exact ranges; None of a recorded drive that has no such LiDAR."""
+        drive = self.drive(part)
+        return truth_lidar(self.street, drive, lidar, frame) if lidar in drive.lidars else None
+
+    def drive(self, part: Part) -> Drive:
+        """The drive, as edited or as recorded."""
+        return self.edited if part == "edit" else self.recorded
+
+    def _picture(self, drive: Drive, camera: str, frame: int) -> Picture:
+        """Drawn now, or by Cycles before."""
+        if self.street.recipe.engine == "exact":
+            return truth_camera(self.street, drive, camera, frame, self.width).rgb
+        return true_picture(self.path, self.street, drive, camera, frame, self.width)
