@@ -14,7 +14,9 @@ from tiny_drive import TinyLog, tiny_drive
 from unisim_blender.core.images import resize_image
 from unisim_blender.core.logs import open_log
 from unisim_blender.core.own_vehicle import (
+    _SMOOTH,
     LEAST_IMAGES,
+    _filtered,
     find_outline,
     moved_frames,
     outlines_from_json,
@@ -47,6 +49,15 @@ def test_a_bonnet_is_found_along_its_outline() -> None:
     assert outline is not None
     assert np.abs(outline - curve).max() <= 5
     assert (outline <= curve + 1).mean() > 0.95  # on the safe side
+
+
+@pytest.mark.parametrize("size", [2, 3, 4, 9])
+@pytest.mark.parametrize("axis", [0, 1])
+def test_images_are_filtered_as_by_scipy(size: int, axis: int) -> None:
+    values, weights = np.random.default_rng(0).normal(size=(23, 31)), np.random.default_rng(1).normal(size=size)
+    ours = _filtered(values, weights, axis)
+    assert np.allclose(ours, ndimage.correlate1d(values, weights, axis, mode="reflect"), rtol=0, atol=1e-12)
+    assert np.allclose(_filtered(values, _SMOOTH, axis), ndimage.gaussian_filter1d(values, 1.0, axis), rtol=0, atol=1e-12)
 
 
 def test_without_one_there_is_none() -> None:

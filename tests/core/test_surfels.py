@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Generator, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, cast
 
@@ -31,8 +32,11 @@ from unisim_blender.core.street.truth import truth_camera, truth_lidar
 from unisim_blender.core.street.write import write_log
 from unisim_blender.core.surfels.build import Step, build_surfels, finished
 from unisim_blender.core.surfels.cache import surfels_of
+from unisim_blender.core.surfels.exposure import Exposures
 from unisim_blender.core.surfels.model import LIDARSIM, SurfelScene
+from unisim_blender.core.surfels.stage import Stage
 from unisim_blender.core.surfels.tracer import SurfelTracer
+from unisim_blender.core.surfels.views import open_view
 from unisim_blender.core.worker.jobs import Jobs
 
 pytestmark = pytest.mark.skipif(native.library() is None, reason="surfels are made by the compiled kernels")
@@ -252,3 +256,34 @@ def test_an_actor_of_another_scene_is_a_sentence(log: Log, scenes: dict[str, Sur
     drive = replace(log.drive, actors={uid: replace(actor, look=replace(actor.look, scene="/elsewhere"))})
     with pytest.raises(SceneError, match="/elsewhere"):
         SurfelTracer(scenes["surfel"], drive, log.drive)
+
+
+def test_what_shows_the_vehicle_itself_colours_nothing(scenes: dict[str, SurfelScene], log: Log) -> None:
+    stage = Stage(scenes["surfel"].static)
+    model = log.drive.cameras[CAMERA].model
+    row = model.height // 2
+    outlines = {CAMERA: (np.full(model.width, row), model.height)}
+    plain = open_view(log, CAMERA, 2, model.width, model.width, stage, (), {})
+    view = open_view(log, CAMERA, 2, model.width, model.width, stage, (), outlines)
+    assert view.own[row:].all() and not view.own[: row - 1].any() and not plain.own.any()
+    v, u = np.mgrid[: model.height, : model.width].reshape(2, -1) + 0.5
+    seen, before = (
+        one.sees(u, v, plain.depth_m.reshape(-1).astype(float), False).reshape(plain.own.shape) for one in (view, plain)
+    )
+    assert before[row:].any() and not seen[row:].any() and np.array_equal(seen[: row - 1], before[: row - 1])
+    assert plain.beyond[: row - 1].any() and not (view.beyond & view.own).any()
+
+
+@pytest.mark.parametrize("name", list(UNTRAINED))
+def test_pictures_are_exposed_as_their_camera_was(name: str, scenes: dict[str, SurfelScene], log: Log) -> None:
+    before = renderer(name, scenes, log).camera(CAMERA, FRAME).rgb
+    scene = scenes[name]
+    times, gains = scene.exposures.by_camera[CAMERA]
+    assert np.abs(gains - 1).max() < 0.1, "the street's light is everywhere the same"
+    darker = replace(scene, exposures=Exposures({CAMERA: (times, gains * 0.5)}))
+    after = renderer(name, {name: darker}, log).camera(CAMERA, FRAME).rgb
+    if name == "surfel":
+        assert np.allclose(after, before * 0.5, atol=1e-5)
+    else:
+        # images that are said to be exposed like the picture give it what they show; surfels alone are darker
+        assert np.median(np.abs(after - before)) < 1e-3 < np.abs(after - before).max()

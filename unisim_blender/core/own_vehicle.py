@@ -9,8 +9,8 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from .drive import Drive
 from .geometry import BoolArray, FloatArray
@@ -52,8 +52,10 @@ def find_outline(images: Sequence[NDArray[np.uint8]]) -> Outline | None:
     total = np.zeros((2, -(-height // step), -(-width // step)))
     size = np.zeros(total.shape[1:])
     for image in images:
-        grey = ndimage.uniform_filter(image.mean(-1), step)[::step, ::step] if step > 1 else image.mean(-1)
-        gradient = np.stack([ndimage.gaussian_filter(grey, 1.0, order=order) for order in ((0, 1), (1, 0))])
+        grey = image.mean(-1)
+        if step > 1:
+            grey = _filtered(_filtered(grey, np.full(step, 1 / step), 0), np.full(step, 1 / step), 1)[::step, ::step]
+        gradient = np.stack([_filtered(_filtered(grey, _SMOOTH, 1 - axis), _SLOPE, axis) for axis in (1, 0)])
         total += gradient
         size += np.hypot(*gradient)
     lasting = np.hypot(*total) / (size + len(images))
@@ -64,6 +66,20 @@ def find_outline(images: Sequence[NDArray[np.uint8]]) -> Outline | None:
         return None
     fine = np.interp(np.arange(width) + 0.5, (np.arange(len(rows)) + 0.5) * step, rows * float(step))
     return np.asarray(np.clip(np.floor(fine) - MARGIN_ROWS * step, 0, height), np.int64)
+
+
+_SMOOTH = np.exp(-0.5 * np.arange(-4, 5.0) ** 2)
+_SMOOTH /= _SMOOTH.sum()
+_SLOPE = np.arange(-4, 5.0) * _SMOOTH
+"""A Gaussian of one pixel, and its slope."""
+
+
+def _filtered(values: NDArray[np.float64], weights: NDArray[np.float64], axis: int) -> NDArray[np.float64]:
+    """Weighted sums of neighbours along an axis, mirrored at the ends, as scipy's `correlate1d`, which Blender lacks."""
+    before = len(weights) // 2
+    ends = [(0, 0), (0, 0)]
+    ends[axis] = (before, len(weights) - 1 - before)
+    return np.asarray(sliding_window_view(np.pad(values, ends, mode="symmetric"), len(weights), axis) @ weights)
 
 
 def _seam(cost: NDArray[np.float64]) -> NDArray[np.int64]:

@@ -25,12 +25,12 @@ from ..frames import CameraFrame
 from ..geometry import FloatArray
 from ..log import Log
 from ..output.frame_files import json_bytes, png_bytes
-from ..own_vehicle import outlines_from_json
 from ..prepare.replay import replayed_drive
 from ..prepare.scenario import prepare_scenario
 from ..prepare.selection import select_frames
 from ..render import Renderer
 from ..street.street import Street
+from ..surfels.views import outlines_in
 from .kept_truth import KeptTruth
 from .made import Made
 from .parts import REPLAY, Part
@@ -137,7 +137,7 @@ def _recorded(bench: Bench, name: str, made: Made, part: Part, progress: Progres
         width=w.width,
         trained=select_frames(w.frames, log.drive.frames),
         perceptual=bench.perceptual,
-        outlines={} if made.header is None else outlines_from_json(made.header.training.get("own_vehicle")),
+        outlines=outlines_in(log, select_frames(w.frames, log.drive.frames)),
     )
     judged = _Judged(bench, name, part)
 

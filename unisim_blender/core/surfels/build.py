@@ -18,11 +18,12 @@ from ..tracer import NEAR_M
 from .cloud import Cloud, cube_keys, gather_sweep, part_of, summed
 from .colours import Painter
 from .drops import DropTable
+from .exposure import Exposures
 from .ground import HeightGrid, height_grid
 from .model import SurfelScene, SurfelSet, SurfelSettings, joined, make_faces
 from .planes import Neighbours
 from .stage import NOBODY, STATIC, Stage, carried
-from .views import open_view
+from .views import open_view, outlines_in
 
 NEIGHBOURS, RADIUS_M = 200, 0.2
 """A normal is that of at most so many points this near; where they are fewer than `FEW`, of `FEW_RADIUS_M`."""
@@ -106,18 +107,21 @@ def build_surfels(log: Log, settings: SurfelSettings, frames: Sequence[int] | No
         stage = _pruned(stage, log, name, frame)
     everywhere = stage.static
     sets = {actor.uid: faces for actor, faces in stage.placed}
-    painter = Painter(stage)
+    painter, outlines = Painter(stage), outlines_in(log, chosen)
     images = [(name, frame) for name in drive.cameras for frame in _chosen_images(log, name, chosen)]
     for number, (name, frame) in enumerate(images):
         yield Step("Painting faces from images", 0.6 + 0.35 * number / len(images))
-        painter.paint(open_view(log, name, frame, IMAGE_WIDTH, DEPTH_WIDTH, stage, actors))
-    painter.finish()
-    dome, dome_seen = painter.dome()
+        painter.paint(open_view(log, name, frame, IMAGE_WIDTH, DEPTH_WIDTH, stage, actors, outlines))
+    gains = painter.gains()
+    times = [drive.cameras[name].time_s[frame] for name, frame in images]
+    exposures = Exposures.of([name for name, _ in images], times, gains)
+    painter.finish(gains)
+    dome, dome_seen = painter.dome(gains)
     drops = DropTable.empty()
     for name, frame in _spread(beams, DROP_SWEEPS):
         yield Step("Counting dropped beams", 0.97)
         drops = _count_drops(drops, log, name, frame, stage)
-    yield SurfelScene(settings, everywhere, sets, ground, dome, dome_seen, drops)
+    yield SurfelScene(settings, everywhere, sets, ground, dome, dome_seen, drops, outlines, exposures)
 
 
 def finished(steps: Iterator[Step | SurfelScene], on_step: Callable[[Step], object] = lambda step: None) -> SurfelScene:

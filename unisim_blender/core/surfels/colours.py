@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from ..geometry import BoolArray, FloatArray, invert_pose, transform_points
 from .cloud import cube_keys, summed
+from .exposure import Looks, exposure_gains
 from .ground import fill
 from .model import SurfelSet
 from .stage import Stage
@@ -22,6 +23,8 @@ DOME_DEG = 0.2
 CUBES_M = (0.3, 1.0, 4.0, 20.0)
 """What no image shows has the mean colour of its cube; where nothing in that was painted, of the next larger one."""
 FARTHEST_M = 150.0
+COMPARED = 8
+"""Every so manyth face that stands still tells how images are exposed."""
 
 
 @dataclass
@@ -32,16 +35,18 @@ class _Canvas:
     corners: FloatArray
     centres: FloatArray
     best: NDArray[np.float32]
+    image: NDArray[np.int16]
+    """Which image each face was painted from."""
 
     @staticmethod
     def of(faces: SurfelSet) -> _Canvas:
         corners = faces.vertices.reshape(-1, 3, 3).astype(np.float64)
-        return _Canvas(faces, corners, corners.mean(1), np.zeros(len(faces), np.float32))
+        return _Canvas(faces, corners, corners.mean(1), np.zeros(len(faces), np.float32), np.zeros(len(faces), np.int16))
 
 
 class Painter:
     """Paints the sets of a stage, in place, with one image after the other; each face is left with the colours of the image that
-    showed it largest."""
+    showed it largest, as if all images were exposed alike."""
 
     def __init__(self, stage: Stage) -> None:
         self.stage = stage
@@ -52,8 +57,10 @@ class Painter:
         self.order = np.argsort(self.tile_of.reshape(-1), kind="stable")
         self.starts = np.searchsorted(self.tile_of.reshape(-1)[self.order], np.arange(len(self.tiles) + 1))
         rows, columns = round(180 / DOME_DEG), round(360 / DOME_DEG)
-        self._dome = np.zeros((rows * columns, 4))
         self._shape = rows, columns
+        self._beyond: list[tuple[NDArray[np.int32], NDArray[np.uint8]]] = []
+        self._looks: list[Looks] = []
+        self._images = 0
 
     def paint(self, view: View) -> None:
         """Take what an image shows."""
@@ -66,25 +73,38 @@ class Painter:
             if there and _in_frustum(view, way.at(first)[None, :3, 3], float(np.linalg.norm(actor.size_m)))[0]:
                 self._faces(view, canvas, np.arange(len(canvas.faces)), lambda points, way=way: view.of_actor(way, points), False)
         u, v, directions = view.far_points()
-        cell = dome_cell(directions, self._shape)
-        colour = view.sample(u, v)
-        for k in range(3):
-            self._dome[:, k] += np.bincount(cell, colour[:, k], len(self._dome))
-        self._dome[:, 3] += np.bincount(cell, minlength=len(self._dome))
+        cell = dome_cell(directions, self._shape).astype(np.int32)
+        self._beyond.append((cell, np.rint(view.sample(u, v)).astype(np.uint8)))
+        self._images += 1
 
-    def dome(self) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
+    def gains(self) -> FloatArray:
+        """Exposures (images, 3) of the images so far, in their order."""
+        parts = [(look.place, look.image, look.colour) for look in self._looks]
+        if not parts:
+            return np.ones((self._images, 3))
+        return exposure_gains(Looks(*(np.concatenate(part) for part in zip(*parts, strict=True))), self._images)
+
+    def dome(self, gains: FloatArray) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
         """Colours (rows, columns, 3) by direction, and where (rows, columns) images showed them; elsewhere as beside."""
-        seen = self._dome[:, 3] > 0
+        total = np.zeros((self._shape[0] * self._shape[1], 4))
+        for gain, (cell, colour) in zip(gains, self._beyond, strict=True):
+            for k in range(3):
+                total[:, k] += np.bincount(cell, colour[:, k] / gain[k], len(total))
+            total[:, 3] += np.bincount(cell, minlength=len(total))
+        seen = total[:, 3] > 0
         with np.errstate(invalid="ignore", divide="ignore"):
-            mean = self._dome[:, :3] / self._dome[:, 3:]
+            mean = total[:, :3] / total[:, 3:]
         if not seen.any():
             mean[:] = 128.0
         colours = fill(mean.reshape(*self._shape, 3))
         return np.clip(np.rint(colours), 0, 255).astype(np.uint8), seen.reshape(self._shape)
 
-    def finish(self) -> None:
-        """Give faces that no image showed the colours of what is about them."""
+    def finish(self, gains: FloatArray) -> None:
+        """Take the images' exposures off, and give faces that no image showed the colours of what is about them."""
         for canvas in (self.static, *self.placed):
+            painted = canvas.faces.painted
+            even = canvas.faces.colours[painted] / gains[canvas.image[painted], None]
+            canvas.faces.colours[painted] = np.clip(np.rint(even), 0, 255).astype(np.uint8)
             _spread(canvas)
 
     def _in_sight(self, view: View) -> NDArray[np.int64]:
@@ -106,6 +126,8 @@ class Painter:
         sine = np.hypot(ends[0] - u, ends[1] - v) / model.fx * distance / 0.01
         frontal = np.sqrt(np.clip(1 - sine**2, 0.0, 1)) + 0.02
         score = (frontal / np.maximum(distance, 1.0) ** 2).astype(np.float32)
+        if static:
+            self._look(view, chosen, u, v, distance)
         better = (score > canvas.best[chosen]) & (ends[3] < distance)
         better[better] = view.sees(u[better], v[better], distance[better], static)
         chosen = chosen[better]
@@ -114,6 +136,14 @@ class Painter:
         u, v, _, _ = place(corners)
         canvas.faces.colours[chosen] = np.rint(view.sample(u, v)).astype(np.uint8).reshape(-1, 3, 3)
         canvas.faces.painted[chosen] = True
+        canvas.image[chosen] = self._images
+
+    def _look(self, view: View, chosen: NDArray[np.int64], u: FloatArray, v: FloatArray, distance: FloatArray) -> None:
+        """Note what an image shows of some of its faces (N,) at image points, that far away."""
+        some = np.flatnonzero(chosen % COMPARED == 0)
+        some = some[view.sees(u[some], v[some], distance[some], True)]
+        number = np.full(len(some), self._images)
+        self._looks.append(Looks(chosen[some], number, view.sample(u[some], v[some])))
 
 
 def _in_frustum(view: View, middles: FloatArray, radius_m: float) -> BoolArray:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -15,10 +15,12 @@ from numpy.typing import NDArray
 from ..constants import CLEARANCE_M
 from ..geometry import BoolArray, FloatArray
 from ..meshes.intersect import Triangles
+from ..own_vehicle import Outline, outlines_from_json, outlines_to_json
 from .drops import DropTable
+from .exposure import Exposures
 from .ground import HeightGrid
 
-FORMAT_VERSION = 3
+FORMAT_VERSION = 4
 META_NAME = "surfels.json"
 GOLDEN = np.pi * (3 - np.sqrt(5))
 
@@ -86,7 +88,8 @@ class SurfelSet:
 class SurfelScene:
     """All of a log's surfels: what stands still, in the world, and each actor's in its box. ``ground`` is the ground's height;
     ``dome`` (rows, columns, 3) uint8 sRGB is what cameras saw where no surfel is, by direction, and ``dome_seen`` (rows, columns)
-    where they did; ``drops`` say how likely a beam returns."""
+    where they did; ``drops`` say how likely a beam returns; ``outlines`` are those of the recording vehicle in its images, by
+    camera. Colours are as if all images were exposed alike; ``exposures`` say how they were."""
 
     settings: SurfelSettings
     static: SurfelSet
@@ -95,6 +98,8 @@ class SurfelScene:
     dome: NDArray[np.uint8]
     dome_seen: BoolArray
     drops: DropTable
+    outlines: dict[str, tuple[Outline, int]] = field(default_factory=dict)
+    exposures: Exposures = field(default_factory=Exposures)
 
     @cached_property
     def upright(self) -> BoolArray:
@@ -138,9 +143,9 @@ def save_surfels(scene: SurfelScene, folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     everyone = joined([scene.static.of(np.zeros(len(scene.static), bool)), *scene.actors.values()])
     for name, faces in (("static", scene.static), ("actors", everyone)):
-        for field in fields(SurfelSet):
-            if field.name != "boxes":
-                np.save(folder / f"{name}_{field.name}.npy", getattr(faces, field.name))
+        for member in fields(SurfelSet):
+            if member.name != "boxes":
+                np.save(folder / f"{name}_{member.name}.npy", getattr(faces, member.name))
     boxes = scene.static.triangles.boxes
     if boxes is not None:
         np.save(folder / "static_nodes.npy", boxes[0])
@@ -159,6 +164,8 @@ def save_surfels(scene: SurfelScene, folder: Path) -> None:
         "settings": asdict(scene.settings),
         "ground_low": scene.ground.low.tolist(),
         "actors": {uid: len(one) for uid, one in scene.actors.items()},
+        "own_vehicle": outlines_to_json(scene.outlines),
+        "exposures": scene.exposures.to_json(),
     }
     (folder / META_NAME).write_text(json.dumps(about))
 
@@ -173,7 +180,7 @@ def load_surfels(folder: Path) -> SurfelScene:
         path = folder / f"{name}.npy"
         return np.load(path, mmap_mode="r" if path.stat().st_size > 1 << 20 else None, allow_pickle=False)
 
-    names = [field.name for field in fields(SurfelSet) if field.name != "boxes"]
+    names = [member.name for member in fields(SurfelSet) if member.name != "boxes"]
     parts: dict[str, Any] = {name: array(f"static_{name}") for name in names}
     static = SurfelSet(**parts)
     if (folder / "static_nodes.npy").exists():
@@ -192,4 +199,6 @@ def load_surfels(folder: Path) -> SurfelScene:
         dome=array("dome"),
         dome_seen=array("dome_seen"),
         drops=DropTable(array("drops_returns"), array("drops_beams")),
+        outlines=outlines_from_json(about["own_vehicle"]),
+        exposures=Exposures.from_json(about["exposures"]),
     )

@@ -54,7 +54,8 @@ class SurfelTracer:
         self.stage = Stage(static.without(gone), [*own, *copies])
 
     def trace(self, rays: Rays, passes: set[str], sky: bool, met: Met | None, stats: RenderStats) -> Found:
-        """See `tracer.Tracer`. A camera's feature is its colour; a LiDAR's is intensity and the probability of a return."""
+        """See `tracer.Tracer`. A camera's feature is its colour, whatever the exposure, and the time, on which that depends; a
+        LiDAR's is intensity and the probability of a return."""
         flat = rays.flat().sound()
         n = len(flat.time_s)
         stats.rays += n
@@ -78,7 +79,8 @@ class SurfelTracer:
 
     def image(self, found: Found, directions: FloatArray, camera_id: str, shape: tuple[int, ...]) -> Array:
         """See `tracer.Tracer`."""
-        return np.asarray(found.feature.reshape(*shape, 3), np.float32)
+        gain = self.scene.exposures.at(camera_id, found.feature[:, 3])
+        return np.asarray(np.clip(found.feature[:, :3] * gain, 0, 1).reshape(*shape, 3), np.float32)
 
     def returns(self, found: Found, directions: FloatArray) -> tuple[Array, Array]:
         """See `tracer.Tracer`."""
@@ -93,7 +95,11 @@ class SurfelTracer:
         hit = met.owner != NOBODY
         needs_normal = "normal" in passes or not sky
         normals = self.stage.normals(met, rays) if needs_normal else None
-        feature, unsupported = self.colours(rays, met, pixel_rad) if sky else (self._beams(rays, met, normals), ~hit)
+        if sky:
+            colours, unsupported = self.colours(rays, met, pixel_rad)
+            feature = np.concatenate([colours, rays.time_s[:, None].astype(np.float32)], -1)
+        else:
+            feature, unsupported = self._beams(rays, met, normals), ~hit
         own = len(self.cast.own.actors)
         maps: Maps = {
             "depth": met.t.astype(np.float32),

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from collections.abc import Collection, Iterable, Mapping
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -14,6 +14,7 @@ from ..drive import Actor, Camera
 from ..geometry import BoolArray, FloatArray, box_corners, intersect_boxes, invert_pose, transform_points
 from ..images import resize_image
 from ..log import Log
+from ..own_vehicle import Outline, find_outline, moved_frames, shows_scene
 from ..sensors.camera import camera_rays, pixel_grid, row_times
 from ..sensors.rays import Rays
 from ..tracer import NEAR_M
@@ -22,6 +23,8 @@ from .stage import Stage
 NEARER_SHARE, NEARER_M = 0.02, 0.2
 """A place farther than the first surface by more than this is hidden."""
 BOX_MARGIN_M, BOXES_WITHIN_M, ROLLING = 0.3, 120.0, 6
+OUTLINE_IMAGES, OUTLINE_WIDTH = 24, 480
+"""So many images, this wide, tell where the recording vehicle itself is in them."""
 EDGE = 1.35
 """Beside something nearer by this factor images show either: nothing is taken from there."""
 
@@ -31,8 +34,8 @@ class View:
     """One recorded image at some width, and what its camera has in front of it.
 
     image (H, W, 3) uint8; depth_m (h, w) to the first surfel in a coarser grid of its own, inf for none; clear (h, w), the least
-    of the depths about each; boxes_m (h, w) to the first actor's
-    box. ``camera`` has the image's model.
+    of the depths about each; boxes_m (h, w) to the first actor's box; own (h, w), where it shows the recording vehicle itself.
+    ``camera`` has the image's model.
     """
 
     camera: Camera
@@ -41,6 +44,9 @@ class View:
     depth_m: NDArray[np.float32]
     clear_m: NDArray[np.float32]
     boxes_m: NDArray[np.float32]
+    own: BoolArray
+    gain: FloatArray = field(default_factory=lambda: np.ones(3))
+    """How its exposure (3,) differs from the others', where that is known."""
 
     def place(self, first: FloatArray, last: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Where in the image places are: u, v (N,) pixels, z (N,) metres along the axis, distance (N,) metres. ``first`` and
@@ -75,8 +81,8 @@ class View:
 
     @cached_property
     def beyond(self) -> BoolArray:
-        """Where (h, w) the camera sees neither a surfel nor an actor's box."""
-        return np.isinf(self.depth_m) & np.isinf(self.boxes_m)
+        """Where (h, w) the camera sees neither a surfel nor an actor's box, nor its own vehicle."""
+        return np.isinf(self.depth_m) & np.isinf(self.boxes_m) & ~self.own
 
     def far_points(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Image points u, v (M,) of the coarser grid that show what lies beyond, and their rays' directions (M, 3)."""
@@ -107,11 +113,12 @@ class View:
         if static:
             distance = np.where(distance > self.boxes_m[cell], np.inf, distance)
         depth, clear = self.depth_m[cell], self.clear_m[cell]
-        return (distance <= depth * (1 + NEARER_SHARE) + NEARER_M) & (distance <= clear * EDGE + NEARER_M)
+        near = (distance <= depth * (1 + NEARER_SHARE) + NEARER_M) & (distance <= clear * EDGE + NEARER_M)
+        return np.asarray(near & ~self.own[cell])
 
     def sample(self, u: FloatArray, v: FloatArray) -> NDArray[np.float32]:
-        """Colours (N, 3) in 0..255 at image points (N,), bilinear, beyond the edge as at it."""
-        return bilinear(self.image, u, v)
+        """Colours (N, 3) at image points (N,), bilinear, beyond the edge as at it; in 0..255 but for the exposure."""
+        return np.asarray(bilinear(self.image, u, v) / self.gain, np.float32)
 
 
 def bilinear(image: NDArray[np.uint8], u: FloatArray, v: FloatArray) -> NDArray[np.float32]:
@@ -131,9 +138,32 @@ def resized(camera: Camera, width: int) -> Camera:
     return replace(camera, model=camera.model.resized(min(width, camera.model.width)))
 
 
-def open_view(log: Log, camera_id: str, frame: int, width: int, depth_width: int, stage: Stage, boxed: Iterable[Actor]) -> View:
+def outlines_in(log: Log, frames: Collection[int]) -> dict[str, tuple[Outline, int]]:
+    """The recording vehicle's outline in each camera's images of some frames, and the height of the images that it was found in.
+    Cameras that do not see it, and those of which too few images tell, are left out. Raises `LogError`."""
+    found = {}
+    for name, recorded in log.drive.cameras.items():
+        there = moved_frames(log.drive, [frame for frame in log.image_frames(name) if frame in frames])
+        chosen = [there[i] for i in np.unique(np.linspace(0, len(there) - 1, min(len(there), OUTLINE_IMAGES)).astype(int))]
+        model = resized(recorded, OUTLINE_WIDTH).model
+        outline = find_outline([resize_image(log.image(name, frame), model) for frame in chosen])
+        if outline is not None:
+            found[name] = outline, model.height
+    return found
+
+
+def open_view(
+    log: Log,
+    camera_id: str,
+    frame: int,
+    width: int,
+    depth_width: int,
+    stage: Stage,
+    boxed: Iterable[Actor],
+    outlines: Mapping[str, tuple[Outline, int]],
+) -> View:
     """A recorded image at most ``width`` pixels wide, with depths of the stage, and of the boxes of ``boxed`` actors, on a
-    grid ``depth_width`` wide. Raises `LogError`."""
+    grid ``depth_width`` wide; ``outlines`` are the recording vehicle's. Raises `LogError`."""
     camera = resized(log.drive.cameras[camera_id], width)
     coarse = resized(camera, depth_width)
     u, v = pixel_grid(coarse.model)
@@ -142,7 +172,11 @@ def open_view(log: Log, camera_id: str, frame: int, width: int, depth_width: int
     padded = np.pad(depth, 1, mode="edge")
     clear = sliding_window_view(padded, (3, 3)).min((2, 3))
     image = resize_image(log.image(camera_id, frame), camera.model)
-    return View(camera, frame, image, depth, clear, _boxes(boxed, coarse, frame, rays, u.shape))
+    own = np.zeros(u.shape, bool)
+    if camera_id in outlines:
+        # a cell's lower edge: what shows the vehicle in part shows it
+        own = ~shows_scene(*outlines[camera_id], u, v + 0.5, (coarse.model.width, coarse.model.height))
+    return View(camera, frame, image, depth, clear, _boxes(boxed, coarse, frame, rays, u.shape), own)
 
 
 def _boxes(actors: Iterable[Actor], camera: Camera, frame: int, rays: Rays, shape: tuple[int, ...]) -> NDArray[np.float32]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import OrderedDict
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -52,6 +53,7 @@ class Sources:
                 times = np.array([camera.time_s[frame] for frame in numbers])
                 self.poses[name] = times, camera.world_from_camera.at(times)
         self.recorded = {actor.uid: actor for actor in on_stage(self.drive, self.drive.actors.values())}
+        self.outlines, self.exposures = scene.outlines, scene.exposures
         self.stage = Stage(scene.static, [(actor, scene.actors[uid]) for uid, actor in self.recorded.items()])
         stay = {actor.uid for actor in actors if self.unedited(actor)}
         self.elsewhere = [actor for uid, actor in self.recorded.items() if uid not in stay]
@@ -62,7 +64,10 @@ class Sources:
         key = *source, shrink
         if key not in self._views:
             width = max(1, self.drive.cameras[source.camera].model.width // shrink)
-            self._views[key] = open_view(self.log, *source, width, min(width, DEPTH_WIDTH), self.stage, self.elsewhere)
+            depth_width = min(width, DEPTH_WIDTH)
+            view = open_view(self.log, *source, width, depth_width, self.stage, self.elsewhere, self.outlines)
+            time_s = np.array([view.camera.time_s[source.frame]])
+            self._views[key] = replace(view, gain=self.exposures.at(source.camera, time_s)[0])
             while len(self._views) > KEPT:
                 self._views.popitem(last=False)
         self._views.move_to_end(key)
