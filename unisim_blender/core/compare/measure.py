@@ -25,12 +25,13 @@ from ..frames import CameraFrame
 from ..geometry import FloatArray
 from ..log import Log
 from ..output.frame_files import json_bytes, png_bytes
+from ..own_vehicle import Outline
 from ..prepare.replay import replayed_drive
 from ..prepare.scenario import prepare_scenario
 from ..prepare.selection import select_frames
 from ..render import Renderer
 from ..street.street import Street
-from ..surfels.views import outlines_in
+from ..surfels.views import outline_in
 from .kept_truth import KeptTruth
 from .made import Made
 from .parts import REPLAY, Part
@@ -137,7 +138,7 @@ def _recorded(bench: Bench, name: str, made: Made, part: Part, progress: Progres
         width=w.width,
         trained=select_frames(w.frames, log.drive.frames),
         perceptual=bench.perceptual,
-        outlines=outlines_in(log, select_frames(w.frames, log.drive.frames)),
+        outlines=_outlines(log, w),
     )
     judged = _Judged(bench, name, part)
 
@@ -154,6 +155,12 @@ def _recorded(bench: Bench, name: str, made: Made, part: Part, progress: Progres
         "psnr_db": {str(r["frame"]): {c: f["psnr_db"] for c, f in r["camera"].items()} for r in figures["per_frame"]},
         **judged.fid(),
     }
+
+
+def _outlines(log: Log, wishes: Wishes) -> dict[str, tuple[Outline, int]]:
+    """The recording vehicle's in its images, for all methods alike: what shows it is not compared."""
+    frames = select_frames(wishes.frames, log.drive.frames)
+    return {key: found for name in wishes.cameras for key, found in outline_in(log, name, frames).items()}
 
 
 def _true(bench: Bench, name: str, made: Made, part: Part, progress: Progress) -> dict[str, Any]:

@@ -13,6 +13,7 @@ from ..drive import Actor
 from ..errors import LogError
 from ..geometry import FloatArray
 from ..log import Log, Sweep
+from ..own_vehicle import Outline
 from ..sensors.rays import Rays
 from ..tracer import NEAR_M
 from .cloud import Cloud, cube_keys, gather_sweep, part_of, summed
@@ -23,7 +24,7 @@ from .ground import HeightGrid, height_grid
 from .model import SurfelScene, SurfelSet, SurfelSettings, joined, make_faces
 from .planes import Neighbours
 from .stage import NOBODY, STATIC, Stage, carried
-from .views import open_view, outlines_in
+from .views import open_view, outline_in
 
 NEIGHBOURS, RADIUS_M = 200, 0.2
 """A normal is that of at most so many points this near; where they are fewer than `FEW`, of `FEW_RADIUS_M`."""
@@ -107,10 +108,14 @@ def build_surfels(log: Log, settings: SurfelSettings, frames: Sequence[int] | No
         stage = _pruned(stage, log, name, frame)
     everywhere = stage.static
     sets = {actor.uid: faces for actor, faces in stage.placed}
-    painter, outlines = Painter(stage), outlines_in(log, chosen)
+    painter = Painter(stage)
+    outlines: dict[str, tuple[Outline, int]] = {}
+    for name in drive.cameras:
+        yield Step("Looking for the vehicle itself", 0.62)
+        outlines |= outline_in(log, name, chosen)
     images = [(name, frame) for name in drive.cameras for frame in _chosen_images(log, name, chosen)]
     for number, (name, frame) in enumerate(images):
-        yield Step("Painting faces from images", 0.6 + 0.35 * number / len(images))
+        yield Step("Painting faces from images", 0.63 + 0.32 * number / len(images))
         painter.paint(open_view(log, name, frame, IMAGE_WIDTH, DEPTH_WIDTH, stage, actors, outlines))
     gains = painter.gains()
     times = [drive.cameras[name].time_s[frame] for name, frame in images]

@@ -138,18 +138,14 @@ def resized(camera: Camera, width: int) -> Camera:
     return replace(camera, model=camera.model.resized(min(width, camera.model.width)))
 
 
-def outlines_in(log: Log, frames: Collection[int]) -> dict[str, tuple[Outline, int]]:
-    """The recording vehicle's outline in each camera's images of some frames, and the height of the images that it was found in.
-    Cameras that do not see it, and those of which too few images tell, are left out. Raises `LogError`."""
-    found = {}
-    for name, recorded in log.drive.cameras.items():
-        there = moved_frames(log.drive, [frame for frame in log.image_frames(name) if frame in frames])
-        chosen = [there[i] for i in np.unique(np.linspace(0, len(there) - 1, min(len(there), OUTLINE_IMAGES)).astype(int))]
-        model = resized(recorded, OUTLINE_WIDTH).model
-        outline = find_outline([resize_image(log.image(name, frame), model) for frame in chosen])
-        if outline is not None:
-            found[name] = outline, model.height
-    return found
+def outline_in(log: Log, camera_id: str, frames: Collection[int]) -> dict[str, tuple[Outline, int]]:
+    """The recording vehicle's outline in a camera's images of some frames, and the height of the images that it was found in, by
+    the camera; nothing of one that does not see it, or of whose images too few tell. Raises `LogError`."""
+    there = moved_frames(log.drive, [frame for frame in log.image_frames(camera_id) if frame in frames])
+    chosen = [there[i] for i in np.unique(np.linspace(0, len(there) - 1, min(len(there), OUTLINE_IMAGES)).astype(int))]
+    model = resized(log.drive.cameras[camera_id], OUTLINE_WIDTH).model
+    outline = find_outline([resize_image(log.image(camera_id, frame), model) for frame in chosen])
+    return {} if outline is None else {camera_id: (outline, model.height)}
 
 
 def open_view(
