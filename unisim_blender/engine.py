@@ -82,7 +82,7 @@ class UniSimEngine(bpy.types.RenderEngine):
         view.follow(context, depsgraph)
         view.gather()
         view.draw(self, depsgraph.scene)
-        self.update_stats("UniSim", view.problem or view.progress or ("Rendering" if view.pending else ""))
+        self.update_stats("UniSim", view.problem or view.progress or ("Rendering" if view.pending else view.warning))
         if view.pending or view.waits:
             redraw_soon()
 
@@ -161,6 +161,9 @@ class UniSimEngine(bpy.types.RenderEngine):
                     return
                 if event["event"] == "progress":
                     self.update_stats("UniSim", progress_line(event))
+                    continue
+                if event["event"] == "warning":
+                    self.report({"WARNING"}, event["text"])
                     continue
                 if event["event"] != "arrays":
                     return

@@ -53,6 +53,7 @@ class View:
     texture: Any = None
     problem: str = ""
     progress: str = ""
+    warning: str = ""
     """How far something is that has to be made before there is a picture."""
     changes: int = 0
     waits: bool = False
@@ -88,7 +89,7 @@ class View:
         """Take back what was asked for."""
         if self.request is not None and self.worker is not None:
             self.worker.cancel(self.request)
-        self.request, self.progress = None, ""
+        self.request, self.progress, self.warning = None, "", ""
 
     def follow(self, context: bpy.types.Context, depsgraph: bpy.types.Depsgraph) -> None:
         """Ask for the picture of what is looked at now, unless it was asked for already, or a render job runs."""
@@ -196,6 +197,9 @@ class View:
                 return
             if event["event"] == "progress":
                 self.progress = progress_line(event)
+                continue
+            if event["event"] == "warning":
+                self.warning = event["text"]
                 continue
             self.progress = ""
             if event["event"] == "arrays":

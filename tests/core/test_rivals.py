@@ -28,6 +28,7 @@ from unisim_blender.core.training.config import TrainConfig
 from unisim_blender.core.training.recipe import recipe
 from unisim_blender.core.training.run import CHECKPOINT, finish, save_checkpoint, train
 from unisim_blender.core.training.trainer import Trainer
+from unisim_blender.core.worker.jobs import Jobs
 
 KINDS: dict[str, tuple[str, tuple[str, ...]]] = {
     "ngp": ("tiny-ngp", ()),
@@ -320,3 +321,16 @@ def test_a_broken_configuration_is_refused() -> None:
     values = replace(preset("ngp"), upsample=2).to_dict()
     with pytest.raises(SceneError, match=r"model\.upsample is 2 .* samples that have colours make one pixel"):
         ModelConfig.from_dict(values)
+
+
+def test_the_worker_says_what_one_field_cannot_show(path: Path, trained: dict[str, Path], tmp_path: Path) -> None:
+    camera = next(iter(open_log(path).drive.cameras.values()))
+    model = {**vars(camera.model.resized(16)), "shutter": vars(camera.model.shutter)}
+    moment = {"camera": camera.sensor_id, "time_s": min(camera.time_s.values()), "model": model}
+    told = {}
+    wanted: dict[str, list[dict[str, object]]] = {"a": [], "b": [{"type": "remove", "actor": "car-1"}]}
+    for name, edits in wanted.items():
+        file = edited(trained["ngp"], path, tmp_path / f"{name}.json", edits)
+        request = {"scenario": json.loads(file.read_text()), "path": str(file), **moment}
+        told[name] = [event["text"] for event in Jobs(tmp_path).camera(request) if event["event"] == "warning"]
+    assert told["a"] == [] and len(told["b"]) == 1 and "edits of car-1 change labels" in told["b"][0]

@@ -106,6 +106,8 @@ def make_library(source: Source, path: Path) -> Generator[str, None, None]:
                 if event["event"] == "error":
                     yield f"Error: {event['text']}"
                     return
+                if event["event"] == "warning":
+                    continue
                 if event["event"] != "arrays":
                     break
                 arrays = worker.arrays(event)

@@ -66,6 +66,9 @@ def gather() -> float | None:
         if event["event"] == "progress":
             bpy.context.window_manager.unisim_task = progress_line(event)
             continue
+        if event["event"] == "warning":
+            print(f"Warning: {event['text']}")
+            continue
         if event["event"] == "arrays" and scene is not None:
             arrays = worker.arrays(event)
             put_points(scene, key[1], SIMULATED, arrays.pop("points"), arrays)

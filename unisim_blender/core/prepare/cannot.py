@@ -2,28 +2,47 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from pathlib import Path
+from typing import Any, NamedTuple
 
 from ..drive import Drive
 from ..fields.config import ModelConfig
 from ..scene_file import read_scene_header
+from .renderers import stamp
 
 SHOWN = 5
 """So many actors are named."""
 
 
+class _Method(NamedTuple):
+    """What a scene's training left it without."""
+
+    name: str
+    has_actors: bool
+    has_lidar: bool
+
+
 def warnings(scene: Path, recorded: Drive, edited: Drive, sweeps: bool) -> list[str]:
     """One sentence for each thing that comes out otherwise than asked; ``sweeps`` says whether any are wanted. Raises
     `SceneError`."""
-    header, found = read_scene_header(scene), []
+    method, found = _method(stamp(scene)), []
     touched = [uid for uid in recorded.actors if edited.actors.get(uid) is not recorded.actors[uid]]
     added = [uid for uid, a in edited.actors.items() if uid not in recorded.actors and not a.look.scene and not a.look.mesh]
-    if ModelConfig.from_dict(header.model).actors == "none" and (touched or added):
+    if not method.has_actors and (touched or added):
         every = [*touched, *added]
         names = ", ".join(every[:SHOWN]) + (f" and {len(every) - SHOWN} more" if len(every) > SHOWN else "")
         found.append(
-            f"scene {header.name!r} is one field without actors: edits of {names} change labels, but no picture or sweep"
+            f"scene {method.name!r} is one field without actors: edits of {names} change labels, but no picture or sweep"
         )
-    if sweeps and "lidar" in header.training.get("without", ()):
-        found.append(f"scene {header.name!r} was trained without LiDAR: the intensities and drops of its sweeps mean nothing")
+    if sweeps and not method.has_lidar:
+        found.append(f"scene {method.name!r} was trained without LiDAR: the intensities and drops of its sweeps mean nothing")
     return found
+
+
+@lru_cache(maxsize=16)
+def _method(stamped: tuple[Any, ...]) -> _Method:
+    """Of the scene that a stamp is of: its header need not be read for every picture of a view."""
+    header = read_scene_header(stamped[0])
+    actors = ModelConfig.from_dict(header.model).actors
+    return _Method(header.name, actors != "none", "lidar" not in header.training.get("without", ()))

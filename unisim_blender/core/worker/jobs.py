@@ -16,6 +16,7 @@ from ..edits import apply_scenario
 from ..frames import CameraFrame
 from ..log import Log
 from ..logs import open_log
+from ..prepare.cannot import warnings
 from ..prepare.renderers import UNTRAINED, UNTRAINED_DEFAULT, make_tracer, pick_device, stamp, untrained_tracer
 from ..prepare.scenario import recorded_drive, scene_actors
 from ..render import Region, Renderer
@@ -58,10 +59,11 @@ class Jobs:
         ``passes``, ``quality``, ``device``; ``rows`` and ``columns`` (first, past the last) where not all are wanted, and
         ``touched``, whether these are only what an edit can have touched directly; ``coarse``, strides at which it is shown
         first; ``shadows``. Events have arrays of rgb and the passes, the ``rows`` and ``columns`` that they cover, and where in
-        these they have pixels: at ``origin`` and every ``stride`` from there, both as (row, column). Before them,
-        ``progress`` says how far something is that has to be made first.
+        these they have pixels: at ``origin`` and every ``stride`` from there, both as (row, column). Before them, ``warning``
+        says what the scene's method cannot show, and ``progress`` how far something is that has to be made first.
         """
         scenario, drive = self._drive(request)
+        yield from self._warnings(scenario, drive, sweeps=False)
         name, passes = str(request["camera"]), tuple(request.get("passes", ("rgb",)))
         model = CameraModel.from_dict(request["model"])
         camera = replace(drive.cameras[name], model=model, time_s={NOW: float(request["time_s"])})
@@ -81,6 +83,7 @@ class Jobs:
     def lidar(self, request: Message) -> Iterator[Message]:
         """A sweep of ``lidar`` at ``time_s``: points (N, 3) in the world, intensity, depth, instance of beams that return."""
         scenario, drive = self._drive(request)
+        yield from self._warnings(scenario, drive, sweeps=True)
         name = str(request["lidar"])
         lidar = replace(drive.lidars[name], time_s={NOW: float(request["time_s"])})
         renderer = yield from self._renderer(request, scenario, replace(drive, cameras={}, lidars={name: lidar}))
@@ -97,6 +100,13 @@ class Jobs:
         if key not in self.recorded:
             self.recorded = {key: recorded_drive(scenario)}
         return scenario, apply_scenario(scenario, self.recorded[key], scene_actors)
+
+    def _warnings(self, scenario: Scenario, drive: Drive, sweeps: bool) -> Iterator[Message]:
+        """What comes out otherwise than the edits ask for."""
+        if scenario.scene_path is not None:
+            (recorded,) = self.recorded.values()
+            for sentence in warnings(scenario.scene_path, recorded, drive, sweeps):
+                yield {"event": "warning", "text": sentence}
 
     def _renderer(self, request: Message, scenario: Scenario, drive: Drive) -> Generator[Message, None, Renderer]:
         """The renderer of a request: of its trained scene, or of the log's surfels where it has none."""
