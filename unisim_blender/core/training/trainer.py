@@ -122,7 +122,8 @@ class Trainer:
             {"params": looks, "rates": c.rate_tables, "eps": 1e-15}
             if self.model.config.actors == "tables"
             else {"params": looks, "rates": c.rate_networks, "eps": 1e-10},
-            {"params": list(self.tracklets.parameters()), "rates": c.rate_poses, "eps": 1e-10},
+            {"params": [self.tracklets.shift_m], "rates": c.rate_shifts, "eps": 1e-10},
+            {"params": [self.tracklets.turn_6d], "rates": c.rate_turns, "eps": 1e-10},
             {"params": list(self.camera_poses.parameters()), "rates": c.rate_cameras, "eps": 1e-10},
         ]
         self.optimiser, self.slow = (
