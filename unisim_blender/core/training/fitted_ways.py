@@ -13,7 +13,7 @@ from ..geometry import FloatArray, Trajectory, matrix_from_quaternion, quaternio
 FEWEST_KEYS = 8
 """Of fewer keys nobody can tell what is noise and what is the way."""
 _LAMBDA_S3 = 10.0 ** np.linspace(-9, 7, 161)
-"""Strengths of smoothing that are tried: (standard deviation of the noise / spectral density of the acceleration)^2."""
+"""Strengths of smoothing that are tried: the noise's variance, m^2, by the acceleration's spectral density, m^2 / s^3."""
 
 
 def fitted(drive: Drive) -> Drive:
@@ -29,8 +29,8 @@ def _fitted(actor: Actor) -> Actor:
 
 
 def fitted_way(way: Trajectory) -> Trajectory:
-    """A way with keys at the same times (T,), its x and y smoothed together, and its heading about the world's z; heights, pitch
-    and roll stay. A way without noise stays where it is."""
+    """A way of T >= 3 keys with its x and y smoothed together, and its heading about the world's z; times, heights, pitch and roll
+    stay. A way without noise stays where it is."""
     positions = way.positions.copy()
     positions[:, :2] += smoothing(way.times_s, positions[:, :2])
     forward = matrix_from_quaternion(way.quaternions_wxyz)[:, :, 0]
@@ -40,13 +40,13 @@ def fitted_way(way: Trajectory) -> Trajectory:
 
 
 def smoothing(times_s: FloatArray, values: FloatArray) -> FloatArray:
-    """What to add to values (T, C) at increasing times (T,), T >= 3, to take the noise off that each key has by itself.
+    """What to add to values (T, C) at increasing times (T,), T >= 3, (T, C) too, to take the noise off that each key has by itself.
 
     The means of a way whose velocity is a Wiener process, seen with white noise: a cubic smoothing spline (Green and Silverman,
     "Nonparametric regression and generalized linear models", 1994, section 2.3.3). How strongly it smooths, one strength for all
     columns, is what makes the values likeliest, their straight line and scale apart (Wahba, "A comparison of GCV and GML for
-    choosing the smoothing parameter", Annals of Statistics 13, 1985): ways without noise, with curves, brakes and corners that
-    keys half as far apart would show as well, are not changed, noise of metres is.
+    choosing the smoothing parameter", Annals of Statistics 13, 1985). Curves, brakes and swerves that neighbouring keys agree
+    about stay where they are.
     """
     line = np.stack([np.ones_like(times_s), times_s - times_s.mean()], -1)
     values = values - line @ np.linalg.lstsq(line, values, rcond=None)[0]
