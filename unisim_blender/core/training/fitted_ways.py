@@ -29,8 +29,8 @@ def _fitted(actor: Actor) -> Actor:
 
 
 def fitted_way(way: Trajectory) -> Trajectory:
-    """A way of T >= 3 keys with its x and y smoothed together, and its heading about the world's z; times, heights, pitch and roll
-    stay. A way without noise stays where it is."""
+    """A way of T >= 3 keys with its x and y smoothed together, and its heading about the world's z; times, heights, pitch and
+    roll stay. A way without noise stays where it is."""
     positions = way.positions.copy()
     positions[:, :2] += smoothing(way.times_s, positions[:, :2])
     forward = matrix_from_quaternion(way.quaternions_wxyz)[:, :, 0]
@@ -40,7 +40,7 @@ def fitted_way(way: Trajectory) -> Trajectory:
 
 
 def smoothing(times_s: FloatArray, values: FloatArray) -> FloatArray:
-    """What to add to values (T, C) at increasing times (T,), T >= 3, (T, C) too, to take the noise off that each key has by itself.
+    """What to add to values (T, C) at increasing times (T,), T >= 3, to take off the noise that each key has by itself: (T, C).
 
     The means of a way whose velocity is a Wiener process, seen with white noise: a cubic smoothing spline (Green and Silverman,
     "Nonparametric regression and generalized linear models", 1994, section 2.3.3). How strongly it smooths, one strength for all
