@@ -31,8 +31,8 @@ def _disturbed(actor: Actor, metres: float, degrees: float, rng: np.random.Gener
     return replace(actor, world_from_actor=moved)
 
 
-def disturbed_log(log: Log, metres: float, degrees: float, seed: int) -> Log:
-    """The log with its drive `disturbed`; images and sweeps are what they were."""
+def with_drive(log: Log, drive: Drive) -> Log:
+    """The log with another drive; images and sweeps are what they were."""
     changed = copy.copy(log)
-    changed.drive = disturbed(log.drive, metres, degrees, seed)
+    changed.drive = drive
     return changed

@@ -31,7 +31,7 @@ from ..render import Renderer
 from ..scene_file import SceneHeader
 from ..torch_tracer import TorchTracer
 from .config import TrainConfig
-from .disturb import disturbed_log
+from .disturb import disturbed, with_drive
 from .observed import observe
 from .trainer import Trainer
 
@@ -53,7 +53,9 @@ def train(log: Log, config: TrainConfig, out: Path, resume: bool = False, quiet:
         raise SceneError(f"{file}: there is no checkpoint to resume")
     _check_device(config.device)
     _unpage_allocations()
-    trainer = Trainer(log if config.disturb is None else disturbed_log(log, *config.disturb, config.seed), config)
+    if config.disturb is not None:
+        log = with_drive(log, disturbed(log.drive, *config.disturb, config.seed))
+    trainer = Trainer(log, config)
     out.mkdir(parents=True, exist_ok=True)
     if resume:
         load_checkpoint(file, trainer)

@@ -32,6 +32,8 @@ from .adversarial import Adversary, shifted
 from .camera_poses import CameraPoses
 from .config import TrainConfig
 from .data import CameraData, LidarBatch, LidarData, PatchBatch
+from .disturb import with_drive
+from .fitted_ways import fitted
 from .ground_heights import ground_heights
 from .hidden import Hidden
 from .losses import lidar_terms, perceptual_stand_in, spread
@@ -49,9 +51,10 @@ class Trainer:
     """Trains one scene on one log."""
 
     def __init__(self, log: Log, config: TrainConfig) -> None:
-        self.log, self.config = log, config
+        self.config, self.recipe = config, recipe(config)
         torch.manual_seed(config.seed)
-        self.recipe = recipe(config)
+        # noise that differs from key to key is for the labels to tell of: rays see a box at a few moments only
+        self.log = log = with_drive(log, fitted(log.drive)) if self.recipe.refines_tracklets else log
         shapes, drive = self.recipe.model, log.drive
         self.volume = Volume.along(drive)
         self.cameras = CameraData(log, list(config.cameras), list(config.frames), config.width, self.volume.corner)
@@ -119,7 +122,8 @@ class Trainer:
             {"params": looks, "rates": c.rate_tables, "eps": 1e-15}
             if self.model.config.actors == "tables"
             else {"params": looks, "rates": c.rate_networks, "eps": 1e-10},
-            {"params": list(self.tracklets.parameters()), "rates": c.rate_poses, "eps": 1e-10},
+            {"params": [self.tracklets.shift_m], "rates": c.rate_shifts, "eps": 1e-10},
+            {"params": [self.tracklets.turn_6d], "rates": c.rate_turns, "eps": 1e-10},
             {"params": list(self.camera_poses.parameters()), "rates": c.rate_cameras, "eps": 1e-10},
         ]
         self.optimiser, self.slow = (

@@ -1,0 +1,75 @@
+"""Actors' recorded ways without the noise of their labels, as far as the labels themselves tell of it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ..drive import Actor, Drive
+from ..edits.motion import quaternion_product
+from ..geometry import FloatArray, Trajectory, matrix_from_quaternion, quaternion_from_yaw
+
+FEWEST_KEYS = 8
+"""Of fewer keys nobody can tell what is noise and what is the way."""
+_LAMBDA_S3 = 10.0 ** np.linspace(-9, 7, 161)
+"""Strengths of smoothing that are tried: the noise's variance, m^2, by the acceleration's spectral density, m^2 / s^3."""
+
+
+def fitted(drive: Drive) -> Drive:
+    """The drive with the ways of its moving actors `fitted_way`."""
+    actors = {uid: _fitted(actor) for uid, actor in drive.actors.items()}
+    return replace(drive, actors=actors)
+
+
+def _fitted(actor: Actor) -> Actor:
+    if not actor.is_moving or len(actor.world_from_actor.times_s) < FEWEST_KEYS:
+        return actor
+    return replace(actor, world_from_actor=fitted_way(actor.world_from_actor))
+
+
+def fitted_way(way: Trajectory) -> Trajectory:
+    """A way of T >= 3 keys with its x and y smoothed together, and its heading about the world's z; times, heights, pitch and
+    roll stay. A way without noise stays where it is."""
+    positions = way.positions.copy()
+    positions[:, :2] += smoothing(way.times_s, positions[:, :2])
+    forward = matrix_from_quaternion(way.quaternions_wxyz)[:, :, 0]
+    yaw = np.unwrap(np.arctan2(forward[:, 1], forward[:, 0]))
+    turn = quaternion_from_yaw(smoothing(way.times_s, yaw[:, None])[:, 0])
+    return Trajectory(way.times_s, positions, quaternion_product(turn, way.quaternions_wxyz))
+
+
+def smoothing(times_s: FloatArray, values: FloatArray) -> FloatArray:
+    """What to add to values (T, C) at increasing times (T,), T >= 3, to take off the noise that each key has by itself: (T, C).
+
+    The means of a way whose velocity is a Wiener process, seen with white noise: a cubic smoothing spline (Green and Silverman,
+    "Nonparametric regression and generalized linear models", 1994, section 2.3.3). How strongly it smooths, one strength for all
+    columns, is what makes the values likeliest, their straight line and scale apart (Wahba, "A comparison of GCV and GML for
+    choosing the smoothing parameter", Annals of Statistics 13, 1985). Curves, brakes and swerves that neighbouring keys agree
+    about stay where they are.
+    """
+    line = np.stack([np.ones_like(times_s), times_s - times_s.mean()], -1)
+    values = values - line @ np.linalg.lstsq(line, values, rcond=None)[0]
+    penalty, basis = np.linalg.eigh(_roughness(times_s))
+    # the first two are straight lines
+    penalty, basis = penalty[2:], basis[:, 2:]
+    parts = basis.T @ values
+    removed = _LAMBDA_S3[:, None] * penalty / (1 + _LAMBDA_S3[:, None] * penalty)
+    variance = (removed @ parts**2).mean(1) / len(penalty)
+    # straight to the last digit: there is nothing to take off
+    if variance.max() < 1e-18:
+        return np.zeros_like(values)
+    surprise = np.log(variance) - np.log(removed).mean(1)
+    return np.asarray(-basis @ (removed[surprise.argmin()][:, None] * parts))
+
+
+def _roughness(times_s: FloatArray) -> FloatArray:
+    """(T, T): the integral of the squared second derivative of the natural cubic spline through values y is y' K y (Green and
+    Silverman, section 2.1.2)."""
+    step = np.diff(times_s)
+    inner = np.arange(len(step) - 1)
+    second = np.zeros((len(times_s), len(inner)))
+    second[inner, inner], second[inner + 2, inner] = 1 / step[:-1], 1 / step[1:]
+    second[inner + 1, inner] = -1 / step[:-1] - 1 / step[1:]
+    gram = np.diag((step[:-1] + step[1:]) / 3) + np.diag(step[1:-1] / 6, 1) + np.diag(step[1:-1] / 6, -1)
+    return np.asarray(second @ np.linalg.solve(gram, second.T))
