@@ -146,7 +146,7 @@ def _actor_strands(
 ) -> list[Strands]:
     if not troupe.uids or (among is not None and len(among) == 0):
         return []
-    hits = troupe.tracklets.hits(rays.origins, rays.directions, rays.time_s, NEAR_M, among)
+    hits = troupe.tracklets.hits(rays.origins, rays.directions, rays.time_s, NEAR_M, among, troupe.keys)
     if len(hits.ray) == 0:
         return []
     scene, samples = troupe.scene, troupe.scene.config.samples
