@@ -52,8 +52,8 @@ BETA_MAX = 100.0
 
 @dataclass(frozen=True)
 class _Start:
-    """What a share of a step starts with: the training's progress, the cast with the actors' ``tables`` and with the tracklets'
-    ``keys``, which are its own leaves, its own random numbers and gradients; and what the cameras' rays meet, once it is known."""
+    """What a share of a step starts with: the training's progress; the cast with the actors' ``tables`` and with the tracklets'
+    ``keys``, which are leaves of its own; its random numbers and gradients; what the cameras' rays meet, once it is known."""
 
     done: float
     cast: CastTensors
