@@ -65,7 +65,7 @@ def test_cells_decoded_by_themselves_are_convolved(shape: tuple[int, int, int]) 
     assert decoder.reach == 0
     b, height, width = shape
     features = torch.randn(b, decoder.last.in_channels, height, width)
-    results = []
+    results: list[list[Any]] = []
     for convolved in (False, True):
         x = features.clone().requires_grad_()
         image = torch.sigmoid(F.pixel_shuffle(decoder.last(F.relu(decoder.blocks(x))), 2)) if convolved else decoder(x)

@@ -52,13 +52,12 @@ BETA_MAX = 100.0
 
 @dataclass(frozen=True)
 class _Start:
-    """What a share of a step starts with: the training's progress; the cast with the actors' ``tables`` and with the tracklets'
-    ``keys``, which are leaves of its own; its random numbers and gradients; what the cameras' rays meet, once it is known."""
+    """What a share of a step starts with: the training's progress, the cast, whose actors have these ``tables``, random numbers
+    and gradients of its own, and what the cameras' rays meet, once it is known."""
 
     done: float
     cast: CastTensors
     tables: Tensor
-    keys: tuple[Tensor, Tensor]
     rng: np.random.Generator
     generator: torch.Generator
     gradients: Gradients
@@ -158,7 +157,7 @@ class Trainer:
         self.optimiser, self.slow = (
             torch.optim.Adam(groups, lr=1e-3, betas=(0.9, 0.99), fused=c.device != "mps") for groups in (fast, slow)
         )
-        self._tables: tuple[Tensor, Tensor] | None = None
+        self._held: tuple[dict[str, Tensor], dict[str, Tensor]] | None = None
 
     # ---- one step
 
@@ -182,47 +181,44 @@ class Trainer:
             return self._step(together=compiled and kernel_threads() > 1)
 
     def _step(self, together: bool) -> dict[str, float]:
-        c, w, done = self.config, self.recipe.weights, self.progress
+        w, done = self.recipe.weights, self.progress
         self._set_rates(done)
-        tables = self.actor_tables()
-        learns_poses = self.recipe.refines_tracklets and done >= c.poses_from
-        with torch.set_grad_enabled(learns_poses):
-            own_keys = self.tracklets.keys()
+        held = self.held()
         seen: Future[Traced] = Future()
         work = [self._camera_share] + [self._lidar_share] * bool(self.recipe.uses_lidar or w.hidden)
-        starts = [self._start(number, done, tables, own_keys, learns_poses, seen) for number in range(len(work))]
-        for sink, _ in self._sinks_of(tables):
+        starts = [self._start(number, done, held, seen) for number in range(len(work))]
+        for sink, _ in self._sinks_of(held["tables"]):
             sink.clear()
         shares = run_shares([partial(f, start) for f, start in zip(work, starts, strict=True)], together)
-        self._update(starts, own_keys if learns_poses else None)
-        for share in shares:
-            if share.traced is not None:
-                self._update_occupancy(share.traced, camera=share is shares[0])
+        self._update(starts, held["tables"])
+        if not self._lidar_follows:
+            for share in shares:
+                if share.traced is not None:
+                    self._update_occupancy(share.traced, camera=share is shares[0])
         if self.adversary and shares[0].fake is not None:
             self.adversary.update(*shares[0].fake)
         self.iteration += 1
         terms = {name: value for share in shares for name, value in share.terms.items()}
         return {**terms, "loss": sum(terms.values()), **{k: v for share in shares for k, v in share.figures.items()}}
 
-    def _start(
-        self,
-        number: int,
-        done: float,
-        tables: Tensor,
-        keys: tuple[Tensor, Tensor],
-        learns_poses: bool,
-        seen: Future[Traced],
-    ) -> _Start:
+    def _start(self, number: int, done: float, held: dict[str, Tensor], seen: Future[Traced]) -> _Start:
         # seeded by the iteration: a resumed run draws what an uninterrupted one would
         c, seed = self.config, (self.config.seed * 1_000_003 + self.iteration) * 2 + number
         rng = np.random.default_rng([c.seed, self.iteration, number])
         generator = torch.Generator(device=c.device).manual_seed(seed)
-        position, quaternion = (key.detach().requires_grad_(learns_poses) for key in keys)
         groups = (*self.optimiser.param_groups, *self.slow.param_groups)
-        leaves = [p for group in groups for p in group["params"]] + [tables]
-        gradients = Gradients([*leaves, position, quaternion] if learns_poses else leaves)
-        cast = self._cast(tables, (position, quaternion))
-        return _Start(done, cast, tables, (position, quaternion), rng, generator, gradients, seen)
+        leaves = [p for group in groups for p in group["params"]] + [held["tables"]]
+        keys = held["positions"], held["quaternions"]
+        if self.recipe.refines_tracklets and done >= c.poses_from:
+            leaves += keys
+        else:
+            keys = keys[0].detach(), keys[1].detach()
+        return _Start(done, self._cast(held["tables"], keys), held["tables"], rng, generator, Gradients(leaves), seen)
+
+    @property
+    def _lidar_follows(self) -> bool:
+        """Whether the LiDAR's share updates the occupancy: it has time to, and no ray of the cameras is traced any more."""
+        return self.recipe.uses_lidar and self.adversary is None
 
     def _camera_share(self, start: _Start) -> _Share:
         """What the cameras' rays teach. Leaves what they met as soon as that is known."""
@@ -288,11 +284,15 @@ class Trainer:
         if w.hidden and start.done >= c.hidden_from:
             terms["hidden"] = w.hidden * self.hidden.loss(generator)
             self._take(start, {"hidden": terms["hidden"]})
+        seen = start.seen.result()
         if swept is not None and near is not None:
-            slopes = self.shape.slopes(tables, swept, start.seen.result(), near, generator)
+            slopes = self.shape.slopes(tables, swept, seen, near, generator)
             slopes = {name: getattr(w, name) * term for name, term in slopes.items()}
             self._take(start, slopes)
             terms |= slopes
+        if swept is not None and self._lidar_follows:
+            self._update_occupancy(seen, camera=True)
+            self._update_occupancy(swept, camera=False)
         return _Share(_values(terms), figures, swept, None)
 
     def _take(self, start: _Start, terms: dict[str, Tensor]) -> None:
@@ -307,17 +307,15 @@ class Trainer:
         own = self.model.actors.sink
         return self._sinks if own is None else [*self._sinks, (own, tables)]
 
-    def _update(self, starts: list[_Start], own_keys: tuple[Tensor, Tensor] | None) -> None:
-        """Add the shares' gradients up, in their order, and update what they are of; ``own_keys`` where poses learn."""
+    def _update(self, starts: list[_Start], tables: Tensor) -> None:
+        """Add the shares' gradients up, in their order, and update what they are of; ``tables`` are the actors'."""
         with torch_threads(None):
             self.optimiser.zero_grad(set_to_none=False)
         for start in starts:
             start.gradients.add()
-        for sink, table in self._sinks_of(starts[0].tables):
+        for sink, table in self._sinks_of(tables):
             assert table.grad is not None
             sink.pour(table.grad)
-        if own_keys is not None:
-            self._learn_keys(starts, own_keys)
         with torch_threads(None):
             self.optimiser.step()
         with torch.no_grad():
@@ -326,47 +324,40 @@ class Trainer:
             with torch_threads(None):
                 self._update_slow()
 
-    def _learn_keys(self, starts: list[_Start], own_keys: tuple[Tensor, Tensor]) -> None:
-        for number, key in enumerate(own_keys):
-            parts = [start.keys[number].grad for start in starts]
-            given = [part for part in parts if part is not None]
-            if given:
-                # both keys come from the same corrections, of which each has its own
-                key.backward(torch.stack(given).sum(0))
-
-    def actor_tables(self) -> Tensor:
-        """Every actor's grid as it stands between two slow updates; its gradient, of many encodings and steps, is added up."""
-        if self._tables is None:
+    def held(self) -> dict[str, Tensor]:
+        """What the slow parameters make, as it stands between two slow updates: every actor's grid (``tables``), the tracklets'
+        keys (``positions``, ``quaternions``). Their gradients, of many encodings and steps, are added up."""
+        if self._held is None:
             with torch_threads(None):
-                tables = self.model.actors.tables()
-            cut = tables.detach().requires_grad_()
-            cut.grad = torch.zeros_like(cut)
-            self._tables = tables, cut
-        return self._tables[1]
+                positions, quaternions = self.tracklets.keys()
+                made = {"tables": self.model.actors.tables(), "positions": positions, "quaternions": quaternions}
+            cut = {name: value.detach().requires_grad_() for name, value in made.items()}
+            cut["tables"].grad = torch.zeros_like(cut["tables"])
+            self._held = made, cut
+        return self._held[1]
 
     def _update_slow(self) -> None:
-        assert self._tables is not None
-        tables, cut = self._tables
-        tables.backward(cut.grad)
+        assert self._held is not None
+        made, cut = self._held
+        for name, value in made.items():
+            if cut[name].grad is not None:
+                value.backward(cut[name].grad)
         self.slow.step()
         self.slow.zero_grad()
-        self._tables = None
+        self._held = None
 
     def held_gradients(self) -> dict[str, Tensor]:
         """What has been added up since the last slow update, by name."""
         parameters = [p for group in self.slow.param_groups for p in group["params"]]
-        held = {str(i): p.grad for i, p in enumerate(parameters) if p.grad is not None}
-        if self._tables is not None:
-            assert self._tables[1].grad is not None
-            held["tables"] = self._tables[1].grad
-        return held
+        named = {str(i): p for i, p in enumerate(parameters)} | (self._held[1] if self._held is not None else {})
+        return {name: tensor.grad for name, tensor in named.items() if tensor.grad is not None}
 
     def hold_gradients(self, held: dict[str, Tensor]) -> None:
         """The inverse of `held_gradients`."""
         parameters = [p for group in self.slow.param_groups for p in group["params"]]
-        self._tables = None
+        self._held = None
         for name, value in held.items():
-            parameter = self.actor_tables() if name == "tables" else parameters[int(name)]
+            parameter = parameters[int(name)] if name.isdigit() else self.held()[name]
             parameter.grad = value.to(parameter.device)
 
     def _set_rates(self, done: float) -> None:
