@@ -57,6 +57,26 @@ def modules(config: ModelConfig) -> nn.ModuleDict:
     return out.requires_grad_(False)
 
 
+@pytest.mark.parametrize("shape", ((6, 5, 5), (40, 1, 1)))
+def test_cells_decoded_by_themselves_are_convolved(shape: tuple[int, int, int]) -> None:
+    """Products of matrices give what convolutions of size 1 do, and their gradients."""
+    torch.manual_seed(0)
+    decoder = CameraDecoder(dataclasses.replace(preset("small"), upsample=2, decoder_blocks=2))
+    assert decoder.reach == 0
+    b, height, width = shape
+    features = torch.randn(b, decoder.last.in_channels, height, width)
+    results: list[list[Any]] = []
+    for convolved in (False, True):
+        x = features.clone().requires_grad_()
+        image = torch.sigmoid(F.pixel_shuffle(decoder.last(F.relu(decoder.blocks(x))), 2)) if convolved else decoder(x)
+        decoder.zero_grad()
+        image.square().sum().backward()
+        results.append([image.detach(), x.grad, *(p.grad for p in decoder.parameters())])
+    assert results[0][0].shape == (b, 3, 2 * height, 2 * width)
+    for got, expected in zip(*results, strict=True):
+        torch.testing.assert_close(got, expected, rtol=1e-4, atol=1e-5)
+
+
 def weights(model: nn.Module) -> Weights:
     return Weights(Path("held.safetensors"), {name: value.numpy() for name, value in model.state_dict().items()})
 

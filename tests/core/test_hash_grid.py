@@ -12,6 +12,7 @@ import torch
 from torch import Tensor
 
 from unisim_blender.core import native
+from unisim_blender.core.fields.gradient_sink import GradientSink, add_to_table, as_share
 from unisim_blender.core.fields.grid_shape import GridArrays, GridShape
 from unisim_blender.core.fields.hash_grid import encode, encode_reference
 
@@ -86,17 +87,40 @@ def test_a_sink_takes_the_tables_gradient(grids: int) -> None:
     grid = GridArrays(SHAPES["hashed"])
     x = points(300)
     index = torch.arange(300) % 3 if grids else None
-    plain, sunk = (table(grid, grids).requires_grad_() for _ in range(2))
+    plain, sunk, sink = table(grid, grids).requires_grad_(), table(grid, grids).requires_grad_(), GradientSink()
     encode(grid, plain, x, index).square().sum().backward()
     assert plain.grad is not None
     before = torch.randn(plain.shape, generator=torch.Generator().manual_seed(4))
-    sink = sunk.grad = before.clone()
-    encode(grid, sunk, x, index, sink=sink).square().sum().backward()
-    assert sunk.grad is sink
-    torch.testing.assert_close(sink - before, plain.grad, rtol=1e-4, atol=1e-4)
-    unseen = table(grid, grids).requires_grad_()
-    encode(grid, unseen, x.clone().requires_grad_(), index, sink=torch.zeros_like(sink)).sum().backward()
-    assert unseen.grad is None, "autograd gets nothing to add up again"
+    for cleared in (True, False):
+        encode(grid, sunk, x, index, sink=sink).square().sum().backward()
+        assert sunk.grad is None, "autograd gets nothing to add up again"
+        if cleared:
+            sink.clear()
+    into = before.clone()
+    sink.pour(into)
+    torch.testing.assert_close(into - before, plain.grad, rtol=1e-4, atol=1e-4)
+    poured = into.clone()
+    sink.pour(into)
+    assert torch.equal(into, poured), "what was poured is gone"
+
+
+@needs_library
+def test_a_sink_adds_up_by_shares_whichever_comes_first() -> None:
+    grid, x = GridArrays(SHAPES["hashed"]), points(3000)
+    parts = [torch.randn(len(x), grid.shape.width, generator=torch.Generator().manual_seed(seed)) for seed in range(3)]
+    sums = []
+    for order in ((0, 1, 2), (2, 0, 1), (1, 2, 0)):
+        sink, into = GradientSink(), torch.zeros_like(table(grid, 0))
+        for share in order:
+            with as_share(share):
+                sink.put(grid, x, None, parts[share])
+        sink.pour(into)
+        sums.append(into)
+    assert torch.equal(sums[0], sums[1]) and torch.equal(sums[0], sums[2])
+    swapped = torch.zeros_like(sums[0])
+    for part in reversed(parts):
+        add_to_table(grid, x, None, part, swapped)
+    assert not torch.equal(swapped, sums[0]), "the order would show"
 
 
 @needs_library

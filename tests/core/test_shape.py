@@ -48,8 +48,8 @@ def test_a_solid_that_beams_passed_through_goes(beams: bool) -> None:
             batch = sweep()
             if not beams:
                 batch = LidarBatch(batch.rays, batch.depth_m, batch.intensity, torch.zeros_like(batch.returned), batch.weight)
-            terms = shape.terms(torch.zeros(0), nothing, nothing, batch, generator)
-            loss = terms["band"] + 0 * model.static.distance(x).sum()
+            band, _ = shape.band(torch.zeros(0), nothing, batch, generator)
+            loss = band + 0 * model.static.distance(x).sum()
         loss.backward()
         optimiser.step()
     with torch.no_grad():

@@ -255,7 +255,7 @@ def test_compiled_spheres(boxes: int) -> None:
     assert not bool((found & ~grown).any()) and not bool((shrunk & ~found).any())
 
 
-def test_keys_are_worked_out_once_where_they_are_held(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_keys_are_worked_out_once_where_they_are_given(monkeypatch: pytest.MonkeyPatch) -> None:
     tracklets, keys, asked = Tracklets(random_actors(6, 3), refine=True), Tracklets.keys, 0
 
     def counted(self: Tracklets) -> tuple[Tensor, Tensor]:
@@ -269,7 +269,7 @@ def test_keys_are_worked_out_once_where_they_are_held(monkeypatch: pytest.Monkey
     rays = torch.zeros(2000, 3), d, 4 * torch.rand(2000, generator=r, dtype=torch.float64), 0.5
     plain = [tracklets.hits(*rays) for _ in range(2)]
     assert len(plain[0].ray) > 0 and asked == 2
-    with tracklets.hold():
-        held = [tracklets.hits(*rays) for _ in range(2)]
-    assert asked == 3 and tracklets.held is None
-    assert all(torch.equal(a.origins, b.origins) for a in plain for b in held)
+    worked_out = tracklets.keys()
+    given = [tracklets.hits(*rays, keys=worked_out) for _ in range(2)]
+    assert asked == 3
+    assert all(torch.equal(a.origins, b.origins) for a in plain for b in given)

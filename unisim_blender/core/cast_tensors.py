@@ -26,6 +26,8 @@ class TroupeTensors:
     tracklets: Tracklets
     rows: Tensor
     uids: tuple[str, ...]
+    keys: tuple[Tensor, Tensor] | None = None
+    """The tracklets' keys, where they were worked out before; else every trace does that."""
 
 
 @dataclass

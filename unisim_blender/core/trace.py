@@ -110,6 +110,12 @@ def _refined(scene: SceneModel, u: Tensor, t: Tensor, s: Tensor, length_m: Tenso
     return refine_quantiles(u, t, s, float(scene.beta().detach()), jitter.shape[1], jitter)
 
 
+def _along(o: Tensor, d: Tensor, t: Tensor) -> Tensor:
+    """Points (N, K, 3) at distances t (N, K) along rays o, d (N, 3)."""
+    # a sum after a product of shapes that spread would take four times as long
+    return torch.addcmul(o[:, None], t[..., None], d[:, None])
+
+
 def _count(n: int, sampling: Sampling) -> int:
     return max(2, round(n * sampling.fine))
 
@@ -125,13 +131,13 @@ def _static_strands(scene: SceneModel, cast: CastTensors, rays: RayBatch, sampli
         # free space: rays that meet no occupied voxel take no sample
         o, d, u, t = o[ray], d[ray], u[ray], t[ray]
         segment = Segment(o, d, t_near[ray], t_far[ray])
-        points = o[:, None] + t[..., None] * d[:, None]
+        points = _along(o, d, t)
         s = scene.static.distance(points.reshape(-1, 3)).view(t.shape)
         s = _cleared(scene, cast, rays, actors, ray, t, points, s)
         jitter = stratified(len(ray), _count(samples.static, sampling), sampling.jitter, o, sampling.generator)
         quantiles = _refined(scene, u, t, s, _lengths(scene, o, d, t), jitter)
         t, _ = propose(scene.occupancy.voxels, segment, quantiles)
-    points = o[:, None] + t[..., None] * d[:, None]
+    points = _along(o, d, t)
     s, feature = scene.static(points.reshape(-1, 3))
     feature = scene.directed(feature, rays.directions[ray].repeat_interleave(t.shape[1], 0))
     s = _cleared(scene, cast, rays, actors, ray, t, points, s.view(t.shape))
@@ -146,7 +152,7 @@ def _actor_strands(
 ) -> list[Strands]:
     if not troupe.uids or (among is not None and len(among) == 0):
         return []
-    hits = troupe.tracklets.hits(rays.origins, rays.directions, rays.time_s, NEAR_M, among)
+    hits = troupe.tracklets.hits(rays.origins, rays.directions, rays.time_s, NEAR_M, among, troupe.keys)
     if len(hits.ray) == 0:
         return []
     scene, samples = troupe.scene, troupe.scene.config.samples
@@ -158,7 +164,7 @@ def _actor_strands(
         flip = torch.where(chance < sampling.mirror, -1.0, 1.0)[row]
 
     def unit(t: Tensor) -> Tensor:
-        x = (hits.origins[:, None] + t[..., None] * hits.directions[:, None]) / size[:, None]
+        x = _along(hits.origins, hits.directions, t) / size[:, None]
         if flip is not None:
             x = torch.stack([x[..., 0], x[..., 1] * flip[:, None], x[..., 2]], -1)
         return x + 0.5
@@ -223,7 +229,7 @@ def _copy_strands(scene: SceneModel, cast: CastTensors, rays: RayBatch, sampling
     span = (hits.t_far - hits.t_near)[:, None]
     u = stratified(len(o), _count(2 * samples.static, sampling), sampling.jitter, o, sampling.generator)
     t = hits.t_near[:, None] + u * span
-    points = o[:, None] + t[..., None] * d[:, None]
+    points = _along(o, d, t)
     s, feature = scene.static(points.reshape(-1, 3))
     # the source's ground stays where it is
     s = torch.where(scene.ground.above(points.reshape(-1, 3)), s, EMPTY_M).view(t.shape)
@@ -304,7 +310,7 @@ def _far_places(scene: SceneModel, o: Tensor, d: Tensor, t0: Tensor, sampling: S
     (N, K) of the intervals round the places: most where a first, even set of densities says that something is."""
     samples = scene.config.samples
     u = stratified(len(o), samples.far_proposals, sampling.jitter, o, sampling.generator)
-    x = o[:, None] + d[:, None] * _disparity(u, t0, scene.config.far_m)[..., None]
+    x = _along(o, d, _disparity(u, t0, scene.config.far_m))
     tau = scene.far.density(x.reshape(-1, 3)).view(u.shape) / samples.far_proposals
     weight = weights_from_tau(tau)[0] * -torch.expm1(-tau) + 1e-3
     cdf = F.pad((0.8 * weight / weight.sum(-1, keepdim=True) + 0.2 / samples.far_proposals).cumsum(-1), (1, 0))
@@ -343,7 +349,7 @@ def _far(scene: SceneModel, rays: RayBatch, sampling: Sampling, reach: Tensor) -
     t0 = t_far.clamp_min(NEAR_M)[:, None]
     u, width = _far_places(scene, o, d, t0, sampling)
     t = _disparity(u, t0, scene.config.far_m)
-    density, feature = scene.far((o[:, None] + d[:, None] * t[..., None]).reshape(-1, 3))
+    density, feature = scene.far(_along(o, d, t).reshape(-1, 3))
     tau = density.view(u.shape) * width
     front, behind = weights_from_tau(tau)
     weight = front * -torch.expm1(-tau)

@@ -14,6 +14,7 @@ from torch import Tensor, nn
 
 from .config import ModelConfig
 from .fields import parts, query, start_at
+from .gradient_sink import GradientSink
 from .grid_shape import GridArrays, GridShape
 from .networks import mlp, run_mlp
 
@@ -33,8 +34,8 @@ class ActorField(nn.Module, ABC):
 
     def __init__(self) -> None:
         super().__init__()
-        self.gradient: Tensor | None = None
-        """Where it is set, of `tables`' shape, the gradient of hash grids is added up here and autograd sees none."""
+        self.sink: GradientSink | None = None
+        """Where training set it, hash grids leave their gradients here, see `hash_grid.encode`."""
 
     @abstractmethod
     def tables(self) -> Tensor:
@@ -87,8 +88,7 @@ class GridActors(ActorField):
         return self.own_tables
 
     def _ask(self, tables: Tensor, x: Tensor, actor: Tensor, outputs: int | None) -> Tensor:
-        sink = self.gradient if torch.is_grad_enabled() else None
-        return query(self.grid, tables, self.network, x, actor, outputs, sink)
+        return query(self.grid, tables, self.network, x, actor, outputs, self.sink)
 
 
 class HypernetworkActors(GridActors):

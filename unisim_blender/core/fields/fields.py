@@ -15,6 +15,7 @@ from .. import native
 from ..constants import MAX_LOG_DENSITY
 from ..devices import kernel_threads
 from .config import ModelConfig
+from .gradient_sink import GradientSink
 from .grid_shape import GridArrays, GridShape
 from .hash_grid import encode
 from .networks import mlp, network_struct, run_mlp
@@ -35,7 +36,7 @@ def query(
     x: Tensor,
     index: Tensor | None = None,
     outputs: int | None = None,
-    sink: Tensor | None = None,
+    sink: GradientSink | None = None,
 ) -> Tensor:
     """What ``network`` says of the encodings of points x (N, 3) in the unit cube: its first ``outputs`` columns, or all.
 
@@ -61,18 +62,17 @@ def query(
 
 
 class HashTable(nn.Module):
-    """A learnable table of one grid. While it trains, its gradient is added up in place, see `encode`."""
+    """A learnable table of one grid. Training may give it a sink for its gradients, see `encode`."""
 
     def __init__(self, shape: GridShape) -> None:
         super().__init__()
         self.grid = GridArrays(shape)
         self.table = nn.Parameter(torch.empty(shape.rows, shape.features).uniform_(-1e-4, 1e-4))
-        self.sink_gradient = False
+        self.sink: GradientSink | None = None
 
     def ask(self, network: nn.Sequential, x: Tensor, outputs: int | None = None) -> Tensor:
         """What a network says of the encodings of points (N, 3) in the unit cube."""
-        sink = self.table.grad if self.sink_gradient and torch.is_grad_enabled() else None
-        return query(self.grid, self.table, network, x, outputs=outputs, sink=sink)
+        return query(self.grid, self.table, network, x, outputs=outputs, sink=self.sink)
 
 
 def start_at(network: nn.Sequential, s: float) -> None:

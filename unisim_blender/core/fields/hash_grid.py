@@ -15,6 +15,7 @@ from torch.autograd.function import once_differentiable
 
 from .. import native
 from ..devices import kernel_threads
+from .gradient_sink import GradientSink, add_to_table
 from .grid_shape import GridArrays
 
 _PRIMES = (1, 2654435761, 805459861)
@@ -59,7 +60,7 @@ class _Encode(torch.autograd.Function):
     """The compiled encoding, forward and backward."""
 
     @staticmethod
-    def forward(ctx: Any, grid: GridArrays, table: Tensor, x: Tensor, index: Tensor | None, sink: Tensor | None) -> Tensor:
+    def forward(ctx: Any, grid: GridArrays, table: Tensor, x: Tensor, index: Tensor | None, sink: GradientSink | None) -> Tensor:
         lib = native.library()
         assert lib is not None
         ctx.sink = sink
@@ -81,30 +82,27 @@ class _Encode(torch.autograd.Function):
         assert lib is not None
         table, x = ctx.saved_tensors
         grad = grads[0].contiguous()
-        grid, index, threads = ctx.grid, ctx.index, kernel_threads()
+        grid, index = ctx.grid, ctx.index
         grad_table = grad_x = None
         if ctx.needs_input_grad[1]:
-            # a sink takes the sum itself, and autograd sees no gradient
-            grad_table = None if ctx.sink is not None else torch.zeros_like(table)
-            target: Tensor = ctx.sink if grad_table is None else grad_table
-            lib.unisim_encode_backward_table(
-                ctypes.byref(grid.struct), x.data_ptr(), _pointer(index), len(x), grad.data_ptr(),
-                target.data_ptr(), threads,
-            )  # fmt: skip
+            if ctx.sink is not None:
+                ctx.sink.put(grid, x, index, grad)
+            else:
+                grad_table = torch.zeros_like(table)
+                add_to_table(grid, x, index, grad, grad_table)
         if ctx.needs_input_grad[2]:
             grad_x = torch.empty_like(x)
             lib.unisim_encode_backward_input(
                 ctypes.byref(grid.struct), x.data_ptr(), _pointer(index), len(x), table.data_ptr(), grad.data_ptr(),
-                grad_x.data_ptr(), threads,
+                grad_x.data_ptr(), kernel_threads(),
             )  # fmt: skip
         return None, grad_table, grad_x, None, None
 
 
-def encode(grid: GridArrays, table: Tensor, x: Tensor, index: Tensor | None = None, sink: Tensor | None = None) -> Tensor:
+def encode(grid: GridArrays, table: Tensor, x: Tensor, index: Tensor | None = None, sink: GradientSink | None = None) -> Tensor:
     """`encode_reference`, by the compiled kernels where they apply.
 
-    ``sink``, of the table's shape, takes the table's gradient by addition, and autograd then sees none: that spares a
-    training step the making and adding of one table for each call. It must be the table's own ``grad``.
+    These leave what makes the table's gradient in ``sink``, where there is one, and autograd then sees none.
     """
     assert x.shape[1:] == (3,), x.shape
     assert table.shape[-2:] == (grid.rows, grid.shape.features), table.shape

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -144,7 +143,6 @@ class Tracklets(nn.Module):
             times[i, :k], positions[i, :k], quaternions[i, :k] = way.times_s, way.positions, way.quaternions_wxyz
             rotations[i, :k] = way.poses[:, :3, :3]
         self.count = n
-        self.held: tuple[Tensor, Tensor] | None = None
         self.register_buffer("times", torch.as_tensor(times), persistent=False)
         self.register_buffer(
             "lengths", torch.tensor([len(a.world_from_actor.times_s) for a in actors], dtype=torch.long), persistent=False
@@ -193,15 +191,6 @@ class Tracklets(nn.Module):
         turn = torch.where(still, self.turn_6d.mean(1, keepdim=True), self.smoothing @ self.turn_6d)
         return self.positions + shift, quaternion_from_rotation(rotation_from_6d(self.rotation_6d + turn))
 
-    @contextmanager
-    def hold(self) -> Iterator[None]:
-        """Work the keys out once for every `hits` inside."""
-        self.held = self.keys()
-        try:
-            yield
-        finally:
-            self.held = None
-
     def poses_at(self, actor: Tensor, time_s: Tensor, keys: tuple[Tensor, Tensor]) -> tuple[Tensor, Tensor]:
         """Positions (P, 3), from the corner, and rotations (P, 3, 3), world from actor, at times (P,) float64."""
         positions, quaternions = keys
@@ -220,9 +209,17 @@ class Tracklets(nn.Module):
         q = slerp(quaternions[actor, lower], quaternions[actor, upper], u)
         return p0 + u[:, None] * (p1 - p0), rotation_from_quaternion(q)
 
-    def hits(self, origins: Tensor, directions: Tensor, time_s: Tensor, near_m: float, among: Tensor | None = None) -> Hits:
+    def hits(
+        self,
+        origins: Tensor,
+        directions: Tensor,
+        time_s: Tensor,
+        near_m: float,
+        among: Tensor | None = None,
+        keys: tuple[Tensor, Tensor] | None = None,
+    ) -> Hits:
         """Which of the rays (N, 3), from the corner along the world's axes, at times (N,) meet which boxes; ``among`` (A',) names
-        the actors to try."""
+        the actors to try, ``keys`` are what `keys` gave before."""
         bins = ((time_s - self.first_bin_s) / BIN_S).floor().long()
         bins = torch.where(bins < len(self.bound_radii), bins.clamp_min(-1), -1)
         centres, radii = self.bound_centres, self.bound_radii
@@ -237,7 +234,7 @@ class Tracklets(nn.Module):
         if len(ray) == 0:
             empty = origins.new_zeros(0)
             return Hits(ray, actor, empty, empty, origins.new_zeros(0, 3), origins.new_zeros(0, 3), origins.new_zeros(0, 3, 3))
-        position, rotation = self.poses_at(actor, time_s[ray], self.held or self.keys())
+        position, rotation = self.poses_at(actor, time_s[ray], keys or self.keys())
         o = torch.einsum("pji,pj->pi", rotation, origins[ray] - position)
         d = torch.einsum("pji,pj->pi", rotation, directions[ray])
         with torch.no_grad():

@@ -9,9 +9,10 @@ from __future__ import annotations
 
 import torch
 import torch.nn.functional as F
-from torch import Tensor, nn
+from torch import Tensor
 
 from ..constants import GROUND_CELL_M
+from ..fields.frozen import frozen, shallow
 from ..fields.occupancy import OccupancyTrainer
 from ..fields.scene import SceneModel
 
@@ -63,25 +64,13 @@ class Hidden:
 
     def loss(self, generator: torch.Generator) -> Tensor:
         """Mean disagreement of hidden places with their surroundings."""
-        total = self.model.ground.heights.new_zeros(())
-        # only the tables of hidden places learn: through networks that all places share, looks and their models would grow
-        # together without end
-        model = self.model
-        shared: list[nn.Module] = [model.static.network, model.ray_head, model.camera_decoder]
-        if model.config.colour == "sample":
-            shared.append(model.colour_head)
-        elif model.config.head == "sample":
-            shared.append(model.sample_head)
-        for module in shared:
-            module.requires_grad_(False)
+        total, model = self.model.ground.heights.new_zeros(()), _with_tables_alone(self.model)
         if len(self.known_ground):
-            total = total + self._aloft(generator) + self._on_ground(generator)
+            total = total + self._aloft(model, generator) + self._on_ground(model, generator)
         if len(self.standing):
-            total = total + self._looks_of_returns(generator)
+            total = total + self._looks_of_returns(model, generator)
         if self.still_boxes is not None:
-            total = total + self._under_boxes(*self.still_boxes, generator)
-        for module in shared:
-            module.requires_grad_(True)
+            total = total + self._under_boxes(model, *self.still_boxes, generator)
         return total
 
     def _known_places(self, generator: torch.Generator) -> Tensor:
@@ -91,9 +80,9 @@ class Hidden:
         place = (cells + torch.rand(_DRAWS, 2, generator=generator, device=device)) * GROUND_CELL_M
         return self.model.ground.under(place)
 
-    def _aloft(self, generator: torch.Generator) -> Tensor:
+    def _aloft(self, model: SceneModel, generator: torch.Generator) -> Tensor:
         """What stands above hidden places goes on downwards; close over clear ground there is nothing."""
-        model, device = self.model, self.known_ground.device
+        device = self.known_ground.device
         x = self._known_places(generator)
         low = torch.arange(len(x), device=device) % 2 == 0
         reach_m = torch.where(low, _CLEAR_M[1] / 2, REACH_M)
@@ -111,9 +100,9 @@ class Hidden:
             expected = torch.where(clear, height, torch.minimum(model.static.distance(above), height))
         return F.smooth_l1_loss(s.clamp(-_BAND_M, _BAND_M), expected.clamp(-_BAND_M, _BAND_M), beta=0.05)
 
-    def _on_ground(self, generator: torch.Generator) -> Tensor:
+    def _on_ground(self, model: SceneModel, generator: torch.Generator) -> Tensor:
         """Ground that no image shows looks like ground along the street."""
-        model, device = self.model, self.known_ground.device
+        device = self.known_ground.device
         x = self._known_places(generator)
         x = x[~self.occupancy.in_view(x)][:_POINTS]
         if len(x) == 0:
@@ -121,9 +110,9 @@ class Hidden:
         s, look = model.static(x)
         reach = torch.tensor([_ALONG_M, _ACROSS_M], device=device)
         beside = model.ground.under(x[:, :2] + reach * (2 * torch.rand(len(x), 2, generator=generator, device=device) - 1))
-        return s.abs().mean() + self._alike(look, beside, generator)
+        return s.abs().mean() + self._alike(model, look, beside, generator)
 
-    def _looks_of_returns(self, generator: torch.Generator) -> Tensor:
+    def _looks_of_returns(self, model: SceneModel, generator: torch.Generator) -> Tensor:
         """What LiDAR met above the ground and no image shows looks like what it met near by and one does."""
         standing, device = self.standing, self.standing.device
         x = standing[torch.randint(len(standing), (_DRAWS,), generator=generator, device=device)]
@@ -140,24 +129,23 @@ class Hidden:
         x, other = x[nearest < _NEAR_M], other[torch.arange(len(x), device=device), which][nearest < _NEAR_M]
         if len(x) == 0:
             return x.new_zeros(())
-        return self._alike(self.model.static(x)[1], other, generator)
+        return self._alike(model, model.static(x)[1], other, generator)
 
-    def _alike(self, look: Tensor, at: Tensor, generator: torch.Generator) -> Tensor:
+    def _alike(self, model: SceneModel, look: Tensor, at: Tensor, generator: torch.Generator) -> Tensor:
         """How unlike looks (N, F) are to those at points (N, 3), of which the ones count that some image shows.
 
         Hidden places that copy each other drift: nothing holds their looks.
         """
         with torch.no_grad():
-            _, wanted = self.model.static(at)
+            _, wanted = model.static(at)
         seen = self.occupancy.in_view(at)
-        return (self._unlike(look, wanted, generator) * seen).sum() / seen.sum().clamp_min(1)
+        return (self._unlike(model, look, wanted, generator) * seen).sum() / seen.sum().clamp_min(1)
 
-    def _unlike(self, look: Tensor, wanted: Tensor, generator: torch.Generator) -> Tensor:
+    def _unlike(self, model: SceneModel, look: Tensor, wanted: Tensor, generator: torch.Generator) -> Tensor:
         """Differences (N,) of looks (N, F): of their colours, from anywhere, and of the features themselves, for LiDAR.
 
         A place learns from many others. What is between two colours is a colour between; features between two can mean any.
         """
-        model = self.model
         directions = torch.randn(len(look), 3, generator=generator, device=look.device)
         directions = F.normalize(torch.cat([directions[:, :2], -directions[:, 2:].abs()], -1), dim=-1).repeat(2, 1)
         both = torch.cat([look, wanted])
@@ -166,9 +154,9 @@ class Hidden:
         a, b = colour.mean((2, 3)).view(2, -1, 3)
         return (a - b.detach()).abs().mean(-1) + 0.02 * F.smooth_l1_loss(look, wanted, reduction="none").mean(-1)
 
-    def _under_boxes(self, poses: Tensor, sizes: Tensor, generator: torch.Generator) -> Tensor:
+    def _under_boxes(self, model: SceneModel, poses: Tensor, sizes: Tensor, generator: torch.Generator) -> Tensor:
         """Under a box that never moves nobody saw the ground: nothing above it, and the look of its surroundings."""
-        model, device, n = self.model, poses.device, _POINTS
+        device, n = poses.device, _POINTS
         which = torch.randint(len(poses), (n,), generator=generator, device=device)
         unit = torch.rand(n, 3, generator=generator, device=device) - 0.5
 
@@ -186,7 +174,7 @@ class Hidden:
         beyond = place(torch.stack([unit[:, 0] * sizes[which][:, 0], side, unit[:, 2] * 0], -1))
         beyond = model.ground.under(beyond)
         s_ground, look = model.static(on_ground)
-        return height + s_ground.abs().mean() + self._alike(look, beyond, generator)
+        return height + s_ground.abs().mean() + self._alike(model, look, beyond, generator)
 
     @torch.no_grad()
     def continued(self) -> Tensor:
@@ -209,3 +197,15 @@ class Hidden:
             found.append(cell[below])
             goes_on = below | shown[cell]
         return torch.cat(found).unique()
+
+
+def _with_tables_alone(model: SceneModel) -> SceneModel:
+    """The model, of which only the tables of places learn: through networks that all places share, looks and their models would
+    grow together without end."""
+    out = shallow(model)
+    out.static = shallow(model.static)
+    out.static.network = frozen(model.static.network)
+    for name in ("ray_head", "camera_decoder", "colour_head", "sample_head"):
+        if name in model._modules:
+            out._modules[name] = frozen(getattr(model, name))
+    return out

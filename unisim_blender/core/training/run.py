@@ -83,6 +83,7 @@ def _unpage_allocations() -> None:
         libc = ctypes.CDLL("libc.so.6")
         libc.mallopt(-3, 32 << 20)
         libc.mallopt(-1, 1 << 30)
+        libc.mallopt(-8, 1)  # one arena: those of other threads are given back when they are empty
     except (OSError, AttributeError):
         return
 

@@ -32,13 +32,10 @@ class Shape:
     def __init__(self, model: SceneModel, occupancy: OccupancyTrainer, known_ground: Tensor) -> None:
         self.model, self.occupancy, self.known_ground = model, occupancy, known_ground
 
-    def terms(
-        self, tables: Tensor, swept: Traced, seen: Traced, lidar: LidarBatch, generator: torch.Generator
-    ) -> dict[str, Tensor]:
-        """``band``: signed distances at and before LiDAR returns; ``eikonal``: gradients of length 1; ``flat``: normals that turn
-        little.
+    def band(self, tables: Tensor, swept: Traced, lidar: LidarBatch, generator: torch.Generator) -> tuple[Tensor, Tensor]:
+        """What signed distances at and before LiDAR returns miss, and points (N, 3) of the static field near such returns.
 
-        ``tables`` are the actors' grids; ``swept`` and ``seen`` what the rays of ``lidar`` and of the cameras met.
+        ``tables`` are the actors' grids; ``swept`` is what the rays of ``lidar`` met.
         """
         model = self.model
         o, d = model.frame.points(lidar.rays.origins), model.frame.vectors(lidar.rays.directions)
@@ -66,11 +63,19 @@ class Shape:
         x = o[static] + d[static] * (lidar.depth_m[static] - offset)[:, None]
         band = band + distance_band(model.static.distance(x), offset) + self._ground_band(end[static & ~above], generator)
         band = band + self._passed(o[static], d[static], lidar.depth_m[static], generator)
-        centre = x.detach()[torch.randperm(len(x), generator=generator, device=x.device)[:512]]
+        return band, x.detach()
+
+    def slopes(self, tables: Tensor, swept: Traced, seen: Traced, near: Tensor, generator: torch.Generator) -> dict[str, Tensor]:
+        """``eikonal``: gradients of length 1; ``flat``: normals that turn little.
+
+        ``swept`` and ``seen`` are what LiDAR's and the cameras' rays met, of which only places count; ``near`` (N, 3) are points
+        near returns.
+        """
+        centre = near[torch.randperm(len(near), generator=generator, device=near.device)[:512]]
         gradients = [self._static_gradient(centre)]
         for strand in (*seen.strands, *swept.strands):
             gradients.append(self._gradient(strand, tables, generator))
-        return {"band": band, "eikonal": eikonal(torch.cat(gradients)), "flat": self._flatness(seen, generator)}
+        return {"eikonal": eikonal(torch.cat(gradients)), "flat": self._flatness(seen, generator)}
 
     def _passed(self, o: Tensor, d: Tensor, depth_m: Tensor, generator: torch.Generator) -> Tensor:
         """In front of returns, on rays o, d (N, 3) at depth_m (N,), the distance is above zero: mean depth of what lies below.

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from concurrent.futures import Future
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,10 +19,11 @@ from .. import native
 from ..cast import on_stage
 from ..cast_tensors import CastTensors, TroupeTensors
 from ..constants import VEHICLES
-from ..devices import module_to, tensor_to, torch_threads
+from ..devices import kernel_threads, module_to, tensor_to, torch_threads
 from ..drive import Actor, Drive
 from ..errors import SceneError
 from ..fields.fields import HashTable
+from ..fields.gradient_sink import GradientSink
 from ..fields.occupancy import OccupancyTrainer
 from ..fields.scene import SceneModel
 from ..fields.tracklets import Tracklets
@@ -42,9 +46,34 @@ from .pixels import Draw, PixelChoice
 from .recipe import recipe
 from .seed_voxels import seed_voxels
 from .shape import Shape
+from .shares import Gradients, run_shares
 
 BETA_MAX = 100.0
 """Sharper than this, 1 / metres, a surface is far thinner than the finest cell, and no gradient comes from beside it."""
+
+
+@dataclass(frozen=True)
+class _Start:
+    """What a share of a step starts with: the training's progress, the cast, whose actors have these ``tables``, random numbers
+    and gradients of its own, and what the cameras' rays meet, once it is known."""
+
+    done: float
+    cast: CastTensors
+    tables: Tensor
+    rng: np.random.Generator
+    generator: torch.Generator
+    gradients: Gradients
+    seen: Future[Traced]
+
+
+@dataclass(frozen=True)
+class _Share:
+    """What a share of a step leaves: the values of its terms, figures, what its rays met, recorded and made-up images."""
+
+    terms: dict[str, float]
+    figures: dict[str, float]
+    traced: Traced | None
+    fake: tuple[Tensor, Tensor] | None
 
 
 class Trainer:
@@ -104,12 +133,15 @@ class Trainer:
 
     def _make_optimiser(self) -> None:
         tables, networks = [], []
+        self._sinks: list[tuple[GradientSink, Tensor]] = []
         for module in self.model.modules():
             if isinstance(module, HashTable):
                 tables.append(module.table)
                 if self.config.device == "cpu":
-                    module.table.grad = torch.zeros_like(module.table)
-                    module.sink_gradient = True
+                    module.table.grad, module.sink = torch.zeros_like(module.table), GradientSink()
+                    self._sinks.append((module.sink, module.table))
+        if self.config.device == "cpu":
+            self.model.actors.sink = GradientSink()
         looks = self.model.actors.own()
         known = {id(p) for p in (*tables, *looks)}
         networks = [p for p in self.model.parameters() if id(p) not in known]
@@ -129,7 +161,7 @@ class Trainer:
         self.optimiser, self.slow = (
             torch.optim.Adam(groups, lr=1e-3, betas=(0.9, 0.99), fused=c.device != "mps") for groups in (fast, slow)
         )
-        self._tables: tuple[Tensor, Tensor] | None = None
+        self._held: tuple[dict[str, Tensor], dict[str, Tensor]] | None = None
 
     # ---- one step
 
@@ -141,131 +173,195 @@ class Trainer:
         assert self.config.minutes is not None
         return min(1.0, self.elapsed_s / (self.config.minutes * 60))
 
-    def _cast(self, tables: Tensor) -> CastTensors:
+    def _cast(self, tables: Tensor, keys: tuple[Tensor, Tensor]) -> CastTensors:
         uids = tuple(self.model.actor_ids)
-        return CastTensors(TroupeTensors(self.model, tables, self.tracklets, self.rows, uids))
+        return CastTensors(TroupeTensors(self.model, tables, self.tracklets, self.rows, uids, keys))
 
     def step(self) -> dict[str, float]:
         """One batch, one update; the figures of its loss."""
         compiled = self.config.device == "cpu" and native.library() is not None
         # a batch's tensors are small: threads lose more on them by waiting for each other than they save, the kernels' apart
         with torch_threads(1 if compiled else None):
-            return self._step()
+            return self._step(together=compiled and kernel_threads() > 1)
 
-    def _step(self) -> dict[str, float]:
-        c, w, done = self.config, self.recipe.weights, self.progress
-        # seeded by the iteration: a resumed run draws what an uninterrupted one would
-        rng = np.random.default_rng([c.seed, self.iteration])
-        generator = torch.Generator(device=c.device).manual_seed(c.seed * 1_000_003 + self.iteration)
+    def _step(self, together: bool) -> dict[str, float]:
+        w, done = self.recipe.weights, self.progress
         self._set_rates(done)
-        tables = self.actor_tables()
-        self.model.actors.gradient = tables.grad
-        cast = self._cast(tables)
-        batches, draw = self._draw_pixels(rng)
-        lidar = self._to_device(self.lidar.sample(rng, c.lidar_rays))
+        held = self.held()
+        seen: Future[Traced] = Future()
+        work = [self._camera_share] + [self._lidar_share] * bool(self.recipe.uses_lidar or w.hidden)
+        starts = [self._start(number, done, held, seen) for number in range(len(work))]
+        for sink, _ in self._sinks_of(held["tables"]):
+            sink.clear()
+        shares = run_shares([partial(f, start) for f, start in zip(work, starts, strict=True)], together)
+        self._update(starts, held["tables"])
+        if not self._lidar_follows:
+            for share in shares:
+                if share.traced is not None:
+                    self._update_occupancy(share.traced, camera=share is shares[0])
+        if self.adversary and shares[0].fake is not None:
+            self.adversary.update(*shares[0].fake)
+        self.iteration += 1
+        terms = {name: value for share in shares for name, value in share.terms.items()}
+        return {**terms, "loss": sum(terms.values()), **{k: v for share in shares for k, v in share.figures.items()}}
+
+    def _start(self, number: int, done: float, held: dict[str, Tensor], seen: Future[Traced]) -> _Start:
+        # seeded by the iteration: a resumed run draws what an uninterrupted one would
+        c, seed = self.config, (self.config.seed * 1_000_003 + self.iteration) * 2 + number
+        rng = np.random.default_rng([c.seed, self.iteration, number])
+        generator = torch.Generator(device=c.device).manual_seed(seed)
+        groups = (*self.optimiser.param_groups, *self.slow.param_groups)
+        leaves = [p for group in groups for p in group["params"]] + [held["tables"]]
+        keys = held["positions"], held["quaternions"]
+        if self.recipe.refines_tracklets and done >= c.poses_from:
+            leaves += keys
+        else:
+            keys = keys[0].detach(), keys[1].detach()
+        return _Start(done, self._cast(held["tables"], keys), held["tables"], rng, generator, Gradients(leaves), seen)
+
+    @property
+    def _lidar_follows(self) -> bool:
+        """Whether the LiDAR's share updates the occupancy: it has time to, and no ray of the cameras is traced any more."""
+        return self.recipe.uses_lidar and self.adversary is None
+
+    def _camera_share(self, start: _Start) -> _Share:
+        """What the cameras' rays teach. Leaves what they met as soon as that is known."""
+        try:
+            return self._camera_terms(start)
+        except BaseException as error:
+            if not start.seen.done():
+                start.seen.set_exception(error)
+            raise
+
+    def _camera_terms(self, start: _Start) -> _Share:
+        c, w, done, cast, generator = self.config, self.recipe.weights, start.done, start.cast, start.generator
+        batches, draw = self._draw_pixels(start.rng)
         sampling = Sampling(jitter=True, mirror=self.mirror, generator=generator)
         # gradients with respect to the static field's points are dear: most steps go without
         learn_cameras = self.recipe.refines_cameras and done >= c.poses_from and self.iteration % c.slow_every == 0
         batches = [
             dataclasses.replace(b, rays=self.camera_poses(b.rays, b.camera, b.world_from_camera, learn_cameras)) for b in batches
         ]
-        with self.tracklets.hold():
-            seen = trace(self.model, cast, _together([b.rays for b in batches]), sampling)
-            features = seen.feature.split([len(b.rays) for b in batches])
-            images = [self._decode(f, b, generator) for f, b in zip(features, batches, strict=True)]
-            squares = [(i - b.target).square() for i, b in zip(images, batches, strict=True)]
-            if draw is not None:
-                self.choice.note(draw.block, squares[1].detach().mean((1, 2, 3)).double().cpu().numpy())
-                squares[1] = squares[1] * tensor_to(torch.as_tensor(draw.weight).float(), c.device)[:, None, None, None]
-            mse = torch.stack([s.sum() for s in squares]).sum() / sum(s.numel() for s in squares)
-            image, patch = images[0], batches[0]
-            terms = {"rgb": mse}
-            if w.spread:
-                terms["spread"] = w.spread * spread(seen)
-            if w.perceptual and done >= c.perceptual_from:
-                terms["perceptual"] = w.perceptual * self.perceptual(image, patch.target)
-            fake = None
-            if self.adversary and done >= c.poses_from:
-                beside = shifted(patch, generator)
-                fake = self._decode(trace(self.model, cast, beside.rays, sampling).feature, beside, generator)
-                terms["adversarial"] = w.adversarial * self.adversary.generator_loss(fake)
-            swept = (
-                trace(self.model, cast, lidar.rays, dataclasses.replace(sampling, sky=False)) if self.recipe.uses_lidar else None
-            )
-        if swept is not None:
-            terms |= self._lidar_loss(swept, lidar)
-            if w.band or w.eikonal or w.flat:
-                shaping = self.shape.terms(tables, swept, seen, lidar, generator)
-                terms |= {name: getattr(w, name) * term for name, term in shaping.items()}
-        if w.hidden and done >= c.hidden_from:
-            terms["hidden"] = w.hidden * self.hidden.loss(generator)
+        seen = trace(self.model, cast, _together([b.rays for b in batches]), sampling)
+        start.seen.set_result(seen)
+        features = seen.feature.split([len(b.rays) for b in batches])
+        images = [self._decode(f, b, generator) for f, b in zip(features, batches, strict=True)]
+        squares = [(i - b.target).square() for i, b in zip(images, batches, strict=True)]
+        if draw is not None:
+            self.choice.note(draw.block, squares[1].detach().mean((1, 2, 3)).double().cpu().numpy())
+            squares[1] = squares[1] * tensor_to(torch.as_tensor(draw.weight).float(), c.device)[:, None, None, None]
+        mse = torch.stack([s.sum() for s in squares]).sum() / sum(s.numel() for s in squares)
+        image, patch = images[0], batches[0]
+        terms = {"rgb": mse}
+        if w.spread:
+            terms["spread"] = w.spread * spread(seen)
+        if w.perceptual and done >= c.perceptual_from:
+            terms["perceptual"] = w.perceptual * self.perceptual(image, patch.target)
+        fake = None
+        if self.adversary and done >= c.poses_from:
+            beside = shifted(patch, generator)
+            fake = self._decode(trace(self.model, cast, beside.rays, sampling).feature, beside, generator)
+            terms["adversarial"] = w.adversarial * self.adversary.generator_loss(fake)
         penalty = self.model.actors.penalty()
         if penalty is not None:
             terms["latent"] = w.latent * penalty
+        self._take(start, terms)
+        figures = {"psnr": -10 * float(torch.log10(mse.detach().clamp_min(1e-10)))}
+        return _Share(_values(terms), figures, seen, None if fake is None else (patch.target, fake))
+
+    def _lidar_share(self, start: _Start) -> _Share:
+        """What beams and places teach. What needs the cameras' rays comes last."""
+        c, w, tables, generator = self.config, self.recipe.weights, start.tables, start.generator
+        terms: dict[str, Tensor] = {}
+        figures: dict[str, float] = {}
+        swept, near = None, None
+        if self.recipe.uses_lidar:
+            lidar = self._to_device(self.lidar.sample(start.rng, c.lidar_rays))
+            sampling = Sampling(jitter=True, sky=False, mirror=self.mirror, generator=generator)
+            swept = trace(self.model, start.cast, lidar.rays, sampling)
+            terms = self._lidar_loss(swept, lidar)
+            if w.band or w.eikonal or w.flat:
+                band, near = self.shape.band(tables, swept, lidar, generator)
+                terms["band"] = w.band * band
+            self._take(start, terms)
+            figures["lidar_m"] = float((swept.near_depth_m - lidar.depth_m)[lidar.returned].detach().abs().median())
+        if w.hidden and start.done >= c.hidden_from:
+            terms["hidden"] = w.hidden * self.hidden.loss(generator)
+            self._take(start, {"hidden": terms["hidden"]})
+        seen = start.seen.result()
+        if swept is not None and near is not None:
+            slopes = self.shape.slopes(tables, swept, seen, near, generator)
+            slopes = {name: getattr(w, name) * term for name, term in slopes.items()}
+            self._take(start, slopes)
+            terms |= slopes
+        if swept is not None and self._lidar_follows:
+            self._update_occupancy(seen, camera=True)
+            self._update_occupancy(swept, camera=False)
+        return _Share(_values(terms), figures, swept, None)
+
+    def _take(self, start: _Start, terms: dict[str, Tensor]) -> None:
+        """Have a share's gradients of the sum of terms, whose graph is then gone."""
         loss = torch.stack(list(terms.values())).sum()
         if not bool(torch.isfinite(loss)):
             bad = [name for name, value in terms.items() if not bool(torch.isfinite(value))]
             raise SceneError(f"training diverged at iteration {self.iteration}: {', '.join(bad)} is not a finite number")
+        start.gradients.take(loss)
+
+    def _sinks_of(self, tables: Tensor) -> list[tuple[GradientSink, Tensor]]:
+        own = self.model.actors.sink
+        return self._sinks if own is None else [*self._sinks, (own, tables)]
+
+    def _update(self, starts: list[_Start], tables: Tensor) -> None:
+        """Add the shares' gradients up, in their order, and update what they are of; ``tables`` are the actors'."""
         with torch_threads(None):
             self.optimiser.zero_grad(set_to_none=False)
-        loss.backward()
+        for start in starts:
+            start.gradients.add()
+        for sink, table in self._sinks_of(tables):
+            assert table.grad is not None
+            sink.pour(table.grad)
         with torch_threads(None):
             self.optimiser.step()
         with torch.no_grad():
             self.model.log_beta.clamp_(max=math.log(BETA_MAX))
-        self.model.actors.gradient = None
-        if (self.iteration + 1) % c.slow_every == 0:
+        if (self.iteration + 1) % self.config.slow_every == 0:
             with torch_threads(None):
-                self._update_slow(self.recipe.refines_tracklets and done >= c.poses_from)
-        if self.adversary and fake is not None:
-            self.adversary.update(patch.target, fake)
-        self._update_occupancy(seen, camera=True)
-        if swept is not None:
-            self._update_occupancy(swept, camera=False)
-        self.iteration += 1
-        figures = {name: float(value.detach()) for name, value in terms.items()}
-        figures["loss"] = float(loss.detach())
-        figures["psnr"] = -10 * float(torch.log10(mse.detach().clamp_min(1e-10)))
-        if swept is not None:
-            figures["lidar_m"] = float((swept.near_depth_m - lidar.depth_m)[lidar.returned].detach().abs().median())
-        return figures
+                self._update_slow()
 
-    def actor_tables(self) -> Tensor:
-        """Every actor's grid as it stands between two slow updates; its gradient, of many encodings and steps, is added up."""
-        if self._tables is None:
+    def held(self) -> dict[str, Tensor]:
+        """What the slow parameters make, as it stands between two slow updates: every actor's grid (``tables``), the tracklets'
+        keys (``positions``, ``quaternions``). Their gradients, of many encodings and steps, are added up."""
+        if self._held is None:
             with torch_threads(None):
-                tables = self.model.actors.tables()
-            cut = tables.detach().requires_grad_()
-            cut.grad = torch.zeros_like(cut)
-            self._tables = tables, cut
-        return self._tables[1]
+                positions, quaternions = self.tracklets.keys()
+                made = {"tables": self.model.actors.tables(), "positions": positions, "quaternions": quaternions}
+            cut = {name: value.detach().requires_grad_() for name, value in made.items()}
+            cut["tables"].grad = torch.zeros_like(cut["tables"])
+            self._held = made, cut
+        return self._held[1]
 
-    def _update_slow(self, poses: bool) -> None:
-        assert self._tables is not None
-        tables, cut = self._tables
-        tables.backward(cut.grad)
-        if not poses:
-            for parameter in self.tracklets.parameters():
-                parameter.grad = None
+    def _update_slow(self) -> None:
+        assert self._held is not None
+        made, cut = self._held
+        for name, value in made.items():
+            if cut[name].grad is not None:
+                value.backward(cut[name].grad)
         self.slow.step()
         self.slow.zero_grad()
-        self._tables = None
+        self._held = None
 
     def held_gradients(self) -> dict[str, Tensor]:
         """What has been added up since the last slow update, by name."""
         parameters = [p for group in self.slow.param_groups for p in group["params"]]
-        held = {str(i): p.grad for i, p in enumerate(parameters) if p.grad is not None}
-        if self._tables is not None:
-            assert self._tables[1].grad is not None
-            held["tables"] = self._tables[1].grad
-        return held
+        named = {str(i): p for i, p in enumerate(parameters)} | (self._held[1] if self._held is not None else {})
+        return {name: tensor.grad for name, tensor in named.items() if tensor.grad is not None}
 
     def hold_gradients(self, held: dict[str, Tensor]) -> None:
         """The inverse of `held_gradients`."""
         parameters = [p for group in self.slow.param_groups for p in group["params"]]
-        self._tables = None
+        self._held = None
         for name, value in held.items():
-            parameter = self.actor_tables() if name == "tables" else parameters[int(name)]
+            parameter = parameters[int(name)] if name.isdigit() else self.held()[name]
             parameter.grad = value.to(parameter.device)
 
     def _set_rates(self, done: float) -> None:
@@ -328,6 +424,10 @@ class Trainer:
             return value
 
         return move(batch)
+
+
+def _values(terms: dict[str, Tensor]) -> dict[str, float]:
+    return {name: float(value.detach()) for name, value in terms.items()}
 
 
 def _together(parts: list[RayBatch]) -> RayBatch:
