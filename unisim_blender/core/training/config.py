@@ -8,8 +8,9 @@ from typing import Literal
 
 @dataclass(frozen=True)
 class LossWeights:
-    """Weights of the terms; rgb is 1."""
+    """Weights of the terms."""
 
+    rgb: float = 3.0
     perceptual: float = 0.01
     lidar_depth: float = 0.05
     lidar_reach: float = 0.02

@@ -252,7 +252,7 @@ class Trainer:
             squares[1] = squares[1] * tensor_to(torch.as_tensor(draw.weight).float(), c.device)[:, None, None, None]
         mse = torch.stack([s.sum() for s in squares]).sum() / sum(s.numel() for s in squares)
         image, patch = images[0], batches[0]
-        terms = {"rgb": mse}
+        terms = {"rgb": w.rgb * mse}
         if w.spread:
             terms["spread"] = w.spread * spread(seen)
         if w.perceptual and done >= c.perceptual_from:
