@@ -18,8 +18,7 @@ def pixel_directions(model: CameraModel, u: FloatArray, v: FloatArray) -> FloatA
     x, y = (u - model.cx) / model.fx, (v - model.cy) / model.fy
     length = np.sqrt(x * x + (y * y + 1))
     d = np.empty((*length.shape, 3))
-    for axis, part in enumerate((x, y, 1.0)):
-        np.divide(part, length, out=d[..., axis])
+    d[..., 0], d[..., 1], d[..., 2] = x / length, y / length, 1 / length
     return d
 
 
