@@ -166,7 +166,7 @@ struct Field {
         }
     }
 
-    // Hidden units (count, wide) of up to BLOCK points, rows behind `count` undefined; x as in `find_corners`, filled throughout.
+    // Hidden units (count, wide) of up to BLOCK points, rows behind `count` undefined; x and row filled up to a vector's end.
     void units(const float (*x)[BLOCK], const int32_t *row, int count, float *code, float *h) const {
         if (half)
             encode(static_cast<const uint16_t *>(table), x, row, count, code);

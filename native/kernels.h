@@ -93,6 +93,18 @@
         (const unisim_head *head, const float *feature, const float *directions, const float *extra, int64_t n, float *out, \
          int threads), \
         (head, feature, directions, extra, n, out, threads)) \
+    KERNEL(int, blocks_differ, \
+        (const unisim_plane *planes, int32_t count, const int64_t *blocks, int64_t n, int64_t width, int32_t size, \
+         const unisim_likeness *like, uint8_t *verdict, int threads), \
+        (planes, count, blocks, n, width, size, like, verdict, threads)) \
+    KERNEL(int, blocks_foretold, \
+        (const unisim_plane *planes, int32_t count, const int64_t *blocks, int64_t n, int64_t width, int32_t size, \
+         const unisim_likeness *like, uint8_t *alike, int threads), \
+        (planes, count, blocks, n, width, size, like, alike, threads)) \
+    KERNEL(int, blocks_fill, \
+        (const unisim_plane *planes, int32_t count, const int64_t *blocks, int64_t n, int64_t width, int32_t size, \
+         const uint8_t *known, int threads), \
+        (planes, count, blocks, n, width, size, known, threads)) \
     KERNEL(int, has_half, (), ()) \
     KERNEL(int, decode_image, \
         (const unisim_head *head, const unisim_layer *layers, int count, int up, const float *features, \

@@ -20,6 +20,9 @@ constexpr float LEAST_WEIGHT = 1e-4f;
 // What weighs less is left out of sums: a millionth of a feature shows in none of its digits.
 constexpr float NO_WEIGHT = 1e-6f;
 
+// Points of a block that are filled: those that are asked for, up to the end of a vector.
+constexpr int filled(int count) { return (count + LANES - 1) / LANES * LANES; }
+
 struct Fields {
     const unisim_scene *scene;
     Field fixed, far, actors;
@@ -354,7 +357,7 @@ class Tile {
             const int n = std::min(BLOCK, count - first);
             const int32_t *strand = &asked_.strand[first];
             const float *t = &asked_.t[first];
-            for (int i = 0; i < BLOCK; ++i) {
+            for (int i = 0; i < filled(n); ++i) {
                 const int j = std::min(i, n - 1), p = strand[j];
                 for (int a = 0; a < 3; ++a) x_[a][i] = begin_[a][p] + t[j] * way_[a][p];
                 row_[i] = rows_[p];
@@ -676,7 +679,7 @@ class Tile {
         looks_.resize(static_cast<size_t>(PLACES) * std::max(field.wide_out, wide_out));
         for (size_t first = 0; first < heavy_.size(); first += PLACES) {
             const int n = static_cast<int>(std::min<size_t>(PLACES, heavy_.size() - first));
-            for (int i = 0; i < BLOCK; ++i) {
+            for (int i = 0; i < filled(4 * n); ++i) {
                 const int p = heavy_[first + std::min(i / 4, n - 1)], r = b.ray[p];
                 const float t = b.t[static_cast<size_t>((marches(*fields_of(b).scene) ? heaviest(b, p) : b.samples / 2) * b.stride + p)];
                 const float *home = scene.light_home + 3 * task_.cast.troupes[b.troupe].rows[b.box[p]];
@@ -831,7 +834,7 @@ class Tile {
         samples += n;
         for (int first = 0; first < n; first += BLOCK) {
             const int block = std::min(BLOCK, n - first);
-            for (int i = 0; i < BLOCK; ++i) {
+            for (int i = 0; i < filled(block); ++i) {
                 const int at = first + std::min(i, block - 1), r = beyond_[at / count];
                 const float t = far_place(r, share[at]);
                 float y[3], norm = 0;
@@ -859,7 +862,7 @@ class Tile {
         samples += n;
         for (int first = 0; first < n; first += BLOCK) {
             const int block = std::min(BLOCK, n - first);
-            for (int i = 0; i < BLOCK; ++i)
+            for (int i = 0; i < filled(block); ++i)
                 for (int a = 0; a < 3; ++a) x_[a][i] = d_[beyond_[first + std::min(i, block - 1)]][a] / 2 + 0.5f;
             field.units(x_, nullptr, block, code_.data(), units.data() + static_cast<size_t>(first) * field.wide);
         }
@@ -988,7 +991,7 @@ class Tile {
             constexpr int PLACES = BLOCK / 4;
             for (size_t first = 0; first < heavy.size(); first += PLACES) {
                 const int n = static_cast<int>(std::min<size_t>(PLACES, heavy.size() - first));
-                for (int i = 0; i < BLOCK; ++i) {
+                for (int i = 0; i < filled(4 * n); ++i) {
                     const int p = heavy[first + std::min(i / 4, n - 1)].p;
                     const float t = b.t[static_cast<size_t>(heaviest(b, p) * b.stride + p)];
                     for (int a = 0; a < 3; ++a)

@@ -152,6 +152,21 @@ struct unisim_sampling {
     float split_weight; // where it stops at least this much
 };
 
+// One map of a picture: values (h w, channels) of `bytes` a number. kind: 0 colours, 1 depths, 2 unit vectors, 3 other numbers, all
+// float; of any type, `bytes` a pixel: 4 labels, 5 flags of pixels that something thinner than a block may be beside, 6 what is alike
+// at all corners.
+struct unisim_plane {
+    void *values;
+    int32_t channels, bytes, kind;
+};
+
+// By how much a block's corners may differ: `core/blocks.py`.
+struct unisim_likeness {
+    float spread, contrast; // of colours: what the middle is to tell about, and what ends something
+    float foretold;         // of colours, a middle from its corners' mean
+    float range, twist;     // of disparities, shares of the largest
+};
+
 // The signed distance at `t` metres along a ray, by the ray's number.
 typedef float (*unisim_distance)(int64_t ray, float t);
 

@@ -5,11 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 import torch
 from turning_drive import turning_drive
 
 from unisim_blender.core.drive import RollingShutter
-from unisim_blender.core.sensors.camera import camera_rays
+from unisim_blender.core.sensors.camera import along_axis, camera_rays, distinct, pixel_grid
 from unisim_blender.core.strands import RayBatch
 from unisim_blender.core.training.camera_poses import CameraPoses
 from unisim_blender.core.training.data import ray_batch
@@ -59,3 +60,34 @@ def test_no_gradient_where_cameras_do_not_learn() -> None:
     pose = torch.eye(3)[None]
     assert not poses(rays, torch.zeros(1, dtype=torch.long), pose, learn=False).directions.requires_grad
     assert poses(rays, torch.zeros(1, dtype=torch.long), pose, learn=True).directions.requires_grad
+
+
+@pytest.mark.parametrize("shutter", (RollingShutter(), RollingShutter(0.03, 0.4)))
+def test_rays_are_pixels_directions_turned_by_their_rows_poses(shutter: RollingShutter) -> None:
+    recorded = turning_drive().cameras["front"]
+    camera = replace(recorded, model=replace(recorded.model, shutter=shutter))
+    frame = sorted(camera.time_s)[1]
+    u, v = pixel_grid(camera.model)
+    rays = camera_rays(camera, frame, u, v)
+    local = np.stack([(u - camera.model.cx) / camera.model.fx, (v - camera.model.cy) / camera.model.fy, np.ones_like(u)], -1)
+    local /= np.linalg.norm(local, axis=-1, keepdims=True)
+    times = camera.time_s[frame] + shutter.duration_s * (v / camera.model.height - shutter.reference)
+    poses = camera.world_from_camera.at(times.reshape(-1)).reshape(*v.shape, 4, 4)
+    assert np.abs(poses[0, 0] - poses[-1, 0]).max() > 1e-3 or not shutter.duration_s
+    assert np.array_equal(rays.time_s, times) and np.array_equal(rays.origins, poses[..., :3, 3])
+    assert np.abs(rays.directions - np.einsum("...ij,...j->...i", poses[..., :3, :3], local)).max() < 1e-15
+    # rays drawn one by one are the grid's, to the bit
+    some = np.random.default_rng(0).integers(0, v.size, 50)
+    alone = camera_rays(camera, frame, u.reshape(-1)[some], v.reshape(-1)[some])
+    assert np.array_equal(alone.directions, rays.directions.reshape(-1, 3)[some])
+    axis = camera.world_from_camera.at(camera.time_s[frame])[:3, 2]
+    assert np.abs(along_axis(camera, frame, u[:1], v[:, :1]) - rays.directions @ axis).max() < 1e-15
+
+
+@pytest.mark.parametrize(
+    "values", ([0.5, 3.5, 0.5, 2.5], [0.5, 0.75, 0.5], [7.0], [], [1e9, 1.0, 1e9], [0.1, 1.1, 2.1, 0.1], [np.nan, 1.0])
+)
+def test_distinct_values_are_those_that_sorting_finds(values: list[float]) -> None:
+    found, which = distinct(np.array(values))
+    wanted = np.unique(np.array(values), return_inverse=True)
+    assert np.array_equal(found, wanted[0], equal_nan=True) and np.array_equal(which, wanted[1])

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from unisim_blender.core.lattice import Picture, aligned, grown
+from unisim_blender.core.blocks import Picture
+from unisim_blender.core.lattice import aligned, grown
 from unisim_blender.core.tracer import Maps
 
 

@@ -88,6 +88,15 @@ def test_meshes_and_guests_are_as_sharp_as_with_every_pixel_traced(
         np.testing.assert_array_equal(frame.rgb[beside], every.rgb[beside], uid)
 
 
+def test_passes_that_need_depths_come_without_them_too(scene: CompiledScene) -> None:
+    frame = renderer(scene, scene.header.drive, 4).camera(CAMERA, FRAME, ("rgb", "normal", "support"), WIDTH, REGIONS[0])
+    assert frame.normal is not None and frame.unsupported is not None
+    length = np.linalg.norm(frame.normal, axis=-1)
+    # no normal where nothing is
+    assert (length > 0.5).mean() > 0.3 and np.abs(length[length > 0] - 1).max() < 1e-5
+    assert frame.unsupported.shape == frame.rgb.shape[:2]
+
+
 def test_a_part_has_the_bits_of_the_whole(scene: CompiledScene, busy: Drive) -> None:
     one = renderer(scene, busy, 4, shadows=True)
     whole = arrays(one.camera(CAMERA, FRAME, CAMERA_PASSES, WIDTH))

@@ -49,13 +49,14 @@ class Bounds:
         if not self.windows or len(rays.time_s) == 0:
             return []
         first, last = float(rays.time_s.min()), float(rays.time_s.max())
-        axis: FloatArray = rays.directions.mean(0)
+        # a product with ones is a sum that numpy does not take three numbers at a time
+        axis: FloatArray = np.ones(len(rays.time_s)) @ rays.directions / len(rays.time_s)
         length = float(np.linalg.norm(axis))
         axis = axis / max(length, 1e-9)
         cosine = float((rays.directions @ axis).min()) if length > 0.2 else -1.0
         half_angle = float(np.arccos(np.clip(cosine, -1, 1)))
-        origin = rays.origins.mean(0)
-        spread = float(np.linalg.norm(rays.origins - origin, axis=1).max())
+        low, high = (np.array([of(rays.origins[:, a]) for a in range(3)]) for of in (np.min, np.max))
+        origin, spread = (low + high) / 2, float(np.linalg.norm(high - low)) / 2
         keep = []
         for i, (start, end) in enumerate(self.windows):
             near = None if end < first or start > last else self.between(i, first, last)

@@ -9,54 +9,15 @@ A picture can be looked at while it grows: what is traced of it at first, every 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from .blocks import Blocks, Picture, differ, fill, foretold
 from .tracer import SIDE, Array, Maps
 
-DISPARITY_RANGE = 0.1
-"""Depths at corners that differ by more than this share lie on several things, or on one that bends."""
-DISPARITY_TWIST = 0.01
-"""So far may the corners' disparities be from one plane, as a share of the largest."""
-CROWDED = "crowded"
-"""A map that says of pixels that something thinner than a block may be beside them: every pixel there is traced."""
-CONTRAST = 4.0
-"""Where corners differ by more than this times what they may, something ends between them: nothing is foretold."""
-FORETOLD = 0.5
-"""So far may a middle be from its corners' mean, as a share of what these may differ by."""
-Blocks = NDArray[np.int64]
-"""Rows and columns of blocks' first pixels (N, 2)."""
 Trace = Callable[[NDArray[np.int64]], tuple[Array, Maps]]
 """Colours (N, 3) and maps (N, ...) of pixels by their flat numbers."""
-
-
-@dataclass
-class Picture:
-    """Colours (h w, 3) and maps (h w, ...), and which pixels (h, w) were traced."""
-
-    shape: tuple[int, int]
-    known: NDArray[np.bool_] = field(init=False)
-    values: Maps = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        self.known = np.zeros(self.shape, bool)
-
-    def put(self, numbers: NDArray[np.int64], found: Maps) -> None:
-        """Values at pixels by their flat numbers."""
-        for name, part in found.items():
-            if name not in self.values:
-                self.values[name] = np.zeros((self.shape[0] * self.shape[1], *part.shape[1:]), part.dtype)
-            self.values[name][numbers] = part
-
-    def corners(self, name: str, blocks: Blocks, size: int) -> NDArray[Any]:
-        """Values (4, N, ...) at the corners of blocks."""
-        y, x = blocks.T
-        number = y * self.shape[1] + x
-        steps = np.array([0, size, size * self.shape[1], size * self.shape[1] + size])
-        return self.values[name][steps[:, None] + number]
 
 
 def aligned(cells: tuple[slice, slice], size: int, shape: tuple[int, int]) -> tuple[slice, slice]:
@@ -106,17 +67,23 @@ def _refine(picture: Picture, blocks: Blocks, size: int, spread: float, trace: T
     leaves, w = [], picture.shape[1]
     while size > 1 and len(blocks):
         half = size // 2
-        apart, doubtful = _differ(picture, blocks, size, spread)
+        apart, doubtful = differ(picture, blocks, size, spread)
         _take(picture, (blocks[doubtful] + half) @ np.array([w, 1]), half, trace)
-        apart[doubtful] = ~_foretold(picture, blocks[doubtful], size, spread)
+        apart[doubtful] = ~foretold(picture, blocks[doubtful], size, spread)
         leaves.append((blocks[~apart], size))
         blocks = blocks[apart]
-        steps = np.array([half, half * w, half * w + half, size * w + half, half * w + size])
-        _take(picture, np.unique((blocks[:, :1] * w + blocks[:, 1:]) + steps), half, trace)
+        first, steps = (
+            blocks[:, 0] * w + blocks[:, 1],
+            np.array([half, half * w, half * w + half, size * w + half, half * w + size]),
+        )
+        wanted = np.zeros(picture.known.size, bool)
+        for step in steps:
+            wanted[first + step] = True
+        _take(picture, np.flatnonzero(wanted), half, trace)
         blocks = np.concatenate([blocks + step for step in ((0, 0), (0, half), (half, 0), (half, half))])
         size = half
     for blocks, size in leaves:
-        _fill(picture, blocks, size)
+        fill(picture, blocks, size)
 
 
 def _numbers(rows: NDArray[np.int64], columns: NDArray[np.int64], width: int) -> NDArray[np.int64]:
@@ -132,75 +99,10 @@ def _take(picture: Picture, numbers: NDArray[np.int64], stride: int, trace: Trac
     if len(numbers) == 0:
         return
     side, width = SIDE * stride, picture.shape[1]
-    tile = numbers // width // side * (width // side + 1) + numbers % width // side
-    numbers = numbers[np.argsort(tile, kind="stable")]
+    y, x = np.divmod(numbers, width)
+    tile = y // side * (width // side + 1) + x // side
+    # numpy counts what fits in sixteen bits, and merges the rest
+    numbers = numbers[np.argsort(tile.astype(np.uint16) if tile.max() < 1 << 16 else tile, kind="stable")]
     rgb, maps = trace(numbers)
     picture.put(numbers, {"rgb": rgb, **maps})
     known[numbers] = True
-
-
-def _differ(picture: Picture, blocks: Blocks, size: int, spread: float) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Which blocks (N,) have corners that are not alike, and of which others their middles are to tell."""
-    rgb = picture.corners("rgb", blocks, size)
-    range_of = (rgb.max(0) - rgb.min(0)).max(1)
-    apart = range_of > CONTRAST * spread
-    if CROWDED in picture.values:
-        apart |= picture.corners(CROWDED, blocks, size).any(0)
-    for name in ("instance", "support"):
-        if name in picture.values:
-            values = picture.corners(name, blocks, size)
-            apart |= (values != values[0]).any(0)
-    if "depth" in picture.values:
-        disparity = 1 / picture.corners("depth", blocks, size)
-        largest = disparity.max(0)
-        twist = np.abs(disparity[0] + disparity[3] - disparity[1] - disparity[2])
-        apart |= (largest - disparity.min(0) > DISPARITY_RANGE * largest) | (twist > DISPARITY_TWIST * largest)
-    return apart, (range_of > spread) & ~apart
-
-
-def _foretold(picture: Picture, blocks: Blocks, size: int, spread: float) -> NDArray[np.bool_]:
-    """Whether what was traced in the middles of blocks (N,) is what stands at their corners."""
-    y, x = (blocks + size // 2).T
-    number = y * picture.shape[1] + x
-    rgb = picture.corners("rgb", blocks, size)
-    alike = np.abs(picture.values["rgb"][number] - rgb.mean(0)).max(1) <= FORETOLD * spread
-    for name in ("instance", "support"):
-        if name in picture.values:
-            alike &= picture.values[name][number] == picture.corners(name, blocks, size)[0]
-    if "depth" in picture.values:
-        disparity = 1 / picture.corners("depth", blocks, size)
-        alike &= np.abs(1 / picture.values["depth"][number] - disparity.mean(0)) <= DISPARITY_TWIST * disparity.max(0)
-    return alike
-
-
-def _fill(picture: Picture, blocks: Blocks, size: int) -> None:
-    """Values in blocks whose corners are alike, at pixels that were not traced: bilinear, and bent to a middle that was traced,
-    less and less towards the edges."""
-    steps = np.arange(size, dtype=np.float32) / np.float32(size)
-    tent = 1 - np.abs(2 * steps - 1)
-    tent = (tent[:, None] * tent).reshape(-1, 1)
-    v, u = (x.reshape(-1, 1) for x in np.meshgrid(steps, steps, indexing="ij"))
-    weights = np.stack([(1 - v) * (1 - u), (1 - v) * u, v * (1 - u), v * u])
-    y, x = blocks.T
-    inner = (np.arange(size)[:, None] * picture.shape[1] + np.arange(size)).reshape(-1, 1)
-    numbers = inner + (y * picture.shape[1] + x)
-    middle = numbers[size // 2 * (size + 1)]
-    asked = picture.known.reshape(-1)[middle]
-    unknown = ~picture.known.reshape(-1)[numbers]
-    numbers = numbers[unknown]
-    for name, values in picture.values.items():
-        corners = picture.corners(name, blocks, size)
-        if values.dtype.kind != "f":
-            # alike in all four
-            values[numbers] = np.broadcast_to(corners[0], unknown.shape)[unknown]
-            continue
-        at = 1 / corners if name == "depth" else corners
-        beside = (1,) * (at.ndim - 1)
-        mixed = sum(w.reshape(-1, *beside) * c for w, c in zip(weights, at, strict=True))
-        told = values[middle[asked]]
-        mixed[:, asked] += tent.reshape(-1, *beside) * ((1 / told if name == "depth" else told) - at[:, asked].mean(0))
-        mixed = mixed[unknown]
-        if name == "normal":
-            mixed /= np.maximum(np.linalg.norm(mixed, axis=-1, keepdims=True), 1e-12)
-        with np.errstate(divide="ignore"):
-            values[numbers] = 1 / mixed if name == "depth" else mixed

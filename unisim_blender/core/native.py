@@ -10,7 +10,7 @@ import sys
 import warnings
 from pathlib import Path
 
-ABI_VERSION = 9
+ABI_VERSION = 10
 _SUFFIX = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
 
 
@@ -67,6 +67,23 @@ class LayerStruct(ctypes.Structure):
     ]
 
 
+class PlaneStruct(ctypes.Structure):
+    """`unisim_plane` of native/unisim_native.h."""
+
+    _fields_ = [
+        ("values", ctypes.c_void_p),
+        ("channels", ctypes.c_int32),
+        ("bytes", ctypes.c_int32),
+        ("kind", ctypes.c_int32),
+    ]
+
+
+class LikenessStruct(ctypes.Structure):
+    """`unisim_likeness` of native/unisim_native.h."""
+
+    _fields_ = [(name, ctypes.c_float) for name in ("spread", "contrast", "foretold", "range", "twist")]
+
+
 class HeadStruct(ctypes.Structure):
     """`unisim_head` of native/unisim_native.h."""
 
@@ -116,6 +133,9 @@ def library() -> ctypes.CDLL | None:
     lib.unisim_clearance.argtypes = [p, p, p]
     lib.unisim_cells.argtypes = [p, p, i64, p, i32]
     lib.unisim_box_cells.argtypes = [p, p, i32, p, i32]
+    lib.unisim_blocks_differ.argtypes = [p, i32, p, i64, i64, i32, p, p, i32]
+    lib.unisim_blocks_foretold.argtypes = [p, i32, p, i64, i64, i32, p, p, i32]
+    lib.unisim_blocks_fill.argtypes = [p, i32, p, i64, i64, i32, p, i32]
     lib.unisim_head_forward.argtypes = [p, p, p, p, i64, p, i32]
     lib.unisim_decode_image.argtypes = [p, p, i32, i32, p, p, i32, i32, p, i32, i32]
     return lib

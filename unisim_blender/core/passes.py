@@ -8,31 +8,31 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .frames import CameraFrame
-from .sensors.rays import Rays
+from .geometry import FloatArray
 from .tracer import Maps
 
 
 def fill_passes(
-    out: CameraFrame, maps: Maps, rays: Rays | None, shape: tuple[int, ...], up: int, inner: tuple[slice, slice]
+    out: CameraFrame, maps: Maps, along: FloatArray | None, shape: tuple[int, ...], up: int, inner: tuple[slice, slice]
 ) -> None:
-    """Put passes of rays, one a cell of ``shape``, into a frame; a cell is ``up`` x ``up`` pixels; ``inner`` of them count. The
-    rays are needed for depths alone."""
+    """Put passes of rays, one a cell of ``shape``, into a frame; a cell is ``up`` x ``up`` pixels; ``inner`` of them count.
+    ``along`` (h, w), of each ray's cell, is how far a metre of it goes along the optical axis: for depths alone."""
 
-    def full(values: NDArray[Any]) -> NDArray[Any]:
+    def full(values: NDArray[Any], kind: type[np.generic]) -> NDArray[Any]:
         grid = values.reshape(*shape, *values.shape[1:])
-        return np.repeat(np.repeat(grid, up, 0), up, 1)[inner]
+        if up > 1:
+            grid = np.repeat(np.repeat(grid, up, 0), up, 1)
+        return np.ascontiguousarray(grid[inner], kind)
 
     if "depth" in maps:
-        assert rays is not None
-        out.depth_m = full(maps["depth"]).astype(np.float32)
-        axis = out.world_from_camera[:3, 2]
-        along = full((rays.directions @ axis).reshape(-1))
-        out.z_depth_m = (out.depth_m * along).astype(np.float32)
+        assert along is not None
+        out.depth_m = full(maps["depth"], np.float32)
+        out.z_depth_m = (out.depth_m * full(along.reshape(-1), np.float64)).astype(np.float32)
     if "normal" in maps:
-        out.normal = full(maps["normal"]).astype(np.float32)
+        out.normal = full(maps["normal"], np.float32)
     if "instance" in maps:
-        out.instance = full(maps["instance"]).astype(np.int32)
+        out.instance = full(maps["instance"], np.int32)
     if "opacity" in maps:
-        out.opacity = full(maps["opacity"]).astype(np.float32)
+        out.opacity = full(maps["opacity"], np.float32)
     if "support" in maps:
-        out.unsupported = full(maps["support"]).astype(np.bool_)
+        out.unsupported = full(maps["support"], np.bool_)

@@ -19,16 +19,17 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from .blocks import CROWDED, Picture
 from .bounds import beside_boxes
 from .contact_shadow import shaded
 from .drive import Actor, Camera, CameraModel, Drive, Lidar
 from .errors import SceneError
 from .frames import CameraFrame, LidarFrame, RenderStats
 from .geometry import FloatArray
-from .lattice import CROWDED, Picture, aligned, grown
+from .lattice import aligned, grown
 from .meshes.exposure import PROBE_M, beside, level_of
 from .passes import fill_passes
-from .sensors.camera import camera_rays, pixel_grid
+from .sensors.camera import along_axis, camera_rays, pixel_grid
 from .sensors.lidar import lidar_rays
 from .sensors.rays import Rays
 from .tracer import NEAR_M, Array, Maps, Tracer
@@ -174,7 +175,9 @@ class Renderer:
         u, v = (x[cells] for x in pixel_grid(camera.model, up))
         rays = camera_rays(camera, shot.frame, u, v)
         image, maps = self._seen(shot, (u, v), rays, up)
-        return self._frame(shot, image, maps, rays, region.within(cells, up))
+        axis = camera.world_from_camera.at(camera.time_s[shot.frame])[:3, 2]
+        along = rays.directions @ axis if "depth" in maps else None
+        return self._frame(shot, image, maps, rays, along, region.within(cells, up))
 
     def _grow_lattice(self, shot: _Shot, region: Region, size: int, coarse: Sequence[int], band: int | None) -> Iterator[Part]:
         """Parts of the picture, traced where `lattice.grown` wants them."""
@@ -182,11 +185,14 @@ class Renderer:
         rows, columns = aligned(
             (slice(region.top, region.bottom), slice(region.left, region.right)), size, (model.height, model.width)
         )
-        u, v = (x[rows, columns] for x in pixel_grid(model))
+        # centres of columns (1, W) and of rows (H, 1)
+        u, v = np.arange(columns.start, columns.stop)[None] + 0.5, np.arange(rows.start, rows.stop)[:, None] + 0.5
+        shape = v.shape[0], u.shape[1]
         crowd = [*self.tracer.cast.extras.actors, *(a for troupe in self.tracer.cast.guests.values() for a in troupe.actors)]
 
         def trace(numbers: NDArray[np.int64]) -> tuple[NDArray[np.float32], Maps]:
-            cells = u.reshape(-1)[None, numbers], v.reshape(-1)[None, numbers]
+            y, x = np.divmod(numbers, shape[1])
+            cells = u[:, x], v[y].T
             rays = camera_rays(camera, shot.frame, *cells).flat()
             image, maps = self._seen(shot, cells, rays, 1)
             if crowd and size > 1:
@@ -194,9 +200,9 @@ class Renderer:
                 maps[CROWDED] = beside_boxes(crowd, rays, size / model.fx)
             return image[0], maps
 
-        picture = Picture((u.shape[0], u.shape[1]))
+        picture = Picture(shape)
         for stride, done in grown(picture, size, self.tracer.quality.spread, trace, coarse, band):
-            values = {name: x.reshape(*u.shape, *x.shape[1:]) for name, x in picture.values.items() if name != CROWDED}
+            values = {name: x.reshape(*shape, *x.shape[1:]) for name, x in picture.values.items() if name != CROWDED}
             if stride > 1:
                 pose = camera.world_from_camera.at(camera.time_s[shot.frame])
                 rgb = values["rgb"][::stride, ::stride]
@@ -209,9 +215,11 @@ class Renderer:
                 continue
             inner = part.within((rows, columns), 1)
             maps = {name: x[inner].reshape(-1, *x.shape[2:]) for name, x in values.items()}
-            rays = camera_rays(camera, shot.frame, u[inner], v[inner]) if "depth" in shot.needed else None
+            across, down = u[:, inner[1]], v[inner[0]]
+            rays = camera_rays(camera, shot.frame, *np.broadcast_arrays(across, down)) if self.shaders else None
+            along = along_axis(camera, shot.frame, across, down) if "depth" in maps else None
             del maps["rgb"]
-            yield Part(self._frame(shot, values["rgb"][inner], maps, rays, (slice(None), slice(None))), part)
+            yield Part(self._frame(shot, values["rgb"][inner], maps, rays, along, (slice(None), slice(None))), part)
 
     def _seen(self, shot: _Shot, cells: tuple[FloatArray, FloatArray], rays: Rays, up: int) -> tuple[NDArray[np.float32], Maps]:
         """The image, and a map for each pass that is needed, of cells with centres (u, v) (h, w) and rays through these, flat
@@ -231,9 +239,16 @@ class Renderer:
         return image, found.maps
 
     def _frame(
-        self, shot: _Shot, image: NDArray[np.float32], maps: Maps, rays: Rays | None, inner: tuple[slice, slice]
+        self,
+        shot: _Shot,
+        image: NDArray[np.float32],
+        maps: Maps,
+        rays: Rays | None,
+        along: FloatArray | None,
+        inner: tuple[slice, slice],
     ) -> CameraFrame:
-        """A frame of an image and its maps, of which ``inner`` pixels count."""
+        """A frame of an image and its maps, of which ``inner`` pixels count. ``rays`` are for contact shadows, ``along`` is for
+        depths (`fill_passes`)."""
         camera, time_s = shot.camera, shot.camera.time_s[shot.frame]
         up = self.tracer.upsample
         if self.shaders:
@@ -244,7 +259,7 @@ class Renderer:
         pose = camera.world_from_camera.at(time_s)
         out = CameraFrame(camera.model, pose, image[inner], instances=self.tracer.cast.uids, stats=shot.stats)
         shape = -(-image.shape[0] // up), -(-image.shape[1] // up)
-        fill_passes(out, maps, rays, shape, up, inner)
+        fill_passes(out, maps, along, shape, up, inner)
         return out
 
     def pixels(self, camera: Camera, frame: int, u: FloatArray, v: FloatArray) -> NDArray[np.float32]:

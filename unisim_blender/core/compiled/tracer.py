@@ -56,7 +56,9 @@ class CompiledTracer:
 
     def trace(self, rays: Rays, passes: set[str], sky: bool, met: Met | None, stats: RenderStats) -> Found:
         """See `tracer.Tracer`."""
-        order, flat = tiled(rays.time_s.shape), rays.flat().sound()
+        order = tiled(rays.time_s.shape)
+        # of a list the order is its own, and its parts need no copies
+        listed, flat = rays.time_s.ndim < 2, rays.flat().sound()
         rays = Rays(doubles(flat.origins), doubles(flat.directions), doubles(flat.time_s))
         n, features = len(rays.time_s), self.scene.config.features
         found = Found(np.empty((n, features), np.float32), np.empty(n, np.float32), np.empty(n, np.float32), {})
@@ -74,7 +76,10 @@ class CompiledTracer:
         if "normal" in passes:
             maps["normal"] = np.empty((n, 3), np.float32)
         for begin in range(0, n, CHUNK_RAYS):
-            self._run(rays, order[begin : begin + CHUNK_RAYS], sky, met, found, maps, stats)
+            part = order[begin : begin + CHUNK_RAYS]
+            at = slice(begin, begin + CHUNK_RAYS) if listed else part
+            some = Rays(rays.origins[at], rays.directions[at], rays.time_s[at])
+            self._run(rays, part, some, sky, met, found, maps, stats)
         solid = found.opacity > 0.5
         if "depth" in maps:
             maps["depth"][~solid] = np.inf
@@ -87,13 +92,20 @@ class CompiledTracer:
         return found
 
     def _run(
-        self, rays: Rays, order: NDArray[np.int64], sky: bool, met: Met | None, found: Found, maps: Maps, stats: RenderStats
+        self,
+        rays: Rays,
+        order: NDArray[np.int64],
+        some: Rays,
+        sky: bool,
+        met: Met | None,
+        found: Found,
+        maps: Maps,
+        stats: RenderStats,
     ) -> None:
-        """Traces the rays of these numbers into the arrays of ``found`` and ``maps``."""
+        """Traces the rays of these numbers, which are ``some``, into the arrays of ``found`` and ``maps``."""
         library = native.library()
         assert library is not None
         struct = RaysStruct(len(order), *map(address, (rays.origins, rays.directions, rays.time_s, order)))
-        some = Rays(rays.origins[order], rays.directions[order], rays.time_s[order])
         cast, _kept, skipped = self._cast.struct(some)
         meshes = None if met is None else _MeshHits(met)
         samples = np.zeros(1, np.int64)

@@ -3,16 +3,23 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..drive import Camera, CameraModel
 from ..geometry import FloatArray, rotate_vectors
 from .rays import Rays
 
+MOST_ROWS = 1 << 14
+"""Values that lie farther apart than this, and than there are of them, are sorted rather than counted."""
+
 
 def pixel_directions(model: CameraModel, u: FloatArray, v: FloatArray) -> FloatArray:
     """Unit directions (..., 3) in the camera's frame through image points (u, v) (...), in pixels from the top left corner."""
-    d = np.stack([(u - model.cx) / model.fx, (v - model.cy) / model.fy, np.ones_like(u)], -1)
-    return d / np.linalg.norm(d, axis=-1, keepdims=True)
+    x, y = (u - model.cx) / model.fx, (v - model.cy) / model.fy
+    length = np.sqrt(x * x + (y * y + 1))
+    d = np.empty((*length.shape, 3))
+    d[..., 0], d[..., 1], d[..., 2] = x / length, y / length, 1 / length
+    return d
 
 
 def row_times(camera: Camera, frame: int, v: FloatArray) -> FloatArray:
@@ -37,13 +44,52 @@ def camera_rays(camera: Camera, frame: int, u: FloatArray, v: FloatArray) -> Ray
 
 def rays_at_times(camera: Camera, time_s: float | FloatArray, u: FloatArray, v: FloatArray) -> Rays:
     """Rays through image points u, v (...), in pixels, of an image that was taken at a time, or of one each (...)."""
-    time = _row_times(camera, time_s, v)
     # a row's rays leave together: one pose for all of them
-    moments, which = np.unique(time, return_inverse=True)
+    if np.ndim(time_s) == 0:
+        rows, which = distinct(v)
+        moments = _row_times(camera, time_s, rows)
+    else:
+        moments, which = distinct(_row_times(camera, time_s, v))
     pose = camera.world_from_camera.at(moments)
-    which = which.reshape(v.shape)
-    directions = np.einsum("...ij,...j->...i", pose[:, :3, :3][which], pixel_directions(camera.model, u, v))
-    return Rays(pose[:, :3, 3][which], directions, time)
+    local = pixel_directions(camera.model, u, v)
+    directions = np.empty_like(local)
+    for i in range(3):
+        # sums by component: nine numbers a ray are never gathered in one array
+        part = pose[:, i, 0][which] * local[..., 0]
+        for j in (1, 2):
+            part += pose[:, i, j][which] * local[..., j]
+        directions[..., i] = part
+    return Rays(pose[:, :3, 3][which], directions, moments[which])
+
+
+def along_axis(camera: Camera, frame: int, u: FloatArray, v: FloatArray) -> FloatArray:
+    """How far along the optical axis, as it is at the frame's time, a metre of each ray goes: `camera_rays`' directions times
+    that axis. Image points u (1, W), v (H, 1) in pixels; the answer is (H, W)."""
+    model, time_s = camera.model, camera.time_s[frame]
+    axis = camera.world_from_camera.at(time_s)[:3, 2]
+    moments = _row_times(camera, time_s, v[:, 0])
+    turned = camera.world_from_camera.at(moments)[:, :3, :3].swapaxes(1, 2) @ axis
+    x, y = (u - model.cx) / model.fx, (v - model.cy) / model.fy
+    along: FloatArray = x * turned[:, :1] + (y * turned[:, 1:2] + turned[:, 2:])
+    along /= np.sqrt(x * x + (y * y + 1))
+    return along
+
+
+def distinct(values: FloatArray) -> tuple[FloatArray, NDArray[np.int64]]:
+    """The distinct ones of values (...), rising, and the number of its own for each (...): `np.unique`, without sorting where
+    they are whole steps apart, like rows of pixels."""
+    flat = values.reshape(-1)
+    if len(flat):
+        first = float(flat.min())
+        if float(flat.max()) - first < min(len(flat) + MOST_ROWS, 1 << 30):
+            steps = (flat - first).astype(np.int32)
+            if np.array_equal(first + steps, flat):
+                here = np.zeros(int(steps.max()) + 1, bool)
+                here[steps] = True
+                which = (np.cumsum(here) - 1)[steps]
+                return first + np.flatnonzero(here), which.reshape(values.shape)
+    found, which = np.unique(flat, return_inverse=True)
+    return found, which.reshape(values.shape)
 
 
 def pixel_grid(model: CameraModel, step: int = 1) -> tuple[FloatArray, FloatArray]:

@@ -14,7 +14,8 @@ NOWHERE_M = 1e9
 
 def _aims(directions: FloatArray) -> BoolArray:
     """Which of the directions (N, 3) are some: finite, and of a length near 1."""
-    return np.abs(np.einsum("ni,ni->n", directions, directions) - 1) < 0.5
+    x, y, z = directions.T
+    return np.abs(x * x + y * y + z * z - 1) < 0.5
 
 
 def sound_directions(directions: FloatArray) -> FloatArray:
@@ -38,9 +39,11 @@ class Rays:
     def sound(self) -> Rays:
         """The same flat rays; those with a number that is not finite, or without a direction, start far above and go up instead:
         they meet nothing but the sky."""
-        some = (np.abs(self.origins) < NOWHERE_M).all(1) & _aims(self.directions) & np.isfinite(self.time_s)
-        if some.all():
+        aims, timed = _aims(self.directions), np.isfinite(self.time_s)
+        # a number that is not finite makes the comparison fail
+        if np.abs(self.origins).max(initial=0.0) < NOWHERE_M and aims.all() and timed.all():
             return self
+        some = (np.abs(self.origins) < NOWHERE_M).all(1) & aims & timed
         return Rays(
             np.where(some[:, None], self.origins, (0.0, 0.0, NOWHERE_M)),
             np.where(some[:, None], self.directions, (0.0, 0.0, 1.0)),

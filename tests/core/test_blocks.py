@@ -1,0 +1,85 @@
+"""Blocks of a picture by the kernels: what plain numpy says of them, to the bit."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from unisim_blender.core import blocks, native
+from unisim_blender.core.blocks import CROWDED, Picture, differ, fill, foretold, plain_differ, plain_fill, plain_foretold
+
+pytestmark = pytest.mark.skipif(native.library() is None, reason="the kernels were not built")
+SHAPE = 97, 145
+
+
+def made(seed: int, size: int, roughness: float) -> tuple[Picture, NDArray[np.int64]]:
+    """A picture traced on a lattice of ``size`` and in every third block's middle, and its blocks. Slopes of all kinds, with
+    infinite depths, numbers that are none, and jumps."""
+    rng = np.random.default_rng(seed)
+    h, w = SHAPE
+    y, x = np.mgrid[0:h, 0:w].astype(np.float32)
+
+    def noise(*more: int) -> NDArray[np.float32]:
+        return rng.normal(0, roughness, (h, w, *more)).astype(np.float32)
+
+    depth = 1 / (0.0002 * y + 0.02 + 0.003 * np.abs(noise()))
+    depth[rng.random(SHAPE) < 0.01] = np.inf
+    rgb = np.stack([0.01 * x, 0.005 * y, 0.5 + 0 * x], -1) + noise(3)
+    rgb[rng.random(SHAPE) < 0.003] = np.nan
+    normal = np.stack([0.1 * np.sin(x / 9), 0.1 * np.cos(y / 7), 1 + 0 * x], -1) + noise(3)
+    maps = {
+        "rgb": rgb,
+        "depth": depth,
+        "normal": normal / np.linalg.norm(normal, axis=-1, keepdims=True),
+        "opacity": noise() + 0.9,
+        "instance": (rng.random(SHAPE) < 0.01).astype(np.int32),
+        "support": rng.random(SHAPE) < 0.01,
+        CROWDED: rng.random(SHAPE) < 0.005,
+    }
+    picture = Picture(SHAPE)
+    corners = (np.mgrid[0 : h - 1 : size, 0 : w - 1 : size]).reshape(2, -1).T
+    picture.known[::size, ::size] = True
+    middles = corners[::3] + size // 2
+    picture.known[middles[:, 0], middles[:, 1]] = True
+    numbers = np.flatnonzero(picture.known)
+    for name, values in maps.items():
+        kind = np.float32 if values.dtype.kind == "f" else values.dtype
+        picture.put(numbers, {name: values.reshape(h * w, *values.shape[2:])[numbers].astype(kind)})
+    return picture, corners
+
+
+@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize(("size", "roughness"), ((2, 0.02), (4, 0.002), (8, 0.005)))
+@np.errstate(invalid="ignore", divide="ignore")
+def test_the_kernels_have_numpys_bits(seed: int, size: int, roughness: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("OMP_NUM_THREADS", str(1 + seed % 3))
+    picture, some = made(seed, size, roughness)
+    got, wanted = differ(picture, some, size, 0.03), plain_differ(picture, some, size, 0.03)
+    assert wanted[0].any() and wanted[1].any() and not wanted[0].all()
+    for a, b in zip(got, wanted, strict=True):
+        assert np.array_equal(a, b)
+    asked = some[::3]
+    alike = plain_foretold(picture, asked, size, 0.03)
+    assert alike.any() and not alike.all()
+    assert np.array_equal(foretold(picture, asked, size, 0.03), alike)
+    other, _ = made(seed, size, roughness)
+    leaves = some[~wanted[0]]
+    before = {name: values.copy() for name, values in picture.values.items()}
+    fill(picture, leaves, size)
+    plain_fill(other, leaves, size)
+    for name, values in other.values.items():
+        assert values.dtype == picture.values[name].dtype
+        assert np.array_equal(picture.values[name], values, equal_nan=values.dtype.kind == "f"), name
+        assert not np.array_equal(before[name], values, equal_nan=values.dtype.kind == "f") or name in (
+            CROWDED,
+            "support",
+            "instance",
+        )
+
+
+def test_maps_that_the_kernels_do_not_know_are_numpys(monkeypatch: pytest.MonkeyPatch) -> None:
+    picture, some = made(0, 4, 0.002)
+    picture.values["depth"] = picture.values["depth"].astype(np.float64)
+    monkeypatch.setattr(blocks, "_call", None)
+    assert differ(picture, some, 4, 0.03)[0].any()
