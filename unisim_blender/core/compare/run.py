@@ -18,6 +18,7 @@ from ..logs import open_log
 from ..output.frame_files import json_bytes
 from ..prepare.selection import check_names
 from ..sequence.plan import code_identity
+from ..street.street import recipe_document
 from .made import Made, make
 from .measure import Bench, measured
 from .methods import METHODS, methods_named
@@ -37,7 +38,7 @@ def compare(log_path: Path, out: Path, wishes: Wishes, say: Callable[[str], obje
     check_names("camera", wishes.cameras, [c for c in log.drive.cameras if log.image_frames(c)])
     bench = Bench(log, street_at(log_path), out, wishes, perceptual_metric(wishes.lpips), _inception(wishes.fid))
     parts = parts_of(log, bench.street, out, wishes)
-    about = _about(log, wishes, parts)
+    about = _about(bench, parts)
     rows = _earlier(out / ROWS, about)
     for name, method in methods.items():
         say(f"{method.title}: making it")
@@ -60,10 +61,13 @@ def _boxes(made: Made, log: Log) -> dict[str, Any]:
     return {} if found is None else {"tracklets": found}
 
 
-def _about(log: Log, wishes: Wishes, parts: list[Part]) -> dict[str, Any]:
+def _about(bench: Bench, parts: list[Part]) -> dict[str, Any]:
     """What all rows of a table have in common."""
+    wishes = bench.wishes
     return {
-        "log": log.drive.name,
+        "log": bench.log.drive.name,
+        # streets of one seed have one name, whoever drew them
+        "street": None if bench.street is None else json.loads(json.dumps(recipe_document(bench.street.recipe))),
         "cameras": list(wishes.cameras),
         "frames": wishes.frames,
         "width": wishes.width,
