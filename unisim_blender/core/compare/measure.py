@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import hashlib
 import json
-import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..evaluate.contact_sheet import CameraRow
 from ..evaluate.fid import Inception, frechet_distance
@@ -21,7 +19,6 @@ from ..evaluate.true_edits import TrueEdit
 from ..evaluate.truth import summarise_truth
 from ..evaluate.truth_runs import ScenarioRun, compare_frame
 from ..files import sha256_of_file, write_file
-from ..frames import CameraFrame
 from ..geometry import FloatArray
 from ..log import Log
 from ..output.frame_files import json_bytes, png_bytes
@@ -29,44 +26,16 @@ from ..own_vehicle import Outline
 from ..prepare.replay import replayed_drive
 from ..prepare.scenario import prepare_scenario
 from ..prepare.selection import select_frames
-from ..render import Renderer
 from ..street.street import Street
 from ..surfels.views import outline_in
 from .kept_truth import KeptTruth
 from .made import Made
 from .parts import REPLAY, Part
+from .timed import Timed
 from .wishes import Wishes
 
 SHOWN = 2
 """Frames of a part whose pictures the page shows."""
-
-
-@dataclass
-class Timed:
-    """A renderer whose camera frames and sweeps are timed."""
-
-    renderer: Renderer
-    seconds: dict[str, list[float]] = field(default_factory=lambda: {"camera": [], "lidar": []})
-
-    def camera(self, camera_id: str, frame: int, passes: tuple[str, ...] = ("rgb",), width: int | None = None) -> CameraFrame:
-        """See `Renderer.camera`."""
-        begun = time.perf_counter()
-        picture = self.renderer.camera(camera_id, frame, passes, width)
-        self.seconds["camera"].append(time.perf_counter() - begun)
-        return picture
-
-    def rays_lidar(
-        self, origins: FloatArray, directions: FloatArray, time_s: FloatArray
-    ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], NDArray[np.int32]]:
-        """See `Renderer.rays_lidar`."""
-        begun = time.perf_counter()
-        rays = self.renderer.rays_lidar(origins, directions, time_s)
-        self.seconds["lidar"].append(time.perf_counter() - begun)
-        return rays
-
-    def medians(self) -> dict[str, float | None]:
-        """Median seconds of a camera frame and of a sweep; the first of each, which warms caches, is left out."""
-        return {kind: float(np.median(times[1:] or times)) if times else None for kind, times in self.seconds.items()}
 
 
 @dataclass

@@ -1,0 +1,41 @@
+"""How long a renderer takes, told beside what it renders."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..frames import CameraFrame
+from ..geometry import FloatArray
+from ..render import Renderer
+
+
+@dataclass
+class Timed:
+    """A renderer whose camera frames and sweeps are timed."""
+
+    renderer: Renderer
+    seconds: dict[str, list[float]] = field(default_factory=lambda: {"camera": [], "lidar": []})
+
+    def camera(self, camera_id: str, frame: int, passes: tuple[str, ...] = ("rgb",), width: int | None = None) -> CameraFrame:
+        """See `Renderer.camera`."""
+        begun = time.perf_counter()
+        picture = self.renderer.camera(camera_id, frame, passes, width)
+        self.seconds["camera"].append(time.perf_counter() - begun)
+        return picture
+
+    def rays_lidar(
+        self, origins: FloatArray, directions: FloatArray, time_s: FloatArray
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], NDArray[np.int32]]:
+        """See `Renderer.rays_lidar`."""
+        begun = time.perf_counter()
+        rays = self.renderer.rays_lidar(origins, directions, time_s)
+        self.seconds["lidar"].append(time.perf_counter() - begun)
+        return rays
+
+    def medians(self) -> dict[str, float | None]:
+        """Median seconds of a camera frame and of a sweep; the first of each, which warms caches, is left out."""
+        return {kind: float(np.median(times[1:] or times)) if times else None for kind, times in self.seconds.items()}
