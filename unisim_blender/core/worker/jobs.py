@@ -26,8 +26,7 @@ from ..surfels.build import Step
 from ..surfels.cache import surfels_of
 from ..surfels.model import SurfelScene
 from .about import about
-from .protocol import Message
-from .server import Job
+from .protocol import Job, Message
 
 BAND_PIXELS = 32768
 """So many are rendered and shown at once, where Esc is heard between: 0.1 s on two cores."""

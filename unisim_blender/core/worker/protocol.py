@@ -8,9 +8,12 @@ from __future__ import annotations
 
 import json
 import struct
+from collections.abc import Callable, Iterator
 from typing import Any, BinaryIO
 
 Message = dict[str, Any]
+Job = Callable[[Message], Iterator[Message]]
+"""What can be asked for: a request's events."""
 LENGTH = struct.Struct("<I")
 MAX_BYTES = 256 << 20
 ENDS = ("done", "cancelled", "error")

@@ -7,14 +7,11 @@ import queue
 import sys
 import threading
 import traceback
-from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import BinaryIO
 
 from ..errors import UnisimError, what_is_missing
-from .protocol import Message, read_message, write_message
-
-Job = Callable[[Message], Iterator[Message]]
+from .protocol import Job, Message, read_message, write_message
 
 
 class Server:
