@@ -55,7 +55,7 @@ def command(  # noqa: PLR0913
     """Train the neural scene of the drive at LOG."""
     from ..logs import open_log
     from ..prepare.renderers import pick_device
-    from ..prepare.selection import check_names, select_frames, split_names
+    from ..prepare.selection import beam_lidars, check_names, select_frames, split_names
     from ..training.config import TrainConfig
     from ..training.run import train
 
@@ -67,9 +67,8 @@ def command(  # noqa: PLR0913
     available = [c for c in recorded.drive.cameras if recorded.image_frames(c)]
     names = tuple(available) if cameras == "all" else split_names(cameras) or ()
     check_names("--cameras", names, available)
-    lidars = [name for name in recorded.drive.lidars if recorded.drive.lidars[name].model.beams and recorded.sweep_frames(name)]
     config = TrainConfig(
-        cameras=names, lidars=tuple(lidars), frames=select_frames(frames, recorded.drive.frames), width=width,
+        cameras=names, lidars=beam_lidars(recorded), frames=select_frames(frames, recorded.drive.frames), width=width,
         preset=preset, without=split_names(without) or (), density=density, disturb=disturb, minutes=minutes,
         iterations=iterations, device=pick_device(device), seed=seed, vgg=vgg, adversarial=adversarial, preview_s=preview,
     )  # fmt: skip

@@ -11,8 +11,8 @@ from typing import Any
 from ..drive import Drive
 from ..errors import SceneError
 from ..log import Log
-from ..prepare.renderers import UNTRAINED, LogSource, SceneSource, scene_hash
-from ..prepare.selection import select_frames
+from ..prepare.renderers import UNTRAINED, SceneSource, scene_hash, untrained_tracer
+from ..prepare.selection import beam_lidars
 from ..render import Renderer
 from ..scene_file import HEADER_NAME, SceneHeader, read_scene_header
 from ..surfels.build import Step, finished
@@ -53,9 +53,8 @@ def _trained(method: Method, log: Log, folder: Path, wishes: Wishes, quiet: bool
     from ..training.config import TrainConfig
     from ..training.run import CHECKPOINT, train
 
-    lidars = tuple(n for n, lidar in log.drive.lidars.items() if lidar.model.beams and log.sweep_frames(n))
     config = TrainConfig(
-        cameras=wishes.cameras, lidars=lidars, frames=select_frames(wishes.frames, log.drive.frames), width=wishes.width,
+        cameras=wishes.cameras, lidars=beam_lidars(log), frames=wishes.learnt(log.drive), width=wishes.width,
         preset=method.preset, without=method.without, density=method.density, adversarial=method.adversarial,
         disturb=wishes.disturb, minutes=None if wishes.iterations else wishes.minutes, iterations=wishes.iterations,
         device=wishes.device, seed=wishes.seed,
@@ -79,14 +78,14 @@ def _check(header: SceneHeader, config: Any) -> None:
 
 
 def _untrained(renderer: str, log: Log, wishes: Wishes) -> Made:
-    frames = select_frames(wishes.frames, log.drive.frames)
+    frames = wishes.learnt(log.drive)
     begun = time.perf_counter()
     steps: list[Step] = []
-    finished(surfels_of(log, UNTRAINED[renderer], frames), steps.append)
+    scene = finished(surfels_of(log, UNTRAINED[renderer], frames), steps.append)
     # surfels that were kept are there at once, which says nothing of how long they took
     about = {"training_s": round(time.perf_counter() - begun, 1)} if steps else {}
 
     def make_renderer(drive: Drive) -> Renderer:
-        return LogSource(renderer, log.path, drive, frames, wishes.quality)()
+        return Renderer(untrained_tracer(renderer, scene, drive, log, frames, wishes.quality), drive)
 
     return Made(None, None, build_key(log, UNTRAINED[renderer], frames), about, make_renderer)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +26,7 @@ from ..output.frame_files import json_bytes, png_bytes
 from ..own_vehicle import Outline
 from ..prepare.replay import replayed_drive
 from ..prepare.scenario import prepare_scenario
-from ..prepare.selection import select_frames
+from ..prepare.selection import beam_lidars
 from ..street.street import Street
 from ..surfels.views import outline_in
 from .kept_truth import KeptTruth
@@ -48,6 +49,12 @@ class Bench:
     wishes: Wishes
     perceptual: Perceptual | None = None
     inception: Inception | None = None
+
+    @cached_property
+    def outlines(self) -> dict[str, tuple[Outline, int]]:
+        """The recording vehicle's in its images, for all methods alike: what shows it is not compared. Raises `LogError`."""
+        frames = self.wishes.learnt(self.log.drive)
+        return {key: found for name in self.wishes.cameras for key, found in outline_in(self.log, name, frames).items()}
 
 
 def measured(bench: Bench, name: str, made: Made, part: Part, progress: Progress) -> dict[str, Any]:
@@ -103,11 +110,11 @@ def _recorded(bench: Bench, name: str, made: Made, part: Part, progress: Progres
     plan = EvaluationPlan(
         frames=part.frames,
         cameras=w.cameras,
-        lidars=tuple(n for n, lidar in log.drive.lidars.items() if lidar.model.beams and log.sweep_frames(n)),
+        lidars=beam_lidars(log),
         width=w.width,
-        trained=select_frames(w.frames, log.drive.frames),
+        trained=w.learnt(log.drive),
         perceptual=bench.perceptual,
-        outlines=_outlines(log, w),
+        outlines=bench.outlines,
     )
     judged = _Judged(bench, name, part)
 
@@ -126,19 +133,12 @@ def _recorded(bench: Bench, name: str, made: Made, part: Part, progress: Progres
     }
 
 
-def _outlines(log: Log, wishes: Wishes) -> dict[str, tuple[Outline, int]]:
-    """The recording vehicle's in its images, for all methods alike: what shows it is not compared."""
-    frames = select_frames(wishes.frames, log.drive.frames)
-    return {key: found for name in wishes.cameras for key, found in outline_in(log, name, frames).items()}
-
-
 def _true(bench: Bench, name: str, made: Made, part: Part, progress: Progress) -> dict[str, Any]:
     """A street's replay or edit beside its truth."""
     w = bench.wishes
     rendered = prepare_scenario(part.scenario, scene=made.scene, refined=made.scene is not None)
     true = prepare_scenario(part.scenario, refined=False)
-    learnt = select_frames(w.frames, bench.log.drive.frames)
-    truth = TrueEdit.on(bench.log.path, true, learnt, w.cameras, w.width)
+    truth = TrueEdit.on(bench.log.path, true, w.learnt(bench.log.drive), w.cameras, w.width)
     cameras = tuple(camera for camera in w.cameras if camera in true.edited.cameras)
     truth.draw(part.scenario, part.frames, cameras)
     kept = KeptTruth(truth, bench.out / "truth" / f"{part.name}-{_digest(bench, part)}")

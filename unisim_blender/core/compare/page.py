@@ -7,7 +7,7 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
-from ..evaluate.report import STYLE
+from ..evaluate.report import STYLE, figure_html, page_html
 from .measure import picture_path, shown_frames
 from .parts import Part
 from .table import Table, cells_of
@@ -33,8 +33,7 @@ def page(
                 figures = "".join(_figures(out, part, frame, camera, rows))
                 if figures:
                     body.append(f"<h2>{escape(part.name)}: {escape(camera)} {frame}</h2>{figures}")
-    head = f'<meta charset="utf-8"><title>{escape(title)}</title><style>{_STYLE}</style>'
-    return f'<!doctype html><html lang="en"><head>{head}</head><body>' + "\n".join(body) + "\n</body></html>\n"
+    return page_html(title, body, _STYLE)
 
 
 def _table(table: Table, rows: dict[str, dict[str, Any]]) -> str:
@@ -65,5 +64,4 @@ def _figures(out: Path, part: Part, frame: int, camera: str, rows: dict[str, dic
 
 
 def _figure(out: Path, path: Path, caption: str) -> str:
-    source = escape(path.relative_to(out).as_posix())
-    return f'<figure><img src="{source}" alt="{escape(caption)}"><figcaption>{escape(caption)}</figcaption></figure>'
+    return figure_html(path.relative_to(out).as_posix(), caption)

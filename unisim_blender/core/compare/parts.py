@@ -9,7 +9,6 @@ from ..drive import Drive
 from ..errors import UnisimError
 from ..log import Log
 from ..prepare.scenario import prepare_scenario
-from ..prepare.selection import select_frames
 from ..scenario.types import Ego
 from ..street.street import RECIPE_FILE, Street, load_street
 from ..street.usual_edits import FOLDER, spread_frames, write_scenarios
@@ -37,7 +36,7 @@ def street_at(log: Path) -> Street | None:
 def parts_of(log: Log, street: Street | None, out: Path, wishes: Wishes) -> list[Part]:
     """The replay, and on a street the wished scenarios, or the usual edits, which are written to ``out`` where the log has none
     of its own. Raises `UnisimError`."""
-    learnt = select_frames(wishes.frames, log.drive.frames)
+    learnt = wishes.learnt(log.drive)
     held_out = tuple(frame for frame in log.drive.frames if frame not in learnt)
     if not held_out:
         raise UnisimError(f"{log.path}: --frames {wishes.frames} leaves no frame to compare")

@@ -5,6 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+from ..drive import Drive
+from ..prepare.selection import select_frames
+
 
 @dataclass(frozen=True)
 class Wishes:
@@ -26,3 +29,7 @@ class Wishes:
     seed: int = 0
     lpips: Path | None = None
     fid: Path | None = None
+
+    def learnt(self, drive: Drive) -> tuple[int, ...]:
+        """The frames of a drive that are learnt from. Raises `UnisimError`."""
+        return select_frames(self.frames, drive.frames)

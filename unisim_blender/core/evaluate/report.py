@@ -34,23 +34,29 @@ class Report:
             for place, tile in enumerate(row):
                 name = f"pictures/{pictures.frame:06d}_{number}_{place}.png"
                 write_file(self.out / name, png_bytes(tile.pixels))
-                caption = escape(tile.label)
-                figures.append(f'<figure><img src="{name}" alt="{caption}"><figcaption>{caption}</figcaption></figure>')
+                figures.append(figure_html(name, tile.label))
             figures.append("<br>")
         self._sections.append(f"<h2>Frame {pictures.frame}</h2>\n" + "\n".join(figures))
 
     def finish(self, figures: dict[str, Any]) -> Path:
         """Write the page with a table of ``figures``, a nested object of numbers; the page's path. Raises `OutputError`."""
         rows = "".join(f"<tr><td>{escape(name)}</td><td>{value}</td></tr>" for name, value in flat_figures(figures))
-        page = (
-            f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{escape(self.title)}</title>'
-            f"<style>{STYLE}</style></head><body><h1>{escape(self.title)}</h1>\n<table>{rows}</table>\n"
-            + "\n".join(self._sections)
-            + "\n</body></html>\n"
-        )
         path = self.out / "index.html"
-        write_file(path, page.encode())
+        parts = [f"<h1>{escape(self.title)}</h1>", f"<table>{rows}</table>", *self._sections]
+        write_file(path, page_html(self.title, parts).encode())
         return path
+
+
+def page_html(title: str, parts: list[str], style: str = STYLE) -> str:
+    """A whole page of the parts of its body."""
+    head = f'<meta charset="utf-8"><title>{escape(title)}</title><style>{style}</style>'
+    return f'<!doctype html><html lang="en"><head>{head}</head><body>' + "\n".join(parts) + "\n</body></html>\n"
+
+
+def figure_html(source: str, caption: str) -> str:
+    """A picture with words under it."""
+    source, caption = escape(source), escape(caption)
+    return f'<figure><img src="{source}" alt="{caption}"><figcaption>{caption}</figcaption></figure>'
 
 
 def flat_figures(figures: dict[str, Any], prefix: str = "") -> list[tuple[str, str]]:

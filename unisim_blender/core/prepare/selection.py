@@ -6,6 +6,7 @@ import re
 from collections.abc import Iterable, Sequence
 
 from ..errors import UnisimError
+from ..log import Log
 
 RANGE = re.compile(r"(-?\d*):(-?\d*)(?::(\d*))?")
 
@@ -50,3 +51,8 @@ def check_names(what: str, names: Iterable[str], known: Iterable[str]) -> None:
     for name in names:
         if name not in known:
             raise UnisimError(f'{what} "{name}": is not one of {", ".join(known) or "none"}')
+
+
+def beam_lidars(log: Log) -> tuple[str, ...]:
+    """The log's LiDARs that can be simulated and have sweeps: plain points without a beam table are no sensor."""
+    return tuple(name for name, lidar in log.drive.lidars.items() if lidar.model.beams and log.sweep_frames(name))
