@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +29,7 @@ from unisim_blender.core.evaluate.true_edits import TrueEdit
 from unisim_blender.core.logs import open_log
 from unisim_blender.core.prepare.scenario import prepare_scenario
 from unisim_blender.core.scene_file import HEADER_NAME
-from unisim_blender.core.street.street import build_street
+from unisim_blender.core.street.street import RECIPE_FILE, build_street
 from unisim_blender.core.street.usual_edits import FOLDER, write_scenarios
 from unisim_blender.core.street.write import write_log
 from unisim_blender.core.training.trainer import Trainer
@@ -86,6 +87,24 @@ def test_the_table_grows_and_nothing_is_done_twice(
     assert run(command(log, out, "--methods", "surfel", "--quality", "fast")) == 1
     error = capsys.readouterr().err
     assert "comparison.json: was measured with quality 'balanced', not 'fast'" in error and error.count("\n") == 1
+
+
+def test_a_log_whose_truth_nobody_knows_is_compared_with_what_was_recorded(
+    log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(methods, "METHODS", {**METHODS, "unisim": TINY})
+    real, out = tmp_path / "real", tmp_path / "out"
+    shutil.copytree(log, real, ignore=shutil.ignore_patterns(RECIPE_FILE, FOLDER))
+    assert (
+        run(["compare", str(real), "--out", str(out), "--methods", "unisim", "--iterations", "2", "--width", "64", "--quiet"])
+        == 0
+    )
+    document = json.loads((out / "comparison.json").read_text())
+    assert document["about"]["street"] is None and list(document["about"]["parts"]) == ["replay"]
+    replay = document["rows"]["unisim"]["replay"]
+    assert replay["camera"]["edit"]["images"] == 2 and replay["lidar"]["edit"]["sweeps"] == 2
+    assert set(replay["psnr_db"]) == {"1", "3"} and replay["seconds"]["camera"] > 0
+    assert len(list((out / "pictures" / "replay").iterdir())) == 2 * 3
 
 
 def test_a_training_that_was_cut_off_goes_on(log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
