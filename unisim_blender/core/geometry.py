@@ -153,11 +153,21 @@ class Trajectory:
         time = np.asarray(time_s, np.float64)
         if len(self.times_s) == 1:
             return np.broadcast_to(self.poses[0], (*time.shape, 4, 4)).copy()
-        upper = np.clip(np.searchsorted(self.times_s, time, side="right"), 1, len(self.times_s) - 1)
-        lower = upper - 1
-        u = (time - self.times_s[lower]) / (self.times_s[upper] - self.times_s[lower])
-        position = self.positions[lower] + u[..., None] * (self.positions[upper] - self.positions[lower])
-        return make_pose(position, slerp(self.quaternions_wxyz[lower], self.quaternions_wxyz[upper], u))
+        lower, u = self._between(time)
+        return make_pose(self.positions_at(time), slerp(self.quaternions_wxyz[lower], self.quaternions_wxyz[lower + 1], u))
+
+    def positions_at(self, time_s: FloatArray | float) -> FloatArray:
+        """Positions (..., 3) at times (...)."""
+        time = np.asarray(time_s, np.float64)
+        if len(self.times_s) == 1:
+            return np.broadcast_to(self.positions[0], (*time.shape, 3)).copy()
+        lower, u = self._between(time)
+        return np.asarray(self.positions[lower] + u[..., None] * (self.positions[lower + 1] - self.positions[lower]))
+
+    def _between(self, time: FloatArray) -> tuple[NDArray[np.int64], FloatArray]:
+        """The keys before times (...), and how far (...) each time is on the way to the next."""
+        lower = np.clip(np.searchsorted(self.times_s, time, side="right") - 1, 0, len(self.times_s) - 2)
+        return lower, (time - self.times_s[lower]) / (self.times_s[lower + 1] - self.times_s[lower])
 
     def transformed(self, left: FloatArray | None = None, right: FloatArray | None = None) -> Trajectory:
         """The trajectory ``left @ pose @ right`` with constant poses (4, 4), or one for each key (T, 4, 4)."""

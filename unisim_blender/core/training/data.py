@@ -211,23 +211,26 @@ class LidarData:
     def static_returns(self, actors: Iterable[Actor]) -> tuple[FloatArray, FloatArray]:
         """Origins and points (N, 3) of the returns that lie in none of the actors' boxes."""
         points, h = self.points, self._hits
+        # sorted by one coordinate, what a box can hold is a slice
+        order = np.argsort(points[:, 0])
+        ordered, times = points[order], self.time_s[h][order]
         inside = np.zeros(len(points), bool)
-        times = self.time_s[h]
         for actor in actors:
-            near = actor.present(times)
-            grown = np.asarray(actor.size_m) + 0.2
-            if not actor.is_moving:
-                pose = actor.world_from_actor.at((actor.start_s + actor.end_s) / 2)
-                inside[near] |= points_in_box(points[near], pose, grown)
-                continue
-            at = np.flatnonzero(near)
-            centre = actor.world_from_actor.at((actor.start_s + actor.end_s) / 2)[:3, 3]
-            reach = np.linalg.norm(actor.world_from_actor.positions - centre, axis=1).max() + np.linalg.norm(grown)
-            at = at[((points[at] - centre) ** 2).sum(1) < reach**2]
-            if len(at) == 0:
-                continue
-            local = transform_points(invert_pose(actor.world_from_actor.at(times[at])), points[at][:, None])[:, 0]
-            inside[at] |= (np.abs(local) <= grown / 2).all(1)
+            way, grown = actor.world_from_actor, np.asarray(actor.size_m) + 0.2
+            radius = np.linalg.norm(grown) / 2
+            low, high = way.positions.min(0) - radius, way.positions.max(0) + radius
+            begin, end = np.searchsorted(ordered[:, 0], (low[0], high[0]))
+            part = ordered[begin:end]
+            near = (part[:, 1] >= low[1]) & (part[:, 1] <= high[1]) & actor.present(times[begin:end])
+            at = begin + np.flatnonzero(near)
+            if actor.is_moving:
+                at = at[((ordered[at] - way.positions_at(times[at])) ** 2).sum(1) <= radius**2]
+                pose = way.at(times[at])
+                local = transform_points(invert_pose(pose), ordered[at][:, None])[:, 0]
+                inside[order[at]] |= (np.abs(local) <= grown / 2).all(1)
+            else:
+                pose = way.at((actor.start_s + actor.end_s) / 2)
+                inside[order[at]] |= points_in_box(ordered[at], pose, grown)
         return self.corner + self.origins[h][~inside], points[~inside]
 
     def _weights(self, drops: float) -> tuple[float, float]:

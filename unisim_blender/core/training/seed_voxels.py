@@ -9,6 +9,12 @@ from scipy import ndimage
 from ..fields.occupancy import BESIDE, FREE, HIT, UNKNOWN
 from ..geometry import FloatArray
 
+FREE_UP_TO_M = 120.0
+"""Up to this far from the sensor a ray tells of free space."""
+
+_AT_ONCE = 8192
+"""Rays whose numbers stay in a processor's cache."""
+
 
 def seed_voxels(
     origins: FloatArray,
@@ -23,27 +29,22 @@ def seed_voxels(
     HIT where a return lies and at the ground between returns (heights and where they are known (X', Y'), cells of 1 m); BESIDE
     in the voxels round a return (UniSim, section 3.2); FREE where rays only passed, and under the ground; UNKNOWN elsewhere.
     """
-    hit = np.zeros(shape, bool)
-    passed = np.zeros(shape, np.uint8)
-
-    def mark(grid: NDArray, x: FloatArray) -> None:  # type: ignore[type-arg]
-        cell = np.floor(x / voxel_m).astype(np.int64)
-        cell = cell[((cell >= 0) & (cell < np.array(shape))).all(1)]
-        grid[cell[:, 0], cell[:, 1], cell[:, 2]] = 1
-
-    mark(hit, points)
+    hit, passed = np.zeros(shape, bool), np.zeros(shape, bool)
+    _mark(hit, points.T / voxel_m)
     way = points - origins
     length = np.linalg.norm(way, axis=1)
     step = voxel_m * 0.75
-    for i in range(int(min(length.max(initial=0.0), 120.0) / step)):
-        t = (i + 0.5) * step
-        going = length - 2 * voxel_m > t
-        if not going.any():
-            break
-        mark(passed, origins[going] + way[going] * (t / length[going, None]))
+    order = np.argsort(-length)
+    for begin in range(0, len(order), _AT_ONCE):
+        rays = order[begin : begin + _AT_ONCE]
+        far, start, to = length[rays] - 2 * voxel_m, origins[rays].T / voxel_m, way[rays].T / (voxel_m * length[rays])
+        middles = (np.arange(int(min(length[rays[0]], FREE_UP_TO_M) / step)) + 0.5) * step
+        going = np.searchsorted(-far, -middles)
+        for t, count in zip(middles, going, strict=True):
+            _mark(passed, start[:, :count] + to[:, :count] * t)
     near = ndimage.binary_dilation(hit, np.ones((3, 3, 3), bool))
     values = np.full(shape, UNKNOWN, np.uint8)
-    values[passed > 0] = FREE
+    values[passed] = FREE
     values[near] = BESIDE
     values[hit] = HIT
     top = (np.arange(shape[2]) + 1) * voxel_m
@@ -55,3 +56,11 @@ def seed_voxels(
     values[at_ground] = HIT
     values[under & ~near] = FREE
     return values
+
+
+def _mark(grid: NDArray[np.bool_], places: FloatArray) -> None:
+    """Sets the cells of a grid (X, Y, Z) that hold places (3, N), in cells; those outside count for nothing."""
+    x, y, z = np.floor(places).astype(np.int32)
+    x_end, y_end, z_end = grid.shape
+    within = (x >= 0) & (x < x_end) & (y >= 0) & (y < y_end) & (z >= 0) & (z < z_end)
+    grid.reshape(-1)[((x * y_end + y) * z_end + z)[within]] = True
