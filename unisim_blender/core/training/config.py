@@ -19,10 +19,10 @@ class LossWeights:
     lidar_intensity: float = 0.1
     lidar_drop: float = 0.02
     band: float = 0.1
-    eikonal: float = 0.005
-    flat: float = 0.004
-    spread: float = 0.001
-    hidden: float = 0.02
+    eikonal: float = 0.0015
+    flat: float = 0.0012
+    spread: float = 0.0003
+    hidden: float = 0.01
     adversarial: float = 0.001
     latent: float = 1e-5
 
