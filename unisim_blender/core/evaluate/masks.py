@@ -21,14 +21,19 @@ def actor_mask(camera: Camera, frame: int, actors: Iterable[Actor]) -> BoolArray
         rows = np.flatnonzero(actor.present(times))
         if not len(rows):
             continue
-        # an image row has one time, so one pose a row serves all its rays
-        box_from_world = invert_pose(actor.world_from_actor.at(times[rows]))
-        rotation = box_from_world[:, None, :3, :3]
-        origins = (rotation @ rays.origins[rows][..., None])[..., 0] + box_from_world[:, None, :3, 3]
-        directions = (rotation @ rays.directions[rows][..., None])[..., 0]
+        # an image row has one time, so one pose a row serves all its rays; few of them pass through the sphere round a box
+        to = actor.world_from_actor.positions_at(times[rows]) - rays.origins[rows, 0]
+        radius = float(np.linalg.norm(actor.size_m)) / 2 + 1e-6
+        along = (rays.directions[rows] @ to[:, :, None])[..., 0]
+        away = (to**2).sum(1, keepdims=True) - radius**2
+        row, column = np.nonzero((away <= 0) | ((along > 0) & (along**2 >= away)))
+        box_from_world = invert_pose(actor.world_from_actor.at(times[rows]))[row]
+        place = rows[row], column
+        origins = (box_from_world[:, :3, :3] @ rays.origins[place][..., None])[..., 0] + box_from_world[:, :3, 3]
+        directions = (box_from_world[:, :3, :3] @ rays.directions[place][..., None])[..., 0]
         with np.errstate(divide="ignore", invalid="ignore"):
             half = np.asarray(actor.size_m) / 2
             a, b = (-half - origins) / directions, (half - origins) / directions
         near, far = np.fmin(a, b).max(-1), np.fmax(a, b).min(-1)
-        mask[rows] |= (near <= far) & (far > 0)
+        mask[place] |= (near <= far) & (far > 0)
     return mask
