@@ -162,6 +162,7 @@ class Trainer:
             torch.optim.Adam(groups, lr=1e-3, betas=(0.9, 0.99), fused=c.device != "mps") for groups in (fast, slow)
         )
         self._held: tuple[dict[str, Tensor], dict[str, Tensor]] | None = None
+        self._tables_grad: Tensor | None = None
 
     # ---- one step
 
@@ -335,8 +336,10 @@ class Trainer:
             with torch_threads(None):
                 positions, quaternions = self.tracklets.keys()
                 made = {"tables": self.model.actors.tables(), "positions": positions, "quaternions": quaternions}
+                # memory that is new costs more than what is done in it
+                grad = torch.zeros_like(made["tables"]) if self._tables_grad is None else self._tables_grad.zero_()
             cut = {name: value.detach().requires_grad_() for name, value in made.items()}
-            cut["tables"].grad = torch.zeros_like(cut["tables"])
+            cut["tables"].grad = self._tables_grad = grad
             self._held = made, cut
         return self._held[1]
 
