@@ -53,8 +53,9 @@ class View:
     texture: Any = None
     problem: str = ""
     progress: str = ""
-    warning: str = ""
     """How far something is that has to be made before there is a picture."""
+    warning: str = ""
+    """What the scene's method cannot show."""
     changes: int = 0
     waits: bool = False
     """Whether a render job goes first."""

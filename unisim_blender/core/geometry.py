@@ -154,14 +154,16 @@ class Trajectory:
         if len(self.times_s) == 1:
             return np.broadcast_to(self.poses[0], (*time.shape, 4, 4)).copy()
         lower, u = self._between(time)
-        return make_pose(self.positions_at(time), slerp(self.quaternions_wxyz[lower], self.quaternions_wxyz[lower + 1], u))
+        return make_pose(self._placed(lower, u), slerp(self.quaternions_wxyz[lower], self.quaternions_wxyz[lower + 1], u))
 
     def positions_at(self, time_s: FloatArray | float) -> FloatArray:
         """Positions (..., 3) at times (...)."""
         time = np.asarray(time_s, np.float64)
         if len(self.times_s) == 1:
             return np.broadcast_to(self.positions[0], (*time.shape, 3)).copy()
-        lower, u = self._between(time)
+        return self._placed(*self._between(time))
+
+    def _placed(self, lower: NDArray[np.int64], u: FloatArray) -> FloatArray:
         return np.asarray(self.positions[lower] + u[..., None] * (self.positions[lower + 1] - self.positions[lower]))
 
     def _between(self, time: FloatArray) -> tuple[NDArray[np.int64], FloatArray]:

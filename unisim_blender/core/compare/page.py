@@ -9,7 +9,7 @@ from typing import Any
 
 from ..evaluate.report import STYLE, figure_html, page_html
 from .measure import picture_path, shown_frames
-from .parts import Part
+from .parts import REPLAY, Part
 from .table import Table, cells_of
 
 _STYLE = STYLE + "\n.best { color: #8fd18f; font-weight: bold; } figure img { max-width: 30vw; }"
@@ -52,7 +52,7 @@ def _figures(out: Path, part: Part, frame: int, camera: str, rows: dict[str, dic
     """The truth, every method's picture, and under them how far each is from the truth."""
     truth = picture_path(out, part.name, frame, camera, "truth")
     if truth.is_file():
-        yield _figure(out, truth, "truth" if part.moves_view or part.name != "replay" else "recorded")
+        yield _figure(out, truth, "recorded" if part.name == REPLAY else "truth")
     for suffix in ("", "-difference"):
         for name, row in rows.items():
             path = picture_path(out, part.name, frame, camera, name + suffix)

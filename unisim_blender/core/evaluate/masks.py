@@ -7,7 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from ..drive import Actor, Camera
-from ..geometry import BoolArray, invert_pose
+from ..geometry import BoolArray, intersect_boxes, invert_pose
 from ..sensors.camera import camera_rays, pixel_grid
 
 
@@ -27,13 +27,8 @@ def actor_mask(camera: Camera, frame: int, actors: Iterable[Actor]) -> BoolArray
         along = (rays.directions[rows] @ to[:, :, None])[..., 0]
         away = (to**2).sum(1, keepdims=True) - radius**2
         row, column = np.nonzero((away <= 0) | ((along > 0) & (along**2 >= away)))
-        box_from_world = invert_pose(actor.world_from_actor.at(times[rows]))[row]
+        box_from_world = invert_pose(actor.world_from_actor.at(times[rows]))[row, None]
         place = rows[row], column
-        origins = (box_from_world[:, :3, :3] @ rays.origins[place][..., None])[..., 0] + box_from_world[:, :3, 3]
-        directions = (box_from_world[:, :3, :3] @ rays.directions[place][..., None])[..., 0]
-        with np.errstate(divide="ignore", invalid="ignore"):
-            half = np.asarray(actor.size_m) / 2
-            a, b = (-half - origins) / directions, (half - origins) / directions
-        near, far = np.fmin(a, b).max(-1), np.fmax(a, b).min(-1)
-        mask[place] |= (near <= far) & (far > 0)
+        near, far = intersect_boxes(rays.origins[place], rays.directions[place], box_from_world, np.asarray(actor.size_m)[None])
+        mask[place] |= ((near <= far) & (far > 0))[:, 0]
     return mask

@@ -172,10 +172,11 @@ def _camera_frame(
     rendered = np.clip(image.rgb, 0, 1)
     camera = resized_camera(log.drive.cameras[name], plan.width)
     actors = log.drive.actors.values()
-    inside = actor_mask(camera, frame, actors)
+    moving = actor_mask(camera, frame, (actor for actor in actors if actor.is_moving))
+    inside = moving | actor_mask(camera, frame, (actor for actor in actors if not actor.is_moving))
     masks = {
         "actors": inside,
-        "moving_actors": actor_mask(camera, frame, (actor for actor in actors if actor.is_moving)),
+        "moving_actors": moving,
         "outside_actors": ~inside,
     }
     scene = scene_mask(plan, name, recorded.shape[:2])

@@ -13,7 +13,7 @@ from torch import Tensor
 
 from ..drive import Actor, Camera
 from ..errors import LogError
-from ..geometry import FloatArray, invert_pose, points_in_box, transform_points
+from ..geometry import FloatArray, invert_pose, transform_points
 from ..images import resize_image
 from ..log import Log
 from ..own_vehicle import Outline, find_outline, moved_frames
@@ -223,14 +223,12 @@ class LidarData:
             part = ordered[begin:end]
             near = (part[:, 1] >= low[1]) & (part[:, 1] <= high[1]) & actor.present(times[begin:end])
             at = begin + np.flatnonzero(near)
-            if actor.is_moving:
-                at = at[((ordered[at] - way.positions_at(times[at])) ** 2).sum(1) <= radius**2]
-                pose = way.at(times[at])
-                local = transform_points(invert_pose(pose), ordered[at][:, None])[:, 0]
-                inside[order[at]] |= (np.abs(local) <= grown / 2).all(1)
-            else:
-                pose = way.at((actor.start_s + actor.end_s) / 2)
-                inside[order[at]] |= points_in_box(ordered[at], pose, grown)
+            # labels of what stands still may waver: it has one pose
+            when = times[at] if actor.is_moving else np.full(len(at), (actor.start_s + actor.end_s) / 2)
+            close = ((ordered[at] - way.positions_at(when)) ** 2).sum(1) <= radius**2
+            at, when = at[close], when[close]
+            local = transform_points(invert_pose(way.at(when)), ordered[at][:, None])[:, 0]
+            inside[order[at]] |= (np.abs(local) <= grown / 2).all(1)
         return self.corner + self.origins[h][~inside], points[~inside]
 
     def _weights(self, drops: float) -> tuple[float, float]:
