@@ -15,6 +15,7 @@ from torch.autograd.function import once_differentiable
 from . import native
 from .density import weights_from_tau
 from .devices import kernel_threads
+from .on_gpu.ready import ready
 from .strands import Strands, Traced
 
 
@@ -55,7 +56,12 @@ def gather_reference(strand: Strands, front: Tensor) -> tuple[Tensor, Tensor, Te
 
 
 def gather(strand: Strands, front: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """`gather_reference`, by the compiled kernels where they apply."""
+    """`gather_reference`, by the compiled kernels or Triton's where they apply."""
+    if _is_float32([strand]) and ready(strand.t):
+        on_gpu: tuple[Tensor, Tensor, Tensor] = _GatherOnGpu.apply(  # type: ignore[no-untyped-call]
+            strand.t, strand.tau, strand.share, front, strand.features
+        )
+        return on_gpu
     if not _is_plain([strand]):
         return gather_reference(strand, front)
     out: tuple[Tensor, Tensor, Tensor] = _Gather.apply(  # type: ignore[no-untyped-call]
@@ -73,10 +79,15 @@ def transmittances(rays: int, strands: list[Strands]) -> list[Tensor]:
 
 
 def _is_plain(strands: list[Strands]) -> bool:
-    """Whether the compiled kernels take these strands: float32 on the CPU, at places that are not learnt."""
+    """Whether the compiled kernels take these strands: on the CPU, see `_is_float32`."""
+    on_cpu = all(x.device.type == "cpu" for s in strands for x in (s.tau, s.share, s.t, s.features))
+    return on_cpu and _is_float32(strands) and native.library() is not None
+
+
+def _is_float32(strands: list[Strands]) -> bool:
+    """Whether strands are float32, at places that are not learnt: kernels then take them."""
     tensors = [x for s in strands for x in (s.tau, s.share, s.t, s.features)]
-    plain = all(x.device.type == "cpu" and x.dtype == torch.float32 for x in tensors)
-    return plain and native.library() is not None and not any(s.t.requires_grad for s in strands)
+    return all(x.dtype == torch.float32 for x in tensors) and not any(s.t.requires_grad for s in strands)
 
 
 def _struct(ray: Tensor, t: Tensor, tau: Tensor, share: Tensor) -> native.StrandsStruct:
@@ -129,10 +140,8 @@ class _Gather(torch.autograd.Function):
         lib = native.library()
         assert lib is not None
         ray, t, tau, share, front = (x.contiguous() for x in (ray, t, tau, share, front))
-        n, width, length = features.shape
-        # features may be columns of what a network gave: their rows need not touch
-        if n * width and (features.stride(2) != 1 or features.stride(0) != width * features.stride(1)):
-            features = features.contiguous()
+        features = _rows_alone(features)
+        n, _, length = features.shape
         interval, weight, sums = torch.empty_like(tau), torch.empty_like(tau), tau.new_empty(n, length + 3)
         lib.unisim_gather_forward(
             ctypes.byref(_struct(ray, t, tau, share)), front.data_ptr(), features.data_ptr(), features.stride(1), length,
@@ -156,6 +165,37 @@ class _Gather(torch.autograd.Function):
             of_tau.data_ptr(), of_share.data_ptr(), of_front.data_ptr(), of_features.data_ptr(), kernel_threads(),
         )  # fmt: skip
         return None, None, of_tau, of_share, of_front, of_features
+
+
+class _GatherOnGpu(torch.autograd.Function):
+    """Triton's weights and sums of strands, forward and backward."""
+
+    @staticmethod
+    def forward(
+        ctx: Any, t: Tensor, tau: Tensor, share: Tensor, front: Tensor, features: Tensor
+    ) -> tuple[Tensor, Tensor, Tensor]:
+        from .on_gpu.gather import gather_forward
+
+        t, tau, share, front = (x.contiguous() for x in (t, tau, share, front))
+        features = _rows_alone(features)
+        interval, weight, sums = gather_forward(t, tau, share, front, features)
+        ctx.save_for_backward(t, tau, share, front, features, weight)
+        return interval, weight, sums
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx: Any, *grads: Tensor) -> tuple[Tensor | None, ...]:
+        from .on_gpu.gather import gather_backward
+
+        return None, *gather_backward(*ctx.saved_tensors, *(g.contiguous() for g in grads))
+
+
+def _rows_alone(features: Tensor) -> Tensor:
+    """Features (P, K, F) whose rows are even: they may be columns of what a network gave, so rows need not touch."""
+    n, width, _ = features.shape
+    if n * width and (features.stride(2) != 1 or features.stride(0) != width * features.stride(1)):
+        return features.contiguous()
+    return features
 
 
 def transmittances_reference(rays: int, strands: list[Strands]) -> list[Tensor]:

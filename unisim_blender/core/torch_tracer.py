@@ -39,6 +39,8 @@ class TorchTracer:
 
     def __init__(self, scene: Scene, drive: Drive, quality: str = "balanced", others: dict[str, Scene] | None = None) -> None:
         self.scene, self.device, self.quality = scene, scene.actor_tables.device, quality_named(quality)
+        # a pixel's 8 bits need no more, where a device is faster so
+        self.half = torch.device(self.device).type == "cuda" and quality != "reference"
         scenes = {path: (s.model, s.actor_tables) for path, s in {"": scene, **(others or {})}.items()}
         looks = {path: None if m.config.actors == "none" else tuple(m.actor_ids) for path, (m, _) in scenes.items()}
         self.cast = gather_cast(drive, scene.header.drive, looks)
@@ -104,9 +106,11 @@ class TorchTracer:
         def decoded(network: SceneModel, feature: Tensor) -> Tensor:
             code = network.camera_ids.get(camera_id, -1)
             number = torch.full((len(feature),), code, dtype=torch.long, device=self.device)
-            features = network.ray_head(feature, along, number)
-            picture: Tensor = network.camera_decoder(features.view(1, *shape, -1).permute(0, 3, 1, 2))
-            return picture
+            with torch.autocast(torch.device(self.device).type, torch.float16, enabled=self.half):
+                features = network.ray_head(feature, along, number)
+                # channels come last in memory, as they did in a row of features
+                picture: Tensor = network.camera_decoder(features.view(1, *shape, -1).permute(0, 3, 1, 2))
+            return picture.float()
 
         rgb = decoded(self.scene.model, found.feature if found.without_guests is None else found.without_guests)
         for i, troupe in enumerate(self.tensors.guests.values()):

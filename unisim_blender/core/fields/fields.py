@@ -14,10 +14,11 @@ from torch import Tensor, nn
 from .. import native
 from ..constants import MAX_LOG_DENSITY
 from ..devices import kernel_threads
+from ..on_gpu.ready import ready
 from .config import ModelConfig
 from .gradient_sink import GradientSink
 from .grid_shape import GridArrays, GridShape
-from .hash_grid import encode
+from .hash_grid import encode, tensors_of
 from .networks import mlp, network_struct, run_mlp
 from .volume import Volume
 from .volume_frame import VolumeFrame, contract, contract_direction
@@ -46,12 +47,18 @@ def query(
     assert isinstance(first, nn.Linear) and isinstance(last, nn.Linear)
     lib = native.library()
     learns = torch.is_grad_enabled() and (x.requires_grad or table.requires_grad or last.weight.requires_grad)
-    plain = x.device.type == "cpu" and x.dtype == table.dtype == last.weight.dtype == torch.float32
-    if lib is None or learns or not plain or len(network) != 3:
+    plain = not learns and x.dtype == table.dtype == last.weight.dtype == torch.float32 and len(network) == 3
+    on_gpu = plain and ready(x)
+    if not plain or not (on_gpu or (x.device.type == "cpu" and lib is not None)):
         return run_mlp(network, encode(grid, table, x, index, sink), outputs)
     w1, w2, bias = (w.detach().contiguous() for w in (first.weight, last.weight[:outputs], last.bias[:outputs]))
     x, table = x.detach().contiguous(), table.detach().contiguous()
     numbers = None if index is None else index.to(torch.int32).contiguous()
+    if on_gpu:
+        from ..on_gpu.grid import field_forward
+
+        return field_forward(tensors_of(grid.shape, str(x.device)), table, x, numbers, w1, w2, bias)
+    assert lib is not None
     out = torch.empty(len(x), len(w2))
     status = lib.unisim_field_forward(
         ctypes.byref(grid.struct), x.data_ptr(), None if numbers is None else numbers.data_ptr(), len(x), table.data_ptr(),

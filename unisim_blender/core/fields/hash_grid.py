@@ -1,12 +1,14 @@
 """Multiresolution hash grids: the encoding of Mueller et al., "Instant Neural Graphics Primitives", 2022.
 
 `encode_reference` says in plain torch what an encoding is. `encode` gives the same through the compiled kernels where the
-tensors are float32 on the CPU. Points lie in the unit cube; several grids of one shape can lie in one table (an actor's each).
+tensors are float32 on the CPU, through Triton's on a GPU. Points lie in the unit cube; several grids of one shape can lie in one
+table (an actor's each).
 """
 
 from __future__ import annotations
 
 import ctypes
+import functools
 from typing import Any
 
 import torch
@@ -15,8 +17,9 @@ from torch.autograd.function import once_differentiable
 
 from .. import native
 from ..devices import kernel_threads
+from ..on_gpu.ready import ready
 from .gradient_sink import GradientSink, add_to_table
-from .grid_shape import GridArrays
+from .grid_shape import GridArrays, GridShape
 
 _PRIMES = (1, 2654435761, 805459861)
 
@@ -99,6 +102,40 @@ class _Encode(torch.autograd.Function):
         return None, grad_table, grad_x, None, None
 
 
+class _EncodeOnGpu(torch.autograd.Function):
+    """Triton's encoding, forward and backward."""
+
+    @staticmethod
+    def forward(ctx: Any, grid: GridArrays, table: Tensor, x: Tensor, index: Tensor | None) -> Tensor:
+        from ..on_gpu.grid import encode_forward
+
+        ctx.grid, ctx.index = tensors_of(grid.shape, str(x.device)), index
+        table, x = table.contiguous(), x.contiguous()
+        ctx.save_for_backward(table, x)
+        return encode_forward(ctx.grid, table, x, index)
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx: Any, *grads: Tensor) -> tuple[None, Tensor | None, Tensor | None, None]:
+        from ..on_gpu.grid import encode_backward
+
+        table, x = ctx.saved_tensors
+        _, of_table, of_points, _ = ctx.needs_input_grad
+        return None, *encode_backward(ctx.grid, table, x, ctx.index, grads[0].contiguous(), of_table, of_points), None
+
+
+@functools.cache
+def tensors_of(shape: GridShape, device: str) -> Any:
+    """A grid's numbers as Triton's kernels read them: `on_gpu.grid.GridTensors`."""
+    from ..on_gpu.grid import GridTensors
+
+    def integers(values: list[int]) -> Tensor:
+        return torch.tensor(values, dtype=torch.int32, device=device)
+
+    scale = torch.tensor(shape.scale, dtype=torch.float32, device=device)
+    return GridTensors(scale, *(integers(values) for values in shape.layout()), shape.rows, shape.features)
+
+
 def encode(grid: GridArrays, table: Tensor, x: Tensor, index: Tensor | None = None, sink: GradientSink | None = None) -> Tensor:
     """`encode_reference`, by the compiled kernels where they apply.
 
@@ -106,9 +143,12 @@ def encode(grid: GridArrays, table: Tensor, x: Tensor, index: Tensor | None = No
     """
     assert x.shape[1:] == (3,), x.shape
     assert table.shape[-2:] == (grid.rows, grid.shape.features), table.shape
-    on_cpu = x.device.type == "cpu" and x.dtype == torch.float32 and table.dtype == torch.float32
-    if not on_cpu or native.library() is None:
-        return encode_reference(grid, table, x, index)
+    plain = x.dtype == torch.float32 and table.dtype == torch.float32
     numbers = None if index is None else index.to(torch.int32).contiguous()
+    if plain and ready(x):
+        on_gpu: Tensor = _EncodeOnGpu.apply(grid, table, x, numbers)  # type: ignore[no-untyped-call]
+        return on_gpu
+    if not plain or x.device.type != "cpu" or native.library() is None:
+        return encode_reference(grid, table, x, index)
     out: Tensor = _Encode.apply(grid, table, x, numbers, sink)  # type: ignore[no-untyped-call]
     return out

@@ -1,0 +1,262 @@
+"""Triton's kernels against plain torch: values by Triton's interpreter, which needs no GPU, and that they compile for some."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from analytic_scene import Stage, analytic_scene, drive_of, empty, ground, still
+from torch import Tensor
+
+from unisim_blender.core.cast import gather_cast
+from unisim_blender.core.cast_tensors import cast_tensors
+from unisim_blender.core.composite import gather, gather_reference
+from unisim_blender.core.fields.config import preset
+from unisim_blender.core.fields.fields import query
+from unisim_blender.core.fields.grid_shape import GridArrays, GridShape
+from unisim_blender.core.fields.hash_grid import encode, encode_reference
+from unisim_blender.core.fields.networks import mlp, run_mlp
+from unisim_blender.core.fields.scene import SceneModel
+from unisim_blender.core.march import Segment, Voxels, propose, propose_reference
+from unisim_blender.core.strands import RayBatch, Strands
+from unisim_blender.core.torch_tracer import TorchTracer
+from unisim_blender.core.trace import Sampling, trace
+from unisim_blender.core.tracer import Found
+
+pytest.importorskip("triton", reason="Triton is not installed")
+
+MODULES = ("fields.hash_grid", "fields.fields", "march", "composite")
+"""That ask whether kernels for GPUs apply."""
+
+SHAPES = {
+    "hashed": GridShape.cubic((40.0, 24.0, 8.0), 3.2, 0.2, 6, 4, 11),
+    "dense": GridShape.unit(4, 12, 3, 2, 12),
+    "one feature": GridShape.unit(4, 64, 5, 1, 8),
+}
+
+
+@pytest.fixture(autouse=True)
+def for_every_device(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Kernels are taken for tensors of the CPU too: by Triton's interpreter, see conftest.py."""
+    for module in MODULES:
+        monkeypatch.setattr(f"unisim_blender.core.{module}.ready", lambda like: like.dtype == torch.float32)
+
+
+def points(count: int, seed: int = 0) -> Tensor:
+    """In the unit cube, on its faces, outside of it."""
+    x = torch.rand(count, 3, generator=torch.Generator().manual_seed(seed)) * 1.2 - 0.1
+    x[:3] = torch.tensor([[0.0, 0.5, 1.0], [1.0, 1.0, 1.0], [2.0, -3.0, 0.25]])
+    return x
+
+
+def close(got: Tensor, want: Tensor, share: float = 2e-6) -> None:
+    assert got.shape == want.shape
+    error = (got.double() - want.double()).abs().max()
+    assert float(error) <= share * float(want.abs().max().clamp_min(1e-3)), float(error)
+
+
+@pytest.mark.parametrize("name", SHAPES)
+@pytest.mark.parametrize("grids", [1, 3])
+def test_encodings_and_their_gradients(name: str, grids: int) -> None:
+    grid = GridArrays(SHAPES[name])
+    generator = torch.Generator().manual_seed(1)
+    table = torch.randn(grids, grid.rows, grid.shape.features, generator=generator)
+    index = None if grids == 1 else torch.randint(grids, (150,), generator=generator)
+    table, x = table if grids > 1 else table[0], points(150)
+    given = torch.randn(150, grid.shape.width, generator=generator)
+    found = []
+    for kind, dtype in ((encode, torch.float32), (encode_reference, torch.float64)):
+        t, p = (value.to(dtype, copy=True).requires_grad_() for value in (table, x))
+        out = kind(grid, t, p, index)
+        out.backward(given.to(dtype))
+        assert t.grad is not None and p.grad is not None
+        found.append((out.detach(), t.grad, p.grad))
+    # a point at a cell's edge may fall to either side of it: the encoding is the same there, its slope is not
+    near = (x.double()[:, None] * torch.tensor(grid.scale, dtype=torch.float64)).frac().abs()
+    sure = ((near > 1e-4) & (near < 1 - 1e-4)).flatten(1).all(1) | (x <= 0).any(1)
+    close(found[0][0], found[1][0], 1e-5)
+    close(found[0][1], found[1][1], 1e-5)
+    close(found[0][2][sure], found[1][2][sure], 2e-5)
+
+
+def test_a_gradient_that_nobody_asks_for_is_not_worked_out() -> None:
+    grid = GridArrays(SHAPES["dense"])
+    table, x = torch.randn(grid.rows, 2, requires_grad=True), points(20)
+    encode(grid, table, x).sum().backward()
+    assert x.grad is None and table.grad is not None
+    x, frozen = x.requires_grad_(), table.detach()
+    encode(grid, frozen, x).sum().backward()
+    assert x.grad is not None and frozen.grad is None
+
+
+def test_nothing_is_nothing() -> None:
+    grid = GridArrays(SHAPES["hashed"])
+    table, network = torch.randn(grid.rows, 4), mlp(grid.shape.width, 16, 5)
+    assert encode(grid, table, torch.empty(0, 3)).shape == (0, grid.shape.width)
+    with torch.no_grad():
+        assert query(grid, table, network, torch.empty(0, 3)).shape == (0, 5)
+
+
+@pytest.mark.parametrize("outputs", [None, 1, 3])
+@pytest.mark.parametrize("name", SHAPES)
+def test_a_field_asked_in_one_go(name: str, outputs: int | None) -> None:
+    grid = GridArrays(SHAPES[name])
+    torch.manual_seed(2)
+    table, network, x = torch.randn(2, grid.rows, grid.shape.features), mlp(grid.shape.width, 24, 20), points(100)
+    x[5] = torch.nan
+    index = torch.randint(2, (100,))
+    with torch.no_grad():
+        got = query(grid, table, network, x, index, outputs)
+        code = encode_reference(grid, table.double(), x.double(), index)
+        want = run_mlp(network.double(), code, outputs)
+    close(got, want, 1e-5)
+
+
+def test_gathering_and_its_gradients() -> None:
+    generator = torch.Generator().manual_seed(3)
+    n, count, width = 70, 9, 11
+    t = torch.rand(n, count, generator=generator).cumsum(1)
+    tau = torch.rand(n, count, generator=generator) ** 6 * 4
+    tau[:5] = 0
+    share = torch.rand(n, count, generator=generator) * -torch.expm1(-tau)
+    front = torch.exp(-(tau.cumsum(1) - tau))
+    # columns of a wider tensor, as a network leaves them
+    features = torch.randn(n, count, width + 1, generator=generator)
+    given = [torch.randn(n, count, generator=generator) for _ in range(2)] + [torch.randn(n, width + 3, generator=generator)]
+    found = []
+    for kind, dtype in ((gather, torch.float32), (gather_reference, torch.float64)):
+        a, b, c, f = (x.to(dtype, copy=True).requires_grad_() for x in (tau, share, front, features))
+        one = torch.zeros(n, dtype=torch.long)
+        strand = Strands(one, t.to(dtype), t.to(dtype), f[..., 1:], a, b, t[..., None], one)
+        out = kind(strand, c)
+        torch.autograd.backward(out, [g.to(dtype) for g in given])
+        found.append([*(x.detach() for x in out), a.grad, b.grad, c.grad, f.grad])
+    for got, want in zip(*found, strict=True):
+        assert got is not None and want is not None
+        close(got, want, 1e-5)
+
+
+def test_places_of_samples() -> None:
+    generator = torch.Generator().manual_seed(4)
+    values = (torch.rand(20, 16, 8, generator=generator) < 0.15).to(torch.uint8)
+    values = values * torch.randint(40, 256, values.shape, generator=generator).to(torch.uint8)
+    voxels = Voxels(values, torch.tensor([-5.0, -4.0, 0.0]), 0.5)
+    n, count = 90, 12
+    o = torch.rand(n, 3, generator=generator) * torch.tensor([10.0, 8.0, 4.0]) + voxels.lower
+    d = torch.nn.functional.normalize(torch.randn(n, 3, generator=generator), dim=-1)
+    near, far = torch.full((n,), 0.1), torch.rand(n, generator=generator) * 12 + 0.2
+    o[-2:] += 1e12  # far outside
+    far[-4:-2] = 0  # and nothing to walk through
+    u = ((torch.arange(count) + torch.rand(n, count, generator=generator)) / count).contiguous()
+    t, mass = propose(voxels, Segment(o, d, near, far), u)
+    want_t, want_mass = propose_reference(voxels, Segment(o, d, near, far), u)
+    close(mass, want_mass, 1e-5)
+    walked = far > near
+    # a quantile at the end of a voxel may stand at the next one's beginning, behind free space
+    apart = (t - want_t).abs()[walked] > 1e-3
+    assert float(apart.float().mean()) < 0.01
+    assert bool((mass[-4:] == 0).all()) and bool((mass > 0).sum() > n / 3)
+    assert bool(torch.isfinite(t).all()) and bool((torch.diff(t[walked], dim=1) >= -1e-5).all())
+
+
+def traced(seed: int) -> list[Tensor]:
+    """What rays through a scene of random weights with an actor give, and gradients of it all."""
+    torch.manual_seed(seed)
+    drive = drive_of([still("car", [-12.0, 0.0, 1.6], [4.0, 3.0, 3.0])])
+    scene = SceneModel(preset("tiny"), analytic_scene(empty, {}).volume, ("car",), ("front",))
+    with torch.no_grad():
+        for field in (scene.static, scene.far):
+            field.grid.table.normal_(0, 0.3)
+        scene.occupancy.values.copy_((torch.rand(scene.occupancy.values.shape) < 0.3) * 255)
+    way = torch.nn.functional.normalize(torch.randn(48, 3) * 0.2 + torch.tensor([1.0, 0.0, 0.0]), dim=-1)
+    eye = scene.frame.recentred(np.tile([-20.0, 0.0, 1.6], (48, 1)))
+    cast = cast_tensors(gather_cast(drive, drive, {"": ("car",)}), {"": (scene, scene.actors.tables())})
+    rays = RayBatch(eye, way, torch.zeros(48).double())
+    found = trace(scene, cast, rays, Sampling(jitter=True, generator=torch.Generator().manual_seed(2)))
+    assert len(found.strands) == 2
+    outs = [found.feature, found.depth_m, found.opacity]
+    sum(out.square().mean() for out in outs).backward()  # type: ignore[union-attr]
+    names = (
+        "static.grid.table",
+        "far.grid.table",
+        "actors.latents",
+        "log_beta",
+        "static.network.0.weight",
+        "far.network.2.weight",
+    )
+    grads = [scene.get_parameter(name).grad for name in names]
+    assert all(g is not None and bool((g != 0).any()) for g in grads)
+    return [out.detach() for out in outs] + [g for g in grads if g is not None]
+
+
+def test_rays_and_their_gradients_by_all_kernels_together(monkeypatch: pytest.MonkeyPatch) -> None:
+    by_triton = traced(5)
+    for module in MODULES:
+        monkeypatch.setattr(f"unisim_blender.core.{module}.ready", lambda like: False)
+    for got, want in zip(by_triton, traced(5), strict=True):
+        close(got, want, 1e-3)
+
+
+@pytest.mark.parametrize("name", ["tiny", "small"])
+def test_pictures_decoded_in_half_precision(name: str) -> None:
+    """What a GPU does, by the CPU's own half precision: 8 bits are the same but for the last."""
+    torch.manual_seed(6)
+    stage = Stage(analytic_scene(ground, {}, preset(name)), drive_of([]))
+    with torch.no_grad():
+        stage.scene.ray_head.codes.normal_()
+        for p in stage.scene.camera_decoder.parameters():
+            p.mul_(2.0)
+    tracer = TorchTracer(stage.as_scene(), stage.drive)
+    n, ways = 24 * 16, np.tile([1.0, 0.0, 0.0], (24 * 16, 1))
+    width = stage.scene.config.features
+    nothing = torch.zeros(n)
+    found = Found(torch.randn(n, width), nothing, nothing, {}, [], [], None, None)
+    plain = tracer.image(found, ways, "front", (16, 24))
+    assert not tracer.half and plain.std() > 0.02
+    tracer.half = True
+    half = tracer.image(found, ways, "front", (16, 24))
+    assert half.dtype == np.float32 and 0 < np.abs(half - plain).max() < 1.5 / 255
+
+
+COMPILED = """
+import triton
+from triton.backends.compiler import GPUTarget
+from triton.compiler import ASTSource
+from unisim_blender.core.on_gpu import gather, grid, probe, propose
+
+FLOATS = {"scale", "lower"}
+NUMBERS = {"n": "i32", "rows": "i32", "count": "i32", "row": "i32", "nx": "i32", "ny": "i32", "nz": "i32",
+           "per_m": "fp32", "step": "fp32", "decay": "fp32"}
+INTEGERS = {"index": "*i32", "offset": "*i32", "size": "*i32", "stride_y": "*i32", "stride_z": "*i32", "values": "*u8"}
+GRID = {"INDEXED": True, "WIDTH": 32, "WIDE": 32, "F": 4, "BLOCK": 64}
+KERNELS = [
+    (probe._increment, {"BLOCK": 16}),
+    (grid._forward, GRID), (grid._backward, {**GRID, "TABLE": True, "POINTS": True}),
+    (grid._backward, {**GRID, "TABLE": True, "POINTS": False, "WIDTH": 24}),
+    (grid._field, {**GRID, "HIDDEN": 64, "UNITS": 64, "OUTPUTS": 32, "NUMBERS": 32}),
+    (grid._field, {**GRID, "INDEXED": False, "HIDDEN": 64, "UNITS": 64, "OUTPUTS": 1, "NUMBERS": 16}),
+    (propose._propose, {"COUNT": 12, "WIDE": 16, "BLOCK": 32}),
+    (gather._forward, {"WIDTH": 31, "WIDE": 32, "BLOCK": 32}), (gather._backward, {"WIDTH": 31, "WIDE": 32, "BLOCK": 32}),
+]
+for capability in (80, 90):
+    for kernel, constants in KERNELS:
+        signature = {name: "constexpr" if name in constants else NUMBERS.get(name) or INTEGERS.get(name) or "*fp32"
+                     for name in kernel.arg_names}
+        source = ASTSource(fn=kernel, signature=signature, constexprs=constants)
+        made = triton.compile(source, target=GPUTarget("cuda", capability, 32))
+        assert len(made.asm["cubin"]) > 1000
+        print(capability, kernel.__name__, len(made.asm["cubin"]))
+"""
+
+
+def test_every_kernel_compiles_for_gpus(tmp_path: Path) -> None:
+    about = {**os.environ, "TRITON_CACHE_DIR": str(tmp_path / "cache")}
+    about.pop("TRITON_INTERPRET", None)
+    run = subprocess.run([sys.executable, "-c", COMPILED], capture_output=True, text=True, env=about, timeout=600)
+    assert run.returncode == 0, run.stderr[-3000:]
+    assert len(run.stdout.splitlines()) == 18

@@ -1,0 +1,118 @@
+"""Weights of samples along strands and what they add up to, on a GPU: what `composite.gather_reference` says, and its gradients.
+
+A program goes along BLOCK strands, interval by interval; what a strand gives stays with it until its end.
+"""
+
+from __future__ import annotations
+
+import torch
+import triton
+import triton.language as tl
+from torch import Tensor
+
+BLOCK = 32
+
+
+@triton.jit
+def _stopped(tau):
+    # 1 - exp(-tau), without what cancels where tau is small
+    series = tau * (1 - tau / 2 * (1 - tau / 3 * (1 - tau / 4)))
+    return tl.where(tau < 0.03, series, 1 - tl.exp(-tau))
+
+
+@triton.jit
+def _forward(
+    n, count, t, tau, share, front, features, row, interval, weight, sums,
+    WIDTH: tl.constexpr, WIDE: tl.constexpr, BLOCK: tl.constexpr,
+):  # fmt: skip
+    p = tl.program_id(0).to(tl.int64) * BLOCK + tl.arange(0, BLOCK)
+    there = p < n
+    f = tl.arange(0, WIDE)
+    mask = there[:, None] & (f < WIDTH)[None, :]
+    feature = tl.zeros((BLOCK, WIDE), tl.float32)
+    of_weight, of_t, of_tau = tl.zeros((BLOCK,), tl.float32), tl.zeros((BLOCK,), tl.float32), tl.zeros((BLOCK,), tl.float32)
+    near = tl.zeros((BLOCK,), tl.float32)
+    for back in range(0, count):
+        i = count - 1 - back
+        at = p * count + i
+        own_tau, own_front = tl.load(tau + at, mask=there, other=0.0), tl.load(front + at, mask=there, other=0.0)
+        stops = own_front * _stopped(own_tau)
+        far = own_front * tl.load(share + at, mask=there, other=0.0)
+        # an interval's weight goes to the samples at its two ends; interval 0 has only its own
+        w = far + near + tl.where(i == 0, stops, 0.0)
+        near = stops - far
+        tl.store(interval + at, stops, mask=there)
+        tl.store(weight + at, w, mask=there)
+        of_weight += w
+        of_t += w * tl.load(t + at, mask=there, other=0.0)
+        of_tau += own_tau
+        feature += w[:, None] * tl.load(features + at[:, None] * row + f[None, :], mask=mask, other=0.0)
+    out = p * (WIDTH + 3)
+    tl.store(sums + out[:, None] + f[None, :], feature, mask=mask)
+    tl.store(sums + out + WIDTH, of_weight, mask=there)
+    tl.store(sums + out + WIDTH + 1, of_t, mask=there)
+    tl.store(sums + out + WIDTH + 2, of_tau, mask=there)
+
+
+@triton.jit
+def _backward(
+    n, count, t, tau, share, front, features, row, weight, g_interval,
+    g_weight, g_sums, of_tau, of_share, of_front, of_features,
+    WIDTH: tl.constexpr, WIDE: tl.constexpr, BLOCK: tl.constexpr,
+):  # fmt: skip
+    p = tl.program_id(0).to(tl.int64) * BLOCK + tl.arange(0, BLOCK)
+    there = p < n
+    f = tl.arange(0, WIDE)
+    mask = there[:, None] & (f < WIDTH)[None, :]
+    given = p * (WIDTH + 3)
+    g_feature = tl.load(g_sums + given[:, None] + f[None, :], mask=mask, other=0.0)
+    g_total = tl.load(g_sums + given + WIDTH, mask=there, other=0.0)
+    g_t = tl.load(g_sums + given + WIDTH + 1, mask=there, other=0.0)
+    g_tau = tl.load(g_sums + given + WIDTH + 2, mask=there, other=0.0)
+    before = tl.zeros((BLOCK,), tl.float32)
+    for i in range(0, count):
+        at = p * count + i
+        w = tl.load(weight + at, mask=there, other=0.0)
+        feature = tl.load(features + at[:, None] * row + f[None, :], mask=mask, other=0.0)
+        tl.store(of_features + at[:, None] * WIDTH + f[None, :], w[:, None] * g_feature, mask=mask)
+        g_w = tl.load(g_weight + at, mask=there, other=0.0) + tl.sum(g_feature * feature, 1)
+        g_w += g_total + g_t * tl.load(t + at, mask=there, other=0.0)
+        # the far part is this sample's, the near part the one before's; of interval 0 this one has all
+        near = tl.where(i == 0, g_w, before)
+        own_tau, own_front = tl.load(tau + at, mask=there, other=0.0), tl.load(front + at, mask=there, other=0.0)
+        own_share = tl.load(share + at, mask=there, other=0.0)
+        g_stops = tl.load(g_interval + at, mask=there, other=0.0) + near
+        g_far = g_w - tl.where(i == 0, 0.0, before)
+        tl.store(of_tau + at, g_stops * own_front * tl.exp(-own_tau) + g_tau, mask=there)
+        tl.store(of_share + at, g_far * own_front, mask=there)
+        tl.store(of_front + at, g_stops * _stopped(own_tau) + g_far * own_share, mask=there)
+        before = g_w
+
+
+def gather_forward(t: Tensor, tau: Tensor, share: Tensor, front: Tensor, features: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """Weights of intervals and samples (P, K) and sums (P, F + 3), of contiguous t, tau, share, front (P, K) and features
+    (P, K, F), whose rows need not touch."""
+    n, count, width = features.shape
+    interval, weight, sums = torch.empty_like(tau), torch.empty_like(tau), tau.new_empty(n, width + 3)
+    if n:
+        _forward[(triton.cdiv(n, BLOCK),)](
+            n, count, t, tau, share, front, features, features.stride(1), interval, weight, sums,
+            WIDTH=width, WIDE=triton.next_power_of_2(width), BLOCK=BLOCK,
+        )  # fmt: skip
+    return interval, weight, sums
+
+
+def gather_backward(
+    t: Tensor, tau: Tensor, share: Tensor, front: Tensor, features: Tensor, weight: Tensor,
+    of_interval: Tensor, of_weight: Tensor, of_sums: Tensor,
+) -> tuple[Tensor, Tensor, Tensor, Tensor]:  # fmt: skip
+    """Gradients of tau, share, front (P, K) and features (P, K, F), of those of what `gather_forward` gave; ``weight`` is its."""
+    n, count, width = features.shape
+    g_tau, g_share, g_front = (torch.empty_like(tau) for _ in range(3))
+    g_features = features.new_empty(features.shape)
+    if n:
+        _backward[(triton.cdiv(n, BLOCK),)](
+            n, count, t, tau, share, front, features, features.stride(1), weight, of_interval, of_weight, of_sums,
+            g_tau, g_share, g_front, g_features, WIDTH=width, WIDE=triton.next_power_of_2(width), BLOCK=BLOCK,
+        )  # fmt: skip
+    return g_tau, g_share, g_front, g_features

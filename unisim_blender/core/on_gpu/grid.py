@@ -1,0 +1,224 @@
+"""Multiresolution hash grids on a GPU: encodings, their gradients, and fields asked in one go.
+
+What an encoding is says `fields.hash_grid.encode_reference`. A program works on BLOCK points at once and on every column of
+their encodings: each column looks its level's corners up, and neighbours read neighbouring numbers of a row.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+import triton
+import triton.language as tl
+from torch import Tensor
+
+BLOCK = 64
+
+
+@dataclass(frozen=True)
+class GridTensors:
+    """A grid's numbers on a device: scale (L, 3) float32; offset, size, stride_y, stride_z (L,) int32, strides 0 where a level is
+    hashed; ``rows`` of one grid's table and ``features`` of a row."""
+
+    scale: Tensor
+    offset: Tensor
+    size: Tensor
+    stride_y: Tensor
+    stride_z: Tensor
+    rows: int
+    features: int
+
+    @property
+    def width(self) -> int:
+        """Length of an encoding."""
+        return len(self.scale) * self.features
+
+
+@triton.jit
+def _along_axis(x, scale, points, there, level, column, AXIS: tl.constexpr):
+    # where points stand in their cells along one axis: the cell's number, the fraction behind it, the scale, and whether a point
+    # is inside of the cube; NaN and what is outside stand on the nearest face
+    p = tl.load(x + points * 3 + AXIS, mask=there, other=0.0)
+    s = tl.load(scale + level * 3 + AXIS, mask=column, other=1.0)[None, :]
+    at = p[:, None] * s
+    at = tl.where(at > 0, at, 0.0)
+    at = tl.where(at < s, at, s)
+    last = tl.maximum(tl.ceil(s) - 1, 0.0)
+    cell = tl.minimum(tl.floor(at), last)
+    return cell.to(tl.int32), at - cell, s, (p > 0) & (p < 1)
+
+
+@triton.jit
+def _row(i, j, k, size, stride_y, stride_z):
+    # a vertex's row in its level
+    mixed = i.to(tl.uint32) ^ (j.to(tl.uint32) * 2654435761) ^ (k.to(tl.uint32) * 805459861)
+    hashed = (mixed & (size - 1).to(tl.uint32)).to(tl.int32)
+    return tl.where(stride_y > 0, i + j * stride_y + k * stride_z, hashed)
+
+
+@triton.jit
+def _first(index, points, there, rows, offset, INDEXED: tl.constexpr):
+    # the first row of each point's grid, of each column's level
+    first = offset[None, :].to(tl.int64)
+    if INDEXED:
+        number = tl.load(index + points, mask=there, other=0).to(tl.int64)
+        first = first + number[:, None] * rows
+    return first
+
+
+@triton.jit
+def _encode(
+    x, index, table, scale, offset, size, stride_y, stride_z, rows, points,
+    there, INDEXED: tl.constexpr, WIDTH: tl.constexpr, WIDE: tl.constexpr, F: tl.constexpr,
+):  # fmt: skip
+    # encodings (BLOCK, WIDE) of points, zeros behind WIDTH
+    c = tl.arange(0, WIDE)
+    column = c < WIDTH
+    level, feature = c // F, c % F
+    i, fx, _, _ = _along_axis(x, scale, points, there, level, column, 0)
+    j, fy, _, _ = _along_axis(x, scale, points, there, level, column, 1)
+    k, fz, _, _ = _along_axis(x, scale, points, there, level, column, 2)
+    o, n = tl.load(offset + level, mask=column, other=0), tl.load(size + level, mask=column, other=1)[None, :]
+    sy = tl.load(stride_y + level, mask=column, other=0)[None, :]
+    sz = tl.load(stride_z + level, mask=column, other=0)[None, :]
+    first = _first(index, points, there, rows, o, INDEXED)
+    mask = there[:, None] & column[None, :]
+    code = tl.zeros_like(fx)
+    for corner in tl.static_range(8):
+        bx, by, bz = corner & 1, corner >> 1 & 1, corner >> 2
+        weight = (fx if bx else 1 - fx) * (fy if by else 1 - fy) * (fz if bz else 1 - fz)
+        row = first + _row(i + bx, j + by, k + bz, n, sy, sz)
+        code += weight * tl.load(table + row * F + feature[None, :], mask=mask, other=0.0)
+    return code
+
+
+@triton.jit
+def _forward(
+    x, index, table, scale, offset, size, stride_y, stride_z, rows, n, out,
+    INDEXED: tl.constexpr, WIDTH: tl.constexpr, WIDE: tl.constexpr, F: tl.constexpr, BLOCK: tl.constexpr,
+):  # fmt: skip
+    points = tl.program_id(0).to(tl.int64) * BLOCK + tl.arange(0, BLOCK)
+    there = points < n
+    code = _encode(
+        x, index, table, scale, offset, size, stride_y, stride_z, rows, points, there, INDEXED, WIDTH, WIDE, F
+    )  # fmt: skip
+    c = tl.arange(0, WIDE)
+    tl.store(out + points[:, None] * WIDTH + c[None, :], code, mask=there[:, None] & (c < WIDTH)[None, :])
+
+
+@triton.jit
+def _backward(
+    x, index, table, scale, offset, size, stride_y, stride_z, rows, n, grad,
+    grad_table, grad_x, TABLE: tl.constexpr, POINTS: tl.constexpr, INDEXED: tl.constexpr, WIDTH: tl.constexpr,
+    WIDE: tl.constexpr, F: tl.constexpr, BLOCK: tl.constexpr,
+):  # fmt: skip
+    points = tl.program_id(0).to(tl.int64) * BLOCK + tl.arange(0, BLOCK)
+    there = points < n
+    c = tl.arange(0, WIDE)
+    column = c < WIDTH
+    level, feature = c // F, c % F
+    i, fx, sx, inside_x = _along_axis(x, scale, points, there, level, column, 0)
+    j, fy, sy, inside_y = _along_axis(x, scale, points, there, level, column, 1)
+    k, fz, sz, inside_z = _along_axis(x, scale, points, there, level, column, 2)
+    o, s = tl.load(offset + level, mask=column, other=0), tl.load(size + level, mask=column, other=1)[None, :]
+    step_y = tl.load(stride_y + level, mask=column, other=0)[None, :]
+    step_z = tl.load(stride_z + level, mask=column, other=0)[None, :]
+    first = _first(index, points, there, rows, o, INDEXED)
+    mask = there[:, None] & column[None, :]
+    g = tl.load(grad + points[:, None] * WIDTH + c[None, :], mask=mask, other=0.0)
+    gx, gy, gz = tl.zeros_like(fx), tl.zeros_like(fx), tl.zeros_like(fx)
+    for corner in tl.static_range(8):
+        bx, by, bz = corner & 1, corner >> 1 & 1, corner >> 2
+        wx, wy, wz = fx if bx else 1 - fx, fy if by else 1 - fy, fz if bz else 1 - fz
+        at = (first + _row(i + bx, j + by, k + bz, s, step_y, step_z)) * F + feature[None, :]
+        if TABLE:
+            tl.atomic_add(grad_table + at, wx * wy * wz * g, mask=mask, sem="relaxed")
+        if POINTS:
+            dot = g * tl.load(table + at, mask=mask, other=0.0)
+            gx += (dot if bx else -dot) * wy * wz
+            gy += (dot if by else -dot) * wx * wz
+            gz += (dot if bz else -dot) * wx * wy
+    if POINTS:
+        # a point that stands on a face, or was put there, does not move with x
+        tl.store(grad_x + points * 3, tl.where(inside_x, tl.sum(gx * sx, 1), 0.0), mask=there)
+        tl.store(grad_x + points * 3 + 1, tl.where(inside_y, tl.sum(gy * sy, 1), 0.0), mask=there)
+        tl.store(grad_x + points * 3 + 2, tl.where(inside_z, tl.sum(gz * sz, 1), 0.0), mask=there)
+
+
+@triton.jit
+def _field(
+    x, index, table, scale, offset, size, stride_y, stride_z, rows, n, w1,
+    w2, bias, out, INDEXED: tl.constexpr, WIDTH: tl.constexpr, WIDE: tl.constexpr, F: tl.constexpr,
+    HIDDEN: tl.constexpr, UNITS: tl.constexpr, OUTPUTS: tl.constexpr, NUMBERS: tl.constexpr, BLOCK: tl.constexpr,
+):  # fmt: skip
+    points = tl.program_id(0).to(tl.int64) * BLOCK + tl.arange(0, BLOCK)
+    there = points < n
+    code = _encode(
+        x, index, table, scale, offset, size, stride_y, stride_z, rows, points, there, INDEXED, WIDTH, WIDE, F
+    )  # fmt: skip
+    c, u, v = tl.arange(0, WIDE), tl.arange(0, UNITS), tl.arange(0, NUMBERS)
+    known = (c < WIDTH)[:, None] & (u < HIDDEN)[None, :]
+    first = tl.load(w1 + u[None, :] * WIDTH + c[:, None], mask=known, other=0.0)
+    # tf32 would give distances of a metre an error of a millimetre
+    hidden = tl.maximum(tl.dot(code, first, input_precision="ieee"), 0.0)
+    if OUTPUTS == 1:
+        last = tl.load(w2 + u, mask=u < HIDDEN, other=0.0)
+        tl.store(out + points, tl.sum(hidden * last[None, :], 1) + tl.load(bias), mask=there)
+    else:
+        known = (u < HIDDEN)[:, None] & (v < OUTPUTS)[None, :]
+        last = tl.load(w2 + v[None, :] * HIDDEN + u[:, None], mask=known, other=0.0)
+        b = tl.load(bias + v, mask=v < OUTPUTS, other=0.0)
+        told = tl.dot(hidden, last, input_precision="ieee") + b[None, :]
+        tl.store(out + points[:, None] * OUTPUTS + v[None, :], told, mask=there[:, None] & (v < OUTPUTS)[None, :])
+
+
+def _arguments(grid: GridTensors, table: Tensor, x: Tensor, index: Tensor | None) -> list[Any]:
+    # where there is one grid any tensor stands for the numbers, which nobody reads
+    own = (grid.scale, grid.offset, grid.size, grid.stride_y, grid.stride_z)
+    return [x, x if index is None else index, table, *own, grid.rows, len(x)]
+
+
+def _shape(grid: GridTensors, index: Tensor | None) -> dict[str, Any]:
+    wide = max(16, triton.next_power_of_2(grid.width))
+    return {"INDEXED": index is not None, "WIDTH": grid.width, "WIDE": wide, "F": grid.features, "BLOCK": BLOCK}
+
+
+def encode_forward(grid: GridTensors, table: Tensor, x: Tensor, index: Tensor | None) -> Tensor:
+    """Encodings (N, width) of points x (N, 3) by a table; ``index`` (N,) int32 numbers each point's grid. All contiguous."""
+    out = x.new_empty(len(x), grid.width)
+    if len(x):
+        programs = (triton.cdiv(len(x), BLOCK),)
+        _forward[programs](*_arguments(grid, table, x, index), out, **_shape(grid, index))
+    return out
+
+
+def encode_backward(
+    grid: GridTensors, table: Tensor, x: Tensor, index: Tensor | None, grad: Tensor, of_table: bool, of_points: bool
+) -> tuple[Tensor | None, Tensor | None]:
+    """Gradients of the table and of points x (N, 3), those that are asked for, where encodings have the gradient ``grad``
+    (N, width). What a row of the table gets is added up in any order."""
+    grad_table, grad_x = torch.zeros_like(table) if of_table else None, torch.empty_like(x) if of_points else None
+    if len(x) and (of_table or of_points):
+        programs = (triton.cdiv(len(x), BLOCK),)
+        given = [grad if g is None else g for g in (grad_table, grad_x)]
+        _backward[programs](
+            *_arguments(grid, table, x, index), grad, *given, TABLE=of_table, POINTS=of_points, **_shape(grid, index)
+        )  # fmt: skip
+    return grad_table, grad_x
+
+
+def field_forward(
+    grid: GridTensors, table: Tensor, x: Tensor, index: Tensor | None, w1: Tensor, w2: Tensor, bias: Tensor
+) -> Tensor:
+    """W2 relu(W1 encoding) + bias (N, O) at points x (N, 3): weights (H, width) and (O, H), bias (O,), all contiguous."""
+    hidden, outputs = len(w1), len(w2)
+    out = x.new_empty(len(x), outputs)
+    if len(x):
+        programs = (triton.cdiv(len(x), BLOCK),)
+        _field[programs](
+            *_arguments(grid, table, x, index), w1, w2, bias, out, HIDDEN=hidden, UNITS=max(16, triton.next_power_of_2(hidden)),
+            OUTPUTS=outputs, NUMBERS=max(16, triton.next_power_of_2(outputs)), **_shape(grid, index),
+        )  # fmt: skip
+    return out

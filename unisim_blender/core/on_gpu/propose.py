@@ -1,0 +1,83 @@
+"""Places of samples along rays through occupied voxels, on a GPU: what `march.propose_reference` says.
+
+A program walks BLOCK rays through their steps twice, first for the distribution's mass, then for where its quantiles lie, and
+writes no step down: torch's operations keep a number for each step of each ray.
+"""
+
+from __future__ import annotations
+
+import torch
+import triton
+import triton.language as tl
+from torch import Tensor
+
+BLOCK = 32
+
+
+@triton.jit
+def _value(
+    values, nx, ny, nz, x, y, z, low_x, low_y, low_z, per_m, there
+):  # fmt: skip
+    # of the voxel that holds each point, 0..1; 0 outside
+    i, j, k = tl.floor((x - low_x) * per_m), tl.floor((y - low_y) * per_m), tl.floor((z - low_z) * per_m)
+    inside = there & (i >= 0) & (j >= 0) & (k >= 0) & (i < nx) & (j < ny) & (k < nz)
+    # what is outside may be too far for an integer
+    i, j, k = tl.where(inside, i, 0.0).to(tl.int32), tl.where(inside, j, 0.0).to(tl.int32), tl.where(inside, k, 0.0).to(tl.int32)
+    return tl.load(values + (i.to(tl.int64) * ny + j) * nz + k, mask=inside, other=0).to(tl.float32) / 255
+
+
+@triton.jit
+def _propose(
+    origins, directions, t_near, t_far, n, values, nx, ny, nz, lower, per_m,
+    step, decay, u, t, mass, COUNT: tl.constexpr, WIDE: tl.constexpr, BLOCK: tl.constexpr,
+):  # fmt: skip
+    ray = tl.program_id(0).to(tl.int64) * BLOCK + tl.arange(0, BLOCK)
+    there = ray < n
+    k = tl.arange(0, WIDE)
+    mask = there[:, None] & (k < COUNT)[None, :]
+    ox, dx = tl.load(origins + ray * 3, mask=there, other=0.0), tl.load(directions + ray * 3, mask=there, other=0.0)
+    oy, dy = tl.load(origins + ray * 3 + 1, mask=there, other=0.0), tl.load(directions + ray * 3 + 1, mask=there, other=0.0)
+    oz, dz = tl.load(origins + ray * 3 + 2, mask=there, other=0.0), tl.load(directions + ray * 3 + 2, mask=there, other=0.0)
+    low_x, low_y, low_z = tl.load(lower), tl.load(lower + 1), tl.load(lower + 2)
+    near, far = tl.load(t_near + ray, mask=there, other=0.0), tl.load(t_far + ray, mask=there, other=0.0)
+    span = far - near
+    # rays that miss the volume, or are not numbers, take no step
+    count = tl.where(span > 0, tl.ceil(span / step), 0.0).to(tl.int32)
+    longest = tl.max(count, 0)
+    passed, total = tl.zeros_like(near), tl.zeros_like(near)
+    for i in range(0, longest):
+        at = near + (i + 0.5) * step
+        p = _value(values, nx, ny, nz, ox + at * dx, oy + at * dy, oz + at * dz, low_x, low_y, low_z, per_m, there & (i < count))
+        total += p * tl.exp(-decay * step * passed)
+        passed += p
+    q = tl.load(u + ray[:, None] * COUNT + k[None, :], mask=mask, other=0.0)
+    target = q * total[:, None]
+    placed = near[:, None] + q * span[:, None]
+    passed, below = tl.zeros_like(near), tl.zeros_like(near)
+    for i in range(0, longest):
+        at = near + (i + 0.5) * step
+        p = _value(values, nx, ny, nz, ox + at * dx, oy + at * dy, oz + at * dz, low_x, low_y, low_z, per_m, there & (i < count))
+        own = p * tl.exp(-decay * step * passed)
+        # the last occupied step that a quantile reaches has it, so one that rounding sends past the end stands in the last of all
+        share = (target - below[:, None]) / tl.maximum(own, 1e-30)[:, None]
+        here = near[:, None] + (i + tl.minimum(share, 1.0)) * step
+        placed = tl.where((own > 0)[:, None] & (target >= below[:, None]), here, placed)
+        below += own
+        passed += p
+    tl.store(t + ray[:, None] * COUNT + k[None, :], placed, mask=mask)
+    tl.store(mass + ray, total, mask=there)
+
+
+def propose(
+    values: Tensor, lower: Tensor, voxel_m: float, decay_per_m: float, o: Tensor, d: Tensor, near: Tensor, far: Tensor, u: Tensor
+) -> tuple[Tensor, Tensor]:
+    """Places (N, K) at quantiles u (N, K) of what voxels (X, Y, Z) uint8, from ``lower`` (3,) on, say about rays o, d (N, 3) from
+    near to far (N,); the distribution's mass (N,). All contiguous."""
+    n, count = u.shape
+    t, mass = torch.empty_like(u), torch.empty_like(near)
+    if n:
+        _propose[(triton.cdiv(n, BLOCK),)](
+            o, d, near, far, n, values, *values.shape, lower, 1.0 / voxel_m, voxel_m / 2, decay_per_m, u, t, mass,
+            COUNT=count, WIDE=triton.next_power_of_2(count), BLOCK=BLOCK,
+        )  # fmt: skip
+    return t, mass
