@@ -14,7 +14,7 @@ import pytest
 from analytic_scene import drive_of, still
 from click.testing import CliRunner
 from numpy.typing import NDArray
-from test_compiled_tracer import CARS, TINY, saved
+from random_scene import CARS, TINY, saved
 
 from unisim_blender.core import native
 from unisim_blender.core.bench.cases import all_cases, camera_case, middle, subject_of, windows

@@ -11,96 +11,25 @@ from typing import Any
 
 import numpy as np
 import pytest
-import torch
-from analytic_scene import drive_of, still
+from analytic_scene import still
 from numpy.typing import NDArray
+from random_scene import CONFIGS, PASSES, TINY, edited, picture_rays, saved
 
 from unisim_blender.core import native
 from unisim_blender.core.compiled import tracer as compiled_tracer
 from unisim_blender.core.compiled.scene import CompiledScene
 from unisim_blender.core.compiled.tracer import CompiledTracer
-from unisim_blender.core.drive import Box, Drive, Look, StaticCopy
+from unisim_blender.core.drive import Drive, Look
 from unisim_blender.core.errors import SceneError, UnisimError
-from unisim_blender.core.fields.checkpoint import load_scene, save_scene
-from unisim_blender.core.fields.config import GridConfig, ModelConfig, preset
-from unisim_blender.core.fields.scene import SceneModel
-from unisim_blender.core.fields.volume import Volume
+from unisim_blender.core.fields.checkpoint import load_scene
 from unisim_blender.core.frames import RenderStats
-from unisim_blender.core.geometry import Trajectory, make_pose, quaternion_from_yaw
 from unisim_blender.core.meshes.meeting import Met
-from unisim_blender.core.scene_file import SceneHeader
-from unisim_blender.core.sensors.camera import camera_rays, pixel_grid
 from unisim_blender.core.sensors.lidar import lidar_rays
 from unisim_blender.core.sensors.rays import Rays
 from unisim_blender.core.torch_tracer import TorchTracer
 from unisim_blender.core.tracer import Found, tiled
 
 needs_library = pytest.mark.skipif(native.library() is None, reason="the compiled kernels were not built")
-TINY = preset("tiny")
-CONFIGS: dict[str, ModelConfig] = {
-    "tiny": TINY,
-    "dark": dataclasses.replace(TINY, light="fixed", features=31, hidden=64),
-    "sample": dataclasses.replace(TINY, head="sample", static_grid=GridConfig(3.2, 0.1, 6, 2, 15)),
-    "paper": dataclasses.replace(TINY, density="unisim", light="fixed", head="sample", unisim_step_m=0.5),
-}
-PASSES = {"depth", "instance", "normal", "opacity", "support"}
-CARS = [
-    still("car", (-8, 1, 0.8), (4.0, 1.8, 1.6), yaw=0.4),
-    still("near", (-9, 0, 0.8), (4.0, 1.8, 1.6), yaw=-0.9),
-    still("cone", (-12, -2, 0.4), (0.6, 0.6, 0.8)),
-]
-MOVING = dataclasses.replace(
-    still("van", (-6, -3, 1), (5.0, 2.0, 2.2)),
-    world_from_actor=Trajectory(
-        np.array([0.0, 0.2, 0.5]),
-        np.array([[-6.0, -3, 1], [-7, -1, 1], [-9, 2, 1]]),
-        quaternion_from_yaw(np.array([0.0, 0.3, 1.0])),
-    ),
-    is_moving=True,
-)
-
-
-def box(x: float, y: float, z: float, yaw: float, size: tuple[float, float, float]) -> Box:
-    return Box(make_pose(np.array([x, y, z]), quaternion_from_yaw(yaw)), np.array(size))
-
-
-def edited() -> Drive:
-    """A car gone, a box emptied, a place copied."""
-    copies = (StaticCopy("copy", box(-5, 4, 1, 0.2, (3, 3, 3)), make_pose(np.array([-13.0, 3, 1.2]), quaternion_from_yaw(1.1))),)
-    return drive_of([*CARS[1:], MOVING], copies, (box(-11, 1, 1, 0.5, (3, 2, 2)),))
-
-
-def saved(folder: Path, config: ModelConfig, seed: int = 0) -> Path:
-    """A scene with random weights, smooth enough to have surfaces, occupied here and there."""
-    torch.manual_seed(seed)
-    drive = drive_of([*CARS, MOVING])
-    corner = make_pose(np.array([-30.0, -20.0, -4.0]), quaternion_from_yaw(0.1))
-    model: Any = SceneModel(config, Volume(corner, np.array([60.0, 40.0, 16.0])), tuple(sorted(drive.actors)), ("front",))
-    with torch.no_grad():
-        for field in (model.static, model.far):
-            rows = torch.linspace(2.0, 0.0, len(field.grid.table))[:, None]
-            field.grid.table.copy_(torch.randn_like(field.grid.table) * rows)
-        for parameter in model.actors.hypernetwork.parameters():
-            parameter.normal_(0, 1.0)
-        model.static.network[-1].bias[0] = -0.1
-        model.actors.network[-1].bias[0] = -0.3
-        if model.light is not None:
-            model.light.network[-1].weight.normal_(0, 0.1)
-            model.light.home.copy_(torch.rand(len(drive.actors), 3) * 10 + 20)
-        model.ray_head.codes.normal_()
-        model.occupancy.values.copy_(torch.where(torch.rand(model.occupancy.values.shape) < 0.03, 255, 0))
-        model.observed.copy_(torch.rand(model.observed.shape) < 0.5)
-        model.ground.heights.copy_(3.5 + torch.rand(model.ground.heights.shape))
-    volume = model.volume.to_dict()
-    training = {"frames": [0, 2], "cameras": ["front"], "lidars": ["top"], "width": None}
-    header = SceneHeader(folder, "random", "none", "../none", np.zeros(3), config.to_dict(), volume, drive, training)
-    save_scene(folder, header, model)
-    return folder
-
-
-def picture_rays(drive: Drive, up: int = 2) -> Rays:
-    camera = drive.cameras["front"]
-    return camera_rays(camera, 2, *pixel_grid(camera.model, up))
 
 
 def both(folder: Path, drive: Drive, quality: str = "reference", other: Path | None = None) -> tuple[CompiledTracer, TorchTracer]:

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 import pytest
 from analytic_scene import drive_of
+from random_scene import CARS, CONFIGS, MOVING, saved
 from scipy.stats import binom
 from skimage.color import rgb2lab
-from test_compiled_tracer import CARS, CONFIGS, MOVING, saved
 
 from unisim_blender.core import native
 from unisim_blender.core.bounded import BoundedRenderer, Patches, at_quality, colour_errors

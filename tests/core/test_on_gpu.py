@@ -208,7 +208,7 @@ def test_pictures_decoded_in_half_precision(name: str) -> None:
     torch.manual_seed(6)
     stage = Stage(analytic_scene(ground, {}, preset(name)), drive_of([]))
     with torch.no_grad():
-        stage.scene.ray_head.codes.normal_()
+        stage.scene.get_parameter("ray_head.codes").normal_()
         for p in stage.scene.camera_decoder.parameters():
             p.mul_(2.0)
     tracer = TorchTracer(stage.as_scene(), stage.drive)

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 import torch
 from numpy.typing import NDArray
-from test_compiled_tracer import CONFIGS, edited, needs_library, picture_rays, saved
+from random_scene import CONFIGS, edited, picture_rays, saved
 
 from unisim_blender.core import native
 from unisim_blender.core.compiled.scene import CompiledScene
@@ -48,6 +48,8 @@ from unisim_blender.core.surface_march import (
     runs_in_volume,
     unpacked,
 )  # fmt: skip
+
+needs_library = pytest.mark.skipif(native.library() is None, reason="the compiled kernels were not built")
 
 VOXEL_M = 0.5
 SIZE_M = np.array([40.0, 10.0, 6.0])

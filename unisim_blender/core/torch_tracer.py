@@ -8,6 +8,8 @@ lidar_head                 features to intensity and returns       decode.py
 
 from __future__ import annotations
 
+from contextlib import nullcontext
+
 import numpy as np
 import torch
 import torch.nn.functional as F
@@ -106,7 +108,7 @@ class TorchTracer:
         def decoded(network: SceneModel, feature: Tensor) -> Tensor:
             code = network.camera_ids.get(camera_id, -1)
             number = torch.full((len(feature),), code, dtype=torch.long, device=self.device)
-            with torch.autocast(torch.device(self.device).type, torch.float16, enabled=self.half):
+            with torch.autocast(torch.device(self.device).type, torch.float16) if self.half else nullcontext():
                 features = network.ray_head(feature, along, number)
                 # channels come last in memory, as they did in a row of features
                 picture: Tensor = network.camera_decoder(features.view(1, *shape, -1).permute(0, 3, 1, 2))

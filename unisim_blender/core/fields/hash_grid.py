@@ -133,7 +133,8 @@ def tensors_of(shape: GridShape, device: str) -> Any:
         return torch.tensor(values, dtype=torch.int32, device=device)
 
     scale = torch.tensor(shape.scale, dtype=torch.float32, device=device)
-    return GridTensors(scale, *(integers(values) for values in shape.layout()), shape.rows, shape.features)
+    offset, size, stride_y, stride_z = (integers(values) for values in shape.layout())
+    return GridTensors(scale, offset, size, stride_y, stride_z, shape.rows, shape.features)
 
 
 def encode(grid: GridArrays, table: Tensor, x: Tensor, index: Tensor | None = None, sink: GradientSink | None = None) -> Tensor:
