@@ -95,10 +95,11 @@ def gather_forward(t: Tensor, tau: Tensor, share: Tensor, front: Tensor, feature
     n, count, width = features.shape
     interval, weight, sums = torch.empty_like(tau), torch.empty_like(tau), tau.new_empty(n, width + 3)
     if n:
-        _forward[(triton.cdiv(n, BLOCK),)](
-            n, count, t, tau, share, front, features, features.stride(1), interval, weight, sums,
-            WIDTH=width, WIDE=triton.next_power_of_2(width), BLOCK=BLOCK,
-        )  # fmt: skip
+        with torch.cuda.device_of(tau):
+            _forward[(triton.cdiv(n, BLOCK),)](
+                n, count, t, tau, share, front, features, features.stride(1), interval, weight, sums,
+                WIDTH=width, WIDE=triton.next_power_of_2(width), BLOCK=BLOCK,
+            )  # fmt: skip
     return interval, weight, sums
 
 
@@ -111,8 +112,9 @@ def gather_backward(
     g_tau, g_share, g_front = (torch.empty_like(tau) for _ in range(3))
     g_features = features.new_empty(features.shape)
     if n:
-        _backward[(triton.cdiv(n, BLOCK),)](
-            n, count, t, tau, share, front, features, features.stride(1), weight, of_interval, of_weight, of_sums,
-            g_tau, g_share, g_front, g_features, WIDTH=width, WIDE=triton.next_power_of_2(width), BLOCK=BLOCK,
-        )  # fmt: skip
+        with torch.cuda.device_of(tau):
+            _backward[(triton.cdiv(n, BLOCK),)](
+                n, count, t, tau, share, front, features, features.stride(1), weight, of_interval, of_weight, of_sums,
+                g_tau, g_share, g_front, g_features, WIDTH=width, WIDE=triton.next_power_of_2(width), BLOCK=BLOCK,
+            )  # fmt: skip
     return g_tau, g_share, g_front, g_features

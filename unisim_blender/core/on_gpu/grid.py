@@ -190,7 +190,8 @@ def encode_forward(grid: GridTensors, table: Tensor, x: Tensor, index: Tensor | 
     out = x.new_empty(len(x), grid.width)
     if len(x):
         programs = (triton.cdiv(len(x), BLOCK),)
-        _forward[programs](*_arguments(grid, table, x, index), out, **_shape(grid, index))
+        with torch.cuda.device_of(x):
+            _forward[programs](*_arguments(grid, table, x, index), out, **_shape(grid, index))
     return out
 
 
@@ -203,9 +204,10 @@ def encode_backward(
     if len(x) and (of_table or of_points):
         programs = (triton.cdiv(len(x), BLOCK),)
         given = [grad if g is None else g for g in (grad_table, grad_x)]
-        _backward[programs](
-            *_arguments(grid, table, x, index), grad, *given, TABLE=of_table, POINTS=of_points, **_shape(grid, index)
-        )  # fmt: skip
+        with torch.cuda.device_of(x):
+            _backward[programs](
+                *_arguments(grid, table, x, index), grad, *given, TABLE=of_table, POINTS=of_points, **_shape(grid, index)
+            )  # fmt: skip
     return grad_table, grad_x
 
 
@@ -217,8 +219,10 @@ def field_forward(
     out = x.new_empty(len(x), outputs)
     if len(x):
         programs = (triton.cdiv(len(x), BLOCK),)
-        _field[programs](
-            *_arguments(grid, table, x, index), w1, w2, bias, out, HIDDEN=hidden, UNITS=max(16, triton.next_power_of_2(hidden)),
-            OUTPUTS=outputs, NUMBERS=max(16, triton.next_power_of_2(outputs)), **_shape(grid, index),
-        )  # fmt: skip
+        units, numbers = (max(16, triton.next_power_of_2(count)) for count in (hidden, outputs))
+        with torch.cuda.device_of(x):
+            _field[programs](
+                *_arguments(grid, table, x, index), w1, w2, bias, out, HIDDEN=hidden, UNITS=units, OUTPUTS=outputs,
+                NUMBERS=numbers, **_shape(grid, index),
+            )  # fmt: skip
     return out

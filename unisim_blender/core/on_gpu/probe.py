@@ -16,6 +16,7 @@ def _increment(x, BLOCK: tl.constexpr):
 def probe(device: torch.device | str) -> None:
     """Raises where Triton cannot compile a kernel, start it, or have it do what it says."""
     x = torch.zeros(16, device=device)
-    _increment[(1,)](x, BLOCK=16)
+    with torch.cuda.device_of(x):
+        _increment[(1,)](x, BLOCK=16)
     if not bool((x == 1).all()):
         raise RuntimeError(f"a kernel of Triton's left {x.tolist()}")

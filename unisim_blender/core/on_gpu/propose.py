@@ -76,8 +76,9 @@ def propose(
     n, count = u.shape
     t, mass = torch.empty_like(u), torch.empty_like(near)
     if n:
-        _propose[(triton.cdiv(n, BLOCK),)](
-            o, d, near, far, n, values, *values.shape, lower, 1.0 / voxel_m, voxel_m / 2, decay_per_m, u, t, mass,
-            COUNT=count, WIDE=triton.next_power_of_2(count), BLOCK=BLOCK,
-        )  # fmt: skip
+        with torch.cuda.device_of(u):
+            _propose[(triton.cdiv(n, BLOCK),)](
+                o, d, near, far, n, values, *values.shape, lower, 1.0 / voxel_m, voxel_m / 2, decay_per_m, u, t, mass,
+                COUNT=count, WIDE=triton.next_power_of_2(count), BLOCK=BLOCK,
+            )  # fmt: skip
     return t, mass
