@@ -11,6 +11,7 @@ from typing import Any, cast
 
 import numpy as np
 import pytest
+import trimesh
 from numpy.typing import NDArray
 from PIL import Image
 
@@ -83,9 +84,9 @@ def renderer(name: str, scenes: dict[str, SurfelScene], log: Log, drive: Drive |
     return Renderer(untrained_tracer(name, scenes[name], drive, log, SOURCES), drive)
 
 
-def edited(log: Log, *edits: dict[str, Any]) -> Drive:
-    document = {"format": "unisim-scenario", "version": 1, "name": "edited", "log": ".", "edits": list(edits)}
-    return apply_scenario(scenario_from_json(document, log.path / "scenario.json"), log.drive, lambda path: {})
+def edited(log: Log, *edits: dict[str, Any], of: Drive | None = None, **more: Any) -> Drive:
+    document = {"format": "unisim-scenario", "version": 1, "name": "edited", "log": ".", "edits": list(edits), **more}
+    return apply_scenario(scenario_from_json(document, log.path / "scenario.json"), of or log.drive, lambda path: {})
 
 
 def seen_actor(log: Log, street: Street, moving: bool) -> str:
@@ -149,7 +150,7 @@ def test_a_removed_actor_is_gone(name: str, scenes: dict[str, SurfelScene], log:
     where = shows(before, uid)
     after = renderer(name, scenes, log, edited(log, edit)).camera(CAMERA, FRAME, ("rgb", "depth", "instance"))
     assert where.sum() > 30 and uid not in after.instances
-    truth = truth_camera(street, apply_street(street, log, edit), CAMERA, FRAME)
+    truth = truth_camera(street, edited(log, edit, of=street.drive), CAMERA, FRAME)
     away, stays = (np.abs(picture.rgb - truth.rgb)[where].mean() for picture in (after, before))
     assert away < 0.9 * stays
     depth, behind = after.depth_m, before.depth_m
@@ -157,17 +158,12 @@ def test_a_removed_actor_is_gone(name: str, scenes: dict[str, SurfelScene], log:
     assert np.median(depth[where]) > np.median(behind[where]) + 3.0, "what is behind is farther away"
 
 
-def apply_street(street: Street, log: Log, *edits: dict[str, Any]) -> Drive:
-    document = {"format": "unisim-scenario", "version": 1, "name": "edited", "log": ".", "edits": list(edits)}
-    return apply_scenario(scenario_from_json(document, log.path / "scenario.json"), street.drive, lambda path: {})
-
-
 @pytest.mark.parametrize("name", list(UNTRAINED))
 def test_a_copy_stands_where_it_was_put(name: str, scenes: dict[str, SurfelScene], log: Log, street: Street) -> None:
     uid = seen_actor(log, street, moving=True)
     edit = {"type": "duplicate", "actor": uid, "id": "twin", "offset_m": [1.0, 3.5, 0.0]}
     frame = renderer(name, scenes, log, edited(log, edit)).camera(CAMERA, FRAME, ("rgb", "depth", "instance"))
-    truth = truth_camera(street, apply_street(street, log, edit), CAMERA, FRAME)
+    truth = truth_camera(street, edited(log, edit, of=street.drive), CAMERA, FRAME)
     ours, theirs = shows(frame, "twin"), shows(truth, "twin")
     assert theirs.sum() > 30
     assert (ours & theirs).sum() > 0.4 * (ours | theirs).sum(), "seen from one side, in four sweeps"
@@ -178,10 +174,62 @@ def test_a_copy_stands_where_it_was_put(name: str, scenes: dict[str, SurfelScene
 
 
 @pytest.mark.parametrize("name", list(UNTRAINED))
+def test_a_thing_that_nobody_annotated_is_moved(name: str, scenes: dict[str, SurfelScene], log: Log, street: Street) -> None:
+    """The builder's skip at the right kerb, put into the other lane."""
+    skip = next(part for part in street.static.parts if np.allclose(np.ptp(part.corners(), axis=0), [3.6, 1.84, 0.09], atol=0.02))
+    x = float(skip.corners()[:, 0].mean())
+    boxes = {"skip": {"position": [x, -4.62, 0.78], "yaw_deg": 0, "size_m": [3.8, 2.0, 1.5]}}
+    edits = (
+        {"type": "copy_static", "box": "skip", "id": "skip-b", "target": {"position": [x, 1.6, 0.78], "yaw_deg": 0}},
+        {"type": "remove_static", "box": "skip"},
+    )
+    passes = ("rgb", "depth")
+    before = renderer(name, scenes, log).camera(CAMERA, FRAME, passes)
+    drive = edited(log, *edits, boxes=boxes)
+    after = renderer(name, scenes, log, drive).camera(CAMERA, FRAME, passes)
+    still = truth_camera(street, street.drive, CAMERA, FRAME)
+    truth = truth_camera(street, edited(log, *edits, of=street.drive, boxes=boxes), CAMERA, FRAME)
+    assert before.depth_m is not None and after.depth_m is not None
+    came, went = truth.depth_m < still.depth_m - 1.0, truth.depth_m > still.depth_m + 1.0
+    assert came.sum() > 40 and went.sum() > 40
+    for where in (came, went):
+        error = np.abs(after.depth_m - truth.depth_m)[where]
+        assert np.median(error) < 0.5 * np.median(np.abs(before.depth_m - truth.depth_m)[where])
+        new, old = (np.abs(picture.rgb - truth.rgb)[where].mean() for picture in (after, before))
+        assert new < old
+    elsewhere = (truth.rgb == still.rgb).all(-1)
+    assert (np.abs(after.rgb - before.rgb)[elsewhere] > 0.05).mean() < 0.03
+    sweeps = [renderer(name, scenes, log, d).lidar(LIDAR, FRAME) for d in (log.drive, drive)]
+    nearer = sweeps[1].returned & (sweeps[1].depth_m < sweeps[0].depth_m - 1.0)
+    assert nearer.sum() > 20
+
+
+@pytest.mark.parametrize("name", list(UNTRAINED))
+def test_a_mesh_stands_in_the_street(name: str, scenes: dict[str, SurfelScene], log: Log, tmp_path: Path) -> None:
+    box = trimesh.creation.box([1.5, 1.5, 1.5])
+    box.visual.face_colors = [255, 64, 0, 255]
+    box.export(tmp_path / "cube.ply")
+    place = {"position": [14.0, -1.75, 0.8], "yaw_deg": 0}
+    drive = edited(log, {"type": "insert_mesh", "mesh": str(tmp_path / "cube.ply"), "id": "cube", "pose": place})
+    frame = renderer(name, scenes, log, drive).camera(CAMERA, FRAME, ("rgb", "depth", "instance"))
+    where = shows(frame, "cube")
+    # a face of 1.5 m some 10 m ahead
+    eye = log.drive.cameras[CAMERA].world_from_camera.at(log.drive.cameras[CAMERA].time_s[FRAME])[0, 3]
+    model = log.drive.cameras[CAMERA].model
+    wide = 192 / model.width * model.fx * 1.5 / (14.0 - 0.75 - eye)
+    assert 0.8 * wide**2 < where.sum() < 1.3 * wide**2 and frame.z_depth_m is not None
+    assert abs(float(np.median(frame.z_depth_m[where])) - (13.25 - eye)) < 0.1
+    colour = np.median(frame.rgb[where], axis=0)
+    assert colour[0] > 2 * colour[2] and colour[0] > 1.3 * colour[1]
+    sweep = renderer(name, scenes, log, drive).lidar(LIDAR, FRAME)
+    assert (sweep.returned & (sweep.instance == sweep.instances.index("cube") + 1)).sum() > 20
+
+
+@pytest.mark.parametrize("name", list(UNTRAINED))
 def test_a_vehicle_aside_sees_the_street_from_there(name: str, scenes: dict[str, SurfelScene], log: Log, street: Street) -> None:
     edit = {"type": "ego", "shift_left_m": 1.5}
     frame = renderer(name, scenes, log, edited(log, edit)).camera(CAMERA, FRAME, ("rgb", "depth"))
-    truth = truth_camera(street, apply_street(street, log, edit), CAMERA, FRAME)
+    truth = truth_camera(street, edited(log, edit, of=street.drive), CAMERA, FRAME)
     assert frame.depth_m is not None and truth.depth_m is not None
     near = np.isfinite(frame.depth_m) & (truth.depth_m < 30)
     assert np.median(np.abs(frame.depth_m[near] - truth.depth_m[near])) < 0.1
