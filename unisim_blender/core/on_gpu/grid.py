@@ -59,13 +59,22 @@ def _row(i, j, k, size, stride_y, stride_z):
 
 
 @triton.jit
-def _first(index, points, there, rows, offset, INDEXED: tl.constexpr):
-    # the first row of each point's grid, of each column's level
-    first = offset[None, :].to(tl.int64)
+def _columns(
+    index, offset, size, stride_y, stride_z, rows, points, there,
+    INDEXED: tl.constexpr, WIDTH: tl.constexpr, WIDE: tl.constexpr, F: tl.constexpr,
+):  # fmt: skip
+    # what each column of the encodings reads: its level, the level's size and strides, where each point's numbers begin there,
+    # and which of these numbers there are
+    c = tl.arange(0, WIDE)
+    column, level = c < WIDTH, c // F
+    first = tl.load(offset + level, mask=column, other=0)[None, :].to(tl.int64)
     if INDEXED:
         number = tl.load(index + points, mask=there, other=0).to(tl.int64)
         first = first + number[:, None] * rows
-    return first
+    n = tl.load(size + level, mask=column, other=1)[None, :]
+    step_y = tl.load(stride_y + level, mask=column, other=0)[None, :]
+    step_z = tl.load(stride_z + level, mask=column, other=0)[None, :]
+    return level, column, n, step_y, step_z, first * F + (c % F)[None, :], there[:, None] & column[None, :]
 
 
 @triton.jit
@@ -74,23 +83,18 @@ def _encode(
     there, INDEXED: tl.constexpr, WIDTH: tl.constexpr, WIDE: tl.constexpr, F: tl.constexpr,
 ):  # fmt: skip
     # encodings (BLOCK, WIDE) of points, zeros behind WIDTH
-    c = tl.arange(0, WIDE)
-    column = c < WIDTH
-    level, feature = c // F, c % F
+    level, column, size_n, step_y, step_z, first, mask = _columns(
+        index, offset, size, stride_y, stride_z, rows, points, there, INDEXED, WIDTH, WIDE, F
+    )
     i, fx, _, _ = _along_axis(x, scale, points, there, level, column, 0)
     j, fy, _, _ = _along_axis(x, scale, points, there, level, column, 1)
     k, fz, _, _ = _along_axis(x, scale, points, there, level, column, 2)
-    o, n = tl.load(offset + level, mask=column, other=0), tl.load(size + level, mask=column, other=1)[None, :]
-    sy = tl.load(stride_y + level, mask=column, other=0)[None, :]
-    sz = tl.load(stride_z + level, mask=column, other=0)[None, :]
-    first = _first(index, points, there, rows, o, INDEXED)
-    mask = there[:, None] & column[None, :]
     code = tl.zeros_like(fx)
     for corner in tl.static_range(8):
         bx, by, bz = corner & 1, corner >> 1 & 1, corner >> 2
         weight = (fx if bx else 1 - fx) * (fy if by else 1 - fy) * (fz if bz else 1 - fz)
-        row = first + _row(i + bx, j + by, k + bz, n, sy, sz)
-        code += weight * tl.load(table + row * F + feature[None, :], mask=mask, other=0.0)
+        at = first + _row(i + bx, j + by, k + bz, size_n, step_y, step_z).to(tl.int64) * F
+        code += weight * tl.load(table + at, mask=mask, other=0.0)
     return code
 
 
@@ -116,23 +120,19 @@ def _backward(
 ):  # fmt: skip
     points = tl.program_id(0).to(tl.int64) * BLOCK + tl.arange(0, BLOCK)
     there = points < n
-    c = tl.arange(0, WIDE)
-    column = c < WIDTH
-    level, feature = c // F, c % F
+    level, column, size_n, step_y, step_z, first, mask = _columns(
+        index, offset, size, stride_y, stride_z, rows, points, there, INDEXED, WIDTH, WIDE, F
+    )
     i, fx, sx, inside_x = _along_axis(x, scale, points, there, level, column, 0)
     j, fy, sy, inside_y = _along_axis(x, scale, points, there, level, column, 1)
     k, fz, sz, inside_z = _along_axis(x, scale, points, there, level, column, 2)
-    o, s = tl.load(offset + level, mask=column, other=0), tl.load(size + level, mask=column, other=1)[None, :]
-    step_y = tl.load(stride_y + level, mask=column, other=0)[None, :]
-    step_z = tl.load(stride_z + level, mask=column, other=0)[None, :]
-    first = _first(index, points, there, rows, o, INDEXED)
-    mask = there[:, None] & column[None, :]
+    c = tl.arange(0, WIDE)
     g = tl.load(grad + points[:, None] * WIDTH + c[None, :], mask=mask, other=0.0)
     gx, gy, gz = tl.zeros_like(fx), tl.zeros_like(fx), tl.zeros_like(fx)
     for corner in tl.static_range(8):
         bx, by, bz = corner & 1, corner >> 1 & 1, corner >> 2
         wx, wy, wz = fx if bx else 1 - fx, fy if by else 1 - fy, fz if bz else 1 - fz
-        at = (first + _row(i + bx, j + by, k + bz, s, step_y, step_z)) * F + feature[None, :]
+        at = first + _row(i + bx, j + by, k + bz, size_n, step_y, step_z).to(tl.int64) * F
         if TABLE:
             tl.atomic_add(grad_table + at, wx * wy * wz * g, mask=mask, sem="relaxed")
         if POINTS:
