@@ -14,9 +14,10 @@ from click.testing import CliRunner
 from unisim_blender.core.cli import run
 from unisim_blender.core.commands.synth import command
 from unisim_blender.core.drive import Box, Drive
+from unisim_blender.core.edits import apply_scenario
 from unisim_blender.core.errors import LogError, OutputError, ScenarioError
 from unisim_blender.core.geometry import FloatArray, make_pose, points_in_box
-from unisim_blender.core.scenario import load_scenario
+from unisim_blender.core.scenario import load_scenario, scenario_from_json
 from unisim_blender.core.street.atlas import Detail, Model, painted
 from unisim_blender.core.street.bundles import make_bundles
 from unisim_blender.core.street.cut import inside, outside
@@ -209,6 +210,23 @@ def test_usual_edits_are_scenarios_of_any_street(tmp_path: Path) -> None:
     box_of = street.drive.actors["car-03"]
     inside_it = replace(box_of, world_from_actor=street.drive.cameras[CAMERA].world_from_camera)
     assert spread_frames(replace(street.drive, actors={"car-03": replace(inside_it, end_s=0.12)}), 8) == (3,)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_usual_insertion_has_a_look_that_was_recorded_and_is_seen(seed: int) -> None:
+    street = build_street(seed=seed, frames=20, width=160, height=90, cameras=(CAMERA,))
+    (edit,) = usual_edits(street)["insertion"]
+    document = {"format": "unisim-scenario", "version": 1, "name": "in", "log": ".", "edits": [edit]}
+    edited = apply_scenario(scenario_from_json(document, Path("in.json")), street.drive, lambda path: {})
+
+    def pixels(drive: Drive, uid: str) -> int:
+        """The most in any of a few frames."""
+        frames = [truth_camera(street, drive, CAMERA, frame, samples=1) for frame in (0, 10, 18)]
+        shown = [np.asarray(f.instance) == f.instances.index(uid) + 1 for f in frames if uid in f.instances]
+        return max((int(np.count_nonzero(where)) for where in shown), default=0)
+
+    assert pixels(street.drive, edit["actor"]) > 50
+    assert pixels(edited, "inserted") > 50
 
 
 def test_pictures_are_kept_by_what_they_show(street: Street, tmp_path: Path) -> None:

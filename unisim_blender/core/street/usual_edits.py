@@ -43,10 +43,17 @@ def usual_edits(street: Street) -> dict[str, list[dict[str, Any]]]:
     # the left row: the right one has the works' cones and skip
     parked = {uid: actor for uid, actor in actors.items() if uid.startswith("car-") and _parked_left(street, actor)}
     x = {uid: float(actor.world_from_actor.positions[0, 0]) for uid, actor in parked.items()}
-    removed = min(x, key=lambda uid: abs(x[uid] - sum(_AHEAD_M) / 2))
+    middle = sum(_AHEAD_M) / 2
+    removed = min(x, key=lambda uid: abs(x[uid] - middle))
+    travel = float(np.ptp(street.drive.world_from_ego.positions[:, 0]))
     places = np.arange(_AHEAD_M[0], 2 * _AHEAD_M[1], 0.5)
-    place = float(places[np.abs(places[:, None] - np.array(list(x.values()))).min(1).argmax()])
-    look = min(x, key=lambda uid: abs(float(actors[uid].size_m[0]) - _COMMON_M))
+    away = np.abs(places[:, None] - np.array(list(x.values()))).min(1)
+    # of the places with room for a car the one that is seen best
+    roomy = places[away >= min(_COMMON_M + 0.8, away.max())]
+    place = float(roomy[np.abs(roomy - middle).argmin()])
+    # what no camera came near shows nobody how it looks
+    passed = [uid for uid in x if uid != removed and _AHEAD_M[0] <= x[uid] <= _AHEAD_M[1] + travel]
+    look = min(passed or [removed], key=lambda uid: abs(float(actors[uid].size_m[0]) - _COMMON_M))
     position = [place, PARKED_Y - float(street.drive.world_origin[1]), float(actors[look].size_m[2]) / 2]
     oncoming = next(uid for uid in sorted(actors) if actors[uid].is_moving and actors[uid].world_from_actor.poses[0, 0, 0] < 0)
     cone = {"type": "duplicate", "actor": "cone-3"}
