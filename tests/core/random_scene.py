@@ -54,27 +54,33 @@ def edited() -> Drive:
     return drive_of([*CARS[1:], MOVING], copies, (box(-11, 1, 1, 0.5, (3, 2, 2)),))
 
 
+def rough(model: SceneModel) -> None:
+    """Random weights, smooth enough to have surfaces, occupied here and there."""
+    scene: Any = model
+    for field in (scene.static, scene.far):
+        rows = torch.linspace(2.0, 0.0, len(field.grid.table))[:, None]
+        field.grid.table.copy_(torch.randn_like(field.grid.table) * rows)
+    for parameter in scene.actors.hypernetwork.parameters():
+        parameter.normal_(0, 1.0)
+    scene.static.network[-1].bias[0] = -0.1
+    scene.actors.network[-1].bias[0] = -0.3
+    if scene.light is not None:
+        scene.light.network[-1].weight.normal_(0, 0.1)
+        scene.light.home.copy_(torch.rand(scene.light.home.shape) * 10 + 20)
+    scene.ray_head.codes.normal_()
+    scene.occupancy.values.copy_(torch.where(torch.rand(scene.occupancy.values.shape) < 0.03, 255, 0))
+    scene.observed.copy_(torch.rand(scene.observed.shape) < 0.5)
+    scene.ground.heights.copy_(3.5 + torch.rand(scene.ground.heights.shape))
+
+
 def saved(folder: Path, config: ModelConfig, seed: int = 0) -> Path:
     """A scene with random weights, smooth enough to have surfaces, occupied here and there."""
     torch.manual_seed(seed)
     drive = drive_of([*CARS, MOVING])
     corner = make_pose(np.array([-30.0, -20.0, -4.0]), quaternion_from_yaw(0.1))
-    model: Any = SceneModel(config, Volume(corner, np.array([60.0, 40.0, 16.0])), tuple(sorted(drive.actors)), ("front",))
+    model = SceneModel(config, Volume(corner, np.array([60.0, 40.0, 16.0])), tuple(sorted(drive.actors)), ("front",))
     with torch.no_grad():
-        for field in (model.static, model.far):
-            rows = torch.linspace(2.0, 0.0, len(field.grid.table))[:, None]
-            field.grid.table.copy_(torch.randn_like(field.grid.table) * rows)
-        for parameter in model.actors.hypernetwork.parameters():
-            parameter.normal_(0, 1.0)
-        model.static.network[-1].bias[0] = -0.1
-        model.actors.network[-1].bias[0] = -0.3
-        if model.light is not None:
-            model.light.network[-1].weight.normal_(0, 0.1)
-            model.light.home.copy_(torch.rand(len(drive.actors), 3) * 10 + 20)
-        model.ray_head.codes.normal_()
-        model.occupancy.values.copy_(torch.where(torch.rand(model.occupancy.values.shape) < 0.03, 255, 0))
-        model.observed.copy_(torch.rand(model.observed.shape) < 0.5)
-        model.ground.heights.copy_(3.5 + torch.rand(model.ground.heights.shape))
+        rough(model)
     volume = model.volume.to_dict()
     training = {"frames": [0, 2], "cameras": ["front"], "lidars": ["top"], "width": None}
     header = SceneHeader(folder, "random", "none", "../none", np.zeros(3), config.to_dict(), volume, drive, training)

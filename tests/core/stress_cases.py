@@ -23,6 +23,7 @@ import numpy as np
 import torch
 from analytic_scene import drive_of, still
 from numpy.typing import NDArray
+from random_scene import CARS, rough
 from torch import Tensor
 
 from unisim_blender.core import native
@@ -96,37 +97,11 @@ Case = Callable[[Bench], Iterator[Measure]]
 # ---- scenes
 
 
-CARS = [
-    still("car", (-8, 1, 0.8), (4.0, 1.8, 1.6), yaw=0.4),
-    still("near", (-9, 0, 0.8), (4.0, 1.8, 1.6), yaw=-0.9),
-    still("cone", (-12, -2, 0.4), (0.6, 0.6, 0.8)),
-]
-
-
 def edited(cars: list[Actor] = CARS) -> Drive:
     """Actors, a box emptied, a place copied."""
     source = Box(make_pose(np.array([-5.0, 4, 1]), quaternion_from_yaw(0.2)), np.full(3, 3.0))
     copies = (StaticCopy("copy", source, make_pose(np.array([-13.0, 3, 1.2]), quaternion_from_yaw(1.1))),)
     return drive_of(cars, copies, (Box(make_pose(np.array([-11.0, 1, 1]), quaternion_from_yaw(0.5)), np.array([3.0, 2, 2])),))
-
-
-def rough(model: SceneModel) -> None:
-    """Random weights, smooth enough to have surfaces, occupied here and there."""
-    scene: Any = model
-    for field in (scene.static, scene.far):
-        rows = torch.linspace(2.0, 0.0, len(field.grid.table))[:, None]
-        field.grid.table.copy_(torch.randn_like(field.grid.table) * rows)
-    for parameter in scene.actors.hypernetwork.parameters():
-        parameter.normal_(0, 1.0)
-    scene.static.network[-1].bias[0] = -0.1
-    scene.actors.network[-1].bias[0] = -0.3
-    if scene.light is not None:
-        scene.light.network[-1].weight.normal_(0, 0.1)
-        scene.light.home.copy_(torch.rand(scene.light.home.shape) * 10 + 20)
-    scene.ray_head.codes.normal_()
-    scene.occupancy.values.copy_(torch.where(torch.rand(scene.occupancy.values.shape) < 0.03, 255, 0))
-    scene.observed.copy_(torch.rand(scene.observed.shape) < 0.5)
-    scene.ground.heights.copy_(3.5 + torch.rand(scene.ground.heights.shape))
 
 
 def plane(height_m: float, beta: float) -> Change:

@@ -229,7 +229,6 @@ from triton.backends.compiler import GPUTarget
 from triton.compiler import ASTSource
 from unisim_blender.core.on_gpu import gather, grid, probe, propose
 
-FLOATS = {"scale", "lower"}
 NUMBERS = {"n": "i32", "rows": "i32", "count": "i32", "row": "i32", "nx": "i32", "ny": "i32", "nz": "i32",
            "per_m": "fp32", "step": "fp32", "decay": "fp32"}
 INTEGERS = {"index": "*i32", "offset": "*i32", "size": "*i32", "stride_y": "*i32", "stride_z": "*i32", "values": "*u8"}

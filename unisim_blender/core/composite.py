@@ -57,7 +57,7 @@ def gather_reference(strand: Strands, front: Tensor) -> tuple[Tensor, Tensor, Te
 
 def gather(strand: Strands, front: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     """`gather_reference`, by the compiled kernels or Triton's where they apply."""
-    if _is_float32([strand]) and ready(strand.t):
+    if ready(strand.t) and _is_float32([strand]):
         on_gpu: tuple[Tensor, Tensor, Tensor] = _GatherOnGpu.apply(  # type: ignore[no-untyped-call]
             strand.t, strand.tau, strand.share, front, strand.features
         )

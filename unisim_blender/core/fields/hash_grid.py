@@ -145,11 +145,12 @@ def encode(grid: GridArrays, table: Tensor, x: Tensor, index: Tensor | None = No
     assert x.shape[1:] == (3,), x.shape
     assert table.shape[-2:] == (grid.rows, grid.shape.features), table.shape
     plain = x.dtype == torch.float32 and table.dtype == torch.float32
-    numbers = None if index is None else index.to(torch.int32).contiguous()
-    if plain and ready(x):
-        on_gpu: Tensor = _EncodeOnGpu.apply(grid, table, x, numbers)  # type: ignore[no-untyped-call]
-        return on_gpu
-    if not plain or x.device.type != "cpu" or native.library() is None:
+    on_gpu = plain and ready(x)
+    if not on_gpu and (not plain or x.device.type != "cpu" or native.library() is None):
         return encode_reference(grid, table, x, index)
+    numbers = None if index is None else index.to(torch.int32).contiguous()
+    if on_gpu:
+        there: Tensor = _EncodeOnGpu.apply(grid, table, x, numbers)  # type: ignore[no-untyped-call]
+        return there
     out: Tensor = _Encode.apply(grid, table, x, numbers, sink)  # type: ignore[no-untyped-call]
     return out

@@ -21,14 +21,19 @@ def _stopped(tau):
 
 
 @triton.jit
+def _numbered(n, WIDTH: tl.constexpr, WIDE: tl.constexpr, BLOCK: tl.constexpr):
+    # numbers of the program's strands and of features, which strands there are, and of which a feature
+    p = tl.program_id(0).to(tl.int64) * BLOCK + tl.arange(0, BLOCK)
+    f = tl.arange(0, WIDE)
+    return p, f, p < n, (p < n)[:, None] & (f < WIDTH)[None, :]
+
+
+@triton.jit
 def _forward(
     n, count, t, tau, share, front, features, row, interval, weight, sums,
     WIDTH: tl.constexpr, WIDE: tl.constexpr, BLOCK: tl.constexpr,
 ):  # fmt: skip
-    p = tl.program_id(0).to(tl.int64) * BLOCK + tl.arange(0, BLOCK)
-    there = p < n
-    f = tl.arange(0, WIDE)
-    mask = there[:, None] & (f < WIDTH)[None, :]
+    p, f, there, mask = _numbered(n, WIDTH, WIDE, BLOCK)
     feature = tl.zeros((BLOCK, WIDE), tl.float32)
     of_weight, of_t, of_tau = tl.zeros((BLOCK,), tl.float32), tl.zeros((BLOCK,), tl.float32), tl.zeros((BLOCK,), tl.float32)
     near = tl.zeros((BLOCK,), tl.float32)
@@ -60,10 +65,7 @@ def _backward(
     g_weight, g_sums, of_tau, of_share, of_front, of_features,
     WIDTH: tl.constexpr, WIDE: tl.constexpr, BLOCK: tl.constexpr,
 ):  # fmt: skip
-    p = tl.program_id(0).to(tl.int64) * BLOCK + tl.arange(0, BLOCK)
-    there = p < n
-    f = tl.arange(0, WIDE)
-    mask = there[:, None] & (f < WIDTH)[None, :]
+    p, f, there, mask = _numbered(n, WIDTH, WIDE, BLOCK)
     given = p * (WIDTH + 3)
     g_feature = tl.load(g_sums + given[:, None] + f[None, :], mask=mask, other=0.0)
     g_total = tl.load(g_sums + given + WIDTH, mask=there, other=0.0)

@@ -15,15 +15,18 @@ BLOCK = 32
 
 
 @triton.jit
-def _value(
-    values, nx, ny, nz, x, y, z, low_x, low_y, low_z, per_m, there
+def _step(
+    values, nx, ny, nz, low_x, low_y, low_z, per_m, step, decay, ox, oy, oz, dx, dy, dz, near, count, there, i, passed
 ):  # fmt: skip
-    # of the voxel that holds each point, 0..1; 0 outside
-    i, j, k = tl.floor((x - low_x) * per_m), tl.floor((y - low_y) * per_m), tl.floor((z - low_z) * per_m)
-    inside = there & (i >= 0) & (j >= 0) & (k >= 0) & (i < nx) & (j < ny) & (k < nz)
+    # the value, 0..1, of the voxel in which each ray's i-th step stands, 0 outside, and the step's mass behind values ``passed``
+    at = near + (i + 0.5) * step
+    x, y = tl.floor((ox + at * dx - low_x) * per_m), tl.floor((oy + at * dy - low_y) * per_m)
+    z = tl.floor((oz + at * dz - low_z) * per_m)
+    inside = there & (i < count) & (x >= 0) & (y >= 0) & (z >= 0) & (x < nx) & (y < ny) & (z < nz)
     # what is outside may be too far for an integer
-    i, j, k = tl.where(inside, i, 0.0).to(tl.int32), tl.where(inside, j, 0.0).to(tl.int32), tl.where(inside, k, 0.0).to(tl.int32)
-    return tl.load(values + (i.to(tl.int64) * ny + j) * nz + k, mask=inside, other=0).to(tl.float32) / 255
+    x, y, z = tl.where(inside, x, 0.0).to(tl.int32), tl.where(inside, y, 0.0).to(tl.int32), tl.where(inside, z, 0.0).to(tl.int32)
+    p = tl.load(values + (x.to(tl.int64) * ny + y) * nz + z, mask=inside, other=0).to(tl.float32) / 255
+    return p, p * tl.exp(-decay * step * passed)
 
 
 @triton.jit
@@ -46,18 +49,19 @@ def _propose(
     longest = tl.max(count, 0)
     passed, total = tl.zeros_like(near), tl.zeros_like(near)
     for i in range(0, longest):
-        at = near + (i + 0.5) * step
-        p = _value(values, nx, ny, nz, ox + at * dx, oy + at * dy, oz + at * dz, low_x, low_y, low_z, per_m, there & (i < count))
-        total += p * tl.exp(-decay * step * passed)
+        p, own = _step(
+            values, nx, ny, nz, low_x, low_y, low_z, per_m, step, decay, ox, oy, oz, dx, dy, dz, near, count, there, i, passed
+        )  # fmt: skip
+        total += own
         passed += p
     q = tl.load(u + ray[:, None] * COUNT + k[None, :], mask=mask, other=0.0)
     target = q * total[:, None]
     placed = near[:, None] + q * span[:, None]
     passed, below = tl.zeros_like(near), tl.zeros_like(near)
     for i in range(0, longest):
-        at = near + (i + 0.5) * step
-        p = _value(values, nx, ny, nz, ox + at * dx, oy + at * dy, oz + at * dz, low_x, low_y, low_z, per_m, there & (i < count))
-        own = p * tl.exp(-decay * step * passed)
+        p, own = _step(
+            values, nx, ny, nz, low_x, low_y, low_z, per_m, step, decay, ox, oy, oz, dx, dy, dz, near, count, there, i, passed
+        )  # fmt: skip
         # the last occupied step that a quantile reaches has it, so one that rounding sends past the end stands in the last of all
         share = (target - below[:, None]) / tl.maximum(own, 1e-30)[:, None]
         here = near[:, None] + (i + tl.minimum(share, 1.0)) * step
