@@ -117,6 +117,7 @@ def test_clearances_are_chessboard_distances(shape: tuple[int, int, int], share:
     assert library is not None
     voxels = (np.random.default_rng(0).random(shape) < share).astype(np.uint8)
     out = np.empty_like(voxels)
-    library.unisim_clearance(address(voxels), address(np.array(shape, np.int32)), address(out))
+    extent = np.array(shape, np.int32)
+    library.unisim_clearance(address(voxels), address(extent), address(out))
     expected = ndimage.distance_transform_cdt(voxels == 0, "chessboard") if voxels.any() else np.full(shape, 255)
     assert np.array_equal(out, np.minimum(expected, 255))

@@ -166,7 +166,8 @@ class Kernel:
         words = (parts.astype(np.uint16) << (2 * np.arange(CELLS**3, dtype=np.uint16))).sum(-1).astype(np.uint16)
         assert np.array_equal(unpacked(words), where.kinds)
         clearance = np.empty(words.shape, np.uint8)
-        library.unisim_clearance(address((words > 0).astype(np.uint8)), address(shape), address(clearance))
+        closed = (words > 0).astype(np.uint8)
+        library.unisim_clearance(address(closed), address(shape), address(clearance))
         self.kept += [words, clearance]
         # without free voxels before them, answers have no face to look for
         known = np.zeros(words.shape, np.uint8) if voxels is None else np.ascontiguousarray(voxels)

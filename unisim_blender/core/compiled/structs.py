@@ -115,7 +115,7 @@ class FoundStruct(ctypes.Structure):
 
 
 def address(array: NDArray[Any] | None) -> int | None:
-    """Where a contiguous array's numbers lie; None for none."""
+    """Where a contiguous array's numbers lie, as long as somebody holds it; None for none."""
     assert array is None or array.flags.c_contiguous
     return None if array is None else array.ctypes.data
 
