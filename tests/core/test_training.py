@@ -10,6 +10,7 @@ import sys
 import time
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -27,9 +28,11 @@ from unisim_blender.core.logs import open_log
 from unisim_blender.core.logs.pandaset_writer import PandasetWriter
 from unisim_blender.core.render import Renderer
 from unisim_blender.core.sensors.camera import camera_rays, pixel_grid
+from unisim_blender.core.strands import Traced
 from unisim_blender.core.street.street import build_street
 from unisim_blender.core.street.truth import truth_camera, truth_lidar
 from unisim_blender.core.torch_tracer import TorchTracer
+from unisim_blender.core.trace import Sampling, trace
 from unisim_blender.core.training.config import TrainConfig
 from unisim_blender.core.training.data import CameraData, LidarData
 from unisim_blender.core.training.run import (
@@ -342,6 +345,25 @@ def test_what_changes_slowly_is_updated_every_few_steps(log: Log) -> None:
         trainer.step()
         moved.append(any(not torch.equal(a, b) for a, b in zip(before, slow, strict=True)))
     assert moved == [False, False, True, False, False, True]
+
+
+def test_samples_stand_still_in_the_end_and_rates_fall_further(log: Log, monkeypatch: pytest.MonkeyPatch) -> None:
+    config = replace(SMALL, iterations=8, still_from=0.5)
+    trainer = Trainer(log, config)
+    drawn: list[bool] = []
+
+    def spy(model: Any, cast: Any, rays: Any, sampling: Sampling) -> Traced:
+        drawn.append(sampling.jitter)
+        return trace(model, cast, rays, sampling)
+
+    monkeypatch.setattr("unisim_blender.core.training.trainer.trace", spy)
+    rates = []
+    first, last = config.rate_tables
+    for step in range(8):
+        trainer.step()
+        rates.append(trainer.optimiser.param_groups[0]["lr"] / (first * (last / first) ** (step / 8) * (step + 1) / 100))
+    assert drawn == [step <= 4 for step in range(8) for _ in ("camera", "lidar")]
+    assert rates == pytest.approx([1.0] * 5 + [0.1 ** (part / 4) for part in (1, 2, 3)])
 
 
 def test_sweeps_give_returns_and_drops(log: Log) -> None:

@@ -108,8 +108,8 @@ class CompiledScene:
         cells, box_cells = self._keep(np.zeros(shape, np.uint16)), self._keep(np.ascontiguousarray(self.cells.boxes))
         cells.reshape(-1)[occupied] = self.cells.kinds
         self.struct.cells, self.struct.box_cells = address(cells), address(box_cells)
-        closed, extent = (cells > 0).view(np.uint8), np.array(shape, np.int32)
-        library.unisim_clearance(address(closed), address(extent), address(clearance))
+        closed, counts = (cells > 0).view(np.uint8), np.array(shape, np.int32)
+        library.unisim_clearance(address(closed), address(counts), address(clearance))
 
     def _ask(self, library: ctypes.CDLL, occupied: NDArray[np.int64], shape: tuple[int, ...]) -> Cells:
         """The cells of the voxels with these numbers, and of the actors' boxes."""

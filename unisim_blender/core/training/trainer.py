@@ -39,7 +39,7 @@ from .data import CameraData, LidarBatch, LidarData, PatchBatch
 from .disturb import with_drive
 from .fitted_ways import fitted
 from .ground_heights import ground_heights
-from .hidden import Hidden
+from .hidden import EVERY, Hidden
 from .losses import lidar_terms, perceptual_stand_in, spread
 from .perceptual import VggLoss
 from .pixels import Draw, PixelChoice
@@ -50,6 +50,8 @@ from .shares import Gradients, run_shares
 
 BETA_MAX = 100.0
 """Sharper than this, 1 / metres, a surface is far thinner than the finest cell, and no gradient comes from beside it."""
+LAST_RATE = 0.1
+"""What rates are multiplied by in the end, when samples have stood still for a while."""
 
 
 @dataclass(frozen=True)
@@ -237,7 +239,7 @@ class Trainer:
     def _camera_terms(self, start: _Start) -> _Share:
         c, w, done, cast, generator = self.config, self.recipe.weights, start.done, start.cast, start.generator
         batches, draw = self._draw_pixels(start.rng)
-        sampling = Sampling(jitter=True, mirror=self.mirror, generator=generator)
+        sampling = self._sampling(start)
         # gradients with respect to the static field's points are dear: most steps go without
         learn_cameras = self.recipe.refines_cameras and done >= c.poses_from and self.iteration % c.slow_every == 0
         batches = [
@@ -278,16 +280,15 @@ class Trainer:
         swept, near = None, None
         if self.recipe.uses_lidar:
             lidar = self._to_device(self.lidar.sample(start.rng, c.lidar_rays))
-            sampling = Sampling(jitter=True, sky=False, mirror=self.mirror, generator=generator)
-            swept = trace(self.model, start.cast, lidar.rays, sampling)
+            swept = trace(self.model, start.cast, lidar.rays, self._sampling(start, sky=False))
             terms = self._lidar_loss(swept, lidar)
             if w.band or w.eikonal or w.flat:
                 band, near = self.shape.band(tables, swept, lidar, generator)
                 terms["band"] = w.band * band
             self._take(start, terms)
             figures["lidar_m"] = float((swept.near_depth_m - lidar.depth_m)[lidar.returned].detach().abs().median())
-        if w.hidden and start.done >= c.hidden_from:
-            terms["hidden"] = w.hidden * self.hidden.loss(generator)
+        if w.hidden and start.done >= c.hidden_from and self.iteration % EVERY == 0:
+            terms["hidden"] = EVERY * w.hidden * self.hidden.loss(generator)
             self._take(start, {"hidden": terms["hidden"]})
         seen = start.seen.result()
         if swept is not None and near is not None:
@@ -299,6 +300,9 @@ class Trainer:
             self._update_occupancy(seen, camera=True)
             self._update_occupancy(swept, camera=False)
         return _Share(_values(terms), figures, swept, None)
+
+    def _sampling(self, start: _Start, sky: bool = True) -> Sampling:
+        return Sampling(jitter=not self._still(start.done), sky=sky, mirror=self.mirror, generator=start.generator)
 
     def _take(self, start: _Start, terms: dict[str, Tensor]) -> None:
         """Have a share's gradients of the sum of terms, whose graph is then gone."""
@@ -367,11 +371,16 @@ class Trainer:
             parameter = parameters[int(name)] if name.isdigit() else self.held()[name]
             parameter.grad = value.to(parameter.device)
 
+    def _still(self, done: float) -> float:
+        """How much of the part in which samples stand still is done, 0 to 1: 0 until it begins."""
+        begin = self.config.still_from
+        return max(0.0, done - begin) / (1 - begin) if begin < 1 else 0.0
+
     def _set_rates(self, done: float) -> None:
         for group in (*self.optimiser.param_groups, *self.slow.param_groups):
             first, last = group["rates"]
             warm = min(1.0, (self.iteration + 1) / 100)
-            group["lr"] = warm * first * (last / first) ** done
+            group["lr"] = warm * first * (last / first) ** done * LAST_RATE ** self._still(done)
 
     def _draw_pixels(self, rng: np.random.Generator) -> tuple[list[PatchBatch], Draw | None]:
         """Patches, then as many single cells as the patches that were taken apart held, drawn by their errors."""
