@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -52,6 +55,17 @@ def test_a_finished_training_leaves_them(tmp_path: Path, cache: Path, monkeypatc
     assert same(CompiledScene(baked).cells, plain)
     assert not list(cache.iterdir())
     load_scene(baked)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="glibc's switches")
+def test_kernels_read_no_memory_that_was_given_back(tmp_path: Path, cache: Path) -> None:
+    """With glibc told to unmap whatever is freed, reading it ends the process."""
+    path = saved(tmp_path / "scene", True)
+    script = f"from unisim_blender.core.compiled.scene import CompiledScene; print(CompiledScene({str(path)!r}).cells.kinds.size)"
+    environment = os.environ | {"MALLOC_MMAP_THRESHOLD_": "1024", "MALLOC_PERTURB_": "165"}
+    done = subprocess.run([sys.executable, "-c", script], env=environment, capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, (done.returncode, done.stderr[-500:])
+    assert int(done.stdout) == CompiledScene(path).cells.kinds.size
 
 
 def test_they_are_asked_for_once(tmp_path: Path, cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
