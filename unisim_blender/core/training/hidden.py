@@ -18,9 +18,7 @@ from ..fields.scene import SceneModel
 
 REACH_M = 2.0
 """How high above the ground things are continued downwards: a van's height."""
-EVERY = 4
-"""Steps from one look at hidden places to the next: many places at once cost little more than few."""
-_DRAWS, _POINTS = 2048 * EVERY, 192 * EVERY
+_DRAWS, _POINTS = 2048, 192
 _ALONG_M, _ACROSS_M = 6.0, 0.3
 """Where ground looks for what it may look like: a street goes on along the drive, and across it pavement turns into road."""
 _NEAR_M, _CANDIDATES = 6.0, 64

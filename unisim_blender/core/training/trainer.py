@@ -39,7 +39,7 @@ from .data import CameraData, LidarBatch, LidarData, PatchBatch
 from .disturb import with_drive
 from .fitted_ways import fitted
 from .ground_heights import ground_heights
-from .hidden import EVERY, Hidden
+from .hidden import Hidden
 from .losses import lidar_terms, perceptual_stand_in, spread
 from .perceptual import VggLoss
 from .pixels import Draw, PixelChoice
@@ -287,8 +287,8 @@ class Trainer:
                 terms["band"] = w.band * band
             self._take(start, terms)
             figures["lidar_m"] = float((swept.near_depth_m - lidar.depth_m)[lidar.returned].detach().abs().median())
-        if w.hidden and start.done >= c.hidden_from and self.iteration % EVERY == 0:
-            terms["hidden"] = EVERY * w.hidden * self.hidden.loss(generator)
+        if w.hidden and start.done >= c.hidden_from:
+            terms["hidden"] = w.hidden * self.hidden.loss(generator)
             self._take(start, {"hidden": terms["hidden"]})
         seen = start.seen.result()
         if swept is not None and near is not None:
