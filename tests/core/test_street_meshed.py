@@ -16,7 +16,10 @@ from unisim_blender.core.commands.synth import command
 from unisim_blender.core.drive import Box, Drive
 from unisim_blender.core.edits import apply_scenario
 from unisim_blender.core.errors import LogError, OutputError, ScenarioError
+from unisim_blender.core.evaluate import true_edits
+from unisim_blender.core.evaluate.true_edits import TrueEdit
 from unisim_blender.core.geometry import FloatArray, make_pose, points_in_box
+from unisim_blender.core.images import resize_image
 from unisim_blender.core.scenario import load_scenario, scenario_from_json
 from unisim_blender.core.street.atlas import Detail, Model, painted
 from unisim_blender.core.street.bundles import make_bundles
@@ -248,8 +251,28 @@ def test_pictures_are_kept_by_what_they_show(street: Street, tmp_path: Path) -> 
         true_picture(tmp_path, street, drive, CAMERA, 1, None)
     rgb = np.random.default_rng(0).integers(0, 256, (36, 64, 3)).astype(np.uint8)
     keep_picture(path(drive), rgb)
-    np.testing.assert_array_equal(np.rint(true_picture(tmp_path, street, drive, CAMERA, 1, None) * 255), rgb)
+    np.testing.assert_array_equal(true_picture(tmp_path, street, drive, CAMERA, 1, None), rgb)
     assert not lacks_pictures(tmp_path, street, (drive,), (CAMERA,), (1,), None)
+
+
+def test_smaller_truths_are_made_of_drawn_ones(street: Street, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[int | None] = []
+    monkeypatch.setattr(true_edits, "draw_truths", lambda path, wanted, width, progress: asked.append(width))
+    drive = street.drive
+    rgb = np.random.default_rng(0).integers(0, 256, (SIZE["height"], SIZE["width"], 3)).astype(np.uint8)
+    keep_picture(picture_path(tmp_path, street, drive, CAMERA, 1, None), rgb)
+
+    def truth(width: int | None) -> TrueEdit:
+        return TrueEdit(tmp_path, street, drive, drive, (0,), (CAMERA,), width)
+
+    half = SIZE["width"] // 2
+    truth(half).draw(tmp_path / "scenario.json", (1,), (CAMERA,))
+    assert not asked
+    expected = resize_image(rgb, drive.cameras[CAMERA].model.resized(half)).astype(np.float32) / 255
+    assert expected.shape[1] == half
+    np.testing.assert_allclose(truth(half).pictures(CAMERA, 1).edit, expected, atol=1e-7)
+    truth(2 * SIZE["width"]).draw(tmp_path / "scenario.json", (1,), (CAMERA,))
+    assert asked == [2 * SIZE["width"]]
 
 
 def test_without_blender_one_sentence_says_how_to_get_it(

@@ -6,15 +6,18 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
+import numpy as np
+
 from ..drive import Drive
 from ..frames import LidarFrame
+from ..images import resize_image
 from ..prepare.scenario import PreparedScenario
 from ..prepare.street import street_of
 from ..street.edit_masks import edit_masks
 from ..street.path_tracer import Wanted, draw_truths
 from ..street.street import Street, load_street
 from ..street.true_pictures import lacks_pictures, true_picture
-from ..street.truth import truth_camera, truth_lidar
+from ..street.truth import resize, truth_camera, truth_lidar
 from .metrics import Picture
 from .truth import EditRegions
 
@@ -57,8 +60,8 @@ class TrueEdit:
 
     def draw(self, scenario: Path, frames: tuple[int, ...], cameras: tuple[str, ...]) -> None:
         """Have the pictures drawn that only a path tracer can draw, and that are not there. Raises `UnisimError`."""
-        if lacks_pictures(self.path, self.street, (self.edited, self.recorded), cameras, frames, self.width):
-            draw_truths(self.path, (Wanted(scenario, frames, cameras),), self.width, progress=True)
+        if lacks_pictures(self.path, self.street, (self.edited, self.recorded), cameras, frames, self._drawn_width):
+            draw_truths(self.path, (Wanted(scenario, frames, cameras),), self._drawn_width, progress=True)
 
     def pictures(self, camera: str, frame: int) -> TruePictures:
         """What a camera sees. Raises `UnisimError`."""
@@ -84,4 +87,12 @@ class TrueEdit:
         """Drawn now, or by Cycles before."""
         if self.street.recipe.engine == "exact":
             return truth_camera(self.street, drive, camera, frame, self.width).rgb
-        return true_picture(self.path, self.street, drive, camera, frame, self.width)
+        drawn = true_picture(self.path, self.street, drive, camera, frame, self._drawn_width)
+        return resize_image(drawn, resize(drive.cameras[camera], self.width).model).astype(np.float32) / np.float32(255)
+
+    @property
+    def _drawn_width(self) -> int | None:
+        """The width at which Cycles draws: the cameras' own, and smaller pictures are made of those as of recorded ones, so they
+        are as sharp and need not be drawn again; only what is wider is drawn wider."""
+        own = min((camera.model.width for camera in self.edited.cameras.values()), default=0)
+        return None if self.width is None or self.width <= own else self.width

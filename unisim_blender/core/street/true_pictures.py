@@ -84,16 +84,14 @@ def shown(drives: Sequence[Drive], cameras: Sequence[str], frames: Sequence[int]
                     yield drive, name, frame
 
 
-def true_picture(
-    folder: Path, street: Street, drive: Drive, camera_id: str, frame: int, width: int | None
-) -> NDArray[np.float32]:
-    """The picture (H, W, 3), sRGB in 0..1. Raises `OutputError` where it was not drawn yet."""
+def true_picture(folder: Path, street: Street, drive: Drive, camera_id: str, frame: int, width: int | None) -> NDArray[np.uint8]:
+    """The picture (H, W, 3), sRGB. Raises `OutputError` where it was not drawn yet."""
     from PIL import Image
 
     path = picture_path(folder, street, drive, camera_id, frame, width)
     try:
         with Image.open(path) as picture:
-            return np.asarray(picture.convert("RGB"), np.float32) / np.float32(255)
+            return np.asarray(picture.convert("RGB"))
     except FileNotFoundError as error:
         raise OutputError(f"{path}: this picture of {drive.name} is not drawn yet") from error
 
