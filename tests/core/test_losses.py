@@ -19,6 +19,7 @@ from unisim_blender.core.strands import RayBatch, Strands
 from unisim_blender.core.training.adversarial import Adversary, PatchDiscriminator, shifted
 from unisim_blender.core.training.data import LidarBatch, PatchBatch
 from unisim_blender.core.training.losses import (
+    colour_squares,
     distance_band,
     eikonal,
     expected_error,
@@ -36,6 +37,25 @@ def images(n: int = 2, size: int = 40, seed: int = 0) -> Tensor:
     """Smooth random images (n, 3, size, size)."""
     rng = torch.Generator().manual_seed(seed)
     return F.interpolate(torch.rand(n, 3, 8, 8, generator=rng), size=(size, size), mode="bilinear")
+
+
+def test_what_is_not_grey_counts_more() -> None:
+    wrong = images().sub(0.5).double().requires_grad_()
+    expected = torch.stack([
+        torch.stack([d**2 + 2 * (d - sum(pixel) / 3) ** 2 for d in pixel]) for pixel in wrong.permute(0, 2, 3, 1).reshape(-1, 3)
+    ])  # fmt: skip
+    got = colour_squares(wrong, 2.0)
+    torch.testing.assert_close(got.permute(0, 2, 3, 1).reshape(-1, 3), expected)
+    # the gradient of the sum: twice the difference, and twice as much twice more of what is not grey
+    slope = torch.autograd.grad(got.sum(), wrong)[0]
+    torch.testing.assert_close(slope, 2 * wrong + 4 * (wrong - wrong.mean(1, keepdim=True)))
+
+
+def test_grey_counts_as_ever() -> None:
+    grey = images()[:, :1].sub(0.5).expand(-1, 3, -1, -1)
+    torch.testing.assert_close(colour_squares(grey, 2.0), grey.square())
+    red = images()
+    torch.testing.assert_close(colour_squares(red, 0.0), red.square(), rtol=0, atol=0)
 
 
 def test_ssim_is_scikit_images() -> None:

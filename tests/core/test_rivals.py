@@ -308,7 +308,7 @@ def test_the_presets_own_recipes() -> None:
     def of(name: str, **more: object) -> tuple[object, ...]:
         made = recipe(replace(SMALL, preset=name, **more))  # type: ignore[arg-type]
         w = made.weights
-        return made.model.method, made.refines_tracklets, made.mirrored > 0, w.lidar_depth > 0, w.eikonal > 0, w.lidar_free > 0
+        return made.model.method, made.refines_tracklets, made.mirrored > 0, w.lidar_depth > 0, w.eikonal > 0, w.chroma > 0
 
     assert of("small") == ("neural", True, True, True, True, True)
     assert of("small", without=("actor-prior", "tracklet-refinement")) == ("neural", False, False, True, True, True)

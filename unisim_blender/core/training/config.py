@@ -11,6 +11,8 @@ class LossWeights:
     """Weights of the terms."""
 
     rgb: float = 3.0
+    chroma: float = 7.0
+    """How much more what is not grey of a difference of colours counts, see `losses.colour_squares`."""
     perceptual: float = 0.01
     lidar_depth: float = 0.05
     lidar_reach: float = 0.02

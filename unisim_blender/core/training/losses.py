@@ -49,6 +49,16 @@ def perceptual_stand_in(a: Tensor, b: Tensor) -> Tensor:
     return 1 - ssim(a, b) + gradient_difference(a, b)
 
 
+def colour_squares(wrong: Tensor, chroma: float) -> Tensor:
+    """Squares (B, 3, H, W) of differences ``wrong`` of colours, plus ``chroma`` times those of the part that is not grey.
+
+    A street is grey nearly everywhere: what tells a red car from a grey one is small in a plain square, and learnt late.
+    """
+    if not chroma:
+        return wrong.square()
+    return wrong.square() + chroma * (wrong - wrong.mean(1, keepdim=True)).square()
+
+
 def lidar_terms(traced: Traced, batch: LidarBatch, inside: Tensor, keep: float = 0.95) -> tuple[dict[str, Tensor], Tensor]:
     """Depth and free-space terms of LiDAR rays, and which rays (N,) are among the best ``keep`` of those that returned.
 

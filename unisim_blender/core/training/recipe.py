@@ -15,7 +15,7 @@ from .config import LossWeights, TrainConfig
 PARTS = ("decoder", "actor-prior", "tracklet-refinement", "lidar")
 """What a training can be asked to do without."""
 
-_OURS = {"perceptual", "lidar_opacity", "lidar_free", "band", "eikonal", "flat", "spread", "hidden"}
+_OURS = {"chroma", "perceptual", "lidar_opacity", "lidar_free", "band", "eikonal", "flat", "spread", "hidden"}
 """Terms that a rival's loss lacks."""
 
 

@@ -40,7 +40,7 @@ from .disturb import with_drive
 from .fitted_ways import fitted
 from .ground_heights import ground_heights
 from .hidden import Hidden
-from .losses import lidar_terms, perceptual_stand_in, spread
+from .losses import colour_squares, lidar_terms, perceptual_stand_in, spread
 from .perceptual import VggLoss
 from .pixels import Draw, PixelChoice
 from .recipe import recipe
@@ -249,13 +249,14 @@ class Trainer:
         start.seen.set_result(seen)
         features = seen.feature.split([len(b.rays) for b in batches])
         images = [self._decode(f, b, generator) for f, b in zip(features, batches, strict=True)]
-        squares = [(i - b.target).square() for i, b in zip(images, batches, strict=True)]
+        wrong = [i - b.target for i, b in zip(images, batches, strict=True)]
+        squares = [colour_squares(d, w.chroma) for d in wrong]
+        weight = [wrong[0].new_ones(()) for _ in wrong]
         if draw is not None:
             self.choice.note(draw.block, squares[1].detach().mean((1, 2, 3)).double().cpu().numpy())
-            squares[1] = squares[1] * tensor_to(torch.as_tensor(draw.weight).float(), c.device)[:, None, None, None]
-        mse = torch.stack([s.sum() for s in squares]).sum() / sum(s.numel() for s in squares)
+            weight[1] = tensor_to(torch.as_tensor(draw.weight).float(), c.device)[:, None, None, None]
         image, patch = images[0], batches[0]
-        terms = {"rgb": w.rgb * mse}
+        terms = {"rgb": w.rgb * _mean(squares, weight)}
         if w.spread:
             terms["spread"] = w.spread * spread(seen)
         if w.perceptual and done >= c.perceptual_from:
@@ -269,7 +270,8 @@ class Trainer:
         if penalty is not None:
             terms["latent"] = w.latent * penalty
         self._take(start, terms)
-        figures = {"psnr": -10 * float(torch.log10(mse.detach().clamp_min(1e-10)))}
+        mse = _mean([d.detach().square() for d in wrong], weight)
+        figures = {"psnr": -10 * float(torch.log10(mse.clamp_min(1e-10)))}
         return _Share(_values(terms), figures, seen, None if fake is None else (patch.target, fake))
 
     def _lidar_share(self, start: _Start) -> _Share:
@@ -440,6 +442,12 @@ class Trainer:
 
 def _values(terms: dict[str, Tensor]) -> dict[str, float]:
     return {name: float(value.detach()) for name, value in terms.items()}
+
+
+def _mean(parts: list[Tensor], weight: list[Tensor]) -> Tensor:
+    """Mean over all numbers of all parts, each part's counting by its weight."""
+    total = torch.stack([(p * w).sum() for p, w in zip(parts, weight, strict=True)]).sum()
+    return total / sum(p.numel() for p in parts)
 
 
 def _together(parts: list[RayBatch]) -> RayBatch:
