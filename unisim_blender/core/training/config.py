@@ -24,7 +24,7 @@ class LossWeights:
     eikonal: float = 0.0015
     flat: float = 0.0012
     spread: float = 0.0003
-    hidden: float = 0.01
+    hidden: float = 0.02
     adversarial: float = 0.001
     latent: float = 1e-5
 
