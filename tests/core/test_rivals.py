@@ -308,13 +308,14 @@ def test_the_presets_own_recipes() -> None:
     def of(name: str, **more: object) -> tuple[object, ...]:
         made = recipe(replace(SMALL, preset=name, **more))  # type: ignore[arg-type]
         w = made.weights
-        return made.model.method, made.refines_tracklets, made.mirrored > 0, w.lidar_depth > 0, w.eikonal > 0, w.chroma > 0
+        neural = w.eikonal > 0, w.lidar_free > 0, w.chroma > 0
+        return made.model.method, made.refines_tracklets, made.mirrored > 0, w.lidar_depth > 0, *neural
 
-    assert of("small") == ("neural", True, True, True, True, True)
-    assert of("small", without=("actor-prior", "tracklet-refinement")) == ("neural", False, False, True, True, True)
-    assert of("ngp") == ("ngp", False, False, True, False, False)
-    assert of("nsg") == ("nsg", False, False, True, False, False)
-    assert of("nsg", without=("lidar",)) == ("nsg", False, False, False, False, False)
+    assert of("small") == ("neural", True, True, True, True, True, True)
+    assert of("small", without=("actor-prior", "tracklet-refinement")) == ("neural", False, False, True, True, True, True)
+    assert of("ngp") == ("ngp", False, False, True, False, False, False)
+    assert of("nsg") == ("nsg", False, False, True, False, False, False)
+    assert of("nsg", without=("lidar",)) == ("nsg", False, False, False, False, False, False)
 
 
 def test_a_broken_configuration_is_refused() -> None:

@@ -54,8 +54,6 @@ def colour_squares(wrong: Tensor, chroma: float) -> Tensor:
 
     A street is grey nearly everywhere: what tells a red car from a grey one is small in a plain square, and learnt late.
     """
-    if not chroma:
-        return wrong.square()
     return wrong.square() + chroma * (wrong - wrong.mean(1, keepdim=True)).square()
 
 
