@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 import torch
+from torch import Tensor
 
 from unisim_blender.core.fields.config import preset
 from unisim_blender.core.fields.occupancy import OccupancyTrainer
 from unisim_blender.core.fields.scene import SceneModel
 from unisim_blender.core.fields.volume import Volume
-from unisim_blender.core.strands import RayBatch
+from unisim_blender.core.strands import RayBatch, Strands
 from unisim_blender.core.training.data import LidarBatch
 from unisim_blender.core.training.shape import Shape
 
@@ -57,3 +59,57 @@ def test_a_solid_that_beams_passed_through_goes(beams: bool) -> None:
         solid = torch.stack([torch.full_like(y, WALL_X_M - 1.2), y, torch.full_like(y, 6.0)], -1)
         s = model.static.distance(solid)
     assert float(s.median()) > -0.05 if beams else float(s.median()) < -0.3
+
+
+def box_ahead(size_m: tuple[float, float, float], beams: LidarBatch, depth_m: float) -> Any:
+    """What the first half of level beams meets of an upright box whose face stands 0.5 m nearer than where they come back."""
+    n = len(beams.rays) // 2
+    near = torch.full((n,), depth_m - 0.5)
+    far = near + size_m[0]
+    t = near[:, None] + (far - near)[:, None] * torch.linspace(0, 1, 5)
+    across = torch.rand(n, 1, 2, generator=torch.Generator().manual_seed(1)).expand(n, 5, 2)
+    points = torch.cat([((t - near[:, None]) / size_m[0])[..., None], across], -1)
+    nothing = torch.zeros(n, 5)
+    strand = Strands(
+        torch.arange(n), t, nothing, nothing[..., None], nothing, nothing, points, torch.zeros(n, dtype=torch.long),
+        bounds=(near, far), size_m=torch.tensor([size_m]).expand(n, 3),
+    )  # fmt: skip
+    return SimpleNamespace(strands=[strand], static=None, feature=torch.zeros(1))
+
+
+SHELL_M = 0.06
+FIELDS: dict[str, Callable[[Tensor], Tensor]] = {
+    "solid": lambda behind: -behind,
+    "shell": lambda behind: torch.where(behind < SHELL_M, -behind, torch.full_like(behind, 0.3)),
+}
+"""Distances by how far behind the return a point lies."""
+
+
+@pytest.mark.parametrize(
+    ("size_m", "reach_m"), (((4.0, 1.8, 1.5), 0.375), ((7.0, 2.4, 3.0), 0.4), ((0.8, 0.4, 0.4), 0.1), ((0.6, 0.9, 0.9), 0.15))
+)
+@pytest.mark.parametrize("field", FIELDS)
+def test_behind_a_return_an_actor_is_solid(field: str, size_m: tuple[float, float, float], reach_m: float) -> None:
+    """As far as its size allows: a solid pays nothing, a shell what it lacks there, on average."""
+    beams = sweep(4096)
+    model = SceneModel(preset("tiny"), Volume(np.eye(4), np.full(3, 40.0)), ("a",), ())
+    model.ground.heights.fill_(-5)
+    shape = Shape(model, OccupancyTrainer(model.occupancy), torch.zeros(0, 2))
+    deepest = []
+
+    def distance(tables: Tensor, x: Tensor, actor: Tensor) -> Tensor:
+        behind = x[:, 0] * size_m[0] - 0.5
+        deepest.append(float(behind.max()))
+        return FIELDS[field](behind)
+
+    model.actors.distance = distance  # type: ignore[method-assign]
+    model.static.distance = lambda x: WALL_X_M - x[:, 0]  # type: ignore[method-assign]
+    with torch.no_grad():
+        band, near = shape.band(torch.zeros(0), box_ahead(size_m, beams, WALL_X_M), beams, torch.Generator().manual_seed(0))
+    assert len(near) == len(beams.rays) // 2, "returns in a box are none of the static field's"
+    room_m = size_m[0] - 0.5
+    assert max(deepest) == pytest.approx(min(reach_m, room_m), rel=0.01)
+    # what is past the box is nobody's
+    behind = torch.linspace(0, reach_m, 10_001)
+    lacks = torch.relu(FIELDS[field](behind) + 0.2 * behind.clamp_max(0.1)) * (behind < room_m)
+    assert float(band) == pytest.approx(float(lacks.mean()), rel=0.05, abs=1e-6)

@@ -16,6 +16,9 @@ from .losses import distance_band, eikonal, turning
 
 _BAND_M = 0.3
 """So far before a return the distance is between bounds that the way to it gives."""
+_SOLID_M, _SOLID_SHARE, _DEEP_M = 0.4, 0.25, 0.1
+"""Behind a return in an actor's box, so far and as far as this share of its shortest edge, the distance is below zero: by a fifth
+of the way from the return, and of the last at most."""
 _PASSED_M, _FREE_M = 4.0, 0.02
 """So far before it the way is free, and the distance at least this."""
 _SENSOR_M = 1.0
@@ -51,19 +54,37 @@ class Shape:
             in_box[strand.ray[met]] = True
             if not bool(met.any()):
                 continue
-            # a strand's points lie on a line: where it is at any depth follows from two of them
-            t0, t1 = strand.t[met, :1], strand.t[met, -1:]
-            p0, p1 = strand.points[met, 0], strand.points[met, -1]
-            offset = self._offsets(int(met.sum()), generator, 0.15)
-            x = p0 + (depth[met, None] - offset[:, None] - t0) / (t1 - t0).clamp_min(1e-4) * (p1 - p0)
-            s = model.actors.distance(tables, x.clamp(0, 1), strand.medium[met])
-            band = band + distance_band(s, offset)
+            band = band + self._actor_band(strand, met, depth[met], tables, generator)
         static = lidar.returned & model.frame.inside(end) & ~in_box
         offset = self._offsets(int(static.sum()), generator, _BAND_M)
         x = o[static] + d[static] * (lidar.depth_m[static] - offset)[:, None]
         band = band + distance_band(model.static.distance(x), offset) + self._ground_band(end[static & ~above], generator)
         band = band + self._passed(o[static], d[static], lidar.depth_m[static], generator)
         return band, x.detach()
+
+    def _actor_band(self, strand: Strands, met: Tensor, depth_m: Tensor, tables: Tensor, generator: torch.Generator) -> Tensor:
+        """What actors' distances miss about returns in their boxes, at depth_m (M,) of those strands (P,) bool that ``met`` one.
+
+        Behind what it returned an actor is solid. Of a mere shell most of a ray's samples know nothing, and images paint it onto
+        what is far behind: a lorry that drives ahead keeps its bearing, as the street's end does.
+        """
+        # a strand's points lie on a line: where it is at any depth follows from two of them
+        t0, t1 = strand.t[met, :1], strand.t[met, -1:]
+        p0, p1 = strand.points[met, 0], strand.points[met, -1]
+
+        def place(offset: Tensor) -> Tensor:
+            return p0 + (depth_m[:, None] - offset[:, None] - t0) / (t1 - t0).clamp_min(1e-4) * (p1 - p0)
+
+        assert strand.size_m is not None
+        actor = strand.medium[met]
+        offset = self._offsets(len(actor), generator, 0.15)
+        band = distance_band(self.model.actors.distance(tables, place(offset).clamp(0, 1), actor), offset)
+        reach = (_SOLID_SHARE * strand.size_m[met].amin(-1)).clamp_max(_SOLID_M)
+        behind = reach * torch.rand(len(actor), generator=generator, device=reach.device)
+        x = place(-behind)
+        inside = ((x > 0) & (x < 1)).all(-1)
+        s = self.model.actors.distance(tables, x.clamp(0, 1), actor)
+        return band + (F.relu(s + 0.2 * behind.clamp_max(_DEEP_M)) * inside).sum() / len(actor)
 
     def slopes(self, tables: Tensor, swept: Traced, seen: Traced, near: Tensor, generator: torch.Generator) -> dict[str, Tensor]:
         """``eikonal``: gradients of length 1; ``flat``: normals that turn little.
