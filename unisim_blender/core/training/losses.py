@@ -106,11 +106,13 @@ def distance_band(s: Tensor, offset_m: Tensor) -> Tensor:
 
     At the return the distance is 0; before it, it is positive and at most the offset; behind, negative and at least it.
     """
-    zero = offset_m == 0
-    sign = torch.sign(offset_m)
-    wrong_side = F.relu(0.2 * offset_m.abs() - sign * s)
-    too_far = F.relu(sign * s - offset_m.abs())
-    return torch.where(zero, s.abs(), wrong_side + too_far).mean()
+    too_far = F.relu(torch.sign(offset_m) * s - offset_m.abs())
+    return torch.where(offset_m == 0, s.abs(), wrong_side(s, offset_m) + too_far).mean()
+
+
+def wrong_side(s: Tensor, offset_m: Tensor) -> Tensor:
+    """What signed distances s (N,) lack to a fifth of ``offset_m`` (N,), each as in `distance_band`: (N,)."""
+    return F.relu(0.2 * offset_m.abs() - torch.sign(offset_m) * s)
 
 
 def eikonal(differences: Tensor) -> Tensor:

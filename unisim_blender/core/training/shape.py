@@ -12,7 +12,7 @@ from ..fields.occupancy import OccupancyTrainer
 from ..fields.scene import SceneModel
 from ..strands import Strands, Traced
 from .data import LidarBatch
-from .losses import distance_band, eikonal, turning
+from .losses import distance_band, eikonal, turning, wrong_side
 
 _BAND_M = 0.3
 """So far before a return the distance is between bounds that the way to it gives."""
@@ -84,7 +84,7 @@ class Shape:
         x = place(-behind)
         inside = ((x > 0) & (x < 1)).all(-1)
         s = self.model.actors.distance(tables, x.clamp(0, 1), actor)
-        return band + (F.relu(s + 0.2 * behind.clamp_max(_DEEP_M)) * inside).sum() / len(actor)
+        return band + (wrong_side(s, -behind.clamp_max(_DEEP_M)) * inside).sum() / len(actor)
 
     def slopes(self, tables: Tensor, swept: Traced, seen: Traced, near: Tensor, generator: torch.Generator) -> dict[str, Tensor]:
         """``eikonal``: gradients of length 1; ``flat``: normals that turn little.
