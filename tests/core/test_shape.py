@@ -113,3 +113,20 @@ def test_behind_a_return_an_actor_is_solid(field: str, size_m: tuple[float, floa
     behind = torch.linspace(0, reach_m, 10_001)
     lacks = torch.relu(FIELDS[field](behind) + 0.2 * behind.clamp_max(0.1)) * (behind < room_m)
     assert float(band) == pytest.approx(float(lacks.mean()), rel=0.05, abs=1e-6)
+
+
+@pytest.mark.parametrize("room_m", (30.0, 0.2))
+@pytest.mark.parametrize("field", FIELDS)
+def test_behind_a_return_a_wall_is_solid(field: str, room_m: float) -> None:
+    """For 0.3 m, if the volume goes on so far: the same sum, of a shell twice as thick, which the band about it misses."""
+    beams = sweep(4096)
+    model = SceneModel(preset("tiny"), Volume(np.eye(4), np.array([WALL_X_M + room_m, 40, 40])), (), ())
+    model.ground.heights.fill_(-5)
+    shape = Shape(model, OccupancyTrainer(model.occupancy), torch.zeros(0, 2))
+    model.static.distance = lambda x: 2 * FIELDS[field]((x[:, 0] - WALL_X_M) / 2)  # type: ignore[method-assign]
+    nothing: Any = SimpleNamespace(strands=[], static=None, feature=torch.zeros(1))
+    with torch.no_grad():
+        band, _ = shape.band(torch.zeros(0), nothing, beams, torch.Generator().manual_seed(0))
+    behind = torch.linspace(0, 0.3, 10_001)
+    lacks = torch.relu(2 * FIELDS[field](behind / 2) + 0.2 * behind.clamp_max(0.1)) * (behind < room_m)
+    assert float(band) == pytest.approx(float(lacks.mean()), rel=0.05, abs=1e-6)

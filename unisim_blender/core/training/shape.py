@@ -16,9 +16,10 @@ from .losses import distance_band, eikonal, turning, wrong_side
 
 _BAND_M = 0.3
 """So far before a return the distance is between bounds that the way to it gives."""
-_SOLID_M, _SOLID_SHARE, _DEEP_M = 0.4, 0.25, 0.1
-"""Behind a return in an actor's box, so far and as far as this share of its shortest edge, the distance is below zero: by a fifth
-of the way from the return, and of the last at most."""
+_WALL_M, _DEEP_M = 0.3, 0.1
+"""So far behind a return the static distance is below zero: by a fifth of the way from the return, and of the last at most."""
+_SOLID_M, _SOLID_SHARE = 0.4, 0.25
+"""An actor's is as far behind a return in its box, and as far as this share of the box's shortest edge."""
 _PASSED_M, _FREE_M = 4.0, 0.02
 """So far before it the way is free, and the distance at least this."""
 _SENSOR_M = 1.0
@@ -60,6 +61,7 @@ class Shape:
         x = o[static] + d[static] * (lidar.depth_m[static] - offset)[:, None]
         band = band + distance_band(model.static.distance(x), offset) + self._ground_band(end[static & ~above], generator)
         band = band + self._passed(o[static], d[static], lidar.depth_m[static], generator)
+        band = band + self._wall_band(o[static], d[static], lidar.depth_m[static], generator)
         return band, x.detach()
 
     def _actor_band(self, strand: Strands, met: Tensor, depth_m: Tensor, tables: Tensor, generator: torch.Generator) -> Tensor:
@@ -84,7 +86,15 @@ class Shape:
         x = place(-behind)
         inside = ((x > 0) & (x < 1)).all(-1)
         s = self.model.actors.distance(tables, x.clamp(0, 1), actor)
-        return band + (wrong_side(s, -behind.clamp_max(_DEEP_M)) * inside).sum() / len(actor)
+        return band + _hollow(s, behind, inside)
+
+    def _wall_band(self, o: Tensor, d: Tensor, depth_m: Tensor, generator: torch.Generator) -> Tensor:
+        """What the static distances lack behind returns, on rays o, d (N, 3) at depth_m (N,): walls are solid as actors are."""
+        if len(o) == 0:
+            return depth_m.new_zeros(())
+        behind = _WALL_M * torch.rand(len(o), generator=generator, device=o.device)
+        x = o + d * (depth_m + behind)[:, None]
+        return _hollow(self.model.static.distance(x), behind, self.model.frame.inside(x) & self.model.ground.above(x))
 
     def slopes(self, tables: Tensor, swept: Traced, seen: Traced, near: Tensor, generator: torch.Generator) -> dict[str, Tensor]:
         """``eikonal``: gradients of length 1; ``flat``: normals that turn little.
@@ -178,3 +188,8 @@ class Shape:
         offset = torch.where(offset < 0, offset * 0.3, offset)
         at = torch.rand(count, generator=generator, device=device) < 0.34
         return torch.where(at, torch.zeros_like(offset), offset)
+
+
+def _hollow(s: Tensor, behind_m: Tensor, there: Tensor) -> Tensor:
+    """Mean of what distances s (N,) lack so far behind returns, (N,), of a solid; those not ``there`` lack nothing."""
+    return (wrong_side(s, -behind_m.clamp_max(_DEEP_M)) * there).sum() / len(s)
