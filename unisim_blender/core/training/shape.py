@@ -57,11 +57,11 @@ class Shape:
                 continue
             band = band + self._actor_band(strand, met, depth[met], tables, generator)
         static = lidar.returned & model.frame.inside(end) & ~in_box
-        offset = self._offsets(int(static.sum()), generator, _BAND_M)
-        x = o[static] + d[static] * (lidar.depth_m[static] - offset)[:, None]
+        o, d, depth_m = o[static], d[static], lidar.depth_m[static]
+        offset = self._offsets(len(o), generator, _BAND_M)
+        x = o + d * (depth_m - offset)[:, None]
         band = band + distance_band(model.static.distance(x), offset) + self._ground_band(end[static & ~above], generator)
-        band = band + self._passed(o[static], d[static], lidar.depth_m[static], generator)
-        band = band + self._wall_band(o[static], d[static], lidar.depth_m[static], generator)
+        band = band + self._passed(o, d, depth_m, generator) + self._wall_band(o, d, depth_m, generator)
         return band, x.detach()
 
     def _actor_band(self, strand: Strands, met: Tensor, depth_m: Tensor, tables: Tensor, generator: torch.Generator) -> Tensor:
