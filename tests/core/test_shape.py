@@ -32,6 +32,14 @@ def sweep(n: int = 512) -> LidarBatch:
     return LidarBatch(rays, WALL_X_M * ones, 0.5 * ones, torch.ones(n, dtype=torch.bool), ones)
 
 
+def met(n: int, strands: tuple[Any, ...] = (), stop_m: float | None = None) -> Any:
+    """What n rays met: strands, and something that stopped them all at a distance, or nothing."""
+    return SimpleNamespace(
+        strands=list(strands), static=None, feature=torch.zeros(1), near_depth_m=torch.full((n,), stop_m or 0.0),
+        near_opacity=torch.full((n,), 0.0 if stop_m is None else 1.0),
+    )  # fmt: skip
+
+
 @pytest.mark.parametrize("beams", (True, False))
 def test_a_solid_that_beams_passed_through_goes(beams: bool) -> None:
     """It is opaque, so rays alone would never tell that something is behind it."""
@@ -39,7 +47,6 @@ def test_a_solid_that_beams_passed_through_goes(beams: bool) -> None:
     model = SceneModel(preset("tiny"), Volume(np.eye(4), np.full(3, 10.0)), (), ())
     shape = Shape(model, OccupancyTrainer(model.occupancy), torch.zeros(0, 2))
     generator, optimiser = torch.Generator().manual_seed(0), torch.optim.Adam(model.static.parameters(), lr=1e-2)
-    nothing: Any = SimpleNamespace(strands=[], static=None, feature=torch.zeros(1))
     for step in range(300):
         x = 10 * torch.rand(1024, 3, generator=generator)
         optimiser.zero_grad()
@@ -50,7 +57,7 @@ def test_a_solid_that_beams_passed_through_goes(beams: bool) -> None:
             batch = sweep()
             if not beams:
                 batch = LidarBatch(batch.rays, batch.depth_m, batch.intensity, torch.zeros_like(batch.returned), batch.weight)
-            band, _ = shape.band(torch.zeros(0), nothing, batch, generator)
+            band, _ = shape.band(torch.zeros(0), met(len(batch.rays)), batch, generator)
             loss = band + 0 * model.static.distance(x).sum()
         loss.backward()
         optimiser.step()
@@ -74,7 +81,7 @@ def box_ahead(size_m: tuple[float, float, float], beams: LidarBatch, depth_m: fl
         torch.arange(n), t, nothing, nothing[..., None], nothing, nothing, points, torch.zeros(n, dtype=torch.long),
         bounds=(near, far), size_m=torch.tensor([size_m]).expand(n, 3),
     )  # fmt: skip
-    return SimpleNamespace(strands=[strand], static=None, feature=torch.zeros(1))
+    return met(len(beams.rays), (strand,))
 
 
 SHELL_M = 0.06
@@ -110,7 +117,7 @@ def test_behind_a_return_an_actor_is_solid(field: str, size_m: tuple[float, floa
     room_m = size_m[0] - 0.5
     assert max(deepest) == pytest.approx(min(reach_m, room_m), rel=0.01)
     # what is past the box is nobody's
-    behind = torch.linspace(0, reach_m, 10_001)
+    behind = torch.linspace(min(0.1, reach_m), reach_m, 10_001)
     lacks = torch.relu(FIELDS[field](behind) + 0.2 * behind.clamp_max(0.1)) * (behind < room_m)
     assert float(band) == pytest.approx(float(lacks.mean()), rel=0.05, abs=1e-6)
 
@@ -124,9 +131,45 @@ def test_behind_a_return_a_wall_is_solid(field: str, room_m: float) -> None:
     model.ground.heights.fill_(-5)
     shape = Shape(model, OccupancyTrainer(model.occupancy), torch.zeros(0, 2))
     model.static.distance = lambda x: 2 * FIELDS[field]((x[:, 0] - WALL_X_M) / 2)  # type: ignore[method-assign]
-    nothing: Any = SimpleNamespace(strands=[], static=None, feature=torch.zeros(1))
     with torch.no_grad():
-        band, _ = shape.band(torch.zeros(0), nothing, beams, torch.Generator().manual_seed(0))
-    behind = torch.linspace(0, 0.3, 10_001)
+        band, _ = shape.band(torch.zeros(0), met(len(beams.rays)), beams, torch.Generator().manual_seed(0))
+    behind = torch.linspace(0.1, 0.3, 10_001)
     lacks = torch.relu(2 * FIELDS[field](behind / 2) + 0.2 * behind.clamp_max(0.1)) * (behind < room_m)
     assert float(band) == pytest.approx(float(lacks.mean()), rel=0.05, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("stop_m", "ground_m", "low_m", "high_m"),
+    ((None, -5.0, 3.0, 6.7), (WALL_X_M, -5.0, 3.0, 6.7), (5.0, -5.0, 5.0, 5.2), (6.6, -5.0, 6.6, 6.7), (5.0, 9.0, 3.0, 6.7)),
+)
+def test_free_space_is_asked_for_where_a_ray_stops_too_early(
+    stop_m: float | None, ground_m: float, low_m: float, high_m: float
+) -> None:
+    """Evenly over four metres where it does not, or comes back from the ground."""
+    beams = sweep(4096)
+    model = SceneModel(preset("tiny"), Volume(np.eye(4), np.full(3, 40.0)), (), ())
+    model.ground.heights.fill_(ground_m)
+    shape = Shape(model, OccupancyTrainer(model.occupancy), torch.zeros(0, 2))
+    asked: list[Tensor] = []
+
+    def distance(x: Tensor) -> Tensor:
+        asked.append(x[:, 0])
+        return WALL_X_M - x[:, 0]
+
+    model.static.distance = distance  # type: ignore[method-assign]
+    with torch.no_grad():
+        shape.band(torch.zeros(0), met(len(beams.rays), stop_m=stop_m), beams, torch.Generator().manual_seed(0))
+    (free,) = (x for x in asked if float(x.max()) < WALL_X_M - 0.29)
+    assert len(free) == len(beams.rays)
+    assert float(free.min()) == pytest.approx(low_m, abs=0.01) and float(free.max()) == pytest.approx(high_m, abs=0.01)
+
+
+def test_a_surface_is_held_as_closely_from_behind_as_from_before() -> None:
+    """Returns that scatter about it move it to neither side: offsets are as dense on both."""
+    model = SceneModel(preset("tiny"), Volume(np.eye(4), np.full(3, 40.0)), (), ())
+    shape = Shape(model, OccupancyTrainer(model.occupancy), torch.zeros(0, 2))
+    offset = shape._offsets(100_000, torch.Generator().manual_seed(0), 0.3)
+    near = offset[(offset != 0) & (offset.abs() < 0.09)]
+    assert float((near > 0).float().mean()) == pytest.approx(0.5, abs=0.01)
+    assert float(offset.min()) == pytest.approx(-0.09, abs=1e-3) and float(offset.max()) == pytest.approx(0.3, abs=1e-3)
+    assert float((offset == 0).float().mean()) == pytest.approx(0.34, abs=0.01)

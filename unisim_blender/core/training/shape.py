@@ -17,11 +17,14 @@ from .losses import distance_band, eikonal, turning, wrong_side
 _BAND_M = 0.3
 """So far before a return the distance is between bounds that the way to it gives."""
 _WALL_M, _DEEP_M = 0.3, 0.1
-"""So far behind a return the static distance is below zero: by a fifth of the way from the return, and of the last at most."""
+"""So far behind a return the static distance is below zero: by a fifth of the way from the return, and of the last at most.
+Nearer than the last nothing is asked: among returns that scatter by centimetres it would pull the surface to the sensor."""
 _SOLID_M, _SOLID_SHARE = 0.4, 0.25
 """An actor's is as far behind a return in its box, and as far as this share of the box's shortest edge."""
 _PASSED_M, _FREE_M = 4.0, 0.02
 """So far before it the way is free, and the distance at least this."""
+_SHEET_M = 0.2
+"""Where a ray stops before it, this far behind the stop at most is looked."""
 _SENSOR_M = 1.0
 """Nothing is said about the sensor's own vehicle."""
 _FLAT_M = 0.4
@@ -61,7 +64,10 @@ class Shape:
         offset = self._offsets(len(o), generator, _BAND_M)
         x = o + d * (depth_m - offset)[:, None]
         band = band + distance_band(model.static.distance(x), offset) + self._ground_band(end[static & ~above], generator)
-        band = band + self._passed(o, d, depth_m, generator) + self._wall_band(o, d, depth_m, generator)
+        # a ray that grazes the road is early as often as late
+        stops = above & (swept.near_opacity > 0.5)
+        stop_m = torch.where(stops, swept.near_depth_m.detach(), torch.inf)[static]
+        band = band + self._passed(o, d, depth_m, stop_m, generator) + self._wall_band(o, d, depth_m, generator)
         return band, x.detach()
 
     def _actor_band(self, strand: Strands, met: Tensor, depth_m: Tensor, tables: Tensor, generator: torch.Generator) -> Tensor:
@@ -82,7 +88,8 @@ class Shape:
         offset = self._offsets(len(actor), generator, 0.15)
         band = distance_band(self.model.actors.distance(tables, place(offset).clamp(0, 1), actor), offset)
         reach = (_SOLID_SHARE * strand.size_m[met].amin(-1)).clamp_max(_SOLID_M)
-        behind = reach * torch.rand(len(actor), generator=generator, device=reach.device)
+        nearest = reach.clamp_max(_DEEP_M)
+        behind = nearest + (reach - nearest) * torch.rand(len(actor), generator=generator, device=reach.device)
         x = place(-behind)
         inside = ((x > 0) & (x < 1)).all(-1)
         s = self.model.actors.distance(tables, x.clamp(0, 1), actor)
@@ -92,7 +99,7 @@ class Shape:
         """What the static distances lack behind returns, on rays o, d (N, 3) at depth_m (N,): walls are solid as actors are."""
         if len(o) == 0:
             return depth_m.new_zeros(())
-        behind = _WALL_M * torch.rand(len(o), generator=generator, device=o.device)
+        behind = _DEEP_M + (_WALL_M - _DEEP_M) * torch.rand(len(o), generator=generator, device=o.device)
         x = o + d * (depth_m + behind)[:, None]
         return _hollow(self.model.static.distance(x), behind, self.model.frame.inside(x) & self.model.ground.above(x))
 
@@ -108,14 +115,18 @@ class Shape:
             gradients.append(self._gradient(strand, tables, generator))
         return {"eikonal": eikonal(torch.cat(gradients)), "flat": self._flatness(seen, generator)}
 
-    def _passed(self, o: Tensor, d: Tensor, depth_m: Tensor, generator: torch.Generator) -> Tensor:
+    def _passed(self, o: Tensor, d: Tensor, depth_m: Tensor, stop_m: Tensor, generator: torch.Generator) -> Tensor:
         """In front of returns, on rays o, d (N, 3) at depth_m (N,), the distance is above zero: mean depth of what lies below.
 
-        What a ray sees of a solid wall that is not there has no slope: nothing gets through it that could be a little more.
+        What a ray sees of a solid wall that is not there has no slope: nothing gets through it that could be a little more. Where
+        a ray stops too early, at stop_m (N,), that is where to look: a sheet is missed by nearly all that are drawn evenly.
         """
         if len(o) == 0:
             return depth_m.new_zeros(())
-        back = _BAND_M + (_PASSED_M - _BAND_M) * torch.rand(len(o), generator=generator, device=o.device)
+        even, behind = torch.rand(2, len(o), generator=generator, device=o.device)
+        back = _BAND_M + (_PASSED_M - _BAND_M) * even
+        early = depth_m - stop_m
+        back = torch.where(early > _BAND_M, (early - _SHEET_M * behind).clamp_min(_BAND_M), back)
         t = depth_m - back
         x = (o + d * t[:, None])[t > _SENSOR_M]
         return F.relu(_FREE_M - self.model.static.distance(x)).sum() / len(o)
@@ -182,10 +193,10 @@ class Shape:
         return band + F.relu(self.model.static.distance(x) + 0.1).mean()
 
     def _offsets(self, count: int, generator: torch.Generator, reach_m: float) -> Tensor:
-        """Offsets (N,) before (+) and behind (-) a return; a third of them exactly at it."""
+        """Offsets (N,) before (+) and, a third as far, behind (-) a return, as dense on both sides: returns scatter, and more of
+        them on one side would move the surface to the other. A third of them is exactly at it."""
         device = self.known_ground.device
-        offset = (torch.rand(count, generator=generator, device=device) * 2 - 1) * reach_m
-        offset = torch.where(offset < 0, offset * 0.3, offset)
+        offset = (torch.rand(count, generator=generator, device=device) * 1.3 - 0.3) * reach_m
         at = torch.rand(count, generator=generator, device=device) < 0.34
         return torch.where(at, torch.zeros_like(offset), offset)
 
