@@ -88,8 +88,7 @@ class Shape:
         offset = self._offsets(len(actor), generator, 0.15)
         band = distance_band(self.model.actors.distance(tables, place(offset).clamp(0, 1), actor), offset)
         reach = (_SOLID_SHARE * strand.size_m[met].amin(-1)).clamp_max(_SOLID_M)
-        nearest = reach.clamp_max(_DEEP_M)
-        behind = nearest + (reach - nearest) * torch.rand(len(actor), generator=generator, device=reach.device)
+        behind = _behind(reach, generator)
         x = place(-behind)
         inside = ((x > 0) & (x < 1)).all(-1)
         s = self.model.actors.distance(tables, x.clamp(0, 1), actor)
@@ -99,7 +98,7 @@ class Shape:
         """What the static distances lack behind returns, on rays o, d (N, 3) at depth_m (N,): walls are solid as actors are."""
         if len(o) == 0:
             return depth_m.new_zeros(())
-        behind = _DEEP_M + (_WALL_M - _DEEP_M) * torch.rand(len(o), generator=generator, device=o.device)
+        behind = _behind(torch.full_like(depth_m, _WALL_M), generator)
         x = o + d * (depth_m + behind)[:, None]
         return _hollow(self.model.static.distance(x), behind, self.model.frame.inside(x) & self.model.ground.above(x))
 
@@ -199,6 +198,12 @@ class Shape:
         offset = (torch.rand(count, generator=generator, device=device) * 1.3 - 0.3) * reach_m
         at = torch.rand(count, generator=generator, device=device) < 0.34
         return torch.where(at, torch.zeros_like(offset), offset)
+
+
+def _behind(reach_m: Tensor, generator: torch.Generator) -> Tensor:
+    """How far behind returns (N,) a solid that reaches so far is asked for: evenly, from where returns no longer scatter."""
+    nearest = reach_m.clamp_max(_DEEP_M)
+    return nearest + (reach_m - nearest) * torch.rand(len(reach_m), generator=generator, device=reach_m.device)
 
 
 def _hollow(s: Tensor, behind_m: Tensor, there: Tensor) -> Tensor:
