@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from functools import wraps
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -29,20 +30,51 @@ def main() -> None:
     """Vehicle detectors of LiDAR sweeps and camera images, trained and tested on exact, recorded and simulated frames."""
 
 
+def street_options(command: Callable[..., None]) -> Callable[..., None]:
+    """The options that say which streets and frames, as an argument ``streets``."""
+
+    @wraps(command)
+    def with_streets(
+        *args: Any, seeds: str, length: int, step: int, varied: bool, left: float, size: str, **options: Any
+    ) -> None:
+        start, stop = _two_numbers(seeds, ":", "--seeds")
+        streets = StreetSet(tuple(range(start, stop)), length, step, varied, left, *_two_numbers(size, "x", "--size"))
+        command(*args, streets=streets, **options)
+
+    for option in (
+        click.option(
+            "--size", default="320x180", show_default=True, metavar="WxH", help="Pixels of the images that are rendered."
+        ),
+        click.option("--left", default=0.0, show_default=True, help="Metres that the vehicle drives further to the left."),
+        click.option("--varied/--recorded", default=True, show_default=True, help="Traffic and vehicle elsewhere than recorded."),
+        click.option("--step", default=8, show_default=True, help="Every how many frames there is a sample."),
+        click.option("--length", default=40, show_default=True, help="Frames of each street's drive."),
+        click.option("--seeds", default="100:124", show_default=True, metavar="START:STOP", help="Which streets."),
+    ):
+        with_streets = option(with_streets)
+    return with_streets
+
+
 @main.command()
 @click.argument("out", type=click.Path(path_type=Path))
-@click.option("--seeds", default="100:124", show_default=True, metavar="START:STOP", help="Which streets.")
-@click.option("--length", default=40, show_default=True, help="Frames of each street's drive.")
-@click.option("--step", default=8, show_default=True, help="Every how many frames there is a sample.")
-@click.option("--varied/--recorded", default=True, show_default=True, help="Traffic and vehicle elsewhere than recorded.")
-@click.option("--left", default=0.0, show_default=True, help="Metres that the vehicle drives further to the left.")
-@click.option("--size", default="320x180", show_default=True, metavar="WxH", help="Pixels of the images that are rendered.")
-def street(out: Path, seeds: str, length: int, step: int, varied: bool, left: float, size: str) -> None:
+@street_options
+def street(out: Path, streets: StreetSet) -> None:
     """A set of exact streets in the folder OUT; what is there already is kept."""
-    start, stop = _two_numbers(seeds, ":", "--seeds")
-    width, height = _two_numbers(size, "x", "--size")
-    streets = StreetSet(tuple(range(start, stop)), length, step, varied, left, width, height)
     write_set(out, {"streets": settings(streets)}, streets.keys, streets.sample)
+
+
+@main.command()
+@click.argument("out", type=click.Path(path_type=Path))
+@street_options
+@click.option("--scenes", required=True, type=click.Path(path_type=Path), help="Folder for the streets' logs and trained scenes.")
+@click.option("--steps", default=900, show_default=True, help="Of each scene's training.")
+@click.option("--preset", default="compact", show_default=True, help="Size of the scenes.")
+def simulated(out: Path, streets: StreetSet, scenes: Path, steps: int, preset: str) -> None:
+    """The same set in the folder OUT as scenes simulate it that are trained on the streets as recorded, on all other frames."""
+    from .simulated import SimulatedSet
+
+    about = {"streets": settings(streets), "steps": steps, "preset": preset}
+    write_set(out, about, streets.keys, SimulatedSet(streets, scenes, steps, preset).sample)
 
 
 @main.command()

@@ -19,7 +19,7 @@ from unisim_blender.core.street.street import Street, build_street
 from unisim_blender.core.street.truth import truth_camera, truth_lidar
 from unisim_blender.core.street.write import noisy
 
-from .samples import Key, Sample, make_sample
+from .samples import Key, Sample, sample_of
 
 CAMERA = "front_camera"
 EARLIER_S = 0.9
@@ -45,26 +45,37 @@ class StreetSet:
         """The frames, by street."""
         return [Key(f"street-{seed}", frame) for seed in self.seeds for frame in range(0, self.length, self.step)]
 
+    def street(self, seed: int) -> Street:
+        """The street of a seed as it is recorded."""
+        return build_street(seed, self.length, self.width, self.height)
+
+    def edits(self, seed: int) -> tuple[Edit, ...]:
+        """What makes of the recorded drive the one that samples are taken of."""
+        changed = varied(self.street(seed).drive, seed) if self.varied else ()
+        return (*changed, Ego(shift_left_m=self.left_m)) if self.left_m else changed
+
+    def edited(self, seed: int, recorded: Drive) -> Drive:
+        """The recorded drive with those edits."""
+        return apply_scenario(Scenario(name=recorded.name, log="street", edits=self.edits(seed)), recorded, _no_scene)
+
     def sample(self, key: Key) -> Sample:
         """Render one."""
-        street, drive = _street(self, int(key.sequence.rpartition("-")[2]))
-        camera = truth_camera(street, drive, CAMERA, key.frame)
-        sweep = noisy(truth_lidar(street, drive, PANDAR64, key.frame), street, key.frame)
-        on = sweep.returned
-        return make_sample(
-            drive, key.frame, drive.cameras[CAMERA], np.rint(camera.rgb * 255).astype(np.uint8),
-            sweep.origins[on] + sweep.directions[on] * sweep.depth_m[on, None].astype(np.float64), sweep.time_s[on],
-            sweep.intensity[on], sweep.model.sweep_s,
-        )  # fmt: skip
+        street, drive = _street(self, seed_of(key))
+        image = truth_camera(street, drive, CAMERA, key.frame)
+        return sample_of(
+            drive, key.frame, CAMERA, image, noisy(truth_lidar(street, drive, PANDAR64, key.frame), street, key.frame)
+        )
+
+
+def seed_of(key: Key) -> int:
+    """Of which street a sample is."""
+    return int(key.sequence.rpartition("-")[2])
 
 
 @lru_cache(maxsize=1)  # frames come street by street
 def _street(streets: StreetSet, seed: int) -> tuple[Street, Drive]:
-    street = build_street(seed, streets.length, streets.width, streets.height)
-    edits = varied(street.drive, seed) if streets.varied else ()
-    if streets.left_m:
-        edits = (*edits, Ego(shift_left_m=streets.left_m))
-    return street, apply_scenario(Scenario(name=street.drive.name, log="street", edits=edits), street.drive, _no_scene)
+    street = streets.street(seed)
+    return street, streets.edited(seed, street.drive)
 
 
 def varied(drive: Drive, seed: int) -> tuple[Edit, ...]:

@@ -26,7 +26,7 @@ from unisim_blender.core.weights import Weights
 
 needs_library = pytest.mark.skipif(native.library() is None, reason="the compiled kernels are not built")
 CONFIGS: dict[str, ModelConfig] = {
-    **{name: preset(name) for name in ("tiny", "small", "compact", "paper")},
+    **{name: preset(name) for name in ("tiny", "small", "compact", "hd", "paper")},
     "three blocks": dataclasses.replace(preset("small"), decoder_kernel=3, decoder_blocks=3, upsample=2),
     "odd widths": dataclasses.replace(
         preset("small"), features=5, hidden=7, decoder_channels=37, decoder_kernel=5, decoder_blocks=1, upsample=4

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import sys
 from pathlib import Path
 
@@ -16,6 +17,7 @@ sys.path.insert(0, str(Path(__file__).parents[2]))
 from small_log import CAMERA, small_drive, write_small_log
 
 from benchmarks.detection import camera, lidar
+from benchmarks.detection import simulated as simulated_module
 from benchmarks.detection.camera import CameraDetector
 from benchmarks.detection.detector import Detector, decode, loss
 from benchmarks.detection.lidar import LidarDetector
@@ -28,10 +30,11 @@ from benchmarks.detection.samples import (
     sample_from_log,
     write_set,
 )
+from benchmarks.detection.simulated import SimulatedSet
 from benchmarks.detection.streets import StreetSet, varied
 from benchmarks.detection.testing import common, detect, gaps, labels, trained_on
 from benchmarks.detection.training import WEIGHTS, load_detector, train
-from unisim_blender.core.errors import LogError, OutputError, UnisimError
+from unisim_blender.core.errors import LogError, OutputError, SceneError, UnisimError
 from unisim_blender.core.geometry import FloatArray, Trajectory, make_pose, quaternion_from_yaw, transform_points
 from unisim_blender.core.logs import open_log
 from unisim_blender.core.metrics.boxes import bev_iou, image_iou
@@ -242,6 +245,25 @@ def test_a_streets_sample_has_returns_on_its_cars() -> None:
     near_it = (np.abs(sample.points[:, :2] - sample.bev[ahead[0], :2]) < [3.5, 1.5]).all(-1)
     points = sample.points[near_it & (sample.points[:, 2] > 0.3)]
     assert len(points) > 100 and inside(points, sample.bev[ahead[0]] + [0, 0, 0.1, 0.1, 0]).mean() > 0.99
+
+
+def test_a_simulated_sample_is_of_the_same_edited_street(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    streets, key = StreetSet((3,), 4, 3, True, width=64, height=36), Key("street-3", 3)
+    simulated = SimulatedSet(streets, tmp_path, 2, "tiny")
+    sample, exact = simulated.sample(key), streets.sample(key)
+    recorded = dataclasses.replace(streets, varied=False).sample(key)
+    assert sample.image.shape == exact.image.shape and sample.points.shape[1] == 4
+    # two steps move no box by a centimetre; where a sweep passes one hangs on returns, which have not settled
+    assert np.abs(sample.bev - exact.bev).max() < 0.5 < np.abs(exact.bev - recorded.bev).max()
+    scene = tmp_path / "street-3" / "scene-tiny-2"
+    assert json.loads((scene / "scene.json").read_text())["training"]["frames"] == [1, 2]
+    # another process renders what is learnt
+    monkeypatch.setattr("unisim_blender.core.training.run.train", None)
+    simulated_module._renderer.cache_clear()
+    again = simulated.sample(key)
+    assert (again.image == sample.image).all() and (again.points == sample.points).all()
+    with pytest.raises(SceneError, match="has learnt from other frames"):
+        SimulatedSet(dataclasses.replace(streets, step=2), tmp_path, 2, "tiny").sample(key)
 
 
 def test_labels_name_pandasets_vehicles() -> None:

@@ -333,7 +333,7 @@ def test_errors_name_what_is_wrong(stage: Stage) -> None:
         renderer.lidar("rear", 0)
 
 
-@pytest.mark.parametrize(("blocks", "kernel", "up"), ((1, 3, 2), (2, 3, 1), (1, 7, 3), (2, 1, 1)))
+@pytest.mark.parametrize(("blocks", "kernel", "up"), ((1, 3, 2), (2, 3, 1), (1, 7, 3), (2, 1, 1), (1, 1, 3)))
 def test_an_output_pixel_depends_on_no_cell_beyond_the_decoders_reach(blocks: int, kernel: int, up: int) -> None:
     config = replace(preset("tiny"), decoder_blocks=blocks, decoder_kernel=kernel, upsample=up)
     torch.manual_seed(3)

@@ -322,16 +322,24 @@ def test_patches_are_pixels_with_their_rays(log: Log) -> None:
         np.testing.assert_allclose(batch.target[i].numpy(), expected, atol=1e-6)
 
 
+@pytest.mark.parametrize("upsample", (1, 3))
 def test_rays_are_drawn_apart_where_the_decoder_looks_at_pixels_alone(
-    log: Log, monkeypatch: pytest.MonkeyPatch, trainer: Trainer
+    log: Log, monkeypatch: pytest.MonkeyPatch, trainer: Trainer, upsample: int
 ) -> None:
     together, _ = trainer._draw_pixels(np.random.default_rng(0))
     assert [(len(b.camera), b.cells) for b in together] == [(2, 8)], "a patch for a decoder that sees a pixel's neighbours"
-    alone = replace(preset("tiny"), decoder_kernel=1, upsample=1)
+    alone = replace(preset("tiny"), decoder_kernel=1, upsample=upsample)
     monkeypatch.setitem(PRESETS, "alone", alone)
     apart = Trainer(log, replace(SMALL, preset="alone", patches=4, iterations=1))
-    batches, _ = apart._draw_pixels(np.random.default_rng(0))
+    batches, draw = apart._draw_pixels(np.random.default_rng(0))
     assert [(len(b.camera), b.cells) for b in batches] == [(1, 8), (3 * 64, 1)], "as many rays as the patches had"
+    assert [b.target.shape[-1] for b in batches] == [8 * upsample, upsample], "a ray's pixels"
+    assert draw is not None
+    for i in range(5):
+        image = apart.cameras.views[int(draw.view[i])][3]
+        y, x = int(draw.y[i]), int(draw.x[i])
+        block = image[y : y + upsample, x : x + upsample].transpose(2, 0, 1) / np.float32(255)
+        np.testing.assert_allclose(batches[1].target[i].numpy(), block, atol=1e-6)
     assert len(torch.unique(batches[1].rays.time_s)) > 20, "from all over: rows of several frames"
     assert np.isfinite(apart.step()["loss"])
 

@@ -1,0 +1,63 @@
+"""The samples of exact streets as trained scenes simulate them: every street is recorded, learnt, edited and rendered."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+from unisim_blender.core.drive import Drive
+from unisim_blender.core.errors import SceneError
+from unisim_blender.core.log import Log
+from unisim_blender.core.logs import open_log
+from unisim_blender.core.logs.pandaset_sensors import PANDAR64
+from unisim_blender.core.prepare.renderers import SceneSource
+from unisim_blender.core.prepare.replay import replayed_drive
+from unisim_blender.core.render import Renderer
+from unisim_blender.core.scene_file import HEADER_NAME, read_scene_header
+from unisim_blender.core.street.write import write_log
+
+from .samples import Key, Sample, sample_of
+from .streets import CAMERA, StreetSet, seed_of
+
+
+@dataclass(frozen=True)
+class SimulatedSet:
+    """``streets`` by scenes of so many training ``steps`` each, kept in the folder ``work`` with the streets' logs. They learn
+    from the frames that no sample is of."""
+
+    streets: StreetSet
+    work: Path
+    steps: int
+    preset: str
+
+    def sample(self, key: Key) -> Sample:
+        """Render one, with what it needs where that is not there yet. Raises `UnisimError`."""
+        drive, renderer = _renderer(self, seed_of(key))
+        return sample_of(drive, key.frame, CAMERA, renderer.camera(CAMERA, key.frame), renderer.lidar(PANDAR64, key.frame))
+
+
+@lru_cache(maxsize=1)  # frames come street by street
+def _renderer(simulated: SimulatedSet, seed: int) -> tuple[Drive, Renderer]:
+    folder = simulated.work / f"street-{seed}"
+    write_log(simulated.streets.street(seed), folder / "log", os.cpu_count() or 1, progress=False)
+    log = open_log(folder / "log")
+    scene = folder / f"scene-{simulated.preset}-{simulated.steps}"
+    _learn(simulated, log, scene)
+    drive = simulated.streets.edited(seed, replayed_drive(read_scene_header(scene), log.drive, log.path))
+    return drive, SceneSource(scene, drive)()
+
+
+def _learn(simulated: SimulatedSet, log: Log, scene: Path) -> None:
+    learnt = tuple(frame for frame in log.drive.frames if frame % simulated.streets.step)
+    if (scene / HEADER_NAME).is_file():
+        if read_scene_header(scene).training["frames"] != list(learnt):
+            raise SceneError(f"{scene}: has learnt from other frames: give another folder with --scenes")
+        return
+    # torch takes seconds to import, and rendering what is learnt needs none
+    from unisim_blender.core.training.config import TrainConfig
+    from unisim_blender.core.training.run import CHECKPOINT, train
+
+    config = TrainConfig((CAMERA,), (PANDAR64,), learnt, preset=simulated.preset, iterations=simulated.steps)
+    train(log, config, scene, resume=(scene / CHECKPOINT).is_file(), quiet=True)
