@@ -25,7 +25,10 @@ class UNISIM_OT_train(bpy.types.Operator):
     width: IntProperty(name="Width", description="Of the images, in pixels; 0: as recorded", default=640, min=0)
     preset: EnumProperty(
         name="Preset",
-        items=[(name, name.capitalize(), "") for name in ("compact", "small", "paper", "tiny")],
+        items=[
+            (name, name.upper() if name == "hd" else name.capitalize(), "")
+            for name in ("compact", "small", "hd", "paper", "tiny")
+        ],
         default="small",
     )
     cameras: StringProperty(name="Cameras", description="Separated by commas, or all", default="front_camera")

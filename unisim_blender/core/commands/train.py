@@ -15,7 +15,7 @@ import click
     "--preset",
     default="small",
     show_default=True,
-    help="Shapes of the model: tiny, compact, small or paper; or a rival: ngp, nsg.",
+    help="Shapes of the model: tiny, compact, small, hd or paper; or a rival: ngp, nsg.",
 )
 @click.option("--without", metavar="A,B", help="Leave out decoder, actor-prior or tracklet-refinement; of a rival, lidar.")
 @click.option(

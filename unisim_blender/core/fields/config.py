@@ -146,8 +146,11 @@ PRESETS: dict[str, ModelConfig] = {
         upsample=3,
     ),
 }
-"""``tiny`` for tests, ``compact`` for scenes of some megabytes, ``small`` for two CPU cores,
-``paper`` with the re-implementation's sizes; ``ngp`` and ``nsg`` are the rivals."""
+"""``tiny`` for tests, ``compact`` for scenes of some megabytes, ``small`` for two CPU cores, ``hd`` for pictures that are learnt
+and rendered 1920 wide, ``paper`` with the re-implementation's sizes; ``ngp`` and ``nsg`` are the rivals."""
+
+PRESETS["hd"] = dataclasses.replace(PRESETS["small"], upsample=3)
+"""A ray for nine pixels. With kernels of one pixel rays can be learnt from scattered, which is worth more than looking aside."""
 
 _RIVAL = dataclasses.replace(
     PRESETS["small"], samples=SampleConfig(48, 24, 12, 12, 16, 8), light="fixed", colour="sample", density="volume",
