@@ -40,12 +40,12 @@ class SimulatedSet:
 
 @lru_cache(maxsize=1)  # frames come street by street
 def _renderer(simulated: SimulatedSet, seed: int) -> tuple[Drive, Renderer]:
-    folder = simulated.work / f"street-{seed}"
-    write_log(simulated.streets.street(seed), folder / "log", os.cpu_count() or 1, progress=False)
+    folder, street = simulated.work / f"street-{seed}", simulated.streets.street(seed)
+    write_log(street, folder / "log", os.cpu_count() or 1, progress=False)
     log = open_log(folder / "log")
     scene = folder / f"scene-{simulated.preset}-{simulated.steps}"
     _learn(simulated, log, scene)
-    drive = simulated.streets.edited(seed, replayed_drive(read_scene_header(scene), log.drive, log.path))
+    drive = simulated.streets.edited(street, replayed_drive(read_scene_header(scene), log.drive, log.path))
     return drive, SceneSource(scene, drive)()
 
 

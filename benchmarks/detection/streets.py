@@ -49,22 +49,18 @@ class StreetSet:
         """The street of a seed as it is recorded."""
         return build_street(seed, self.length, self.width, self.height)
 
-    def edits(self, seed: int) -> tuple[Edit, ...]:
-        """What makes of the recorded drive the one that samples are taken of."""
-        changed = varied(self.street(seed).drive, seed) if self.varied else ()
-        return (*changed, Ego(shift_left_m=self.left_m)) if self.left_m else changed
-
-    def edited(self, seed: int, recorded: Drive) -> Drive:
-        """The recorded drive with those edits."""
-        return apply_scenario(Scenario(name=recorded.name, log="street", edits=self.edits(seed)), recorded, _no_scene)
+    def edited(self, street: Street, recorded: Drive) -> Drive:
+        """What samples are taken of: a drive recorded on that street, with the set's edits."""
+        edits = varied(street.drive, street.recipe.seed) if self.varied else ()
+        if self.left_m:
+            edits = (*edits, Ego(shift_left_m=self.left_m))
+        return apply_scenario(Scenario(name=recorded.name, log="street", edits=edits), recorded, _no_scene)
 
     def sample(self, key: Key) -> Sample:
         """Render one."""
         street, drive = _street(self, seed_of(key))
-        image = truth_camera(street, drive, CAMERA, key.frame)
-        return sample_of(
-            drive, key.frame, CAMERA, image, noisy(truth_lidar(street, drive, PANDAR64, key.frame), street, key.frame)
-        )
+        sweep = noisy(truth_lidar(street, drive, PANDAR64, key.frame), street, key.frame)
+        return sample_of(drive, key.frame, CAMERA, truth_camera(street, drive, CAMERA, key.frame), sweep)
 
 
 def seed_of(key: Key) -> int:
@@ -75,7 +71,7 @@ def seed_of(key: Key) -> int:
 @lru_cache(maxsize=1)  # frames come street by street
 def _street(streets: StreetSet, seed: int) -> tuple[Street, Drive]:
     street = streets.street(seed)
-    return street, streets.edited(seed, street.drive)
+    return street, streets.edited(street, street.drive)
 
 
 def varied(drive: Drive, seed: int) -> tuple[Edit, ...]:
