@@ -8,15 +8,14 @@ from functools import lru_cache
 from pathlib import Path
 
 from unisim_blender.core.drive import Drive
-from unisim_blender.core.errors import SceneError
-from unisim_blender.core.log import Log
 from unisim_blender.core.logs import open_log
 from unisim_blender.core.logs.pandaset_sensors import PANDAR64
 from unisim_blender.core.prepare.renderers import SceneSource
 from unisim_blender.core.prepare.replay import replayed_drive
 from unisim_blender.core.render import Renderer
-from unisim_blender.core.scene_file import HEADER_NAME, read_scene_header
 from unisim_blender.core.street.write import write_log
+from unisim_blender.core.training.config import TrainConfig
+from unisim_blender.core.training.learnt import learnt
 
 from .samples import Key, Sample, sample_of
 from .streets import CAMERA, StreetSet, seed_of
@@ -44,20 +43,8 @@ def _renderer(simulated: SimulatedSet, seed: int) -> tuple[Drive, Renderer]:
     write_log(street, folder / "log", os.cpu_count() or 1, progress=False)
     log = open_log(folder / "log")
     scene = folder / f"scene-{simulated.preset}-{simulated.steps}"
-    _learn(simulated, log, scene)
-    drive = simulated.streets.edited(street, replayed_drive(read_scene_header(scene), log.drive, log.path))
+    frames = tuple(frame for frame in log.drive.frames if frame % simulated.streets.step)
+    config = TrainConfig((CAMERA,), (PANDAR64,), frames, preset=simulated.preset, iterations=simulated.steps)
+    header = learnt(log, config, scene, quiet=True)
+    drive = simulated.streets.edited(street, replayed_drive(header, log.drive, log.path))
     return drive, SceneSource(scene, drive)()
-
-
-def _learn(simulated: SimulatedSet, log: Log, scene: Path) -> None:
-    learnt = tuple(frame for frame in log.drive.frames if frame % simulated.streets.step)
-    if (scene / HEADER_NAME).is_file():
-        if read_scene_header(scene).training["frames"] != list(learnt):
-            raise SceneError(f"{scene}: has learnt from other frames: give another folder with --scenes")
-        return
-    # torch takes seconds to import, and rendering what is learnt needs none
-    from unisim_blender.core.training.config import TrainConfig
-    from unisim_blender.core.training.run import CHECKPOINT, train
-
-    config = TrainConfig((CAMERA,), (PANDAR64,), learnt, preset=simulated.preset, iterations=simulated.steps)
-    train(log, config, scene, resume=(scene / CHECKPOINT).is_file(), quiet=True)

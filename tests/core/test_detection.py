@@ -262,7 +262,7 @@ def test_a_simulated_sample_is_of_the_same_edited_street(tmp_path: Path, monkeyp
     simulated_module._renderer.cache_clear()
     again = simulated.sample(key)
     assert (again.image == sample.image).all() and (again.points == sample.points).all()
-    with pytest.raises(SceneError, match="has learnt from other frames"):
+    with pytest.raises(SceneError, match=r"was trained with frames \[1, 2\], not \[1, 3\]"):
         SimulatedSet(dataclasses.replace(streets, step=2), tmp_path, 2, "tiny").sample(key)
 
 

@@ -9,14 +9,15 @@ from pathlib import Path
 from typing import Any
 
 from ..drive import Drive
-from ..errors import SceneError
 from ..log import Log
 from ..prepare.renderers import UNTRAINED, SceneSource, scene_hash, untrained_tracer
 from ..prepare.selection import beam_lidars
 from ..render import Renderer
-from ..scene_file import HEADER_NAME, SceneHeader, read_scene_header
+from ..scene_file import SceneHeader
 from ..surfels.build import Step, finished
 from ..surfels.cache import build_key, surfels_of
+from ..training.config import TrainConfig
+from ..training.learnt import learnt
 from .methods import Method
 from .wishes import Wishes
 
@@ -38,7 +39,7 @@ def make(name: str, method: Method, log: Log, folder: Path, wishes: Wishes, quie
     a checkpoint."""
     if method.untrained is not None:
         return _untrained(method.untrained, log, wishes)
-    header = _trained(method, log, folder, wishes, quiet)
+    header = learnt(log, _config(method, log, wishes), folder, quiet)
     seconds, steps = header.training["seconds"], header.training["iterations"]
     about = {"training_s": seconds, "iterations": steps}
 
@@ -48,33 +49,13 @@ def make(name: str, method: Method, log: Log, folder: Path, wishes: Wishes, quie
     return Made(folder, header, scene_hash(folder), about, renderer)
 
 
-def _trained(method: Method, log: Log, folder: Path, wishes: Wishes, quiet: bool) -> SceneHeader:
-    # torch takes seconds to import, and a table of what is measured already needs none
-    from ..training.config import TrainConfig
-    from ..training.run import CHECKPOINT, train
-
-    config = TrainConfig(
+def _config(method: Method, log: Log, wishes: Wishes) -> TrainConfig:
+    return TrainConfig(
         cameras=wishes.cameras, lidars=beam_lidars(log), frames=wishes.learnt(log.drive), width=wishes.width,
         preset=method.preset, without=method.without, density=method.density, adversarial=method.adversarial,
         disturb=wishes.disturb, minutes=None if wishes.iterations else wishes.minutes, iterations=wishes.iterations,
         device=wishes.device, seed=wishes.seed,
     )  # fmt: skip
-    if (folder / HEADER_NAME).is_file():
-        header = read_scene_header(folder)
-        _check(header, config)
-        return header
-    return train(log, config, folder, resume=(folder / CHECKPOINT).is_file(), quiet=quiet)
-
-
-def _check(header: SceneHeader, config: Any) -> None:
-    """A scene that was trained otherwise has no place in the table."""
-    for name in ("preset", "without", "cameras", "frames", "width", "seed"):
-        asked, found = getattr(config, name), header.training.get(name)
-        if (list(asked) if isinstance(asked, tuple) else asked) != found:
-            raise SceneError(f"{header.path}: was trained with {name} {found}, not {asked}: give another folder with --out")
-    noise = None if config.disturb is None else dict(zip(("metres", "degrees"), config.disturb, strict=True))
-    if header.training.get("disturbed") != noise:
-        raise SceneError(f"{header.path}: was trained on boxes disturbed by {header.training.get('disturbed')}, not {noise}")
 
 
 def _untrained(renderer: str, log: Log, wishes: Wishes) -> Made:
