@@ -94,6 +94,18 @@ def log(log: Path, out: Path, frames: str | None, camera: str, lidar: str) -> No
 
 
 @main.command()
+@click.argument("scenario", type=click.Path(path_type=Path))
+@click.argument("out", type=click.Path(path_type=Path))
+@click.option("--frames", metavar="START:STOP:STEP", help="Frames by number. [default: all]")
+def truth(scenario: Path, out: Path, frames: str | None) -> None:
+    """A set of what a SCENARIO on a street truly shows, in the folder OUT, by whoever draws that street's images."""
+    from .truth import TrueSet
+
+    true = TrueSet(scenario, frames)
+    write_set(out, true.about, true.keys, true.sample)
+
+
+@main.command()
 @click.argument("detector", type=click.Choice(["lidar", "camera"]))
 @click.argument("sets", nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option("--out", required=True, type=click.Path(path_type=Path), help="Folder of the detector; a training there goes on.")

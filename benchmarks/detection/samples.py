@@ -22,7 +22,7 @@ from unisim_blender.core.colour import bytes_from_srgb
 from unisim_blender.core.drive import Actor, Camera, Drive
 from unisim_blender.core.errors import LogError, OutputError
 from unisim_blender.core.files import partial_file, write_file
-from unisim_blender.core.frames import CameraFrame, LidarFrame
+from unisim_blender.core.frames import LidarFrame
 from unisim_blender.core.geometry import FloatArray, box_corners, invert_pose, points_in_box, transform_points
 from unisim_blender.core.json_file import read_json
 from unisim_blender.core.log import Log
@@ -150,12 +150,12 @@ def make_sample(
     )
 
 
-def sample_of(drive: Drive, frame: int, camera_id: str, image: CameraFrame, sweep: LidarFrame) -> Sample:
-    """A sample of a rendered image and sweep."""
+def sample_of(drive: Drive, frame: int, camera_id: str, rgb: NDArray[np.float32], sweep: LidarFrame) -> Sample:
+    """A sample of a rendered image (H, W, 3), sRGB, and sweep."""
     on = sweep.returned
     points = sweep.origins[on] + sweep.directions[on] * sweep.depth_m[on, None].astype(np.float64)
     return make_sample(
-        drive, frame, drive.cameras[camera_id], bytes_from_srgb(image.rgb), points, sweep.time_s[on], sweep.intensity[on],
+        drive, frame, drive.cameras[camera_id], bytes_from_srgb(rgb), points, sweep.time_s[on], sweep.intensity[on],
         sweep.model.sweep_s,
     )  # fmt: skip
 

@@ -34,7 +34,8 @@ class SimulatedSet:
     def sample(self, key: Key) -> Sample:
         """Render one, with what it needs where that is not there yet. Raises `UnisimError`."""
         drive, renderer = _renderer(self, seed_of(key))
-        return sample_of(drive, key.frame, CAMERA, renderer.camera(CAMERA, key.frame), renderer.lidar(PANDAR64, key.frame))
+        rgb = renderer.camera(CAMERA, key.frame).rgb
+        return sample_of(drive, key.frame, CAMERA, rgb, renderer.lidar(PANDAR64, key.frame))
 
 
 @lru_cache(maxsize=1)  # frames come street by street

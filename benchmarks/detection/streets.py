@@ -60,7 +60,7 @@ class StreetSet:
         """Render one."""
         street, drive = _street(self, seed_of(key))
         sweep = noisy(truth_lidar(street, drive, PANDAR64, key.frame), street, key.frame)
-        return sample_of(drive, key.frame, CAMERA, truth_camera(street, drive, CAMERA, key.frame), sweep)
+        return sample_of(drive, key.frame, CAMERA, truth_camera(street, drive, CAMERA, key.frame).rgb, sweep)
 
 
 def seed_of(key: Key) -> int:

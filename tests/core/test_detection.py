@@ -34,11 +34,13 @@ from benchmarks.detection.simulated import SimulatedSet
 from benchmarks.detection.streets import StreetSet, varied
 from benchmarks.detection.testing import common, detect, gaps, labels, trained_on
 from benchmarks.detection.training import WEIGHTS, load_detector, train
+from benchmarks.detection.truth import TrueSet
 from unisim_blender.core.errors import LogError, OutputError, SceneError, UnisimError
 from unisim_blender.core.geometry import FloatArray, Trajectory, make_pose, quaternion_from_yaw, transform_points
 from unisim_blender.core.logs import open_log
 from unisim_blender.core.metrics.boxes import bev_iou, image_iou
 from unisim_blender.core.street.street import build_street
+from unisim_blender.core.street.write import write_log
 
 CARS = np.array(
     [[12.3, 1.7, 4.6, 2.0, 0.1], [12.9, -1.6, 4.1, 1.9, 3.1], [33.4, 4.4, 7.9, 2.5, -1.4], [70.2, -20.1, 5.2, 2.1, 1.55]],
@@ -264,6 +266,19 @@ def test_a_simulated_sample_is_of_the_same_edited_street(tmp_path: Path, monkeyp
     assert (again.image == sample.image).all() and (again.points == sample.points).all()
     with pytest.raises(SceneError, match=r"was trained with frames \[1, 2\], not \[1, 3\]"):
         SimulatedSet(dataclasses.replace(streets, step=2), tmp_path, 2, "tiny").sample(key)
+
+
+def test_a_true_sample_is_the_exact_streets(tmp_path: Path) -> None:
+    streets = StreetSet((3,), 4, 3, False, left_m=2.0, width=64, height=36)
+    write_log(streets.street(3), tmp_path / "log", 1, progress=False)
+    edit = {"type": "ego", "shift_left_m": 2.0}
+    document = {"format": "unisim-scenario", "version": 1, "name": "left", "log": "log", "edits": [edit]}
+    (tmp_path / "left.json").write_text(json.dumps(document))
+    true = TrueSet(tmp_path / "left.json", "::3")
+    assert [key.frame for key in true.keys] == [0, 3]
+    sample, exact = true.sample(true.keys[1]), streets.sample(Key("street-3", 3))
+    assert (sample.image == exact.image).all() and np.abs(sample.bev - exact.bev).max() < 1e-3
+    assert len(sample.points) == len(exact.points) and np.abs(sample.points - exact.points).max() < 2e-3
 
 
 def test_labels_name_pandasets_vehicles() -> None:

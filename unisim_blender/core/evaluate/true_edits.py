@@ -69,10 +69,18 @@ class TrueEdit:
             self.street, self.recorded, self.edited, camera, frame, self.trained_frames, self.trained_cameras or None, self.width
         )
         return TruePictures(
-            self._picture(self.edited, camera, frame),
-            self._picture(self.recorded, camera, frame) if camera in self.recorded.cameras else None,
+            self.picture("edit", camera, frame),
+            self.picture("replay", camera, frame) if camera in self.recorded.cameras else None,
             EditRegions(masks.edited, masks.shadow, masks.seen),
         )
+
+    def picture(self, part: Part, camera: str, frame: int) -> Picture:
+        """What a camera of the drive sees (H, W, 3), drawn now, or by Cycles before. Raises `UnisimError`."""
+        drive = self.drive(part)
+        if self.street.recipe.engine == "exact":
+            return truth_camera(self.street, drive, camera, frame, self.width).rgb
+        drawn = true_picture(self.path, self.street, drive, camera, frame, self._drawn_width)
+        return resize_image(drawn, resize(drive.cameras[camera], self.width).model).astype(np.float32) / np.float32(255)
 
     def sweep(self, part: Part, lidar: str, frame: int) -> LidarFrame | None:
         """What a LiDAR sees, with exact ranges; None of a recorded drive that has no such LiDAR."""
@@ -82,13 +90,6 @@ class TrueEdit:
     def drive(self, part: Part) -> Drive:
         """The drive, as edited or as recorded."""
         return self.edited if part == "edit" else self.recorded
-
-    def _picture(self, drive: Drive, camera: str, frame: int) -> Picture:
-        """Drawn now, or by Cycles before."""
-        if self.street.recipe.engine == "exact":
-            return truth_camera(self.street, drive, camera, frame, self.width).rgb
-        drawn = true_picture(self.path, self.street, drive, camera, frame, self._drawn_width)
-        return resize_image(drawn, resize(drive.cameras[camera], self.width).model).astype(np.float32) / np.float32(255)
 
     @property
     def _drawn_width(self) -> int | None:
