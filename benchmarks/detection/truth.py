@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from pathlib import Path
 
-from unisim_blender.core.errors import ScenarioError
 from unisim_blender.core.evaluate.true_edits import TrueEdit
 from unisim_blender.core.logs.pandaset_sensors import PANDAR64
 from unisim_blender.core.prepare.scenario import prepare_scenario
 from unisim_blender.core.prepare.scenario_plan import scenario_hash
-from unisim_blender.core.prepare.selection import select_frames
+from unisim_blender.core.prepare.selection import check_names, select_frames
+from unisim_blender.core.street.truth import truth_lidar
 from unisim_blender.core.street.write import noisy
 
 from .samples import Key, Sample, sample_of
@@ -21,19 +22,22 @@ class TrueSet:
     once, into the street's folder. Raises `UnisimError`."""
 
     def __init__(self, scenario: Path, frames: str | None) -> None:
-        prepared = prepare_scenario(scenario, refined=False)
-        drive = prepared.edited
-        chosen = drive.frames if frames is None else select_frames(frames, drive.frames)
-        self.keys = [Key(drive.name, frame) for frame in chosen]
-        self.about = {"scenario": scenario_hash(prepared.scenario), "frames": chosen}
-        self._true = TrueEdit.on(prepared.scenario.log_path, prepared, (), (), None)
-        self._true.draw(scenario, chosen, (CAMERA,))
+        self._scenario, self._prepared = scenario, prepare_scenario(scenario, refined=False)
+        drive = self._prepared.edited
+        check_names("camera", (CAMERA,), drive.cameras)
+        check_names("LiDAR", (PANDAR64,), drive.lidars)
+        self._frames = select_frames(frames, drive.frames)
+        self.keys = [Key(drive.name, frame) for frame in self._frames]
+        self.about = {"scenario": scenario_hash(self._prepared.scenario), "frames": self._frames}
 
     def sample(self, key: Key) -> Sample:
         """Of one frame, with the noise of a recorded sweep."""
-        true = self._true
-        sweep = true.sweep("edit", PANDAR64, key.frame)
-        if sweep is None:
-            raise ScenarioError(f"{true.edited.name}: has no LiDAR {PANDAR64!r}")
-        picture = true.picture("edit", CAMERA, key.frame)
-        return sample_of(true.edited, key.frame, CAMERA, picture, noisy(sweep, true.street, key.frame))
+        street, drive = self._true.street, self._true.edited
+        sweep = noisy(truth_lidar(street, drive, PANDAR64, key.frame), street, key.frame)
+        return sample_of(drive, key.frame, CAMERA, self._true.picture("edit", CAMERA, key.frame), sweep)
+
+    @cached_property  # a set that is whole, or another's, has nothing drawn
+    def _true(self) -> TrueEdit:
+        true = TrueEdit.on(self._prepared.scenario.log_path, self._prepared, (), (), None)
+        true.draw(self._scenario, self._frames, (CAMERA,))
+        return true

@@ -84,3 +84,8 @@ class TrainConfig:
     vgg: str | None = None
     adversarial: bool = False
     weights: LossWeights = field(default_factory=LossWeights)
+
+    @property
+    def noise(self) -> dict[str, float] | None:
+        """``disturb`` as a scene's header tells of it."""
+        return None if self.disturb is None else dict(zip(("metres", "degrees"), self.disturb, strict=True))

@@ -25,7 +25,7 @@ def learnt(log: Log, config: TrainConfig, folder: Path, quiet: bool = False) -> 
 
 def _check(header: SceneHeader, config: TrainConfig) -> None:
     wanted = {name: getattr(config, name) for name in ("preset", "without", "cameras", "frames", "width", "seed")}
-    wanted["disturbed"] = config.disturb and dict(zip(("metres", "degrees"), config.disturb, strict=True))
+    wanted["disturbed"] = config.noise
     for name, asked in wanted.items():
         asked, found = list(asked) if isinstance(asked, tuple) else asked, header.training.get(name)
         if asked != found:

@@ -241,8 +241,8 @@ def header_of(trainer: Trainer, out: Path) -> SceneHeader:
         "width": config.width, "iterations": trainer.iteration, "seconds": round(trainer.elapsed_s, 1), "seed": config.seed,
         "device": config.device, "own_vehicle": outlines_to_json(trainer.cameras.outlines),
     }  # fmt: skip
-    if config.disturb is not None:
-        training["disturbed"] = dict(zip(("metres", "degrees"), config.disturb, strict=True))
+    if config.noise is not None:
+        training["disturbed"] = config.noise
     return SceneHeader(
         path=out,
         name=out.name,
