@@ -142,6 +142,20 @@ struct Strand {
     int p;
 };
 
+// The sample of strand p that weighs most.
+inline int heaviest(const Batch &b, int p) {
+    int best = 0;
+    for (int k = 1; k < b.samples; ++k)
+        if (b.weight[static_cast<size_t>(k * b.stride + p)] > b.weight[static_cast<size_t>(best * b.stride + p)]) best = k;
+    return best;
+}
+
+inline float weight_of(const Batch &b, int p) {
+    float sum = 0;
+    for (int k = 0; k < b.samples; ++k) sum += b.weight[static_cast<size_t>(k * b.stride + p)];
+    return sum;
+}
+
 // Transmittances in front of the intervals of all strands of one ray, in one order of depth: by where a ray that stops in an
 // interval is expected to. Returns the optical depth of all.
 inline float merge_fronts(const std::vector<Strand> &strands, std::vector<int> &next, std::vector<float> &stops) {

@@ -1,0 +1,33 @@
+// How far the voxels of a scene are from the nearest that can stop a ray: what free space is jumped by.
+#include "variant.h"
+
+// Chessboard distances (X, Y, Z), in voxels and at most 255, to the nearest voxel that is not free.
+extern "C" int UNISIM_NAME(unisim_clearance)(const uint8_t *voxels, const int32_t *shape, uint8_t *out) {
+    const int64_t nx = shape[0], ny = shape[1], nz = shape[2];
+    for (int64_t i = 0; i < nx * ny * nz; ++i) out[i] = voxels[i] ? 0 : 255;
+    std::vector<uint8_t> least(static_cast<size_t>(nz) + 2), wide(static_cast<size_t>(nz));
+    const auto sweep = [&](int sign) {
+        for (int64_t ii = 0; ii < nx; ++ii)
+            for (int64_t jj = 0; jj < ny; ++jj) {
+                const int64_t i = sign > 0 ? ii : nx - 1 - ii, j = sign > 0 ? jj : ny - 1 - jj;
+                // the four rows of neighbours that were swept before, and a voxel at both their ends
+                std::fill(least.begin(), least.end(), 255);
+                const auto join = [&](int64_t a, int64_t b) {
+                    if (a < 0 || a >= nx || b < 0 || b >= ny) return;
+                    const uint8_t *row = out + (a * ny + b) * nz;
+                    for (int64_t k = 0; k < nz; ++k) least[k + 1] = std::min(least[k + 1], row[k]);
+                };
+                for (int dj = -1; dj <= 1; ++dj) join(i - sign, j + dj);
+                join(i, j - sign);
+                for (int64_t k = 0; k < nz; ++k) wide[k] = std::min(std::min(least[k], least[k + 1]), least[k + 2]);
+                uint8_t *row = out + (i * ny + j) * nz, before = 255;
+                for (int64_t kk = 0; kk < nz; ++kk) {
+                    const int64_t k = sign > 0 ? kk : nz - 1 - kk;
+                    before = row[k] = static_cast<uint8_t>(std::min<int>(row[k], std::min(wide[k], before) + 1));
+                }
+            }
+    };
+    sweep(1);
+    sweep(-1);
+    return 0;
+}
