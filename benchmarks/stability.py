@@ -1,4 +1,4 @@
-"""Numerical stability at full size: the cases of tests/core/stress_cases.py, their errors and bounds, as a table and as JSON.
+"""Numerical stability at full size: the cases of tests/core/stress, their errors and bounds, as a table and as JSON.
 
 python benchmarks/stability.py [--full N] [--json FILE] [CASE...]
 """
@@ -15,7 +15,9 @@ import click
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "core"))
 
-from stress_cases import CASES, Bench, Measure, compared_variants
+from stress.cases import CASES
+from stress.measures import Bench, Measure
+from stress.variants import compared_variants
 
 from unisim_blender.core import native
 

@@ -1,4 +1,4 @@
-"""The cases of `stress_cases.py` at a small size, each within its bounds, and rendered files that never depend on threads."""
+"""The cases of `stress/` at a small size, each within its bounds, and rendered files that never depend on threads."""
 
 from __future__ import annotations
 
@@ -10,7 +10,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from stress_cases import CASES, Bench, Measure, compared_variants, edited, make_scene, variants
+from stress.cases import CASES
+from stress.measures import Bench, Measure
+from stress.probe import variants
+from stress.scenes import edited, make_scene
+from stress.variants import compared_variants
 
 from unisim_blender.core import native
 from unisim_blender.core.compiled.scene import CompiledScene

@@ -1,4 +1,4 @@
-// What the kernels' headers compute, one function at a time, for tests: compiled by `stress_cases.py`, part of no library.
+// What the kernels' headers compute, one function at a time, for tests: compiled by `probe.py`, part of no library.
 #include "strands.h"
 
 namespace {

@@ -1,0 +1,35 @@
+"""All cases, by name."""
+
+from __future__ import annotations
+
+from .boxes import boxes, rotations
+from .counts import counts, odd_images
+from .density import grazed, intervals, sharpness
+from .functions import functions
+from .measures import Case
+from .places import FAR_OFF, moved, training_data
+from .rays import axes, faces, inside, unsound
+from .sums import accumulated
+from .weights import largest_halves, largest_weights, not_numbers, opaque_and_empty, weights
+
+CASES: dict[str, Case] = {
+    **{where: moved(where) for where in FAR_OFF},
+    "training data far off": training_data,
+    **{f"beta {beta:g}": sharpness(beta) for beta in (1.0, 30.0, 1e3, 1e4)},
+    "intervals": intervals,
+    "grazed at 0.1 degrees": grazed,
+    "from inside": inside,
+    "along axes": axes,
+    "along faces": faces,
+    "rays that are none": unsound,
+    "boxes of 1 cm and 50 m": boxes,
+    "6D rotations": rotations,
+    "opaque and empty": opaque_and_empty,
+    "largest halves": weights(largest_halves),
+    "weights of 1000": weights(largest_weights),
+    "NaN in the kernels": not_numbers,
+    "one ray and many": counts,
+    "odd images": odd_images,
+    "100 000 intervals": accumulated,
+    "functions": functions,
+}

@@ -1,0 +1,120 @@
+"""What a scene's rays meet, by torch's own modules in float64 throughout, and both tracers beside it."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from unisim_blender.core import native
+from unisim_blender.core.cast import gather_cast
+from unisim_blender.core.cast_tensors import CastTensors, cast_tensors
+from unisim_blender.core.compiled.scene import CompiledScene
+from unisim_blender.core.compiled.tracer import CompiledTracer
+from unisim_blender.core.drive import Actor, Drive
+from unisim_blender.core.fields.checkpoint import load_scene
+from unisim_blender.core.fields.tracklets import Tracklets
+from unisim_blender.core.frames import RenderStats
+from unisim_blender.core.geometry import (
+    FloatArray,
+    invert_pose,
+)
+from unisim_blender.core.median import median_depth
+from unisim_blender.core.quality import QUALITY, quality_named
+from unisim_blender.core.sensors.rays import Rays
+from unisim_blender.core.strands import RayBatch, Traced
+from unisim_blender.core.torch_tracer import TorchTracer
+from unisim_blender.core.trace import Sampling, trace
+from unisim_blender.core.tracer import Found
+
+from .measures import Measure, most
+
+PASSES = {"depth", "instance", "normal", "opacity", "support"}
+
+
+def exactly(tracklets: Tracklets, actors: tuple[Actor, ...]) -> None:
+    """Tracklets in float64, of what was never rounded."""
+    tracklets.double()
+    for i, actor in enumerate(actors):
+        way = actor.world_from_actor
+        k = len(way.times_s)
+        tracklets.positions[i, :k] = torch.as_tensor(way.positions - tracklets.corner)
+        tracklets.quaternions[i, :k] = torch.as_tensor(way.quaternions_wxyz)
+        tracklets.sizes_m[i] = torch.as_tensor(actor.size_m).float()
+
+
+def truth(folder: Path, drive: Drive, rays: Rays, quality: str = "balanced", sky: bool = True) -> tuple[Traced, FloatArray]:
+    """What flat rays meet, and their median depths (N,), by torch in float64 throughout."""
+    scene = load_scene(folder)
+    model, tables = scene.model.double(), scene.actor_tables.double()
+    model.frame.rotation.copy_(torch.as_tensor(model.volume.world_from_volume[:3, :3].T))
+    cast = gather_cast(drive, scene.header.drive, {"": tuple(model.actor_ids)})
+    tensors: CastTensors = cast_tensors(cast, {"": (model, tables)})
+    exactly(tensors.own.tracklets, cast.own.actors)
+    corner = model.volume.corner
+
+    def recentred(pose: FloatArray) -> FloatArray:
+        return np.vstack([np.c_[pose[:3, :3], pose[:3, 3] - corner], pose[3:]])
+
+    if tensors.copies is not None:
+        exactly(tensors.copies, cast.targets)
+        tensors.copy_source = torch.as_tensor(np.stack([recentred(box.world_from_box) for box in cast.sources]))
+    if tensors.removals is not None:
+        poses = np.stack([invert_pose(recentred(box.world_from_box)) for box in cast.removals])
+        tensors.removals = torch.as_tensor(poses), tensors.removals[1].double()
+    batch = RayBatch(model.frame.recentred(rays.origins), torch.as_tensor(rays.directions), torch.as_tensor(rays.time_s))
+    assert batch.origins.dtype == torch.float64
+    with torch.no_grad():
+        traced = trace(model, tensors, batch, Sampling(fine=quality_named(quality).samples, sky=sky))
+        return traced, median_depth(model, traced).numpy()
+
+
+Tracers = dict[str, CompiledTracer | TorchTracer]
+
+
+def tracers(folder: Path, drive: Drive, quality: str = "balanced") -> Tracers:
+    """The compiled tracer, where it was built, and torch's."""
+    out: Tracers = {"torch": TorchTracer(load_scene(folder), drive, quality)}
+    if native.library() is not None:
+        compiled = CompiledTracer(CompiledScene(folder), drive)
+        # torch's very samples: a march has others
+        compiled.quality = dataclasses.replace(QUALITY["reference"], samples=quality_named(quality).samples)
+        out["compiled"] = compiled
+    return out
+
+
+def arrays_of(found: Found) -> dict[str, NDArray[Any]]:
+    """All that was found, in numpy."""
+    named = {"feature": found.feature, "depth_m": found.depth_m, "opacity": found.opacity, **found.maps}
+    return {name: np.asarray(values) for name, values in named.items()}
+
+
+def not_finite(found: Found) -> float:
+    """How many numbers are not finite; the depth pass is infinite where nothing solid is."""
+    arrays = arrays_of(found)
+    if "depth" in arrays:
+        arrays["depth"] = arrays["depth"][arrays["opacity"] > 0.5]
+    return float(sum((~np.isfinite(values)).sum() for values in arrays.values()))
+
+
+def beside_truth(
+    folder: Path, drive: Drive, rays: Rays, depth: float, opacity: float, feature: float, quality: str = "balanced"
+) -> Iterator[Measure]:
+    """Both tracers against float64. Errors are those of 98 in 100 rays: where a place of a sample is rounded into the next voxel,
+    as many other samples are as good."""
+    exact, median = truth(folder, drive, rays, quality)
+    scale = float(exact.feature.square().mean().sqrt()) + 1e-30
+    for name, tracer in tracers(folder, drive, quality).items():
+        found = tracer.trace(rays, PASSES, True, None, RenderStats())
+        got = arrays_of(found)
+        solid = (got["opacity"] > 0.5) & (exact.opacity.numpy() > 0.5)
+        yield Measure(f"{name}: numbers that are not finite", not_finite(found), 0)
+        yield Measure(f"{name}: depth, m", most(got["depth_m"], exact.depth_m, 0.98), depth)
+        yield Measure(f"{name}: median depth, m", most(got["depth"][solid], median[solid], 0.98), depth)
+        yield Measure(f"{name}: opacity", most(got["opacity"], exact.opacity, 0.98), opacity)
+        yield Measure(f"{name}: features, of their mean size", most(got["feature"], exact.feature, 0.98) / scale, feature)

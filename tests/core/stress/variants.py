@@ -1,0 +1,62 @@
+"""How far instruction sets differ."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from unisim_blender.core import native
+from unisim_blender.core.compiled.scene import CompiledScene
+from unisim_blender.core.compiled.tracer import CompiledTracer
+from unisim_blender.core.frames import RenderStats
+
+from .measures import Bench, Measure, most
+from .probe import variants
+from .scenes import edited, make_scene, picture_rays
+from .truths import PASSES, arrays_of
+
+VARIANT_SCRIPT = """
+import sys
+sys.path.insert(0, sys.argv[1])
+from stress.variants import write_found
+write_found(*sys.argv[2:])
+"""
+
+
+def write_found(folder: str, out: str, variant: str, full: str) -> None:
+    """What the compiled tracer finds of a scene, and its picture, into a file: in a process of the instruction set asked for."""
+    assert native.variant() == variant, native.variant()
+    drive = edited()
+    tracer, rays = CompiledTracer(CompiledScene(folder), drive), picture_rays(drive, int(full))
+    found = tracer.trace(rays, PASSES, True, None, RenderStats())
+    rgb = tracer.image(found, rays.directions, "front", (16 * int(full), 24 * int(full)))
+    np.savez(out, rgb=rgb.reshape(-1, 3), **{name: values.astype(np.float64) for name, values in arrays_of(found).items()})
+
+
+def compared_variants(bench: Bench) -> Iterator[Measure]:
+    """How far instruction sets differ, on a random scene: in colours of 0 to 1 and in depths."""
+    folder = make_scene(bench.folder / "scene", edited())
+    results = {}
+    for variant in variants():
+        out = bench.folder / f"{variant}.npz"
+        script = [sys.executable, "-c", VARIANT_SCRIPT, Path(__file__).parents[1], folder, out, variant, bench.full]
+        environment = {**os.environ, "UNISIM_NATIVE_VARIANT": variant}
+        subprocess.run([str(part) for part in script], env=environment, check=True, timeout=300)
+        results[variant] = dict(np.load(out))
+    last = results[variants()[-1]]
+    solid = np.isfinite(last["depth"])
+    for variant in variants()[:-1]:
+        pair = f"{variant} beside {variants()[-1]}"
+        rgb, depth = results[variant]["rgb"], results[variant]["depth"]
+        both = solid & np.isfinite(depth)
+        yield Measure(f"{pair}: colour", most(rgb, last["rgb"]), 1 / 255)
+        yield Measure(
+            f"{pair}: median depth of 98 in 100 rays, of the depth", most(depth[both] / last["depth"][both], 1.0, 0.98), 1e-5
+        )
+        yield Measure(f"{pair}: median depth, of the depth", most(depth[both] / last["depth"][both], 1.0), 1e-2)
+        yield Measure(f"{pair}: rays solid in one alone, share", float((solid != np.isfinite(depth)).mean()), 0.005)

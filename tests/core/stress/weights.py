@@ -1,0 +1,102 @@
+"""Cases of what weights can be: opaque, empty, at the largest numbers, not numbers."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import torch
+from analytic_scene import drive_of
+from random_scene import CARS
+
+from unisim_blender.core import native
+from unisim_blender.core.compiled.scene import CompiledScene
+from unisim_blender.core.compiled.structs import address
+from unisim_blender.core.compiled.tracer import CompiledTracer
+from unisim_blender.core.fields.scene import SceneModel
+from unisim_blender.core.frames import RenderStats
+
+from .measures import Bench, Case, Measure, most
+from .scenes import Change, edited, make_scene, picture_rays
+from .truths import PASSES, beside_truth, tracers
+
+
+def opaque_and_empty(bench: Bench) -> Iterator[Measure]:
+    """Scenes that are solid throughout, and that hold nothing."""
+
+    def opaque(model: SceneModel) -> None:
+        scene: Any = model
+        scene.occupancy.values.fill_(255)
+        scene.static.network[-1].bias[0] = -50.0
+        scene.actors.network[-1].bias[0] = -50.0
+
+    def empty(model: SceneModel) -> None:
+        scene: Any = model
+        scene.occupancy.values.zero_()
+        scene.actors.network[-1].bias[0] = 50.0
+        scene.far.network[-1].bias[0] = -60.0
+        scene.far.network[-1].weight[0].zero_()
+
+    for name, change, wanted, drive in (("opaque", opaque, 1.0, edited()), ("empty", empty, 0.0, drive_of(CARS))):
+        folder = make_scene(bench.folder / name, drive, change)
+        rays = picture_rays(drive, bench.full)
+        for measure in beside_truth(folder, drive, rays, 1e-5, 1e-6, 5e-4):
+            yield dataclasses.replace(measure, what=f"{name}, {measure.what}")
+        for which, tracer in tracers(folder, drive).items():
+            found = tracer.trace(rays, set(), True, None, RenderStats())
+            yield Measure(f"{name}, {which}: opacity", most(np.asarray(found.opacity), wanted), 1e-6)
+
+
+def largest_halves(model: SceneModel) -> None:
+    """Tables of the largest halves, of both signs."""
+    scene: Any = model
+    for field in (scene.static, scene.far):
+        field.grid.table.copy_(torch.where(torch.rand_like(field.grid.table) < 0.5, -65504.0, 65504.0))
+    last = scene.actors.hypernetwork[-1]
+    last.weight.zero_()
+    last.bias.copy_(torch.where(torch.rand_like(last.bias) < 0.5, -65504.0, 65504.0))
+
+
+def largest_weights(model: SceneModel) -> None:
+    """Networks with weights of a thousand."""
+    scene: Any = model
+    for field in (scene.static, scene.far, scene.actors):
+        for layer in (field.network[0], field.network[-1]):
+            layer.weight.copy_(1000 * torch.sign(torch.randn_like(layer.weight)))
+
+
+def weights(change: Change) -> Case:
+    """Weights at the ends of what a file can hold."""
+
+    def case(bench: Bench) -> Iterator[Measure]:
+        drive = edited()
+        folder = make_scene(bench.folder / "scene", drive, change)
+        yield from beside_truth(folder, drive, picture_rays(drive, bench.full), 1e-3, 1e-4, 2e-3)
+
+    return case
+
+
+def not_numbers(bench: Bench) -> Iterator[Measure]:
+    """Tables and networks of NaN and infinity, which no file may hold, given to the kernels directly: nothing is read beyond."""
+    if native.library() is None:
+        return
+    drive = edited()
+    folder = make_scene(bench.folder / "scene", drive)
+    rays = picture_rays(drive, bench.full)
+    for bits in (0x7E00, 0x7C00, 0xFC00, 0xFFFF):
+        tracer = CompiledTracer(CompiledScene(folder), drive)
+        kept = []
+        struct = tracer.scene.struct
+        for field, grids in ((struct.fixed, 1), (struct.far, 1), (struct.actors, len(tracer.scene.looks))):
+            assert field.half
+            rows = int(field.grid.grid_stride) * grids
+            table = np.full(rows * field.grid.features, bits, np.uint16)
+            kept.append(table)
+            field.table = address(table)
+        found = tracer.trace(rays, PASSES, True, None, RenderStats())
+        yield Measure(
+            f"halves of {bits:#06x}: opacities not in 0 to 1", float((~((found.opacity >= 0) & (found.opacity <= 1))).sum()), 0
+        )
+        del kept
