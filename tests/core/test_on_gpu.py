@@ -30,8 +30,8 @@ from unisim_blender.core.tracer import Found
 
 pytest.importorskip("triton", reason="Triton is not installed")
 
-MODULES = ("fields.hash_grid", "fields.fields", "march", "composite")
-"""That ask whether kernels for GPUs apply."""
+READY = "unisim_blender.core.kernel_choice.ready"
+"""What says whether kernels for GPUs run."""
 
 SHAPES = {
     "hashed": GridShape.cubic((40.0, 24.0, 8.0), 3.2, 0.2, 6, 4, 11),
@@ -43,8 +43,7 @@ SHAPES = {
 @pytest.fixture(autouse=True)
 def for_every_device(monkeypatch: pytest.MonkeyPatch) -> None:
     """Kernels are taken for tensors of the CPU too: by Triton's interpreter, see conftest.py."""
-    for module in MODULES:
-        monkeypatch.setattr(f"unisim_blender.core.{module}.ready", lambda like: like.dtype == torch.float32)
+    monkeypatch.setattr(READY, lambda like: True)
 
 
 def points(count: int, seed: int = 0) -> Tensor:
@@ -196,8 +195,7 @@ def traced(seed: int) -> list[Tensor]:
 
 def test_rays_and_their_gradients_by_all_kernels_together(monkeypatch: pytest.MonkeyPatch) -> None:
     by_triton = traced(5)
-    for module in MODULES:
-        monkeypatch.setattr(f"unisim_blender.core.{module}.ready", lambda like: False)
+    monkeypatch.setattr(READY, lambda like: False)
     for got, want in zip(by_triton, traced(5), strict=True):
         close(got, want, 1e-3)
 

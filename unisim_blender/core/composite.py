@@ -15,7 +15,7 @@ from torch.autograd.function import once_differentiable
 from . import native
 from .density import weights_from_tau
 from .devices import kernel_threads
-from .on_gpu.ready import ready
+from .kernel_choice import kernels_for
 from .strands import Strands, Traced
 
 
@@ -57,12 +57,13 @@ def gather_reference(strand: Strands, front: Tensor) -> tuple[Tensor, Tensor, Te
 
 def gather(strand: Strands, front: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     """`gather_reference`, by the compiled kernels or Triton's where they apply."""
-    if ready(strand.t) and _is_float32([strand]):
+    kernels = _kernels_for([strand])
+    if kernels == "triton":
         on_gpu: tuple[Tensor, Tensor, Tensor] = _GatherOnGpu.apply(  # type: ignore[no-untyped-call]
             strand.t, strand.tau, strand.share, front, strand.features
         )
         return on_gpu
-    if not _is_plain([strand]):
+    if kernels is None:
         return gather_reference(strand, front)
     out: tuple[Tensor, Tensor, Tensor] = _Gather.apply(  # type: ignore[no-untyped-call]
         strand.ray, strand.t, strand.tau, strand.share, front, strand.features
@@ -72,22 +73,17 @@ def gather(strand: Strands, front: Tensor) -> tuple[Tensor, Tensor, Tensor]:
 
 def transmittances(rays: int, strands: list[Strands]) -> list[Tensor]:
     """`transmittances_reference`, by the compiled kernels where they apply."""
-    if not strands or not _is_plain(strands):
+    if not strands or _kernels_for(strands) != "compiled":
         return transmittances_reference(rays, strands)
     order = [(s.ray, s.t, s.share.detach()) for s in strands]
     return list(_Transmittances.apply(rays, order, *(s.tau for s in strands)))  # type: ignore[no-untyped-call]
 
 
-def _is_plain(strands: list[Strands]) -> bool:
-    """Whether the compiled kernels take these strands: on the CPU, see `_is_float32`."""
-    on_cpu = all(x.device.type == "cpu" for s in strands for x in (s.tau, s.share, s.t, s.features))
-    return on_cpu and _is_float32(strands) and native.library() is not None
-
-
-def _is_float32(strands: list[Strands]) -> bool:
-    """Whether strands are float32, at places that are not learnt: kernels then take them."""
-    tensors = [x for s in strands for x in (s.tau, s.share, s.t, s.features)]
-    return all(x.dtype == torch.float32 for x in tensors) and not any(s.t.requires_grad for s in strands)
+def _kernels_for(strands: list[Strands]) -> str | None:
+    """The kernels that take these strands, see `kernels_for`: none where their places are learnt."""
+    if any(s.t.requires_grad for s in strands):
+        return None
+    return kernels_for(*(x for s in strands for x in (s.t, s.tau, s.share, s.features)))
 
 
 def _struct(ray: Tensor, t: Tensor, tau: Tensor, share: Tensor) -> native.StrandsStruct:

@@ -21,6 +21,7 @@ from torch.autograd.function import once_differentiable
 from . import native
 from .constants import MAX_LOG_DENSITY
 from .devices import kernel_threads
+from .kernel_choice import kernels_for
 
 
 def logistic_intervals_reference(s: Tensor, beta: Tensor | float) -> tuple[Tensor, Tensor]:
@@ -81,7 +82,7 @@ class _LogisticIntervals(torch.autograd.Function):
 
 def logistic_intervals(s: Tensor, beta: Tensor | float) -> tuple[Tensor, Tensor]:
     """`logistic_intervals_reference`, by the compiled kernels where they apply."""
-    if native.library() is None or s.device.type != "cpu" or s.dtype != torch.float32:
+    if kernels_for(s) != "compiled":
         return logistic_intervals_reference(s, beta)
     tau, share = _LogisticIntervals.apply(s, torch.as_tensor(beta))  # type: ignore[no-untyped-call]
     return tau, share

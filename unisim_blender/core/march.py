@@ -17,7 +17,7 @@ from torch import Tensor
 from . import native
 from .constants import DECAY_PER_M, QUANTILE_FLOOR
 from .devices import kernel_threads
-from .on_gpu.ready import ready
+from .kernel_choice import kernels_for
 
 
 @dataclass(frozen=True)
@@ -84,18 +84,18 @@ def propose_reference(voxels: Voxels, segment: Segment, u: Tensor) -> tuple[Tens
 
 def propose(voxels: Voxels, segment: Segment, u: Tensor) -> tuple[Tensor, Tensor]:
     """`propose_reference`, by the compiled kernels or Triton's where they apply."""
-    lib, plain = native.library(), u.dtype == torch.float32
-    on_gpu = plain and ready(u)
-    if not on_gpu and (lib is None or not plain or u.device.type != "cpu"):
+    kernels = kernels_for(u)
+    if kernels is None:
         return propose_reference(voxels, segment, u)
     n, count = u.shape
     o, d = segment.origins.contiguous(), segment.directions.contiguous()
     t_near, t_far = segment.t_near.contiguous(), segment.t_far.contiguous()
     values, u = voxels.values.contiguous(), u.contiguous()
-    if on_gpu:
+    if kernels == "triton":
         from .on_gpu.propose import propose as propose_on_gpu
 
         return propose_on_gpu(values, voxels.lower.float(), voxels.voxel_m, DECAY_PER_M, o, d, t_near, t_far, u)
+    lib = native.library()
     assert lib is not None
     shape = np.array(voxels.values.shape, np.int32)
     lower = voxels.lower.numpy().astype(np.float32)

@@ -14,7 +14,7 @@ from torch import Tensor, nn
 from .. import native
 from ..constants import MAX_LOG_DENSITY
 from ..devices import kernel_threads
-from ..on_gpu.ready import ready
+from ..kernel_choice import kernels_for
 from .config import ModelConfig
 from .gradient_sink import GradientSink
 from .grid_shape import GridArrays, GridShape
@@ -45,19 +45,18 @@ def query(
     """
     first, last = network[0], network[-1]
     assert isinstance(first, nn.Linear) and isinstance(last, nn.Linear)
-    lib = native.library()
     learns = torch.is_grad_enabled() and (x.requires_grad or table.requires_grad or last.weight.requires_grad)
-    plain = not learns and x.dtype == table.dtype == last.weight.dtype == torch.float32 and len(network) == 3
-    on_gpu = plain and ready(x)
-    if not plain or not (on_gpu or (x.device.type == "cpu" and lib is not None)):
+    kernels = kernels_for(x, table, last.weight)
+    if learns or kernels is None or len(network) != 3:
         return run_mlp(network, encode(grid, table, x, index, sink), outputs)
     w1, w2, bias = (w.detach().contiguous() for w in (first.weight, last.weight[:outputs], last.bias[:outputs]))
     x, table = x.detach().contiguous(), table.detach().contiguous()
     numbers = None if index is None else index.to(torch.int32).contiguous()
-    if on_gpu:
+    if kernels == "triton":
         from ..on_gpu.grid import field_forward
 
         return field_forward(tensors_of(grid.shape, str(x.device)), table, x, numbers, w1, w2, bias)
+    lib = native.library()
     assert lib is not None
     out = torch.empty(len(x), len(w2))
     status = lib.unisim_field_forward(

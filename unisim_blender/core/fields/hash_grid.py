@@ -17,7 +17,7 @@ from torch.autograd.function import once_differentiable
 
 from .. import native
 from ..devices import kernel_threads
-from ..on_gpu.ready import ready
+from ..kernel_choice import kernels_for
 from .gradient_sink import GradientSink, add_to_table
 from .grid_shape import GridArrays, GridShape
 
@@ -138,18 +138,17 @@ def tensors_of(shape: GridShape, device: str) -> Any:
 
 
 def encode(grid: GridArrays, table: Tensor, x: Tensor, index: Tensor | None = None, sink: GradientSink | None = None) -> Tensor:
-    """`encode_reference`, by the compiled kernels where they apply.
+    """`encode_reference`, by the compiled kernels or Triton's where they apply.
 
     These leave what makes the table's gradient in ``sink``, where there is one, and autograd then sees none.
     """
     assert x.shape[1:] == (3,), x.shape
     assert table.shape[-2:] == (grid.rows, grid.shape.features), table.shape
-    plain = x.dtype == torch.float32 and table.dtype == torch.float32
-    on_gpu = plain and ready(x)
-    if not on_gpu and (not plain or x.device.type != "cpu" or native.library() is None):
+    kernels = kernels_for(x, table)
+    if kernels is None:
         return encode_reference(grid, table, x, index)
     numbers = None if index is None else index.to(torch.int32).contiguous()
-    if on_gpu:
+    if kernels == "triton":
         there: Tensor = _EncodeOnGpu.apply(grid, table, x, numbers)  # type: ignore[no-untyped-call]
         return there
     out: Tensor = _Encode.apply(grid, table, x, numbers, sink)  # type: ignore[no-untyped-call]

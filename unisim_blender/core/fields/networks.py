@@ -11,6 +11,7 @@ from torch.autograd.function import once_differentiable
 
 from .. import native
 from ..devices import kernel_threads
+from ..kernel_choice import kernels_for
 
 SH_WIDTH = 16
 
@@ -69,7 +70,7 @@ def run_mlp(network: nn.Sequential, x: Tensor, outputs: int | None = None) -> Te
     first, last = network[0], network[-1]
     assert isinstance(first, nn.Linear) and isinstance(last, nn.Linear)
     w2, bias = last.weight[:outputs], last.bias[:outputs]
-    if len(network) == 3 and x.device.type == "cpu" and x.dtype == w2.dtype == torch.float32 and native.library() is not None:
+    if len(network) == 3 and kernels_for(x, w2) == "compiled":
         out: Tensor = _TwoLayers.apply(x, first.weight, w2, bias)  # type: ignore[no-untyped-call]
         return out
     return nn.functional.linear(network[:-1](x), w2, bias)

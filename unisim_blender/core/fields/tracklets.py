@@ -14,6 +14,7 @@ from ..bounds import BIN_S, Bounds
 from ..devices import kernel_threads
 from ..drive import Actor
 from ..geometry import FloatArray
+from ..kernel_choice import kernels_for
 
 SMOOTH_S = 0.2
 """Corrections of poses change as slowly as this: what some frames teach holds for the ones between."""
@@ -100,9 +101,10 @@ def near_spheres_reference(origins: Tensor, directions: Tensor, bins: Tensor, ce
 @torch.no_grad()
 def near_spheres(origins: Tensor, directions: Tensor, bins: Tensor, centres: Tensor, radii: Tensor) -> Tensor:
     """`near_spheres_reference`, by the compiled kernels where they apply."""
-    lib = native.library()
-    if lib is None or origins.device.type != "cpu" or not origins.dtype == directions.dtype == centres.dtype == torch.float32:
+    if kernels_for(origins, directions, centres) != "compiled":
         return near_spheres_reference(origins, directions, bins, centres, radii)
+    lib = native.library()
+    assert lib is not None
     arrays = [x.contiguous() for x in (origins, directions, bins, centres, radii)]
     o, d, b, c, r = (x.data_ptr() for x in arrays)
     near = torch.empty(len(origins), radii.shape[1], dtype=torch.bool)
