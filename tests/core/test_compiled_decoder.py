@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import os
 import subprocess
 import sys
 from pathlib import Path
@@ -13,6 +12,7 @@ import numpy as np
 import pytest
 import torch
 import torch.nn.functional as F
+from instruction_sets import SETS, run_with
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
@@ -247,11 +247,7 @@ def test_bilinear_pictures(shape: tuple[int, int]) -> None:
 
 
 VARIANT_SCRIPT = """
-import sys
-sys.path.insert(0, sys.argv[1])
 import test_compiled_decoder as t
-from unisim_blender.core import native
-assert native.variant() == sys.argv[2], native.variant()
 assert native.variant() == "avx512" or not native.has_half()
 for name in t.CONFIGS:
     t.test_pictures(name, (9, 31))
@@ -263,12 +259,6 @@ t.test_half_precision_shows_the_same_picture("three blocks")
 
 
 @needs_library
-@pytest.mark.parametrize("name", ("portable", "avx2", "avx512"))
+@pytest.mark.parametrize("name", SETS)
 def test_every_variant(name: str) -> None:
-    order = ("portable", "avx2", "avx512")
-    if order.index(name) > order.index(native.variant()):
-        pytest.skip(f"this processor has no {name}")
-    environment = {**os.environ, "UNISIM_NATIVE_VARIANT": name, "OMP_NUM_THREADS": "1"}
-    command = [sys.executable, "-c", VARIANT_SCRIPT, os.path.dirname(__file__), name]
-    run = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=120)
-    assert run.returncode == 0, run.stderr
+    run_with(name, VARIANT_SCRIPT)

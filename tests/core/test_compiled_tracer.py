@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
-import os
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from analytic_scene import still
+from instruction_sets import SETS, run_with
 from numpy.typing import NDArray
 from random_scene import CONFIGS, PASSES, TINY, edited, picture_rays, saved
 
@@ -184,15 +182,11 @@ def test_without_the_library_one_sentence_says_so(tmp_path: Path, monkeypatch: p
 
 
 VARIANT_SCRIPT = """
-import sys
 from pathlib import Path
-sys.path.insert(0, sys.argv[1])
 import test_compiled_tracer as t
-from unisim_blender.core import native
-assert native.variant() == sys.argv[2], native.variant()
 for name in ("tiny", "sample"):
-    t.test_everything_that_is_recorded(Path(sys.argv[3]) / name, name, True)
-t.test_guests_and_meshes(Path(sys.argv[3]) / "guests", True)
+    t.test_everything_that_is_recorded(Path(sys.argv[1]) / name, name, True)
+t.test_guests_and_meshes(Path(sys.argv[1]) / "guests", True)
 import test_surface_march
 test_surface_march.test_places_in_a_volume("balanced")
 test_surface_march.test_places_in_a_box("balanced")
@@ -200,12 +194,6 @@ test_surface_march.test_places_in_a_box("balanced")
 
 
 @needs_library
-@pytest.mark.parametrize("variant", ("portable", "avx2", "avx512"))
-def test_instruction_sets(variant: str, tmp_path: Path) -> None:
-    environment = {**os.environ, "UNISIM_NATIVE_VARIANT": variant}
-    asked = [sys.executable, "-c", "from unisim_blender.core import native; print(native.variant())"]
-    if subprocess.run(asked, env=environment, capture_output=True, text=True, timeout=60).stdout.strip() != variant:
-        pytest.skip(f"this processor or build has no {variant}")
-    script = [sys.executable, "-c", VARIANT_SCRIPT, str(Path(__file__).parent), variant, str(tmp_path)]
-    done = subprocess.run(script, env=environment, capture_output=True, text=True, timeout=300)
-    assert done.returncode == 0, done.stderr
+@pytest.mark.parametrize("name", SETS)
+def test_every_variant(name: str, tmp_path: Path) -> None:
+    run_with(name, VARIANT_SCRIPT, tmp_path)

@@ -3,14 +3,12 @@ the kernels that place samples and sort rays out as well)."""
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
 from collections.abc import Callable
 from dataclasses import replace
 
 import pytest
 import torch
+from instruction_sets import SETS, run_with
 from torch import Tensor
 
 from unisim_blender.core import native
@@ -159,13 +157,9 @@ def test_any_number_of_threads_gives_the_same_bits() -> None:
 
 
 VARIANT_SCRIPT = """
-import sys
-sys.path.insert(0, sys.argv[1])
 import test_composite as t
 from test_march import test_compiled_proposals
 from test_tracklets import test_compiled_spheres
-from unisim_blender.core import native
-assert native.variant() == sys.argv[2], native.variant()
 for beta in (1.0, 20.0, 300.0):
     t.test_intervals((500, 12), beta)
 t.test_values_and_gradients(t.GROUPS)
@@ -174,12 +168,6 @@ test_compiled_spheres(37)
 """
 
 
-@pytest.mark.parametrize("name", ("portable", "avx2", "avx512"))
+@pytest.mark.parametrize("name", SETS)
 def test_every_variant(name: str) -> None:
-    order = ("portable", "avx2", "avx512")
-    if order.index(name) > order.index(native.variant()):
-        pytest.skip(f"this processor has no {name}")
-    environment = {**os.environ, "UNISIM_NATIVE_VARIANT": name, "OMP_NUM_THREADS": "1"}
-    command = [sys.executable, "-c", VARIANT_SCRIPT, os.path.dirname(__file__), name]
-    run = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=120)
-    assert run.returncode == 0, run.stderr
+    run_with(name, VARIANT_SCRIPT)

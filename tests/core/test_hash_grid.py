@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
+from instruction_sets import SETS, run_with
 from torch import Tensor
 
 from unisim_blender.core import native
@@ -189,27 +188,21 @@ def test_levels_are_dense_where_they_fit() -> None:
 
 
 VARIANT_SCRIPT = """
-import numpy as np, sys, torch
-sys.path.insert(0, sys.argv[1])
+import numpy as np
 import test_hash_grid as t
-from unisim_blender.core import native
 grid = t.GridArrays(t.SHAPES["mixed, uneven cells"])
 x, rows = t.points(1000).requires_grad_(), t.table(grid).requires_grad_()
 out = t.encode(grid, rows, x)
 out.square().sum().backward()
-print(native.variant())
-np.savez(sys.argv[2], out=out.detach().numpy(), rows=rows.grad.numpy(), x=x.grad.numpy())
+np.savez(sys.argv[1], out=out.detach().numpy(), rows=rows.grad.numpy(), x=x.grad.numpy())
 """
 
 
 @needs_library
-@pytest.mark.parametrize("name", ("portable", "avx2", "avx512"))
-def test_every_variant(name: str, tmp_path: os.PathLike[str]) -> None:
-    file = os.path.join(tmp_path, "out.npz")
-    command = [sys.executable, "-c", VARIANT_SCRIPT, os.path.dirname(__file__), file]
-    run = subprocess.run(command, env={**os.environ, "UNISIM_NATIVE_VARIANT": name}, capture_output=True, text=True, check=True)
-    if run.stdout.strip() != name:
-        pytest.skip(f"this processor or build has no {name}")
+@pytest.mark.parametrize("name", SETS)
+def test_every_variant(name: str, tmp_path: Path) -> None:
+    file = tmp_path / "out.npz"
+    run_with(name, VARIANT_SCRIPT, file)
     grid = GridArrays(SHAPES["mixed, uneven cells"])
     x, rows = points(1000).requires_grad_(), table(grid).requires_grad_()
     expected = encode_reference(grid, rows, x)

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
-
 import pytest
 import torch
+from instruction_sets import SETS, run_with
 from torch import Tensor
 
 from unisim_blender.core import native
@@ -76,11 +73,7 @@ def test_more_layers_go_through_torch() -> None:
 
 
 VARIANT_SCRIPT = """
-import sys
-sys.path.insert(0, sys.argv[1])
 import test_networks as t
-from unisim_blender.core import native
-assert native.variant() == sys.argv[2], native.variant()
 for sizes in t.SIZES:
     for outputs in (None, 1):
         t.test_values_and_gradients(sizes, 300, outputs)
@@ -88,13 +81,6 @@ for sizes in t.SIZES:
 
 
 @needs_library
-@pytest.mark.parametrize("name", ("portable", "avx2", "avx512"))
+@pytest.mark.parametrize("name", SETS)
 def test_every_variant(name: str) -> None:
-    order = ("portable", "avx2", "avx512")
-    best = native.variant()
-    if order.index(name) > order.index(best):
-        pytest.skip(f"this processor has no {name}")
-    environment = {**os.environ, "UNISIM_NATIVE_VARIANT": name, "OMP_NUM_THREADS": "1"}
-    command = [sys.executable, "-c", VARIANT_SCRIPT, os.path.dirname(__file__), name]
-    run = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=120)
-    assert run.returncode == 0, run.stderr
+    run_with(name, VARIANT_SCRIPT)

@@ -10,9 +10,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from instruction_sets import sets_here
 from stress.cases import CASES
 from stress.measures import Bench, Measure
-from stress.probe import variants
 from stress.scenes import edited, make_scene
 from stress.variants import compared_variants
 
@@ -37,7 +37,7 @@ def test_what_is_not_a_number_keeps_no_bound() -> None:
     assert not Measure("", float("nan"), np.inf).kept and Measure("", 1.0, 1.0).kept and not Measure("", 1.1, 1.0).kept
 
 
-@pytest.mark.skipif(len(variants()) < 2, reason="one instruction set runs here")
+@pytest.mark.skipif(len(sets_here()) < 2, reason="one instruction set runs here")
 def test_instruction_sets_agree(tmp_path: Path) -> None:
     measures = list(compared_variants(Bench(tmp_path)))
     assert len(measures) >= 4 and not [m for m in measures if not m.kept]

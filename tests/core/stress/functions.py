@@ -6,6 +6,7 @@ import ctypes
 from collections.abc import Iterator
 
 import numpy as np
+from instruction_sets import sets_here
 
 from unisim_blender.core.compiled.structs import address
 from unisim_blender.core.geometry import (
@@ -13,7 +14,7 @@ from unisim_blender.core.geometry import (
 )
 
 from .measures import Bench, Measure, most
-from .probe import Array, ask, probed, variants
+from .probe import Array, ask, probed
 
 LEAST_NORMAL, HUGE = 1.1754944e-38, float(np.finfo(np.float32).max)
 
@@ -36,7 +37,7 @@ def functions(bench: Bench) -> Iterator[Measure]:
         x = np.concatenate([every, dense])
         return x[(x >= low) & (x <= high)]
 
-    for variant in variants():
+    for variant in sets_here():
         library = probed(variant)
         assert library is not None
         for name, low, high, exact, bound in (

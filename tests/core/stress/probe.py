@@ -46,9 +46,3 @@ def ask(library: ctypes.CDLL, name: str, x: Array) -> Array:
     out = np.empty_like(padded)
     getattr(library, f"probe_{name}")(address(padded), address(out), len(padded))
     return out[: len(x)]
-
-
-def variants() -> list[str]:
-    """The instruction sets that run here."""
-    order = ["portable", "avx2", "avx512"]
-    return order[: order.index(native.variant()) + 1] if native.library() is not None else []

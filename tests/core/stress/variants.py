@@ -2,35 +2,27 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
 from collections.abc import Iterator
-from pathlib import Path
 
 import numpy as np
+from instruction_sets import run_with, sets_here
 
-from unisim_blender.core import native
 from unisim_blender.core.compiled.scene import CompiledScene
 from unisim_blender.core.compiled.tracer import CompiledTracer
 from unisim_blender.core.frames import RenderStats
 
 from .measures import Bench, Measure, most
-from .probe import variants
 from .scenes import edited, make_scene, picture_rays
 from .truths import PASSES, arrays_of
 
 VARIANT_SCRIPT = """
-import sys
-sys.path.insert(0, sys.argv[1])
 from stress.variants import write_found
-write_found(*sys.argv[2:])
+write_found(*sys.argv[1:])
 """
 
 
-def write_found(folder: str, out: str, variant: str, full: str) -> None:
+def write_found(folder: str, out: str, full: str) -> None:
     """What the compiled tracer finds of a scene, and its picture, into a file: in a process of the instruction set asked for."""
-    assert native.variant() == variant, native.variant()
     drive = edited()
     tracer, rays = CompiledTracer(CompiledScene(folder), drive), picture_rays(drive, int(full))
     found = tracer.trace(rays, PASSES, True, None, RenderStats())
@@ -42,16 +34,14 @@ def compared_variants(bench: Bench) -> Iterator[Measure]:
     """How far instruction sets differ, on a random scene: in colours of 0 to 1 and in depths."""
     folder = make_scene(bench.folder / "scene", edited())
     results = {}
-    for variant in variants():
+    for variant in sets_here():
         out = bench.folder / f"{variant}.npz"
-        script = [sys.executable, "-c", VARIANT_SCRIPT, Path(__file__).parents[1], folder, out, variant, bench.full]
-        environment = {**os.environ, "UNISIM_NATIVE_VARIANT": variant}
-        subprocess.run([str(part) for part in script], env=environment, check=True, timeout=300)
+        run_with(variant, VARIANT_SCRIPT, folder, out, bench.full)
         results[variant] = dict(np.load(out))
-    last = results[variants()[-1]]
+    last = results[sets_here()[-1]]
     solid = np.isfinite(last["depth"])
-    for variant in variants()[:-1]:
-        pair = f"{variant} beside {variants()[-1]}"
+    for variant in sets_here()[:-1]:
+        pair = f"{variant} beside {sets_here()[-1]}"
         rgb, depth = results[variant]["rgb"], results[variant]["depth"]
         both = solid & np.isfinite(depth)
         yield Measure(f"{pair}: colour", most(rgb, last["rgb"]), 1 / 255)
