@@ -9,7 +9,7 @@ namespace {
 struct Sums {
     float behind[TILE], behind_own[TILE];    // of a ray what comes through everything, and through everything but guests
     float total[TILE], stopped[TILE];        // its samples' weights, and their distances by weight
-    std::vector<float> feature, own_feature; // (TILE, features), of everything but guests where those are apart; without guests
+    std::vector<float> feature, own_feature; // (TILE, features) of all but guests: with these in front, and as if there were none
 };
 
 class Summing {
