@@ -9,11 +9,11 @@ constexpr float MAX_LOG_DENSITY = 8.0f;
 
 class Beyond {
   public:
-    std::vector<int> rays;                     // those that come so far
-    int count = 0;                             // samples of each
-    std::vector<float> t, tau;                 // (rays, count): where these are, optical depths of their intervals
-    float in_front[TILE];                      // of each ray of the tile, what comes through the volume
-    float depth[TILE];                         // distances that stop it beyond, by weight
+    std::vector<int> rays;     // those that come so far
+    int count = 0;             // samples of each
+    std::vector<float> t, tau; // (rays, count): where these are, optical depths of their intervals
+    float in_front[TILE];      // of each ray of the tile, what comes through the volume
+    float depth[TILE];         // distances that stop it beyond, by weight
 
     Beyond(Tile &tile, Sums &sums) : tile_(tile), sums_(sums), directed_(tile) {}
 
@@ -98,18 +98,13 @@ class Beyond {
         summed_.assign(whole_blocks * field().wide, 0.0f);
         out_.assign(whole_blocks * field().wide_out, 0.0f);
         whole_.assign(n, 0.0f);
-        weights_.clear();
-        places_.clear();
-        if (head()) directed_.begin(static_cast<int>(n) * (count + 1), field().outputs - 1);
+        directed_.begin();
     }
 
     // Hidden units h to ray i's sum.
     void give(size_t i, float weight, const float *h) {
         if (head()) {
-            if (weight <= LEAST_WEIGHT) return;
-            directed_.add(field(), h, rays[i], nullptr);
-            weights_.push_back(weight);
-            places_.push_back(i);
+            if (!(weight <= LEAST_WEIGHT)) directed_.add(field(), h, rays[i], nullptr, weight, i);
             return;
         }
         whole_[i] += weight;
@@ -122,11 +117,9 @@ class Beyond {
     void end_sums() {
         const Field &far = field();
         const size_t n = rays.size(), features = static_cast<size_t>(far.outputs - 1), wide = static_cast<size_t>(far.wide_out);
-        if (head()) {
-            directed_.run(*head());
-            for (size_t i = 0; i < weights_.size(); ++i)
-                for (size_t f = 0; f < features; ++f) out_[places_[i] * wide + f] += weights_[i] * directed_.features[i * features + f];
-        } else
+        if (head())
+            directed_.sum(*head(), far, out_.data());
+        else
             layer<false>(static_cast<int>(out_.size() / wide), far.wide_out, far.hidden, summed_.data(), far.wide, far.feature.data(),
                          out_.data());
         for (size_t i = 0; i < n; ++i) {
@@ -222,8 +215,7 @@ class Beyond {
     std::vector<float> share_[2], density_[2], units_[2]; // of the first answers, of the second ones
     std::vector<float> width_;                            // of the second ones' intervals, in shares
     std::vector<float> behind_;                           // of each ray, what comes through all of it
-    std::vector<float> summed_, whole_, out_, weights_, sum_;
-    std::vector<size_t> places_;
+    std::vector<float> summed_, whole_, out_, sum_;
 };
 
 } // namespace

@@ -6,19 +6,15 @@ namespace {
 
 class Directed {
   public:
-    std::vector<float> features; // (noted, wide), after `run`
-
     explicit Directed(const Tile &tile) : tile_(tile) {}
 
-    // Room for `count` of them.
-    void begin(int count, int wide) {
-        undirected_.clear();
-        along_.clear();
-        features.resize(static_cast<size_t>(count) * wide);
+    void begin() {
+        for (auto *v : {&undirected_, &along_, &weights_}) v->clear();
+        rows_.clear();
     }
 
-    // Those of hidden units h on ray r, in the light of an actor's scales and shifts where there is one.
-    void add(const Field &field, const float *h, int r, const float *light) {
+    // Those of hidden units h on ray r, in the light of an actor's scales and shifts where there is one, for a row of sums.
+    void add(const Field &field, const float *h, int r, const float *light, float weight, size_t row) {
         const int wide = field.outputs - 1;
         for (int f = 0; f < wide; ++f) {
             float value = field.bias[static_cast<size_t>(f + 1)];
@@ -26,16 +22,26 @@ class Directed {
             undirected_.push_back(light ? value * (1 + light[f]) + light[wide + f] : value);
         }
         for (int a = 0; a < 3; ++a) along_.push_back(static_cast<float>(tile_.rays.direction[r][a]));
+        weights_.push_back(weight);
+        rows_.push_back(row);
     }
 
-    void run(const unisim_head &head) {
-        const int64_t count = static_cast<int64_t>(along_.size() / 3);
-        UNISIM_NAME(unisim_head_forward)(&head, undirected_.data(), along_.data(), nullptr, count, features.data(), 1);
+    // What the head makes of them, by weight, to their rows of sums (rows, wide_out).
+    void sum(const unisim_head &head, const Field &field, float *sums) {
+        const size_t count = rows_.size(), wide = static_cast<size_t>(field.outputs - 1);
+        features_.resize(undirected_.size());
+        UNISIM_NAME(unisim_head_forward)
+        (&head, undirected_.data(), along_.data(), nullptr, static_cast<int64_t>(count), features_.data(), 1);
+        for (size_t i = 0; i < count; ++i) {
+            float *out = sums + rows_[i] * static_cast<size_t>(field.wide_out);
+            for (size_t f = 0; f < wide; ++f) out[f] += weights_[i] * features_[i * wide + f];
+        }
     }
 
   private:
     const Tile &tile_;
-    std::vector<float> undirected_, along_;
+    std::vector<float> undirected_, along_, weights_, features_;
+    std::vector<size_t> rows_; // of sums
 };
 
 } // namespace

@@ -163,21 +163,15 @@ class Summing {
         const Field &field = tile_.field_of(b);
         const int features = field.outputs - 1;
         projected_.assign(static_cast<size_t>(b.count) * field.wide_out, 0.0f);
-        heavy_.clear();
-        for (int i = 0; i < b.samples * b.stride; ++i)
-            if (b.slot[static_cast<size_t>(i)] >= 0 && b.weight[static_cast<size_t>(i)] > LEAST_WEIGHT) heavy_.push_back(i);
-        directed_.begin(static_cast<int>(heavy_.size()), features);
-        for (size_t i = 0; i < heavy_.size(); ++i) {
-            const int p = heavy_[i] % b.stride;
+        directed_.begin();
+        for (int i = 0; i < b.samples * b.stride; ++i) {
+            const int slot = b.slot[static_cast<size_t>(i)], p = i % b.stride;
+            const float weight = b.weight[static_cast<size_t>(i)];
+            if (slot < 0 || !(weight > LEAST_WEIGHT)) continue;
             const float *scale = lit ? &light_.scales[static_cast<size_t>(2 * p * features)] : nullptr;
-            directed_.add(field, &b.units[static_cast<size_t>(b.slot[static_cast<size_t>(heavy_[i])]) * field.wide], b.ray[p], scale);
+            directed_.add(field, &b.units[static_cast<size_t>(slot) * field.wide], b.ray[p], scale, weight, static_cast<size_t>(p));
         }
-        directed_.run(head);
-        for (size_t i = 0; i < heavy_.size(); ++i) {
-            float *out = &projected_[static_cast<size_t>(heavy_[i] % b.stride) * field.wide_out];
-            const float weight = b.weight[static_cast<size_t>(heavy_[i])];
-            for (int f = 0; f < features; ++f) out[f] += weight * directed_.features[i * static_cast<size_t>(features) + f];
-        }
+        directed_.sum(head, field, projected_.data());
     }
 
     Tile &tile_;
@@ -185,7 +179,7 @@ class Summing {
     Directed directed_;
     bool guests_[TILE];
     std::vector<Strand> own_;
-    std::vector<int> next_, heavy_;
+    std::vector<int> next_;
     std::vector<float> stops_, strand_weight_, summed_, projected_;
 };
 
