@@ -10,8 +10,7 @@ from pathlib import Path
 import pytest
 
 from unisim_blender.core import native
-
-SETS = ("portable", "avx2", "avx512")
+from unisim_blender.core.bench.methods import VARIANTS
 
 START = """
 import sys
@@ -23,7 +22,7 @@ assert native.variant() == {name!r}, native.variant()
 
 def sets_here() -> tuple[str, ...]:
     """Those that the processor and the build have, the oldest first; none without the kernels."""
-    return SETS[: SETS.index(native.variant()) + 1] if native.library() is not None else ()
+    return VARIANTS[: VARIANTS.index(native.variant()) + 1] if native.library() is not None else ()
 
 
 def run_with(name: str, script: str, *arguments: object) -> None:

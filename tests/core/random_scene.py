@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,7 @@ import numpy as np
 import torch
 from analytic_scene import drive_of, still
 
-from unisim_blender.core.drive import Box, Drive, StaticCopy
+from unisim_blender.core.drive import Actor, Box, Drive, StaticCopy
 from unisim_blender.core.fields.checkpoint import save_scene
 from unisim_blender.core.fields.config import GridConfig, ModelConfig, preset
 from unisim_blender.core.fields.scene import SceneModel
@@ -48,10 +49,10 @@ def box(x: float, y: float, z: float, yaw: float, size: tuple[float, float, floa
     return Box(make_pose(np.array([x, y, z]), quaternion_from_yaw(yaw)), np.array(size))
 
 
-def edited() -> Drive:
-    """A car gone, a box emptied, a place copied."""
+def edited(cars: Sequence[Actor] = (*CARS[1:], MOVING)) -> Drive:
+    """These actors, a car gone if none are named, a box emptied, a place copied."""
     copies = (StaticCopy("copy", box(-5, 4, 1, 0.2, (3, 3, 3)), make_pose(np.array([-13.0, 3, 1.2]), quaternion_from_yaw(1.1))),)
-    return drive_of([*CARS[1:], MOVING], copies, (box(-11, 1, 1, 0.5, (3, 2, 2)),))
+    return drive_of(list(cars), copies, (box(-11, 1, 1, 0.5, (3, 2, 2)),))
 
 
 def rough(model: SceneModel) -> None:

@@ -12,11 +12,12 @@ import numpy as np
 import pytest
 import torch
 import torch.nn.functional as F
-from instruction_sets import SETS, run_with
+from instruction_sets import run_with
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from unisim_blender.core import native, torch_tracer
+from unisim_blender.core.bench.methods import VARIANTS
 from unisim_blender.core.compiled.decoder import Decoder, resized, spread_over_edges
 from unisim_blender.core.decode import CameraDecoder, LidarHead, RayHead
 from unisim_blender.core.errors import SceneError, UnisimError
@@ -259,6 +260,6 @@ t.test_half_precision_shows_the_same_picture("three blocks")
 
 
 @needs_library
-@pytest.mark.parametrize("name", SETS)
+@pytest.mark.parametrize("name", VARIANTS)
 def test_every_variant(name: str) -> None:
     run_with(name, VARIANT_SCRIPT)

@@ -9,11 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 from analytic_scene import still
-from instruction_sets import SETS, run_with
+from instruction_sets import run_with
 from numpy.typing import NDArray
 from random_scene import CONFIGS, PASSES, TINY, edited, picture_rays, saved
 
 from unisim_blender.core import native
+from unisim_blender.core.bench.methods import VARIANTS
 from unisim_blender.core.compiled import tracer as compiled_tracer
 from unisim_blender.core.compiled.scene import CompiledScene
 from unisim_blender.core.compiled.tracer import CompiledTracer
@@ -194,6 +195,6 @@ test_surface_march.test_places_in_a_box("balanced")
 
 
 @needs_library
-@pytest.mark.parametrize("name", SETS)
+@pytest.mark.parametrize("name", VARIANTS)
 def test_every_variant(name: str, tmp_path: Path) -> None:
     run_with(name, VARIANT_SCRIPT, tmp_path)

@@ -8,10 +8,11 @@ from dataclasses import replace
 
 import pytest
 import torch
-from instruction_sets import SETS, run_with
+from instruction_sets import run_with
 from torch import Tensor
 
 from unisim_blender.core import native
+from unisim_blender.core.bench.methods import VARIANTS
 from unisim_blender.core.composite import composite, gather, gather_reference, transmittances, transmittances_reference
 from unisim_blender.core.density import logistic_intervals, logistic_intervals_reference
 from unisim_blender.core.strands import Strands
@@ -168,6 +169,6 @@ test_compiled_spheres(37)
 """
 
 
-@pytest.mark.parametrize("name", SETS)
+@pytest.mark.parametrize("name", VARIANTS)
 def test_every_variant(name: str) -> None:
     run_with(name, VARIANT_SCRIPT)

@@ -7,10 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from instruction_sets import SETS, run_with
+from instruction_sets import run_with
 from torch import Tensor
 
 from unisim_blender.core import native
+from unisim_blender.core.bench.methods import VARIANTS
 from unisim_blender.core.fields.gradient_sink import GradientSink, add_to_table, as_share
 from unisim_blender.core.fields.grid_shape import GridArrays, GridShape
 from unisim_blender.core.fields.hash_grid import encode, encode_reference
@@ -199,7 +200,7 @@ np.savez(sys.argv[1], out=out.detach().numpy(), rows=rows.grad.numpy(), x=x.grad
 
 
 @needs_library
-@pytest.mark.parametrize("name", SETS)
+@pytest.mark.parametrize("name", VARIANTS)
 def test_every_variant(name: str, tmp_path: Path) -> None:
     file = tmp_path / "out.npz"
     run_with(name, VARIANT_SCRIPT, file)

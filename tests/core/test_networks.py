@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import pytest
 import torch
-from instruction_sets import SETS, run_with
+from instruction_sets import run_with
 from torch import Tensor
 
 from unisim_blender.core import native
+from unisim_blender.core.bench.methods import VARIANTS
 from unisim_blender.core.fields.networks import mlp, run_mlp
 
 needs_library = pytest.mark.skipif(native.library() is None, reason="the compiled kernels are not built")
@@ -81,6 +82,6 @@ for sizes in t.SIZES:
 
 
 @needs_library
-@pytest.mark.parametrize("name", SETS)
+@pytest.mark.parametrize("name", VARIANTS)
 def test_every_variant(name: str) -> None:
     run_with(name, VARIANT_SCRIPT)

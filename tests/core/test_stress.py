@@ -11,9 +11,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from instruction_sets import sets_here
+from random_scene import CARS, edited
 from stress.cases import CASES
 from stress.measures import Bench, Measure
-from stress.scenes import edited, make_scene
+from stress.scenes import make_scene
 from stress.variants import compared_variants
 
 from unisim_blender.core import native
@@ -44,7 +45,7 @@ def test_instruction_sets_agree(tmp_path: Path) -> None:
 
 
 def test_tables_that_are_not_finite_are_refused_in_one_sentence(tmp_path: Path) -> None:
-    folder = make_scene(tmp_path / "scene", edited())
+    folder = make_scene(tmp_path / "scene", edited(CARS))
     header = json.loads((folder / HEADER_NAME).read_text())
     header.pop("weights", None)
     (folder / HEADER_NAME).write_text(json.dumps(header))
@@ -64,7 +65,7 @@ def test_tables_that_are_not_finite_are_refused_in_one_sentence(tmp_path: Path) 
 
 
 def test_a_scenario_has_the_same_bytes_with_any_number_of_threads(tmp_path: Path) -> None:
-    make_scene(tmp_path / "scene", edited())
+    make_scene(tmp_path / "scene", edited(CARS))
     passes, formats = ["rgb", "depth", "normal", "instance", "opacity"], ["png", "exr", "npz", "labels"]
     document = {
         "format": "unisim-scenario", "version": 1, "name": "twice", "scene": "scene", "log": "none", "frames": [1, 2],

@@ -8,12 +8,13 @@ from collections.abc import Iterator
 import numpy as np
 import torch
 from analytic_scene import still
+from random_scene import edited
 
 from unisim_blender.core.fields.tracklets import quaternion_from_rotation, rotation_from_6d
 from unisim_blender.core.sensors.rays import Rays
 
 from .measures import Bench, Measure, most
-from .scenes import edited, make_scene, picture_rays
+from .scenes import make_scene, picture_rays
 from .truths import beside_truth
 
 

@@ -6,19 +6,20 @@ import dataclasses
 from collections.abc import Iterator
 
 import numpy as np
+from random_scene import CARS, PASSES, TINY, edited
 
 from unisim_blender.core.frames import RenderStats
 from unisim_blender.core.sensors.camera import camera_rays, pixel_grid
 from unisim_blender.core.sensors.rays import Rays
 
 from .measures import Bench, Measure, most
-from .scenes import TINY, edited, fan, make_scene
-from .truths import PASSES, arrays_of, not_finite, tracers
+from .scenes import fan, make_scene
+from .truths import arrays_of, not_finite, tracers
 
 
 def counts(bench: Bench) -> Iterator[Measure]:
     """One ray and many: the same bits alone as in company."""
-    drive = edited()
+    drive = edited(CARS)
     folder = make_scene(bench.folder / "scene", drive)
     rays = fan(2000 if bench.full == 1 else 16384, (-20.0, 0, 1.6))
     for name, tracer in tracers(folder, drive).items():
@@ -42,7 +43,7 @@ def counts(bench: Bench) -> Iterator[Measure]:
 
 def odd_images(bench: Bench) -> Iterator[Measure]:
     """Pictures whose sizes nothing divides."""
-    drive = edited()
+    drive = edited(CARS)
     folder = make_scene(bench.folder / "scene", drive)
     camera = drive.cameras["front"]
     for width, height in ((1, 1), (1, 7), (13, 1), (47, 31)):

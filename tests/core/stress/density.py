@@ -8,6 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 import torch
 from analytic_scene import drive_of
+from random_scene import PASSES
 
 from unisim_blender.core.compiled.structs import address
 from unisim_blender.core.density import logistic_intervals
@@ -17,8 +18,8 @@ from unisim_blender.core.sensors.rays import Rays
 
 from .measures import Bench, Case, Measure, most
 from .probe import probed
-from .scenes import edited, make_scene, picture_rays, plane
-from .truths import PASSES, beside_truth, not_finite, tracers
+from .scenes import make_scene, plane
+from .truths import changed, not_finite, tracers
 
 
 def sharpness(beta: float) -> Case:
@@ -27,12 +28,7 @@ def sharpness(beta: float) -> Case:
     def change(model: SceneModel) -> None:
         model.log_beta.fill_(np.log(beta))
 
-    def case(bench: Bench) -> Iterator[Measure]:
-        drive = edited()
-        folder = make_scene(bench.folder / "scene", drive, change)
-        yield from beside_truth(folder, drive, picture_rays(drive, bench.full), 3e-3, 1e-4, 2e-3)
-
-    return case
+    return changed(change, 3e-3)
 
 
 def intervals(bench: Bench) -> Iterator[Measure]:

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 from analytic_scene import still
+from random_scene import CARS, PASSES, edited
 
 from unisim_blender.core.fields.tracklets import Tracklets
 from unisim_blender.core.fields.volume import Volume
@@ -22,8 +23,8 @@ from unisim_blender.core.geometry import (
 from unisim_blender.core.training.data import LidarData
 
 from .measures import Bench, Case, Measure, most
-from .scenes import CORNER, SIZE_M, edited, fan, make_scene, moved_drive, moved_rays, picture_rays
-from .truths import PASSES, arrays_of, tracers, truth
+from .scenes import CORNER, SIZE_M, fan, make_scene, moved_drive, moved_rays, picture_rays
+from .truths import arrays_of, tracers, truth
 
 FAR_OFF = {
     "a million metres off": (np.array([1e6, -1e6, 1e3]), 0.7),
@@ -37,7 +38,7 @@ def moved(where: str) -> Case:
     def case(bench: Bench) -> Iterator[Measure]:
         offset, yaw = FAR_OFF[where]
         motion = make_pose(offset, quaternion_from_yaw(yaw))
-        drive = edited()
+        drive = edited(CARS)
         here, there = make_scene(bench.folder / "here", drive), make_scene(bench.folder / "there", drive, motion=motion)
         rays = picture_rays(drive, bench.full)
         exact, _ = truth(here, drive, rays)

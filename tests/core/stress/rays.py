@@ -8,14 +8,15 @@ from typing import Any
 
 import numpy as np
 from analytic_scene import still
+from random_scene import CARS, PASSES, edited
 
 from unisim_blender.core.fields.scene import SceneModel
 from unisim_blender.core.frames import RenderStats
 from unisim_blender.core.sensors.rays import Rays
 
 from .measures import Bench, Measure, most
-from .scenes import edited, fan, make_scene, picture_rays, plane
-from .truths import PASSES, arrays_of, beside_truth, not_finite, tracers, truth
+from .scenes import fan, make_scene, picture_rays, plane
+from .truths import arrays_of, beside_truth, not_finite, tracers, truth
 
 
 def inside(bench: Bench) -> Iterator[Measure]:
@@ -83,7 +84,7 @@ BROKEN = (np.nan, np.inf, -np.inf, 1e300)
 
 def unsound(bench: Bench) -> Iterator[Measure]:
     """Rays with numbers that are none, and of no direction, among others: those keep their bits."""
-    drive = edited()
+    drive = edited(CARS)
     folder = make_scene(bench.folder / "scene", drive)
     rays = picture_rays(drive, bench.full)
     for name, tracer in tracers(folder, drive).items():

@@ -9,12 +9,11 @@ from typing import Any
 
 import numpy as np
 import torch
-from analytic_scene import drive_of
-from random_scene import CARS, rough
+from random_scene import TINY, rough
 
-from unisim_blender.core.drive import Actor, Box, Drive, StaticCopy
+from unisim_blender.core.drive import Box, Drive, StaticCopy
 from unisim_blender.core.fields.checkpoint import save_scene
-from unisim_blender.core.fields.config import ModelConfig, preset
+from unisim_blender.core.fields.config import ModelConfig
 from unisim_blender.core.fields.scene import SceneModel
 from unisim_blender.core.fields.volume import Volume
 from unisim_blender.core.geometry import (
@@ -28,17 +27,9 @@ from unisim_blender.core.scene_file import SceneHeader
 from unisim_blender.core.sensors.camera import camera_rays, pixel_grid
 from unisim_blender.core.sensors.rays import Rays
 
-TINY = preset("tiny")
 SIZE_M = np.array([60.0, 40.0, 16.0])
 CORNER = np.array([-30.0, -20.0, -4.0])
 Change = Callable[[SceneModel], None]
-
-
-def edited(cars: list[Actor] = CARS) -> Drive:
-    """Actors, a box emptied, a place copied."""
-    source = Box(make_pose(np.array([-5.0, 4, 1]), quaternion_from_yaw(0.2)), np.full(3, 3.0))
-    copies = (StaticCopy("copy", source, make_pose(np.array([-13.0, 3, 1.2]), quaternion_from_yaw(1.1))),)
-    return drive_of(cars, copies, (Box(make_pose(np.array([-11.0, 1, 1]), quaternion_from_yaw(0.5)), np.array([3.0, 2, 2])),))
 
 
 def plane(height_m: float, beta: float) -> Change:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from random_scene import CARS, PASSES, edited
 
 from unisim_blender.core import native
 from unisim_blender.core.cast import gather_cast
@@ -32,9 +33,8 @@ from unisim_blender.core.torch_tracer import TorchTracer
 from unisim_blender.core.trace import Sampling, trace
 from unisim_blender.core.tracer import Found
 
-from .measures import Measure, most
-
-PASSES = {"depth", "instance", "normal", "opacity", "support"}
+from .measures import Bench, Case, Measure, most
+from .scenes import Change, make_scene, picture_rays
 
 
 def exactly(tracklets: Tracklets, actors: tuple[Actor, ...]) -> None:
@@ -118,3 +118,14 @@ def beside_truth(
         yield Measure(f"{name}: median depth, m", most(got["depth"][solid], median[solid], 0.98), depth)
         yield Measure(f"{name}: opacity", most(got["opacity"], exact.opacity, 0.98), opacity)
         yield Measure(f"{name}: features, of their mean size", most(got["feature"], exact.feature, 0.98) / scale, feature)
+
+
+def changed(change: Change, depth: float) -> Case:
+    """The edited drive through a scene of random weights that are changed; ``depth`` bounds its error, metres."""
+
+    def case(bench: Bench) -> Iterator[Measure]:
+        drive = edited(CARS)
+        folder = make_scene(bench.folder / "scene", drive, change)
+        yield from beside_truth(folder, drive, picture_rays(drive, bench.full), depth, 1e-4, 2e-3)
+
+    return case

@@ -6,14 +6,15 @@ from collections.abc import Iterator
 
 import numpy as np
 from instruction_sets import run_with, sets_here
+from random_scene import CARS, PASSES, edited
 
 from unisim_blender.core.compiled.scene import CompiledScene
 from unisim_blender.core.compiled.tracer import CompiledTracer
 from unisim_blender.core.frames import RenderStats
 
 from .measures import Bench, Measure, most
-from .scenes import edited, make_scene, picture_rays
-from .truths import PASSES, arrays_of
+from .scenes import make_scene, picture_rays
+from .truths import arrays_of
 
 VARIANT_SCRIPT = """
 from stress.variants import write_found
@@ -23,7 +24,7 @@ write_found(*sys.argv[1:])
 
 def write_found(folder: str, out: str, full: str) -> None:
     """What the compiled tracer finds of a scene, and its picture, into a file: in a process of the instruction set asked for."""
-    drive = edited()
+    drive = edited(CARS)
     tracer, rays = CompiledTracer(CompiledScene(folder), drive), picture_rays(drive, int(full))
     found = tracer.trace(rays, PASSES, True, None, RenderStats())
     rgb = tracer.image(found, rays.directions, "front", (16 * int(full), 24 * int(full)))
@@ -32,7 +33,7 @@ def write_found(folder: str, out: str, full: str) -> None:
 
 def compared_variants(bench: Bench) -> Iterator[Measure]:
     """How far instruction sets differ, on a random scene: in colours of 0 to 1 and in depths."""
-    folder = make_scene(bench.folder / "scene", edited())
+    folder = make_scene(bench.folder / "scene", edited(CARS))
     results = {}
     for variant in sets_here():
         out = bench.folder / f"{variant}.npz"

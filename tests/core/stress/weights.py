@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import torch
 from analytic_scene import drive_of
-from random_scene import CARS
+from random_scene import CARS, PASSES, edited
 
 from unisim_blender.core import native
 from unisim_blender.core.compiled.scene import CompiledScene
@@ -18,9 +18,9 @@ from unisim_blender.core.compiled.tracer import CompiledTracer
 from unisim_blender.core.fields.scene import SceneModel
 from unisim_blender.core.frames import RenderStats
 
-from .measures import Bench, Case, Measure, most
-from .scenes import Change, edited, make_scene, picture_rays
-from .truths import PASSES, beside_truth, tracers
+from .measures import Bench, Measure, most
+from .scenes import make_scene, picture_rays
+from .truths import beside_truth, tracers
 
 
 def opaque_and_empty(bench: Bench) -> Iterator[Measure]:
@@ -39,7 +39,7 @@ def opaque_and_empty(bench: Bench) -> Iterator[Measure]:
         scene.far.network[-1].bias[0] = -60.0
         scene.far.network[-1].weight[0].zero_()
 
-    for name, change, wanted, drive in (("opaque", opaque, 1.0, edited()), ("empty", empty, 0.0, drive_of(CARS))):
+    for name, change, wanted, drive in (("opaque", opaque, 1.0, edited(CARS)), ("empty", empty, 0.0, drive_of(CARS))):
         folder = make_scene(bench.folder / name, drive, change)
         rays = picture_rays(drive, bench.full)
         for measure in beside_truth(folder, drive, rays, 1e-5, 1e-6, 5e-4):
@@ -67,22 +67,11 @@ def largest_weights(model: SceneModel) -> None:
             layer.weight.copy_(1000 * torch.sign(torch.randn_like(layer.weight)))
 
 
-def weights(change: Change) -> Case:
-    """Weights at the ends of what a file can hold."""
-
-    def case(bench: Bench) -> Iterator[Measure]:
-        drive = edited()
-        folder = make_scene(bench.folder / "scene", drive, change)
-        yield from beside_truth(folder, drive, picture_rays(drive, bench.full), 1e-3, 1e-4, 2e-3)
-
-    return case
-
-
 def not_numbers(bench: Bench) -> Iterator[Measure]:
     """Tables and networks of NaN and infinity, which no file may hold, given to the kernels directly: nothing is read beyond."""
     if native.library() is None:
         return
-    drive = edited()
+    drive = edited(CARS)
     folder = make_scene(bench.folder / "scene", drive)
     rays = picture_rays(drive, bench.full)
     for bits in (0x7E00, 0x7C00, 0xFC00, 0xFFFF):

@@ -46,8 +46,8 @@ def query(
     first, last = network[0], network[-1]
     assert isinstance(first, nn.Linear) and isinstance(last, nn.Linear)
     learns = torch.is_grad_enabled() and (x.requires_grad or table.requires_grad or last.weight.requires_grad)
-    kernels = kernels_for(x, table, last.weight)
-    if learns or kernels is None or len(network) != 3:
+    kernels = None if learns or len(network) != 3 else kernels_for(x, table, last.weight)
+    if kernels is None:
         return run_mlp(network, encode(grid, table, x, index, sink), outputs)
     w1, w2, bias = (w.detach().contiguous() for w in (first.weight, last.weight[:outputs], last.bias[:outputs]))
     x, table = x.detach().contiguous(), table.detach().contiguous()
