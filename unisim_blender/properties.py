@@ -1,7 +1,16 @@
 """What Blender's objects and scenes remember of the drive that they came from."""
 
 import bpy
-from bpy.props import BoolProperty, CollectionProperty, EnumProperty, FloatProperty, IntProperty, PointerProperty, StringProperty
+from bpy.props import (
+    BoolProperty,
+    CollectionProperty,
+    EnumProperty,
+    FloatProperty,
+    FloatVectorProperty,
+    IntProperty,
+    PointerProperty,
+    StringProperty,
+)
 
 from .registering import add, take_away
 
@@ -13,6 +22,7 @@ KINDS = (
     ("ACTOR", "Actor", "An annotated thing: a car, a person, a cone"),
     ("STATIC", "Static item", "A box of space round something without annotation"),
     ("POINTS", "LiDAR points", "A sweep's returns"),
+    ("TRAJECTORY", "Trajectory", "What carries the keys of an object that rides on it"),
 )
 QUALITIES = (
     ("fast", "Fast", "Long steps, and fewer pixels by themselves"),
@@ -50,6 +60,10 @@ class UniSimObject(bpy.types.PropertyGroup):
     label: StringProperty(name="Class", description="The class of an actor that is a mesh")
     model: StringProperty(name="Sensor", description="Exact intrinsics or beam table, as JSON")
     stamp: StringProperty(description="Another one whenever LiDAR points are")
+    rest_location: FloatVectorProperty(size=3, description="Where it was on its trajectory before its first key there")
+    rest_rotation: FloatVectorProperty(
+        size=4, default=(1.0, 0.0, 0.0, 0.0), description="How it was turned on its trajectory before its first key there"
+    )
 
 
 class UniSimItem(bpy.types.PropertyGroup):
@@ -73,6 +87,7 @@ class UniSimScene(bpy.types.PropertyGroup):
     origin: StringProperty(
         name="World origin", description="What was subtracted from the log's coordinates, three float64 as JSON"
     )
+    trajectories: BoolProperty(description="Whether its moving objects ride on trajectories, as files of earlier versions do not")
     static_items: CollectionProperty(type=UniSimItem, name="Static items")
     out: StringProperty(name="Folder", description="Where a sequence is written", subtype="DIR_PATH", default="//render")
     quality: EnumProperty(name="Quality", description="How finely rays are sampled", items=QUALITIES, default="balanced")

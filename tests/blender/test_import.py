@@ -10,12 +10,14 @@ import numpy as np
 import pytest
 from helpers import SAMPLE, read, thing
 
+from unisim_blender.bridge.animation import keys_of
 from unisim_blender.bridge.clock import Clock
 from unisim_blender.bridge.importing import import_source
 from unisim_blender.bridge.poses import optical, rigid, same
 from unisim_blender.bridge.sampling import sample_all
 from unisim_blender.bridge.source import open_source, source_of
 from unisim_blender.bridge.things import things
+from unisim_blender.bridge.trajectories import trajectory_of
 from unisim_blender.core.errors import UnisimError
 
 
@@ -61,10 +63,12 @@ def test_frame_n_is_the_logs_frame_n_at_its_rate(street: Any) -> None:
 
 
 def test_keys_are_linear_and_turns_are_quaternions(street: Any) -> None:
-    moving = [t for t in things(street, "ACTOR") if t.animation_data is not None]
+    moving = [t for t in things(street, "ACTOR") if trajectory_of(t) is not None]
     assert moving
     for one in moving:
-        assert one.rotation_mode == "QUATERNION"
+        assert one.rotation_mode == "QUATERNION" and not keys_of(one)
+        above = trajectory_of(one)
+        assert above is not None and above.rotation_mode == "QUATERNION" and keys_of(above)
 
 
 def test_a_second_import_doubles_nothing(street: Any) -> None:

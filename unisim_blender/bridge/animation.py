@@ -103,26 +103,48 @@ def write_keys(thing: bpy.types.Object, frames: FloatArray, positions: FloatArra
     add_keys(curves, "rotation_quaternion", frames, continuous(quaternions), LINEAR)
 
 
-def animate(thing: bpy.types.Object, way: Trajectory, clock: Clock, present_s: tuple[float, float] | None = None) -> None:
-    """Put a thing on its way. One key is a thing that stands still: it gets no keyframes.
+def remove_curves(thing: bpy.types.Object, *paths: str) -> None:
+    """Delete an object's curves of some properties."""
+    curves = curves_of(thing)
+    for curve in [curve for curve in curves if curve.data_path in paths]:
+        curves.remove(curve)  # type: ignore[union-attr]
 
-    Outside ``present_s`` the thing is hidden in the view; hiding it for renders is left to people, who remove it so.
+
+def move_curves(source: bpy.types.Object, target: bpy.types.Object, *paths: str) -> None:
+    """Move an object's curves of some properties to a new action of another object."""
+    kept = fcurves_of(target, target.name)
+    for curve in [curve for curve in curves_of(source) if curve.data_path in paths]:
+        copy = kept.new(curve.data_path, index=curve.array_index)
+        points = np.empty(2 * len(curve.keyframe_points), np.float32)
+        ways = np.empty(len(curve.keyframe_points), np.int32)
+        curve.keyframe_points.foreach_get("co", points)
+        curve.keyframe_points.foreach_get("interpolation", ways)
+        copy.keyframe_points.add(len(curve.keyframe_points))
+        copy.keyframe_points.foreach_set("co", points)
+        copy.keyframe_points.foreach_set("interpolation", ways)
+        copy.extrapolation = curve.extrapolation
+        copy.update()
+    remove_curves(source, *paths)
+
+
+def write_presence(thing: bpy.types.Object, clock: Clock, present_s: tuple[float, float] | None) -> None:
+    """Replace all keys of an object by those of its presence: outside ``present_s`` it is hidden in the view.
+
+    Hiding it for renders is left to people, who remove it so.
     """
-    thing.rotation_mode = "QUATERNION"
-    thing.location = way.positions[0]
-    thing.rotation_quaternion = way.quaternions_wxyz[0]
     hidden = _hidden_keys(clock, present_s)
-    if len(way.times_s) == 1 and hidden is None:
+    if hidden is None:
         thing.animation_data_clear()
-        return
-    curves = fcurves_of(thing, thing.name)
-    if len(way.times_s) > 1:
-        way = dense(way, clock)
-        frames = clock.frame(way.times_s)
-        add_keys(curves, "location", frames, way.positions, LINEAR)
-        add_keys(curves, "rotation_quaternion", frames, continuous(way.quaternions_wxyz), LINEAR)
-    if hidden is not None:
-        add_keys(curves, "hide_viewport", hidden[0], hidden[1], CONSTANT)
+    else:
+        add_keys(fcurves_of(thing, thing.name), "hide_viewport", hidden[0], hidden[1], CONSTANT)
+
+
+def write_trajectory(thing: bpy.types.Object, way: Trajectory, clock: Clock) -> None:
+    """Replace all keys of an object by those of a trajectory of two or more keys."""
+    way = dense(way, clock)
+    curves, frames = fcurves_of(thing, thing.name), clock.frame(way.times_s)
+    add_keys(curves, "location", frames, way.positions, LINEAR)
+    add_keys(curves, "rotation_quaternion", frames, continuous(way.quaternions_wxyz), LINEAR)
 
 
 def dense(way: Trajectory, clock: Clock) -> Trajectory:

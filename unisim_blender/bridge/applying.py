@@ -10,19 +10,19 @@ from mathutils import Matrix
 
 from ..core.drive import Actor, Camera, Drive, Lidar
 from ..core.edits.context import pose_of
-from ..core.geometry import Trajectory, invert_pose
+from ..core.geometry import invert_pose
 from ..core.meshes.read import read_mesh
 from ..core.scenario.types import CameraSpec, CopyStatic, FrameRange, LidarSpec, RemoveStatic, Scenario
-from .animation import animate
 from .cameras import set_model
 from .clock import Clock
-from .importing import go, way_of_one
+from .importing import animate, go, ride_on_vehicle
 from .mesh_objects import object_of
 from .poses import optical, same
 from .rig import lag, lidar_json, sensor_times
 from .source import Source
 from .static_items import mark
 from .things import box_mesh, collection_of, make, new_actor, things
+from .trajectories import remove
 
 
 def apply_edits(scene: bpy.types.Scene, source: Source, scenario: Scenario, edited: Drive) -> None:
@@ -52,7 +52,7 @@ def _actors(scene: bpy.types.Scene, recorded: Drive, edited: Drive, clock: Clock
     for uid, actor in recorded.actors.items():
         now = edited.actors.get(uid)
         if now is None:
-            bpy.data.objects.remove(own[uid])
+            remove(own[uid])
         elif now is not actor:
             _look(own[uid], now, actor.look.actor)
             go(own[uid], now, edited, clock)
@@ -96,7 +96,7 @@ def _sensors(
     there: dict[str, Camera | Lidar] = {**edited.cameras, **edited.lidars}
     for thing in list(things(scene, "CAMERA", "LIDAR")):
         if thing.unisim.uid not in there:
-            bpy.data.objects.remove(thing)
+            remove(thing)
     specs: list[CameraSpec | LidarSpec] = [*(scenario.sensors.cameras or ()), *(scenario.sensors.lidars or ())]
     free = {spec.id for spec in specs if spec.trajectory is not None}
     for name, sensor in there.items():
@@ -110,14 +110,12 @@ def _sensors(
         else:
             thing.unisim.model = lidar_json(sensor.model)
             world = sensor.world_from_lidar.at(times)
-        thing.parent = None if name in free else ego
-        thing.matrix_parent_inverse.identity()
-        if name not in free:
+        if name in free:
+            ride_on_vehicle(thing, world, np.tile(np.eye(4), (len(world), 1, 1)), None, clock)
+        else:
             # where it is mounted, put where the recorded vehicle's motion has it at the frames
-            mount = invert_pose(edited.world_from_ego.at(times)) @ world
-            world = invert_pose(lag(sensor, recorded, clock)) @ mount
-        way = Trajectory.from_poses(clock.times_s, world)
-        animate(thing, way_of_one(way) if same(world, world[:1]).all() else way, clock)
+            mount, late = invert_pose(edited.world_from_ego.at(times)) @ world, lag(sensor, recorded, clock)
+            ride_on_vehicle(thing, invert_pose(late) @ mount, late, ego, clock)
 
 
 def _known(scene: bpy.types.Scene, name: str) -> bpy.types.Object | None:

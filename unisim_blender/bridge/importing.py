@@ -9,17 +9,18 @@ import bpy
 
 from ..core.drive import Actor, Camera, Drive, Lidar
 from ..core.errors import UnisimError
-from ..core.geometry import FloatArray, Trajectory
-from .animation import animate
+from ..core.geometry import FloatArray, Trajectory, invert_pose
+from .animation import write_presence, write_trajectory
 from .backgrounds import set_background
 from .cameras import model_of, set_model
 from .clock import Clock
 from .poses import optical, same
 from .reading import edited_ids
-from .rig import lidar_json, recorded_mount
+from .rig import lag, lidar_json, recorded_mount
 from .sampling import sample_all
 from .source import Source, source_of
 from .things import box_mesh, has_drive, make, things
+from .trajectories import free, ride, set_on_trajectory, settle_on
 
 DISPLAY_M = 0.4
 """How large cameras and LiDARs are drawn."""
@@ -45,6 +46,7 @@ def _steps(scene: bpy.types.Scene, source: Source, kept: set[str]) -> Iterator[S
     lidars = [lidar for name, lidar in drive.lidars.items() if name not in kept]
     total = 2 + len(cameras) + len(lidars) + len(actors)
     done = 0
+    about.trajectories = True
     about.log, about.scene = str(source.log_path), str(source.scene_path or "")
     about.origin = json.dumps(drive.world_origin.tolist())
     clock = Clock.of(drive)
@@ -118,12 +120,21 @@ def _ego(scene: bpy.types.Scene, drive: Drive, clock: Clock) -> bpy.types.Object
     return ego
 
 
-def _ride(thing: bpy.types.Object, ego: bpy.types.Object, mount: FloatArray, clock: Clock) -> None:
-    """Let a sensor ride on the ego vehicle: poses (N, 4, 4) on it, in Blender's axes, at the clock's frames."""
-    thing.parent = ego
-    thing.matrix_parent_inverse.identity()
-    way = Trajectory.from_poses(clock.times_s, mount)
-    animate(thing, way if not same(mount, mount[:1]).all() else way_of_one(way), clock)
+def ride_on_vehicle(
+    thing: bpy.types.Object, mount: FloatArray, late: FloatArray, ego: bpy.types.Object | None, clock: Clock
+) -> None:
+    """Parent a sensor to the vehicle ``ego``, or to nothing.
+
+    ``mount`` (N, 4, 4) are its poses in the parent's axes, in Blender's convention, at the clock's frames. A sensor looks a little
+    earlier or later than the frame's time, so the vehicle's motion until then, whose inverse ``late`` (N, 4, 4) is, moves its
+    object on the vehicle; so do corrections that training makes. That is its trajectory. The object's own transform is its mount.
+    """
+    on_mount = (late @ mount)[0]
+    if same(mount, mount[:1]).all():
+        animate(thing, way_of_one(Trajectory.from_poses(clock.times_s, mount)), clock, on=ego)
+        return
+    animate(thing, Trajectory.from_poses(clock.times_s, mount @ invert_pose(on_mount)), clock, on=ego)
+    set_on_trajectory(thing, on_mount)
 
 
 def _camera(scene: bpy.types.Scene, source: Source, camera: Camera, ego: bpy.types.Object, clock: Clock) -> None:
@@ -134,14 +145,15 @@ def _camera(scene: bpy.types.Scene, source: Source, camera: Camera, ego: bpy.typ
     data.display_size, data.clip_end = DISPLAY_M, 1000.0
     if source.log is not None:
         set_background(data, source.log, name)
-    _ride(thing, ego, optical(recorded_mount(camera, source.drive, clock)), clock)
+    drive = source.drive
+    ride_on_vehicle(thing, optical(recorded_mount(camera, drive, clock)), lag(camera, drive, clock), ego, clock)
 
 
 def _lidar(scene: bpy.types.Scene, drive: Drive, lidar: Lidar, ego: bpy.types.Object, clock: Clock) -> None:
     thing = make(scene, "LIDAR", lidar.sensor_id, lidar.sensor_id, None)
     thing.empty_display_type, thing.empty_display_size = "CONE", DISPLAY_M
     thing.unisim.model = lidar_json(lidar.model)
-    _ride(thing, ego, recorded_mount(lidar, drive, clock), clock)
+    ride_on_vehicle(thing, recorded_mount(lidar, drive, clock), lag(lidar, drive, clock), ego, clock)
 
 
 def _actor(scene: bpy.types.Scene, drive: Drive, actor: Actor, clock: Clock) -> bpy.types.Object:
@@ -155,6 +167,27 @@ def go(thing: bpy.types.Object, actor: Actor, drive: Drive, clock: Clock) -> Non
     """Let an object go an actor's way, there while the actor is."""
     way = actor.world_from_actor
     animate(thing, way if actor.is_moving else way_of_one(way), clock, drive.window(actor))
+
+
+def animate(
+    thing: bpy.types.Object,
+    way: Trajectory,
+    clock: Clock,
+    present_s: tuple[float, float] | None = None,
+    on: bpy.types.Object | None = None,
+) -> None:
+    """Put an object on a trajectory in the axes of ``on``, or in the world's; one key stands for a place, without a trajectory.
+
+    Outside ``present_s`` the object is hidden in the view.
+    """
+    write_presence(thing, clock, present_s)
+    thing.rotation_mode = "QUATERNION"
+    if len(way.times_s) > 1:
+        write_trajectory(ride(thing, on), way, clock)
+        return
+    free(thing, on)
+    settle_on(thing)
+    thing.location, thing.rotation_quaternion = way.positions[0], way.quaternions_wxyz[0]
 
 
 def way_of_one(way: Trajectory) -> Trajectory:

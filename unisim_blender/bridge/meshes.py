@@ -22,6 +22,7 @@ from ..core.errors import ScenarioError
 from ..core.geometry import FloatArray, invert_pose
 from ..core.meshes.model import FLAT, SUFFIX, MeshModel, centred, check_model, write_model
 from .poses import rigid
+from .trajectories import trajectory_of
 
 SHAPES = ("MESH", "CURVE", "SURFACE", "META", "FONT")
 MOST_TEXELS = 2048
@@ -116,7 +117,8 @@ def _within(part: bpy.types.Object, thing: bpy.types.Object) -> FloatArray:
     while above is not None and above.name != thing.name and above.parent_type == "OBJECT" and not above.constraints:
         whole = np.array(above.matrix_parent_inverse, float) @ np.array(above.matrix_basis, float) @ whole
         above = above.parent
-    if above is None or above.name != thing.name or thing.parent is not None or thing.constraints:
+    scaled = thing.parent is not None and trajectory_of(thing) is None  # a trajectory has no scale
+    if above is None or above.name != thing.name or scaled or thing.constraints:
         world = np.array(thing.matrix_world, float)
         return np.asarray(invert_pose(rigid(world)) @ np.array(part.matrix_world, float))
     return np.asarray(np.diag([*thing.scale, 1.0]) @ whole)

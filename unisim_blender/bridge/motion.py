@@ -10,30 +10,32 @@ import numpy as np
 from ..core.geometry import FloatArray, matrix_from_quaternion, quaternion_from_matrix
 from .animation import curves_of, keys_of, write_keys
 from .meshes import size_of
+from .trajectories import keyed_pose, own_trajectory, ride, settle_on
 
 
 def displaced_along(thing: bpy.types.Object, offset_m: Sequence[float]) -> None:
-    """Move a thing along its own axes by ``offset_m`` (3,), at each of its keys."""
+    """Move a thing along its own axes by ``offset_m`` (3,), alike at every frame."""
+    offset = np.array(offset_m, float)
     keys = keys_of(thing)
     if keys is None:
-        turn = matrix_from_quaternion(np.array(thing.rotation_quaternion, float))
-        thing.location = np.array(thing.location) + turn @ np.array(offset_m, float)
+        turn = matrix_from_quaternion(np.array(thing.matrix_basis.to_quaternion(), float))
+        thing.location = np.array(thing.location) + turn @ offset
         return
     frames, positions, quaternions = keys
-    moved = positions + matrix_from_quaternion(quaternions) @ np.array(offset_m, float)
-    write_keys(thing, frames, moved, quaternions)
+    write_keys(thing, frames, positions + matrix_from_quaternion(quaternions) @ offset, quaternions)
 
 
 def moved_to(thing: bpy.types.Object, place: Sequence[float], frame: float) -> None:
-    """Move a thing's whole way, in the ground's plane, so that it is at ``place`` at a frame. Its height stays."""
-    keys = keys_of(thing)
+    """Move a thing's whole trajectory, in the ground's plane, so that it is at ``place`` at a frame. Its height stays."""
+    now = keyed_pose(thing, frame)[:3, 3]
+    apart = np.array([place[0] - now[0], place[1] - now[1], 0.0])
+    above = own_trajectory(thing) or thing
+    keys = keys_of(above)
     if keys is None:
-        thing.location = (place[0], place[1], thing.location.z)
+        above.location = np.array(above.location) + apart
         return
     frames, positions, quaternions = keys
-    now = np.array([np.interp(frame, frames, column) for column in positions.T])
-    apart = np.array([place[0] - now[0], place[1] - now[1], 0.0])
-    write_keys(thing, frames, positions + apart, quaternions)
+    write_keys(above, frames, positions + apart, quaternions)
 
 
 def follow(thing: bpy.types.Object, line: FloatArray, frame: float, step_m: float) -> None:
@@ -50,12 +52,16 @@ def follow(thing: bpy.types.Object, line: FloatArray, frame: float, step_m: floa
     left /= np.linalg.norm(left, axis=1, keepdims=True)
     up = np.cross(ahead, left)
     height = float(size_of(thing)[2])
-    write_keys(thing, frame + at / step_m, positions + up * height / 2, quaternion_from_matrix(np.stack([ahead, left, up], -1)))
+    quaternions = quaternion_from_matrix(np.stack([ahead, left, up], -1))
+    above = own_trajectory(thing) or ride(thing)
+    settle_on(thing)
+    write_keys(above, frame + at / step_m, positions + up * height / 2, quaternions)
 
 
 def retimed(thing: bpy.types.Object, at: Callable[[FloatArray], FloatArray], path: str = "") -> None:
     """Move a thing's keys, those of its presence too unless ``path`` names one property, to ``at`` their frames; ``at`` rises."""
-    for curve in curves_of(thing):
+    above = own_trajectory(thing)
+    for curve in (*curves_of(thing), *(curves_of(above) if above is not None else ())):
         if path and curve.data_path != path:
             continue
         points = curve.keyframe_points
@@ -69,7 +75,8 @@ def retimed(thing: bpy.types.Object, at: Callable[[FloatArray], FloatArray], pat
 
 def stopped(thing: bpy.types.Object, frame: float, frames: float) -> None:
     """Let a thing stand still from ``frame`` on for some ``frames``, and then go on as before."""
-    keys = keys_of(thing)
+    above = own_trajectory(thing) or thing
+    keys = keys_of(above)
     if keys is None:
         return
     before, positions, quaternions = keys
@@ -79,7 +86,7 @@ def stopped(thing: bpy.types.Object, frame: float, frames: float) -> None:
     retimed(thing, lambda old: np.where(old > frame, old + frames, old), "hide_viewport")
     early, late = before < frame, before > frame
     write_keys(
-        thing,
+        above,
         np.concatenate([before[early], [frame, frame + frames], before[late] + frames]),
         np.concatenate([positions[early], [here, here], positions[late]]),
         np.concatenate([quaternions[early], [turn, turn], quaternions[late]]),

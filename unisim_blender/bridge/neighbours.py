@@ -14,7 +14,6 @@ from dataclasses import dataclass, replace
 import bpy
 import numpy as np
 from bpy.app.handlers import persistent
-from mathutils import Matrix, Quaternion
 
 from ..core.geometry import BoolArray, FloatArray
 from .animation import curves_of, keys_hide
@@ -22,6 +21,7 @@ from .clock import Clock
 from .poses import rigid
 from .sampling import Sampled, frame_of, sample
 from .things import KINDS_OF_DRIVE, things
+from .trajectories import keyed_pose
 from .windows import areas
 
 BESIDE = "UniSim beside"
@@ -62,8 +62,8 @@ def sample_now(
         if thing.name in stepped:
             poses, there = _displaced(stepped[thing.name], thing.poses[0], bool(thing.there[0])), stepped[thing.name].there
         else:
-            keyed_now = np.linalg.inv(_keyed(owner, now))
-            poses = thing.poses[0] @ np.stack([keyed_now @ _keyed(owner, frame) for frame in clock.frames])
+            keyed_now = np.linalg.inv(keyed_pose(owner, now))
+            poses = thing.poses[0] @ np.stack([keyed_now @ keyed_pose(owner, frame) for frame in clock.frames])
             hidden = [_hidden(owner, frame) for frame in clock.frames]
             there = np.array([bool(thing.there[0]) if now_hidden is None else not now_hidden for now_hidden in hidden])
         sampled.append(replace(thing, poses=rigid(poses), there=there & (not owner.hide_render)))
@@ -152,28 +152,6 @@ def _known(scene: bpy.types.Scene, clock: Clock) -> dict[str, Stepped]:
 def _displaced(stepped: Stepped, now: FloatArray, there: bool) -> FloatArray:
     """Poses (N, 4, 4), displaced as the pose now (4, 4) is by a change without a key. Blender does not evaluate hidden things."""
     return now @ np.linalg.inv(stepped.now) @ stepped.poses if there else stepped.poses
-
-
-def _keyed(thing: bpy.types.Object, frame: float) -> FloatArray:
-    """Where a thing's own keys and its parents' put it at a frame."""
-    values = {(curve.data_path, curve.array_index): curve.evaluate(frame) for curve in curves_of(thing)}
-
-    def numbers(path: str, now: Iterable[float]) -> list[float]:
-        return [values.get((path, i), value) for i, value in enumerate(now)]
-
-    place = Matrix.Translation(numbers("location", thing.location))
-    if thing.rotation_mode == "QUATERNION":
-        turn = Quaternion(numbers("rotation_quaternion", thing.rotation_quaternion)).normalized().to_matrix().to_4x4()
-    elif thing.rotation_mode == "AXIS_ANGLE":
-        turn = thing.matrix_basis.to_quaternion().to_matrix().to_4x4()
-    else:
-        euler = thing.rotation_euler.copy()
-        euler[:] = numbers("rotation_euler", thing.rotation_euler)
-        turn = euler.to_matrix().to_4x4()
-    own = np.array(place @ turn, float)
-    if thing.parent is None:
-        return own
-    return _keyed(thing.parent, frame) @ np.array(thing.matrix_parent_inverse, float) @ own
 
 
 def _hidden(thing: bpy.types.Object, frame: float) -> bool | None:

@@ -82,15 +82,20 @@ def _changes(thing: Thing, actor: Actor, drive: Drive, clock: Clock, relative: R
 
 
 def _copy(thing: Thing, actor: Actor, drive: Drive, clock: Clock, taken: set[str], relative: Relative) -> Edit:
-    """A copy of a recorded actor; one that is only displaced keeps the actor's own way between frames too."""
+    """Return the edit for a copy of a recorded actor; one that is displaced alike at all frames, in the world's axes or its own,
+    keeps the actor's own trajectory between frames too."""
     if thing.look:
         return _inserted(thing, clock, taken, relative)
     uid, base, there = new_id(thing, taken), recorded_poses(actor, clock), recorded_there(actor, drive, clock)
     changed = bool((thing.there != there).any())
     at = thing.there & there
     apart = (thing.poses - base)[at, :3, 3]
-    if not changed and same_turn(thing.poses, base)[at].all() and (np.ptp(apart, axis=0) <= 2 * SAME_M).all():
-        return Duplicate(actor.uid, uid, world_offset_m=vector(apart.mean(0)))
+    if not changed and same_turn(thing.poses, base)[at].all():
+        if (np.ptp(apart, axis=0) <= 2 * SAME_M).all():
+            return Duplicate(actor.uid, uid, world_offset_m=vector(apart.mean(0)))
+        beside = np.einsum("nji,nj->ni", base[at, :3, :3], apart)
+        if (np.ptp(beside, axis=0) <= 2 * SAME_M).all():
+            return Duplicate(actor.uid, uid, offset_m=vector(beside.mean(0)))
     return Duplicate(actor.uid, uid, **_way(thing, clock, actor), present=present(clock, thing.there) if changed else None)
 
 

@@ -101,14 +101,17 @@ def _moved(now: FloatArray, mount: FloatArray, world: FloatArray, clock: Clock) 
     turned = now[:, :3, :3] @ np.swapaxes(mount[:, :3, :3], -1, -2)
     turns = np.tile(np.eye(4), (len(now), 1, 1))
     turns[:, :3, :3] = turned
-    if (np.ptp(apart, axis=0) > 2 * SAME_M).any() or not same_turn(turns, turns[:1]).all():
+    rigid = not (np.ptp(apart, axis=0) > 2 * SAME_M).any() and same_turn(turns, turns[:1]).all()
+    # where training has a mount waver, one that is displaced wavers with it
+    displaced = invert_pose(mount) @ now
+    if not rigid and not same(displaced, displaced[:1]).all():
         return {"trajectory": free_way(clock, world)}
     unmoved = bool(same_place(now, mount).all())
     unturned = bool(same_turn(now, mount).all())
     return {
         "mount_offset": Offset(
             position=None if unmoved else vector(apart.mean(0)),
-            quaternion_wxyz=None if unturned else quaternion(quaternion_from_matrix(turned[0])),
+            quaternion_wxyz=None if unturned else quaternion(quaternion_from_matrix(turned[len(turned) // 2])),
         )
     }
 

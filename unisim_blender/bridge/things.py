@@ -12,6 +12,7 @@ from ..core.geometry import FloatArray
 
 COLLECTIONS = {
     "EGO": "Ego", "CAMERA": "Sensors", "LIDAR": "Sensors", "ACTOR": "Actors", "STATIC": "Static items", "POINTS": "LiDAR points",
+    "TRAJECTORY": "Trajectories",
 }  # fmt: skip
 ROOT = "UniSim"
 KINDS_OF_DRIVE = ("EGO", "CAMERA", "LIDAR", "ACTOR", "STATIC")

@@ -12,6 +12,7 @@ from ..core.geometry import FloatArray, box_corners, make_pose
 from .animation import keys_of
 from .clock import Clock
 from .poses import rigid, same_place
+from .trajectories import trajectory_of
 
 SLOW, FAST = np.array([0.1, 0.35, 1.0]), np.array([1.0, 0.25, 0.1])
 RECORDED = np.array([0.7, 0.7, 0.7])
@@ -52,15 +53,30 @@ def trail(thing: bpy.types.Object, drive: Drive, clock: Clock, frame: float) -> 
 
 
 def way_of(thing: bpy.types.Object, clock: Clock) -> FloatArray | None:
-    """Poses (N, 4, 4) that a thing's own keys give at the clock's frames; None where it has none."""
+    """Return the poses (N, 4, 4) that a thing's trajectory and its own keys give at the clock's frames; None where nothing is keyed.
+
+    What moves the parents of both counts as it is now.
+    """
+    above = trajectory_of(thing)
+    if above is None:
+        return _keyed(thing, clock, np.array(thing.matrix_world @ thing.matrix_basis.inverted(), float))
+    base = above.parent
+    world = np.eye(4) if base is None else np.array(base.matrix_world @ above.matrix_parent_inverse, float)
+    poses = _keyed(above, clock, world)
+    if poses is None:
+        return None
+    inverse = np.array(thing.matrix_parent_inverse, float)
+    on = _keyed(thing, clock, np.eye(4))
+    return np.asarray(poses @ inverse @ (np.array(thing.matrix_basis, float) if on is None else on))
+
+
+def _keyed(thing: bpy.types.Object, clock: Clock, above: FloatArray) -> FloatArray | None:
     keys = keys_of(thing)
     if keys is None or len(keys[0]) < 2:
         return None
     frames, positions, quaternions = keys
     at = [np.stack([np.interp(clock.frames, frames, column) for column in values.T], -1) for values in (positions, quaternions)]
-    poses = make_pose(at[0], at[1] / np.linalg.norm(at[1], axis=1, keepdims=True))
-    above = np.array(thing.matrix_world @ thing.matrix_basis.inverted(), float)
-    return np.asarray(above @ poses)
+    return np.asarray(above @ make_pose(at[0], at[1] / np.linalg.norm(at[1], axis=1, keepdims=True)))
 
 
 def speed_colours(poses: FloatArray, clock: Clock) -> FloatArray:

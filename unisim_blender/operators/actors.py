@@ -8,6 +8,7 @@ from ..bridge.meshes import size_of
 from ..bridge.motion import displaced_along, moved_to
 from ..bridge.sampling import frame_of
 from ..bridge.selection import choose, chosen
+from ..bridge.trajectories import remove
 
 LANE_M = 3.5
 GAP_M = 0.6
@@ -68,8 +69,9 @@ class UNISIM_OT_delete_actor(bpy.types.Operator):
         """As X does."""
         gone = chosen(context, "ACTOR", "STATIC")
         for thing in gone:
-            for part in (*thing.children_recursive, thing) if thing.unisim.mesh else (thing,):
+            for part in thing.children_recursive if thing.unisim.mesh else ():
                 bpy.data.objects.remove(part)
+            remove(thing)
         self.report({"INFO"}, f"{len(gone)} deleted")
         return {"FINISHED"}
 

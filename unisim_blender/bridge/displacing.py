@@ -1,0 +1,106 @@
+"""What a change of an object's own transform means for its trajectory: the whole of it is displaced, or a stretch of it.
+
+Without keys of its own an object is displaced from its trajectory alike at every frame. With auto-keying its first key displaces it
+at that time alone: two more keys, `BLEND_S` before and after, hold what it was displaced by until then. Keys that a person adds are
+Blender's. Where an object that has keys is moved without a new one, Blender would drop the change at the next frame; its keys are
+displaced by it then.
+"""
+
+from __future__ import annotations
+
+import bpy
+import numpy as np
+from mathutils import Quaternion
+
+from .animation import curves_of
+from .things import KINDS_OF_DRIVE
+from .trajectories import trajectory_of
+
+BLEND_S = 2.0
+"""How long before and after its key a change with auto-keying begins and ends, in seconds."""
+SAME = 1e-5
+CHANNELS = {"location": "rest_location", "rotation_quaternion": "rest_rotation"}
+"""What of an object displaces it, and where it is noted how it was displaced before its first key."""
+
+
+def settle(scene: bpy.types.Scene, thing: bpy.types.Object) -> str:
+    """Complete a change of an object that rides on a trajectory. Return what it meant as a sentence, "" where nothing changed."""
+    if trajectory_of(thing) is None:
+        return ""
+    curves = curves_of(thing)
+    said = ""
+    blended = False
+    for path, rest in CHANNELS.items():
+        keyed = [curve for curve in curves if curve.data_path == path]
+        before, now = np.array(getattr(thing.unisim, rest)), np.array(getattr(thing, path))
+        if not keyed:
+            if np.abs(now - before).max() > SAME:
+                setattr(thing.unisim, rest, now)
+                said = f"{thing.name}: the whole trajectory is displaced"
+        elif scene.tool_settings.use_keyframe_insert_auto and all(len(curve.keyframe_points) == 1 for curve in keyed):
+            blended |= _blend(scene, keyed, before)
+    if blended:
+        frame = scene.frame_current
+        return f"{thing.name}: a change is keyed at frame {frame}, from {BLEND_S:g} s before it to {BLEND_S:g} s after it"
+    return said
+
+
+def keep(scene: bpy.types.Scene, thing: bpy.types.Object, frame: float) -> str:
+    """Displace the keys of an object by the change that was made without a key at ``frame``, which is about to be left.
+
+    Return what was done as a sentence, "" where there was no such change.
+    """
+    if trajectory_of(thing) is None:
+        return ""
+    curves = curves_of(thing)
+    changed = False
+    for path in CHANNELS:
+        keyed = {curve.array_index: curve for curve in curves if curve.data_path == path}
+        now = np.array(getattr(thing, path))
+        then = np.array([keyed[i].evaluate(frame) if i in keyed else value for i, value in enumerate(now)])
+        if not keyed or np.abs(now - then).max() <= SAME * max(1.0, float(np.abs(then).max())):
+            continue
+        changed = True
+        if path == "location":
+            for i, curve in keyed.items():
+                _add(curve, np.full(len(curve.keyframe_points), now[i] - then[i]))
+        elif len(keyed) == 4:
+            _turn([keyed[i] for i in range(4)], Quaternion(now).normalized() @ Quaternion(then).normalized().inverted())
+    return f"{thing.name}: the whole trajectory is displaced, its keys too" if changed else ""
+
+
+def displaced_objects(scene: bpy.types.Scene) -> list[bpy.types.Object]:
+    """Return the objects of the drive that ride on trajectories."""
+    return [thing for thing in scene.objects if thing.unisim.kind in KINDS_OF_DRIVE and trajectory_of(thing) is not None]
+
+
+def _blend(scene: bpy.types.Scene, keyed: list[bpy.types.FCurve], before: np.ndarray) -> bool:
+    """Hold what was ``before`` on both sides of the only key of each curve."""
+    away = BLEND_S * scene.render.fps / scene.render.fps_base
+    for curve in keyed:
+        frame = curve.keyframe_points[0].co[0]
+        for other in (frame - away, frame + away):
+            key = curve.keyframe_points.insert(other, before[curve.array_index], options={"FAST"})
+            key.interpolation = "BEZIER"
+        for key in curve.keyframe_points:
+            key.handle_left_type = key.handle_right_type = "AUTO_CLAMPED"
+        curve.update()
+    return bool(keyed)
+
+
+def _add(curve: bpy.types.FCurve, amounts: np.ndarray) -> None:
+    for key, amount in zip(curve.keyframe_points, amounts, strict=True):
+        key.co[1] += amount
+        key.handle_left[1] += amount
+        key.handle_right[1] += amount
+    curve.update()
+
+
+def _turn(curves: list[bpy.types.FCurve], turn: Quaternion) -> None:
+    """Turn the rotations at the keys that all four curves have."""
+    frames = sorted({key.co[0] for key in curves[0].keyframe_points})
+    values = [turn @ Quaternion([curve.evaluate(frame) for curve in curves]).normalized() for frame in frames]
+    for i, curve in enumerate(curves):
+        for frame, value in zip(frames, values, strict=True):
+            curve.keyframe_points.insert(frame, value[i], options={"FAST"})
+        curve.update()
