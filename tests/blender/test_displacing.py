@@ -176,7 +176,9 @@ def test_a_copy_rides_on_the_same_trajectory_until_it_is_retimed(street: Any) ->
 
 def test_what_nothing_rides_on_is_deleted(street: Any) -> None:
     one = thing(street, "ACTOR", driving(street))
-    name = trajectory_of(one).name
+    above = trajectory_of(one)
+    assert above is not None
+    name = above.name
     remove(one)
     assert name not in bpy.data.objects and name not in bpy.data.actions
 
@@ -186,7 +188,9 @@ def test_files_of_earlier_versions_are_brought_up_to_date(street: Any) -> None:
     one, ego = thing(street, "ACTOR", uid), next(things(street, "EGO"))
     for old in (one, ego):  # as it was: keys on the object itself
         above = trajectory_of(old)
+        assert above is not None
         keys, old.parent = keys_of(above), above.parent
+        assert keys is not None
         bpy.data.objects.remove(above)
         write_keys(old, *keys)
     street.unisim.trajectories = False

@@ -14,6 +14,7 @@ from helpers import select, thing
 from numpy.typing import NDArray
 from PIL import Image
 
+from unisim_blender.bridge.trajectories import trajectory_of
 from unisim_blender.core.cli import unisim
 
 FRAME = 9
@@ -81,7 +82,7 @@ def test_f12_is_what_the_command_renders(small: Any, tmp_path: Path) -> None:
 
 def test_f12_of_edits_is_what_the_command_renders(small: Any, tmp_path: Path) -> None:
     actors = sorted(o.unisim.uid for o in small.objects if o.unisim.kind == "ACTOR")
-    moving = next(uid for uid in actors if thing(small, "ACTOR", uid).animation_data is not None)
+    moving = next(uid for uid in actors if trajectory_of(thing(small, "ACTOR", uid)) is not None)
     select(thing(small, "ACTOR", moving))
     bpy.ops.unisim.duplicate_actor(where="LANE_LEFT")
     bpy.ops.unisim.retime_actor(way="DELAY", frames=3)

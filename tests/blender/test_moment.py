@@ -19,8 +19,8 @@ from unisim_blender.bridge.poses import same
 from unisim_blender.bridge.sampling import kept_frame, picture_size, sample
 from unisim_blender.bridge.snapshot import camera_request, sized
 from unisim_blender.bridge.source import source_of
-from unisim_blender.bridge.trajectories import trajectory_of
 from unisim_blender.bridge.touched import touched
+from unisim_blender.bridge.trajectories import trajectory_of
 from unisim_blender.core.geometry import FloatArray
 from unisim_blender.core.worker.jobs import Jobs
 
@@ -42,7 +42,7 @@ def test_the_moment_is_what_stepping_finds(street: Any, frame: int) -> None:
     empty = bpy.data.objects.new("parent", None)
     street.collection.objects.link(empty)
     child = next(o for o in street.objects if o.unisim.kind == "ACTOR" and trajectory_of(o) is not None)
-    trajectory_of(child).parent = empty
+    above_of(child).parent = empty
     empty.location = (1.0, 2.0, 0.0)
     now, stepped = both(street, frame)
     assert [t.name for t in now.things] == [t.name for t in stepped.things]
@@ -57,6 +57,13 @@ def driving(scene: Any) -> Any:
     first, last = min(drive.time_s.values()), max(drive.time_s.values())
     uid = next(u for u, a in sorted(drive.actors.items()) if a.is_moving and a.start_s <= first and a.end_s >= last)
     return thing(scene, "ACTOR", uid)
+
+
+def above_of(one: Any) -> Any:
+    """The trajectory that a box rides on."""
+    above = trajectory_of(one)
+    assert above is not None
+    return above
 
 
 def standing(scene: Any) -> Any:
@@ -78,7 +85,7 @@ def moving_empty(scene: Any) -> Any:
 
 def by_nla(scene: Any) -> Any:
     one = driving(scene)
-    data = trajectory_of(one).animation_data
+    data = above_of(one).animation_data
     action, slot = data.action, getattr(data, "action_slot", None)
     strip = data.nla_tracks.new().strips.new("slow", 2, action)
     if slot is not None:
@@ -201,7 +208,7 @@ def test_an_edit_that_is_not_seen_now_counts_all_the_same(street: Any, edit: str
     other = by_copied_transforms(street)
     both(street, 9)
     clock = Clock.of(source_of(street).drive).around(9)
-    strip = trajectory_of(one).animation_data.nla_tracks[0].strips[0]
+    strip = above_of(one).animation_data.nla_tracks[0].strips[0]
     if edit == "scale":
         strip.scale = 0.6
     elif edit == "start":

@@ -17,7 +17,7 @@ from .cameras import set_model
 from .clock import Clock
 from .importing import animate, go, ride_on_vehicle
 from .mesh_objects import object_of
-from .poses import optical, same
+from .poses import optical
 from .rig import lag, lidar_json, sensor_times
 from .source import Source
 from .static_items import mark

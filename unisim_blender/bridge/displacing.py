@@ -1,9 +1,9 @@
 """What a change of an object's own transform means for its trajectory: the whole of it is displaced, or a stretch of it.
 
-Without keys of its own an object is displaced from its trajectory alike at every frame. With auto-keying its first key displaces it
-at that time alone: two more keys, `BLEND_S` before and after, hold what it was displaced by until then. Keys that a person adds are
-Blender's. Where an object that has keys is moved without a new one, Blender would drop the change at the next frame; its keys are
-displaced by it then.
+Without keys of its own an object is displaced from its trajectory alike at every frame. With auto-keying, its first key
+displaces it at that time alone: two more keys, `BLEND_S` before and after, hold the displacement that it had until then.
+Further keys are Blender's own. Where an object that has keys is moved without a new one, Blender would drop the change at
+the next frame; all its keys are displaced by it instead.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ import bpy
 import numpy as np
 from mathutils import Quaternion
 
+from ..core.geometry import FloatArray
 from .animation import curves_of
 from .things import KINDS_OF_DRIVE
 from .trajectories import trajectory_of
@@ -74,7 +75,7 @@ def displaced_objects(scene: bpy.types.Scene) -> list[bpy.types.Object]:
     return [thing for thing in scene.objects if thing.unisim.kind in KINDS_OF_DRIVE and trajectory_of(thing) is not None]
 
 
-def _blend(scene: bpy.types.Scene, keyed: list[bpy.types.FCurve], before: np.ndarray) -> bool:
+def _blend(scene: bpy.types.Scene, keyed: list[bpy.types.FCurve], before: FloatArray) -> bool:
     """Hold what was ``before`` on both sides of the only key of each curve."""
     away = BLEND_S * scene.render.fps / scene.render.fps_base
     for curve in keyed:
@@ -88,7 +89,7 @@ def _blend(scene: bpy.types.Scene, keyed: list[bpy.types.FCurve], before: np.nda
     return bool(keyed)
 
 
-def _add(curve: bpy.types.FCurve, amounts: np.ndarray) -> None:
+def _add(curve: bpy.types.FCurve, amounts: FloatArray) -> None:
     for key, amount in zip(curve.keyframe_points, amounts, strict=True):
         key.co[1] += amount
         key.handle_left[1] += amount

@@ -125,9 +125,10 @@ def ride_on_vehicle(
 ) -> None:
     """Parent a sensor to the vehicle ``ego``, or to nothing.
 
-    ``mount`` (N, 4, 4) are its poses in the parent's axes, in Blender's convention, at the clock's frames. A sensor looks a little
-    earlier or later than the frame's time, so the vehicle's motion until then, whose inverse ``late`` (N, 4, 4) is, moves its
-    object on the vehicle; so do corrections that training makes. That is its trajectory. The object's own transform is its mount.
+    ``mount`` (N, 4, 4) are its poses in the parent's axes, in Blender's convention, at the clock's frames. A sensor looks
+    a little earlier or later than the frame's time, so the vehicle's motion until then, whose inverse ``late`` (N, 4, 4)
+    is, moves its object on the vehicle; so do corrections that training makes. That is its trajectory. The object's own
+    transform is its mount.
     """
     on_mount = (late @ mount)[0]
     if same(mount, mount[:1]).all():

@@ -53,7 +53,7 @@ def trail(thing: bpy.types.Object, drive: Drive, clock: Clock, frame: float) -> 
 
 
 def way_of(thing: bpy.types.Object, clock: Clock) -> FloatArray | None:
-    """Return the poses (N, 4, 4) that a thing's trajectory and its own keys give at the clock's frames; None where nothing is keyed.
+    """Return poses (N, 4, 4) at the clock's frames by a thing's trajectory and its own keys; None where nothing is keyed.
 
     What moves the parents of both counts as it is now.
     """

@@ -26,7 +26,7 @@ def trajectory_of(thing: bpy.types.Object) -> bpy.types.Object | None:
 
 
 def ride(thing: bpy.types.Object, on: bpy.types.Object | None = None) -> bpy.types.Object:
-    """Give ``thing`` a trajectory of its own, itself parented to ``on``, and put it onto the middle of that. Return the trajectory."""
+    """Put ``thing``, undisplaced, onto a new trajectory that is parented to ``on``. Return the trajectory."""
     free(thing, on)
     above = _new(thing, thing.name)
     above.parent = on
@@ -85,7 +85,7 @@ def set_on_trajectory(thing: bpy.types.Object, pose: FloatArray) -> None:
 
 
 def convert(thing: bpy.types.Object) -> bool:
-    """Move the keys of an object, as earlier versions kept them on the object itself, onto a trajectory; return whether it had any.
+    """Move keys that earlier versions kept on the object itself onto a trajectory; return whether there were any.
 
     Objects that constraints, drivers or the NLA move stay as they are.
     """
