@@ -12,7 +12,7 @@ from helpers import SAMPLE, read, thing
 
 from unisim_blender.bridge.animation import keys_of
 from unisim_blender.bridge.clock import Clock
-from unisim_blender.bridge.importing import import_source
+from unisim_blender.bridge.importing import import_source, summary
 from unisim_blender.bridge.poses import optical, rigid, same
 from unisim_blender.bridge.sampling import sample_all
 from unisim_blender.bridge.source import open_source, source_of
@@ -160,3 +160,37 @@ def test_a_scenario_beside_rendered_frames_is_no_log(scene: Any, tmp_path: Path)
     (tmp_path / "scenario.json").write_text(text)
     assert bpy.ops.unisim.import_dropped(filepath=str(tmp_path / "scenario.json")) == {"FINISHED"}
     assert Path(scene.unisim.scene) == SAMPLE / "scene" and read(scene).edits
+
+
+def test_an_import_into_blenders_default_scene_is_ready_to_be_looked_at(addon: Any) -> None:
+    bpy.ops.wm.read_factory_settings(use_empty=False)
+    scene = bpy.context.scene
+    assert {"Camera", "Cube", "Light"} <= {o.name for o in scene.objects}
+    bpy.ops.unisim.import_scene(filepath=str(SAMPLE / "scene" / "scene.json"))
+    assert scene.camera.unisim.uid == "front_camera" and scene.render.engine == "UNISIM"
+    model = source_of(scene).drive.cameras["front_camera"].model
+    assert (scene.render.resolution_x, scene.render.resolution_y) == (model.width, model.height)
+    shown = {o.name for o in bpy.context.view_layer.objects}
+    assert not shown & {"Camera", "Cube", "Light"} and {"Camera", "Cube", "Light"} <= {o.name for o in bpy.data.objects}
+
+
+def test_what_a_person_made_before_stays_in_view(addon: Any) -> None:
+    bpy.ops.wm.read_factory_settings(use_empty=False)
+    bpy.data.objects["Cube"].location.x = 3.0
+    bpy.ops.unisim.import_scene(filepath=str(SAMPLE / "scene" / "scene.json"))
+    assert "Cube" in bpy.context.view_layer.objects and "Light" not in bpy.context.view_layer.objects
+
+
+def test_an_import_says_in_one_line_what_came_in(street: Any) -> None:
+    line = summary(source_of(street))
+    drive = source_of(street).drive
+    assert f"{len(drive.actors)} actors" in line and f"{len(drive.time_s)} frames" in line and "\n" not in line
+
+
+def test_a_second_import_leaves_camera_and_engine(street: Any) -> None:
+    street.render.engine = "CYCLES"
+    other = bpy.data.objects.new("mine", bpy.data.cameras.new("mine"))
+    street.collection.objects.link(other)
+    street.camera = other
+    bpy.ops.unisim.import_scene(filepath=str(SAMPLE / "scene" / "scene.json"))
+    assert street.camera == other and street.render.engine == "CYCLES"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from collections.abc import Iterator
 
 import bpy
@@ -20,10 +21,15 @@ from .rig import lag, lidar_json, recorded_mount
 from .sampling import sample_all
 from .source import Source, source_of
 from .things import box_mesh, has_drive, make, things
-from .trajectories import free, ride, set_on_trajectory, settle_on
+from .trajectories import free, local_matrix, ride, set_on_trajectory, settle_on
 
 DISPLAY_M = 0.4
 """How large cameras and LiDARs are drawn."""
+
+ASIDE = "Not in the drive"
+"""The collection of what a new file of Blender's brings."""
+DEFAULTS = {"Cube": (0.0, 0.0, 0.0), "Light": (4.0762, 1.0055, 5.9039), "Camera": (7.3589, -6.9258, 4.9583)}
+"""Names and places of Blender's default objects."""
 
 Step = tuple[int, int, str]
 """Steps done, all steps, what is being done."""
@@ -41,6 +47,7 @@ def import_source(scene: bpy.types.Scene, source: Source) -> Iterator[Step]:
 def _steps(scene: bpy.types.Scene, source: Source, kept: set[str]) -> Iterator[Step]:
     """The import of all but what is ``kept`` as it stands, by id."""
     drive, about = source.drive, scene.unisim
+    first = not has_drive(scene)
     actors = [drive.actors[uid] for uid in sorted(set(drive.actors) - kept)]
     cameras = [camera for name, camera in drive.cameras.items() if name not in kept]
     lidars = [lidar for name, lidar in drive.lidars.items() if name not in kept]
@@ -64,9 +71,59 @@ def _steps(scene: bpy.types.Scene, source: Source, kept: set[str]) -> Iterator[S
     for actor in actors:
         _actor(scene, drive, actor, clock).pass_index = 1 + sorted(drive.actors).index(actor.uid)
         yield (done := done + 1), total, actor.label
-    if scene.camera is None:
-        scene.camera = next(things(scene, "CAMERA"), None)
+    if first:
+        set_aside(scene)
+        scene.render.engine = "UNISIM"
+    if scene.camera is None or first:
+        scene.camera = front_camera(scene) or scene.camera
         fit_resolution(scene)
+
+
+def front_camera(scene: bpy.types.Scene) -> bpy.types.Object | None:
+    """Return the camera of the rig that looks furthest ahead along the vehicle; None where there is none."""
+    cameras = list(things(scene, "CAMERA"))
+    return max(cameras, key=lambda camera: -local_matrix(camera, scene.frame_current)[0][2], default=None)
+
+
+def set_aside(scene: bpy.types.Scene) -> None:
+    """Keep the objects that a new file of Blender's brings out of the view and of images; they stay in the file."""
+    found = [thing for thing in scene.objects if thing.unisim.kind == "NONE" and is_default(thing)]
+    if not found:
+        return
+    aside = bpy.data.collections.new(ASIDE)
+    scene.collection.children.link(aside)
+    for thing in found:
+        for collection in thing.users_collection:
+            collection.objects.unlink(thing)
+        aside.objects.link(thing)
+    aside.hide_render = True
+    for layer in scene.view_layers:
+        layer.layer_collection.children[aside.name].exclude = True
+
+
+def is_default(thing: bpy.types.Object) -> bool:
+    """Return whether an object is one of those that a new file of Blender's has, as they were."""
+    at = DEFAULTS.get(thing.name)
+    plain = thing.parent is None and thing.animation_data is None and not thing.modifiers and not thing.constraints
+    return at is not None and plain and all(abs(a - b) < 1e-3 for a, b in zip(thing.location, at, strict=True))
+
+
+def summary(source: Source) -> str:
+    """Return what a drive holds, as one line."""
+    drive = source.drive
+    labels = Counter(actor.label for actor in drive.actors.values())
+    most = ", ".join(f"{count} {label}" for label, count in labels.most_common(3))
+    others = f", {sum(labels.values()) - sum(n for _, n in labels.most_common(3))} others" if len(labels) > 3 else ""
+    times = sorted(drive.time_s.values())
+    parts = [
+        f"{len(times)} frames ({times[-1] - times[0]:.1f} s)",
+        f"{len(drive.cameras)} cameras",
+        f"{len(drive.lidars)} LiDARs",
+        f"{len(drive.actors)} actors" + (f" ({most}{others})" if labels else ""),
+    ]
+    trained = "no trained scene" if source.scene_path is None else f"trained scene {source.scene_path.name}"
+    images = "" if source.log is not None else "; the log itself is not at hand"
+    return f"Imported {source.log_path.name}: {', '.join(parts)}; {trained}{images}"
 
 
 def _edited(scene: bpy.types.Scene, source: Source) -> set[str]:

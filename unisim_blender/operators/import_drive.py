@@ -8,9 +8,10 @@ from bpy.props import StringProperty
 from bpy_extras.io_utils import ImportHelper
 
 from ..bridge.applying import apply_edits
-from ..bridge.importing import import_source, set_colours
+from ..bridge.importing import import_source, set_colours, summary
 from ..bridge.source import open_source
 from ..bridge.things import has_drive
+from ..bridge.windows import areas
 from ..core.edits import apply_scenario
 from ..core.errors import UnisimError
 from ..core.json_file import read_json
@@ -20,6 +21,8 @@ from ..core.scenario import FORMAT, load_scenario
 from ..core.scene_file import HEADER_NAME, read_scene_header
 from ..registering import add, take_away
 
+FAR_M = 2000.0
+"""How far a view shows what there is, in metres: a drive is longer than Blender's 100 m."""
 BUSY_S = 0.05
 """How long the import works before it lets the window breathe."""
 
@@ -43,7 +46,9 @@ class _ImportDrive(ImportHelper):
     def begin(self, context: bpy.types.Context) -> bool:
         """Open the drive; report and return False where that fails."""
         try:
-            self.steps = import_source(context.scene, open_source(*self.paths()))
+            self.first = not has_drive(context.scene)
+            self.source = open_source(*self.paths())
+            self.steps = import_source(context.scene, self.source)
         except (UnisimError, OSError) as fault:
             self.report({"ERROR"}, str(fault))
             return False
@@ -55,6 +60,13 @@ class _ImportDrive(ImportHelper):
             return {"CANCELLED"}
         for _ in self.steps:
             pass
+        return self.done()
+
+    def done(self) -> set[str]:
+        """Show the drive and say what came in."""
+        if self.first:
+            look_through_camera()
+        self.report({"INFO"}, summary(self.source))
         return {"FINISHED"}
 
     def run(self, context: bpy.types.Context) -> set[str]:
@@ -84,13 +96,22 @@ class _ImportDrive(ImportHelper):
             if time.monotonic() > until:
                 return {"RUNNING_MODAL"}
         self.end(context)
-        return {"FINISHED"}
+        return self.done()
 
     def end(self, context: bpy.types.Context) -> None:
         """Take progress and timer away."""
         context.window_manager.event_timer_remove(self.timer)
         context.window_manager.progress_end()
         context.workspace.status_text_set(None)
+
+
+def look_through_camera() -> None:
+    """Show the drive through its camera in every 3D view; there is none without a window."""
+    for area in areas("VIEW_3D"):
+        space = area.spaces.active
+        space.clip_end = max(space.clip_end, FAR_M)
+        if space.region_3d is not None:
+            space.region_3d.view_perspective = "CAMERA"
 
 
 def take_back() -> None:
@@ -158,7 +179,8 @@ class UNISIM_OT_import_scenario(bpy.types.Operator, ImportHelper):
         for _ in import_source(context.scene, source):
             pass
         apply_edits(context.scene, source, scenario, edited)
-        self.report({"INFO"}, f"{len(scenario.edits)} edits imported")
+        look_through_camera()
+        self.report({"INFO"}, f"{summary(source)}; {len(scenario.edits)} edits")
         return {"FINISHED"}
 
 
