@@ -12,6 +12,7 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
+from .bridge.outside import outside_drive
 from .bridge.sampling import picture_size
 from .bridge.snapshot import camera_request, moment
 from .bridge.source import source_of
@@ -82,7 +83,9 @@ class UniSimEngine(bpy.types.RenderEngine):
         view.follow(context, depsgraph)
         view.gather()
         view.draw(self, depsgraph.scene)
-        self.update_stats("UniSim", view.problem or view.progress or ("Rendering" if view.pending else view.warning))
+        self.update_stats(
+            "UniSim", view.problem or view.outside or view.progress or ("Rendering" if view.pending else view.warning)
+        )
         if view.pending or view.waits:
             redraw_soon()
 
@@ -112,6 +115,8 @@ class UniSimEngine(bpy.types.RenderEngine):
             raise UnisimError(f'scene "{scene.name}": has no camera')
         shown, part = scene.frame_current, scene.frame_subframe
         frame = shown + part
+        if outside := outside_drive(frame, source.drive):
+            self.report({"WARNING"}, outside)
 
         def step(whole: int) -> None:
             self.frame_set(whole, subframe=0.0)

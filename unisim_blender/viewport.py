@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from .bridge.clock import Clock
 from .bridge.neighbours import lacking, sample_now, step_soon
+from .bridge.outside import outside_drive
 from .bridge.sampling import Sampled, Thing, frame_of
 from .bridge.snapshot import camera_request
 from .bridge.source import source_of
@@ -56,6 +57,8 @@ class View:
     """How far something is that has to be made before there is a picture."""
     warning: str = ""
     """What the scene's method cannot show."""
+    outside: str = ""
+    """Said where the frame lies outside the drive."""
     changes: int = 0
     waits: bool = False
     """Whether a render job goes first."""
@@ -135,6 +138,7 @@ class View:
             raise UnisimError("the neural scene has no view without perspective: press numpad 5, or look through a camera")
         frame = frame_of(scene)
         through = scene.camera if space.view_perspective == "CAMERA" else None
+        self.outside = outside_drive(frame, source.drive)
         clock = Clock.of(source.drive).around(frame)
         also = (through,) if through is not None else ()
         if lacking(scene, clock, also):

@@ -191,7 +191,7 @@ def sidebar() -> Iterator[float]:
 
 def standing_car() -> str:
     """A car that stands, by name."""
-    standing = [o for o in bpy.context.scene.objects if o.unisim.kind == "ACTOR" and o.animation_data is None and "Car" in o.name]
+    standing = [o for o in bpy.context.scene.objects if o.unisim.kind == "ACTOR" and o.parent is None and "Car" in o.name]
     return min(standing, key=lambda o: o.matrix_world.translation.length).name
 
 
@@ -266,7 +266,7 @@ def shortcuts(car: str) -> Iterator[float]:
     screenshot("checked")
     yield from key("G", ctrl=True, alt=True)
     yield from until(lambda: abs(thing(car).location.z - height) < 0.15, "Ctrl-Alt-G does not put it on the ground")
-    driving = next(o for o in bpy.context.scene.objects if o.unisim.kind == "ACTOR" and o.animation_data and not o.hide_viewport)
+    driving = next(o for o in bpy.context.scene.objects if o.unisim.kind == "ACTOR" and o.parent and not o.hide_viewport)
     choose(driving)
     yield 0.1
     yield from key("T", ctrl=True, alt=True)

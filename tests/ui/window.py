@@ -45,7 +45,7 @@ def nearest(scene: bpy.types.Scene) -> bpy.types.Object:
         x, _, z = camera @ thing.matrix_world.translation
         return -z, abs(x)
 
-    standing = [o for o in scene.objects if o.unisim.kind == "ACTOR" and o.animation_data is None and "Car" in o.name]
+    standing = [o for o in scene.objects if o.unisim.kind == "ACTOR" and o.parent is None and "Car" in o.name]
     return min((o for o in standing if ahead(o)[0] > 8 and ahead(o)[1] < ahead(o)[0] / 3), key=ahead)
 
 
@@ -212,7 +212,7 @@ def steps() -> Iterator[float]:
     screenshot("overview")
     # a car that drives, shifted into the next lane: its way, and where it was recorded
     scene = bpy.context.scene
-    driving = next(o for o in scene.objects if o.unisim.kind == "ACTOR" and o.animation_data is not None and not o.hide_viewport)
+    driving = next(o for o in scene.objects if o.unisim.kind == "ACTOR" and o.parent is not None and not o.hide_viewport)
     choose(driving)
     with inside(found):
         bpy.ops.unisim.retime_actor(way="DELAY", frames=6)

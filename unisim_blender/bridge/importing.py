@@ -117,13 +117,18 @@ def summary(source: Source) -> str:
     times = sorted(drive.time_s.values())
     parts = [
         f"{len(times)} frames ({times[-1] - times[0]:.1f} s)",
-        f"{len(drive.cameras)} cameras",
-        f"{len(drive.lidars)} LiDARs",
-        f"{len(drive.actors)} actors" + (f" ({most}{others})" if labels else ""),
+        counted(len(drive.cameras), "camera"),
+        counted(len(drive.lidars), "LiDAR"),
+        counted(len(drive.actors), "actor") + (f" ({most}{others})" if labels else ""),
     ]
     trained = "no trained scene" if source.scene_path is None else f"trained scene {source.scene_path.name}"
     images = "" if source.log is not None else "; the log itself is not at hand"
     return f"Imported {source.log_path.name}: {', '.join(parts)}; {trained}{images}"
+
+
+def counted(number: int, what: str) -> str:
+    """Return a number and what it counts, in the plural where there is not one."""
+    return f"{number} {what}" if number == 1 else f"{number} {what}s"
 
 
 def _edited(scene: bpy.types.Scene, source: Source) -> set[str]:

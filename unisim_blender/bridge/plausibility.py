@@ -22,6 +22,8 @@ FASTEST_M_S = {"pedestrian": 8.0, "bicycle": 18.0, "car": 70.0, "truck": 45.0, "
 """By a word of the class."""
 OFF_GROUND_M = 0.5
 FAR_VIEW_M = 3.0
+ASIDE_SHARE = 0.5
+"""Of what a camera sees, sideways: how much may lie beyond what any camera recorded."""
 OVERLAP_M = 0.1
 """Boxes are drawn generously: less than this is no collision."""
 ON_WHEELS = ("car", "truck", "bus", "van", "semi")
@@ -52,6 +54,7 @@ def warnings_of(sampled: Sampled, drive: Drive) -> Iterator[Finding]:
                 yield from _overlap(a, b, sampled.clock)
     for thing in sampled.of("CAMERA"):
         yield from _far(thing, drive, sampled.clock)
+        yield from _aside(thing, drive, sampled.clock)
 
 
 def _as_recorded(thing: Thing, drive: Drive, clock: Clock) -> bool:
@@ -128,3 +131,29 @@ def _far(thing: Thing, drive: Drive, clock: Clock) -> Iterator[Finding]:
     if away.max() > FAR_VIEW_M:
         at = int(away.argmax())
         yield Finding(thing.name, int(clock.frames[at]), f"looks from {away[at]:.1f} m beside anything recorded")
+
+
+def _aside(thing: Thing, drive: Drive, clock: Clock) -> Iterator[Finding]:
+    """Whether a camera looks where none was looking during the drive."""
+    unseen = np.array([unseen_share(thing, drive, frame) for frame in range(len(clock.frames))])
+    if len(unseen) and unseen.max() > ASIDE_SHARE:
+        at = int(unseen.argmax())
+        text = f"looks {unseen[at]:.0%} beside all that was recorded"
+        yield Finding(thing.name, int(clock.frames[at]), text)
+
+
+def unseen_share(thing: Thing, drive: Drive, frame: int) -> float:
+    """Return which share of a camera's directions, sideways, no camera of the drive ever looked into."""
+    if thing.camera is None or not drive.cameras:
+        return 0.0
+    half = np.arctan(thing.camera.width / 2 / thing.camera.fx)
+    ahead = -thing.poses[frame, :3, 2]  # a Blender camera looks along -z
+    headings = np.arctan2(ahead[1], ahead[0]) + np.linspace(-half, half, 16)
+    seen = np.zeros(len(headings), bool)
+    for camera in drive.cameras.values():
+        reach = np.arctan(camera.model.width / 2 / camera.model.fx)
+        poses = camera.world_from_camera.at(camera.world_from_camera.times_s)
+        axes = np.arctan2(poses[:, 1, 2], poses[:, 0, 2])
+        apart = np.abs((headings[:, None] - axes + np.pi) % (2 * np.pi) - np.pi)
+        seen |= (apart <= reach).any(1)
+    return float((~seen).mean())

@@ -27,6 +27,7 @@ def actor_edits(sampled: Sampled, drive: Drive, taken: set[str], relative: Relat
     clock = sampled.clock
     by_uid: dict[str, list[Thing]] = {}
     for thing in sampled.of("ACTOR"):
+        refuse_scale(thing)
         by_uid.setdefault(thing.uid, []).append(thing)
     for uid, actor in sorted(drive.actors.items()):
         standing = by_uid.pop(uid, [])
@@ -43,6 +44,16 @@ def actor_edits(sampled: Sampled, drive: Drive, taken: set[str], relative: Relat
         for thing in strangers:
             if thing.there.any():
                 yield _mesh(thing, clock, taken, relative) if thing.mesh else _inserted(thing, clock, taken, relative)
+
+
+def refuse_scale(thing: Thing) -> None:
+    """Raise `ScenarioError` where a box is drawn in another size than sensors would see."""
+    if thing.scale != (1.0, 1.0, 1.0):
+        factors = " x ".join(f"{factor:.3g}" for factor in thing.scale)
+        raise ScenarioError(
+            f'object "{thing.name}": is scaled by {factors}, which sensors would not see: clear its scale (Alt-S), '
+            "or that of its parent"
+        )
 
 
 def original(standing: list[Thing], actor: Actor, clock: Clock) -> Thing | None:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..core.drive import CameraModel, Drive, LidarModel, RollingShutter
+from ..core.errors import ScenarioError
 from ..core.geometry import FloatArray, invert_pose, quaternion_from_matrix
 from ..core.scenario.types import CameraSpec, Edit, Ego, Keyframe, LidarSpec, Offset, Sensors, ShiftKey, Shutter
 from .clock import Clock
@@ -47,7 +48,12 @@ def sensors_of(sampled: Sampled, drive: Drive) -> Sensors | None:
     """The sensors to render; None where they are those of the log, as they were."""
     clock = sampled.clock
     ego = next(sampled.of("EGO"), None)
-    world_from_ego = drive.world_from_ego.at(clock.times_s) if ego is None else ego.poses
+    if ego is None:
+        raise ScenarioError(
+            f'scene "{sampled.name}": has no ego vehicle, which its sensors are mounted on: undo that it was deleted, '
+            "or import the drive again"
+        )
+    world_from_ego = ego.poses
     cameras = tuple(_camera(thing, world_from_ego, drive, clock) for thing in sampled.of("CAMERA") if thing.there.any())
     lidars = tuple(_lidar(thing, world_from_ego, drive, clock) for thing in sampled.of("LIDAR") if thing.there.any())
     untouched = {CameraSpec(name) for name in drive.cameras}, {LidarSpec(name) for name in drive.lidars}

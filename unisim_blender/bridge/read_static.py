@@ -9,7 +9,7 @@ import numpy as np
 from ..core.geometry import quaternion_from_matrix
 from ..core.scenario.types import BoxSpec, CopyStatic, Edit, RemoveStatic
 from .poses import same
-from .read_actors import new_id
+from .read_actors import new_id, refuse_scale
 from .read_ways import placement, quaternion, vector
 from .sampling import Sampled, Thing
 
@@ -24,6 +24,7 @@ def static_edits(sampled: Sampled, taken: set[str]) -> tuple[dict[str, BoxSpec],
     edits: list[Edit] = []
     standing: dict[str, list[Thing]] = {uid: [] for uid in sampled.items}
     for thing in sampled.of("STATIC"):
+        refuse_scale(thing)
         standing.setdefault(thing.uid, []).append(thing)
     for uid, things in sorted(standing.items()):
         marked = json.loads(sampled.items[uid] if uid in sampled.items else things[0].model)

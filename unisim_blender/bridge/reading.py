@@ -52,7 +52,8 @@ def edited_ids(sampled: Sampled, drive: Drive) -> set[str]:
     """Ids of recorded actors and sensors that do not stand as they were imported, missing ones too; "ego" for the vehicle."""
     edits = actor_edits(sampled, drive, set(drive.actors), str)
     found = {edit.actor for edit in edits if isinstance(edit, Move | Remove | Swap)}
-    sensors = sensors_of(sampled, drive) or Sensors()
+    # a vehicle that was deleted took its sensors along: nothing of them is kept
+    sensors = (sensors_of(sampled, drive) if any(sampled.of("EGO")) else None) or Sensors()
     if sensors.cameras is not None:
         found |= set(drive.cameras) - {spec.id for spec in sensors.cameras if spec == CameraSpec(spec.id)}
     if sensors.lidars is not None:

@@ -20,7 +20,7 @@ from .cameras import model_of
 from .clock import Clock
 from .meshes import file_of, size_of
 from .meshes import model_of as model_of_mesh
-from .poses import rigid
+from .poses import rigid, scales_of
 from .things import KINDS_OF_DRIVE, things
 
 SetFrame = Callable[[int], object]
@@ -30,7 +30,8 @@ SetFrame = Callable[[int], object]
 class Thing:
     """An object of the drive at N frames: poses (N, 4, 4) in Blender's axes, whether it is there (N,); the rest as its properties
     have it. ``camera`` is a camera's intrinsics, ``index`` Blender's pass index, ``size_m`` (3,) what its mesh measures; ``mesh``
-    is the file of the model that an actor's own surface is, whose middle the poses are of, and ``label`` its class."""
+    is the file of the model that an actor's own surface is, whose middle the poses are of, and ``label`` its class. ``scale``
+    (3,) is how much larger it is drawn along its axes than it is, negative where it is mirrored."""
 
     name: str
     kind: str
@@ -46,6 +47,7 @@ class Thing:
     size_m: tuple[float, ...] = (0.0, 0.0, 0.0)
     mesh: str = ""
     label: str = ""
+    scale: tuple[float, ...] = (1.0, 1.0, 1.0)
 
     @property
     def is_original(self) -> bool:
@@ -106,6 +108,7 @@ def sample(
             matrices[i, at] = now.matrix_world
             there[i, at] = not (now.hide_viewport and keyed[i]) and not now.hide_render and thing.name in shown
     poses = rigid(matrices)
+    scales = scales_of(matrices, poses)
     size = picture_size(scene.render)
     extents = [tuple(size_of(thing).tolist()) for thing in found]
     files = [""] * len(found)
@@ -133,6 +136,7 @@ def sample(
                 size_m=extents[i],
                 mesh=files[i],
                 label=thing.unisim.label,
+                scale=(1.0, 1.0, 1.0) if thing.unisim.mesh else tuple(scales[i].tolist()),
             )
             for i, thing in enumerate(found)
         ),
