@@ -20,7 +20,7 @@ from .reading import edited_ids
 from .rig import lag, lidar_json, recorded_mount
 from .sampling import sample_all
 from .source import Source, source_of
-from .things import box_mesh, has_drive, make, things
+from .things import box_mesh, collection_of, has_drive, make, things
 from .trajectories import free, local_matrix, ride, set_on_trajectory, settle_on
 
 DISPLAY_M = 0.4
@@ -58,6 +58,10 @@ def _steps(scene: bpy.types.Scene, source: Source, kept: set[str]) -> Iterator[S
     about.origin = json.dumps(drive.world_origin.tolist())
     clock = Clock.of(drive)
     set_time(scene, clock)
+    if first:
+        scene.frame_set(scene.frame_start)
+        for kind in ("EGO", "ACTOR", "CAMERA", "TRAJECTORY"):  # in the outliner, what people use comes first
+            collection_of(scene, kind)
     set_colours(scene)
     yield (done := done + 1), total, "time"
     ego = _ego(scene, drive, clock) if "ego" not in kept else next(things(scene, "EGO"))
