@@ -4,11 +4,23 @@ from __future__ import annotations
 
 import bpy
 
-from . import client, clouds, engine, following, headless, menus, operators, overlay, panels, preferences, properties
+from . import client, clouds, engine, following, headless, menus, operators, overlay, panels, preferences, properties, view_types
 from .bridge import neighbours
 from .registering import close_room, open_room
 
-ROOMS = (properties, preferences, neighbours, following, *operators.MODULES, *panels.MODULES, menus, overlay, clouds, engine)
+ROOMS = (
+    properties,
+    preferences,
+    neighbours,
+    following,
+    *operators.MODULES,
+    *panels.MODULES,
+    menus,
+    overlay,
+    clouds,
+    view_types,
+    engine,
+)
 """In the order in which they need each other."""
 
 _commands: list[object] = []

@@ -97,6 +97,9 @@ class UniSimScene(bpy.types.PropertyGroup):
         description="Whether the ways of selected actors are drawn, with speeds and where they were recorded",
         default=True,
     )
+    show_sensors: BoolProperty(
+        name="Sensors", description="Whether cameras, LiDARs and the ego vehicle's axes are seen from outside", default=True
+    )
     show_recorded: BoolProperty(name="Recorded points", description="Whether the frame's recorded LiDAR points are shown")
     show_simulated: BoolProperty(name="Simulated points", description="Whether the frame's simulated LiDAR points are shown")
     points_colour: EnumProperty(name="Colour", description="What colours LiDAR points", items=POINT_COLOURS, default="ONE")

@@ -52,7 +52,9 @@ class UNISIM_PT_drive(_Sidebar, bpy.types.Panel):
             layout.row(align=True).prop(about, "points_colour", expand=True)
         if about.show_recorded:
             layout.prop(about, "recorded_offset_m")
-        layout.prop(about, "show_ways")
+        row = layout.row(align=True)
+        row.prop(about, "show_ways", toggle=True)
+        row.prop(about, "show_sensors", toggle=True)
         if not recorded_colours(scene):
             layout.label(text="Colours are not shown as recorded", icon="ERROR")
             layout.operator("unisim.recorded_colours")

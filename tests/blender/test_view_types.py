@@ -1,0 +1,36 @@
+"""What a 3D view shows and lets people pick."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+from unisim_blender.view_types import CAMERAS, EMPTIES, SWITCHES, turned_off, wanted
+
+
+def view(perspective: str, shading: str) -> Any:
+    """A 3D view as far as it matters here."""
+    return SimpleNamespace(region_3d=SimpleNamespace(view_perspective=perspective), shading=SimpleNamespace(type=shading))
+
+
+def test_through_a_camera_sensors_are_neither_seen_nor_picked(street: Any) -> None:
+    assert {*EMPTIES, "show_object_select_camera"} == wanted(street, view("CAMERA", "SOLID"))
+
+
+def test_a_rendered_view_shows_no_background_image(street: Any) -> None:
+    assert "show_object_viewport_camera" in wanted(street, view("CAMERA", "RENDERED"))
+    street.render.engine = "BLENDER_WORKBENCH"
+    assert "show_object_viewport_camera" not in wanted(street, view("CAMERA", "RENDERED"))
+
+
+def test_from_outside_all_is_seen_unless_sensors_are_hidden(street: Any) -> None:
+    assert not wanted(street, view("PERSP", "RENDERED"))
+    street.unisim.show_sensors = False
+    assert wanted(street, view("PERSP", "SOLID")) == set(SWITCHES)
+    assert wanted(street, view("CAMERA", "SOLID")) == {*EMPTIES, "show_object_select_camera"}
+
+
+def test_another_camera_shows_all_but_its_background(scene: Any) -> None:
+    assert turned_off("OTHER", True, True) == {CAMERAS[0]}
+    assert not turned_off("OTHER", False, True)
+    assert not wanted(scene, view("CAMERA", "RENDERED"))

@@ -1,0 +1,106 @@
+"""Which kinds of objects each 3D view shows and lets people pick, so that a camera's view is what the camera sees.
+
+Through a camera, sensors and the ego vehicle would stand in the image and take clicks that are meant for actors. In
+Rendered shading with the engine UniSim, Blender would draw a camera's background image over the rendered one; a view that
+does not show cameras does not show their background images. Blender keeps these switches for each view, so views beside it
+stay as they are.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+
+from .bridge.windows import areas
+from .registering import Drawing
+
+EMPTIES = ("show_object_viewport_empty", "show_object_select_empty")
+CAMERAS = ("show_object_viewport_camera", "show_object_select_camera")
+SWITCHES = (*EMPTIES, *CAMERAS)
+NOTED = "unisim_hidden"
+"""A screen's custom property: which switches of which views this module has turned off."""
+
+
+def turned_off(through: str, rendered: bool, sensors: bool) -> set[str]:
+    """Return the switches that a view is to have off.
+
+    ``through`` is what the view looks through: "RIG" for a camera of the drive, "OTHER" for another one, "" for none.
+    ``rendered``: whether the engine UniSim draws the view. ``sensors``: whether sensors are to be seen from outside.
+    """
+    off: set[str] = set()
+    if through == "RIG":
+        off |= {*EMPTIES, "show_object_select_camera"}
+    if through and rendered:
+        off.add("show_object_viewport_camera")
+    if not through and not sensors:
+        off |= set(SWITCHES)
+    return off
+
+
+def wanted(scene: bpy.types.Scene, space: Any) -> set[str]:
+    """Return the switches that a 3D view of a scene is to have off."""
+    if not scene.unisim.log or space.region_3d is None:
+        return set()
+    through = ""
+    if space.region_3d.view_perspective == "CAMERA" and scene.camera is not None:
+        through = "RIG" if scene.camera.unisim.kind == "CAMERA" else "OTHER"
+    rendered = space.shading.type == "RENDERED" and scene.render.engine == "UNISIM"
+    return turned_off(through, rendered, scene.unisim.show_sensors)
+
+
+def draw() -> None:
+    """Called by Blender whenever a 3D view is drawn: nothing may be changed before that is over."""
+    space = bpy.context.space_data
+    off = wanted(bpy.context.scene, space)
+    if off != _noted(bpy.context.screen).get(_index(bpy.context.screen, bpy.context.area), set()) or any(
+        getattr(space, switch) for switch in off
+    ):
+        follow_soon()
+
+
+def follow_soon(*_: object) -> None:
+    """Have all views follow as soon as nothing is drawn."""
+    if not bpy.app.background and not bpy.app.timers.is_registered(_follow):
+        bpy.app.timers.register(_follow, first_interval=0.0)
+
+
+def _follow() -> None:
+    for window in bpy.context.window_manager.windows:
+        noted = _noted(window.screen)
+        for index, area in enumerate(window.screen.areas):
+            if area.type != "VIEW_3D":
+                continue
+            space, off = area.spaces.active, wanted(window.scene, area.spaces.active)
+            for switch in noted.get(index, set()) - off:
+                setattr(space, switch, True)
+            for switch in off:
+                setattr(space, switch, False)
+            noted[index] = off
+        window.screen[NOTED] = {str(index): " ".join(sorted(off)) for index, off in noted.items() if off}
+    for area in areas("VIEW_3D"):
+        area.tag_redraw()
+
+
+def _noted(screen: bpy.types.Screen) -> dict[int, set[str]]:
+    found = screen.get(NOTED)
+    return {int(index): set(text.split()) for index, text in found.items()} if found else {}
+
+
+def _index(screen: bpy.types.Screen, area: bpy.types.Area) -> int:
+    return next(index for index, other in enumerate(screen.areas) if other == area)
+
+
+_drawing = Drawing(draw)
+
+
+def register() -> None:
+    """Follow from now on."""
+    _drawing.begin()
+
+
+def unregister() -> None:
+    """Follow no more."""
+    _drawing.end()
+    if bpy.app.timers.is_registered(_follow):
+        bpy.app.timers.unregister(_follow)
