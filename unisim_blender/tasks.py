@@ -69,6 +69,8 @@ class Task:
         """One line for a status bar."""
         if self.problem:
             return self.problem
+        if self.cancelled and self.running:  # what it is at is finished yet
+            return f"Stopping: {self.measure()}"
         if self.cancelled:
             return f"Stopped at {self.measure()}; start it again to go on"
         if not self.running:

@@ -55,7 +55,9 @@ def test_inserting_from_another_scene(street: Any) -> None:
     assert actor.world_from_actor.positions[0] == pytest.approx([25.0, 3.0, actor.size_m[2] / 2], abs=1e-4)
 
 
-def test_following_a_curve_at_a_speed(street: Any) -> None:
+@pytest.mark.parametrize("fps", [10, 30])
+def test_following_a_curve_at_a_speed(street: Any, fps: int) -> None:
+    street.render.fps, street.render.fps_base = fps, 1.0
     line = drawn(street, [(10, 0, 0), (30, 0, 0), (30, 20, 0)])
     uid = of_class(street, "Car", False)
     one = thing(street, "ACTOR", uid)

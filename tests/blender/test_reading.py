@@ -167,8 +167,8 @@ def test_retimed_actors_stay_on_their_path(street: Any, way: str) -> None:
     one = thing(street, "ACTOR", uid)
     select(one)
     street.frame_set(8)
-    last = {"last": 12} if way == "STRETCH" else {}
-    assert bpy.ops.unisim.retime_actor(way=way, frames=4, speed=0.5, first=4, **last) == {"FINISHED"}
+    last = {"last_s": 1.2} if way == "STRETCH" else {}
+    assert bpy.ops.unisim.retime_actor(way=way, seconds=0.4, speed=0.5, first_s=0.4, **last) == {"FINISHED"}
     (edit,) = read(street).edits
     assert isinstance(edit, Move)
     agree(street)

@@ -215,11 +215,11 @@ def steps() -> Iterator[float]:
     driving = next(o for o in scene.objects if o.unisim.kind == "ACTOR" and o.parent is not None and not o.hide_viewport)
     choose(driving)
     with inside(found):
-        bpy.ops.unisim.retime_actor(way="DELAY", frames=6)
+        bpy.ops.unisim.retime_actor(way="DELAY", seconds=0.6)
     yield 1.0
     screenshot("way")
     with inside(found):
-        bpy.ops.unisim.retime_actor(way="DELAY", frames=-6)
+        bpy.ops.unisim.retime_actor(way="DELAY", seconds=-0.6)
     yield 0.5
     # what the engine shows through the camera is what F12 renders
     scene.render.engine = "UNISIM"

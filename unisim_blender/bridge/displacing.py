@@ -12,8 +12,11 @@ import bpy
 import numpy as np
 from mathutils import Quaternion
 
+from ..core.errors import UnisimError
 from ..core.geometry import FloatArray
 from .animation import curves_of
+from .clock import Clock
+from .source import source_of
 from .things import KINDS_OF_DRIVE
 from .trajectories import trajectory_of
 
@@ -77,16 +80,27 @@ def displaced_objects(scene: bpy.types.Scene) -> list[bpy.types.Object]:
 
 def _blend(scene: bpy.types.Scene, keyed: list[bpy.types.FCurve], before: FloatArray) -> bool:
     """Hold what was ``before`` on both sides of the only key of each curve."""
-    away = BLEND_S * scene.render.fps / scene.render.fps_base
     for curve in keyed:
         frame = curve.keyframe_points[0].co[0]
-        for other in (frame - away, frame + away):
+        for other in around(scene, frame, BLEND_S):
             key = curve.keyframe_points.insert(other, before[curve.array_index], options={"FAST"})
             key.interpolation = "BEZIER"
         for key in curve.keyframe_points:
             key.handle_left_type = key.handle_right_type = "AUTO_CLAMPED"
         curve.update()
     return bool(keyed)
+
+
+def around(scene: bpy.types.Scene, frame: float, seconds: float) -> tuple[float, float]:
+    """Return the frames that lie some seconds of the log before and after ``frame``; by Blender's rate where there is no log."""
+    try:
+        clock = Clock.of(source_of(scene).drive)
+    except (UnisimError, OSError):
+        away = seconds * scene.render.fps / scene.render.fps_base
+        return frame - away, frame + away
+    now = float(clock.time_s(np.array(frame)))
+    first, last = clock.frame(np.array([now - seconds, now + seconds]))
+    return float(first), float(last)
 
 
 def _add(curve: bpy.types.FCurve, amounts: FloatArray) -> None:

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..core.geometry import FloatArray, matrix_from_quaternion, quaternion_from_matrix
 from .animation import curves_of, keys_of, write_keys
+from .clock import Clock
 from .meshes import size_of
 from .trajectories import keyed_pose, own_trajectory, ride, settle_on
 
@@ -38,8 +39,12 @@ def moved_to(thing: bpy.types.Object, place: Sequence[float], frame: float) -> N
     write_keys(above, frames, positions + apart, quaternions)
 
 
-def follow(thing: bpy.types.Object, line: FloatArray, frame: float, step_m: float) -> None:
-    """Keys along a line (P, 3) from ``frame`` on, ``step_m`` a frame, the thing's front ahead and its underside on the line."""
+def follow(thing: bpy.types.Object, line: FloatArray, frame: float, speed_m_s: float, clock: Clock) -> None:
+    """Put a thing on a trajectory along a line (P, 3) from ``frame`` on, its front ahead and its underside on the line.
+
+    The speed is that in the log's seconds, whatever Blender's frame rate.
+    """
+    start_s, step_m = float(clock.time_s(np.array(frame))), speed_m_s / clock.rate
     apart = np.linalg.norm(np.diff(line, axis=0), axis=1)
     line = line[np.concatenate([[True], apart > 1e-6])]
     along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
@@ -55,7 +60,7 @@ def follow(thing: bpy.types.Object, line: FloatArray, frame: float, step_m: floa
     quaternions = quaternion_from_matrix(np.stack([ahead, left, up], -1))
     above = own_trajectory(thing) or ride(thing)
     settle_on(thing)
-    write_keys(above, frame + at / step_m, positions + up * height / 2, quaternions)
+    write_keys(above, clock.frame(start_s + at / speed_m_s), positions + up * height / 2, quaternions)
 
 
 def retimed(thing: bpy.types.Object, at: Callable[[FloatArray], FloatArray], path: str = "") -> None:
@@ -73,8 +78,12 @@ def retimed(thing: bpy.types.Object, at: Callable[[FloatArray], FloatArray], pat
         curve.update()
 
 
-def stopped(thing: bpy.types.Object, frame: float, frames: float) -> None:
-    """Let a thing stand still from ``frame`` on for some ``frames``, and then go on as before."""
+def stopped(thing: bpy.types.Object, frame: float, seconds: float, clock: Clock) -> None:
+    """Let a thing stand still from ``frame`` on for some seconds of the log, and then go on as before."""
+
+    def later(frames: FloatArray) -> FloatArray:
+        return clock.frame(clock.time_s(frames) + seconds)
+
     above = own_trajectory(thing) or thing
     keys = keys_of(above)
     if keys is None:
@@ -83,11 +92,11 @@ def stopped(thing: bpy.types.Object, frame: float, frames: float) -> None:
     here = np.array([np.interp(frame, before, column) for column in positions.T])
     turn = np.array([np.interp(frame, before, column) for column in quaternions.T])
     turn /= np.linalg.norm(turn)
-    retimed(thing, lambda old: np.where(old > frame, old + frames, old), "hide_viewport")
+    retimed(thing, lambda old: np.where(old > frame, later(old), old), "hide_viewport")
     early, late = before < frame, before > frame
     write_keys(
         above,
-        np.concatenate([before[early], [frame, frame + frames], before[late] + frames]),
+        np.concatenate([before[early], [frame, float(later(np.array(frame)))], later(before[late])]),
         np.concatenate([positions[early], [here, here], positions[late]]),
         np.concatenate([quaternions[early], [turn, turn], quaternions[late]]),
     )

@@ -14,6 +14,7 @@ import bpy
 import numpy as np
 
 from ..core.drive import CameraModel
+from ..core.errors import UnisimError
 from ..core.geometry import BoolArray, FloatArray
 from .animation import keys_hide
 from .cameras import model_of
@@ -94,6 +95,12 @@ def sample(
 ) -> Sampled:
     """The scene's things at each frame of ``clock``. ``set_frame`` takes the depsgraph to a frame; ``also`` are cameras that are
     no part of the rig."""
+    render = scene.render
+    if render.frame_map_old != render.frame_map_new:
+        raise UnisimError(
+            f'scene "{scene.name}": Output > Frame Range > Time Stretching takes frame {render.frame_map_old} to '
+            f"{render.frame_map_new}, so its frames are not the log's: set both alike, and retime actors instead"
+        )
     found = [*things(scene, *KINDS_OF_DRIVE)]
     found += [thing for thing in also if thing not in found]
     shown = _shown(depsgraph.view_layer_eval.layer_collection)

@@ -6,9 +6,11 @@ from bpy.props import EnumProperty, FloatProperty
 from ..bridge.copies import copy_of
 from ..bridge.meshes import size_of
 from ..bridge.motion import displaced_along, moved_to
+from ..bridge.refresh import refresh
 from ..bridge.sampling import frame_of
 from ..bridge.selection import choose, chosen
 from ..bridge.trajectories import remove
+from .polling import allowed, object_mode, selected
 
 LANE_M = 3.5
 GAP_M = 0.6
@@ -35,7 +37,7 @@ class UNISIM_OT_duplicate_actor(bpy.types.Operator):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         """An actor has to be selected."""
-        return context.mode == "OBJECT" and bool(chosen(context, "ACTOR"))
+        return allowed(cls, object_mode(context), selected(context, "Select an actor first", "ACTOR"))
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Copy each and put the copy where it was asked for."""
@@ -49,6 +51,7 @@ class UNISIM_OT_duplicate_actor(bpy.types.Operator):
                 displaced_along(copy, (0.0, beside if self.where.endswith("LEFT") else -beside, 0.0))
             copies.append(copy)
         choose(context, *copies)
+        refresh(copies)
         self.report({"INFO"}, f"{len(sources)} copied")
         return {"FINISHED"}
 
@@ -63,7 +66,8 @@ class UNISIM_OT_delete_actor(bpy.types.Operator):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         """An actor or a static item has to be selected."""
-        return context.mode == "OBJECT" and bool(chosen(context, "ACTOR", "STATIC"))
+        needed = selected(context, "Select an actor or a static item first", "ACTOR", "STATIC")
+        return allowed(cls, object_mode(context), needed)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """As X does."""

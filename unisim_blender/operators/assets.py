@@ -15,6 +15,7 @@ from ..client import client
 from ..core.errors import UnisimError
 from ..preferences import device, interpreter
 from .looks import size_text
+from .polling import allowed, drive
 
 POLL_S = 0.1
 TAG = "UniSim"
@@ -35,7 +36,7 @@ class UNISIM_OT_make_library(bpy.types.Operator):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         """A trained scene has to be there."""
-        return bool(context.scene.unisim.scene)
+        return allowed(cls, drive(context), (context.scene.unisim.scene, "Train or import a trained scene first"))
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Ask for the file."""

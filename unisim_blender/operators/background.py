@@ -10,6 +10,7 @@ from ..bridge.chart import Picture, training_chart
 from ..bridge.windows import areas
 from ..registering import add, take_away
 from ..tasks import SequenceTask, Task, TrainingTask
+from .polling import allowed
 
 POLL_S = 0.5
 PREVIEW, CURVE = "UniSim preview", "UniSim training"
@@ -83,7 +84,8 @@ def launch(task: Task) -> None:
             time.sleep(POLL_S / 5)
         watch()
     else:
-        bpy.app.timers.register(watch, first_interval=POLL_S)
+        # another file may be opened while it runs
+        bpy.app.timers.register(watch, first_interval=POLL_S, persistent=True)
 
 
 class UNISIM_OT_cancel_task(bpy.types.Operator):
@@ -96,7 +98,7 @@ class UNISIM_OT_cancel_task(bpy.types.Operator):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         """Something has to be running."""
-        return bool(running)
+        return allowed(cls, (running, "Nothing is running"))
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Ask it to end."""

@@ -9,6 +9,7 @@ from ..bridge.sampling import sample_all
 from ..bridge.selection import choose
 from ..bridge.source import source_of
 from ..core.errors import UnisimError
+from .polling import allowed, drive
 
 
 class UNISIM_OT_check(bpy.types.Operator):
@@ -20,7 +21,7 @@ class UNISIM_OT_check(bpy.types.Operator):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         """A drive has to be there."""
-        return bool(context.scene.unisim.log)
+        return allowed(cls, drive(context))
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Sample the scene and list what is odd; nothing is kept from being rendered."""

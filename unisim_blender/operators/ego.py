@@ -4,7 +4,9 @@ import bpy
 from bpy.props import FloatProperty
 
 from ..bridge.motion import displaced_along
+from ..bridge.refresh import refresh
 from ..bridge.things import things
+from .polling import allowed, object_mode, vehicle
 
 
 class UNISIM_OT_shift_ego(bpy.types.Operator):
@@ -19,12 +21,14 @@ class UNISIM_OT_shift_ego(bpy.types.Operator):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         """The vehicle has to be there."""
-        return context.mode == "OBJECT" and next(things(context.scene, "EGO"), None) is not None
+        return allowed(cls, object_mode(context), vehicle(context))
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Move its keys."""
-        for ego in things(context.scene, "EGO"):
+        """Displace its whole trajectory."""
+        vehicles = list(things(context.scene, "EGO"))
+        for ego in vehicles:
             displaced_along(ego, (0.0, self.left_m, 0.0))
+        refresh(vehicles)
         return {"FINISHED"}
 
 

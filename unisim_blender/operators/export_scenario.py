@@ -14,6 +14,7 @@ from ..bridge.writing import write_scenario
 from ..core.errors import UnisimError
 from ..core.scenario.types import FrameRange, Outputs, Scenario
 from ..registering import add, take_away
+from .polling import allowed, drive
 
 
 def scenario_of(scene: bpy.types.Scene, path: Path) -> Scenario:
@@ -41,7 +42,7 @@ class UNISIM_OT_export_scenario(bpy.types.Operator, ExportHelper):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         """A drive has to be there."""
-        return bool(context.scene.unisim.log)
+        return allowed(cls, drive(context))
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Read the scene and write the file."""

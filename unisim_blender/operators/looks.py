@@ -16,6 +16,7 @@ from ..core.drive import Actor
 from ..core.errors import UnisimError
 from ..core.prepare.scenario import scene_actors
 from ..core.scene_file import HEADER_NAME
+from .polling import allowed, drive, object_mode, selected
 
 _shown: list[tuple[str, str, str]] = []
 """What a menu shows has to be kept: Blender does not."""
@@ -55,8 +56,13 @@ class UNISIM_OT_replace_look(bpy.types.Operator):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         """An actor has to be selected; what is a mesh keeps its own look."""
-        actors = chosen(context, "ACTOR")
-        return context.mode == "OBJECT" and bool(actors) and not any(thing.unisim.mesh for thing in actors)
+        plain = not any(thing.unisim.mesh for thing in chosen(context, "ACTOR"))
+        return allowed(
+            cls,
+            object_mode(context),
+            selected(context, "Select an actor first", "ACTOR"),
+            (plain, "What is a mesh keeps its own appearance: select recorded actors alone"),
+        )
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Ask which."""
@@ -92,7 +98,7 @@ class UNISIM_OT_insert_actor(bpy.types.Operator, ImportHelper):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         """A drive has to be there."""
-        return context.mode == "OBJECT" and bool(context.scene.unisim.log)
+        return allowed(cls, object_mode(context), drive(context))
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """A box that stands on the ground at the cursor."""

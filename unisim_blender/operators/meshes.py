@@ -6,6 +6,7 @@ from bpy.props import EnumProperty, StringProperty
 from ..bridge.mesh_objects import make_actor
 from ..bridge.meshes import parts
 from ..bridge.selection import choose, chosen
+from .polling import allowed, drive, object_mode, selected
 
 DIRECTIONS = (
     ("AUTO", "As it is long", "Along the world's x or y, whichever it is longer in"),
@@ -39,7 +40,8 @@ class UNISIM_OT_mesh_actor(bpy.types.Operator):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         """An object that is nothing of the drive yet has to be selected."""
-        return context.mode == "OBJECT" and bool(context.scene.unisim.log) and bool(chosen(context, "NONE"))
+        needed = selected(context, "Select a mesh that is nothing of the drive yet", "NONE")
+        return allowed(cls, object_mode(context), drive(context), needed)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Mark each; its origin goes to its middle, its scale into its mesh."""
@@ -64,7 +66,8 @@ class UNISIM_OT_release_mesh(bpy.types.Operator):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         """A mesh that is an actor has to be selected."""
-        return context.mode == "OBJECT" and any(thing.unisim.mesh for thing in chosen(context, "ACTOR"))
+        meshes = any(thing.unisim.mesh for thing in chosen(context, "ACTOR"))
+        return allowed(cls, object_mode(context), (meshes, "Select a mesh that is an actor first"))
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Take the mark away."""

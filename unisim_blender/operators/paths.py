@@ -4,13 +4,16 @@ import bpy
 import numpy as np
 from bpy.props import FloatProperty
 
+from ..bridge.clock import Clock
 from ..bridge.ground import ground_height
 from ..bridge.meshes import size_of
 from ..bridge.motion import displaced_along, follow
+from ..bridge.refresh import refresh
 from ..bridge.sampling import frame_of
 from ..bridge.selection import chosen
 from ..bridge.source import source_of
 from ..core.errors import UnisimError
+from .polling import allowed, object_mode, selected
 
 
 class UNISIM_OT_follow_curve(bpy.types.Operator):
@@ -26,7 +29,8 @@ class UNISIM_OT_follow_curve(bpy.types.Operator):
     def poll(cls, context: bpy.types.Context) -> bool:
         """Actors and one curve have to be selected."""
         curves = [thing for thing in context.selected_objects if thing.type == "CURVE"]
-        return context.mode == "OBJECT" and len(curves) == 1 and bool(chosen(context, "ACTOR"))
+        curve = len(curves) == 1, "Select one curve beside the actors: Add > Curve draws one"
+        return allowed(cls, object_mode(context), selected(context, "Select an actor first", "ACTOR"), curve)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Keys along the curve; the actors' undersides are on it."""
@@ -38,10 +42,15 @@ class UNISIM_OT_follow_curve(bpy.types.Operator):
         if len(line) < 2:
             self.report({"ERROR"}, f'curve "{curve.name}": has fewer than two points')
             return {"CANCELLED"}
-        scene = context.scene
-        rate = scene.render.fps / scene.render.fps_base
-        for thing in chosen(context, "ACTOR"):
-            follow(thing, line, frame_of(scene), self.speed_m_s / rate)
+        try:
+            clock = Clock.of(source_of(context.scene).drive)
+        except (UnisimError, OSError) as fault:
+            self.report({"ERROR"}, str(fault))
+            return {"CANCELLED"}
+        actors = chosen(context, "ACTOR")
+        for thing in actors:
+            follow(thing, line, frame_of(context.scene), self.speed_m_s, clock)
+        refresh(actors)
         return {"FINISHED"}
 
 
@@ -55,7 +64,8 @@ class UNISIM_OT_snap_to_ground(bpy.types.Operator):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         """Something has to be selected."""
-        return context.mode == "OBJECT" and bool(chosen(context, "ACTOR", "STATIC"))
+        needed = selected(context, "Select an actor or a static item first", "ACTOR", "STATIC")
+        return allowed(cls, object_mode(context), needed)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Up or down along the box's own axis."""
@@ -72,6 +82,7 @@ class UNISIM_OT_snap_to_ground(bpy.types.Operator):
         except (UnisimError, OSError) as fault:
             self.report({"ERROR"}, str(fault))
             return {"CANCELLED"}
+        refresh(chosen(context, "ACTOR", "STATIC"))
         return {"FINISHED"}
 
 

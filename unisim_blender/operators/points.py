@@ -17,6 +17,7 @@ from ..client import Client, Request, client, progress_line
 from ..core.errors import UnisimError
 from ..preferences import device, interpreter
 from ..registering import add, take_away
+from .polling import allowed, drive
 
 POLL_S = 0.1
 EDIT_S = 0.4
@@ -136,7 +137,7 @@ class UNISIM_OT_show_points(bpy.types.Operator):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         """A drive has to be there."""
-        return bool(context.scene.unisim.log)
+        return allowed(cls, drive(context))
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Set the scene's switches and show."""

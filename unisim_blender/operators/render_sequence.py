@@ -10,6 +10,7 @@ from ..preferences import device, interpreter
 from ..tasks import SequenceTask
 from .background import launch, running
 from .export_scenario import scenario_of
+from .polling import allowed, drive, idle
 
 SCENARIO = "scenario.json"
 
@@ -23,8 +24,8 @@ class UNISIM_OT_render_sequence(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        """A trained scene has to be there, and nothing else be running."""
-        return bool(context.scene.unisim.scene) and not running
+        """A drive has to be there, and nothing else be running."""
+        return allowed(cls, drive(context), idle(running))
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Write the scenario beside the frames and start the command line on it."""

@@ -4,19 +4,25 @@ from collections.abc import Callable
 
 import bpy
 import numpy as np
-from bpy.props import EnumProperty, FloatProperty, IntProperty
+from bpy.props import EnumProperty, FloatProperty
 
+from ..bridge.clock import Clock
 from ..bridge.motion import retimed, stopped
+from ..bridge.refresh import refresh
 from ..bridge.sampling import frame_of
 from ..bridge.selection import chosen
+from ..bridge.source import source_of
+from ..core.errors import UnisimError
 from ..core.geometry import FloatArray
+from .polling import allowed, object_mode, selected
 
 WAYS = (
-    ("DELAY", "Delay", "Everything later by some frames"),
+    ("DELAY", "Delay", "Everything later by some seconds"),
     ("SPEED", "Speed", "Faster or slower from the frame that is shown on"),
     ("STOP", "Stop and go", "Stand still from the frame that is shown on, then go on"),
-    ("STRETCH", "Stretch", "Take longer or shorter between two frames; what comes later is later or earlier by that"),
+    ("STRETCH", "Stretch", "Take longer or shorter between two times; what comes later is later or earlier by that"),
 )
+NEEDED = {"DELAY": ("seconds",), "SPEED": ("speed",), "STOP": ("seconds",), "STRETCH": ("first_s", "last_s", "speed")}
 
 
 class UNISIM_OT_retime_actor(bpy.types.Operator):
@@ -27,43 +33,66 @@ class UNISIM_OT_retime_actor(bpy.types.Operator):
     bl_options = {"REGISTER", "UNDO"}
 
     way: EnumProperty(name="Way", items=WAYS, default="DELAY")
-    frames: FloatProperty(name="Frames", description="How many frames later, or how long it stands still", default=5.0)
+    seconds: FloatProperty(
+        name="Seconds",
+        description="How much later, or how long it stands still, in seconds of the log",
+        default=0.5,
+        unit="TIME_ABSOLUTE",
+    )
     speed: FloatProperty(name="Speed", description="1 is as it was", default=0.5, min=0.01, soft_max=4.0)
-    first: IntProperty(name="From", default=0)
-    last: IntProperty(name="To", default=20)
+    first_s: FloatProperty(name="From", description="In seconds of the log", default=0.0, unit="TIME_ABSOLUTE")
+    last_s: FloatProperty(name="To", description="In seconds of the log", default=2.0, unit="TIME_ABSOLUTE")
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         """An actor has to be selected."""
-        return context.mode == "OBJECT" and bool(chosen(context, "ACTOR"))
+        return allowed(cls, object_mode(context), selected(context, "Select an actor first", "ACTOR"))
 
     def draw(self, context: bpy.types.Context) -> None:
-        """What the chosen way needs."""
+        """Show what the chosen way needs, in seconds and in frames."""
         self.layout.prop(self, "way")
-        needed = {"DELAY": ("frames",), "SPEED": ("speed",), "STOP": ("frames",), "STRETCH": ("first", "last", "speed")}
-        for name in needed[self.way]:
+        for name in NEEDED[self.way]:
             self.layout.prop(self, name)
+        try:
+            clock = Clock.of(source_of(context.scene).drive)
+        except (UnisimError, OSError):
+            return
+        if self.way == "STRETCH":
+            first, last = clock.frame(np.array([self.first_s, self.last_s]))
+            self.layout.label(text=f"Frames {first:.1f} to {last:.1f}")
+        elif self.way != "SPEED":
+            self.layout.label(text=f"{self.seconds * clock.rate:.1f} frames")
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Move keys."""
-        if self.way == "STRETCH" and self.first >= self.last:
-            self.report({"ERROR"}, f"From {self.first} must lie before to {self.last}")
+        if self.way == "STRETCH" and self.first_s >= self.last_s:
+            self.report({"ERROR"}, f"From {self.first_s:g} s must lie before to {self.last_s:g} s")
             return {"CANCELLED"}
-        now = frame_of(context.scene)
-        for thing in chosen(context, "ACTOR"):
+        try:
+            clock = Clock.of(source_of(context.scene).drive)
+        except (UnisimError, OSError) as fault:
+            self.report({"ERROR"}, str(fault))
+            return {"CANCELLED"}
+        now, actors = frame_of(context.scene), chosen(context, "ACTOR")
+        for thing in actors:
             if self.way == "STOP":
-                stopped(thing, now, abs(self.frames))
+                stopped(thing, now, abs(self.seconds), clock)
             else:
-                retimed(thing, self.later(now))
+                retimed(thing, self.later(now, clock))
+        refresh(actors)
         return {"FINISHED"}
 
-    def later(self, now: float) -> Callable[[FloatArray], FloatArray]:
-        """Where keys at frames go."""
+    def later(self, now: float, clock: Clock) -> Callable[[FloatArray], FloatArray]:
+        """Return the function that takes keys' frames to their new frames."""
+        change = self._later_s(float(clock.time_s(np.array(now))))
+        return lambda frames: clock.frame(change(clock.time_s(frames)))
+
+    def _later_s(self, now: float) -> Callable[[FloatArray], FloatArray]:
         if self.way == "DELAY":
-            return lambda old: old + self.frames
+            return lambda old: old + self.seconds
         if self.way == "SPEED":
             return lambda old: np.where(old > now, now + (old - now) / self.speed, old)
-        first, last = self.first, self.last
+        first, last = self.first_s, self.last_s
         longer = (last - first) * (1 / self.speed - 1)
         return lambda old: old + longer * np.clip((old - first) / (last - first), 0, 1)
 

@@ -14,6 +14,7 @@ from ..bridge.things import collection_of, things
 from ..core.drive import CameraModel, LidarModel
 from ..core.errors import UnisimError
 from ..core.sensors.beam_tables import BEAM_TABLES
+from .polling import allowed, object_mode, selected, vehicle
 
 OWN = "OWN"
 OWN_TABLE = "15, 10, 5, 2, 0, -2, -4, -7, -10, -15"
@@ -39,7 +40,7 @@ class _OnVehicle:
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         """The vehicle has to be there."""
-        return context.mode == "OBJECT" and next(things(context.scene, "EGO"), None) is not None
+        return allowed(cls, object_mode(context), vehicle(context))
 
 
 class UNISIM_OT_add_camera(_OnVehicle, bpy.types.Operator):
@@ -141,7 +142,7 @@ class UNISIM_OT_set_beams(_Beams, bpy.types.Operator):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         """A LiDAR has to be selected."""
-        return context.mode == "OBJECT" and bool(chosen(context, "LIDAR"))
+        return allowed(cls, object_mode(context), selected(context, "Select a LiDAR first", "LIDAR"))
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Where and when they look stays."""

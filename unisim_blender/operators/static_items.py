@@ -8,6 +8,7 @@ from ..bridge.copies import copy_of
 from ..bridge.poses import rigid
 from ..bridge.selection import choose, chosen
 from ..bridge.static_items import forget, mark
+from .polling import allowed, drive, object_mode, selected
 
 
 class UNISIM_OT_mark_static(bpy.types.Operator):
@@ -22,7 +23,7 @@ class UNISIM_OT_mark_static(bpy.types.Operator):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         """A drive has to be there."""
-        return context.mode == "OBJECT" and bool(context.scene.unisim.log)
+        return allowed(cls, object_mode(context), drive(context))
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Take the mesh's place, or the cursor's."""
@@ -53,7 +54,7 @@ class UNISIM_OT_copy_static(bpy.types.Operator):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         """A static item has to be selected."""
-        return context.mode == "OBJECT" and bool(chosen(context, "STATIC"))
+        return allowed(cls, object_mode(context), selected(context, "Select a static item first", "STATIC"))
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Several keep their places to each other."""
@@ -77,7 +78,7 @@ class UNISIM_OT_forget_static(bpy.types.Operator):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         """A static item has to be selected."""
-        return context.mode == "OBJECT" and bool(chosen(context, "STATIC"))
+        return allowed(cls, object_mode(context), selected(context, "Select a static item first", "STATIC"))
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """With all copies of each."""

@@ -8,6 +8,7 @@ from bpy.props import EnumProperty, FloatProperty, IntProperty, StringProperty
 from ..preferences import device, interpreter
 from ..tasks import TrainingTask
 from .background import launch, running
+from .polling import allowed, drive, idle
 
 PREVIEW_S = 30.0
 """Between two previews, or longer where they would cost too much."""
@@ -37,7 +38,7 @@ class UNISIM_OT_train(bpy.types.Operator):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         """A log has to be there, and nothing else be running."""
-        return bool(context.scene.unisim.log) and not running
+        return allowed(cls, drive(context), idle(running))
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Ask for the folder."""

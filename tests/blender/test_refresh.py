@@ -1,0 +1,117 @@
+"""What is shown after an operator is true, and times are the log's."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import bpy
+import numpy as np
+import pytest
+from helpers import read, select, thing
+
+from unisim_blender.bridge.clock import Clock
+from unisim_blender.bridge.source import source_of
+from unisim_blender.core.errors import UnisimError
+from unisim_blender.core.scenario.types import Move
+from unisim_blender.operators import background
+from unisim_blender.operators.render_sequence import UNISIM_OT_render_sequence
+from unisim_blender.tasks import SequenceTask
+
+
+def driving(scene: Any) -> str:
+    """The id of an actor that drives and is there throughout."""
+    drive = source_of(scene).drive
+    first, last = min(drive.time_s.values()), max(drive.time_s.values())
+    return next(u for u, a in sorted(drive.actors.items()) if a.is_moving and a.start_s <= first and a.end_s >= last)
+
+
+def test_a_retimed_box_stands_where_it_is_now(street: Any) -> None:
+    uid = driving(street)
+    one = thing(street, "ACTOR", uid)
+    select(one)
+    street.frame_set(10)
+    before = one.matrix_world.translation.copy()
+    assert bpy.ops.unisim.retime_actor(way="DELAY", seconds=0.5) == {"FINISHED"}
+    drive = source_of(street).drive
+    then = drive.actors[uid].world_from_actor.at(drive.time_s[10] - 0.5)[:3, 3]
+    assert np.array(one.matrix_world.translation) == pytest.approx(then, abs=1e-3)
+    assert (one.matrix_world.translation - before).length > 0.1
+
+
+@pytest.mark.parametrize("fps", [10, 25, 60])
+def test_a_delay_is_in_seconds_of_the_log_at_any_frame_rate(street: Any, fps: int) -> None:
+    street.render.fps, street.render.fps_base = fps, 1.0
+    street.frame_step = 3
+    uid = driving(street)
+    select(thing(street, "ACTOR", uid))
+    bpy.ops.unisim.retime_actor(way="DELAY", seconds=0.4)
+    (edit,) = read(street).edits
+    assert isinstance(edit, Move) and edit.trajectory is not None
+    clock = Clock.of(source_of(street).drive)
+    recorded = source_of(street).drive.actors[uid].world_from_actor
+    key = next(key for key in edit.trajectory if key.frame == 10)
+    then = recorded.at(float(clock.time_s(np.array(10.0))) - 0.4)[:3, 3]
+    assert key.position == pytest.approx(then, abs=2e-3)
+
+
+def test_time_stretching_is_refused(street: Any) -> None:
+    street.render.frame_map_old, street.render.frame_map_new = 100, 50
+    with pytest.raises(UnisimError, match="Time Stretching takes frame 100 to 50"):
+        read(street)
+
+
+def test_a_log_without_a_trained_scene_may_be_rendered_as_a_sequence(street: Any) -> None:
+    street.unisim.scene = ""
+    assert UNISIM_OT_render_sequence.poll(bpy.context)
+
+
+def test_every_operator_says_why_it_is_grey(scene: Any) -> None:
+    from unisim_blender import operators
+
+    said = []
+    for module in operators.MODULES:
+        for cls in module.CLASSES:
+            if "poll" in vars(cls) or any("poll" in vars(base) for base in cls.__mro__[1:2]):
+                name = cls.bl_idname
+                said.append(name)
+                group, operator = cls.bl_idname.split(".")
+                with pytest.raises(RuntimeError) as refused:
+                    getattr(getattr(bpy.ops, group), operator)()
+                assert "poll() failed, context is incorrect" not in str(refused.value), name
+    assert len(said) > 15
+
+
+class Slow(SequenceTask):
+    """A task that goes on until it is told otherwise, without a process."""
+
+    finished = 12
+
+    @property
+    def done(self) -> float:
+        """As many frames as the test says."""
+        return float(self.finished)
+
+
+def test_cancel_says_how_many_frames_are_finished_when_it_has_ended(tmp_path: Any) -> None:
+    task = Slow([], tmp_path, 20.0)
+    task.cancel()
+    assert task.running and task.text() == "Stopping: 12 of 20 frames"
+    task.finished, task.code = 16, 1
+    assert task.text().startswith("Stopped at 16 of 20 frames")
+
+
+def test_what_runs_is_watched_when_another_file_is_opened(street: Any, tmp_path: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    registered: list[dict[str, Any]] = []
+    window = SimpleNamespace(
+        background=False, timers=SimpleNamespace(register=lambda *_, **how: registered.append(how), is_registered=lambda _: False)
+    )
+    monkeypatch.setattr(background, "bpy", SimpleNamespace(app=window, context=bpy.context, data=bpy.data, path=bpy.path))
+    task = Slow([], tmp_path, 20.0)
+    monkeypatch.setattr(task, "start", lambda: None)
+    background.launch(task)
+    assert registered and registered[0]["persistent"]
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    background.watch()
+    assert "12 of 20" in bpy.context.window_manager.unisim_task
+    background.running.clear()

@@ -1,0 +1,47 @@
+"""What operators need, so that a greyed button says why it is grey."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+
+from ..bridge.selection import chosen
+from ..bridge.things import things
+
+Need = tuple[object, str]
+"""Whether a need is met, and the sentence that says what to do where it is not."""
+
+
+def allowed(operator: Any, *needs: Need) -> bool:
+    """Return whether all needs are met; the first that is not is what the button's tooltip says."""
+    for met, sentence in needs:
+        if not met:
+            operator.poll_message_set(sentence)
+            return False
+    return True
+
+
+def drive(context: bpy.types.Context) -> Need:
+    """A drive has been imported."""
+    return context.scene.unisim.log, "Import a driving log or a trained scene first"
+
+
+def object_mode(context: bpy.types.Context) -> Need:
+    """The window is in Object Mode."""
+    return context.mode == "OBJECT", "Go to Object Mode first (Tab)"
+
+
+def vehicle(context: bpy.types.Context) -> Need:
+    """The ego vehicle is there."""
+    return next(things(context.scene, "EGO"), None), "There is no ego vehicle: import a drive first"
+
+
+def selected(context: bpy.types.Context, sentence: str, *kinds: str) -> Need:
+    """Something of some kinds is selected."""
+    return chosen(context, *kinds), sentence
+
+
+def idle(running: object) -> Need:
+    """Nothing runs in the background."""
+    return not running, "Something else is running: cancel it, or wait until it has ended"
