@@ -93,8 +93,8 @@ class UniSimScene(bpy.types.PropertyGroup):
     quality: EnumProperty(name="Quality", description="How finely rays are sampled", items=QUALITIES, default="balanced")
     contact_shadows: BoolProperty(name="Contact shadows", description="Soft shadows under copied and inserted actors")
     show_ways: BoolProperty(
-        name="Ways",
-        description="Whether the ways of selected actors are drawn, with speeds and where they were recorded",
+        name="Trajectories",
+        description="Draw the trajectories of selected actors, with speeds and where they were recorded",
         default=True,
     )
     show_sensors: BoolProperty(

@@ -86,7 +86,7 @@ def on_screen() -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     y, x = region.y, region.x
     on = screen[y + low_y : y + high_y, x + low_x : x + high_x]
     made = srgb[low_y - bottom : high_y - bottom, low_x - left : high_x - left]
-    return on[::-1] * 255, made[::-1] * 255
+    return on[::-1] * 255, np.asarray(made[::-1] * 255, np.float32)
 
 
 def bare_view(space: bpy.types.SpaceView3D) -> None:
@@ -107,6 +107,12 @@ def differing(what: str) -> Iterator[float]:
     share = float((np.abs(on - made).max(-1) > SAME_BYTES).mean())
     results[what] = share
     assert share < 0.01, f"{what}: {share:.1%} of the view's pixels are not the rendered ones"
+
+
+def changed(before: NDArray[Any] | None) -> bool:
+    """Whether the viewport's finished picture is another one than before."""
+    now = picture()
+    return now is not None and before is not None and bool(np.abs(now - before).max() > 0.05)
 
 
 def first_import() -> Iterator[float]:
@@ -221,7 +227,7 @@ def shifted_ego() -> Iterator[float]:
     before = picture()
     with inside(area("VIEW_3D")):
         bpy.ops.unisim.shift_ego("INVOKE_DEFAULT", left_m=2.0)
-    yield from until(lambda: picture() is not None and np.abs(picture() - before).max() > 0.05, "the view does not follow", 60)
+    yield from until(lambda: changed(before), "the view does not follow", 60)
     yield from differing("shifted_view_differs")
 
 
@@ -238,7 +244,7 @@ def retimed_car() -> Iterator[float]:
     before, stood = picture(), thing(car).matrix_world.translation.copy()
     yield from key("T", ctrl=True, alt=True)
     yield from until(lambda: (thing(car).matrix_world.translation - stood).length > 0.1, "the box does not follow", 5)
-    yield from until(lambda: picture() is not None and np.abs(picture() - before).max() > 0.05, "the image does not follow", 20)
+    yield from until(lambda: changed(before), "the image does not follow", 20)
 
 
 def shown_points() -> Iterator[float]:

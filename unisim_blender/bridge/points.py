@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import uuid
+from dataclasses import dataclass
 
 import bpy
 import numpy as np
@@ -44,19 +45,34 @@ def put_points(
     return thing
 
 
-def show_recorded(scene: bpy.types.Scene, source: Source, frame: int) -> int:
-    """Show the recorded returns of a frame, of every LiDAR; how many there are."""
-    count = 0
-    for name in source.drive.lidars if source.log is not None else ():
-        assert source.log is not None
-        if frame not in source.log.sweep_frames(name):
-            put_points(scene, name, RECORDED, np.zeros((0, 3)), {})
+@dataclass(frozen=True)
+class Recorded:
+    """A LiDAR's recorded returns of a frame: points (N, 3) of the world, and attributes (N,) by name."""
+
+    lidar: str
+    points: FloatArray
+    attributes: dict[str, NDArray[np.generic]]
+
+
+def read_recorded(source: Source, frame: int) -> list[Recorded]:
+    """Read the recorded returns of a frame, of every LiDAR, from the log's files; in any thread."""
+    log, found = source.log, []
+    for name in source.drive.lidars if log is not None else ():
+        assert log is not None
+        if frame not in log.sweep_frames(name):
+            found.append(Recorded(name, np.zeros((0, 3)), {}))
             continue
-        sweep = source.log.sweep(name, frame)
+        sweep = log.sweep(name, frame)
         depth = np.linalg.norm(sweep.points - sweep.origins, axis=1)
-        put_points(scene, name, RECORDED, sweep.points, {"intensity": sweep.intensity, "class": sweep.semantic, "depth": depth})
-        count += len(sweep.points)
-    return count
+        attributes = {"intensity": sweep.intensity, "class": sweep.semantic, "depth": depth}
+        found.append(Recorded(name, sweep.points, attributes))
+    return found
+
+
+def put_recorded(scene: bpy.types.Scene, found: list[Recorded]) -> None:
+    """Show recorded returns that were read."""
+    for one in found:
+        put_points(scene, one.lidar, RECORDED, one.points, one.attributes)
 
 
 def kind_of(thing: bpy.types.Object) -> str:

@@ -69,6 +69,18 @@ def make(scene: bpy.types.Scene, kind: str, uid: str, name: str, data: bpy.types
     return thing
 
 
+def original_of(scene: bpy.types.Scene, kind: str, uid: str) -> bpy.types.Object | None:
+    """Return the object that stands for what was imported with an id: the one that has the name which the import gave it, else,
+    where that was renamed, the first by name. None where all were deleted."""
+    found = [thing for thing in things(scene, kind) if thing.unisim.uid == uid]
+    return next((thing for thing in found if thing.name == thing.unisim.home), found[0] if found else None)
+
+
+def is_copy(scene: bpy.types.Scene, thing: bpy.types.Object) -> bool:
+    """Return whether an object is a copy of another one that is there."""
+    return bool(thing.unisim.uid) and original_of(scene, thing.unisim.kind, thing.unisim.uid) != thing
+
+
 def new_actor(name: str, actor: Actor) -> bpy.types.Object:
     """An object for an actor that no import brings, with that actor's box; in no collection yet."""
     thing = bpy.data.objects.new(name, box_mesh(actor.size_m, actor.label))

@@ -12,6 +12,7 @@ from ..core.geometry import FloatArray, box_corners, make_pose
 from .animation import keys_of
 from .clock import Clock
 from .poses import rigid, same_place
+from .things import is_copy
 from .trajectories import trajectory_of
 
 SLOW, FAST = np.array([0.1, 0.35, 1.0]), np.array([1.0, 0.25, 0.1])
@@ -90,7 +91,7 @@ def _recorded(thing: bpy.types.Object, drive: Drive, clock: Clock) -> tuple[Floa
     if thing.unisim.kind == "EGO":
         return drive.world_from_ego.at(clock.times_s), None
     actor = drive.actors.get(thing.unisim.uid)
-    if actor is None or thing.name != thing.unisim.home:
+    if actor is None or not thing.users_scene or is_copy(thing.users_scene[0], thing):
         return None, None
     start, end = drive.window(actor)
     return actor.world_from_actor.at(np.clip(clock.times_s, start, end)), actor.size_m

@@ -1,6 +1,7 @@
 """LiDAR points in the view, recorded and simulated, following the frame and the edits."""
 
 import queue
+from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any
 
 import bpy
@@ -9,10 +10,11 @@ from bpy.app.handlers import persistent
 from ..bridge.clock import Clock
 from ..bridge.neighbours import lacking, sample_now, step_beside
 from ..bridge.point_colours import RECORDED, SIMULATED
-from ..bridge.points import hide_points, put_points, show_recorded
+from ..bridge.points import Recorded, hide_points, put_points, put_recorded, read_recorded
 from ..bridge.sampling import frame_of
 from ..bridge.snapshot import lidar_request
 from ..bridge.source import source_of
+from ..bridge.windows import areas
 from ..client import Client, Request, client, progress_line
 from ..core.errors import UnisimError
 from ..preferences import device, interpreter
@@ -23,10 +25,51 @@ POLL_S = 0.1
 EDIT_S = 0.4
 """From a change of the scene to the sweeps of it: a box that is dragged asks for few of them."""
 
+READ_S = 0.02
+"""Between two looks whether recorded points have been read."""
+
+reader = ThreadPoolExecutor(1, thread_name_prefix="unisim-points")
+"""Reads one frame at a time."""
+reading: dict[str, Future[list[Recorded]]] = {}
+"""Recorded points that are being read, by scene: those of the newest frame."""
 waiting: dict[tuple[str, str], tuple[Client, Request]] = {}
 """Sweeps that were asked for, by scene and LiDAR."""
 asked: dict[tuple[str, str], dict[str, Any]] = {}
 """What was asked for last, by the same."""
+
+
+def show_recorded(scene: bpy.types.Scene) -> None:
+    """Show the recorded returns of the frame that is shown. In a window a thread reads them, and a timer shows them then."""
+    source, frame = source_of(scene), scene.frame_current
+    if bpy.app.background:
+        put_recorded(scene, read_recorded(source, frame))
+        return
+    before = reading.pop(scene.name, None)
+    if before is not None:
+        before.cancel()
+    reading[scene.name] = reader.submit(read_recorded, source, frame)
+    if not bpy.app.timers.is_registered(show_read):
+        bpy.app.timers.register(show_read, first_interval=READ_S)
+
+
+def show_read() -> float | None:
+    """Show what has been read; as a timer of Blender's, until all has."""
+    if bpy.app.is_job_running("RENDER"):
+        return POLL_S
+    for name, future in list(reading.items()):
+        if not future.done():
+            continue
+        del reading[name]
+        scene = bpy.data.scenes.get(name)
+        if scene is None or future.cancelled() or not scene.unisim.show_recorded:
+            continue
+        try:
+            put_recorded(scene, future.result())
+        except (UnisimError, OSError) as fault:
+            bpy.context.window_manager.unisim_task = str(fault)
+        for area in areas("VIEW_3D"):
+            area.tag_redraw()
+    return READ_S if reading else None
 
 
 def ask_sweeps(scene: bpy.types.Scene) -> None:
@@ -117,7 +160,7 @@ def update(scene: bpy.types.Scene) -> None:
         if not wanted:
             hide_points(scene, kind)
     if scene.unisim.show_recorded:
-        show_recorded(scene, source_of(scene), scene.frame_current)
+        show_recorded(scene)
     if scene.unisim.show_simulated:
         ask_sweeps(scene)
     else:
@@ -168,9 +211,10 @@ def unregister() -> None:
         bpy.app.handlers.frame_change_post.remove(follow)
     if follow_edits in bpy.app.handlers.depsgraph_update_post:
         bpy.app.handlers.depsgraph_update_post.remove(follow_edits)
-    for timer in (gather, ask_again):
+    for timer in (gather, ask_again, show_read):
         if bpy.app.timers.is_registered(timer):
             bpy.app.timers.unregister(timer)
     waiting.clear()
     asked.clear()
+    reading.clear()
     take_away(CLASSES)

@@ -1,5 +1,5 @@
-"""What users see: drawing only."""
+"""What users see in the sidebar, one file a subject: drawing only."""
 
-from . import drive
+from . import actor, drive, output, rig
 
-MODULES = (drive,)
+MODULES = (drive, actor, rig, output)

@@ -1,0 +1,83 @@
+"""Panel Actor: the active actor's card, and what can be done with the selected ones."""
+
+import json
+
+import bpy
+
+from ..bridge.card import Card, card_of
+from ..bridge.source import source_of
+from ..core.errors import UnisimError
+from .sidebar import DrivePanel, row_of
+
+
+def active_card(context: bpy.types.Context) -> Card | None:
+    """Return the card of the active actor; None where another thing is active."""
+    thing = context.active_object
+    if thing is None or thing.unisim.kind != "ACTOR" or thing.name not in context.scene.objects:
+        return None
+    try:
+        return card_of(context.scene, thing, source_of(context.scene).drive)
+    except (UnisimError, OSError):
+        return None
+
+
+class UNISIM_PT_actor(DrivePanel, bpy.types.Panel):
+    """The active actor, and what can be done with the selected ones"""
+
+    bl_label = "Actor"
+    bl_order = 1
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw the card and the operators; rows stay in place whatever is selected."""
+        layout, card = self.layout, active_card(context)
+        box = layout.box().column(align=True)
+        row_of(box, "Actor", card.name if card else "none is active", "OBJECT_DATA")
+        row_of(box, "Class", f"{card.label} ({card.role})" if card else "")
+        row_of(box, "Speed", f"{card.speed_m_s * 3.6:.0f} km/h" if card else "")
+        row_of(box, "Distance", f"{card.distance_m:.1f} m" if card else "")
+        row_of(box, "Present", f"{card.present_s[0]:.1f} to {card.present_s[1]:.1f} s" if card and card.present_s else "")
+        column = layout.column(align=True)
+        column.operator_menu_enum("unisim.duplicate_actor", "where", text="Duplicate", icon="DUPLICATE")
+        column.operator("unisim.delete_actor", text="Delete", icon="TRASH")
+        column.operator_menu_enum("unisim.retime_actor", "way", text="Retime", icon="TIME")
+        column.operator("unisim.follow_curve", icon="CURVE_PATH")
+        column.operator("unisim.snap_to_ground", icon="SNAP_FACE")
+        column.operator("unisim.replace_look", icon="FILE_REFRESH")
+
+
+class UNISIM_PT_insert(DrivePanel, bpy.types.Panel):
+    """Actors that nobody recorded there"""
+
+    bl_label = "Insert"
+    bl_parent_id = "UNISIM_PT_actor"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw the operators."""
+        column = self.layout.column(align=True)
+        column.operator("unisim.insert_actor", icon="ADD")
+        column.operator("unisim.mesh_actor", icon="MESH_MONKEY")
+        column.operator("unisim.release_mesh", icon="X")
+
+
+class UNISIM_PT_static(DrivePanel, bpy.types.Panel):
+    """Things without annotation, as boxes of space"""
+
+    bl_label = "Static Items"
+    bl_parent_id = "UNISIM_PT_actor"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw the active item's box and the operators."""
+        thing = context.active_object
+        item = thing if thing is not None and thing.unisim.kind == "STATIC" else None
+        size = " x ".join(f"{edge:.2f}" for edge in json.loads(item.unisim.model)["size_m"]) if item is not None else ""
+        column = self.layout.column(align=True)
+        row_of(column, "Item", item.name if item is not None else "", "MESH_CUBE")
+        row_of(column, "Box", f"{size} m" if size else "")
+        column.operator("unisim.mark_static", icon="ADD")
+        column.operator("unisim.copy_static", icon="DUPLICATE")
+        column.operator("unisim.forget_static", icon="X")
+
+
+CLASSES = (UNISIM_PT_actor, UNISIM_PT_insert, UNISIM_PT_static)
