@@ -9,6 +9,7 @@ import numpy as np
 from helpers import select, thing
 
 from unisim_blender.bridge.clock import Clock
+from unisim_blender.bridge.ground import on_actors
 from unisim_blender.bridge.plausibility import boxes_overlap, warnings_of
 from unisim_blender.bridge.sampling import sample_all
 from unisim_blender.bridge.source import source_of
@@ -90,3 +91,13 @@ def test_boxes_overlap() -> None:
     turn[:2, :2] = [[0, -1], [1, 0]]
     turn[:3, 3] = [0, 2.5, 0]
     assert boxes_overlap(a, size, turn, size)  # its nose is in the other's side
+
+
+def test_returns_of_an_actor_are_no_ground(street: Any) -> None:
+    drive = source_of(street).drive
+    frame = drive.frames[0]
+    actor = next(a for a in drive.actors.values() if not a.is_moving)
+    pose = actor.world_from_actor.at(drive.time_s[frame])
+    body = pose[:3, 3] + np.array([[0.0, 0.0, 0.0], [0.0, 0.0, actor.size_m[2] / 2]])
+    far = pose[:3, 3] + np.array([[0.0, 0.0, 10.0]])
+    assert on_actors(drive, np.concatenate([body, far]), frame).tolist() == [True, True, False]

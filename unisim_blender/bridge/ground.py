@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..core.drive import Drive
-from ..core.geometry import FloatArray
+from ..core.geometry import BoolArray, FloatArray, invert_pose, transform_points
 from .clock import Clock
 from .read_actors import recorded_poses, recorded_there
 from .source import Source
@@ -14,6 +14,8 @@ AROUND_M = 3.0
 LEAST_RETURNS = 20
 LOW_PERCENT = 20.0
 """Of the returns around a place: lower ones are noise, higher ones stand on the ground."""
+BESIDE_M = 0.1
+"""How far outside an actor's box its returns may lie."""
 NEAR_M = 40.0
 
 
@@ -29,10 +31,23 @@ def ground_height(source: Source, place: FloatArray, frame: int) -> float | None
             points = log.sweep(name, nearest).points
             around = points[np.linalg.norm(points[:, :2] - place[:2], axis=1) < AROUND_M]
             around = around[np.abs(around[:, 2] - place[2]) < AROUND_M]
+            around = around[~on_actors(drive, around, nearest)]
             if len(around) >= LEAST_RETURNS:
                 return float(np.percentile(around[:, 2], LOW_PERCENT))
     found = heights(undersides(drive), place[None])[0]
     return None if np.isnan(found) else float(found)
+
+
+def on_actors(drive: Drive, points: FloatArray, frame: int) -> BoolArray:
+    """Return which points (N, 3) lie on an actor at a frame of the recorded drive: in its box, which is drawn generously."""
+    found = np.zeros(len(points), bool)
+    time_s = drive.time_s[frame]
+    for actor in drive.actors.values():
+        start, end = drive.window(actor)
+        if start <= time_s <= end:
+            inside = transform_points(invert_pose(actor.world_from_actor.at(time_s)), points)
+            found |= (np.abs(inside) <= actor.size_m / 2 + BESIDE_M).all(1)
+    return found
 
 
 def undersides(drive: Drive) -> FloatArray:

@@ -48,12 +48,12 @@ def sensors_of(sampled: Sampled, drive: Drive) -> Sensors | None:
     """The sensors to render; None where they are those of the log, as they were."""
     clock = sampled.clock
     ego = next(sampled.of("EGO"), None)
-    if ego is None:
+    if ego is None and any(sampled.of("CAMERA", "LIDAR")):
         raise ScenarioError(
             f'scene "{sampled.name}": has no ego vehicle, which its sensors are mounted on: undo that it was deleted, '
             "or import the drive again"
         )
-    world_from_ego = ego.poses
+    world_from_ego = drive.world_from_ego.at(clock.times_s) if ego is None else ego.poses
     cameras = tuple(_camera(thing, world_from_ego, drive, clock) for thing in sampled.of("CAMERA") if thing.there.any())
     lidars = tuple(_lidar(thing, world_from_ego, drive, clock) for thing in sampled.of("LIDAR") if thing.there.any())
     untouched = {CameraSpec(name) for name in drive.cameras}, {LidarSpec(name) for name in drive.lidars}
