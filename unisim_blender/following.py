@@ -39,14 +39,6 @@ def say(sentence: str) -> None:
     bpy.app.timers.register(_hush, first_interval=SAID_S)
 
 
-def redraw_status() -> None:
-    """Draw the status bar again, which no area of a screen is, unless something is said there or dragged."""
-    if bpy.app.background or bpy.app.timers.is_registered(_hush) or dragging():
-        return
-    for window in bpy.context.window_manager.windows:
-        window.workspace.status_text_set(None)
-
-
 def _hush() -> None:
     for window in bpy.context.window_manager.windows:
         window.workspace.status_text_set(None)

@@ -8,7 +8,6 @@ import numpy as np
 
 from ..bridge.chart import Picture, training_chart
 from ..bridge.windows import areas
-from ..following import redraw_status
 from ..registering import add, take_away
 from ..tasks import SequenceTask, Task, TrainingTask
 from .polling import allowed
@@ -37,7 +36,6 @@ def watch() -> float | None:
         show_curve(training_chart(task.curve(), task.total))
     for area in areas("VIEW_3D", "IMAGE_EDITOR"):
         area.tag_redraw()
-    redraw_status()
     if task.running:
         return POLL_S
     running.clear()

@@ -1,8 +1,8 @@
-"""Panel Output, and where quality and progress stand beside it: Render Properties, the view's header, the status bar."""
+"""Panels Check and Output, and where quality stands beside them: Render Properties and the view's header."""
 
 import bpy
 
-from ..operators.background import curve_icon, running
+from ..operators.background import curve_icon
 from ..registering import add, take_away
 from .sidebar import DrivePanel
 
@@ -78,25 +78,16 @@ def draw_quality(self: bpy.types.Header, context: bpy.types.Context) -> None:
         self.layout.prop(context.scene.unisim, "quality", text="")
 
 
-def draw_progress(self: bpy.types.Header, context: bpy.types.Context) -> None:
-    """Draw in the status bar how far the work in the background is."""
-    manager = context.window_manager
-    if running and manager.unisim_task:
-        self.layout.progress(factor=manager.unisim_progress, text=manager.unisim_task)
-
-
 CLASSES = (UNISIM_PT_warnings, UNISIM_PT_output, UNISIM_PT_render)
 
 
 def register() -> None:
-    """Add the panels, the view's header and the status bar's progress."""
+    """Add the panels and the quality in the view's header."""
     add(CLASSES)
     bpy.types.VIEW3D_HT_header.append(draw_quality)
-    bpy.types.STATUSBAR_HT_header.append(draw_progress)
 
 
 def unregister() -> None:
     """Take them away."""
-    bpy.types.STATUSBAR_HT_header.remove(draw_progress)
     bpy.types.VIEW3D_HT_header.remove(draw_quality)
     take_away(CLASSES)
