@@ -1,0 +1,103 @@
+"""Trainings of the street, by what `unisim train` runs."""
+
+from __future__ import annotations
+
+import resource
+import time
+from pathlib import Path
+from typing import Any
+from unittest.mock import patch
+
+import numpy as np
+
+from unisim_blender.core.log import Log
+from unisim_blender.core.training.config import TrainConfig
+
+from .settings import CAMERA, Findings, Settings
+from .street import street_of
+
+KEPT_LOSSES = 100
+"""Losses in the JSON, spread over a training."""
+
+
+def scene_of(settings: Settings, preset: str) -> Path:
+    """Return the folder of a preset's scene."""
+    return Path(settings.work) / preset
+
+
+def opened(settings: Settings) -> Log:
+    """Return the street's log."""
+    from unisim_blender.core.logs import open_log
+
+    return open_log(street_of(settings))
+
+
+def held_out(log: Log) -> int:
+    """Return the frame in the middle of those that nothing is learnt from: every second one, from the second on."""
+    frames = tuple(log.drive.frames)[1::2]
+    return frames[len(frames) // 2]
+
+
+def beam_lidars(log: Log) -> tuple[str, ...]:
+    """Return the names of the LiDARs whose beams are known."""
+    return tuple(name for name, lidar in log.drive.lidars.items() if lidar.model.beams)
+
+
+def config_of(log: Log, preset: str, settings: Settings, **values: Any) -> TrainConfig:
+    """Return how the street is trained on: even frames, pictures at full size."""
+    return TrainConfig(
+        (CAMERA,), beam_lidars(log), tuple(log.drive.frames)[::2], preset=preset, device=settings.device, **values
+    )  # fmt: skip
+
+
+def peak_memory(device: str) -> dict[str, int]:
+    """Return the most memory that this process took, in bytes."""
+    import torch
+
+    found = {"process_bytes": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024}
+    if device.startswith("cuda"):
+        found |= {"gpu_bytes": torch.cuda.max_memory_allocated(), "gpu_reserved_bytes": torch.cuda.max_memory_reserved()}
+    return found
+
+
+def train_scene(settings: Settings, found: Findings, preset: str) -> None:
+    """Train a preset for the time given; note steps, losses, and how well a frame that was held out is rendered."""
+    from unisim_blender.core.evaluate.recorded import recorded_picture
+    from unisim_blender.core.fields.checkpoint import load_scene
+    from unisim_blender.core.render import Renderer
+    from unisim_blender.core.torch_tracer import TorchTracer
+    from unisim_blender.core.training.run import train
+    from unisim_blender.core.training.trainer import Trainer
+
+    log, begun = opened(settings), time.monotonic()
+    done: list[tuple[float, dict[str, float]]] = []
+    step = Trainer.step
+
+    def noted(trainer: Trainer) -> dict[str, float]:
+        figures = step(trainer)
+        done.append((time.monotonic(), figures))
+        if len(done) % 50 == 1:
+            found.note(steps=len(done), last=figures)
+        return figures
+
+    with patch.object(Trainer, "step", noted):
+        header = train(
+            log, config_of(log, preset, settings, minutes=settings.seconds / 60), scene_of(settings, preset), quiet=True
+        )
+    seconds = float(header.training["seconds"])
+    late = done[len(done) // 2 :]
+    found.note(
+        steps=len(done), seconds=seconds, steps_per_s=len(done) / max(seconds, 1e-9), last=done[-1][1],
+        late_steps_per_s=(len(late) - 1) / max(late[-1][0] - late[0][0], 1e-9) if len(late) > 1 else None,
+        losses=[[i, figures["loss"]] for i, (_, figures) in list(enumerate(done))[:: max(len(done) // KEPT_LOSSES, 1)]],
+        whole_s=round(time.monotonic() - begun, 1), training_peak=peak_memory(settings.device),
+    )  # fmt: skip
+    scene, frame = load_scene(scene_of(settings, preset), settings.device), held_out(log)
+    drive = scene.header.drive
+    picture = Renderer(TorchTracer(scene, drive), drive).camera(CAMERA, frame).rgb
+    error = float(np.mean((np.clip(picture, 0, 1) - recorded_picture(log, CAMERA, frame, None)) ** 2))
+    found.note(
+        held_out_frame=frame, psnr_db=round(-10 * float(np.log10(max(error, 1e-10))), 2), peak=peak_memory(settings.device)
+    )
+    if not np.isfinite(error):
+        raise ValueError("the held-out picture is not made of numbers")

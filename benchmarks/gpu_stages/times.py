@@ -1,0 +1,142 @@
+"""How long images, sweeps and training steps take, with kernels and without, in turns."""
+
+from __future__ import annotations
+
+import statistics
+import time
+import traceback
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from functools import partial
+from typing import Any
+from unittest.mock import patch
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from unisim_blender.core import native
+from unisim_blender.core.fields.checkpoint import load_scene
+from unisim_blender.core.frames import CameraFrame
+from unisim_blender.core.quality import QUALITY
+from unisim_blender.core.render import Renderer
+from unisim_blender.core.torch_tracer import TorchTracer
+from unisim_blender.core.training.trainer import Trainer
+
+from .kernels import READY
+from .scenes import beam_lidars, config_of, held_out, opened, peak_memory, scene_of
+from .settings import CAMERA, Findings, Settings
+
+WAYS = ("kernels", "torch")
+PICTURES_APART = 1 / 255
+"""Mean difference of two pictures of one scene, with and without kernels, that is too much."""
+STEPS = 4
+"""Steps of one measurement: every fourth updates poses and the hypernetwork."""
+
+
+@contextmanager
+def way(name: str) -> Iterator[None]:
+    """Work meanwhile with the kernels of the device, Triton's or the compiled ones, or with plain torch."""
+    with ExitStack() as stack:
+        if name == "torch":
+            stack.enter_context(patch(READY, lambda like: False))
+            stack.enter_context(patch.object(native, "library", lambda: None))
+        yield
+
+
+def milliseconds(device: str, work: Callable[[], object]) -> float:
+    """Return how long some work takes: by CUDA's events on a GPU, by the clock elsewhere."""
+    if not device.startswith("cuda"):
+        begun = time.perf_counter()
+        work()
+        return 1000 * (time.perf_counter() - begun)
+    first, last = torch.cuda.Event(enable_timing=True), torch.cuda.Event(enable_timing=True)
+    torch.cuda.synchronize()
+    first.record()
+    work()
+    last.record()
+    torch.cuda.synchronize()
+    return float(first.elapsed_time(last))
+
+
+def in_turns(device: str, work: Callable[[], object], rounds: int, until: float, per: int = 1) -> dict[str, Any]:
+    """Return each way's median, least and number of rounds, in milliseconds a piece of ``per``; the first of each does not count.
+
+    There are fewer rounds than asked for where they would not end by ``until``, of `time.monotonic`. Where there is none, the
+    first counts.
+    """
+    times: dict[str, list[float]] = {}
+    first: dict[str, float] = {}
+    for name in WAYS:
+        if time.monotonic() < until:
+            with way(name):
+                first[name] = milliseconds(device, work) / per
+    for _ in range(rounds):
+        if until - time.monotonic() < per * sum(first.values()) / 1000:
+            break
+        for name in first:
+            with way(name):
+                times.setdefault(name, []).append(milliseconds(device, work) / per)
+    found: dict[str, Any] = {
+        name: {
+            "ms": round(statistics.median(times.get(name, [first_ms])), 3),
+            "least_ms": round(min(times.get(name, [first_ms])), 3),
+            "first_ms": round(first_ms, 3),
+            "rounds": len(times.get(name, [])),
+        }
+        for name, first_ms in first.items()
+    }
+    if len(found) == len(WAYS):
+        found["ratio"] = round(found["torch"]["ms"] / max(found["kernels"]["ms"], 1e-3), 3)
+    return found
+
+
+def time_scene(settings: Settings, found: Findings, preset: str) -> None:
+    """Note the times of images of each quality, of sweeps and of training steps; each fails for itself."""
+    log = opened(settings)
+    scene, frame, device = load_scene(scene_of(settings, preset), settings.device), held_out(log), settings.device
+    drive = scene.header.drive
+
+    def image(quality: str) -> Callable[[], CameraFrame]:
+        of_quality = Renderer(TorchTracer(scene, drive, quality), drive)
+        return lambda: of_quality.camera(CAMERA, frame)
+
+    def sweep(quality: str) -> Callable[[], object]:
+        of_quality = Renderer(TorchTracer(scene, drive, quality), drive)
+        return lambda: of_quality.lidar(beam_lidars(log)[0], frame)
+
+    def steps() -> Callable[[], object]:
+        on = {"perceptual_from": 0.0, "poses_from": 0.0, "hidden_from": 0.0, "settled_from": 0.0, "prune_from": 0}
+        trainer = Trainer(log, config_of(log, preset, settings, iterations=10_000, **on))
+        return lambda: [trainer.step() for _ in range(STEPS)]
+
+    work: list[tuple[str, Callable[[], Callable[[], object]], int]] = [("step", steps, STEPS)]
+    work += [(f"image, {quality}", partial(image, quality), 1) for quality in ("balanced", "fast")]
+    work += [("sweep, balanced", partial(sweep, "balanced"), 1)]
+    work += [(f"image, {q}", partial(image, q), 1) for q in QUALITY if q not in ("balanced", "fast")]
+    of: dict[str, Any] = {}
+    for number, (name, made, per) in enumerate(work):
+        share_s = found.left_s() / (len(work) - number)
+        until = time.monotonic() + share_s
+        try:
+            if found.left_s() < 3:
+                raise TimeoutError("there was no time left")
+            of[name] = in_turns(device, made(), settings.rounds, until, per)
+        except Exception:  # noqa: BLE001 the other times are worth having all the same
+            found.failed(name, traceback.format_exc())
+        found.note(times=of, peak=peak_memory(device))
+    if found.left_s() < 3:
+        raise TimeoutError("there was no time left to compare pictures with and without kernels")
+    difference = _difference(image("balanced"))
+    found.note(kernels_beside_torch={"mean": float(difference.mean()), "max": float(difference.max()), "bound": PICTURES_APART})
+    if not difference.mean() <= PICTURES_APART:
+        raise ValueError("pictures with and without kernels differ")
+
+
+def _difference(image: Callable[[], CameraFrame]) -> NDArray[np.float32]:
+    """Return how far apart a picture's colours are with and without kernels."""
+    pictures = []
+    for name in WAYS:
+        with way(name):
+            pictures.append(image().rgb)
+    return np.abs(pictures[0] - pictures[1])

@@ -1,0 +1,115 @@
+"""The command for a GPU: that its stages are there, that it tells what fails, and that kernels are held to their bounds."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+
+from benchmarks.gpu import Run, size_of, summary
+from benchmarks.gpu_stages import cases, kernels, scenes
+from benchmarks.gpu_stages.machine import machine
+from benchmarks.gpu_stages.settings import Findings, Settings
+from benchmarks.gpu_stages.street import make_street
+from benchmarks.gpu_stages.times import in_turns
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def settings(folder: Path, **values: Any) -> Settings:
+    values = {"device": "cpu", "size": (32, 18), "frames": 4, "seconds": 0.5, "samples": 40, "rounds": 1} | values
+    return Settings(**values, work=str(folder), out=str(folder))
+
+
+def test_settings_travel_to_a_stage(tmp_path: Path) -> None:
+    told = settings(tmp_path, limit_s=7.0)
+    assert Settings.from_json(told.to_json()) == told
+    assert size_of(None, None, "1920x1080") == (1920, 1080)
+
+
+def test_every_kernel_is_compared(tmp_path: Path) -> None:
+    pytest.importorskip("triton", reason="Triton is not installed")
+    found = Findings(tmp_path / "kernels.json", 60.0)
+    kernels.compare_kernels(settings(tmp_path), found)
+    assert found.values["not_launched"] == [] and found.values["wrong"] == []
+    assert set(found.values["launched"]) >= {"grid._forward", "grid._backward", "grid._field", "gather._backward"}
+    written = json.loads((tmp_path / "kernels.json").read_text())
+    assert {"value", "gradient of the table", "gradient of points"} == set(written["cases"]["small: encode, static"])
+
+
+def test_a_kernel_that_is_wrong_is_told_of(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("triton", reason="Triton is not installed")
+    monkeypatch.setattr(cases, "cases", lambda device, samples: [("a", wrong), ("b", broken)])
+    found = Findings(tmp_path / "kernels.json", 60.0)
+    with pytest.raises(ValueError, match="a: value"):
+        kernels.compare_kernels(settings(tmp_path), found)
+    assert "ZeroDivisionError" in found.values["errors"]["b"] and "gather._forward" in found.values["not_launched"]
+
+
+def wrong() -> dict[str, dict[str, Any]]:
+    want = torch.ones(4, dtype=torch.float64)
+    return {"value": kernels.held_against(want.float() + 1e-3, want, want.float())}
+
+
+def broken() -> dict[str, dict[str, Any]]:
+    raise ZeroDivisionError
+
+
+def test_what_is_not_a_number_is_in_no_bound() -> None:
+    want = torch.ones(3, dtype=torch.float64)
+    assert kernels.held_against(want.float(), want, want.float())["pass"]
+    assert not kernels.held_against(want.float() * torch.nan, want, want.float())["pass"]
+    assert not kernels.apart(want * torch.nan, want, 1e-3)["pass"]
+
+
+def test_without_an_interpreter_kernels_are_left_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("TRITON_INTERPRET", raising=False)
+    found = Findings(tmp_path / "kernels.json", 60.0)
+    kernels.compare_kernels(settings(tmp_path), found)
+    assert "no GPU" in found.values["skipped"]
+
+
+def test_a_street_is_made_and_trained_on(tmp_path: Path) -> None:
+    told = settings(tmp_path, size=(64, 36))
+    make_street(told, Findings(tmp_path / "street.json", 60.0))
+    found = Findings(tmp_path / "train.json", 60.0)
+    scenes.train_scene(told, found, "tiny")
+    assert found.values["steps"] > 0 and found.values["psnr_db"] > 3 and found.values["last"]["loss"] > 0
+    assert "held out" in summary("train-tiny", found.values)
+
+
+def test_a_time_that_is_up_leaves_one_round() -> None:
+    calls: list[int] = []
+    found = in_turns("cpu", lambda: calls.append(1), 5, float("inf"))
+    assert len(calls) == 12 and found["kernels"]["rounds"] == 5 and "ratio" in found
+    assert in_turns("cpu", lambda: None, 5, 0.0) == {}
+
+
+def test_the_machine_is_told_of(tmp_path: Path) -> None:
+    found = Findings(tmp_path / "machine.json", 60.0)
+    machine(settings(tmp_path), found)
+    assert found.values["torch"] == torch.__version__ and len(found.values["source_hash"]) == 16
+
+
+def test_a_stage_that_fails_leaves_its_traceback(tmp_path: Path) -> None:
+    run = Run(settings(tmp_path), 600.0)
+    assert not run.stage("train-tiny")  # there is no street
+    written = json.loads((tmp_path / "gpu.json").read_text())
+    assert written["failed"] == ["train-tiny"] and "Traceback" in written["stages"]["train-tiny"]["error"]
+
+
+def test_a_stage_whose_time_is_over_is_ended(tmp_path: Path) -> None:
+    run = Run(settings(tmp_path), 0.1)
+    assert not run.stage("machine")
+    assert "its time was over" in run.values["stages"]["machine"]["error"]
+
+
+def test_the_command_is_started_both_ways() -> None:
+    for command in (["benchmarks/gpu.py"], ["-m", "benchmarks.gpu"]):
+        told = subprocess.run([sys.executable, *command, "--help"], cwd=ROOT, capture_output=True, text=True, check=True)
+        assert "--budget-s" in told.stdout
