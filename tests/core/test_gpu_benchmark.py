@@ -21,9 +21,8 @@ from benchmarks.gpu_stages.times import in_turns
 ROOT = Path(__file__).resolve().parents[2]
 
 
-def settings(folder: Path, **values: Any) -> Settings:
-    values = {"device": "cpu", "size": (32, 18), "frames": 4, "seconds": 0.5, "samples": 40, "rounds": 1} | values
-    return Settings(**values, work=str(folder), out=str(folder))
+def settings(folder: Path, size: tuple[int, int] = (32, 18), limit_s: float = 600.0) -> Settings:
+    return Settings("cpu", size, 4, 0.5, 40, 1, str(folder), str(folder), limit_s)
 
 
 def test_settings_travel_to_a_stage(tmp_path: Path) -> None:
