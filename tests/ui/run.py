@@ -5,6 +5,7 @@ python tests/ui/run.py ROOT RELEASE OUT      (ROOT: where that Debian is or will
 
 from __future__ import annotations
 
+import fcntl
 import json
 import shutil
 import subprocess
@@ -35,6 +36,11 @@ def main(root: Path, release: str, out: Path, only: str = "") -> int:
             [sys.executable, str(REPOSITORY / "tools" / "build_extension.py")], check=True, capture_output=True, text=True
         ).stdout.split("\n")[-2]
     )
+    lock = (root / ".lock").open("w")  # held until this process ends: another run would delete this one's files
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        raise SystemExit(f"Error: {root}: another run of the window's tests is at work there") from None
     work = root / "tmp" / "unisim"
     shutil.rmtree(work, ignore_errors=True)
     (work / "shots").mkdir(parents=True)
