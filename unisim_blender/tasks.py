@@ -13,6 +13,7 @@ import sys
 import threading
 import time
 from collections import deque
+from collections.abc import Container
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -127,10 +128,13 @@ def _end(process: subprocess.Popen[bytes]) -> None:
 class SequenceTask(Task):
     """Frames rendered into a folder."""
 
+    wanted: Container[int] | None = None
+    """The frames that count; None: all in the folder."""
+
     @property
     def done(self) -> float:
         """Frames that are finished."""
-        return float(finished_frames(self.folder))
+        return float(finished_frames(self.folder, self.wanted))
 
     def measure(self) -> str:
         """Frames of how many."""
@@ -143,7 +147,10 @@ class SequenceTask(Task):
     def newest(self) -> Path | None:
         """The picture that was finished last."""
         pictures = list((self.folder / "camera").glob("*/*.png"))
-        return max(pictures, key=lambda path: path.stat().st_mtime_ns, default=None)
+        try:
+            return max(pictures, key=lambda path: path.stat().st_mtime_ns, default=None)
+        except OSError:  # one was replaced just now: the next look finds it
+            return None
 
 
 class TrainingTask(Task):

@@ -11,6 +11,7 @@ import pytest
 from helpers import read, select, thing
 
 from unisim_blender.bridge.clock import Clock
+from unisim_blender.bridge.importing import set_colours
 from unisim_blender.bridge.source import source_of
 from unisim_blender.core.errors import UnisimError
 from unisim_blender.core.scenario.types import Move
@@ -69,6 +70,7 @@ def test_a_log_without_a_trained_scene_may_be_rendered_as_a_sequence(street: Any
 def test_every_operator_says_why_it_is_grey(scene: Any) -> None:
     from unisim_blender import operators
 
+    set_colours(scene)  # else showing colours as recorded is allowed
     said = []
     for module in operators.MODULES:
         for cls in module.CLASSES:
@@ -115,3 +117,43 @@ def test_what_runs_is_watched_when_another_file_is_opened(street: Any, tmp_path:
     background.watch()
     assert "12 of 20" in bpy.context.window_manager.unisim_task
     background.running.clear()
+
+
+class Ending(Slow):
+    """A task that ends while it is asked how far it is."""
+
+    @property
+    def done(self) -> float:
+        """As many frames as were finished at that moment."""
+        before, self.finished, self.code = self.finished, 16, 1
+        return float(before)
+
+
+def test_a_task_that_ends_while_it_is_looked_at_is_told_of_once_more(scene: Any, tmp_path: Any) -> None:
+    task = Ending([], tmp_path, 20.0)
+    task.cancelled = True
+    background.running[:] = [task]
+    while background.watch() is not None:
+        pass
+    assert bpy.context.window_manager.unisim_task.startswith("Stopped at 16 of 20 frames")
+    assert not background.running
+
+
+def test_a_look_that_fails_is_not_the_last(scene: Any, tmp_path: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    task = Slow([], tmp_path, 20.0)
+    background.running[:] = [task]
+    with monkeypatch.context() as broken:
+        broken.setattr(task, "measure", lambda: 1 / 0)
+        assert background.watch() == background.POLL_S
+    task.code = 0
+    assert background.watch() is None and not background.running
+    assert "Done" in bpy.context.window_manager.unisim_task
+
+
+def test_frames_of_an_earlier_range_are_not_counted(tmp_path: Any) -> None:
+    (tmp_path / ".state").mkdir()
+    for frame in range(30):
+        (tmp_path / ".state" / f"{frame:06d}.json").write_text("{}")
+    task = SequenceTask([], tmp_path, 10.0)
+    task.wanted = range(25, 35)
+    assert task.measure() == "5 of 10 frames"

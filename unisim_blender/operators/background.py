@@ -1,6 +1,7 @@
 """What runs in the background: watched, shown, cancelled."""
 
 import time
+import traceback
 from pathlib import Path
 
 import bpy
@@ -27,6 +28,19 @@ def watch() -> float | None:
     if not running:
         return None
     task = running[0]
+    ended = not task.running  # asked first: what is told of a task that has ended is told of its end
+    try:
+        tell(task)
+    except Exception:  # Blender drops a timer that fails, and nothing could be started ever after
+        traceback.print_exc()
+    if ended:
+        running.clear()
+        return None
+    return POLL_S
+
+
+def tell(task: Task) -> None:
+    """Show in the window how far a task is."""
     manager = bpy.context.window_manager
     manager.unisim_task, manager.unisim_progress = task.text(), min(1.0, task.done / max(task.total, 1e-9))
     picture = task.newest() if isinstance(task, SequenceTask) else task.folder / "preview.png"
@@ -36,10 +50,6 @@ def watch() -> float | None:
         show_curve(training_chart(task.curve(), task.total))
     for area in areas("VIEW_3D", "IMAGE_EDITOR"):
         area.tag_redraw()
-    if task.running:
-        return POLL_S
-    running.clear()
-    return None
 
 
 def show(picture: Path) -> None:

@@ -8,7 +8,7 @@ from bpy.props import StringProperty
 from bpy_extras.io_utils import ImportHelper
 
 from ..bridge.applying import apply_edits
-from ..bridge.importing import import_source, set_colours, summary
+from ..bridge.importing import import_source, recorded_colours, set_colours, summary
 from ..bridge.source import open_source
 from ..bridge.things import has_drive
 from ..bridge.windows import areas
@@ -20,6 +20,7 @@ from ..core.prepare.scenario import scene_actors
 from ..core.scenario import FORMAT, load_scenario
 from ..core.scene_file import HEADER_NAME, read_scene_header
 from ..registering import add, take_away
+from .polling import allowed
 
 FAR_M = 2000.0
 """How far a view shows what there is, in metres: a drive is longer than Blender's 100 m."""
@@ -245,6 +246,11 @@ class UNISIM_OT_recorded_colours(bpy.types.Operator):
     bl_idname = "unisim.recorded_colours"
     bl_label = "Show Colours as Recorded"
     bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Colours have to be shown otherwise."""
+        return allowed(cls, (not recorded_colours(context.scene), "Colours are shown as recorded already"))
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Set the scene's colour management."""

@@ -9,6 +9,7 @@ from bpy_extras.io_utils import ImportHelper
 
 from ..bridge.meshes import size_of
 from ..bridge.motion import displaced_along
+from ..bridge.refresh import refresh
 from ..bridge.selection import choose, chosen
 from ..bridge.source import source_of
 from ..bridge.things import box_mesh, collection_of, new_actor
@@ -82,6 +83,7 @@ class UNISIM_OT_replace_look(bpy.types.Operator):
             thing.unisim.look, thing.unisim.look_scene = ("", "") if own else (self.look, self.scene)
             thing.data = box_mesh(look.size_m, look.label)
             displaced_along(thing, (0.0, 0.0, (float(look.size_m[2]) - before) / 2))
+        refresh(chosen(context, "ACTOR"))
         return {"FINISHED"}
 
 

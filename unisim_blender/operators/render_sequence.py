@@ -46,6 +46,7 @@ class UNISIM_OT_render_sequence(bpy.types.Operator):
         wanted = range(scene.frame_start, scene.frame_end + 1, scene.frame_step)
         arguments = ["render", str(folder / SCENARIO), "--out", str(folder), "--resume", "--device", device()]
         task = SequenceTask(arguments, folder, float(len(wanted)), interpreter())
+        task.wanted = wanted
         launch(task)
         if bpy.app.background and task.problem:
             self.report({"ERROR"}, task.problem)

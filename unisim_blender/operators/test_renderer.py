@@ -57,7 +57,7 @@ class UNISIM_OT_test_renderer(bpy.types.Operator):
             thread.join()
             tell()
         else:
-            bpy.app.timers.register(tell, first_interval=POLL_S)
+            bpy.app.timers.register(tell, first_interval=POLL_S, persistent=True)
         return {"FINISHED"}
 
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import bpy
 
-from ..bridge.importing import counted, recorded_colours
+from ..bridge.importing import counted
 from ..bridge.things import things
 from .sidebar import Sidebar, row_of
 
@@ -32,9 +32,7 @@ class UNISIM_PT_drive(Sidebar, bpy.types.Panel):
         actors, sensors = (sum(1 for _ in things(scene, *kinds)) for kinds in (("ACTOR",), ("CAMERA", "LIDAR")))
         row_of(column, "Holds", f"{counted(actors, 'actor')}, {counted(sensors, 'sensor')}", "OUTLINER_OB_GROUP_INSTANCE")
         layout.operator("unisim.import_scene", text="Import Trained Scene", icon="IMPORT")
-        colours = layout.row()
-        colours.enabled = not recorded_colours(scene)
-        colours.operator("unisim.recorded_colours", icon="COLOR")
+        layout.operator("unisim.recorded_colours", icon="COLOR")
 
 
 class UNISIM_PT_show(Sidebar, bpy.types.Panel):

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Container
 from pathlib import Path
 
 STATE_FOLDER = ".state"
 
 
-def finished_frames(out: Path) -> int:
-    """How many frames of the sequence in folder ``out`` are finished."""
-    return sum(1 for _ in (out / STATE_FOLDER).glob("*.json"))
+def finished_frames(out: Path, wanted: Container[int] | None = None) -> int:
+    """Return how many frames of the sequence in folder ``out`` are finished, of those ``wanted`` or of all."""
+    found = [path.stem for path in (out / STATE_FOLDER).glob("*.json")]
+    return sum(1 for stem in found if wanted is None or (stem.lstrip("-").isdecimal() and int(stem) in wanted))
