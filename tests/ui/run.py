@@ -1,6 +1,6 @@
 """Drive a real Blender window through its sessions and check what came of them. Needs root: Blender lives in a folder of its own.
 
-python tests/ui/run.py ROOT RELEASE OUT      (ROOT: where that Debian is or will be; RELEASE: trixie or sid)
+python tests/ui/run.py ROOT RELEASE OUT [SESSION]     (ROOT: where that Debian is or will be; RELEASE: trixie or sid)
 """
 
 from __future__ import annotations
@@ -12,12 +12,14 @@ import subprocess
 import sys
 import time
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 HERE = Path(__file__).resolve().parent
 REPOSITORY = HERE.parents[1]
 LIMIT_S = 600
-DISPLAY = ":93"
+FIRST_DISPLAY = 93
+SLOTS = 8
+"""How many runs there may be at once, each with a display and a work folder of its own."""
 BLENDER = ["blender", "--factory-startup", "--no-window-focus", "-p", "0", "0", "1600", "900"]
 SESSIONS = {"person": ["--enable-event-simulate"], "window": [], "hands": ["--enable-event-simulate"]}
 """What each file's Blender is started with besides; the one with simulated events hears no others."""
@@ -30,42 +32,41 @@ WITHIN_BYTES = 1.0
 def main(root: Path, release: str, out: Path, only: str = "") -> int:
     """Set up, run all sessions or ``only`` one, and say what is wrong; return the exit code."""
     chosen = {name: flags for name, flags in SESSIONS.items() if only in ("", name)}
-    subprocess.run(["sh", str(HERE / "chroot.sh"), str(root), release], check=True)
+    if not chosen:
+        raise SystemExit(f"Error: {only}: no session has this name; there are {', '.join(SESSIONS)}")
+    with (root.parent / f"{root.name}.setup").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)  # another run may be making the same Debian
+        subprocess.run(["sh", str(HERE / "chroot.sh"), str(root), release], check=True)
     archive = Path(
         subprocess.run(
             [sys.executable, str(REPOSITORY / "tools" / "build_extension.py")], check=True, capture_output=True, text=True
         ).stdout.split("\n")[-2]
     )
-    lock = (root / ".lock").open("w")  # held until this process ends: another run would delete this one's files
-    try:
-        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        raise SystemExit(f"Error: {root}: another run of the window's tests is at work there") from None
-    work = root / "tmp" / "unisim"
+    slot, _held = free_slot(root)
+    display, inner = f":{FIRST_DISPLAY + slot}", f"/tmp/unisim-{slot}"
+    work = root / inner[1:]
     shutil.rmtree(work, ignore_errors=True)
     (work / "shots").mkdir(parents=True)
     shutil.copy(archive, work / "unisim.zip")
-    for script in ("session", *SESSIONS):
-        shutil.copy(HERE / f"{script}.py", work)
+    for script in HERE.glob("*.py"):
+        shutil.copy(script, work)
     shutil.copytree(REPOSITORY / "sample" / "scene", work / "scene")
     shutil.copytree(street(), root / "tmp" / "out" / "street", dirs_exist_ok=True)  # where the scene names it
     (root / "tmp" / ".X11-unix").mkdir(mode=0o1777, exist_ok=True)
-    mounted = [where for where in ("proc", "dev") if not any((root / where).iterdir())]
-    for where in mounted:
-        subprocess.run(["mount", "--rbind", f"/{where}", str(root / where)], check=True)
-    screen = subprocess.Popen(["chroot", str(root), "Xvfb", DISPLAY, "-screen", "0", "1600x900x24", "-nolisten", "tcp"])
+    screen = subprocess.Popen([*inside(root), "Xvfb", display, "-screen", "0", "1600x900x24", "-nolisten", "tcp"])
     try:
         time.sleep(3)
         if screen.poll() is not None:
-            raise SystemExit(f"Error: no screen could be opened at {DISPLAY}: is another one running?")
-        arguments = ["--", "/tmp/unisim/unisim.zip", "/tmp/unisim/scene/scene.json", "/tmp/unisim/shots"]
+            raise SystemExit(f"Error: no screen could be opened at {display}: is another one running?")
+        arguments = ["--", f"{inner}/unisim.zip", f"{inner}/scene/scene.json", f"{inner}/shots"]
         with (work / "log.txt").open("w") as log:
             for name, flags in chosen.items():
-                started = [*at_home(root, name), *BLENDER, *flags, "--python", f"/tmp/unisim/{name}.py", *arguments]
+                blender = [*BLENDER, *flags, "--python", f"{inner}/{name}.py", *arguments]
+                started = [*at_home(root, display, f"{inner}/{name}_home"), *blender]
                 subprocess.run(started, timeout=LIMIT_S, stdout=log, stderr=log, check=False)
-        command = ["blender", "-b", "/tmp/unisim/drive.blend", "--command", "unisim", "render", "--out", "/tmp/unisim/frames"]
+        command = ["blender", "-b", f"{inner}/drive.blend", "--command", "unisim", "render", "--out", f"{inner}/frames"]
         wanted = ["--frames", "4:6", "--width", "96", "--sensors", "front_camera,pandar64", "--jobs", "2"]
-        headless = [*at_home(root, "window"), *command, *wanted]
+        headless = [*at_home(root, display, f"{inner}/window_home"), *command, *wanted]
         ended = None
         if "window" in chosen:  # which leaves the file
             ended = subprocess.run(
@@ -74,8 +75,6 @@ def main(root: Path, release: str, out: Path, only: str = "") -> int:
     finally:
         screen.terminate()
         screen.wait()
-        for where in reversed(mounted):
-            subprocess.run(["umount", "-l", str(root / where)], check=False)
     shutil.copytree(work / "shots", out, dirs_exist_ok=True)
     shutil.copy(work / "log.txt", out)
     left = [len(list((work / "frames").glob(f"{kind}/*/*{suffix}"))) for kind, suffix in (("camera", ".png"), ("lidar", ".ply"))]
@@ -95,12 +94,30 @@ def street() -> Path:
     return folder
 
 
-def at_home(root: Path, name: str) -> list[str]:
-    """How a command of that Debian's is started, with settings that are a session's own."""
-    home = root / "tmp" / "unisim" / f"{name}_home"
-    home.mkdir(exist_ok=True)
+def free_slot(root: Path) -> tuple[int, TextIO]:
+    """Return the number of a slot that no other run uses, and its lock, held until this process ends."""
+    for slot in range(SLOTS):
+        lock = (root / f".lock-{slot}").open("w")
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            lock.close()
+            continue
+        return slot, lock
+    raise SystemExit(f"Error: {root}: {SLOTS} other runs of the window's tests are at work there")
+
+
+def inside(root: Path) -> list[str]:
+    """Return how a command is started inside that Debian, with mounts that end with it."""
+    enter = 'for part in proc dev; do mount --rbind /$part "$0/$part" || exit; done; exec chroot "$0" "$@"'
+    return ["unshare", "--mount", "sh", "-c", enter, str(root)]
+
+
+def at_home(root: Path, display: str, home: str) -> list[str]:
+    """Return how a command of that Debian's is started, with settings that are a session's own."""
+    (root / home[1:]).mkdir(exist_ok=True)
     software = ["LIBGL_ALWAYS_SOFTWARE=1", "LC_ALL=C.UTF-8"]
-    return ["chroot", str(root), "env", f"DISPLAY={DISPLAY}", f"HOME=/tmp/unisim/{home.name}", *software]
+    return [*inside(root), "env", f"DISPLAY={display}", f"HOME={home}", *software]
 
 
 def judge(out: Path, sessions: list[str]) -> int:
