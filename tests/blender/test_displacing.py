@@ -13,7 +13,9 @@ from mathutils import Quaternion, Vector
 
 from unisim_blender import following
 from unisim_blender.bridge.animation import keys_of, write_keys
+from unisim_blender.bridge.clock import Clock
 from unisim_blender.bridge.displacing import BLEND_S
+from unisim_blender.bridge.motion import stopped
 from unisim_blender.bridge.source import source_of
 from unisim_blender.bridge.things import things
 from unisim_blender.bridge.trajectories import convert, remove, trajectory_of
@@ -204,3 +206,18 @@ def test_files_of_earlier_versions_are_brought_up_to_date(street: Any) -> None:
 def test_a_trajectory_is_neither_seen_nor_picked(street: Any) -> None:
     for one in things(street, "TRAJECTORY"):
         assert one.hide_select and one.hide_viewport and all(one.lock_location)
+
+
+def test_what_stands_still_does_not_slide(street: Any) -> None:
+    one = thing(street, "ACTOR", driving(street))
+    for frame, left in ((2, 0.0), (12, 3.0)):
+        one.location = (0.0, left, 0.0)
+        one.keyframe_insert("location", frame=frame)
+    clock = Clock.of(source_of(street).drive)
+    stopped(one, 7.0, 0.5, clock)
+    places = []
+    for frame in (7, 9, 11):
+        street.frame_set(frame)
+        places.append(np.array(one.matrix_world.translation))
+    assert float(clock.frame(clock.time_s(np.array(7.0)) + 0.5)) >= 11
+    assert np.ptp(places, axis=0).max() < 1e-3

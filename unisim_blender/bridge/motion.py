@@ -69,13 +69,28 @@ def retimed(thing: bpy.types.Object, at: Callable[[FloatArray], FloatArray], pat
     for curve in (*curves_of(thing), *(curves_of(above) if above is not None else ())):
         if path and curve.data_path != path:
             continue
-        points = curve.keyframe_points
-        values = np.empty(2 * len(points), np.float32)
-        points.foreach_get("co", values)
-        frames = at(values[::2].astype(float))
-        values[::2] = frames
-        points.foreach_set("co", values)
-        curve.update()
+        _moved(curve, at)
+
+
+def _moved(curve: bpy.types.FCurve, at: Callable[[FloatArray], FloatArray]) -> None:
+    """Move a curve's keys, with their handles, to ``at`` their frames."""
+    points = curve.keyframe_points
+    values = np.empty(2 * len(points), np.float32)
+    for part in ("co", "handle_left", "handle_right"):
+        points.foreach_get(part, values)
+        values[::2] = at(values[::2].astype(float))
+        points.foreach_set(part, values)
+    curve.update()
+
+
+def _held(curve: bpy.types.FCurve, frame: float, at: Callable[[FloatArray], FloatArray]) -> None:
+    """Hold a curve's value at ``frame`` until ``at`` that frame, and move what comes after it."""
+    value, after = curve.evaluate(frame), float(at(np.array(frame)))
+    _moved(curve, lambda old: np.where(old > frame, at(old), old))
+    first = curve.keyframe_points.insert(frame, value)
+    first.interpolation = "LINEAR"
+    curve.keyframe_points.insert(after, value)
+    curve.update()
 
 
 def stopped(thing: bpy.types.Object, frame: float, seconds: float, clock: Clock) -> None:
@@ -93,6 +108,10 @@ def stopped(thing: bpy.types.Object, frame: float, seconds: float, clock: Clock)
     turn = np.array([np.interp(frame, before, column) for column in quaternions.T])
     turn /= np.linalg.norm(turn)
     retimed(thing, lambda old: np.where(old > frame, later(old), old), "hide_viewport")
+    if above is not thing:  # what displaces it from its trajectory stands still with it
+        for curve in curves_of(thing):
+            if curve.data_path != "hide_viewport":
+                _held(curve, frame, later)
     early, late = before < frame, before > frame
     write_keys(
         above,
