@@ -131,7 +131,7 @@ def judge(out: Path, sessions: list[str]) -> int:
         results[name] = json.loads(path.read_text())
     print(json.dumps(results, indent=1))
     print(f"{'task':24}{'presses':>8}{'seconds':>9}{'longest block, s':>18}")
-    for name, took in results.get("person", {}).get("tasks", {}).items():
+    for name, took in ((name, took) for result in results.values() for name, took in result.get("tasks", {}).items()):
         print(f"{name:24}{took['presses']:8}{took['seconds']:9.2f}{took['longest_block_s']:18.3f}")
     window = results.get("window", {})
     wrong = [
