@@ -29,9 +29,9 @@ NOTED = "unisim_hidden"
 def turned_off(through: str, rendered: bool, sensors: bool, elsewhere: bool = False) -> set[str]:
     """Return the switches that a view is to have off.
 
-    ``through`` is what the view looks through: "RIG" for a camera of the drive, "OTHER" for another one, "" for none.
-    ``rendered``: whether the engine UniSim draws the view. ``sensors``: whether sensors are to be seen from outside.
-    ``elsewhere``: whether a camera of the drive stands elsewhere than its images were recorded.
+    ``through`` is what `looks_through` says. ``rendered``: whether the engine UniSim draws the view. ``sensors``: whether
+    sensors are to be seen from outside. ``elsewhere``: whether a camera of the drive stands elsewhere than its images were
+    recorded.
     """
     off: set[str] = set()
     if through == "RIG":
@@ -43,13 +43,18 @@ def turned_off(through: str, rendered: bool, sensors: bool, elsewhere: bool = Fa
     return off
 
 
+def looks_through(scene: bpy.types.Scene, space: Any) -> str:
+    """Return what a 3D view looks through: "RIG" for a camera of the drive, "OTHER" for another one, "" for none."""
+    if space.region_3d.view_perspective != "CAMERA" or scene.camera is None:
+        return ""
+    return "RIG" if scene.camera.unisim.kind == "CAMERA" else "OTHER"
+
+
 def wanted(scene: bpy.types.Scene, space: Any) -> set[str]:
     """Return the switches that a 3D view of a scene is to have off."""
     if not scene.unisim.log or space.region_3d is None:
         return set()
-    through = ""
-    if space.region_3d.view_perspective == "CAMERA" and scene.camera is not None:
-        through = "RIG" if scene.camera.unisim.kind == "CAMERA" else "OTHER"
+    through = looks_through(scene, space)
     rendered = space.shading.type == "RENDERED" and scene.render.engine == "UNISIM"
     elsewhere = through == "RIG" and not rendered and _elsewhere(scene)
     return turned_off(through, rendered, scene.unisim.show_sensors, elsewhere)

@@ -85,6 +85,7 @@ def shifted() -> Iterator[float]:
     """Shift Ego Lane, found by F3."""
     yield from searched("shift ego")
     yield from until(lambda: any(name == "Ego" for name, _ in edits()), "the ego vehicle is not shifted", 10)
+    yield 1.0
 
 
 def rendered() -> Iterator[float]:
@@ -115,6 +116,8 @@ def sequence() -> Iterator[float]:
 
 def points() -> Iterator[float]:
     """Recorded points of four frames; what Blender takes to go to a frame without them is measured before."""
+    yield from to(*middle(area("VIEW_3D")))
+    yield from key("LEFT_ARROW", shift=True)
     with inside(area("VIEW_3D")):
         bpy.ops.unisim.show_points("INVOKE_DEFAULT", recorded=True, simulated=False)
     shown = lambda: any(o.unisim.kind == "POINTS" and len(o.data.vertices) for o in bpy.context.scene.objects)  # noqa: E731
