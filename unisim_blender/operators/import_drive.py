@@ -20,6 +20,7 @@ from ..core.prepare.scenario import scene_actors
 from ..core.scenario import FORMAT, load_scenario
 from ..core.scene_file import HEADER_NAME, read_scene_header
 from ..registering import add, take_away
+from ..view_types import follow_soon
 from .polling import allowed
 
 FAR_M = 2000.0
@@ -113,6 +114,7 @@ def look_through_camera() -> None:
         space.clip_end = max(space.clip_end, FAR_M)
         if space.region_3d is not None:
             space.region_3d.view_perspective = "CAMERA"
+    follow_soon()
 
 
 def take_back() -> None:
