@@ -61,6 +61,8 @@ def vacated(recorded: Drive, drive: Drive) -> tuple[Box, ...]:
     for uid, actor in recorded.actors.items():
         now = drive.actors.get(uid)
         stays = now is not None and not now.is_moving and np.array_equal(now.world_from_actor.poses, actor.world_from_actor.poses)
+        # what a smaller box leaves of the recorded one is empty too
+        stays = stays and now is not None and not now.is_scaled
         if not actor.is_moving and not stays:
             boxes.append(Box(actor.world_from_actor.poses[0], actor.size_m))
     return tuple(boxes)

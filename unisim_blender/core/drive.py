@@ -129,6 +129,18 @@ class Actor:
     is_moving: bool
     look: Look
     inserted: bool = False
+    scale: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    """How many times larger than the look's own box the actor is, along its own axes; ``size_m`` is the scaled box's."""
+
+    @property
+    def look_size_m(self) -> FloatArray:
+        """The edges (3,) of the look's own box, without the scale."""
+        return np.asarray(self.size_m / np.array(self.scale))
+
+    @property
+    def is_scaled(self) -> bool:
+        """Whether the actor has another size than its look."""
+        return self.scale != (1.0, 1.0, 1.0)
 
     def present(self, time_s: FloatArray | float) -> BoolArray:
         """Whether the actor is there at times (...): (...) bool."""

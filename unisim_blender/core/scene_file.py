@@ -245,6 +245,7 @@ def _actor_to_json(actor: Actor) -> dict[str, Any]:
         "is_moving": bool(actor.is_moving),
         "look": {"actor": actor.look.actor, "scene": actor.look.scene, **({"mesh": actor.look.mesh} if actor.look.mesh else {})},
         "inserted": bool(actor.inserted),
+        **({"scale": list(actor.scale)} if actor.is_scaled else {}),
     }
 
 
@@ -267,7 +268,13 @@ def _read_actor(uid: str, node: Node) -> Actor:
         is_moving=node.key("is_moving").flag(),
         look=Look(look.key("actor").text(), look.key("scene").text()),
         inserted=node.key("inserted").flag(),
+        **({"scale": _read_scale(node.key("scale"))} if "scale" in node.object() else {}),
     )
+
+
+def _read_scale(node: Node) -> tuple[float, float, float]:
+    x, y, z = _read_size(node).tolist()
+    return x, y, z
 
 
 def _box_to_json(box: Box) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""Edits of actors: remove, duplicate, insert, insert_mesh, move, retime, swap."""
+"""Edits of actors: remove, duplicate, insert, insert_mesh, move, retime, swap, scale."""
 
 from __future__ import annotations
 
@@ -10,7 +10,8 @@ from ..drive import Actor, Drive, Look
 from ..errors import ScenarioError, UnisimError
 from ..geometry import FloatArray, Trajectory, quaternion_from_yaw
 from ..meshes.read import mesh_size_m
-from ..scenario.types import Duplicate, Insert, InsertMesh, Move, Remove, Retime, Swap
+from ..scenario.checks import UNSCALABLE, scales
+from ..scenario.types import Duplicate, Insert, InsertMesh, Move, Remove, Retime, Scale, Swap
 from .context import Context, actor_of, fail
 from .motion import TimeMap, displaced, is_moving, offset_curve, quaternion_product, retimed
 
@@ -91,12 +92,28 @@ def retime(drive: Drive, edit: Retime, place: str, context: Context) -> Drive:
 
 
 def swap(drive: Drive, edit: Swap, place: str, context: Context) -> Drive:
-    """The drive with another look in the actor's place: the look's box and class, its underside where the actor's was."""
+    """The drive with another look in the actor's place: the look's box and class, its underside where the actor's was. A scale
+    that the actor had before is not the new look's."""
     actor = current(drive, edit.actor, f"{place}.actor", context)
     look = context.look_of(edit.look, edit.scene, place, "look")
     raised = (look.size_m[2] - actor.size_m[2]) / 2
     trajectory = beside(actor.world_from_actor, (0.0, 0.0, raised), None, None) if raised else actor.world_from_actor
-    return _with(drive, replace(actor, label=look.label, size_m=look.size_m, look=look.look, world_from_actor=trajectory))
+    return _with(
+        drive,
+        replace(
+            actor, label=look.label, size_m=look.size_m, look=look.look, world_from_actor=trajectory, scale=(1.0, 1.0, 1.0)
+        ),
+    )
+
+
+def scale(drive: Drive, edit: Scale, place: str, context: Context) -> Drive:
+    """The drive with the actor larger or smaller about its box's centre, after what earlier edits scaled it by."""
+    actor = current(drive, edit.actor, f"{place}.actor", context)
+    total = actor.scale[0] * edit.factors[0], actor.scale[1] * edit.factors[1], actor.scale[2] * edit.factors[2]
+    if not scales(total):
+        sizes = [round(factor, 6) for factor in total]
+        fail(f"{place}.factors", f'with the edits before, "{edit.actor}" is scaled by {sizes}, which {UNSCALABLE}')
+    return _with(drive, replace(actor, size_m=actor.look_size_m * np.array(total), scale=total))
 
 
 def beside(

@@ -18,10 +18,11 @@ from ..scenario.types import (
     Remove,
     RemoveStatic,
     Retime,
+    Scale,
     Scenario,
     Swap,
 )
-from .actors import duplicate, insert, insert_mesh, move, remove, retime, swap
+from .actors import duplicate, insert, insert_mesh, move, remove, retime, scale, swap
 from .context import Context, SceneActors, fail
 from .ego import ego
 from .sensors import select_sensors
@@ -35,6 +36,7 @@ EDITORS: dict[type, Callable[[Drive, Any, str, Context], Drive]] = {
     Move: move,
     Retime: retime,
     Swap: swap,
+    Scale: scale,
     CopyStatic: copy_static,
     RemoveStatic: remove_static,
     Ego: ego,

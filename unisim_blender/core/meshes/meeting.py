@@ -20,6 +20,7 @@ from ..geometry import BoolArray, FloatArray
 from ..sensors.camera import camera_rays
 from ..sensors.rays import Rays
 from .intersect import FirstHits, Mesh, ready
+from .placed import first_hits_on, normals_of
 from .read import read_mesh
 from .surface import colours_at, lit, normals_at, reflectivity
 
@@ -157,14 +158,11 @@ class Extras:
             if len(mine) == 0:
                 continue
             pose = poses[which[mine]]
-            inverse = np.swapaxes(pose[:, :3, :3], 1, 2)
-            o = np.einsum("nij,nj->ni", inverse, rays.origins[mine] - pose[:, :3, 3])
-            d = np.einsum("nij,nj->ni", inverse, rays.directions[mine])
-            hits = mesh.first_hits(o, d, near_m)
+            hits, d = first_hits_on(actor, mesh, pose, rays.origins[mine], rays.directions[mine], near_m)
             first = (hits.face >= 0) & (hits.t < t[mine])
             hits, at = FirstHits(hits.t[first], hits.face[first], hits.uv[first]), mine[first]
             t[at], owner[at] = hits.t, i
-            normals[at] = np.einsum("nij,nj->ni", pose[first, :3, :3], normals_at(mesh.model, hits, d[first]))
+            normals[at] = normals_of(actor, pose[first], normals_at(mesh.model, hits, d[first]))
             colours[at] = colours_at(mesh.model, hits)
         return t, owner, normals, colours
 

@@ -27,10 +27,14 @@ from .types import (
     RemoveStatic,
     Retime,
     Rotation,
+    Scale,
     Scenario,
     ShiftKey,
 )
 
+SCALE_BOUNDS = 0.1, 10.0
+"""Of an actor's size along each axis, in parts of its look's own; both are allowed."""
+UNSCALABLE = f"must lie between {SCALE_BOUNDS[0]:g} and {SCALE_BOUNDS[1]:g} along each axis"
 QUATERNION_TOLERANCE = 1e-3
 """How far from 1 a quaternion's length may be, for those written by hand."""
 
@@ -128,6 +132,8 @@ def check_edit(edit: Edit, place: str) -> None:
             _require(start <= end, f"{place}.present", f"end_s {end} lies before start_s {start}")
     elif isinstance(edit, Retime):
         _check_retime(edit, place)
+    elif isinstance(edit, Scale):
+        _require(scales(edit.factors), f"{place}.factors", f"{list(edit.factors)} {UNSCALABLE}")
     elif isinstance(edit, CopyStatic):
         check_rotation(edit.target, f"{place}.target")
     elif isinstance(edit, Ego):
@@ -136,6 +142,11 @@ def check_edit(edit: Edit, place: str) -> None:
         _require(edit.outside is None or edit.trajectory is not None, f"{place}.outside", "needs a trajectory")
         _check_keys(edit.trajectory or (), f"{place}.trajectory")
         _check_keys(edit.shift or (), f"{place}.shift")
+
+
+def scales(factors: Sequence[float]) -> bool:
+    """Whether an actor can be scaled by these factors along its axes."""
+    return all(SCALE_BOUNDS[0] <= factor <= SCALE_BOUNDS[1] for factor in factors)
 
 
 def _check_retime(edit: Retime, place: str) -> None:

@@ -160,6 +160,15 @@ class Swap:
 
 
 @dataclass(frozen=True)
+class Scale:
+    """The actor's box and field larger or smaller along its own axes (forward, left, up), about its box's centre."""
+
+    type: ClassVar[str] = "scale"
+    actor: str
+    factors: Vector
+
+
+@dataclass(frozen=True)
 class CopyStatic:
     """What stands in the box stands also at the target."""
 
@@ -188,9 +197,11 @@ class Ego:
     outside: str | None = None
 
 
-Edit = Union[Remove, Duplicate, Insert, InsertMesh, Move, Retime, Swap, CopyStatic, RemoveStatic, Ego]  # noqa: UP007 read at run time
+Edit = Union[  # noqa: UP007 read at run time
+    Remove, Duplicate, Insert, InsertMesh, Move, Retime, Swap, Scale, CopyStatic, RemoveStatic, Ego
+]  # fmt: skip
 EDIT_TYPES = {
-    kind.type: kind for kind in (Remove, Duplicate, Insert, InsertMesh, Move, Retime, Swap, CopyStatic, RemoveStatic, Ego)
+    kind.type: kind for kind in (Remove, Duplicate, Insert, InsertMesh, Move, Retime, Swap, Scale, CopyStatic, RemoveStatic, Ego)
 }
 
 

@@ -48,7 +48,8 @@ def make_world(street: Street, drive: Drive) -> World:
     for uid in instances:
         actor = drive.actors[uid]
         motion = actor.world_from_actor.transformed(left=street_from_world)
-        placements.append(Placement(uid, asset_of(street, actor), motion, drive.window(actor)))
+        scale = np.array(actor.scale) if actor.is_scaled else None
+        placements.append(Placement(uid, asset_of(street, actor), motion, drive.window(actor), scale=scale))
     return World(placements, instances, [drive.actors[uid].size_m for uid in instances], street_from_world)
 
 
