@@ -65,7 +65,7 @@ def sensors_of(sampled: Sampled, drive: Drive) -> Sensors | None:
 def sensor_id(thing: Thing, drive: Drive) -> str:
     """What a scenario calls a sensor: as the log does, or after the object; names of files are made of it."""
     recorded = thing.uid in drive.cameras or thing.uid in drive.lidars
-    return thing.uid if recorded and thing.is_original else re.sub(r"[^A-Za-z0-9_.-]|^[.-]", "_", thing.name)
+    return thing.uid if recorded and thing.is_original else re.sub(r"[^A-Za-z0-9_.-]|^[.-]", "_", thing.title)
 
 
 def _camera(thing: Thing, world_from_ego: FloatArray, drive: Drive, clock: Clock) -> CameraSpec:
