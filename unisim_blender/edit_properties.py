@@ -15,7 +15,7 @@ from .registering import add, take_away
 
 class UniSimMuted(bpy.types.PropertyGroup):
     """A muted edit. ``parked`` is the object with the edit, in no scene; none where the edit is that an object is missing, or where
-    ``look`` is all there is to it. ``collection`` is where a copy stood. ``name`` and the rest are the line in the list."""
+    ``look`` is all there is to it. ``collection`` is where it stood, ``at_root``: in the scene's own. ``name`` and the rest are the line in the list."""
 
     kind: StringProperty()
     uid: StringProperty()
@@ -28,6 +28,7 @@ class UniSimMuted(bpy.types.PropertyGroup):
     last: IntProperty()
     parked: PointerProperty(type=bpy.types.Object)
     collection: PointerProperty(type=bpy.types.Collection)
+    at_root: BoolProperty()
     look: StringProperty()
     look_scene: StringProperty()
 

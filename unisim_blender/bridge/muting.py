@@ -35,7 +35,8 @@ def mute(scene: bpy.types.Scene, source: Source, line: Line) -> None:
         refresh([thing])
         return
     if thing is not None:
-        item.parked, item.collection = parked_copy(thing, f"{thing.name} muted"), next(iter(thing.users_collection), None)
+        item.parked = parked_copy(thing, f"{thing.name} muted")
+        note_collection(scene, item, thing)
     restore(scene, source, line.kind, line.uid, thing)
 
 
@@ -45,12 +46,13 @@ def unmute(scene: bpy.types.Scene, source: Source, number: int, rivals: Iterable
         mute(scene, source, rival)
     item = scene.unisim_edits.muted[number]
     parked, kind, uid, part = item.parked, item.kind, item.uid, item.part
-    look, look_scene, collection = item.look, item.look_scene, item.collection
+    look, look_scene, collection = item.look, item.look_scene, scene.collection if item.at_root else item.collection
     scene.unisim_edits.muted.remove(number)
     now = original_of(scene, kind, uid)
     if part in ADDED:
         for one in (parked, *(parked.children_recursive if parked.unisim.mesh else ())):
             (collection or collection_of(scene, kind)).objects.link(one)
+            one.use_fake_user = False
         refresh([parked])
     elif part == "APPEARANCE":
         set_appearance(now, source.drive, look, look_scene)
@@ -94,6 +96,13 @@ def note(item: Any, line: Line) -> None:
     item.first, item.last = line.frames[0], line.frames[-1]
 
 
+def note_collection(scene: bpy.types.Scene, item: Any, thing: bpy.types.Object) -> None:
+    """Note which collection an object is in. Blender keeps no pointer to a scene's own one."""
+    collection = next(iter(thing.users_collection), None)
+    item.at_root = collection == scene.collection
+    item.collection = None if item.at_root else collection
+
+
 def parked_copy(thing: bpy.types.Object, name: str) -> bpy.types.Object:
     """Return a copy of an object that is in no scene, with keys and a trajectory of its own."""
     copy = thing.copy()
@@ -106,6 +115,7 @@ def parked_copy(thing: bpy.types.Object, name: str) -> bpy.types.Object:
         copy.parent.name = f"{name} trajectory"
         copy.matrix_parent_inverse = inverse
         copy_action(above, copy.parent)
+        copy.parent.use_fake_user = True  # being a parent keeps nothing in the file
     if thing.type == "CAMERA":
         copy.data = thing.data.copy()
     return copy
@@ -113,7 +123,8 @@ def parked_copy(thing: bpy.types.Object, name: str) -> bpy.types.Object:
 
 def _park_copy(scene: bpy.types.Scene, item: Any, thing: bpy.types.Object) -> None:
     """Take an object with its parts out of all collections; it stays in the file."""
-    item.parked, item.collection = thing, next(iter(thing.users_collection), None)
+    item.parked = thing
+    note_collection(scene, item, thing)
     if scene.camera == thing:
         from .importing import fit_resolution, front_camera
 
@@ -123,6 +134,7 @@ def _park_copy(scene: bpy.types.Scene, item: Any, thing: bpy.types.Object) -> No
         fit_resolution(scene)
     for one in (thing, *(thing.children_recursive if thing.unisim.mesh else ())):
         _unlink(one)
+        one.use_fake_user = one != thing  # a parent does not keep its parts in the file
     refresh([])
 
 
@@ -145,6 +157,9 @@ def _take_place(
     if now is None:
         (collection or collection_of(scene, parked.unisim.kind)).objects.link(parked)
         parked.name = parked.unisim.home or parked.name
+        if trajectory_of(parked) is not None:
+            trajectory_of(parked).use_fake_user = False
+            collection_of(scene, "TRAJECTORY").objects.link(trajectory_of(parked))
         refresh([parked])
         return
     name, chosen = now.name, now.select_get(view_layer=scene.view_layers[0]) if now.name in scene.view_layers[0].objects else False
@@ -153,6 +168,7 @@ def _take_place(
         _keep_appearance(now, parked)
     above = trajectory_of(parked)
     if above is not None:  # its own was in no scene
+        above.use_fake_user = False
         collection_of(scene, "TRAJECTORY").objects.link(above)
     now.user_remap(parked)
     remove(now)
