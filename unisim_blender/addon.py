@@ -4,7 +4,22 @@ from __future__ import annotations
 
 import bpy
 
-from . import client, clouds, edit_properties, edit_watch, engine, following, headless, menus, operators, overlay, panels, preferences, properties, view_types
+from . import (
+    client,
+    clouds,
+    edit_properties,
+    edit_watch,
+    engine,
+    following,
+    headless,
+    menus,
+    operators,
+    overlay,
+    panels,
+    preferences,
+    properties,
+    view_types,
+)
 from .bridge import neighbours
 from .registering import close_room, open_room
 

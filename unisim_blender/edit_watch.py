@@ -41,7 +41,10 @@ def want() -> None:
 def _scenes() -> list[bpy.types.Scene]:
     """Return the scenes with the drive of the one that is shown, that one first."""
     shown = bpy.context.window_manager.windows[0].scene
-    return [shown, *(scene for scene in bpy.data.scenes if scene != shown and scene.unisim.log == shown.unisim.log and has_drive(scene))]
+    return [
+        shown,
+        *(scene for scene in bpy.data.scenes if scene != shown and scene.unisim.log == shown.unisim.log and has_drive(scene)),
+    ]
 
 
 def _read() -> float | None:

@@ -33,8 +33,10 @@ def numbers(value: Any) -> Any:
 def content(scenario: Scenario) -> Any:
     """What of a scenario the scene says."""
     sensors = scenario.sensors and asdict(scenario.sensors)
-    return numbers([[type(edit).__name__, asdict(edit)] for edit in scenario.edits]), numbers(sensors), numbers(
-        {uid: asdict(box) for uid, box in (scenario.boxes or {}).items()}
+    return (
+        numbers([[type(edit).__name__, asdict(edit)] for edit in scenario.edits]),
+        numbers(sensors),
+        numbers({uid: asdict(box) for uid, box in (scenario.boxes or {}).items()}),
     )
 
 

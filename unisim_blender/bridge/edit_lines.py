@@ -149,7 +149,9 @@ def _added(edit: Edit, thing: Thing, source: Actor | None, drive: Drive, clock: 
     base, there = recorded_poses(source, clock), recorded_there(source, drive, clock)
     words = _moved(thing, base, base, there, source, clock)
     what = joined(["Copied", words.removeprefix("Moved ")]) if words else "Copied, in place"
-    return _line("ACTOR", thing.uid, "COPY", what.replace("Copied; ", "Copied: "), thing.title, thing.name, thing.there, clock, edit)
+    return _line(
+        "ACTOR", thing.uid, "COPY", what.replace("Copied; ", "Copied: "), thing.title, thing.name, thing.there, clock, edit
+    )
 
 
 def rig_lines(sampled: Sampled, drive: Drive) -> Iterator[Line]:
@@ -256,9 +258,7 @@ def _height(thing: Thing, drive: Drive) -> float:
     return float(_look_size_m(thing, drive)[2])
 
 
-def _line(
-    kind: str, uid: str, part: str, what: str, who: str, thing: str, shows: BoolArray, clock: Clock, edit: object
-) -> Line:
+def _line(kind: str, uid: str, part: str, what: str, who: str, thing: str, shows: BoolArray, clock: Clock, edit: object) -> Line:
     at = np.flatnonzero(shows) if shows.any() else np.arange(len(clock.frames))
     frames = tuple(int(frame) for frame in clock.frames[at])
     return Line(kind, uid, part, what, who, thing, float(clock.times_s[at[0]]), float(clock.times_s[at[-1]]), frames, edit)

@@ -118,7 +118,12 @@ def read_steps(scene: bpy.types.Scene) -> Iterator[None]:
     known: dict[Key, tuple[object, tuple[Line, ...]]] = {}
     lines: list[Line] = []
     for key, group in _groups(scene, source.drive).items():
-        signature = tuple(sampler.signature(thing) for thing in group), clock.frames.tobytes(), str(source.scene_path), _marked(scene, key)
+        signature = (
+            tuple(sampler.signature(thing) for thing in group),
+            clock.frames.tobytes(),
+            str(source.scene_path),
+            _marked(scene, key),
+        )
         before = reading.known.get(key)
         free = [thing for thing in group if not moved_by_keys(thing)]
         if before is not None and before[0] == signature and not (free and moved):

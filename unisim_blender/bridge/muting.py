@@ -67,7 +67,11 @@ def rivals_of(line: Line, lines: Iterable[Line]) -> list[Line]:
     """Return the edits that count and cannot stand beside a muted one: an actor has one trajectory, one appearance, or is gone."""
     if line.part in ADDED:
         return []
-    own = [one for one in lines if one.muted < 0 and one.part not in (*ADDED, "PROBLEM") and (one.kind, one.uid) == (line.kind, line.uid)]
+    own = [
+        one
+        for one in lines
+        if one.muted < 0 and one.part not in (*ADDED, "PROBLEM") and (one.kind, one.uid) == (line.kind, line.uid)
+    ]
     apart = {"APPEARANCE"} if line.part not in ("APPEARANCE", "REMOVE") else set()
     if line.part == "APPEARANCE":
         return [one for one in own if one.part in ("APPEARANCE", "REMOVE")]
@@ -162,7 +166,10 @@ def _take_place(
             collection_of(scene, "TRAJECTORY").objects.link(trajectory_of(parked))
         refresh([parked])
         return
-    name, chosen = now.name, now.select_get(view_layer=scene.view_layers[0]) if now.name in scene.view_layers[0].objects else False
+    name, chosen = (
+        now.name,
+        now.select_get(view_layer=scene.view_layers[0]) if now.name in scene.view_layers[0].objects else False,
+    )
     active = scene.view_layers[0].objects.active == now
     if not hidden:
         _keep_appearance(now, parked)

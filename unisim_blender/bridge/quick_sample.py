@@ -59,7 +59,7 @@ class Sampler:
             poses=poses,
             there=there & (thing.name in self.shown),
             camera=model_of(thing, picture_size(self.scene.render)) if thing.type == "CAMERA" else None,
-            mesh=thing.name if about.mesh else "",
+            mesh=title_of(thing) if about.mesh else "",
             label=about.label,
             scale=(1.0, 1.0, 1.0) if about.mesh else tuple(scale.tolist()),
             called=title_of(thing),
@@ -113,7 +113,9 @@ class Sampler:
 
         def numbers(path: str) -> FloatArray:
             now = getattr(thing, path)
-            return np.stack([self._values(found[path, i]) if (path, i) in found else np.full(count, v) for i, v in enumerate(now)], -1)
+            return np.stack(
+                [self._values(found[path, i]) if (path, i) in found else np.full(count, v) for i, v in enumerate(now)], -1
+            )
 
         whole = np.tile(np.eye(4), (count, 1, 1))
         if thing.rotation_mode == "QUATERNION":
@@ -138,7 +140,12 @@ class Sampler:
         by it (`displacing.keep`), in its parent's axes."""
         apart = np.eye(4)
         curves = {(curve.data_path, curve.array_index): curve for curve in curves_of(thing)}
-        if not curves or not self.live or trajectory_of(thing) is None or not thing.visible_get(view_layer=self.scene.view_layers[0]):
+        if (
+            not curves
+            or not self.live
+            or trajectory_of(thing) is None
+            or not thing.visible_get(view_layer=self.scene.view_layers[0])
+        ):
             return apart
         frame = self.scene.frame_current_final
 

@@ -19,6 +19,7 @@ from . import (
     static_items,
     test_renderer,
     train,
+    variants,
 )
 
 MODULES = (
@@ -36,6 +37,7 @@ MODULES = (
     points,
     background,
     render_sequence,
+    variants,
     train,
     test_renderer,
     check,

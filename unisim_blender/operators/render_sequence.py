@@ -15,6 +15,16 @@ from .polling import allowed, drive, idle
 SCENARIO = "scenario.json"
 
 
+def output_folder(scene: bpy.types.Scene) -> Path:
+    """Return the folder that a scene's sequences go to. Raises `UnisimError` where none is set."""
+    out = scene.unisim.out
+    if not out:
+        raise UnisimError("no output folder is set: UniSim > Output > Folder")
+    if out.startswith("//") and not bpy.data.filepath:
+        raise UnisimError(f"{out}: lies beside the .blend, which was never saved; save it, or name another folder")
+    return Path(bpy.path.abspath(out)).absolute()
+
+
 class UNISIM_OT_render_sequence(bpy.types.Operator):
     """Render all sensors of the scene over its frame range into the output folder. Frames that are there already stay"""
 
@@ -29,13 +39,8 @@ class UNISIM_OT_render_sequence(bpy.types.Operator):
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Write the scenario beside the frames and start the command line on it."""
-        about = context.scene.unisim
-        folder = Path(bpy.path.abspath(about.out)).absolute()
         try:
-            if not about.out:
-                raise UnisimError("no output folder is set: UniSim > Output > Folder")
-            if about.out.startswith("//") and not bpy.data.filepath:
-                raise UnisimError(f"{about.out}: lies beside the .blend, which was never saved; save it, or name another folder")
+            folder = output_folder(context.scene)
             folder.mkdir(parents=True, exist_ok=True)
             scenario = scenario_of(context.scene, folder / SCENARIO)
             write_scenario(scenario, folder / SCENARIO)
