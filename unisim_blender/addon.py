@@ -7,6 +7,8 @@ import bpy
 from . import (
     client,
     clouds,
+    edit_properties,
+    edit_watch,
     engine,
     following,
     headless,
@@ -24,9 +26,11 @@ from .registering import close_room, open_room
 
 ROOMS = (
     properties,
+    edit_properties,
     preferences,
     neighbours,
     following,
+    edit_watch,
     *operators.MODULES,
     *panels.MODULES,
     menus,

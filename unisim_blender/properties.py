@@ -65,6 +65,8 @@ class UniSimObject(bpy.types.PropertyGroup):
     label: StringProperty(name="Class", description="The class of an actor that is a mesh")
     model: StringProperty(name="Sensor", description="Exact intrinsics or beam table, as JSON")
     stamp: StringProperty(description="Another one whenever LiDAR points are")
+    called: StringProperty(description="What a scenario calls it, where it was copied with a variant")
+    called_as: StringProperty(description="The name with which that holds")
     rest_location: FloatVectorProperty(size=3, description="Where it was on its trajectory before its first key there")
     rest_rotation: FloatVectorProperty(
         size=4, default=(1.0, 0.0, 0.0, 0.0), description="How it was turned on its trajectory before its first key there"

@@ -24,6 +24,7 @@ SLOTS = 8
 BLENDER = ["blender", "--factory-startup", "--no-window-focus", "-p", "0", "0", "1600", "900"]
 SESSIONS = {
     "person": ["--enable-event-simulate"],
+    "edits": ["--enable-event-simulate"],
     "first_drive": ["--enable-event-simulate"],
     "window": [],
     "hands": ["--enable-event-simulate"],

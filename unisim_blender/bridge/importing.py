@@ -206,7 +206,8 @@ def ride_on_vehicle(
 
 def _camera(scene: bpy.types.Scene, source: Source, camera: Camera, ego: bpy.types.Object, clock: Clock) -> None:
     name = camera.sensor_id
-    data = bpy.data.cameras.get(f"UniSim {name}") or bpy.data.cameras.new(f"UniSim {name}")
+    standing = next((t for t in things(scene, "CAMERA") if t.unisim.uid == name and t.name == t.unisim.home), None)
+    data = standing.data if standing is not None else bpy.data.cameras.new(f"UniSim {name}")  # each variant has its own
     thing = make(scene, "CAMERA", name, name, data)
     set_model(thing, camera.model)
     data.display_size, data.clip_end = DISPLAY_M, 1000.0
@@ -228,6 +229,17 @@ def _actor(scene: bpy.types.Scene, drive: Drive, actor: Actor, clock: Clock) -> 
     thing.show_wire, thing.color = True, (1.0, 1.0, 1.0, 1.0)
     go(thing, actor, drive, clock)
     return thing
+
+
+def import_one(scene: bpy.types.Scene, source: Source, kind: str, uid: str) -> None:
+    """Put one actor or sensor of the drive into a scene, or bring it up to date. Needs the ego vehicle."""
+    drive, clock, ego = source.drive, Clock.of(source.drive), next(things(scene, "EGO"))
+    if kind == "ACTOR":
+        _actor(scene, drive, drive.actors[uid], clock).pass_index = 1 + sorted(drive.actors).index(uid)
+    elif kind == "CAMERA":
+        _camera(scene, source, drive.cameras[uid], ego, clock)
+    else:
+        _lidar(scene, drive, drive.lidars[uid], ego, clock)
 
 
 def go(thing: bpy.types.Object, actor: Actor, drive: Drive, clock: Clock) -> None:

@@ -64,14 +64,13 @@ def sensors_of(sampled: Sampled, drive: Drive) -> Sensors | None:
 
 def sensor_id(thing: Thing, drive: Drive) -> str:
     """What a scenario calls a sensor: as the log does, or after the object; names of files are made of it."""
-    return sensor_name(thing.name, thing.uid, thing.home, drive)
+    return sensor_name(thing.title, thing.uid, thing.is_original, drive)
 
 
-def sensor_name(name: str, uid: str, home: str, drive: Drive) -> str:
-    """Return a scenario's name of the sensor that an object stands for, from the object's name, its id and the name that the
-    import gave it."""
+def sensor_name(title: str, uid: str, is_original: bool, drive: Drive) -> str:
+    """Return a scenario's name of a sensor: the id in the log where it is an original, else one made of its title."""
     recorded = uid in drive.cameras or uid in drive.lidars
-    return uid if recorded and name == home else re.sub(r"[^A-Za-z0-9_.-]|^[.-]", "_", name)
+    return uid if recorded and is_original else re.sub(r"[^A-Za-z0-9_.-]|^[.-]", "_", title)
 
 
 def _camera(thing: Thing, world_from_ego: FloatArray, drive: Drive, clock: Clock) -> CameraSpec:

@@ -74,7 +74,7 @@ def camera_request(
 def indices(sampled: Sampled) -> dict[str, int]:
     """Blender's pass index of each actor, by the id that a scenario has for it."""
     actors = list(sampled.of("ACTOR"))
-    return {**{thing.uid: thing.index for thing in actors if thing.is_original}, **{thing.name: thing.index for thing in actors}}
+    return {**{thing.uid: thing.index for thing in actors if thing.is_original}, **{thing.title: thing.index for thing in actors}}
 
 
 def lidar_request(sampled: Sampled, lidar: Thing, source: Source, frame: float) -> dict[str, Any]:

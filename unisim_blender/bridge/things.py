@@ -76,6 +76,13 @@ def original_of(scene: bpy.types.Scene, kind: str, uid: str) -> bpy.types.Object
     return next((thing for thing in found if thing.name == thing.unisim.home), found[0] if found else None)
 
 
+def title_of(thing: bpy.types.Object) -> str:
+    """Return what a scenario calls an object that has no id of the log's. In a variant that is its name in the variant that it was
+    copied from, as long as it keeps the name that it got with the copy."""
+    about = thing.unisim
+    return about.called if about.called and about.called_as == thing.name else thing.name
+
+
 def is_copy(scene: bpy.types.Scene, thing: bpy.types.Object) -> bool:
     """Return whether an object is a copy of another one that is there."""
     return bool(thing.unisim.uid) and original_of(scene, thing.unisim.kind, thing.unisim.uid) != thing

@@ -5,6 +5,7 @@ from . import (
     assets,
     background,
     check,
+    edits,
     ego,
     export_scenario,
     import_drive,
@@ -18,12 +19,14 @@ from . import (
     static_items,
     test_renderer,
     train,
+    variants,
 )
 
 MODULES = (
     import_drive,
     export_scenario,
     actors,
+    edits,
     looks,
     meshes,
     paths,
@@ -34,6 +37,7 @@ MODULES = (
     points,
     background,
     render_sequence,
+    variants,
     train,
     test_renderer,
     check,
