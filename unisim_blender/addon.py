@@ -4,7 +4,21 @@ from __future__ import annotations
 
 import bpy
 
-from . import client, clouds, engine, following, headless, menus, operators, overlay, panels, preferences, properties, view_types
+from . import (
+    client,
+    clouds,
+    engine,
+    following,
+    headless,
+    menus,
+    operators,
+    overlay,
+    panels,
+    preferences,
+    properties,
+    speed_overlay,
+    view_types,
+)
 from .bridge import neighbours
 from .registering import close_room, open_room
 
@@ -17,6 +31,7 @@ ROOMS = (
     *panels.MODULES,
     menus,
     overlay,
+    speed_overlay,
     clouds,
     view_types,
     engine,

@@ -128,7 +128,8 @@ def test_a_copy_that_is_shifted_leaves_its_source_alone(street: Any) -> None:
     bpy.ops.unisim.shift_actor(left_m=0.0, ahead_m=6.0, later_s=0.0)
     street.frame_set(5)
     assert len(read(street).edits) == 1
-    assert (copy.matrix_world.translation - thing(street, "ACTOR", uid).matrix_world.translation).length == pytest.approx(6, abs=0.1)
+    source = thing(street, "ACTOR", uid)
+    assert (copy.matrix_world.translation - source.matrix_world.translation).length == pytest.approx(6, abs=0.1)
 
 
 def test_displacing_keeps_how_keys_blend(street: Any) -> None:

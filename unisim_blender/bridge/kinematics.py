@@ -51,6 +51,24 @@ class Motion:
     curvature_1_m: FloatArray
 
 
+@dataclass(frozen=True)
+class Compared:
+    """An object's motion beside the recorded one, which is None for what nobody recorded. ``exceeded`` says where (N,) each
+    quantity of `QUANTITIES` exceeds its limit: nowhere for what stands as recorded, and for classes without limits."""
+
+    name: str
+    frames: FloatArray
+    now: Motion
+    recorded: Motion | None
+    is_edited: bool
+    exceeded: dict[str, BoolArray]
+
+    @property
+    def anywhere(self) -> BoolArray:
+        """Whether any limit is exceeded (N,)."""
+        return np.any(list(self.exceeded.values()), axis=0)
+
+
 QUANTITIES = ("acceleration_m_s2", "lateral_m_s2", "curvature_1_m")
 """The members that `Limits` and `Motion` share."""
 
@@ -91,15 +109,17 @@ def slopes(times_s: FloatArray, values: FloatArray, degree: int) -> FloatArray:
     count = len(times_s)
     degree = min(degree, count - 1)
     half = max(HALF_S, 1.01 * float(np.diff(times_s).max()))
+    first = np.searchsorted(times_s, times_s - half - 1e-9)
+    last = np.searchsorted(times_s, times_s + half + 1e-9)
+    while (few := last - first <= degree).any():  # one-sided and sparse
+        first, last = np.where(few, np.maximum(first - 1, 0), first), np.where(few, np.minimum(last + 1, count), last)
+    columns = first[:, None] + np.arange(int((last - first).max()))
+    weights = (columns < last[:, None]).astype(float)
+    near = np.minimum(columns, count - 1)
+    powers = ((times_s[near] - times_s[:, None]) / half)[..., None] ** np.arange(degree + 1) * weights[..., None]
     flat = values.reshape(count, -1)
-    out = np.empty_like(flat, dtype=float)
-    for i, now in enumerate(times_s):
-        near = np.flatnonzero(np.abs(times_s - now) <= half + 1e-9)
-        while len(near) <= degree:  # one-sided and sparse
-            near = np.arange(max(near[0] - 1, 0), min(near[-1] + 2, count))
-        powers = np.vander(times_s[near] - now, degree + 1, increasing=True)
-        out[i] = np.linalg.lstsq(powers, flat[near], rcond=None)[0][1]
-    return out.reshape(values.shape)
+    left, right = np.swapaxes(powers, 1, 2) @ powers, np.swapaxes(powers, 1, 2) @ flat[near]
+    return np.asarray(np.linalg.solve(left, right)[:, 1] / half).reshape(values.shape)
 
 
 def runs(mask: BoolArray) -> list[tuple[int, int]]:

@@ -10,6 +10,7 @@ from . import (
     import_drive,
     looks,
     meshes,
+    motion_settings,
     paths,
     points,
     render_sequence,
@@ -22,6 +23,7 @@ from . import (
 )
 
 MODULES = (
+    motion_settings,
     import_drive,
     export_scenario,
     actors,
