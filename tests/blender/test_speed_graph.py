@@ -44,6 +44,7 @@ def graph() -> Compared:
 def swerve(one: Any, left_m: float) -> None:
     """Displace an actor to the left within half a second."""
     for frame, left in ((5, 0.0), (10, left_m)):
+        bpy.context.scene.frame_set(frame)
         one.location = (0.0, left, 0.0)
         one.keyframe_insert("location", frame=frame)
 

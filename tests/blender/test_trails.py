@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import bpy
 import numpy as np
 from helpers import thing
 
@@ -45,6 +46,7 @@ def test_between_keys_a_way_is_as_blender_interpolates(street: Any) -> None:
     uid = next(u for u, a in sorted(drive.actors.items()) if a.is_moving and a.start_s <= 0)
     one = thing(street, "ACTOR", uid)
     for frame, left in ((4, 0.0), (14, 3.0)):  # Blender eases in and out
+        bpy.context.scene.frame_set(frame)
         one.location = (0.0, left, 0.0)
         one.keyframe_insert("location", frame=frame)
     way = way_of(one, clock)
