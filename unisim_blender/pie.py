@@ -93,7 +93,7 @@ SLOTS: dict[str, tuple[Slot | None, ...]] = {
         RENDER,
     ),
 }
-"""By kind of the active object, in Blender's order: left, right, below, above, then upper and lower corners, left before right."""
+"""By kind of the active object, in Blender's order: left, right, below, above, upper left and right, lower left and right."""
 
 
 def kind_of_active(context: bpy.types.Context) -> str:
