@@ -31,6 +31,7 @@ class UNISIM_MT_object(bpy.types.Menu):
         layout.operator("unisim.delete_actor")
         layout.operator("unisim.replace_look")
         layout.operator_menu_enum("unisim.retime_actor", "way")
+        layout.operator("unisim.shift_actor")
         layout.operator("unisim.follow_curve")
         layout.operator("unisim.snap_to_ground")
         layout.operator("unisim.mesh_actor")

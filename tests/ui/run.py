@@ -28,6 +28,7 @@ SESSIONS = {
     "first_drive": ["--enable-event-simulate"],
     "window": [],
     "hands": ["--enable-event-simulate"],
+    "motion": ["--enable-event-simulate"],
 }
 """What each file's Blender is started with besides; the one with simulated events hears no others."""
 ESC_S = 3.0

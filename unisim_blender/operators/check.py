@@ -9,6 +9,7 @@ from ..bridge.sampling import sample_all
 from ..bridge.selection import choose
 from ..bridge.source import source_of
 from ..core.errors import UnisimError
+from .motion_settings import limits_of
 from .polling import allowed, drive
 
 
@@ -28,7 +29,7 @@ class UNISIM_OT_check(bpy.types.Operator):
         scene, found = context.scene, context.window_manager.unisim_warnings
         try:
             drive = source_of(scene).drive
-            warnings = list(warnings_of(sample_all(scene, Clock.of(drive)), drive))
+            warnings = list(warnings_of(sample_all(scene, Clock.of(drive)), drive, limits_of(scene)))
         except (UnisimError, OSError) as fault:
             self.report({"ERROR"}, str(fault))
             return {"CANCELLED"}

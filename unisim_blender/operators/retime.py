@@ -7,6 +7,7 @@ import numpy as np
 from bpy.props import EnumProperty, FloatProperty
 
 from ..bridge.clock import Clock
+from ..bridge.durations import duration, instant, stretched
 from ..bridge.motion import retimed, stopped
 from ..bridge.refresh import refresh
 from ..bridge.sampling import frame_of
@@ -57,11 +58,19 @@ class UNISIM_OT_retime_actor(bpy.types.Operator):
             clock = Clock.of(source_of(context.scene).drive)
         except (UnisimError, OSError):
             return
+        for line in self.lines(float(clock.time_s(np.array(frame_of(context.scene)))), clock):
+            self.layout.label(text=line)
+
+    def lines(self, now_s: float, clock: Clock) -> list[str]:
+        """Return what the chosen way comes to, in seconds and in frames."""
         if self.way == "STRETCH":
-            first, last = clock.frame(np.array([self.first_s, self.last_s]))
-            self.layout.label(text=f"Frames {first:.1f} to {last:.1f}")
-        elif self.way != "SPEED":
-            self.layout.label(text=f"{self.seconds * clock.rate:.1f} frames")
+            return stretched(self.first_s, self.last_s, self.speed, clock)
+        if self.way == "SPEED":
+            return [f"From {instant(now_s, clock)} on", f"What takes 1 s takes {duration(1 / self.speed, clock)}"]
+        if self.way == "STOP":
+            stands = abs(self.seconds)
+            return [f"Stands for {duration(stands, clock)}", f"From {instant(now_s, clock)} to {instant(now_s + stands, clock)}"]
+        return [f"{duration(abs(self.seconds), clock)} {'later' if self.seconds >= 0 else 'earlier'}"]
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Move keys."""
@@ -80,6 +89,7 @@ class UNISIM_OT_retime_actor(bpy.types.Operator):
             else:
                 retimed(thing, self.later(now, clock))
         refresh(actors)
+        self.report({"INFO"}, "; ".join(self.lines(float(clock.time_s(np.array(now))), clock)))
         return {"FINISHED"}
 
     def later(self, now: float, clock: Clock) -> Callable[[FloatArray], FloatArray]:
