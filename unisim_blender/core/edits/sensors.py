@@ -58,7 +58,12 @@ def _camera(drive: Drive, spec: CameraSpec, place: str, context: Context) -> Cam
     model = _new_camera_model(spec, place) if base is None else _changed_camera_model(base.model, spec, place)
     recorded = None if base is None else base.world_from_camera
     way = _way(drive, spec, recorded, FRONT_FROM_OPTICAL, context, place)
-    return Camera(spec.id, model, way, _times(drive, base, spec.time_offset_s or 0.0))
+    return Camera(spec.id, model, way, _times(drive, base, spec.time_offset_s or 0.0), _sees_ego_body(spec))
+
+
+def _sees_ego_body(spec: CameraSpec | LidarSpec) -> bool:
+    """Whether a sensor sees the ego vehicle's body: unless told otherwise, one that does not ride on the vehicle does."""
+    return spec.trajectory is not None if spec.sees_ego_body is None else spec.sees_ego_body
 
 
 def _shutter(shutter: Shutter | None, old: RollingShutter) -> RollingShutter:
@@ -113,7 +118,7 @@ def _lidar(drive: Drive, spec: LidarSpec, place: str, context: Context) -> Lidar
     blocked = None
     if base is not None and base.model is model and way is base.world_from_lidar:
         blocked = base.blocked  # what the vehicle hides is known for the recorded beams on the recorded mount alone
-    return Lidar(spec.id, model, way, _times(drive, base, 0.0), blocked)
+    return Lidar(spec.id, model, way, _times(drive, base, 0.0), blocked, _sees_ego_body(spec))
 
 
 def _lidar_model(old: LidarModel | None, spec: LidarSpec, place: str) -> LidarModel:

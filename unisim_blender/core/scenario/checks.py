@@ -18,6 +18,7 @@ from .types import (
     Duplicate,
     Edit,
     Ego,
+    EgoBody,
     FrameRange,
     Insert,
     InsertMesh,
@@ -130,6 +131,8 @@ def check_edit(edit: Edit, place: str) -> None:
         _check_retime(edit, place)
     elif isinstance(edit, CopyStatic):
         check_rotation(edit.target, f"{place}.target")
+    elif isinstance(edit, EgoBody):
+        check_rotation(edit.mount, f"{place}.mount")
     elif isinstance(edit, Ego):
         given = [name for name in ("shift_left_m", "shift", "trajectory") if getattr(edit, name) is not None]
         _require(len(given) == 1, place, "needs shift_left_m, shift or trajectory, one of them")
