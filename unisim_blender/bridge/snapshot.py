@@ -73,7 +73,7 @@ def camera_request(
 
 def indices(sampled: Sampled) -> dict[str, int]:
     """Blender's pass index of each actor, by the id that a scenario has for it."""
-    actors = list(sampled.of("ACTOR"))
+    actors = list(sampled.of("ACTOR", "BODY"))
     return {**{thing.uid: thing.index for thing in actors if thing.is_original}, **{thing.name: thing.index for thing in actors}}
 
 

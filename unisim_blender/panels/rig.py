@@ -14,6 +14,11 @@ class UNISIM_PT_ego(DrivePanel, bpy.types.Panel):
 
     def draw(self, context: bpy.types.Context) -> None:
         """Draw the operators."""
+        bodies = [thing.name for thing in context.scene.objects if thing.unisim.kind == "BODY"]
+        column = self.layout.column(align=True)
+        row_of(column, "Body", ", ".join(bodies), "AUTO")
+        column.operator("unisim.ego_body", icon="MESH_MONKEY")
+        column.operator("unisim.release_ego_body", icon="X")
         self.layout.operator("unisim.shift_ego", icon="ARROW_LEFTRIGHT")
 
 
