@@ -83,7 +83,12 @@ def _sighted(spec: Spec, thing: Thing, sampled: Sampled) -> Spec:
 def sensor_id(thing: Thing, drive: Drive) -> str:
     """What a scenario calls a sensor: as the log does, or after the object; names of files are made of it."""
     recorded = thing.uid in drive.cameras or thing.uid in drive.lidars
-    return thing.uid if recorded and thing.is_original else re.sub(r"[^A-Za-z0-9_.-]|^[.-]", "_", thing.name)
+    return thing.uid if recorded and thing.is_original else safe_name(thing.name)
+
+
+def safe_name(text: str) -> str:
+    """A name of a sensor that a file's name can be made of."""
+    return re.sub(r"[^A-Za-z0-9_.-]|^[.-]", "_", text)
 
 
 def _camera(thing: Thing, world_from_ego: FloatArray, drive: Drive, clock: Clock) -> CameraSpec:

@@ -45,13 +45,18 @@ def scenario_schema() -> dict[str, Any]:
 
 def check_document(document: Any, path: Path) -> None:
     """Raise `ScenarioError` for the first fault, in the file's order, that the schema finds in a JSON value."""
+    check_by_schema(document, scenario_schema(), path)
+
+
+def check_by_schema(document: Any, schema: dict[str, Any], path: Path) -> None:
+    """Raise `ScenarioError` for the first fault that a schema, with ``format`` and ``version``, finds in a file's JSON value."""
     from jsonschema import Draft202012Validator  # here, so that scenarios can be written where only numpy is installed
 
-    if isinstance(document, dict) and document.get("format") == "unisim-scenario":
+    if isinstance(document, dict) and document.get("format") == schema["properties"]["format"]["const"]:
         version = document.get("version")
         if isinstance(version, int) and version > 1:
             raise ScenarioError(f"{path}: has version {version}, newer than the 1 that this program reads")
-    faults = Draft202012Validator(scenario_schema()).iter_errors(document)
+    faults = Draft202012Validator(schema).iter_errors(document)
     first = min(faults, key=lambda fault: [str(step).zfill(8) for step in fault.absolute_path], default=None)
     if first is not None:
         message = first.message if len(first.message) <= 200 else f"{first.message[:120]} … {first.message[-60:]}"
