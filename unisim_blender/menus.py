@@ -36,6 +36,8 @@ class UNISIM_MT_object(bpy.types.Menu):
         layout.operator("unisim.snap_to_ground")
         layout.operator("unisim.mesh_actor")
         layout.operator("unisim.release_mesh")
+        layout.operator("unisim.ego_body")
+        layout.operator("unisim.release_ego_body")
         layout.separator()
         layout.operator("unisim.mark_static")
         layout.operator("unisim.copy_static")

@@ -22,7 +22,13 @@ KINDS = (
     ("ACTOR", "Actor", "An annotated thing: a car, a person, a cone"),
     ("STATIC", "Static item", "A box of space round something without annotation"),
     ("POINTS", "LiDAR points", "A sweep's returns"),
+    ("BODY", "Ego body", "A mesh that is the ego vehicle's body, which its own sensors do not see"),
     ("TRAJECTORY", "Trajectory", "What carries the keys of an object that rides on it"),
+)
+SIGHTS = (
+    ("AUTO", "Off the vehicle", "It sees the body of the ego vehicle unless it rides on the vehicle"),
+    ("ALWAYS", "Always", "It sees the body of the ego vehicle wherever it is, as a camera that follows the vehicle does"),
+    ("NEVER", "Never", "It does not see the body of the ego vehicle"),
 )
 QUALITIES = (
     ("fast", "Fast", "Long steps, and fewer pixels by themselves"),
@@ -64,6 +70,7 @@ class UniSimObject(bpy.types.PropertyGroup):
     mesh: BoolProperty(name="Mesh", description="Whether its own surface, with all that is parented to it, is what sensors see")
     label: StringProperty(name="Class", description="The class of an actor that is a mesh")
     model: StringProperty(name="Sensor", description="Exact intrinsics or beam table, as JSON")
+    sees_ego_body: EnumProperty(name="Sees ego body", description="Whether a sensor sees the ego vehicle's body", items=SIGHTS)
     stamp: StringProperty(description="Another one whenever LiDAR points are")
     called: StringProperty(description="What a scenario calls it, where it was copied with a variant")
     called_as: StringProperty(description="The name with which that holds")

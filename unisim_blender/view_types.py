@@ -14,6 +14,7 @@ from typing import Any
 import bpy
 
 from .bridge.backgrounds import sees_recorded_image
+from .bridge.ego_bodies import show_bodies, shown_as, to_follow
 from .bridge.source import source_of
 from .bridge.windows import areas
 from .core.errors import UnisimError
@@ -76,6 +77,19 @@ def draw() -> None:
         getattr(space, switch) for switch in off
     ):
         follow_soon()
+    elif to_follow(bpy.context.scene, bodies_shown_as(bpy.context.scene)):
+        follow_soon()
+
+
+def bodies_shown_as(scene: bpy.types.Scene) -> str:
+    """Return how all 3D views of a scene draw the ego vehicle's body, by the cameras that they look through."""
+    through = []
+    for window in bpy.context.window_manager.windows:
+        for area in window.screen.areas if window.scene == scene else ():
+            region = area.spaces.active.region_3d if area.type == "VIEW_3D" else None
+            if region is not None:
+                through.append(scene.camera if region.view_perspective == "CAMERA" else None)
+    return shown_as(scene, through)
 
 
 def follow_soon(*_: object) -> None:
@@ -97,6 +111,10 @@ def _follow() -> None:
                 setattr(space, switch, False)
             noted[index] = off
         window.screen[NOTED] = {str(index): " ".join(sorted(off)) for index, off in noted.items() if off}
+    for scene in {window.scene for window in bpy.context.window_manager.windows}:
+        drawn = bodies_shown_as(scene)
+        if to_follow(scene, drawn):
+            show_bodies(scene, drawn, scene.view_layers)
     for area in areas("VIEW_3D"):
         area.tag_redraw()
 

@@ -83,9 +83,20 @@ def _steps(scene: bpy.types.Scene, source: Source, kept: set[str]) -> Iterator[S
         fit_resolution(scene)
 
 
+def import_sensors(scene: bpy.types.Scene, source: Source, names: set[str]) -> None:
+    """Make objects of recorded sensors that were deleted, as the import makes them."""
+    ego, clock = next(things(scene, "EGO")), Clock.of(source.drive)
+    for name, camera in source.drive.cameras.items():
+        if name in names:
+            _camera(scene, source, camera, ego, clock)
+    for name, lidar in source.drive.lidars.items():
+        if name in names:
+            _lidar(scene, source.drive, lidar, ego, clock)
+
+
 def front_camera(scene: bpy.types.Scene) -> bpy.types.Object | None:
     """Return the camera of the rig that looks furthest ahead along the vehicle; None where there is none."""
-    cameras = list(things(scene, "CAMERA"))
+    cameras = [camera for camera in things(scene, "CAMERA") if not camera.hide_render]
     return max(cameras, key=lambda camera: -local_matrix(camera, scene.frame_current)[0][2], default=None)
 
 

@@ -22,7 +22,7 @@ from .clock import Clock
 from .meshes import file_of, size_of
 from .meshes import model_of as model_of_mesh
 from .poses import rigid, scales_of
-from .things import KINDS_OF_DRIVE, things, title_of
+from .things import KINDS_OF_DRIVE, sees_body, things, title_of
 
 SetFrame = Callable[[int], object]
 
@@ -32,9 +32,10 @@ class Thing:
     """An object of the drive at N frames: poses (N, 4, 4) in Blender's axes, whether it is there (N,); the rest as its properties
     have it. ``camera`` is a camera's intrinsics, ``index`` Blender's pass index, ``size_m`` (3,) what its mesh measures; ``mesh``
     is the file of the model that an actor's own surface is, whose middle the poses are of, and ``label`` its class. ``scale``
-    (3,) is how much larger it is drawn along its axes than it is, negative where it is mirrored. ``called`` is its name in the
-    scenario where that is not ``name``. For the edits list alone: ``ridden`` are the poses (N, 4, 4) of its trajectory, ``span``
-    the frames of that one's first and last key."""
+    (3,) is how much larger it is drawn along its axes than it is, negative where it is mirrored. ``sees_body``: whether meshes
+    that are the ego vehicle's body are visible to it. ``called`` is its name in the scenario where that is not ``name``. For the
+    edits list alone: ``ridden`` are the poses (N, 4, 4) of its trajectory, ``span`` the frames of that one's first and last
+    key."""
 
     name: str
     kind: str
@@ -51,6 +52,7 @@ class Thing:
     mesh: str = ""
     label: str = ""
     scale: tuple[float, ...] = (1.0, 1.0, 1.0)
+    sees_body: bool = True
     called: str = ""
     ridden: FloatArray | None = None
     span: tuple[float, float] | None = None
@@ -155,6 +157,7 @@ def sample(
                 label=thing.unisim.label,
                 scale=(1.0, 1.0, 1.0) if thing.unisim.mesh else tuple(scales[i].tolist()),
                 called=title_of(thing),
+                sees_body=sees_body(thing),
             )
             for i, thing in enumerate(found)
         ),

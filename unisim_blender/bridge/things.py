@@ -12,10 +12,10 @@ from ..core.geometry import FloatArray
 
 COLLECTIONS = {
     "EGO": "Ego", "CAMERA": "Sensors", "LIDAR": "Sensors", "ACTOR": "Actors", "STATIC": "Static items", "POINTS": "LiDAR points",
-    "TRAJECTORY": "Trajectories",
+    "TRAJECTORY": "Trajectories", "BODY": "Ego",
 }  # fmt: skip
 ROOT = "UniSim"
-KINDS_OF_DRIVE = ("EGO", "CAMERA", "LIDAR", "ACTOR", "STATIC")
+KINDS_OF_DRIVE = ("EGO", "CAMERA", "LIDAR", "ACTOR", "STATIC", "BODY")
 """Kinds of objects that a scenario is read from."""
 
 COLOURS = {
@@ -31,6 +31,35 @@ def things(scene: bpy.types.Scene, *kinds: str) -> Iterator[bpy.types.Object]:
     for thing in sorted(scene.objects, key=lambda o: o.name):
         if thing.unisim.kind in kinds:
             yield thing
+
+
+def rides_on_ego(thing: bpy.types.Object) -> bool:
+    """Return whether an object is the ego vehicle or rides on it: by its parents, or by a constraint to what rides there."""
+    above: bpy.types.Object | None = thing
+    while above is not None:
+        if above.unisim.kind == "EGO":
+            return True
+        targets = [getattr(constraint, "target", None) for constraint in above.constraints if not constraint.mute]
+        if any(_parented_to_ego(target) for target in targets if target is not None):
+            return True
+        above = above.parent
+    return False
+
+
+def sees_body(thing: bpy.types.Object) -> bool:
+    """Return whether what looks through an object sees the ego vehicle's body: all but sensors on the vehicle, unless it is told
+    otherwise."""
+    if thing.unisim.kind not in ("CAMERA", "LIDAR"):
+        return True
+    told = thing.unisim.sees_ego_body
+    return told == "ALWAYS" if told != "AUTO" else not rides_on_ego(thing)
+
+
+def _parented_to_ego(thing: bpy.types.Object) -> bool:
+    above: bpy.types.Object | None = thing
+    while above is not None and above.unisim.kind != "EGO":
+        above = above.parent
+    return above is not None
 
 
 def has_drive(scene: bpy.types.Scene) -> bool:

@@ -85,7 +85,8 @@ def gather_cast(drive: Drive, recorded: Drive, looks: Mapping[str, Sequence[str]
         removals=drive.static_removals + (() if one_field else vacated(recorded, drive)),
         targets=tuple(_target(drive, copy) for copy in drive.static_copies),
         sources=tuple(copy.source for copy in drive.static_copies),
-        extras=Extras(on_stage(drive, (a for a in actors if a.look.mesh))),
+        # ego bodies last: the numbers of other meshes are the same for sensors that do not see them
+        extras=Extras(sorted(on_stage(drive, (a for a in actors if a.look.mesh)), key=lambda a: a.is_ego_body)),
     )
 
 

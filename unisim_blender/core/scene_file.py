@@ -161,6 +161,7 @@ def _camera_to_json(camera: Camera) -> dict[str, Any]:
         "model": asdict(camera.model),
         "world_from_camera": trajectory_to_json(camera.world_from_camera),
         "time_s": _times_to_json(camera.time_s),
+        **({"sees_ego_body": True} if camera.sees_ego_body else {}),
     }
 
 
@@ -194,6 +195,8 @@ def _lidar_to_json(lidar: Lidar) -> dict[str, Any]:
         "world_from_lidar": trajectory_to_json(lidar.world_from_lidar),
         "time_s": _times_to_json(lidar.time_s),
     }
+    if lidar.sees_ego_body:
+        result["sees_ego_body"] = True
     if lidar.blocked is not None:
         result["blocked"] = base64.b64encode(np.packbits(lidar.blocked.astype(bool)).tobytes()).decode("ascii")
     return result
@@ -246,6 +249,7 @@ def _actor_to_json(actor: Actor) -> dict[str, Any]:
         "look": {"actor": actor.look.actor, "scene": actor.look.scene, **({"mesh": actor.look.mesh} if actor.look.mesh else {})},
         "inserted": bool(actor.inserted),
         **({"scale": list(actor.scale)} if actor.is_scaled else {}),
+        **({"is_ego_body": True} if actor.is_ego_body else {}),
     }
 
 

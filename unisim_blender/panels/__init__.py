@@ -1,5 +1,5 @@
 """What users see in the sidebar, one file a subject: drawing only."""
 
-from . import actor, drive, edits, motion, output, rig, variants
+from . import actor, drive, edits, motion, output, rig, sensors, variants
 
-MODULES = (drive, actor, motion, edits, variants, rig, output)
+MODULES = (drive, actor, motion, edits, variants, rig, output, sensors)

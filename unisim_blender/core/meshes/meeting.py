@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..colour import srgb_from_linear
-from ..drive import Actor, Camera
+from ..drive import Actor, Camera, Lidar
 from ..geometry import BoolArray, FloatArray
 from ..sensors.camera import camera_rays
 from ..sensors.rays import Rays
@@ -71,7 +71,7 @@ class Met:
 
 
 class Extras:
-    """Actors that are meshes, with their windows as `cast.on_stage` gives them."""
+    """Actors that are meshes, with their windows as `cast.on_stage` gives them; bodies of the ego vehicle come last."""
 
     def __init__(self, actors: Sequence[Actor]) -> None:
         self.actors = tuple(actors)
@@ -80,6 +80,15 @@ class Extras:
     def uids(self) -> tuple[str, ...]:
         """Their ids."""
         return tuple(actor.uid for actor in self.actors)
+
+    def seen_by(self, sensor: Camera | Lidar) -> Extras:
+        """Those that a sensor can see; each has the same number as among all."""
+        return self if sensor.sees_ego_body else self._without_bodies
+
+    @cached_property
+    def _without_bodies(self) -> Extras:
+        others = [actor for actor in self.actors if not actor.is_ego_body]
+        return self if len(others) == len(self.actors) else Extras(others)
 
     @cached_property
     def meshes(self) -> list[Mesh]:

@@ -18,6 +18,7 @@ from .types import (
     Duplicate,
     Edit,
     Ego,
+    EgoBody,
     FrameRange,
     Insert,
     InsertMesh,
@@ -48,13 +49,18 @@ def scenario_schema() -> dict[str, Any]:
 
 def check_document(document: Any, path: Path) -> None:
     """Raise `ScenarioError` for the first fault, in the file's order, that the schema finds in a JSON value."""
+    check_by_schema(document, scenario_schema(), path)
+
+
+def check_by_schema(document: Any, schema: dict[str, Any], path: Path) -> None:
+    """Raise `ScenarioError` for the first fault that a schema, with ``format`` and ``version``, finds in a file's JSON value."""
     from jsonschema import Draft202012Validator  # here, so that scenarios can be written where only numpy is installed
 
-    if isinstance(document, dict) and document.get("format") == "unisim-scenario":
+    if isinstance(document, dict) and document.get("format") == schema["properties"]["format"]["const"]:
         version = document.get("version")
         if isinstance(version, int) and version > 1:
             raise ScenarioError(f"{path}: has version {version}, newer than the 1 that this program reads")
-    faults = Draft202012Validator(scenario_schema()).iter_errors(document)
+    faults = Draft202012Validator(schema).iter_errors(document)
     first = min(faults, key=lambda fault: [str(step).zfill(8) for step in fault.absolute_path], default=None)
     if first is not None:
         message = first.message if len(first.message) <= 200 else f"{first.message[:120]} … {first.message[-60:]}"
@@ -136,6 +142,8 @@ def check_edit(edit: Edit, place: str) -> None:
         _require(scales(edit.factors), f"{place}.factors", f"{list(edit.factors)} {UNSCALABLE}")
     elif isinstance(edit, CopyStatic):
         check_rotation(edit.target, f"{place}.target")
+    elif isinstance(edit, EgoBody):
+        check_rotation(edit.mount, f"{place}.mount")
     elif isinstance(edit, Ego):
         given = [name for name in ("shift_left_m", "shift", "trajectory") if getattr(edit, name) is not None]
         _require(len(given) == 1, place, "needs shift_left_m, shift or trajectory, one of them")

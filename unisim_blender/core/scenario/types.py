@@ -125,6 +125,17 @@ class InsertMesh:
 
 
 @dataclass(frozen=True)
+class EgoBody:
+    """A mesh out of a file that is the ego vehicle's body: it rides at ``mount``, and the vehicle's own sensors do not see it."""
+
+    type: ClassVar[str] = "ego_body"
+    mesh: str
+    id: str
+    mount: Placement
+    label: str | None = None
+
+
+@dataclass(frozen=True)
 class Move:
     """A new trajectory, or a place to stand."""
 
@@ -198,10 +209,11 @@ class Ego:
 
 
 Edit = Union[  # noqa: UP007 read at run time
-    Remove, Duplicate, Insert, InsertMesh, Move, Retime, Swap, Scale, CopyStatic, RemoveStatic, Ego
+    Remove, Duplicate, Insert, InsertMesh, EgoBody, Move, Retime, Swap, Scale, CopyStatic, RemoveStatic, Ego
 ]  # fmt: skip
 EDIT_TYPES = {
-    kind.type: kind for kind in (Remove, Duplicate, Insert, InsertMesh, Move, Retime, Swap, Scale, CopyStatic, RemoveStatic, Ego)
+    kind.type: kind
+    for kind in (Remove, Duplicate, Insert, InsertMesh, EgoBody, Move, Retime, Swap, Scale, CopyStatic, RemoveStatic, Ego)
 }
 
 
@@ -231,6 +243,7 @@ class CameraSpec:
     mount: Placement | None = None
     mount_offset: Offset | None = None
     trajectory: tuple[Keyframe, ...] | None = None
+    sees_ego_body: bool | None = None
 
 
 @dataclass(frozen=True)
@@ -252,6 +265,7 @@ class LidarSpec:
     mount: Placement | None = None
     mount_offset: Offset | None = None
     trajectory: tuple[Keyframe, ...] | None = None
+    sees_ego_body: bool | None = None
 
 
 @dataclass(frozen=True)
