@@ -16,12 +16,13 @@ import numpy as np
 from ..core.drive import CameraModel
 from ..core.errors import UnisimError
 from ..core.geometry import BoolArray, FloatArray
-from .animation import keys_hide
+from .animation import keys_hide, scale_changes
 from .cameras import model_of
 from .clock import Clock
-from .meshes import file_of, size_of
+from .meshes import extent_of, file_of
 from .meshes import model_of as model_of_mesh
-from .poses import rigid, scales_of
+from .poses import rigid
+from .scaling import CHANGING, Scaling, scaling_of
 from .things import KINDS_OF_DRIVE, things
 
 SetFrame = Callable[[int], object]
@@ -30,9 +31,9 @@ SetFrame = Callable[[int], object]
 @dataclass(frozen=True)
 class Thing:
     """An object of the drive at N frames: poses (N, 4, 4) in Blender's axes, whether it is there (N,); the rest as its properties
-    have it. ``camera`` is a camera's intrinsics, ``index`` Blender's pass index, ``size_m`` (3,) what its mesh measures; ``mesh``
-    is the file of the model that an actor's own surface is, whose middle the poses are of, and ``label`` its class. ``scale``
-    (3,) is how much larger it is drawn along its axes than it is, negative where it is mirrored."""
+    have it. ``camera`` is a camera's intrinsics, ``index`` Blender's pass index, ``size_m`` (3,) how large it is drawn; ``mesh``
+    is the file of the model that an actor's own surface is, whose middle the poses are of, and ``label`` its class. ``scaling``
+    is how much larger it is drawn than it was imported; a mesh's scale is in its model."""
 
     name: str
     kind: str
@@ -48,7 +49,7 @@ class Thing:
     size_m: tuple[float, ...] = (0.0, 0.0, 0.0)
     mesh: str = ""
     label: str = ""
-    scale: tuple[float, ...] = (1.0, 1.0, 1.0)
+    scaling: Scaling = Scaling()
 
     @property
     def is_original(self) -> bool:
@@ -115,9 +116,11 @@ def sample(
             matrices[i, at] = now.matrix_world
             there[i, at] = not (now.hide_viewport and keyed[i]) and not now.hide_render and thing.name in shown
     poses = rigid(matrices)
-    scales = scales_of(matrices, poses)
+    scalings = [_scaling(thing, matrices[i], poses[i], there[i]) for i, thing in enumerate(found)]
     size = picture_size(scene.render)
-    extents = [tuple(size_of(thing).tolist()) for thing in found]
+    extents = [
+        tuple((extent_of(thing) * np.array(scaling.factors)).tolist()) for thing, scaling in zip(found, scalings, strict=True)
+    ]
     files = [""] * len(found)
     for i, thing in enumerate(found):
         if thing.unisim.mesh and there[i].any():
@@ -143,12 +146,18 @@ def sample(
                 size_m=extents[i],
                 mesh=files[i],
                 label=thing.unisim.label,
-                scale=(1.0, 1.0, 1.0) if thing.unisim.mesh else tuple(scales[i].tolist()),
+                scaling=scalings[i],
             )
             for i, thing in enumerate(found)
         ),
         {item.name: item.model for item in scene.unisim.static_items},
     )
+
+
+def _scaling(thing: bpy.types.Object, matrices: FloatArray, poses: FloatArray, there: BoolArray) -> Scaling:
+    scaling = Scaling() if thing.unisim.mesh else scaling_of(matrices, poses, there)
+    # keys tell it whichever frames are looked at
+    return Scaling(scaling.factors, CHANGING) if not scaling.fault and scale_changes(thing) else scaling
 
 
 def picture_size(render: bpy.types.RenderSettings) -> tuple[int, int]:
