@@ -117,7 +117,10 @@ def test_edits_apply_in_order() -> None:
         ([by(0.05, 1, 1)], "edits[0].factors: [0.05, 1, 1] must lie between 0.1 and 10 along each axis"),
         ([by(1, -1, 1)], "edits[0].factors: [1, -1, 1] must lie between 0.1 and 10 along each axis"),
         ([by(1, 1, 11)], "edits[0].factors: [1, 1, 11] must lie between 0.1 and 10 along each axis"),
-        ([by(4, 1, 1), by(4, 1, 1)], 'edits[1].factors: with the edits before, "car" is scaled by [16.0, 1.0, 1.0], which must lie'),
+        (
+            [by(4, 1, 1), by(4, 1, 1)],
+            'edits[1].factors: with the edits before, "car" is scaled by [16.0, 1.0, 1.0], which must lie',
+        ),
         ([by(1, 1, 1, actor="bus")], 'edits[0].actor: no actor "bus" in the log'),
         ([{"type": "scale", "actor": "car", "factors": [1, 2]}], "edits[0].factors: [1, 2] is too short"),
         ([{"type": "scale", "actor": "car", "factors": 2}], "edits[0].factors: 2 is not of type 'array'"),
@@ -159,7 +162,9 @@ def aimed(actor: Actor, n: int, times: FloatArray, seed: int = 0) -> FloatArray:
 
 
 def moving(size: FloatArray = SIZE, uid: str = "car") -> Actor:
-    way = Trajectory(np.array([0.0, 0.5]), np.array([[-8.0, -1.0, 1.2], [-4.0, 2.0, 1.2]]), quaternion_from_yaw(np.array([0.3, 1.1])))
+    way = Trajectory(
+        np.array([0.0, 0.5]), np.array([[-8.0, -1.0, 1.2], [-4.0, 2.0, 1.2]]), quaternion_from_yaw(np.array([0.3, 1.1]))
+    )
     return still(uid, [0, 0, 0], size, world_from_actor=way, is_moving=True)
 
 
@@ -315,7 +320,9 @@ def test_surfaces_are_followed_alike_whatever_the_scale(tmp_path: Path, quality:
     found, spent = [], []
     for actor, k in ((near, 1.0), (scaled(near, 2.0, 2.0, 2.0), 2.0)):
         rays, stats = towards(centre, centre + k * np.array([-5.0, 1.5, 1.0]), k * np.array([1.8, 0.9, 0.7])), RenderStats()
-        found.append(CompiledTracer(scene, drive_of([actor]), quality).trace(rays, {"depth", "instance", "normal"}, False, None, stats))
+        found.append(
+            CompiledTracer(scene, drive_of([actor]), quality).trace(rays, {"depth", "instance", "normal"}, False, None, stats)
+        )
         spent.append(stats.samples_spent)
     mine = (found[0].maps["instance"] == 1) & (found[1].maps["instance"] == 1)
     assert mine.mean() > 0.3

@@ -225,7 +225,6 @@ def _lidar(scene: bpy.types.Scene, drive: Drive, lidar: Lidar, ego: bpy.types.Ob
 
 def _actor(scene: bpy.types.Scene, drive: Drive, actor: Actor, clock: Clock) -> bpy.types.Object:
     thing = make(scene, "ACTOR", actor.uid, f"{actor.label} {actor.uid[:6]}", box_mesh(actor.size_m, actor.label))
-    thing.scale = actor.scale
     thing.show_wire, thing.color = True, (1.0, 1.0, 1.0, 1.0)
     go(thing, actor, drive, clock)
     return thing

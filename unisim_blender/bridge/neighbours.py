@@ -113,7 +113,9 @@ def step_beside(scene: bpy.types.Scene, clock: Clock, moved: Sequence[bpy.types.
         bpy.data.scenes.remove(beside)
     poses = rigid(matrices)
     new = {
-        thing.name: Stepped(poses[0, i], poses[1:, i], there[1:, i], scaling_of(matrices[1:, i], poses[1:, i], there[1:, i]).fault)
+        thing.name: Stepped(
+            poses[0, i], poses[1:, i], there[1:, i], scaling_of(matrices[1:, i], poses[1:, i], there[1:, i]).fault
+        )
         for i, thing in enumerate(moved)
     }
     _stepped[scene.name] = moment, _known(scene, clock) | new

@@ -100,9 +100,7 @@ def swap(drive: Drive, edit: Swap, place: str, context: Context) -> Drive:
     trajectory = beside(actor.world_from_actor, (0.0, 0.0, raised), None, None) if raised else actor.world_from_actor
     return _with(
         drive,
-        replace(
-            actor, label=look.label, size_m=look.size_m, look=look.look, world_from_actor=trajectory, scale=(1.0, 1.0, 1.0)
-        ),
+        replace(actor, label=look.label, size_m=look.size_m, look=look.look, world_from_actor=trajectory, scale=(1.0, 1.0, 1.0)),
     )
 
 
