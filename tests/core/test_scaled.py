@@ -169,7 +169,7 @@ def moving(size: FloatArray = SIZE, uid: str = "car") -> Actor:
 
 
 def first_inside(actor: Actor, body: Any, directions: FloatArray, times: FloatArray) -> FloatArray:
-    """Where rays from the eye first are where a field is negative (N,): every millimetre asked, at the place without the scale."""
+    """Where rays from the eye (N,) first are in a field's negative part: asked every millimetre, at the place without scale."""
     t = np.arange(8, 24, 0.001)
     out = np.full(len(directions), np.inf)
     for i, (d, time) in enumerate(zip(directions, times, strict=True)):

@@ -119,7 +119,7 @@ def scaled_sentence(thing: bpy.types.Object) -> str:
 
 
 def extent_of(thing: bpy.types.Object) -> FloatArray:
-    """An object's extent (3,) along its own axes without its scale; of an actor that is a mesh, with it and with all its parts."""
+    """An object's extent (3,) along its own axes without its scale; of an actor that is a mesh, with it and all its parts."""
     if not thing.unisim.mesh:
         return np.ptp(np.array(thing.bound_box, float), axis=0)
     corners = corners_of(thing, lambda part: _within(part, thing))
