@@ -16,7 +16,7 @@ from hands import click, drop, edits, key, middle, place, scenario, thing, to
 from session import ARCHIVE, MODULE, OUT, SCENE, area, inside, picture, results, screenshot, start, until, view, wait_for_picture
 from tasks import bare_view, begin, changed, differing, seen, task
 
-STEP = 1 / 255
+BYTE = 1 / 255
 chosen: dict[str, str] = {}
 """Names of the cars that the session works on: one that stands, one that drives."""
 
@@ -110,16 +110,16 @@ def stretched_car() -> Iterator[float]:
     yield from pick(car)
 
     def typed() -> Iterator[float]:
-        yield from scaled_by(("Z",), ("Z",), ("ONE", "1"), ("PERIOD", "."), ("FOUR", "4"))
-        yield from until(lambda: abs(thing(car).scale.z - 1.4) < 1e-5, "not scaled")
+        yield from scaled_by(("Z",), ("ONE", "1"), ("PERIOD", "."), ("FOUR", "4"))
+        yield from until(lambda: abs(thing(car).scale.z - 1.4) < 1e-3, "not scaled")
 
     yield from follows(typed, "the image does not follow the scale along z")
-    assert factors()[thing(car).unisim.uid] == (1.0, 1.0, 1.4)
+    assert np.allclose(factors()[thing(car).unisim.uid], (1.0, 1.0, 1.4), atol=1e-3)
     yield from to(*middle(area("VIEW_3D")))
     yield from key("RIGHT_ARROW")
     yield from until(lambda: bpy.context.scene.frame_current == 8, "the next frame is not shown")
     yield from wait_for_picture()
-    assert tuple(thing(car).scale)[:2] == (1.0, 1.0) and abs(thing(car).scale.z - 1.4) < 1e-5
+    assert np.allclose(thing(car).scale, (1.0, 1.0, 1.4), atol=1e-3), "the next frame puts it back"
     assert [kind for kind, _ in edits()].count("Scale") == 2
 
 
@@ -133,7 +133,7 @@ def copied_car() -> Iterator[float]:
     yield from until(lambda: len(bpy.context.scene.objects) == count + 1, "not copied")
     yield from wait_for_picture()
     copy = bpy.context.view_layer.objects.active.name
-    assert factors()[copy] == (1.0, 1.0, 1.4), factors()
+    assert factors()[copy] == factors()[thing(car).unisim.uid], factors()
     screenshot("scale_copy")
     yield from follows(lambda: _removed(copy), "the image does not follow the removal")
 
@@ -195,8 +195,8 @@ def same_render() -> Iterator[float]:
     written = np.array(image.pixels[:], np.float32).reshape(*image.size[::-1], -1)[::-1, :, :3]
     assert written.shape == linear.shape, (written.shape, linear.shape)
     srgb = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * np.maximum(linear, 1e-8) ** (1 / 2.4) - 0.055)
-    results["render_and_view_differ"] = float(np.abs(srgb - written).max() / STEP)
-    assert np.abs(srgb - written).max() <= STEP, f"they differ by {np.abs(srgb - written).max() / STEP:.2f} of 255"
+    results["render_and_view_differ"] = float(np.abs(srgb - written).max() / BYTE)
+    assert np.abs(srgb - written).max() <= BYTE, f"they differ by {np.abs(srgb - written).max() / BYTE:.2f} of 255"
 
 
 def steps() -> Iterator[float]:
