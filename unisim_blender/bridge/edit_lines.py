@@ -26,6 +26,7 @@ from ..core.scenario.types import (
     Offset,
     Remove,
     RemoveStatic,
+    Scale,
     Swap,
 )
 from .clock import Clock
@@ -35,10 +36,11 @@ from .read_actors import actor_edits, original, recorded_poses, recorded_there
 from .read_rig import ego_edits, sensors_of
 from .read_static import static_edits
 from .sampling import Sampled, Thing
+from .scaling import scale_text
 
 ICONS = {
     "REMOVE": "TRASH", "APPEARANCE": "SHADING_TEXTURE", "MOVE": "ORIENTATION_GLOBAL", "COPY": "DUPLICATE", "INSERT": "ADD",
-    "MESH": "MESH_MONKEY", "SENSOR": "CAMERA_DATA", "EGO": "AUTO", "PROBLEM": "ERROR",
+    "MESH": "MESH_MONKEY", "SCALE": "FULLSCREEN_ENTER", "SENSOR": "CAMERA_DATA", "EGO": "AUTO", "PROBLEM": "ERROR",
 }  # fmt: skip
 """By the part of an object that an edit changes."""
 ADDED = ("COPY", "INSERT", "MESH")
@@ -95,6 +97,10 @@ def actor_lines(uid: str, standing: list[Thing], drive: Drive, clock: Clock) -> 
         if isinstance(edit, Remove | Move | Swap):
             if edit.actor == uid and actor is not None:
                 yield _own(edit, own, actor, drive, clock)
+        elif isinstance(edit, Scale):
+            if edit.actor == uid and own is not None:  # a copy's scale is part of its own line
+                words = f"Scaled by {scale_text(edit.factors)}"
+                yield _line("ACTOR", uid, "SCALE", words, own.title, own.name, own.there, clock, edit)
         elif not isinstance(edit, Duplicate | Insert) or edit.actor in (uid, *looks, *(t.look for t in standing)):
             yield _added(edit, others.pop(0), actor, drive, clock)
 

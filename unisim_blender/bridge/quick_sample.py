@@ -18,9 +18,10 @@ from .cameras import model_of
 from .clock import Clock
 from .displacing import SAME
 from .neighbours import BESIDE, moved_by_keys
-from .poses import rigid, scales_of
+from .poses import rigid
 from .sampling import Thing, picture_size
-from .things import title_of
+from .scaling import Scaling, scaling_of
+from .things import sees_body, title_of
 from .trajectories import trajectory_of
 
 PATHS = ("location", "rotation_quaternion", "rotation_euler", "scale")
@@ -46,7 +47,7 @@ class Sampler:
             matrices, there = self.matrices(thing), self.there(thing)
         about, above = thing.unisim, trajectory_of(thing)
         poses = rigid(matrices)
-        scale = scales_of(matrices[None], poses[None])[0]
+        scaling = Scaling() if about.mesh else scaling_of(matrices, poses, there)
         return Thing(
             name=thing.name,
             kind=about.kind,
@@ -61,7 +62,8 @@ class Sampler:
             camera=model_of(thing, picture_size(self.scene.render)) if thing.type == "CAMERA" else None,
             mesh=title_of(thing) if about.mesh else "",
             label=about.label,
-            scale=(1.0, 1.0, 1.0) if about.mesh else tuple(scale.tolist()),
+            scaling=scaling,
+            sees_body=sees_body(thing),
             called=title_of(thing),
             ridden=rigid(self.matrices(above)) if above is not None and moved_by_keys(above) else None,
             span=_span(above) if above is not None else None,

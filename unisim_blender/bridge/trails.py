@@ -11,7 +11,9 @@ from ..core.drive import Drive
 from ..core.geometry import FloatArray, box_corners, make_pose
 from .animation import curves_of
 from .clock import Clock
+from .meshes import scale_of
 from .poses import rigid, same_place
+from .scaling import UNIT
 from .things import is_copy
 from .trajectories import trajectory_of
 
@@ -41,7 +43,7 @@ def trail(thing: bpy.types.Object, drive: Drive, clock: Clock, frame: float) -> 
     here = rigid(np.array(thing.matrix_world, float))
     if recorded is not None:
         at = int(np.clip(np.searchsorted(clock.frames, frame), 0, len(clock.frames) - 1))
-        if not same_place(here, recorded[at]):
+        if not same_place(here, recorded[at]) or scale_of(thing) != UNIT:
             grey = np.tile(RECORDED, (len(recorded), 1))
             parts.append(_line(recorded, grey))
             if size is not None:

@@ -7,7 +7,7 @@ import numpy as np
 from bpy.props import EnumProperty, StringProperty
 from bpy_extras.io_utils import ImportHelper
 
-from ..bridge.meshes import size_of
+from ..bridge.meshes import scale_of, size_of
 from ..bridge.motion import displaced_along
 from ..bridge.refresh import refresh
 from ..bridge.selection import choose, chosen
@@ -82,7 +82,8 @@ class UNISIM_OT_replace_look(bpy.types.Operator):
             own = thing.unisim.uid == self.look and not self.scene
             thing.unisim.look, thing.unisim.look_scene = ("", "") if own else (self.look, self.scene)
             thing.data = box_mesh(look.size_m, look.label)
-            displaced_along(thing, (0.0, 0.0, (float(look.size_m[2]) - before) / 2))
+            after = float(look.size_m[2]) * scale_of(thing)[2]
+            displaced_along(thing, (0.0, 0.0, (after - before) / 2))
         refresh(chosen(context, "ACTOR"))
         return {"FINISHED"}
 

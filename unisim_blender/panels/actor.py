@@ -33,6 +33,7 @@ class UNISIM_PT_actor(DrivePanel, bpy.types.Panel):
         box = layout.box().column(align=True)
         row_of(box, "Actor", card.name if card else "none is active", "OBJECT_DATA")
         row_of(box, "Class", f"{card.label} ({card.role})" if card else "")
+        row_of(box, "Size", card.size if card else "")
         row_of(box, "Speed", f"{card.speed_m_s * 3.6:.0f} km/h" if card else "")
         row_of(box, "Distance", f"{card.distance_m:.1f} m" if card else "")
         row_of(box, "Present", f"{card.present_s[0]:.1f} to {card.present_s[1]:.1f} s" if card and card.present_s else "")
