@@ -1,4 +1,5 @@
-"""Keeps the edits lists true: notes what changes, and reads again in steps of some milliseconds as soon as nothing is dragged."""
+"""Keeps the edits lists true: notes what changes, and reads again in steps of some milliseconds as soon as nothing
+is dragged."""
 
 from __future__ import annotations
 
@@ -109,7 +110,8 @@ def forget(*_: object) -> None:
 
 
 def _soon() -> None:
-    """Have lists read that are in view: panels that are drawn ask for it, and those that are not drawn again must show it."""
+    """Have lists read that are in view: panels that are drawn ask for it, and those that are not drawn again must
+    show it."""
     if not bpy.app.background and not bpy.app.timers.is_registered(_show_stale):
         bpy.app.timers.register(_show_stale, first_interval=0.0)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 
 sys.path.insert(0, str(Path(__file__).parent))
 import hands
-from hands import click, drop, key, middle, place, sidebar, thing, to, write
+from hands import click, drop, key, middle, place, sidebar, thing, to
 from session import ARCHIVE, MODULE, OUT, SCENE, area, inside, results, screenshot, start, until, view, wait_for_picture
 from tasks import bare_view, begin, seen, task
 
@@ -57,10 +58,11 @@ def note_button(self: Any, context: Any) -> None:
     found[:] = [getattr(context, "button_operator", None)]
 
 
-def button(name: str, across: float = 0.3, **values: object) -> Iterator[float]:
-    """Put the mouse on a button of the sidebar: that of an operator, with some of its properties. ``across``: where in the row."""
+def button(operator: str, across: float = 0.3, **values: Any) -> Iterator[float]:
+    """Put the mouse on a button of the sidebar: that of an operator, with some of its properties. ``across``: where
+    in the row."""
     tabs = next(r for r in area("VIEW_3D").regions if r.type == "UI")
-    category, group = f"{name.split('.')[0].upper()}_OT_{name.split('.')[1]}", []
+    category, group = f"{operator.split('.')[0].upper()}_OT_{operator.split('.')[1]}", []
     for down in range(40, tabs.height - 4, STEP):
         for x in (across, across + 0.06, across - 0.06) if across < 0.5 else (across,):
             yield from to(tabs.x + tabs.width * x, tabs.y + tabs.height - down)
@@ -80,17 +82,17 @@ def button(name: str, across: float = 0.3, **values: object) -> Iterator[float]:
                 yield 0.1
                 return
             break
-    raise AssertionError(f"{name} {values} is not in the sidebar, only {sorted(set(group))}")
+    raise AssertionError(f"{operator} {values} is not in the sidebar, only {sorted(set(group))}")
 
 
-def press(name: str, across: float = 0.3, **values: object) -> Iterator[float]:
+def press(operator: str, across: float = 0.3, **values: Any) -> Iterator[float]:
     """Find a button and click it."""
-    yield from button(name, across, **values)
+    yield from button(operator, across, **values)
     yield from click()
     yield 0.3
 
 
-def line_of(begins: str) -> dict[str, object]:
+def line_of(begins: str) -> dict[str, Any]:
     """The properties of the buttons of the line that begins so."""
     line = next(line for line in lines() if line.what.startswith(begins))
     kind, name, part = line.key
@@ -179,7 +181,8 @@ def clicked_line() -> Iterator[float]:
 
 
 def muted_edits() -> Iterator[float]:
-    """With the picture rendered, a click on each eye brings back what was recorded; further clicks bring the edits back."""
+    """With the picture rendered, a click on each eye brings back what was recorded; further clicks bring the edits
+    back."""
     space = view()[1]
     space.show_object_viewport_mesh = False
     yield from to(*middle(area("VIEW_3D")))
@@ -291,11 +294,28 @@ def rendered_variants() -> Iterator[float]:
     assert pictures["first"][0].read_bytes() != pictures["second"][0].read_bytes()
 
 
+def timed_reading() -> None:
+    """Note the processor time of the longest step in which the list is read: the wall's is that of all that runs
+    beside."""
+    watch = module("edit_watch")
+    read = watch._read
+    results["longest_reading_cpu_s"] = 0.0
+
+    def timed() -> float | None:
+        before = time.thread_time()
+        again: float | None = read()
+        results["longest_reading_cpu_s"] = max(float(str(results["longest_reading_cpu_s"])), time.thread_time() - before)
+        return again
+
+    watch._read = timed
+
+
 def steps() -> Iterator[float]:
     """The session."""
     bpy.ops.extensions.package_install_files(filepath=str(ARCHIVE), repo="user_default", enable_on_install=True, overwrite=True)
     yield 1.0
     bpy.types.UI_MT_button_context_menu.append(note_button)
+    timed_reading()
     yield from to(*middle(area("VIEW_3D")))
     drop(SCENE)
     scene = bpy.context.scene
@@ -318,5 +338,4 @@ def steps() -> Iterator[float]:
 
 
 if __name__ == "__main__":
-    assert write is not None
     start(steps(), "edits")
