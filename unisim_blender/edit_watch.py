@@ -87,7 +87,10 @@ def note_changes(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None =
     if scene.name == BESIDE or not scene.unisim.log or bpy.app.is_job_running("RENDER"):
         return
     updates = depsgraph.updates if depsgraph is not None else ()
-    told = any(update.is_updated_transform or update.is_updated_geometry for update in updates)
+    told = any(
+        isinstance(update.id, bpy.types.Object) and (update.is_updated_transform or update.is_updated_geometry)
+        for update in updates
+    )
     now = time.monotonic()
     edit_reading.reading_of(scene).mark(moved=told or now - _beside_s > OWN_S)
     _changed_s = now

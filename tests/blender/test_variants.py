@@ -88,6 +88,25 @@ def test_editing_one_does_not_change_the_other(street: Any, name: str) -> None:
     assert content(read(show(street))) == edited
 
 
+def test_whatever_the_preferences_copy(street: Any) -> None:
+    preferences = bpy.context.preferences.edit
+    kinds = ("action", "camera", "mesh")
+    before = [getattr(preferences, f"use_duplicate_{kind}") for kind in kinds]
+    for kind in kinds:
+        setattr(preferences, f"use_duplicate_{kind}", False)
+    try:
+        variant = new()
+    finally:
+        for kind, value in zip(kinds, before, strict=True):
+            setattr(preferences, f"use_duplicate_{kind}", value)
+    select(driving(variant))
+    bpy.ops.unisim.retime_actor(way="DELAY", seconds=0.6)
+    CASES["camera lens"][0](variant)
+    update()
+    assert len(lines(variant)) == 2
+    assert lines(show(street)) == ()
+
+
 def test_muted_edits_are_each_variants_own(street: Any) -> None:
     for name in ("moved standing", "copied", "mesh", "ego"):
         CASES[name][0](street)

@@ -27,10 +27,10 @@ def nearest_frame(frames: tuple[int, ...], now: int) -> int:
 class _OfEdit:
     """An operator on one line of the list."""
 
-    kind: StringProperty(options={"SKIP_SAVE"})
-    name: StringProperty(options={"SKIP_SAVE"})
-    part: StringProperty(options={"SKIP_SAVE"})
-    muted: IntProperty(default=-1, options={"SKIP_SAVE"})
+    kind: StringProperty(options={"HIDDEN", "SKIP_SAVE"})
+    name: StringProperty(options={"HIDDEN", "SKIP_SAVE"})
+    part: StringProperty(options={"HIDDEN", "SKIP_SAVE"})
+    muted: IntProperty(default=-1, options={"HIDDEN", "SKIP_SAVE"})
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
