@@ -96,7 +96,7 @@ def _changes(thing: Thing, actor: Actor, drive: Drive, clock: Clock, relative: R
     poses, there = recorded_poses(actor, clock), recorded_there(actor, drive, clock)
     if thing.look:
         yield Swap(actor.uid, thing.look, relative(thing.look_scene) if thing.look_scene else None)
-        poses[:, :3, 3] += (_look_size_m(thing, drive)[2] - actor.size_m[2]) / 2 * poses[:, :3, 2]
+        poses[:, :3, 3] += (look_size_m(thing, drive)[2] - actor.size_m[2]) / 2 * poses[:, :3, 2]
     changed = bool((thing.there != there).any())
     if changed or not same(thing.poses, poses)[there].all():
         yield Move(actor.uid, **_way(thing, clock, actor), present=present(clock, thing.there) if changed else None)
@@ -138,7 +138,8 @@ def _way(thing: Thing, clock: Clock, source: Actor | None = None) -> dict[str, A
     return dict(way(clock, thing.poses, thing.there, recorded))
 
 
-def _look_size_m(thing: Thing, drive: Drive) -> FloatArray:
+def look_size_m(thing: Thing, drive: Drive) -> FloatArray:
+    """Return the size (3,) of the box that comes with a thing's appearance."""
     actors = scene_actors(Path(thing.look_scene)) if thing.look_scene else drive.actors
     if thing.look not in actors:
         raise ScenarioError(f'object "{thing.name}": has the look of "{thing.look}", which {thing.look_scene or "the log"} lacks')

@@ -254,7 +254,8 @@ class UNISIM_OT_export_variants(_InSteps, bpy.types.Operator):
 
 
 class UNISIM_OT_render_variants(_InSteps, bpy.types.Operator):
-    """Render the marked variants one after the other, each into a folder of its own in the output folder. Finished frames stay"""
+    """Render the marked variants one after the other, each into a folder of its own in the output folder. Finished
+    frames stay"""
 
     bl_idname = "unisim.render_variants"
     bl_label = "Render Variants"
