@@ -4,6 +4,7 @@ import bpy
 from bpy.props import FloatProperty
 
 from ..bridge.clock import Clock
+from ..bridge.durations import duration
 from ..bridge.refresh import refresh
 from ..bridge.selection import chosen
 from ..bridge.shifting import shift
@@ -60,7 +61,7 @@ class UNISIM_OT_shift_actor(bpy.types.Operator):
             clock = Clock.of(source_of(context.scene).drive)
         except (UnisimError, OSError):
             return
-        layout.label(text=f"{self.later_s * clock.rate:.1f} frames later")
+        layout.label(text=f"{duration(abs(self.later_s), clock)} {'later' if self.later_s >= 0 else 'earlier'}")
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Shift each and report what was done."""
