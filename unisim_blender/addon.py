@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import bpy
 
-from . import client, clouds, engine, following, headless, menus, operators, overlay, panels, preferences, properties, view_types
+from . import client, clouds, engine, following, headless, listing, menus, operators, overlay, panels, preferences, properties, view_types
 from .bridge import neighbours
 from .registering import close_room, open_room
 
@@ -13,6 +13,7 @@ ROOMS = (
     preferences,
     neighbours,
     following,
+    listing,
     *operators.MODULES,
     *panels.MODULES,
     menus,

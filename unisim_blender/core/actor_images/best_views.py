@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..drive import Actor, Camera, Drive
+from ..drive import Actor, Camera, CameraModel, Drive
 from ..geometry import BoolArray, FloatArray, box_corners, invert_pose, transform_points
+from ..own_vehicle import Outline, shows_scene
+
+Outlines = Mapping[str, tuple[Outline, int]]
+"""The recording vehicle's outline in the images of each camera that shows it, with the height of these images."""
 
 NEAREST_M = 0.5
 """A box with a corner nearer to the camera's plane than this is cut by the image."""
@@ -30,7 +34,8 @@ class View:
     world_from_actor and ``camera_pose`` (4, 4) world_from_camera at the image's time. ``visible`` is the fraction of the
     rectangle that no nearer actor's rectangle covers, ``inside`` that of the uncut rectangle that the image has, and ``clear``
     that of the LiDAR returns in the rectangle which nothing before the actor gave. ``nearer`` (N, 4) are the rectangles of
-    nearer actors.
+    nearer actors; ``outline`` is that of the recording vehicle's body in the camera's images, with their height, where it is in
+    them: what lies below it is covered too.
     """
 
     camera: str
@@ -42,6 +47,16 @@ class View:
     inside: float
     nearer: FloatArray
     clear: float = 1.0
+    outline: tuple[Outline, int] | None = None
+
+    def free(self, u: FloatArray, v: FloatArray, model: CameraModel) -> BoolArray:
+        """Return which points u, v (...) of the image neither a nearer actor's rectangle nor the recording vehicle covers."""
+        free = np.ones(np.shape(u), bool)
+        for left, top, right, bottom in self.nearer:
+            free &= ~((u >= left) & (u <= right) & (v >= top) & (v <= bottom))
+        if self.outline is not None:
+            free &= shows_scene(*self.outline, u, v, (model.width, model.height))
+        return free
 
     @property
     def area_px(self) -> float:
@@ -68,7 +83,9 @@ class _Seen:
     there: BoolArray
 
 
-def best_views(drive: Drive, image_frames: Mapping[str, Sequence[int]], most: int = 3) -> dict[str, list[View]]:
+def best_views(
+    drive: Drive, image_frames: Mapping[str, Sequence[int]], most: int = 3, outlines: Outlines | None = None
+) -> dict[str, list[View]]:
     """Return up to ``most`` views of each actor by id, the best first; an actor that no image shows has none.
 
     ``image_frames`` names the frames of which each camera has an image.
@@ -79,7 +96,7 @@ def best_views(drive: Drive, image_frames: Mapping[str, Sequence[int]], most: in
         for name, camera in drive.cameras.items()
     ]
     seen = [one for one in seen if one.frames]
-    return {actor.uid: _spread(_views(actor, number, seen), most) for number, actor in enumerate(actors)}
+    return {actor.uid: _spread(_views(actor, number, seen, outlines or {}), most) for number, actor in enumerate(actors)}
 
 
 def _spread(views: list[View], most: int) -> list[View]:
@@ -117,7 +134,7 @@ def _area(rectangles: FloatArray) -> FloatArray:
     return np.asarray((rectangles[..., 2] - rectangles[..., 0]) * (rectangles[..., 3] - rectangles[..., 1]))
 
 
-def _views(actor: Actor, number: int, seen: list[_Seen]) -> list[View]:
+def _views(actor: Actor, number: int, seen: list[_Seen], outlines: Outlines) -> list[View]:
     """The views of one actor, best first."""
     ranked = []
     for at, one in enumerate(seen):
@@ -133,21 +150,17 @@ def _views(actor: Actor, number: int, seen: list[_Seen]) -> list[View]:
         nearer = one.cut[others, i]
         frame = one.frames[i]
         pose = actor.world_from_actor.at(one.camera.time_s[frame])
-        found.append(
-            View(
-                one.camera.sensor_id, frame, one.cut[number, i], pose, one.camera_poses[i],
-                _visible(one.cut[number, i], nearer), inside, nearer,
-            )
+        view = View(
+            one.camera.sensor_id, frame, one.cut[number, i], pose, one.camera_poses[i], 1.0, inside, nearer,
+            outline=outlines.get(one.camera.sensor_id),
         )  # fmt: skip
+        found.append(replace(view, visible=_visible(view, one.camera.model)))
     return sorted(found, key=lambda view: -view.score)
 
 
-def _visible(rectangle: FloatArray, nearer: FloatArray) -> float:
-    """Fraction of a rectangle (4,) that none of others (N, 4) covers."""
+def _visible(view: View, model: CameraModel) -> float:
+    """Fraction of a view's rectangle that nothing known covers."""
     steps = (np.arange(LATTICE) + 0.5) / LATTICE
-    x = rectangle[0] + steps * (rectangle[2] - rectangle[0])
-    y = rectangle[1] + steps * (rectangle[3] - rectangle[1])
-    across = (x >= nearer[:, None, 0]) & (x <= nearer[:, None, 2])
-    down = (y >= nearer[:, None, 1]) & (y <= nearer[:, None, 3])
-    covered = (across[:, None, :] & down[:, :, None]).any(0)
-    return float(1 - covered.mean())
+    left, top, right, bottom = view.rectangle
+    u, v = np.meshgrid(left + steps * (right - left), top + steps * (bottom - top))
+    return float(view.free(u, v, model).mean())

@@ -13,9 +13,9 @@ from ..colour import lab_from_srgb, linear_from_srgb
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 LEAST_PIXELS = 12
 """Fewer pixels of paint or of ground tell nothing."""
-BELOW, ABOVE = 60, 75
+BELOW, ABOVE = 60, 85
 """Percentiles of the paint's luminance. Gaps, lamps and tyres make panels look darker, seldom brighter."""
-BLACK, LIGHT, WHITE = 0.8, 2.3, 4.0
+BLACK, LIGHT, WHITE = 0.8, 2.6, 4.0
 """Luminance of paint over that of asphalt under the same light: black below the first at `BELOW`; light grey from the second
 and white from the third at `ABOVE`."""
 WHITE_L = 85.0
@@ -80,7 +80,7 @@ def colour_word(tones: Sequence[Tone], weights: Sequence[float] | None = None) -
         return "brown"
     if hue:
         return hue
-    if below < BLACK:
+    if below < BLACK and above < LIGHT:  # the grille of a white car is black
         return "black"
     return "white" if above >= WHITE or lightness >= WHITE_L else "light grey" if above >= LIGHT else "grey"
 

@@ -13,6 +13,7 @@ from ..drive import Actor
 from ..errors import UnisimError
 from ..files import cache_folder, write_file
 from ..log import Log
+from ..own_vehicle import Outline, find_outline, moved_frames
 from .best_views import View, best_views
 from .colour_words import Tone
 from .crops import crop, png
@@ -24,6 +25,8 @@ VERSION = 1
 INDEX = "actors.json"
 LOOKED_AT = 6
 """Views of an actor of which LiDAR is asked whether something stands before it."""
+OUTLINE_IMAGES = 10
+"""Images of each camera in which the recording vehicle's outline is looked for, about."""
 TELLING = 3
 """Images that a colour is told from at most."""
 
@@ -70,7 +73,7 @@ def make_images(log: Log) -> Iterator[ActorImage]:
     """
     folder, actors = kept_folder(log.path), log.drive.actors
     frames = {name: log.image_frames(name) for name in log.drive.cameras}
-    views = cleared(log, actors, best_views(log.drive, frames, LOOKED_AT))
+    views = cleared(log, actors, best_views(log.drive, frames, LOOKED_AT, _outlines(log)))
     made: dict[str, ActorImage] = {}
     for one in _from_images(log, actors, views, folder):
         made[one.uid] = one
@@ -81,6 +84,22 @@ def make_images(log: Log) -> Iterator[ActorImage]:
     entries = {uid: {"word": one.word, "picture": one.picture.name if one.picture else ""} for uid, one in sorted(made.items())}
     document = {"format": "unisim-actor-images", "version": VERSION, "log": str(log.path.resolve()), "actors": entries}
     write_file(folder / INDEX, json.dumps(document, indent=1).encode())
+
+
+def _outlines(log: Log) -> dict[str, tuple[Outline, int]]:
+    """The recording vehicle's outline in each camera's images, where it is in them; they are read at a quarter of their size."""
+    found = {}
+    for name in log.drive.cameras:
+        moved = moved_frames(log.drive, log.image_frames(name))
+        some = moved[:: max(1, len(moved) // OUTLINE_IMAGES)]
+        try:
+            images = [log.image(name, frame)[::2, ::2] for frame in some]
+        except (UnisimError, OSError):
+            continue
+        outline = find_outline(images)
+        if outline is not None:
+            found[name] = outline, images[0].shape[0]
+    return found
 
 
 def _from_images(log: Log, actors: dict[str, Actor], views: dict[str, list[View]], folder: Path) -> Iterator[ActorImage]:

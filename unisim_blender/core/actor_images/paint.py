@@ -22,7 +22,7 @@ BANDS = {
     "truck": (-0.05, 0.38),
 }
 """Which heights of the box the panels have, as fractions of its height from its middle: above tyres, below windows."""
-LEAST_SCORE = 6.0
+LEAST_SCORE = 9.0
 """Of a view that a colour is told from; a car of 60 pixels' width that nothing covers has some 40."""
 GOOD = 0.6
 """Views that score less than this beside the best one are not asked."""
@@ -107,13 +107,15 @@ def _darker(pixels: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 
 def _pixels(image: NDArray[np.uint8], model: CameraModel, points: FloatArray, view: View, own: bool = False) -> NDArray[np.uint8]:
-    """The pixels at points (N, 3) of the world, less those in a nearer actor's rectangle, and with ``own`` those in its own."""
+    """The pixels at points (N, 3) of the world, less those that something covers, and with ``own`` those in the actor's rectangle."""
     points = transform_points(invert_pose(view.camera_pose), points)
     points = points[points[:, 2] > 0.3]
     u = model.fx * points[:, 0] / points[:, 2] + model.cx
     v = model.fy * points[:, 1] / points[:, 2] + model.cy
     seen = (u >= 0) & (u < model.width) & (v >= 0) & (v < model.height)
-    for left, top, right, bottom in np.concatenate([view.nearer, view.rectangle[None] if own else np.zeros((0, 4))]):
+    seen &= view.free(u, v, model)
+    if own:
+        left, top, right, bottom = view.rectangle
         seen &= ~((u >= left) & (u <= right) & (v >= top) & (v <= bottom))
     return np.asarray(image[v[seen].astype(int), u[seen].astype(int)])
 

@@ -31,8 +31,7 @@ def clear_fraction(points: FloatArray, size_m: FloatArray, view: View, model: Ca
     u, v = model.fx * seen[:, 0] / seen[:, 2] + model.cx, model.fy * seen[:, 1] / seen[:, 2] + model.cy
     left, top, right, bottom = view.rectangle
     within = (u > left) & (u < right) & (v > top) & (v < bottom)
-    for a, b, c, d in view.nearer:
-        within &= ~((u >= a) & (u <= c) & (v >= b) & (v <= d))
+    within &= view.free(u, v, model)
     points, depth = points[within], seen[within, 2]
     local = transform_points(invert_pose(view.pose), points)
     half = np.asarray(size_m, float) / 2

@@ -1,0 +1,107 @@
+"""Panel Actors: the drive's actors as a list, filtered and sorted. Drawing reads what `listing` has worked out."""
+
+import bpy
+
+from .. import listing
+from ..operators.actor_list import ICONS
+from .sidebar import DrivePanel
+
+ROWS = 7
+NAME_FACTOR, DISTANCE_FACTOR, SPEED_FACTOR = 0.46, 0.26, 0.36
+"""Widths of the columns, each of what is left of the row."""
+
+
+def columns(layout: bpy.types.UILayout) -> tuple[bpy.types.UILayout, ...]:
+    """Return the columns of a row: name, distance, speed, time, eye."""
+    row = layout.row(align=True)
+    split = row.split(factor=NAME_FACTOR)
+    name = split.row(align=True)
+    split = split.split(factor=DISTANCE_FACTOR)
+    distance = split.row()
+    split = split.split(factor=SPEED_FACTOR)
+    return name, distance, split.row(), split.row(), row.row()
+
+
+class UNISIM_UL_actors(bpy.types.UIList):
+    """Actors of a drive"""
+
+    def draw_item(self, context, layout, data, item, icon, active_data, active_property, index=0, flt_flag=0):  # type: ignore[no-untyped-def]
+        """Draw one row; what is not worked out yet is a dash."""
+        entry = listing.table_of(context.scene).entries.get(item.session_uid)
+        name, distance, speed, time, eye = columns(layout)
+        if entry is None:
+            name.label(text=item.name, icon="BLANK1")
+            return
+        for part in (name, distance, speed, time):
+            part.active = entry.there and not entry.hidden
+            part.alignment = "RIGHT" if part is not name else "EXPAND"
+        name.label(text=item.name + (" *" if entry.edited else ""), icon=ICONS[entry.group])
+        distance.label(text=f"{entry.distance_m:.0f}" if entry.there else "–")
+        speed.label(text=f"{entry.speed_m_s * 3.6:.0f}" if entry.there else "–")
+        time.label(text=f"{entry.present_s[0]:.1f}–{entry.present_s[1]:.1f}" if entry.present_s else "never")
+        hide = eye.operator("unisim.hide_actor", text="", icon="HIDE_ON" if entry.hidden else "HIDE_OFF", emboss=False)
+        hide.name = item.name
+
+    def filter_items(self, context, data, property):  # type: ignore[no-untyped-def]
+        """Show the actors that the filter lets through, in its order; the scene's other objects are no rows."""
+        objects = getattr(data, property)
+        ranks = {entry.key: rank for rank, entry in enumerate(listing.table_of(context.scene).shown)}
+        keys = [thing.session_uid for thing in objects]
+        flags = [self.bitflag_filter_item if key in ranks else 0 for key in keys]
+        order, rest = [], len(ranks)
+        for key in keys:
+            if key in ranks:
+                order.append(ranks[key])
+            else:
+                order.append(rest)
+                rest += 1
+        # of entries whose object is gone the rank is free: positions have to be a permutation
+        if rest != len(keys):
+            order = dense(order)
+        return flags, order
+
+    def draw_filter(self, context, layout):  # type: ignore[no-untyped-def]
+        """The panel has the filter, always open."""
+        layout.label(text="The filter is above the list")
+
+
+def dense(order: list[int]) -> list[int]:
+    """Return ranks without gaps, in the same order."""
+    places = {rank: place for place, rank in enumerate(sorted(order))}
+    return [places[rank] for rank in order]
+
+
+class UNISIM_PT_actors(DrivePanel, bpy.types.Panel):
+    """All actors of the drive, with copies and inserted ones"""
+
+    bl_label = "Actors"
+    bl_order = 1
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw the filter, the list, and what a click does."""
+        layout, scene, about = self.layout, context.scene, context.window_manager.unisim_actors
+        table = listing.table_of(scene)
+        row = layout.row(align=True)
+        row.prop(about, "text", text="", icon="VIEWZOOM")
+        row.operator("unisim.clear_actor_filter", text="", icon="X")
+        row = layout.row(align=True)
+        row.prop(about, "group", text="")
+        row.prop(about, "within_m")
+        row = layout.row(align=True)
+        row.prop(about, "now", toggle=True)
+        row.prop(about, "edited", toggle=True)
+        row.prop(about, "order", text="")
+        head = layout.column(align=True)
+        name, distance, speed, time, _ = columns(head)
+        for part, text in ((name, f"{len(table.shown)} of {len(table.entries)}"), (distance, "m"), (speed, "km/h"), (time, "s")):
+            part.active = False
+            part.alignment = "RIGHT" if part is not name else "EXPAND"
+            part.label(text=text)
+        head.template_list("UNISIM_UL_actors", "", scene, "objects", about, "place", rows=ROWS, maxrows=ROWS)
+        row = layout.row(align=True)
+        row.prop(about, "jump", toggle=True)
+        row.prop(about, "frame", toggle=True)
+        layout.operator("unisim.select_listed", icon="RESTRICT_SELECT_OFF")
+
+
+CLASSES = (UNISIM_UL_actors, UNISIM_PT_actors)
