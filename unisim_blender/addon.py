@@ -4,7 +4,23 @@ from __future__ import annotations
 
 import bpy
 
-from . import client, clouds, engine, following, headless, listing, menus, operators, overlay, panels, preferences, properties, view_types
+from . import (
+    client,
+    clouds,
+    engine,
+    following,
+    headless,
+    listing,
+    menus,
+    operators,
+    overlay,
+    panels,
+    preferences,
+    properties,
+    thumbnails,
+    timeline,
+    view_types,
+)
 from .bridge import neighbours
 from .registering import close_room, open_room
 
@@ -14,11 +30,13 @@ ROOMS = (
     neighbours,
     following,
     listing,
+    thumbnails,
     *operators.MODULES,
     *panels.MODULES,
     menus,
     overlay,
     clouds,
+    timeline,
     view_types,
     engine,
 )

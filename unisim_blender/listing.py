@@ -1,7 +1,7 @@
 """Keeps the figures of all actors at hand for the actor list and the presence timeline, so that drawing works nothing out.
 
-Handlers note which actors changed; a timer brings their tracks up to date, a few at a time, and figures at each new frame. Nothing
-of it is in the file: undo, renaming and deletion leave nothing behind.
+Handlers note which actors changed; a timer brings their tracks up to date, a few at a time, and figures at each new frame.
+Nothing of it is in the file: undo, renaming and deletion leave nothing behind.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ def table_of(scene: bpy.types.Scene) -> Table:
     table = _tables.get(scene.session_uid)
     if table is None:
         table = _tables[scene.session_uid] = Table()
-        _soon(scene)
+        refresh_soon(scene)
     return table
 
 
@@ -161,7 +161,7 @@ def hidden(scene: bpy.types.Scene, thing: bpy.types.Object) -> bool:
     return thing.name in layer.objects and thing.hide_get(view_layer=layer)
 
 
-def _soon(scene: bpy.types.Scene) -> None:
+def refresh_soon(scene: bpy.types.Scene) -> None:
     """Have a scene's table brought up to date; without a window nobody looks at it."""
     _changed.add(scene.session_uid)
     if not bpy.app.background and not bpy.app.timers.is_registered(_turn):
@@ -194,14 +194,14 @@ def note_changes(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None =
         elif isinstance(one, bpy.types.Object) and one.unisim.kind in KINDS:
             for thing in one.children if one.unisim.kind == "TRAJECTORY" else (one,):
                 table.stale.add(thing.session_uid)
-    _soon(scene)
+    refresh_soon(scene)
 
 
 @persistent
 def note_frame(scene: bpy.types.Scene, *_: object) -> None:
     """Another frame is shown."""
     if scene.unisim.log and not bpy.app.is_job_running("RENDER"):
-        _soon(scene)
+        refresh_soon(scene)
 
 
 @persistent
@@ -210,7 +210,7 @@ def look_again(*_: object) -> None:
     for scene in getattr(bpy.data, "scenes", ()):  # there are none yet while the extension is switched on
         if scene.unisim.log:
             table_of(scene).all_stale = True
-            _soon(scene)
+            refresh_soon(scene)
 
 
 @persistent

@@ -100,6 +100,10 @@ class UniSimScene(bpy.types.PropertyGroup):
     show_sensors: BoolProperty(
         name="Sensors", description="Whether cameras, LiDARs and the ego vehicle's axes are seen from outside", default=True
     )
+    show_timeline: BoolProperty(
+        name="Presence Timeline",
+        description="Draw over the view's lower part who is there when; a click on a bar goes there",
+    )
     show_recorded: BoolProperty(name="Recorded points", description="Whether the frame's recorded LiDAR points are shown")
     show_simulated: BoolProperty(name="Simulated points", description="Whether the frame's simulated LiDAR points are shown")
     points_colour: EnumProperty(name="Colour", description="What colours LiDAR points", items=POINT_COLOURS, default="ONE")

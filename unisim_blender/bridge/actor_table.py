@@ -26,7 +26,8 @@ from .trajectories import keyed_pose, trajectory_of
 @dataclass(frozen=True)
 class Track:
     """One actor at the clock's frames (N,): positions (N, 3) in the world, whether it is there (N,). ``edited`` tells whether it
-    differs from what was recorded, ``group`` and ``label`` are its class, ``steps`` (S, 2) the seconds from when to when it is there."""
+    differs from what was recorded, ``group`` and ``label`` are its class, ``steps`` (S, 2) the seconds from when to when it is
+    there."""
 
     name: str
     uid: str
@@ -58,9 +59,7 @@ def track_of(thing: bpy.types.Object, drive: Drive, clock: Clock, original: bool
     )  # fmt: skip
 
 
-def is_edited(
-    thing: bpy.types.Object, drive: Drive, clock: Clock, poses: FloatArray, there: BoolArray, original: bool
-) -> bool:
+def is_edited(thing: bpy.types.Object, drive: Drive, clock: Clock, poses: FloatArray, there: BoolArray, original: bool) -> bool:
     """Return whether a scenario would name an actor: it is new, removed, has another appearance, or goes elsewhere or at other
     times than recorded. What constraints, drivers or the NLA do counts as edited unseen."""
     actor = drive.actors.get(thing.unisim.uid)

@@ -72,7 +72,9 @@ class UniSimActorList(bpy.types.PropertyGroup):
         name="Jump to Its Time", description="A click goes to the nearest frame at which the actor is there", default=True
     )
     frame: BoolProperty(
-        name="Turn the View", description="A click turns the view to the actor, unless a camera that the view looks through has it in its image", default=True
+        name="Turn the View",
+        description="A click turns the view to the actor; a view through a camera that has it in its image stays",
+        default=True,
     )
     scroll: IntProperty(name="First row", description="First row of the presence timeline", min=0)
     place: IntProperty(get=active_place, set=choose_place)
@@ -86,7 +88,9 @@ class UNISIM_OT_choose_actor(bpy.types.Operator):
     bl_options = {"REGISTER", "UNDO", "INTERNAL"}
 
     name: StringProperty(name="Actor", description="The object's name")
-    seconds: FloatProperty(name="Time", description="Where in the drive to go, in seconds; below 0: as the list's settings have it", default=-1.0)
+    seconds: FloatProperty(
+        name="Time", description="Seconds of the drive to go to; below 0: as the list's settings have it", default=-1.0
+    )
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:

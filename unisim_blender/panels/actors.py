@@ -79,28 +79,28 @@ class UNISIM_PT_actors(DrivePanel, bpy.types.Panel):
 
     def draw(self, context: bpy.types.Context) -> None:
         """Draw the filter, the list, and what a click does."""
-        layout, scene, about = self.layout, context.scene, context.window_manager.unisim_actors
+        layout, scene, wanted = self.layout, context.scene, context.window_manager.unisim_actors
         table = listing.table_of(scene)
         row = layout.row(align=True)
-        row.prop(about, "text", text="", icon="VIEWZOOM")
+        row.prop(wanted, "text", text="", icon="VIEWZOOM")
         row.operator("unisim.clear_actor_filter", text="", icon="X")
         row = layout.row(align=True)
-        row.prop(about, "group", text="")
-        row.prop(about, "within_m")
+        row.prop(wanted, "group", text="")
+        row.prop(wanted, "within_m")
         row = layout.row(align=True)
-        row.prop(about, "now", toggle=True)
-        row.prop(about, "edited", toggle=True)
-        row.prop(about, "order", text="")
+        row.prop(wanted, "now", toggle=True)
+        row.prop(wanted, "edited", toggle=True)
+        row.prop(wanted, "order", text="")
         head = layout.column(align=True)
         name, distance, speed, time, _ = columns(head)
         for part, text in ((name, f"{len(table.shown)} of {len(table.entries)}"), (distance, "m"), (speed, "km/h"), (time, "s")):
             part.active = False
             part.alignment = "RIGHT" if part is not name else "EXPAND"
             part.label(text=text)
-        head.template_list("UNISIM_UL_actors", "", scene, "objects", about, "place", rows=ROWS, maxrows=ROWS)
+        head.template_list("UNISIM_UL_actors", "", scene, "objects", wanted, "place", rows=ROWS, maxrows=ROWS)
         row = layout.row(align=True)
-        row.prop(about, "jump", toggle=True)
-        row.prop(about, "frame", toggle=True)
+        row.prop(wanted, "jump", toggle=True)
+        row.prop(wanted, "frame", toggle=True)
         layout.operator("unisim.select_listed", icon="RESTRICT_SELECT_OFF")
 
 

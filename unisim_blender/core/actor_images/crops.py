@@ -6,7 +6,6 @@ import io
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
 
 from .best_views import View
 
@@ -21,6 +20,8 @@ LEAST_PX = 24
 
 def crop(image: NDArray[np.uint8], view: View) -> NDArray[np.uint8]:
     """Return a square (`SIZE_PX`, `SIZE_PX`, 3) of an image (H, W, 3) around an actor, kept inside the image where it fits."""
+    from PIL import Image
+
     height, width = image.shape[:2]
     left, top, right, bottom = view.rectangle
     edge = min(max(MARGIN * max(right - left, bottom - top), LEAST_PX), width, height)
@@ -36,6 +37,8 @@ def crop(image: NDArray[np.uint8], view: View) -> NDArray[np.uint8]:
 
 def png(pixels: NDArray[np.uint8]) -> bytes:
     """Return an image (H, W, 3) or (H, W, 4) as a PNG file."""
+    from PIL import Image
+
     buffer = io.BytesIO()
     Image.fromarray(pixels).save(buffer, "PNG")
     return buffer.getvalue()

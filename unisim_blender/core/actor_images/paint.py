@@ -107,7 +107,7 @@ def _darker(pixels: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 
 def _pixels(image: NDArray[np.uint8], model: CameraModel, points: FloatArray, view: View, own: bool = False) -> NDArray[np.uint8]:
-    """The pixels at points (N, 3) of the world, less those that something covers, and with ``own`` those in the actor's rectangle."""
+    """The pixels at points (N, 3) of the world that nothing covers, and with ``own`` none in the actor's rectangle."""
     points = transform_points(invert_pose(view.camera_pose), points)
     points = points[points[:, 2] > 0.3]
     u = model.fx * points[:, 0] / points[:, 2] + model.cx
