@@ -75,7 +75,7 @@ def refresh_now(scene: bpy.types.Scene) -> Table:
     while not _bring_up(scene, table, BUSY_S):
         pass
     _changed.discard(scene.session_uid)
-    return table
+    return table_of(scene)
 
 
 def wanted_of(manager: bpy.types.WindowManager) -> Wanted:

@@ -12,6 +12,7 @@ from bpy.props import (
     StringProperty,
 )
 
+from .bridge.windows import areas
 from .registering import add, take_away
 
 KINDS = (
@@ -43,6 +44,12 @@ POINT_COLOURS = (
     ("DEPTH", "Depth", "Distance from the sensor, blue to red"),
     ("INSTANCE", "Instance", "A colour for each actor; recorded points, which have no actors, by class"),
 )
+
+
+def draw_again(self: bpy.types.PropertyGroup, context: bpy.types.Context) -> None:
+    """Draw the 3D views again: Blender draws the sidebar alone after a change of a property."""
+    for area in areas("VIEW_3D"):
+        area.tag_redraw()
 
 
 class UniSimObject(bpy.types.PropertyGroup):

@@ -9,9 +9,10 @@ import numpy as np
 
 from .actor_filter import Entry
 
-ROW_PX, AXIS_PX, NAMES_PX, EDGE_PX = 16.0, 20.0, 150.0, 8.0
-"""Heights of a row and of the axis, width of the names, and the distance from the view's edges, on an ordinary display."""
-MOST = 0.34
+ROW_PX, AXIS_PX, NAMES_PX, EDGE_PX, BELOW_PX = 16.0, 20.0, 150.0, 8.0, 36.0
+"""Heights of a row and of the axis, width of the names, and the distances from the view's sides and from below, where Blender has
+the settings of the last operation; on an ordinary display."""
+MOST = 0.38
 """Fraction of the view's height that the timeline takes at most."""
 LEAST_PX = 160.0
 """A timeline with bars shorter than this is not drawn."""
@@ -104,7 +105,7 @@ class Timeline:
 
 def fitting_rows(room: Room) -> int:
     """Return how many rows fit."""
-    height = MOST * (room.top - room.bottom) - (AXIS_PX + 2 * EDGE_PX) * room.scale
+    height = MOST * (room.top - room.bottom) - (AXIS_PX + BELOW_PX) * room.scale
     return max(0, int(height // (ROW_PX * room.scale)))
 
 
@@ -117,7 +118,7 @@ def lay_out(room: Room, entries: Sequence[Entry], scroll: int, start_s: float, e
         return None
     first = scrolled(scroll, 0, len(entries), fit)
     rows = tuple(entries[first : first + fit])
-    bottom = room.bottom + EDGE_PX * scale
+    bottom = room.bottom + BELOW_PX * scale
     rows_top = bottom + max(len(rows), 1) * ROW_PX * scale
     top = rows_top + AXIS_PX * scale
     return Timeline(rows, first, len(entries), left, right, bottom, top, rows_top, ROW_PX * scale, start, end, start_s, end_s)

@@ -24,6 +24,8 @@ ICON_SCALE, GRID_SCALE = 8.0, 5.0
 
 Item = tuple[str, str, str, int, int]
 NONE: list[Item] = [("", "None", "There is no such actor", 0, 0)]
+_texts: dict[str, str] = {}
+"""Every text that a menu has shown: Blender keeps where it lies, and not the text."""
 
 
 @dataclass(frozen=True)
@@ -36,8 +38,6 @@ class Choice:
     scene_path: Path | None
 
 
-_shown: dict[tuple[object, ...], list[Item]] = {}
-"""What menus show has to be kept: Blender does not."""
 _headers: dict[Path, tuple[float, Any]] = {}
 """Headers of trained scenes, with the time of their last change."""
 
@@ -82,11 +82,15 @@ def items_of(context: bpy.types.Context, folder: str, group: str, page: int) -> 
     numbers = {uid: number + 1 for number, uid in enumerate(sorted(choice.actors))}
     found = listed(choice, group)
     found = found[(page - 1) * PAGE : page * PAGE] if page else found
-    key = (folder, group, page)
-    _shown[key] = [
-        (uid, choice.names[uid], about(choice.actors[uid]), icon_of(choice, uid), numbers[uid]) for uid in found
+    return [
+        (lasting(uid), lasting(choice.names[uid]), lasting(about(choice.actors[uid])), icon_of(choice, uid), numbers[uid])
+        for uid in found
     ] or NONE
-    return _shown[key]
+
+
+def lasting(text: str) -> str:
+    """Return the same text as an object that stays."""
+    return _texts.setdefault(text, text)
 
 
 def icon_of(choice: Choice, uid: str) -> int:

@@ -1,7 +1,10 @@
 """What a click in the actor list or the presence timeline does, and the filter of both."""
 
+import math
+
 import bpy
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, PointerProperty, StringProperty
+from mathutils import Euler
 
 from .. import listing
 from ..bridge.actor_filter import nearest_present
@@ -27,6 +30,11 @@ ORDERS = (
     ("DISTANCE", "Distance", "The nearest to the ego vehicle first; who is not there comes last", "DRIVER_DISTANCE", 1),
     ("TIME", "Time", "Who comes first is first", "TIME", 2),
 )
+
+TILT_RAD = math.radians(62)
+"""A view that leaves its camera for an actor looks along the street from behind and above, so far from straight down."""
+NEAR_M, FAR_M = 25.0, 60.0
+"""Its distance from the actor; a view that was free keeps its own, up to the second."""
 
 
 def changed(self: bpy.types.PropertyGroup, context: bpy.types.Context) -> None:
@@ -85,7 +93,7 @@ class UNISIM_OT_choose_actor(bpy.types.Operator):
 
     bl_idname = "unisim.choose_actor"
     bl_label = "Select Actor"
-    bl_options = {"REGISTER", "UNDO", "INTERNAL"}
+    bl_options = {"UNDO", "INTERNAL"}
 
     name: StringProperty(name="Actor", description="The object's name")
     seconds: FloatProperty(
@@ -137,16 +145,17 @@ def frame_to_show(context: bpy.types.Context, thing: bpy.types.Object, seconds: 
 def turn_to(context: bpy.types.Context, thing: bpy.types.Object) -> None:
     """Turn the 3D view to an actor; a view through a camera that has the actor in its image stays."""
     area = context.area if context.area is not None and context.area.type == "VIEW_3D" else None
-    region = next((region for region in area.regions if region.type == "WINDOW"), None) if area is not None else None
-    if region is None or area.spaces.active.region_3d is None:
+    looks = area.spaces.active.region_3d if area is not None else None
+    if looks is None or (looks.view_perspective == "CAMERA" and in_image(context.scene, thing)):
         return
-    looks = area.spaces.active.region_3d
     if looks.view_perspective == "CAMERA":
-        if in_image(context.scene, thing):
-            return
+        ego = next(things(context.scene, "EGO"), None)
+        heading = ego.matrix_world.to_euler().z if ego is not None else 0.0
         looks.view_perspective = "PERSP"
-    with context.temp_override(area=area, region=region):
-        bpy.ops.view3d.view_selected(use_all_regions=False)
+        looks.view_rotation = Euler((TILT_RAD, 0.0, heading - math.pi / 2)).to_quaternion()
+        looks.view_distance = NEAR_M
+    looks.view_location = thing.matrix_world.translation
+    looks.view_distance = min(looks.view_distance, FAR_M)
 
 
 def in_image(scene: bpy.types.Scene, thing: bpy.types.Object) -> bool:
@@ -164,7 +173,7 @@ class UNISIM_OT_hide_actor(bpy.types.Operator):
 
     bl_idname = "unisim.hide_actor"
     bl_label = "Hide Actor in the View"
-    bl_options = {"REGISTER", "UNDO", "INTERNAL"}
+    bl_options = {"UNDO", "INTERNAL"}
 
     name: StringProperty(name="Actor", description="The object's name")
 

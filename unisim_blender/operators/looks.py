@@ -77,7 +77,7 @@ def other_page(self: bpy.types.OperatorProperties, context: bpy.types.Context) -
         self.page = last
         return  # which comes here again
     first = first_of(context, folder, self.group, self.page)
-    if first and self.look == "":
+    if first:
         self.look = first
 
 
@@ -128,7 +128,7 @@ class UNISIM_OT_replace_look(_Chooses, bpy.types.Operator):
         except (UnisimError, OSError) as fault:
             self.report({"ERROR"}, str(fault))
             return {"CANCELLED"}
-        look = actors.get(self.look)
+        look = actors.get(self.look) if self.properties.is_property_set("look") else None
         if look is None:
             self.report({"ERROR"}, "no actor was chosen: click the picture, and one of those that it shows")
             return {"CANCELLED"}
@@ -188,7 +188,7 @@ class UNISIM_OT_insert_actor(_Chooses, bpy.types.Operator):
         try:
             choice = choice_of(context, folder)
             vehicles = listed(choice, "CAR") or listed(choice, "ALL")
-            uid = self.actor or self.look or (vehicles[0] if vehicles else "")
+            uid = self.actor or (self.look if self.properties.is_property_set("look") else next(iter(vehicles), ""))
             if uid not in choice.actors:
                 raise UnisimError(f'{folder or choice.log_path}: has no actor "{uid}"')
         except (UnisimError, OSError) as fault:

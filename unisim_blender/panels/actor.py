@@ -12,7 +12,7 @@ from ..core.errors import UnisimError
 from ..operators.actor_choice import header_of
 from .sidebar import DrivePanel, row_of
 
-PICTURE_SCALE = 7.0
+PICTURE_SCALE = 5.0
 """Edge of the thumbnail, in widget units."""
 
 

@@ -6,9 +6,13 @@ from .. import listing
 from ..operators.actor_list import ICONS
 from .sidebar import DrivePanel
 
-ROWS = 7
-NAME_FACTOR, DISTANCE_FACTOR, SPEED_FACTOR = 0.46, 0.26, 0.36
+ROWS = 6
+NAME_FACTOR, DISTANCE_FACTOR, SPEED_FACTOR = 0.53, 0.26, 0.36
 """Widths of the columns, each of what is left of the row."""
+WIDE_PX = 340
+"""From this width of the sidebar on, on an ordinary display, times have a digit after the point."""
+SHORT_S = 5.0
+"""They have it in any case where the drive is shorter than this."""
 
 
 def columns(layout: bpy.types.UILayout) -> tuple[bpy.types.UILayout, ...]:
@@ -20,6 +24,20 @@ def columns(layout: bpy.types.UILayout) -> tuple[bpy.types.UILayout, ...]:
     distance = split.row()
     split = split.split(factor=SPEED_FACTOR)
     return name, distance, split.row(), split.row(), row.row()
+
+
+def seconds(present_s: tuple[float, float] | None, exact: bool) -> str:
+    """Return from when to when an actor is there, in seconds; rows are narrow."""
+    if present_s is None:
+        return "never"
+    return "–".join(f"{time_s:.1f}".removesuffix(".0") if exact else f"{time_s:.0f}" for time_s in present_s)
+
+
+def exact_times(context: bpy.types.Context) -> bool:
+    """Return whether times have a digit after the point."""
+    clock = listing.table_of(context.scene).clock
+    short = clock is not None and clock.times_s[-1] - clock.times_s[0] < SHORT_S
+    return short or context.region.width > WIDE_PX * context.preferences.system.ui_scale
 
 
 class UNISIM_UL_actors(bpy.types.UIList):
@@ -38,7 +56,7 @@ class UNISIM_UL_actors(bpy.types.UIList):
         name.label(text=item.name + (" *" if entry.edited else ""), icon=ICONS[entry.group])
         distance.label(text=f"{entry.distance_m:.0f}" if entry.there else "–")
         speed.label(text=f"{entry.speed_m_s * 3.6:.0f}" if entry.there else "–")
-        time.label(text=f"{entry.present_s[0]:.1f}–{entry.present_s[1]:.1f}" if entry.present_s else "never")
+        time.label(text=seconds(entry.present_s, exact_times(context)))
         hide = eye.operator("unisim.hide_actor", text="", icon="HIDE_ON" if entry.hidden else "HIDE_OFF", emboss=False)
         hide.name = item.name
 
@@ -81,6 +99,8 @@ class UNISIM_PT_actors(DrivePanel, bpy.types.Panel):
         """Draw the filter, the list, and what a click does."""
         layout, scene, wanted = self.layout, context.scene, context.window_manager.unisim_actors
         table = listing.table_of(scene)
+        if table.problem:
+            layout.label(text=table.problem, icon="ERROR")
         row = layout.row(align=True)
         row.prop(wanted, "text", text="", icon="VIEWZOOM")
         row.operator("unisim.clear_actor_filter", text="", icon="X")
