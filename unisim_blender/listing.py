@@ -178,6 +178,9 @@ def _turn() -> float | None:
             _changed.discard(scene.session_uid)
             redraw()
     _changed.clear()
+    there = {scene.session_uid for scene in bpy.data.scenes}
+    for key in [key for key in _tables if key not in there]:
+        del _tables[key]
     return None
 
 

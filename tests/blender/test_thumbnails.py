@@ -159,9 +159,8 @@ def test_pages_hold_what_fits(street: Any, monkeypatch: pytest.MonkeyPatch) -> N
     monkeypatch.setattr(actor_choice, "PAGE", 6)
     assert actor_choice.pages(bpy.context, "", "CAR") == 3
     pages = [[item[0] for item in actor_choice.items_of(bpy.context, "", "CAR", page)] for page in (1, 2, 3)]
-    assert [len(page) for page in pages] == [6, 6, 2] and sum(pages, []) == actor_choice.listed(
-        actor_choice.choice_of(bpy.context, ""), "CAR"
-    )
+    assert [len(page) for page in pages] == [6, 6, 2]
+    assert sum(pages, []) == actor_choice.listed(actor_choice.choice_of(bpy.context, ""), "CAR")
 
 
 def test_an_actor_of_the_drive_is_inserted_and_replaced(street: Any) -> None:
