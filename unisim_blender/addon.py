@@ -13,6 +13,7 @@ from . import (
     following,
     gizmos,
     headless,
+    listing,
     menus,
     notice_text,
     operators,
@@ -22,6 +23,8 @@ from . import (
     preferences,
     properties,
     speed_overlay,
+    thumbnails,
+    timeline,
     view_types,
 )
 from .bridge import neighbours
@@ -34,6 +37,8 @@ ROOMS = (
     neighbours,
     following,
     edit_watch,
+    listing,
+    thumbnails,
     *operators.MODULES,
     *panels.MODULES,
     menus,
@@ -43,6 +48,7 @@ ROOMS = (
     gizmos,
     clouds,
     notice_text,
+    timeline,
     view_types,
     engine,
 )

@@ -64,6 +64,18 @@ def note_changes(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None =
         bpy.app.timers.register(_settle, first_interval=0.0)
 
 
+def renamed(scene: bpy.types.Scene, names: dict[str, str]) -> None:
+    """Go on following objects that have new names, given by the old ones."""
+    touched = _touched.get(scene.name, set())
+    for old, new in names.items():
+        if old in touched:
+            touched.remove(old)
+            touched.add(new)
+        if (scene.name, old) in _unsettled:
+            _unsettled.remove((scene.name, old))
+            _unsettled.add((scene.name, new))
+
+
 def settle_now() -> list[str]:
     """Complete all changes that were noted; return what they meant."""
     said = []

@@ -12,6 +12,7 @@ from bpy.props import (
     StringProperty,
 )
 
+from .bridge.windows import areas
 from .registering import add, take_away
 
 KINDS = (
@@ -54,6 +55,12 @@ POINT_COLOURS = (
     ("DEPTH", "Depth", "Distance from the sensor, blue to red"),
     ("INSTANCE", "Instance", "A colour for each actor; recorded points, which have no actors, by class"),
 )
+
+
+def draw_again(self: bpy.types.PropertyGroup, context: bpy.types.Context) -> None:
+    """Draw the 3D views again: Blender draws the sidebar alone after a change of a property."""
+    for area in areas("VIEW_3D"):
+        area.tag_redraw()
 
 
 class UniSimObject(bpy.types.PropertyGroup):
@@ -121,6 +128,10 @@ class UniSimScene(bpy.types.PropertyGroup):
     )
     show_sensors: BoolProperty(
         name="Sensors", description="Whether cameras, LiDARs and the ego vehicle's axes are seen from outside", default=True
+    )
+    show_timeline: BoolProperty(
+        name="Presence Timeline",
+        description="Draw over the view's lower part who is there when; a click on a bar goes there",
     )
     show_recorded: BoolProperty(name="Recorded points", description="Whether the frame's recorded LiDAR points are shown")
     show_simulated: BoolProperty(name="Simulated points", description="Whether the frame's simulated LiDAR points are shown")

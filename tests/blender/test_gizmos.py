@@ -8,8 +8,8 @@ from typing import Any
 import bpy
 import numpy as np
 import pytest
-from mathutils import Matrix, Vector
 from helpers import edited, read, select, thing
+from mathutils import Matrix, Vector
 
 from unisim_blender import gizmos, pie
 from unisim_blender.bridge.aiming import angles, direction_of

@@ -30,6 +30,7 @@ SESSIONS = {
     "hands": ["--enable-event-simulate"],
     "motion": ["--enable-event-simulate"],
     "scale": ["--enable-event-simulate"],
+    "actors": ["--enable-event-simulate"],
 }
 """What each file's Blender is started with besides; the one with simulated events hears no others."""
 ESC_S = 3.0
