@@ -1,0 +1,99 @@
+"""Real buttons, found where a person finds them: by holding the mouse over them and asking Blender what lies there.
+
+Blender's Python does not say where a button is drawn. A button that is under the mouse answers two operators, though: the one
+behind Ctrl-C copies the Python command of an operator's button, the one behind Ctrl-Shift-Alt-C the data path of a property's.
+`buttons` moves the mouse over a region row by row and notes the answers with their places; `press` clicks on one of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import bpy
+from hands import click, key, mouse, to
+from session import view
+
+ROW = 8
+"""Distance of two looks, in pixels: a row of buttons is 20 pixels high."""
+HEADER = tuple((column + 0.5) / 80 for column in range(80))
+"""Where a header's one row is looked at, as shares of its width."""
+
+Place = tuple[int, int]
+
+
+def region_of(found: bpy.types.Area, kind: str) -> bpy.types.Region:
+    """Return the region of an area by its type, "UI" for the sidebar, "HEADER", "HUD"."""
+    return next(region for region in found.regions if region.type == kind)
+
+
+def under_mouse(found: bpy.types.Area, region: bpy.types.Region) -> str:
+    """Return the command, "unisim.check()", or the property's path, of the button that the mouse is over; "" where none is."""
+    manager = bpy.context.window_manager
+    window = next(one for one in manager.windows if found in list(one.screen.areas))
+    with bpy.context.temp_override(window=window, area=found, region=region):
+        for copy in (bpy.ops.ui.copy_python_command_button, bpy.ops.ui.copy_data_path_button):
+            manager.clipboard = ""
+            if copy.poll():
+                more = {"full_path": True} if copy is bpy.ops.ui.copy_data_path_button else {}
+                copy(**more)
+                return manager.clipboard.removeprefix("bpy.ops.").removeprefix("bpy.")
+    return ""
+
+
+def buttons(
+    found: bpy.types.Area, kind: str, into: dict[str, list[Place]], columns: tuple[float, ...] = (0.5,)
+) -> Iterator[float]:
+    """Note all buttons of a region in ``into``: by command or path the places of each in the window, from above, then from the left.
+    ``columns``: where rows are looked at, as shares of the region's width."""
+    region = region_of(found, kind)
+    rows: dict[str, dict[int, list[Place]]] = {}
+    for share in columns:
+        for down in range(ROW // 2, region.height, ROW):
+            yield from to(region.x + share * region.width, region.y + region.height - down)
+            name = under_mouse(found, region)
+            if name:
+                rows.setdefault(name, {}).setdefault(mouse[0], []).append((mouse[0], mouse[1]))
+    into.clear()
+    for name, by_column in rows.items():
+        # the middle of a button; at its very edge the mouse may not hold it yet
+        into[name] = [places[len(places) // 2] for places in by_column.values() if len(places) > 1]
+
+
+def place_of(name: str, kind: str = "UI", columns: tuple[float, ...] = (0.5,)) -> Iterator[float]:
+    """Find a button of the 3D view by what its command or path ends with, scrolling where it is out of sight.
+
+    The places go to `found_at`."""
+    area, _, _ = view()
+    region = region_of(area, kind)
+    found: dict[str, list[Place]] = {}
+    found_at.clear()
+    for scrolled in range(6):
+        yield from buttons(area, kind, found, columns)
+        found_at.extend(place for known, places in found.items() if known.endswith(name) for place in places)
+        if found_at or kind != "UI":
+            break
+        yield from to(region.x + region.width / 2, region.y + region.height / 2)
+        yield from scroll("HOME" if scrolled == 0 else "")
+    assert found_at, f"there is no button {name}; there are {', '.join(found)}"
+
+
+def scroll(where: str = "") -> Iterator[float]:
+    """Scroll the region under the mouse down, or with "HOME" to its top."""
+    if where == "HOME":
+        yield from key("HOME")
+    else:
+        for _ in range(10):
+            yield from key("WHEELDOWNMOUSE")
+    yield 0.3
+
+
+def press(name: str, kind: str = "UI", last: bool = False, columns: tuple[float, ...] = (0.5,)) -> Iterator[float]:
+    """Click on the button of the 3D view whose command or path ends with ``name``; ``last``: of several, that on the right."""
+    yield from place_of(name, kind, columns)
+    yield from to(*(max(found_at) if last else found_at[0]))
+    yield from click()
+    yield 0.2
+
+
+found_at: list[Place] = []
+"""Where `place_of` found a button."""
