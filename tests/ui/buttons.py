@@ -7,11 +7,12 @@ behind Ctrl-C copies the Python command of an operator's button, the one behind 
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 
 import bpy
-from hands import click, key, mouse, to
-from session import view
+from hands import click, key, mouse, to, write
+from session import inside, view
 
 ROW = 8
 """Distance of two looks, in pixels: a row of buttons is 20 pixels high."""
@@ -43,7 +44,7 @@ def under_mouse(found: bpy.types.Area, region: bpy.types.Region) -> str:
 def buttons(
     found: bpy.types.Area, kind: str, into: dict[str, list[Place]], columns: tuple[float, ...] = (0.5,)
 ) -> Iterator[float]:
-    """Note all buttons of a region in ``into``: by command or path the places of each in the window, from above, then from the left.
+    """Note all buttons of a region in ``into``: by command or path the places of each, from the top, then from the left.
     ``columns``: where rows are looked at, as shares of the region's width."""
     region = region_of(found, kind)
     rows: dict[str, dict[int, list[Place]]] = {}
@@ -59,17 +60,17 @@ def buttons(
         into[name] = [places[len(places) // 2] for places in by_column.values() if len(places) > 1]
 
 
-def place_of(name: str, kind: str = "UI", columns: tuple[float, ...] = (0.5,)) -> Iterator[float]:
-    """Find a button of the 3D view by what its command or path ends with, scrolling where it is out of sight.
+def place_of(name: str, kind: str = "UI", columns: tuple[float, ...] = (0.5,), where: str = "VIEW_3D") -> Iterator[float]:
+    """Find a button by a part of its command or path, scrolling the sidebar where it is out of sight.
 
-    The places go to `found_at`."""
-    area, _, _ = view()
+    ``kind``: in which region of the area ``where``. The places go to `found_at`."""
+    area = next(a for a in bpy.context.window_manager.windows[0].screen.areas if a.type == where)
     region = region_of(area, kind)
     found: dict[str, list[Place]] = {}
     found_at.clear()
     for scrolled in range(6):
         yield from buttons(area, kind, found, columns)
-        found_at.extend(place for known, places in found.items() if known.endswith(name) for place in places)
+        found_at.extend(place for known, places in found.items() if name in known for place in places)
         if found_at or kind != "UI":
             break
         yield from to(region.x + region.width / 2, region.y + region.height / 2)
@@ -87,9 +88,11 @@ def scroll(where: str = "") -> Iterator[float]:
     yield 0.3
 
 
-def press(name: str, kind: str = "UI", last: bool = False, columns: tuple[float, ...] = (0.5,)) -> Iterator[float]:
-    """Click on the button of the 3D view whose command or path ends with ``name``; ``last``: of several, that on the right."""
-    yield from place_of(name, kind, columns)
+def press(
+    name: str, kind: str = "UI", last: bool = False, columns: tuple[float, ...] = (0.5,), where: str = "VIEW_3D"
+) -> Iterator[float]:
+    """Click on the button whose command or path has ``name`` in it; ``last``: of several, that on the right."""
+    yield from place_of(name, kind, columns, where)
     yield from to(*(max(found_at) if last else found_at[0]))
     yield from click()
     yield 0.2
@@ -97,3 +100,79 @@ def press(name: str, kind: str = "UI", last: bool = False, columns: tuple[float,
 
 found_at: list[Place] = []
 """Where `place_of` found a button."""
+
+
+def redo_panel(value: str, new: str) -> Iterator[float]:
+    """Press F9, look in the redo panel that pops up for the field that shows ``value``, and type ``new`` into it.
+
+    Ctrl-C over a field copies its value, which tells the fields from each other.
+    """
+    manager, (x, y) = bpy.context.window_manager, mouse
+    yield from key("F9")
+    yield 0.5
+    for down in range(30, -200, -6):
+        yield from to(x + 222, y + down)
+        manager.clipboard = ""
+        yield from key("C", ctrl=True)
+        if same_number(manager.clipboard, value):
+            break
+    else:
+        raise AssertionError(f"no field of the redo panel shows {value}")
+    yield from key("RET")
+    yield 0.1
+    yield from key("A", ctrl=True)
+    yield from write(new)
+    yield from key("RET")
+    yield 0.3
+    yield from to(x - 300, y)  # a popup closes when the mouse leaves it
+
+
+def same_number(text: str, value: str) -> bool:
+    """Return whether a text, which may have a unit behind it, is a number to a thousandth."""
+    found = re.match(r"-?[0-9.]+", text)
+    return found is not None and abs(float(found[0]) - float(value)) < 1e-3
+
+
+def menu_button(above: str, entry: int) -> Iterator[float]:
+    """Click on the button below the one named ``above``, which opens a menu, and choose its entry by number, from 0.
+
+    Buttons that open menus answer neither of the two operators, so they are found by their neighbour.
+    """
+    yield from place_of(above)
+    x, y = found_at[0]
+    yield from to(x, y - 20)
+    yield from click()
+    yield 0.4
+    yield from to(x - 40, y - 20 - 24 - 23 * entry)
+    yield 0.1
+    yield from click()
+    yield 0.3
+
+
+def reports() -> list[str]:
+    """Return what operators have told the person so far, one line each, the newest last, as an Info editor shows it."""
+    found = next(a for a in bpy.context.window_manager.windows[0].screen.areas if a.type in ("DOPESHEET_EDITOR", "INFO"))
+    kind, manager = found.ui_type, bpy.context.window_manager
+    found.ui_type = "INFO"
+    try:
+        with inside(found):
+            bpy.ops.info.select_all(action="SELECT")
+            manager.clipboard = ""
+            bpy.ops.info.report_copy()
+            return manager.clipboard.splitlines()
+    finally:
+        found.ui_type = kind
+
+
+def open_panel(below: str, down: int, holds: str) -> Iterator[float]:
+    """Open a closed panel by a click on its header, ``down`` pixels below the button ``below``, unless ``holds`` is in sight."""
+    area, _, _ = view()
+    found: dict[str, list[Place]] = {}
+    yield from buttons(area, "UI", found)
+    if any(holds in name for name in found):
+        return
+    yield from place_of(below)
+    x, y = found_at[0]
+    yield from to(x, y - down)
+    yield from click()
+    yield 0.5
