@@ -170,7 +170,7 @@ def test_an_image_of_another_size_is_that_of_the_command_line(worker: Client) ->
     model = camera.model.resized(2 * camera.model.width)
     rows, columns = [256, 320], [400, 560]
     request = worker.ask(
-        "camera", scenario={"format": "unisim-scenario", "version": 1, "log": str(scene), "scene": str(scene), "edits": []},
+        "camera", scenario={"format": "unisim-scenario", "version": 1, "name": "x", "log": str(scene / "none"), "scene": str(scene), "edits": []},
         path=str(scene / "x.json"), camera="front_camera", time_s=camera.time_s[0], model=asdict(model), passes=["rgb"],
         quality="balanced", device="cpu", rows=rows, columns=columns,
     )  # fmt: skip

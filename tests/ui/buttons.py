@@ -16,8 +16,10 @@ from session import inside, view
 
 ROW = 8
 """Distance of two looks, in pixels: a row of buttons is 20 pixels high."""
-HEADER = tuple((column + 0.5) / 80 for column in range(80))
-"""Where a header's one row is looked at, as shares of its width."""
+HEADER = tuple(0.7 + 0.0125 * column for column in range(24))
+"""Where the right part of a view's header is looked at, as shares of its width."""
+HEADER_HIGH = 20
+"""Height of a row of buttons, in pixels."""
 
 Place = tuple[int, int]
 
@@ -48,16 +50,19 @@ def buttons(
     ``columns``: where rows are looked at, as shares of the region's width."""
     region = region_of(found, kind)
     rows: dict[str, dict[int, list[Place]]] = {}
+    one_row = region.height < 2 * HEADER_HIGH
+    downs = (region.height // 2,) if one_row else range(ROW // 2, region.height, ROW)
     for share in columns:
-        for down in range(ROW // 2, region.height, ROW):
+        for down in downs:
             yield from to(region.x + share * region.width, region.y + region.height - down)
+            yield 0.0  # the button hears of the mouse in the next round
             name = under_mouse(found, region)
             if name:
                 rows.setdefault(name, {}).setdefault(mouse[0], []).append((mouse[0], mouse[1]))
     into.clear()
     for name, by_column in rows.items():
         # the middle of a button; at its very edge the mouse may not hold it yet
-        into[name] = [places[len(places) // 2] for places in by_column.values() if len(places) > 1]
+        into[name] = [places[len(places) // 2] for places in by_column.values() if one_row or len(places) > 1]
 
 
 def place_of(name: str, kind: str = "UI", columns: tuple[float, ...] = (0.5,), where: str = "VIEW_3D") -> Iterator[float]:

@@ -171,7 +171,7 @@ def angles(poses_: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(np.degrees(np.arccos(np.clip((np.trace(poses_[:, :3, :3], axis1=1, axis2=2) - 1) / 2, -1, 1))))
 
 
-COLUMNS = tuple((column + 0.5) / 100 for column in range(30, 50))
+COLUMNS = tuple((column + 0.5) / 100 for column in range(34, 44))
 
 
 def steps() -> Iterator[float]:
