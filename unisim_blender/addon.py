@@ -4,7 +4,21 @@ from __future__ import annotations
 
 import bpy
 
-from . import client, clouds, engine, following, headless, menus, operators, overlay, panels, preferences, properties, view_types
+from . import (
+    client,
+    clouds,
+    engine,
+    following,
+    headless,
+    menus,
+    notice_text,
+    operators,
+    overlay,
+    panels,
+    preferences,
+    properties,
+    view_types,
+)
 from .bridge import neighbours
 from .registering import close_room, open_room
 
@@ -18,6 +32,7 @@ ROOMS = (
     menus,
     overlay,
     clouds,
+    notice_text,
     view_types,
     engine,
 )

@@ -59,6 +59,14 @@ def draw_add_menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:
         self.layout.operator_menu_enum("unisim.add_lidar", "preset", text="LiDAR on the Vehicle")
 
 
+def draw_render_menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:
+    """Draw lines in the Render menu, where people look for a sequence, and where the menu search finds it."""
+    if context.scene.unisim.log:
+        self.layout.separator()
+        self.layout.operator("unisim.render_sequence", text="Render Sequence of Sensors", icon="RENDER_ANIMATION")
+        self.layout.operator("unisim.cancel_task", text="Cancel Sequence or Training")
+
+
 @persistent
 def follow_camera(scene: bpy.types.Scene, *_: object) -> None:
     """Another camera is active: pictures become as large as its own, if it is one of the rig.
@@ -86,6 +94,7 @@ def register() -> None:
     add(CLASSES)
     bpy.types.VIEW3D_MT_object.append(draw_object_menu)
     bpy.types.VIEW3D_MT_add.append(draw_add_menu)
+    bpy.types.TOPBAR_MT_render.append(draw_render_menu)
     configuration = bpy.context.window_manager.keyconfigs.addon
     if configuration is not None:  # there is none without a window
         keys = configuration.keymaps.new(name="Object Mode")
@@ -104,6 +113,7 @@ def unregister() -> None:
     while _keys:
         keys, item = _keys.pop()
         keys.keymap_items.remove(item)
+    bpy.types.TOPBAR_MT_render.remove(draw_render_menu)
     bpy.types.VIEW3D_MT_add.remove(draw_add_menu)
     bpy.types.VIEW3D_MT_object.remove(draw_object_menu)
     take_away(CLASSES)

@@ -37,6 +37,11 @@ PASSES = (
     ("opacity", "Opacity", "How much of each pixel is nearer than the far field"),
     ("support", "Support", "Pixels that nothing recorded supports"),
 )
+SEQUENCE_SENSORS = (
+    ("ALL", "All Sensors", "Every camera and LiDAR of the scene"),
+    ("CAMERA", "Active Camera", "The scene's active camera alone"),
+    ("SELECTED", "Selected Sensors", "The cameras and LiDARs that are selected"),
+)
 POINT_COLOURS = (
     ("ONE", "One", "Recorded points yellow, simulated ones blue"),
     ("INTENSITY", "Intensity", "Blue to yellow"),
@@ -91,6 +96,14 @@ class UniSimScene(bpy.types.PropertyGroup):
     static_items: CollectionProperty(type=UniSimItem, name="Static items")
     out: StringProperty(name="Folder", description="Where a sequence is written", subtype="DIR_PATH", default="//render")
     quality: EnumProperty(name="Quality", description="How finely rays are sampled", items=QUALITIES, default="balanced")
+    sequence_sensors: EnumProperty(name="Sensors", description="What a sequence renders", items=SEQUENCE_SENSORS, default="ALL")
+    sequence_width: IntProperty(
+        name="Width",
+        description="Width of a sequence's images in pixels; 0 for each camera's own",
+        default=0,
+        min=0,
+        subtype="PIXEL",
+    )
     contact_shadows: BoolProperty(name="Contact shadows", description="Soft shadows under copied and inserted actors")
     show_ways: BoolProperty(
         name="Trajectories",

@@ -12,11 +12,13 @@ import bpy
 import numpy as np
 import pytest
 from helpers import SAMPLE, drawn, edited, read, select, thing
+from PIL import Image
 
 from unisim_blender.bridge.clock import Clock
 from unisim_blender.bridge.importing import recorded_colours
 from unisim_blender.bridge.poses import same
 from unisim_blender.bridge.sampling import sample_all
+from unisim_blender.bridge.selection import choose
 from unisim_blender.bridge.source import source_of
 from unisim_blender.bridge.things import things
 from unisim_blender.core.scenario.types import Insert, Move, Swap
@@ -164,6 +166,26 @@ def test_a_sequence_is_resumed_and_gives_the_commands_bytes(street: Any, tmp_pat
     assert bpy.ops.unisim.render_sequence() == {"FINISHED"}
     assert pictures[1].is_file() and os.stat(pictures[0]).st_mtime_ns == stamp and pictures[0].read_bytes() == first
     assert "3 of 3 frames" in bpy.context.window_manager.unisim_task
+
+
+def test_a_sequence_of_some_sensors_at_a_width(street: Any, tmp_path: Path) -> None:
+    street.frame_start = street.frame_end = 5
+    street.unisim.out, street.unisim.sequence_width = str(tmp_path / "out"), 48
+    street.unisim.sequence_sensors = "CAMERA"
+    assert bpy.ops.unisim.render_sequence() == {"FINISHED"}
+    with Image.open(tmp_path / "out" / "camera" / street.camera.unisim.uid / "000005.png") as image:
+        assert image.width == 48
+    assert not (tmp_path / "out" / "lidar").exists()
+    street.unisim.sequence_sensors = "SELECTED"
+    choose(bpy.context, street.camera.parent)
+    with pytest.raises(RuntimeError, match="Output > Sensors: no camera or LiDAR is selected"):
+        bpy.ops.unisim.render_sequence()
+    lidar = next(things(street, "LIDAR"))
+    street.unisim.out = str(tmp_path / "sweeps")
+    choose(bpy.context, lidar)
+    assert bpy.ops.unisim.render_sequence() == {"FINISHED"}
+    assert (tmp_path / "sweeps" / "lidar" / lidar.unisim.uid / "000005.ply").is_file()
+    assert not (tmp_path / "sweeps" / "camera").exists()
 
 
 def test_a_sequence_that_fails_says_why(street: Any, tmp_path: Path) -> None:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import argparse
 import fcntl
 import json
+import os
 import shutil
 import subprocess
 import sys
@@ -32,6 +33,7 @@ SESSIONS = {
     "sequences": ["--enable-event-simulate"],
     "panel": ["--enable-event-simulate"],
     "points": ["--enable-event-simulate"],
+    "first_drive": ["--enable-event-simulate"],
     "window": [],
     "hands": ["--enable-event-simulate"],
 }
@@ -61,8 +63,7 @@ def main(root: Path, release: str, out: Path, only: Sequence[str] = (), extensio
     shutil.copy(archive, work / "unisim.zip")
     for script in HERE.glob("*.py"):
         shutil.copy(script, work)
-    shutil.copytree(REPOSITORY / "sample" / "scene", work / "scene")
-    shutil.copytree(street(), root / "tmp" / "out" / "street", dirs_exist_ok=True)  # where the scene names it
+    place_scene(root, inner)
     (root / "tmp" / ".X11-unix").mkdir(mode=0o1777, exist_ok=True)
     screen = subprocess.Popen([*inside(root), "Xvfb", display, "-screen", "0", "1600x900x24", "-nolisten", "tcp"])
     try:
@@ -100,6 +101,15 @@ def built_extension() -> Path:
     """Return the extension's archive, built from what is at hand."""
     build = [sys.executable, str(REPOSITORY / "tools" / "build_extension.py")]
     return Path(subprocess.run(build, check=True, capture_output=True, text=True).stdout.split("\n")[-2])
+def place_scene(root: Path, inner: str) -> None:
+    """Copy a trained scene into that Debian, and its log to where the scene names it: the sample's, or `UNISIM_UI_SCENE`'s."""
+    own = os.environ.get("UNISIM_UI_SCENE")
+    scene = Path(own) if own else REPOSITORY / "sample" / "scene"
+    named = json.loads((scene / "scene.json").read_text())["log"]["path"]
+    log = (scene / named).resolve() if own else street()
+    target = Path(inner, "scene", named)
+    shutil.copytree(scene, root / inner[1:] / "scene")
+    shutil.copytree(log, root / os.path.normpath(target).lstrip("/"), dirs_exist_ok=True)
 
 
 def street() -> Path:

@@ -64,8 +64,14 @@ def sensors_of(sampled: Sampled, drive: Drive) -> Sensors | None:
 
 def sensor_id(thing: Thing, drive: Drive) -> str:
     """What a scenario calls a sensor: as the log does, or after the object; names of files are made of it."""
-    recorded = thing.uid in drive.cameras or thing.uid in drive.lidars
-    return thing.uid if recorded and thing.is_original else re.sub(r"[^A-Za-z0-9_.-]|^[.-]", "_", thing.name)
+    return sensor_name(thing.name, thing.uid, thing.home, drive)
+
+
+def sensor_name(name: str, uid: str, home: str, drive: Drive) -> str:
+    """Return a scenario's name of the sensor that an object stands for, from the object's name, its id and the name that the
+    import gave it."""
+    recorded = uid in drive.cameras or uid in drive.lidars
+    return uid if recorded and name == home else re.sub(r"[^A-Za-z0-9_.-]|^[.-]", "_", name)
 
 
 def _camera(thing: Thing, world_from_ego: FloatArray, drive: Drive, clock: Clock) -> CameraSpec:

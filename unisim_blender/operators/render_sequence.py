@@ -4,6 +4,8 @@ from pathlib import Path
 
 import bpy
 
+from ..bridge.output_sensors import output_sensors
+from ..bridge.source import source_of
 from ..bridge.writing import write_scenario
 from ..core.errors import UnisimError
 from ..preferences import device, interpreter
@@ -13,10 +15,12 @@ from .export_scenario import scenario_of
 from .polling import allowed, drive, idle
 
 SCENARIO = "scenario.json"
+MIN_WIDTH = 8
+"""The narrowest image that the command line renders, in pixels."""
 
 
 class UNISIM_OT_render_sequence(bpy.types.Operator):
-    """Render all sensors of the scene over its frame range into the output folder. Frames that are there already stay"""
+    """Render sensors of the scene over its frame range into the output folder. Finished frames are kept"""
 
     bl_idname = "unisim.render_sequence"
     bl_label = "Render Sequence"
@@ -36,6 +40,7 @@ class UNISIM_OT_render_sequence(bpy.types.Operator):
                 raise UnisimError("no output folder is set: UniSim > Output > Folder")
             if about.out.startswith("//") and not bpy.data.filepath:
                 raise UnisimError(f"{about.out}: lies beside the .blend, which was never saved; save it, or name another folder")
+            sensors = output_sensors(context.scene, context.selected_objects, source_of(context.scene).drive)
             folder.mkdir(parents=True, exist_ok=True)
             scenario = scenario_of(context.scene, folder / SCENARIO)
             write_scenario(scenario, folder / SCENARIO)
@@ -45,6 +50,8 @@ class UNISIM_OT_render_sequence(bpy.types.Operator):
         scene = context.scene
         wanted = range(scene.frame_start, scene.frame_end + 1, scene.frame_step)
         arguments = ["render", str(folder / SCENARIO), "--out", str(folder), "--resume", "--device", device()]
+        arguments += ["--sensors", ",".join(sensors)] if sensors is not None else []
+        arguments += ["--width", str(max(MIN_WIDTH, about.sequence_width))] if about.sequence_width else []
         task = SequenceTask(arguments, folder, float(len(wanted)), interpreter())
         task.wanted = wanted
         launch(task)

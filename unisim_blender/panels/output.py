@@ -35,6 +35,8 @@ class UNISIM_PT_output(DrivePanel, bpy.types.Panel):
         column = layout.column()
         column.use_property_split, column.use_property_decorate = True, False
         column.prop(about, "out")
+        column.prop(about, "sequence_sensors")
+        column.prop(about, "sequence_width")
         column.prop(about, "quality")
         column.column().prop(about, "passes")
         column.prop(about, "opacity_pass")
