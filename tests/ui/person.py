@@ -12,7 +12,7 @@ from mathutils import Vector
 
 sys.path.insert(0, str(Path(__file__).parent))
 from browser import choose_path, menu_entry
-from buttons import HEADER, open_panel, press, redo_panel, reports
+from buttons import open_panel, press, redo_panel, reports
 from hands import click, edits, key, middle, place, thing, to
 from pixels import apart, as_rendered, grab, part, region_rectangle
 from session import SCENE, area, from_behind, picture, start, until, view
@@ -123,10 +123,12 @@ def hidden_sensors() -> Iterator[float]:
 
 
 def rendered_view() -> Iterator[float]:
-    """Rendered shading, by its button, shows the render and nothing else, with overlays and without them, in two sizes."""
+    """Z 8, Rendered shading, shows the render and nothing else, with overlays and without them, in two sizes."""
     yield from fresh()
-    yield from press(".shading.type", "HEADER", last=True, columns=HEADER)
-    assert view()[1].shading.type == "RENDERED"
+    yield from key("Z")
+    yield 0.4
+    yield from key("NUMPAD_8")
+    yield from until(lambda: view()[1].shading.type == "RENDERED", "Z 8 does not change the shading", 5)
     yield from through_camera()
     yield from as_rendered("rendered_view")
     bare_view(view()[1], False)

@@ -21,7 +21,7 @@ from typing import Any, TextIO
 
 HERE = Path(__file__).resolve().parent
 REPOSITORY = HERE.parents[1]
-LIMIT_S = 600
+LIMIT_S = 1200
 FIRST_DISPLAY = 93
 SLOTS = 8
 """How many runs there may be at once, each with a display and a work folder of its own."""
@@ -64,6 +64,8 @@ def main(root: Path, release: str, out: Path, only: Sequence[str] = (), extensio
     for script in HERE.glob("*.py"):
         shutil.copy(script, work)
     place_scene(root, inner)
+    if "sequences" in chosen:
+        shutil.copytree(synthetic("small", "3", "96", "54"), work / "small")
     (root / "tmp" / ".X11-unix").mkdir(mode=0o1777, exist_ok=True)
     screen = subprocess.Popen([*inside(root), "Xvfb", display, "-screen", "0", "1600x900x24", "-nolisten", "tcp"])
     try:
@@ -101,6 +103,8 @@ def built_extension() -> Path:
     """Return the extension's archive, built from what is at hand."""
     build = [sys.executable, str(REPOSITORY / "tools" / "build_extension.py")]
     return Path(subprocess.run(build, check=True, capture_output=True, text=True).stdout.split("\n")[-2])
+
+
 def place_scene(root: Path, inner: str) -> None:
     """Copy a trained scene into that Debian, and its log to where the scene names it: the sample's, or `UNISIM_UI_SCENE`'s."""
     own = os.environ.get("UNISIM_UI_SCENE")
@@ -114,9 +118,14 @@ def place_scene(root: Path, inner: str) -> None:
 
 def street() -> Path:
     """Return the folder of the log that the sample's scene is trained on, made where it is missing."""
-    folder = REPOSITORY / "out" / "street"
+    return synthetic("street", "20", "480", "270")
+
+
+def synthetic(name: str, frames: str, width: str, height: str) -> Path:
+    """Return the folder of a log of a procedural street, made where it is missing."""
+    folder = REPOSITORY / "out" / name
     if not folder.is_dir():
-        recipe = ["--frames", "20", "--width", "480", "--height", "270", "--seed", "0"]
+        recipe = ["--frames", frames, "--width", width, "--height", height, "--seed", "0"]
         subprocess.run([str(Path(sys.executable).parent / "unisim"), "synth", str(folder), *recipe], check=True)
     return folder
 
