@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 sys.path.insert(0, str(Path(__file__).parent))
 from buttons import press, redo_panel
 from hands import click, edits, key, middle, thing, to
+from heart import uncounted
 from pixels import as_rendered, export, grab
 from session import MODULE, OUT, area, start, until
 from tasks import click_car, fresh, imported, keys, task, through_camera
@@ -61,6 +62,7 @@ def select(kind: str) -> Iterator[float]:
     yield from to(*middle(area("VIEW_3D")))
 
 
+@uncounted
 def poses(name: str) -> NDArray[np.float64]:
     """Where an object is at every frame (N, 4, 4); the frame that was shown is shown again."""
     scene, found = bpy.context.scene, []
@@ -75,6 +77,26 @@ def poses(name: str) -> NDArray[np.float64]:
 def status_bar() -> NDArray[np.uint8]:
     """The pixels of the status bar."""
     return grab()[-STATUS_HIGH:, :STATUS_WIDE].copy()
+
+
+def undone() -> Iterator[float]:
+    """Ctrl-Z until no edit is left: a step of a frame is undone by itself."""
+    for _ in range(3):
+        yield from key("Z", ctrl=True)
+        yield 0.3
+        if not edits():
+            return
+    raise AssertionError(f"not undone: {edits()}")
+
+
+def done_again(wanted: list[tuple[str, str]]) -> Iterator[float]:
+    """Ctrl-Shift-Z until the edit is there again."""
+    for _ in range(3):
+        yield from key("Z", ctrl=True, shift=True)
+        yield 0.3
+        if edits() == wanted:
+            return
+    raise AssertionError(f"not done again: {edits()}")
 
 
 def edited(name: str) -> list[tuple[str, str]]:
@@ -96,20 +118,18 @@ def displaced(kind: str, pressed: tuple[str, ...], shown: str, other: str, amoun
     assert "whole trajectory is displaced" in said[-1], said
     yield 0.5
     assert (np.abs(status_bar().astype(int) - bar) > 50).sum() > 100, "the status bar shows nothing"
+    yield from to(600, 500)
+    yield from redo_panel(shown, other)
+    yield from until(lambda: edits() == edited(name), "F9 loses the edit", 10)
     moved = thing(name).matrix_world.copy()
     yield from key("RIGHT_ARROW")
     yield 0.2
     yield from key("LEFT_ARROW")
     yield 0.2
     assert np.abs(np.array(thing(name).matrix_world) - np.array(moved)).max() < 1e-4, "a step of a frame puts it back"
-    yield from to(600, 500)
-    yield from key("Z", ctrl=True)
-    yield from until(lambda: not edits(), "not undone", 10)
+    yield from undone()
     assert np.abs(poses(name) - before).max() < 1e-4, "undone, it is not where it was recorded"
-    yield from key("Z", ctrl=True, shift=True)
-    yield from until(lambda: edits() == edited(name), "not done again", 10)
-    yield from redo_panel(shown, other)
-    yield from until(lambda: edits() == edited(name), "F9 loses the edit", 10)
+    yield from done_again(edited(name))
     after = poses(name)
     relative = np.linalg.inv(before) @ after
     assert np.abs(relative - relative[0]).max() < 2e-3, "frames are displaced differently"
@@ -156,10 +176,8 @@ def blended(kind: str, pressed: tuple[str, ...], path: str, least: float) -> Ite
     assert there[10] == there.max() and there[0] < there[5] < there[10] > there[15], "it does not blend in and out"
     assert np.abs(np.diff(there)).max() < 0.2 * there[10], f"it jumps by {np.abs(np.diff(there)).max():.2f}"
     yield from to(600, 500)
-    yield from key("Z", ctrl=True)
-    yield from until(lambda: not edits(), "not undone", 10)
-    yield from key("Z", ctrl=True, shift=True)
-    yield from until(lambda: edits() == edited(name), "not done again", 10)
+    yield from undone()
+    yield from done_again(edited(name))
     assert np.abs(np.linalg.inv(before) @ poses(name) - relative).max() < 1e-4, "done again, it is elsewhere"
     yield from key("RIGHT_ARROW")
     yield from through_camera()

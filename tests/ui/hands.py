@@ -13,6 +13,7 @@ from bpy_extras.view3d_utils import location_3d_to_region_2d
 from mathutils import Vector
 
 sys.path.insert(0, str(Path(__file__).parent))
+from heart import uncounted
 from session import (
     ARCHIVE,
     MODULE,
@@ -83,6 +84,7 @@ def place(point: Vector) -> tuple[float, float]:
     return region.x + x, region.y + y
 
 
+@uncounted
 def scenario() -> Any:
     """What the scene stands for, as the extension would export it."""
     export = sys.modules[f"{MODULE}.operators.export_scenario"]

@@ -67,8 +67,8 @@ def clicked_cars() -> Iterator[float]:
         if (
             hit[0]
             and hit[4].name == one.name
-            and clear(one, eye)
             and -(bpy.context.scene.camera.matrix_world.inverted() @ at).z > 4
+            and clear(one, eye)
         ):
             x, y = place(at)
             if left + 150 < x < left + width - 350 and bottom + 80 < y < bottom + height - 80:
@@ -87,8 +87,10 @@ def clicked_cars() -> Iterator[float]:
 
 
 def sensors_drawn(into: list[int]) -> Iterator[float]:
-    """Note how many pixels of the view sensors and the vehicle's axes make."""
-    sensors = [one for one in bpy.context.scene.objects if one.unisim.kind in SENSORS]
+    """Note how many pixels of the view sensors and the vehicle's axes make; the camera that is looked through draws the recorded
+    image."""
+    through = bpy.context.scene.camera if view()[2].view_perspective == "CAMERA" else None
+    sensors = [one for one in bpy.context.scene.objects if one.unisim.kind in SENSORS and one != through]
     yield 0.5
     shown = part(grab(), region_rectangle("WINDOW"))
     for one in sensors:

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import bpy
 import numpy as np
+from heart import uncounted
 from numpy.typing import NDArray
 from session import MODULE, OUT, inside, results, screenshot, until, view, wait_for_picture
 
@@ -29,6 +30,7 @@ HEADLESS = OUT.parent / "headless"
 Image = NDArray[np.uint8]
 
 
+@uncounted
 def grab() -> Image:
     """Return the whole screen: (H, W, 3), top row first."""
     raw = subprocess.run(["import", "-window", "root", "-depth", "8", "rgb:-"], check=True, capture_output=True).stdout
@@ -55,6 +57,7 @@ def frame_rectangle() -> tuple[int, int, int, int]:
     return x + left, y + bottom, width, height
 
 
+@uncounted
 def uncovered(screen: Image, frame: tuple[int, int, int, int]) -> NDArray[np.bool_]:
     """Return which of the frame's pixels nothing but the engine draws: (height, width), top row first."""
     free = np.zeros(screen.shape[:2], np.uint8)
@@ -69,6 +72,7 @@ def uncovered(screen: Image, frame: tuple[int, int, int, int]) -> NDArray[np.boo
     return inner
 
 
+@uncounted
 def read_image(path: Path) -> Image:
     """Return an image file: (H, W, 3), top row first."""
     image = bpy.data.images.load(str(path), check_existing=False)
@@ -87,6 +91,7 @@ def command_line(*arguments: str) -> list[str]:
     return list(interpreters.command(sys.executable, "cli", *arguments))
 
 
+@uncounted
 def export(name: str) -> Path:
     """Write the scenario that the scene stands for; return its path."""
     path = HEADLESS / f"{name}.json"
@@ -114,6 +119,7 @@ def rendered(path: Path, images: list[Image], width: int, frame: int | None = No
     images.append(read_image(image))
 
 
+@uncounted
 def apart(on: Image, made: Image) -> NDArray[np.int16]:
     """Return how far apart two images are at each pixel, in steps of eight bits: (H, W)."""
     return np.asarray(np.abs(on.astype(np.int16) - made.astype(np.int16)).max(-1))
@@ -143,6 +149,7 @@ def as_rendered(name: str) -> Iterator[float]:
     )
 
 
+@uncounted
 def _keep(name: str, on: Image, made: Image, wrong: NDArray[np.bool_]) -> None:
     """Leave a picture of what was compared: the screen, what was rendered, and where they differ, one below the other."""
     marked = np.repeat(np.where(wrong, 255, on.mean(-1) / 4).astype(np.uint8)[..., None], 3, -1)

@@ -11,9 +11,10 @@ import bpy
 sys.path.insert(0, str(Path(__file__).parent))
 from buttons import open_panel, press
 from hands import key, middle, to
+from heart import heart
 from pixels import apart, grab, part, region_rectangle
 from session import area, results, screenshot, start, until
-from tasks import fresh, heart, imported, redraw_alone, task
+from tasks import fresh, imported, redraw_alone, task
 
 BEYOND_S = 0.1
 """How long the window may stand still beyond what drawing it takes."""
@@ -37,7 +38,7 @@ def first_points() -> Iterator[float]:
         without = heart.longest
         yield from to(*middle(area("VIEW_3D")))
         yield from press("unisim.show_points(recorded=True, simulated=False)", columns=(0.3, 0.45, 0.62, 0.8))
-        heart.longest = 0.0
+        heart.begin()
         yield from until(shown, "no recorded points are shown", 30)
         yield 1.0
         block = heart.longest

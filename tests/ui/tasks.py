@@ -12,30 +12,14 @@ import bpy
 import hands
 import numpy as np
 from bpy_extras.view3d_utils import location_3d_to_region_2d
+from heart import heart, uncounted
 from numpy.typing import NDArray
 from session import ARCHIVE, MODULE, OUT, SCENE, area, picture, redraw, results, screenshot, until, view
 
-BEAT_S = 0.005
 IMPORTED = OUT.parent / "imported.blend"
 """The sample's trained scene, imported and nothing else."""
 
 
-class Heart:
-    """Measures for how long the window did nothing else at most, in seconds."""
-
-    def __init__(self) -> None:
-        self.last = time.monotonic()
-        self.longest = 0.0
-
-    def beat(self) -> float:
-        """Called by a timer of Blender's."""
-        now = time.monotonic()
-        self.longest = max(self.longest, now - self.last - BEAT_S)
-        self.last = now
-        return BEAT_S
-
-
-heart = Heart()
 presses = [0]
 
 
@@ -46,7 +30,8 @@ def task(name: str, todo: Callable[[], Iterator[float]]) -> Iterator[float]:
     """
     table = results.setdefault("tasks", {})
     assert isinstance(table, dict)
-    presses[0], heart.longest, heart.last, begun = 0, 0.0, time.monotonic(), time.monotonic()
+    heart.begin()
+    presses[0], begun = 0, time.monotonic()
     event = hands.event
 
     def counted(kind: str, value: str, **more: Any) -> None:
@@ -79,7 +64,7 @@ def task(name: str, todo: Callable[[], Iterator[float]]) -> Iterator[float]:
 def redraw_alone(times: int = 6) -> Iterator[float]:
     """Draw the whole window again some times; the longest block of it is then `heart.longest`."""
     yield 0.2
-    heart.longest, heart.last = 0.0, time.monotonic()
+    heart.begin()
     for _ in range(times):
         redraw()
         yield 0.05
@@ -156,6 +141,7 @@ def through_camera(rendered: bool = True, width: int = 480) -> Iterator[float]:
     # a frame as wide as the region has this zoom
     looks.view_camera_zoom = 50 * (2 * np.sqrt(width / region.width) - np.sqrt(2))
     looks.view_camera_offset = 0.0, 0.0
+    looks.view_perspective = "CAMERA"
     space.shading.type = "RENDERED" if rendered else "SOLID"
     bare_view(space, rendered)
     yield 0.3
@@ -175,6 +161,7 @@ def changed(before: NDArray[Any] | None) -> bool:
     return now is not None and before is not None and bool(np.abs(now - before).max() > 0.05)
 
 
+@uncounted
 def seen(driving: bool) -> str:
     """The name of the actor nearest in the middle of the camera's view that drives, or stands."""
     found, _, looks = view()
