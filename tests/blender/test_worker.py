@@ -48,6 +48,7 @@ def last(request: Request) -> dict[str, object]:
 
 
 def test_it_says_what_it_is(worker: Client) -> None:
+    # fmt: off
     request = worker.ask("about")
     event = request.events.get(timeout=LIMIT_S)
     assert event["event"] == "about" and "cpu" in event["devices"]
@@ -56,6 +57,7 @@ def test_it_says_what_it_is(worker: Client) -> None:
 
 def test_asking_returns_at_once(worker: Client) -> None:
     started = time.monotonic()
+    # fmt: off
     request = worker.ask("about")
     assert time.monotonic() - started < 0.1
     last(request)
@@ -66,6 +68,7 @@ def test_a_killed_worker_is_a_sentence_and_comes_back(worker: Client) -> None:
     assert worker.process is not None
     before = worker.process.pid
     os.kill(before, signal.SIGSTOP)
+    # fmt: off
     request = worker.ask("about")
     os.kill(before, signal.SIGKILL)
     event = last(request)
@@ -169,8 +172,9 @@ def test_an_image_of_another_size_is_that_of_the_command_line(worker: Client) ->
     camera = drive.cameras["front_camera"]
     model = camera.model.resized(2 * camera.model.width)
     rows, columns = [256, 320], [400, 560]
+    paths = {"log": str(scene / "none"), "scene": str(scene)}
     request = worker.ask(
-        "camera", scenario={"format": "unisim-scenario", "version": 1, "name": "x", "log": str(scene / "none"), "scene": str(scene), "edits": []},
+        "camera", scenario={"format": "unisim-scenario", "version": 1, "name": "x", "edits": [], **paths},
         path=str(scene / "x.json"), camera="front_camera", time_s=camera.time_s[0], model=asdict(model), passes=["rgb"],
         quality="balanced", device="cpu", rows=rows, columns=columns,
     )  # fmt: skip
