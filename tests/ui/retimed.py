@@ -10,6 +10,7 @@ from pathlib import Path
 
 import bpy
 import numpy as np
+from mathutils import Vector
 from numpy.typing import NDArray
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -117,7 +118,7 @@ def seconds() -> Iterator[float]:
     yield from through_camera(rendered=False)
     yield from click_car(driving=True)
     car = bpy.context.view_layer.objects.active
-    start_at = car.matrix_world @ place_below(car)
+    start_at = car.matrix_world @ ahead_below(car)
     bpy.ops.curve.primitive_nurbs_path_add(radius=10.0, location=start_at, rotation=car.matrix_world.to_euler())
     curve = bpy.context.view_layer.objects.active
     car = thing(car.name)
@@ -137,17 +138,13 @@ def seconds() -> Iterator[float]:
     speeds = np.linalg.norm(np.diff(places, axis=0), axis=1) / np.diff(times)
     driven = speeds[1:-1]
     assert len(driven) > 5 and np.abs(driven - 8).max() < 0.1, f"it drives at {driven.min():.2f} to {driven.max():.2f} m/s"
-    scene.render.fps = 10
     yield from through_camera()
     yield from as_rendered("followed_curve")
 
 
-def place_below(car: bpy.types.Object) -> tuple[float, float, float]:
-    """The middle of a car's underside, in its own axes."""
-    low = min(corner[2] for corner in car.bound_box)
-    from mathutils import Vector
-
-    return Vector((10.0, 0.0, low))
+def ahead_below(car: bpy.types.Object) -> Vector:
+    """A place ten metres ahead of a car on the height of its underside, in its own axes."""
+    return Vector((10.0, 0.0, min(corner[2] for corner in car.bound_box)))
 
 
 def stretched() -> Iterator[float]:
