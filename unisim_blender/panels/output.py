@@ -2,9 +2,9 @@
 
 import bpy
 
-from ..operators.background import curve_icon
+from ..operators.background import curve_icon, newest
 from ..registering import add, take_away
-from .sidebar import DrivePanel
+from .sidebar import DrivePanel, Sidebar
 
 
 class UNISIM_PT_warnings(DrivePanel, bpy.types.Panel):
@@ -23,15 +23,23 @@ class UNISIM_PT_warnings(DrivePanel, bpy.types.Panel):
             there.thing, there.frame = warning.name, warning.frame
 
 
-class UNISIM_PT_output(DrivePanel, bpy.types.Panel):
+class UNISIM_PT_output(Sidebar, bpy.types.Panel):
     """Images and sweeps of the whole drive"""
 
     bl_label = "Output"
     bl_order = 5
 
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """A drive has to be there, or a task that was begun in another file."""
+        return bool(context.scene.unisim.log or newest)
+
     def draw(self, context: bpy.types.Context) -> None:
-        """Draw settings, what runs, and the export."""
-        layout, about, manager = self.layout, context.scene.unisim, context.window_manager
+        """Draw settings, what runs, and the export; in a file without a drive only what runs."""
+        layout, about = self.layout, context.scene.unisim
+        if not about.log:
+            draw_task(layout, context.window_manager)
+            return
         column = layout.column()
         column.use_property_split, column.use_property_decorate = True, False
         column.prop(about, "out")
@@ -42,14 +50,19 @@ class UNISIM_PT_output(DrivePanel, bpy.types.Panel):
         column.prop(about, "opacity_pass")
         column.prop(about, "contact_shadows")
         layout.operator("unisim.render_sequence", icon="RENDER_ANIMATION")
-        layout.progress(factor=manager.unisim_progress, text=manager.unisim_task or "Nothing runs")
-        layout.operator("unisim.cancel_task", icon="CANCEL")
+        draw_task(layout, context.window_manager)
         layout.operator("unisim.export_scenario", icon="EXPORT")
         layout.operator("unisim.train", icon="MODIFIER")
         layout.operator("unisim.make_library", icon="ASSET_MANAGER")
         curve = curve_icon()
         if curve is not None:
             layout.template_icon(curve, scale=12.0)
+
+
+def draw_task(layout: bpy.types.UILayout, manager: bpy.types.WindowManager) -> None:
+    """Draw how far the task is that runs, and what ends it."""
+    layout.progress(factor=manager.unisim_progress, text=manager.unisim_task or "Nothing runs")
+    layout.operator("unisim.cancel_task", icon="CANCEL")
 
 
 class UNISIM_PT_render(bpy.types.Panel):
