@@ -4,11 +4,26 @@ from __future__ import annotations
 
 import bpy
 
-from . import client, clouds, engine, following, headless, menus, operators, overlay, panels, preferences, properties, view_types
+from . import (
+    client,
+    clouds,
+    engine,
+    following,
+    headless,
+    menus,
+    operators,
+    overlay,
+    panels,
+    preferences,
+    properties,
+    translations,
+    view_types,
+)
 from .bridge import neighbours
 from .registering import close_room, open_room
 
 ROOMS = (
+    translations,
     properties,
     preferences,
     neighbours,

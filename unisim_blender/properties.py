@@ -78,10 +78,20 @@ class UniSimItem(bpy.types.PropertyGroup):
 
 
 class UniSimWarning(bpy.types.PropertyGroup):
-    """What is odd about the object ``name``."""
+    """What is implausible about the object ``name``, and where and when."""
 
-    frame: IntProperty()
-    text: StringProperty()
+    frame: IntProperty(name="Frame")
+    time_s: FloatProperty(name="Time", description="Seconds of the log", unit="TIME_ABSOLUTE")
+    place: FloatVectorProperty(name="Location", description="World location of the object at that time", size=3)
+    text: StringProperty(name="Warning")
+
+
+class UniSimCheck(bpy.types.PropertyGroup):
+    """Result of Check Edits; it is saved with the scene."""
+
+    warnings: CollectionProperty(type=UniSimWarning, name="Warnings")
+    state: StringProperty(name="State", description="Digest of the edits that were checked; empty before the first check")
+    checked: StringProperty(name="Checked", description="Local date and time of the check")
 
 
 class UniSimScene(bpy.types.PropertyGroup):
@@ -127,7 +137,7 @@ class UniSimScene(bpy.types.PropertyGroup):
     )
 
 
-CLASSES = (UniSimObject, UniSimItem, UniSimWarning, UniSimScene)
+CLASSES = (UniSimObject, UniSimItem, UniSimWarning, UniSimCheck, UniSimScene)
 
 
 def register() -> None:
@@ -135,15 +145,18 @@ def register() -> None:
     add(CLASSES)
     bpy.types.Object.unisim = PointerProperty(type=UniSimObject)
     bpy.types.Scene.unisim = PointerProperty(type=UniSimScene)
+    bpy.types.Scene.unisim_check = PointerProperty(type=UniSimCheck)
     bpy.types.WindowManager.unisim_renderer = StringProperty(description="What the last test of the renderer found")
     bpy.types.WindowManager.unisim_task = StringProperty(description="What runs in the background, and how far it is")
-    bpy.types.WindowManager.unisim_warnings = CollectionProperty(type=UniSimWarning)
     bpy.types.WindowManager.unisim_progress = FloatProperty(subtype="FACTOR", min=0.0, max=1.0)
+    bpy.types.WindowManager.unisim_points = StringProperty(
+        description="Progress of simulated LiDAR points, or why there are none"
+    )
 
 
 def unregister() -> None:
     """Take them away again; files keep what they hold."""
     manager = bpy.types.WindowManager
-    del manager.unisim_warnings, manager.unisim_progress, manager.unisim_task, manager.unisim_renderer
-    del bpy.types.Scene.unisim, bpy.types.Object.unisim
+    del manager.unisim_points, manager.unisim_progress, manager.unisim_task, manager.unisim_renderer
+    del bpy.types.Scene.unisim_check, bpy.types.Scene.unisim, bpy.types.Object.unisim
     take_away(CLASSES)

@@ -26,12 +26,14 @@ PATIENCE_S = 20.0
 
 @dataclass
 class Task:
-    """A command that runs. ``arguments`` follow `unisim`; ``total`` is how much there is to do, in frames or minutes."""
+    """A command that runs. ``arguments`` follow `unisim`; ``total`` is how much there is to do, in frames or minutes, and
+    ``file`` the .blend that it was started from, "" where that was not saved."""
 
     arguments: list[str]
     folder: Path
     total: float
     chosen: str = ""
+    file: str = ""
     started_s: float = field(default_factory=time.monotonic)
     process: subprocess.Popen[bytes] | None = None
     code: int | None = None
@@ -56,6 +58,11 @@ class Task:
     def done(self) -> float:
         """How much of `total` is done."""
         raise NotImplementedError
+
+    @property
+    def fraction(self) -> float:
+        """How much of it is done, from 0 to 1."""
+        return min(1.0, self.done / max(self.total, 1e-9))
 
     @property
     def problem(self) -> str:

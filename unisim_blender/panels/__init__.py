@@ -1,5 +1,5 @@
 """What users see in the sidebar, one file a subject: drawing only."""
 
-from . import actor, drive, output, rig
+from . import actor, drive, output, rig, statusbar
 
-MODULES = (drive, actor, rig, output)
+MODULES = (drive, actor, rig, output, statusbar)

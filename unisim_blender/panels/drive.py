@@ -59,6 +59,8 @@ class UNISIM_PT_show(Sidebar, bpy.types.Panel):
             now = (about.show_recorded, about.show_simulated) == (recorded, simulated)
             shown = row.operator("unisim.show_points", text=name, depress=now)
             shown.recorded, shown.simulated = recorded, simulated
+        if context.window_manager.unisim_points:
+            layout.label(text=context.window_manager.unisim_points, translate=False, icon="INFO")
         column = layout.column()
         column.enabled = about.show_recorded or about.show_simulated
         column.prop(about, "points_colour", text="Colour by")
