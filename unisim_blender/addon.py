@@ -7,6 +7,7 @@ import bpy
 from . import (
     client,
     clouds,
+    documentation,
     engine,
     following,
     headless,
@@ -35,6 +36,7 @@ ROOMS = (
     clouds,
     view_types,
     engine,
+    documentation,
 )
 """In the order in which they need each other."""
 

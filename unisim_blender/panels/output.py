@@ -30,8 +30,9 @@ class UNISIM_PT_warnings(DrivePanel, bpy.types.Panel):
         column = self.layout.column(align=True)
         column.active = not outdated
         for warning in check.warnings:
-            text = f"{warning.time_s:.1f} s ({warning.frame}): {warning.name} {warning.text}"
+            text = f"{warning.time_s:.1f} s ({warning.frame})  {warning.name}"
             there = column.operator("unisim.go_to", text=text, translate=False, icon="ERROR")
+            column.label(text=warning.text[:1].upper() + warning.text[1:], translate=False)
             there.thing, there.frame, there.place = warning.name, warning.frame, warning.place
 
 
