@@ -19,6 +19,7 @@ from pathlib import Path
 
 from . import interpreters
 from .core.sequence.records import finished_frames
+from .translations import message
 
 PATIENCE_S = 20.0
 """How long a process that was asked to end may take to leave everything whole."""
@@ -78,16 +79,17 @@ class Task:
         if self.problem:
             return self.problem
         if self.cancelled and self.running:  # what it is at is finished yet
-            return f"Stopping: {self.measure()}"
+            return message("Stopping: {progress}", progress=self.measure())
         if self.cancelled:
-            return f"Stopped at {self.measure()}; start it again to go on"
+            return message("Stopped at {progress}; start it again to resume", progress=self.measure())
         if not self.running:
-            return f"Done: {self.measure()}"
+            return message("Done: {progress}", progress=self.measure())
         spent, new = time.monotonic() - self.started_s, self.done - self.before
         if new <= 0:
-            return f"{self.measure()}, starting"
+            return message("{progress}, starting", progress=self.measure())
         left = (self.total - self.done) * spent / new
-        return f"{self.measure()}, {self.speed(new / spent)}{int(left) // 60}:{int(left) % 60:02d} left"
+        time_left = f"{int(left) // 60}:{int(left) % 60:02d}"
+        return message("{progress}, {time} left", progress=self.measure() + self.speed(new / spent), time=time_left)
 
     def measure(self) -> str:
         """How far it is."""
@@ -145,11 +147,11 @@ class SequenceTask(Task):
 
     def measure(self) -> str:
         """Frames of how many."""
-        return f"{int(self.done)} of {int(self.total)} frames"
+        return message("{done} of {total} frames", done=int(self.done), total=int(self.total))
 
     def speed(self, rate: float) -> str:
         """Frames a second."""
-        return f"{rate:.2f} frames/s, "
+        return message(", {rate:.2f} frames/s", rate=rate)
 
     def newest(self) -> Path | None:
         """The picture that was finished last."""
@@ -183,4 +185,4 @@ class TrainingTask(Task):
         """Minutes of how many, and how good it is."""
         curve = self.curve()
         now = f", PSNR {curve[-1]['psnr']:.1f} dB, LiDAR {100 * curve[-1]['lidar_m']:.1f} cm" if curve else ""
-        return f"{self.done:.1f} of {self.total:.1f} minutes{now}"
+        return message("{done:.1f} of {total:.1f} minutes", done=self.done, total=self.total) + now

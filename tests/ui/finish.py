@@ -163,8 +163,10 @@ def played() -> Iterator[float]:
     wm.WM_OT_path_open.execute = lambda self, _: folders.append(self.filepath) or {"FINISHED"}
 
     def noted(command: list[str], **more: Any) -> Any:
-        started.append(player(command, **more))
-        return started[-1]
+        process = player(command, **more)
+        if command[0] == bpy.app.binary_path:  # and no screenshot
+            started.append(process)
+        return process
 
     results_module.subprocess.Popen = noted
     try:

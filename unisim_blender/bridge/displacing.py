@@ -14,6 +14,7 @@ from mathutils import Quaternion
 
 from ..core.errors import UnisimError
 from ..core.geometry import FloatArray
+from ..translations import message
 from .animation import curves_of
 from .clock import Clock
 from .source import source_of
@@ -40,12 +41,17 @@ def settle(scene: bpy.types.Scene, thing: bpy.types.Object) -> str:
         if not keyed:
             if np.abs(now - before).max() > SAME:
                 setattr(thing.unisim, rest, now)
-                said = f"{thing.name}: the whole trajectory is displaced"
+                said = message("{name}: the whole trajectory is displaced", name=thing.name)
         elif scene.tool_settings.use_keyframe_insert_auto and all(len(curve.keyframe_points) == 1 for curve in keyed):
             blended |= _blend(scene, keyed, before)
     if blended:
         frame = scene.frame_current
-        return f"{thing.name}: a change is keyed at frame {frame}, from {BLEND_S:g} s before it to {BLEND_S:g} s after it"
+        return message(
+            "{name}: the change is keyed at frame {frame} and blends in from {blend:g} s before to {blend:g} s after it",
+            name=thing.name,
+            frame=frame,
+            blend=BLEND_S,
+        )
     return said
 
 
@@ -70,7 +76,7 @@ def keep(scene: bpy.types.Scene, thing: bpy.types.Object, frame: float) -> str:
                 _add(curve, np.full(len(curve.keyframe_points), now[i] - then[i]))
         elif len(keyed) == 4:
             _turn([keyed[i] for i in range(4)], Quaternion(now).normalized() @ Quaternion(then).normalized().inverted())
-    return f"{thing.name}: the whole trajectory is displaced, its keys too" if changed else ""
+    return message("{name}: the whole trajectory and its keys are displaced", name=thing.name) if changed else ""
 
 
 def displaced_objects(scene: bpy.types.Scene) -> list[bpy.types.Object]:

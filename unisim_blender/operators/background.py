@@ -126,7 +126,7 @@ def launch(task: Task) -> None:
 
 
 class UNISIM_OT_cancel_task(bpy.types.Operator):
-    """Stop what runs in the background; what is finished stays, and starting it again goes on from there"""
+    """Stop the background task; finished frames are kept, and starting it again resumes"""
 
     bl_idname = "unisim.cancel_task"
     bl_label = "Cancel"
@@ -135,7 +135,7 @@ class UNISIM_OT_cancel_task(bpy.types.Operator):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         """Something has to be running."""
-        return allowed(cls, (running, "Nothing is running"))
+        return allowed(cls, (running, "No task is running"))
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Ask it to end."""

@@ -20,6 +20,7 @@ from ..core.prepare.scenario import scene_actors
 from ..core.scenario import FORMAT, load_scenario
 from ..core.scene_file import HEADER_NAME, read_scene_header
 from ..registering import add, take_away
+from ..translations import message
 from .polling import allowed
 
 FAR_M = 2000.0
@@ -86,14 +87,16 @@ class _ImportDrive(ImportHelper):
         if event.type == "ESC" and context.preferences.edit.use_global_undo:
             self.end(context)
             take_back()
-            self.report({"WARNING"}, "Import stopped: the scene is as it was")
+            self.report({"WARNING"}, "Import cancelled: the scene is unchanged")
             return {"CANCELLED"}
         if event.type != "TIMER":
             return {"RUNNING_MODAL"}
         until = time.monotonic() + BUSY_S
         for done, total, what in self.steps:
             context.window_manager.progress_update(100 * done / total)
-            context.workspace.status_text_set(f"Importing {what}: {done} of {total}. Esc stops")
+            context.workspace.status_text_set(
+                message("Importing {what}: {done} of {total} (Esc to cancel)", what=what, done=done, total=total)
+            )
             if time.monotonic() > until:
                 return {"RUNNING_MODAL"}
         self.end(context)
@@ -123,7 +126,7 @@ def take_back() -> None:
 
 
 class UNISIM_OT_import_log(bpy.types.Operator, _ImportDrive):
-    """Import a recorded drive: its vehicle, sensors and actors as animated objects"""
+    """Import the vehicle, sensors and actors of a recorded drive as animated objects"""
 
     bl_idname = "unisim.import_log"
     bl_label = "Import Driving Log"
@@ -139,7 +142,7 @@ class UNISIM_OT_import_log(bpy.types.Operator, _ImportDrive):
 
 
 class UNISIM_OT_import_scene(bpy.types.Operator, _ImportDrive):
-    """Import a drive as a neural scene trained on it replays it, with refined tracklets"""
+    """Import a trained neural scene and its drive, with refined tracklets"""
 
     bl_idname = "unisim.import_scene"
     bl_label = "Import Trained Neural Scene"
@@ -157,7 +160,7 @@ class UNISIM_OT_import_scene(bpy.types.Operator, _ImportDrive):
 
 
 class UNISIM_OT_import_scenario(bpy.types.Operator, ImportHelper):
-    """Import a scenario: its drive, with every edit carried out"""
+    """Import the drive of a scenario with all its edits"""
 
     bl_idname = "unisim.import_scenario"
     bl_label = "Import Scenario"
@@ -209,7 +212,7 @@ def is_scenario(path: Path) -> bool:
 
 
 class UNISIM_OT_import_dropped(bpy.types.Operator):
-    """Import a scenario, a trained scene or a log, one of whose .json files was dropped onto the window"""
+    """Import the scenario, trained scene or log that a dropped .json file belongs to"""
 
     bl_idname = "unisim.import_dropped"
     bl_label = "Import into UniSim"
@@ -241,7 +244,7 @@ class UNISIM_OT_import_dropped(bpy.types.Operator):
 
 
 class UNISIM_OT_recorded_colours(bpy.types.Operator):
-    """Show pictures as they were recorded: view transform Standard, no look, exposure 0, gamma 1"""
+    """Show colours as recorded: view transform Standard, look None, exposure 0, gamma 1"""
 
     bl_idname = "unisim.recorded_colours"
     bl_label = "Show Colours as Recorded"
@@ -250,7 +253,7 @@ class UNISIM_OT_recorded_colours(bpy.types.Operator):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         """Colours have to be shown otherwise."""
-        return allowed(cls, (not recorded_colours(context.scene), "Colours are shown as recorded already"))
+        return allowed(cls, (not recorded_colours(context.scene), "Colours are already shown as recorded"))
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Set the scene's colour management."""

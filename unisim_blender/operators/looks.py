@@ -17,6 +17,7 @@ from ..core.drive import Actor
 from ..core.errors import UnisimError
 from ..core.prepare.scenario import scene_actors
 from ..core.scene_file import HEADER_NAME
+from ..translations import message
 from .polling import allowed, drive, object_mode, selected
 
 _shown: list[tuple[str, str, str]] = []
@@ -44,15 +45,17 @@ def looks_of(context: bpy.types.Context, scene: str) -> dict[str, Actor]:
 
 
 class UNISIM_OT_replace_look(bpy.types.Operator):
-    """Give the selected actors another actor's look and box, on the same way and the same ground"""
+    """Replace the appearance and the box of the selected actors by those of another actor, on the same trajectory"""
 
     bl_idname = "unisim.replace_look"
-    bl_label = "Replace Look"
+    bl_label = "Replace Appearance"
     bl_options = {"REGISTER", "UNDO"}
     bl_property = "look"
 
-    scene: StringProperty(name="Trained scene", description="Empty: the drive's own", subtype="DIR_PATH")
-    look: EnumProperty(name="Look", items=actor_items)
+    scene: StringProperty(
+        name="Trained scene", description="Folder of the trained scene; empty for the one of the drive", subtype="DIR_PATH"
+    )
+    look: EnumProperty(name="Appearance", description="Actor whose appearance is used", items=actor_items)
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
@@ -62,7 +65,7 @@ class UNISIM_OT_replace_look(bpy.types.Operator):
             cls,
             object_mode(context),
             selected(context, "Select an actor first", "ACTOR"),
-            (plain, "What is a mesh keeps its own appearance: select recorded actors alone"),
+            (plain, "Mesh actors keep their own appearance: select recorded actors only"),
         )
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
@@ -88,14 +91,14 @@ class UNISIM_OT_replace_look(bpy.types.Operator):
 
 
 class UNISIM_OT_insert_actor(bpy.types.Operator, ImportHelper):
-    """Put an actor of a trained scene at the 3D cursor"""
+    """Insert an actor of a trained scene at the 3D cursor"""
 
     bl_idname = "unisim.insert_actor"
     bl_label = "Insert Actor"
     bl_options = {"REGISTER", "UNDO"}
 
     filter_glob: StringProperty(default="*.json", options={"HIDDEN"})
-    actor: StringProperty(name="Actor", description="Its id in that scene; empty: the first vehicle")
+    actor: StringProperty(name="Actor", description="Identifier in the trained scene; empty for the first vehicle")
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
@@ -112,7 +115,7 @@ class UNISIM_OT_insert_actor(bpy.types.Operator, ImportHelper):
                 (u for u, a in sorted(actors.items()) if "car" in a.label.lower()), next(iter(sorted(actors)))
             )
             if uid not in actors:
-                raise UnisimError(f'{folder}: has no actor "{uid}"')
+                raise UnisimError(message('{folder}: has no actor "{name}"', folder=folder, name=uid))
         except (UnisimError, OSError) as fault:
             self.report({"ERROR"}, str(fault))
             return {"CANCELLED"}

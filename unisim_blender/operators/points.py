@@ -168,14 +168,14 @@ def update(scene: bpy.types.Scene) -> None:
 
 
 class UNISIM_OT_show_points(bpy.types.Operator):
-    """Show LiDAR points as they were recorded, as they are simulated, or both"""
+    """Show recorded LiDAR points, simulated LiDAR points, or both"""
 
     bl_idname = "unisim.show_points"
     bl_label = "Show LiDAR Points"
     bl_options = {"REGISTER", "UNDO"}
 
-    recorded: bpy.props.BoolProperty(name="Recorded", default=True)
-    simulated: bpy.props.BoolProperty(name="Simulated", default=False)
+    recorded: bpy.props.BoolProperty(name="Recorded", description="Show recorded points", default=True)
+    simulated: bpy.props.BoolProperty(name="Simulated", description="Show simulated points", default=False)
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:

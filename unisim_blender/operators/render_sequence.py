@@ -10,6 +10,7 @@ from ..bridge.writing import write_scenario
 from ..core.errors import UnisimError
 from ..preferences import device, interpreter
 from ..tasks import SequenceTask
+from ..translations import message
 from .background import launch, running
 from .export_scenario import scenario_of
 from .polling import allowed, drive, idle
@@ -20,7 +21,7 @@ MIN_WIDTH = 8
 
 
 class UNISIM_OT_render_sequence(bpy.types.Operator):
-    """Render sensors of the scene over its frame range into the output folder. Finished frames are kept"""
+    """Render the sensors over the frame range into the output folder, in the background; finished frames are kept"""
 
     bl_idname = "unisim.render_sequence"
     bl_label = "Render Sequence"
@@ -37,9 +38,11 @@ class UNISIM_OT_render_sequence(bpy.types.Operator):
         folder = Path(bpy.path.abspath(about.out)).absolute()
         try:
             if not about.out:
-                raise UnisimError("no output folder is set: UniSim > Output > Folder")
+                raise UnisimError(message("Set an output folder first: UniSim > Output > Folder"))
             if about.out.startswith("//") and not bpy.data.filepath:
-                raise UnisimError(f"{about.out}: lies beside the .blend, which was never saved; save it, or name another folder")
+                raise UnisimError(
+                    message("{folder}: save the .blend first, or choose a folder that does not depend on it", folder=about.out)
+                )
             sensors = output_sensors(context.scene, context.selected_objects, source_of(context.scene).drive)
             folder.mkdir(parents=True, exist_ok=True)
             scenario = scenario_of(context.scene, folder / SCENARIO)

@@ -40,8 +40,7 @@ def camera_items(self: bpy.types.Operator, context: bpy.types.Context) -> list[t
 
 def folder_known(context: bpy.types.Context) -> Need:
     """The output folder is known."""
-    sentence = "Save the file first, or choose an output folder that does not depend on it"
-    return output_folder(context.scene) is not None, sentence
+    return output_folder(context.scene) is not None, "Save the .blend first, or choose a folder that does not depend on it"
 
 
 class UNISIM_OT_open_output(bpy.types.Operator):

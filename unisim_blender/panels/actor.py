@@ -7,6 +7,7 @@ import bpy
 from ..bridge.card import Card, card_of
 from ..bridge.source import source_of
 from ..core.errors import UnisimError
+from ..translations import interface
 from .sidebar import DrivePanel, row_of
 
 
@@ -31,7 +32,7 @@ class UNISIM_PT_actor(DrivePanel, bpy.types.Panel):
         """Draw the card and the operators; rows stay in place whatever is selected."""
         layout, card = self.layout, active_card(context)
         box = layout.box().column(align=True)
-        row_of(box, "Actor", card.name if card else "none is active", "OBJECT_DATA")
+        row_of(box, "Actor", card.name if card else interface("no active actor"), "OBJECT_DATA")
         row_of(box, "Class", f"{card.label} ({card.role})" if card else "")
         row_of(box, "Speed", f"{card.speed_m_s * 3.6:.0f} km/h" if card else "")
         row_of(box, "Distance", f"{card.distance_m:.1f} m" if card else "")

@@ -79,7 +79,7 @@ def draw_results(layout: bpy.types.UILayout, context: bpy.types.Context) -> None
 
 
 class UNISIM_PT_render(bpy.types.Panel):
-    """How finely the engine UniSim samples rays"""
+    """Sampling settings of the engine UniSim"""
 
     bl_label = "Sampling"
     bl_space_type = "PROPERTIES"
