@@ -93,8 +93,11 @@ def test_the_page_is_whole(maker: Any, manual: Path) -> None:
 def test_markdown_becomes_html(maker: Any) -> None:
     made = list(
         maker.blocks(
-            "# A *b* `<c>`\n\ntext **bold**\n[on](https://x.org) [off](other.md)\n\n"
-            "- one\n  more\n  - inner\n- two\n\n1. first\n2. last\n\n| a | b |\n|---|---|\n| `x` | y |\n\n```\n<raw>\n```".splitlines()
+            [
+                *("# A *b* `<c>`", "", "text **bold**", "[on](https://x.org) [off](other.md)", ""),
+                *("- one", "  more", "  - inner", "- two", "", "1. first", "2. last", ""),
+                *("| a | b |", "|---|---|", "| `x` | y |", "", "```", "<raw>", "```"),
+            ]
         )
     )
     assert made == [

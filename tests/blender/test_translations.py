@@ -39,7 +39,7 @@ def test_the_tool_finds_texts_of_every_kind(tool: Any) -> None:
         "Contact shadows",
         "Next lane, left",
         "Not checked yet",
-        "{count} warnings",
+        "Warnings: {count}",
         "Select an actor first",
         "Another task is running: cancel it or wait until it ends",
         "Save the .blend first, or choose a folder that does not depend on it",
@@ -66,7 +66,7 @@ def test_operators_and_panels_are_german(tool: Any) -> None:
 
 
 def test_texts_without_a_translation_stay_as_they_are() -> None:
-    assert message("{count} warnings", count=3) == "3 warnings"
+    assert message("Warnings: {count}", count=3) == "Warnings: 3"
     assert interface("Frames {first:.1f} to {last:.1f}", first=1.0, last=2.5) == "Frames 1.0 to 2.5"
     assert table({"Output": "Ausgabe"}) == {("*", "Output"): "Ausgabe", ("Operator", "Output"): "Ausgabe"}
 

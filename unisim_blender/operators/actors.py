@@ -55,7 +55,7 @@ class UNISIM_OT_duplicate_actor(bpy.types.Operator):
             copies.append(copy)
         choose(context, *copies)
         refresh(copies)
-        self.report({"INFO"}, message("{count} actors duplicated", count=len(sources)))
+        self.report({"INFO"}, message("Actors duplicated: {count}", count=len(sources)))
         return {"FINISHED"}
 
 
@@ -79,7 +79,7 @@ class UNISIM_OT_delete_actor(bpy.types.Operator):
             for part in thing.children_recursive if thing.unisim.mesh else ():
                 bpy.data.objects.remove(part)
             remove(thing)
-        self.report({"INFO"}, message("{count} objects deleted", count=len(gone)))
+        self.report({"INFO"}, message("Objects deleted: {count}", count=len(gone)))
         return {"FINISHED"}
 
 

@@ -126,7 +126,7 @@ def make_library(source: Source, path: Path) -> Generator[str, None, None]:
             made.append(thing)
         path.parent.mkdir(parents=True, exist_ok=True)
         bpy.data.libraries.write(str(path), set(made), fake_user=True, compress=True)
-        yield message("{count} actors written to {path}", count=len(made), path=path)
+        yield message("Library written to {path} (actors: {count})", count=len(made), path=path)
     except (UnisimError, OSError, RuntimeError) as fault:
         yield f"Error: {fault}"
     finally:

@@ -97,7 +97,7 @@ class UNISIM_OT_check(bpy.types.Operator):
             item.time_s, item.place = float(clock.time_s(np.array(float(warning.frame)))), place_of(warning, sampled)
         check.state, check.checked = edit_state(scene), time.strftime("%Y-%m-%d %H:%M")
         _outdated[scene.session_uid] = False
-        self.report({"INFO"}, message("{count} warnings", count=len(warnings)) if warnings else message("No warnings"))
+        self.report({"INFO"}, message("Warnings: {count}", count=len(warnings)) if warnings else message("No warnings"))
         return {"FINISHED"}
 
 

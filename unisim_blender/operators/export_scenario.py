@@ -54,7 +54,7 @@ class UNISIM_OT_export_scenario(bpy.types.Operator, ExportHelper):
         except (UnisimError, OSError) as fault:
             self.report({"ERROR"}, str(fault))
             return {"CANCELLED"}
-        self.report({"INFO"}, message("{count} edits written to {path}", count=len(scenario.edits), path=path))
+        self.report({"INFO"}, message("Scenario written to {path} (edits: {count})", count=len(scenario.edits), path=path))
         return {"FINISHED"}
 
 

@@ -55,7 +55,7 @@ class UNISIM_OT_mesh_actor(bpy.types.Operator):
         for thing in found:
             make_actor(thing, self.label or "Other", self.forward)
         choose(context, *found)
-        self.report({"INFO"}, message("{count} mesh actors", count=len(found)))
+        self.report({"INFO"}, message("Mesh actors: {count}", count=len(found)))
         return {"FINISHED"}
 
 

@@ -31,10 +31,7 @@ def results_of(scene: bpy.types.Scene) -> dict[str, Frames]:
 def camera_items(self: bpy.types.Operator, context: bpy.types.Context) -> list[tuple[str, str, str]]:
     """The cameras that have images, for a menu."""
     found = results_of(context.scene)
-    _shown[:] = [
-        (name, name, message("{count} images", count=frames.count) if frames.count != 1 else message("1 image"))
-        for name, frames in found.items()
-    ]
+    _shown[:] = [(name, name, message("Images: {count}", count=frames.count)) for name, frames in found.items()]
     return _shown or [("", "None", "")]
 
 

@@ -33,7 +33,7 @@ class UNISIM_PT_drive(Sidebar, bpy.types.Panel):
         row_of(
             column,
             "Contains",
-            interface("{actors} actors, {sensors} sensors", actors=actors, sensors=sensors),
+            interface("Actors: {actors}, sensors: {sensors}", actors=actors, sensors=sensors),
             "OUTLINER_OB_GROUP_INSTANCE",
         )
         layout.operator("unisim.import_scene", text="Import Trained Scene", icon="IMPORT")
