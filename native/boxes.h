@@ -85,11 +85,15 @@ inline bool span_of_box(const float *o, const float *d, const float *low, const 
     return t_far > t_near;
 }
 
-// A ray in one box: its number in the tile, the box's in the troupe, the ray in the box's axes, metres.
+// A ray in one box: its number in the tile, the box's in the troupe, the ray along the box's axes in the metres of the field, from
+// t_near to t_far metres in the world. The scale of a box is taken out here, and nowhere else: `d` of a scaled one is not unit,
+// `stretch` is its length, field metres for each metre along the ray, and `rotation`, which takes gradients to the world, is the
+// box's after the inverse of the scale.
 struct Hit {
     int ray, box;
     float t_near, t_far, o[3], d[3];
     float rotation[9];
+    float stretch;
 };
 
 struct TileRays {
@@ -155,9 +159,11 @@ inline void meet_boxes(const unisim_troupe &troupe, const TileRays &rays, float 
     const Bundle bundle(rays);
     for (int c = 0; c < troupe.candidates; ++c) {
         const int actor = troupe.among[c];
-        const float *size = troupe.sizes + 3 * actor;
+        const float *size = troupe.sizes + 3 * actor, *scale = troupe.scales + 3 * actor;
         const float half[3] = {size[0] / 2, size[1] / 2, size[2] / 2}, minus[3] = {-half[0], -half[1], -half[2]};
-        const double radius = std::sqrt(static_cast<double>(half[0]) * half[0] + half[1] * half[1] + half[2] * half[2]) + 1e-3;
+        const float world[3] = {half[0] * scale[0], half[1] * scale[1], half[2] * scale[2]};
+        const double radius = std::sqrt(static_cast<double>(world[0]) * world[0] + world[1] * world[1] + world[2] * world[2]) + 1e-3;
+        const bool scaled = scale[0] != 1.0f || scale[1] != 1.0f || scale[2] != 1.0f;
         if (!bundle.reaches(troupe, actor, radius)) continue;
         Pose pose{};
         double posed = NAN;
@@ -174,14 +180,22 @@ inline void meet_boxes(const unisim_troupe &troupe, const TileRays &rays, float 
             }
             along = std::max(along, 0.0);
             if (squared - along * along > radius * radius) continue;
-            Hit hit{r, actor, 0, 0, {}, {}, {}};
+            Hit hit{r, actor, 0, 0, {}, {}, {}, 1.0f};
             for (int a = 0; a < 3; ++a)
                 for (int b = 0; b < 3; ++b) {
                     hit.o[a] -= pose.rotation[3 * b + a] * static_cast<float>(to[b]);
                     hit.d[a] += pose.rotation[3 * b + a] * static_cast<float>(d[b]);
                 }
-            if (!span_of_box(hit.o, hit.d, minus, half, near, hit.t_near, hit.t_far)) continue;
             std::memcpy(hit.rotation, pose.rotation, sizeof hit.rotation);
+            if (scaled) {
+                for (int a = 0; a < 3; ++a) {
+                    hit.o[a] /= scale[a];
+                    hit.d[a] /= scale[a];
+                    for (int b = 0; b < 3; ++b) hit.rotation[3 * b + a] /= scale[a];
+                }
+                hit.stretch = std::sqrt(hit.d[0] * hit.d[0] + hit.d[1] * hit.d[1] + hit.d[2] * hit.d[2]);
+            }
+            if (!span_of_box(hit.o, hit.d, minus, half, near, hit.t_near, hit.t_far)) continue;
             hits.push_back(hit);
         }
     }

@@ -15,6 +15,7 @@ struct Batch {
     std::vector<int> ray, box, last; // last: samples of a strand before the ones that nothing reaches
     std::vector<float> o, d, t_near, t_far, size; // o, d, size (count, 3) in the medium's coordinates, metres
     std::vector<float> rotation;                  // (count, 9): what turns the medium's normals into the world's
+    std::vector<float> stretch;                   // the medium's metres for each metre along the ray; padded to `stride` by `lay`
     std::vector<float> t, s, tau, share, front, weight;
     std::vector<int> slot;     // of a sample's hidden units, -1 where they were not asked for
     size_t slots = 0;
@@ -25,11 +26,11 @@ struct Batch {
         troupe = owner;
         count = 0;
         for (auto *v : {&ray, &box}) v->clear();
-        for (auto *v : {&o, &d, &t_near, &t_far, &size, &rotation}) v->clear();
+        for (auto *v : {&o, &d, &t_near, &t_far, &size, &rotation, &stretch}) v->clear();
     }
 
     void add(int ray_of, int box_of, const float *origin, const float *direction, float near, float far, const float *size_of,
-             const float *turn) {
+             const float *turn, float longer = 1.0f) {
         ray.push_back(ray_of);
         box.push_back(box_of);
         o.insert(o.end(), origin, origin + 3);
@@ -38,6 +39,7 @@ struct Batch {
         rotation.insert(rotation.end(), turn, turn + 9);
         t_near.push_back(near);
         t_far.push_back(far);
+        stretch.push_back(longer);
         ++count;
     }
 
@@ -47,7 +49,7 @@ struct Batch {
         for (auto *v : {&ray, &box}) v->pop_back();
         for (auto *v : {&o, &d, &size}) v->resize(v->size() - 3);
         rotation.resize(rotation.size() - 9);
-        for (auto *v : {&t_near, &t_far}) v->pop_back();
+        for (auto *v : {&t_near, &t_far, &stretch}) v->pop_back();
     }
 
     // Room for k samples a strand, and no units yet.
@@ -64,6 +66,7 @@ struct Batch {
         for (auto *v : {&t, &s, &tau, &share, &front, &weight}) v->assign(n, 0.0f);
         slot.assign(n, -1);
         last.assign(count, 0);
+        stretch.resize(static_cast<size_t>(stride), 1.0f);
     }
 };
 
@@ -80,7 +83,7 @@ inline void find_depths(Batch &b, int from, int to, float beta, bool widened) {
             }
             const lanes s0 = load(&b.s[i - b.stride]);
             lanes sharp = spread(beta);
-            if (widened) sharp = least(sharp, 4.0f / most(load(&b.t[i]) - load(&b.t[i - b.stride]), spread(1e-4f)));
+            if (widened) sharp = least(sharp, 4.0f / most((load(&b.t[i]) - load(&b.t[i - b.stride])) * load(&b.stretch[p]), spread(1e-4f)));
             const lanes outside0 = softplus(-sharp * s0), rise = softplus(-sharp * s) - outside0, tau = most(rise, lanes{});
             store(&b.tau[i], tau);
             if (widened) continue;
@@ -101,7 +104,7 @@ inline void find_paper_depths(Batch &b, int from, int to, float beta, float step
     for (int k = from; k < to; ++k)
         for (int p = 0; p < b.stride; p += LANES) {
             const int64_t i = static_cast<int64_t>(k) * b.stride + p;
-            const lanes length = k ? (load(&b.t[i]) - load(&b.t[i - b.stride])) / step_m : spread(1.0f);
+            const lanes length = k ? (load(&b.t[i]) - load(&b.t[i - b.stride])) * load(&b.stretch[p]) / step_m : spread(1.0f);
             const lanes tau = softplus(-beta * load(&b.s[i])) * length;
             store(&b.tau[i], tau);
             store(&b.share[i], k ? stopped_by(tau) : lanes{});

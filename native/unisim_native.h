@@ -104,11 +104,12 @@ struct unisim_troupe {
     const int32_t *lengths;     // (count)
     const double *positions;    // (count, keys, 3), world frame
     const double *quaternions;  // (count, keys, 4), wxyz
-    const float *sizes;         // (count, 3)
+    const float *sizes;         // (count, 3): of the boxes without their scales, in the metres of the scene's fields
     const double *start, *end;  // (count)
     const int32_t *rows;        // (count): of the scene's actor grids
     const int32_t *among;       // (candidates): those that these rays can meet
     int32_t candidates;
+    const float *scales;        // (count, 3): how many times larger the boxes are in the world, along their own axes
 };
 
 struct unisim_cast {

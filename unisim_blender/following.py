@@ -13,6 +13,8 @@ from .bridge.trajectories import convert, trajectory_of
 
 LOOK_S = 0.05
 """Until the next look whether a person has let go of what is dragged."""
+DRAGGING = ("TRANSFORM_OT", "UNISIM_OT_drag")
+"""How the names of operators begin that move things while a mouse button or a key is held."""
 SAID_S = 6.0
 """How long the status bar shows a sentence."""
 
@@ -27,7 +29,7 @@ _frames: dict[str, float] = {}
 def dragging() -> bool:
     """Return whether some window is in the middle of moving something."""
     windows = bpy.context.window_manager.windows if bpy.context.window_manager is not None else ()
-    return any(operator.bl_idname.startswith("TRANSFORM_OT") for window in windows for operator in window.modal_operators)
+    return any(operator.bl_idname.startswith(DRAGGING) for window in windows for operator in window.modal_operators)
 
 
 def say(sentence: str) -> None:

@@ -31,10 +31,13 @@ class UNISIM_MT_object(bpy.types.Menu):
         layout.operator("unisim.delete_actor")
         layout.operator("unisim.replace_look")
         layout.operator_menu_enum("unisim.retime_actor", "way")
+        layout.operator("unisim.shift_actor")
         layout.operator("unisim.follow_curve")
         layout.operator("unisim.snap_to_ground")
         layout.operator("unisim.mesh_actor")
         layout.operator("unisim.release_mesh")
+        layout.operator("unisim.ego_body")
+        layout.operator("unisim.release_ego_body")
         layout.separator()
         layout.operator("unisim.mark_static")
         layout.operator("unisim.copy_static")
@@ -57,6 +60,14 @@ def draw_add_menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:
         self.layout.operator("unisim.insert_actor", text="Actor of a Trained Scene")
         self.layout.operator("unisim.add_camera", text="Camera on the Vehicle")
         self.layout.operator_menu_enum("unisim.add_lidar", "preset", text="LiDAR on the Vehicle")
+
+
+def draw_render_menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:
+    """Draw lines in the Render menu, where people look for a sequence, and where the menu search finds it."""
+    if context.scene.unisim.log:
+        self.layout.separator()
+        self.layout.operator("unisim.render_sequence", text="Render Sequence of Sensors", icon="RENDER_ANIMATION")
+        self.layout.operator("unisim.cancel_task", text="Cancel Sequence or Training")
 
 
 @persistent
@@ -86,6 +97,7 @@ def register() -> None:
     add(CLASSES)
     bpy.types.VIEW3D_MT_object.append(draw_object_menu)
     bpy.types.VIEW3D_MT_add.append(draw_add_menu)
+    bpy.types.TOPBAR_MT_render.append(draw_render_menu)
     configuration = bpy.context.window_manager.keyconfigs.addon
     if configuration is not None:  # there is none without a window
         keys = configuration.keymaps.new(name="Object Mode")
@@ -104,6 +116,7 @@ def unregister() -> None:
     while _keys:
         keys, item = _keys.pop()
         keys.keymap_items.remove(item)
+    bpy.types.TOPBAR_MT_render.remove(draw_render_menu)
     bpy.types.VIEW3D_MT_add.remove(draw_add_menu)
     bpy.types.VIEW3D_MT_object.remove(draw_object_menu)
     take_away(CLASSES)

@@ -1,4 +1,4 @@
-"""Ways of the selected actors, drawn into the 3D view."""
+"""Trajectories of the selected actors, and where moved sensors were recorded, drawn into the 3D view."""
 
 from __future__ import annotations
 
@@ -8,13 +8,14 @@ import numpy as np
 from .bridge.clock import Clock
 from .bridge.sampling import frame_of
 from .bridge.selection import chosen
+from .bridge.sensor_outlines import outline
 from .bridge.source import source_of
 from .bridge.trails import trail
 from .core.errors import UnisimError
 from .registering import Drawing
 
 MOST = 20
-"""Objects whose ways are drawn at once."""
+"""Objects of either kind that are drawn at once."""
 
 
 def draw() -> None:
@@ -24,10 +25,12 @@ def draw() -> None:
 
     context = bpy.context
     scene = context.scene
-    if not scene.unisim.show_ways or not scene.unisim.log or not context.space_data.overlay.show_overlays:
+    if not scene.unisim.log or not context.space_data.overlay.show_overlays:
         return
-    selected = chosen(context, "ACTOR", "EGO")[:MOST]
-    if not selected:
+    about = scene.unisim
+    selected = chosen(context, "ACTOR", "EGO")[:MOST] if about.show_ways else []
+    sensors = chosen(context, "CAMERA", "LIDAR")[:MOST] if about.show_sensors else []
+    if not selected and not sensors:
         return
     try:
         drive = source_of(scene).drive
@@ -35,6 +38,7 @@ def draw() -> None:
         return  # the panel says so
     clock, frame = Clock.of(drive), frame_of(scene)
     lines = [trail(thing, drive, clock, frame) for thing in selected]
+    lines += [outline(scene, thing, drive, frame) for thing in sensors]
     points = np.concatenate([line.points for line in lines]).astype(np.float32)
     colours = np.concatenate([line.colours for line in lines]).astype(np.float32)
     if not len(points):

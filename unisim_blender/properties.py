@@ -22,7 +22,13 @@ KINDS = (
     ("ACTOR", "Actor", "Annotated object: a car, a pedestrian, a cone"),
     ("STATIC", "Static item", "Box around an object without annotation"),
     ("POINTS", "LiDAR points", "Returns of a sweep"),
+    ("BODY", "Ego body", "Mesh of the body of the ego vehicle, which the sensors of the vehicle do not see"),
     ("TRAJECTORY", "Trajectory", "Hidden parent that carries the recorded keyframes of a moving object"),
+)
+SIGHTS = (
+    ("AUTO", "Off the vehicle", "It sees the body of the ego vehicle unless it rides on the vehicle"),
+    ("ALWAYS", "Always", "It sees the body of the ego vehicle wherever it is, as a camera that follows the vehicle does"),
+    ("NEVER", "Never", "It does not see the body of the ego vehicle"),
 )
 QUALITIES = (
     ("fast", "Fast", "Long steps, and fewer pixels traced individually"),
@@ -68,7 +74,10 @@ class UniSimObject(bpy.types.PropertyGroup):
     mesh: BoolProperty(name="Mesh", description="Sensors see the mesh of the object and of its children")
     label: StringProperty(name="Class", description="Class of a mesh actor")
     model: StringProperty(name="Sensor", description="Exact intrinsics or beam table, as JSON")
+    sees_ego_body: EnumProperty(name="Sees ego body", description="When a sensor sees the body of the ego vehicle", items=SIGHTS)
     stamp: StringProperty(description="Changes whenever the LiDAR points change")
+    called: StringProperty(description="Identifier in scenarios, for objects that were copied with a variant")
+    called_as: StringProperty(description="Object name for which that identifier is valid")
     rest_location: FloatVectorProperty(size=3, description="Offset from the trajectory before the first keyframe")
     rest_rotation: FloatVectorProperty(
         size=4, default=(1.0, 0.0, 0.0, 0.0), description="Rotation relative to the trajectory before the first keyframe"

@@ -108,23 +108,26 @@ class Task:
             threading.Thread(target=_end, args=(process,), daemon=True).start()
 
     def _run(self) -> None:
+        self.code = self._call(self.arguments)
+
+    def _call(self, arguments: list[str]) -> int:
+        """Run one command to its end. Return its exit code."""
         try:
             found, failed = interpreters.find(self.chosen, self.trains)
             if found is None:
                 self.words.append(interpreters.how_to_mend(failed, self.trains))
-                self.code = 1
-                return
-            command = interpreters.command(found.path, "cli", *self.arguments)
+                return 1
+            command = interpreters.command(found.path, "cli", *arguments)
             self.process = process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
             if self.cancelled:
                 process.kill()
             assert process.stderr is not None
             for line in process.stderr:
                 self.words.append(line.decode(errors="replace").rstrip())
-            self.code = process.wait()
+            return process.wait()
         except OSError as fault:
             self.words.append(str(fault))
-            self.code = 1
+            return 1
 
 
 def _end(process: subprocess.Popen[bytes]) -> None:

@@ -2,8 +2,9 @@
 
 Through a camera, sensors and the ego vehicle would stand in the image and take clicks that are meant for actors. In
 Rendered shading with the engine UniSim, Blender would draw a camera's background image over the rendered one; a view that
-does not show cameras does not show their background images. Blender keeps these switches for each view, so views beside it
-stay as they are.
+does not show cameras does not show their background images. The same holds in every shading where the camera was moved:
+boxes and an image that was recorded from elsewhere would not agree. Blender keeps these switches for each view, so views
+beside it stay as they are.
 """
 
 from __future__ import annotations
@@ -12,7 +13,11 @@ from typing import Any
 
 import bpy
 
+from .bridge.backgrounds import sees_recorded_image
+from .bridge.ego_bodies import show_bodies, shown_as, to_follow
+from .bridge.source import source_of
 from .bridge.windows import areas
+from .core.errors import UnisimError
 from .registering import Drawing
 
 EMPTIES = ("show_object_viewport_empty", "show_object_select_empty")
@@ -22,31 +27,46 @@ NOTED = "unisim_hidden"
 """A screen's custom property: which switches of which views this module has turned off."""
 
 
-def turned_off(through: str, rendered: bool, sensors: bool) -> set[str]:
+def turned_off(through: str, rendered: bool, sensors: bool, elsewhere: bool = False) -> set[str]:
     """Return the switches that a view is to have off.
 
-    ``through`` is what the view looks through: "RIG" for a camera of the drive, "OTHER" for another one, "" for none.
-    ``rendered``: whether the engine UniSim draws the view. ``sensors``: whether sensors are to be seen from outside.
+    ``through`` is what `looks_through` says. ``rendered``: whether the engine UniSim draws the view. ``sensors``: whether
+    sensors are to be seen from outside. ``elsewhere``: whether a camera of the drive stands elsewhere than its images were
+    recorded.
     """
     off: set[str] = set()
     if through == "RIG":
         off |= {*EMPTIES, "show_object_select_camera"}
-    if through and rendered:
+    if through and (rendered or elsewhere):
         off.add("show_object_viewport_camera")
     if not through and not sensors:
         off |= set(SWITCHES)
     return off
 
 
+def looks_through(scene: bpy.types.Scene, space: Any) -> str:
+    """Return what a 3D view looks through: "RIG" for a camera of the drive, "OTHER" for another one, "" for none."""
+    if space.region_3d.view_perspective != "CAMERA" or scene.camera is None:
+        return ""
+    return "RIG" if scene.camera.unisim.kind == "CAMERA" else "OTHER"
+
+
 def wanted(scene: bpy.types.Scene, space: Any) -> set[str]:
     """Return the switches that a 3D view of a scene is to have off."""
     if not scene.unisim.log or space.region_3d is None:
         return set()
-    through = ""
-    if space.region_3d.view_perspective == "CAMERA" and scene.camera is not None:
-        through = "RIG" if scene.camera.unisim.kind == "CAMERA" else "OTHER"
+    through = looks_through(scene, space)
     rendered = space.shading.type == "RENDERED" and scene.render.engine == "UNISIM"
-    return turned_off(through, rendered, scene.unisim.show_sensors)
+    elsewhere = through == "RIG" and not rendered and _elsewhere(scene)
+    return turned_off(through, rendered, scene.unisim.show_sensors, elsewhere)
+
+
+def _elsewhere(scene: bpy.types.Scene) -> bool:
+    """Whether the active camera does not see what its recorded image shows."""
+    try:
+        return not sees_recorded_image(scene, scene.camera, source_of(scene).drive)
+    except (UnisimError, OSError):
+        return False
 
 
 def draw() -> None:
@@ -57,6 +77,19 @@ def draw() -> None:
         getattr(space, switch) for switch in off
     ):
         follow_soon()
+    elif to_follow(bpy.context.scene, bodies_shown_as(bpy.context.scene)):
+        follow_soon()
+
+
+def bodies_shown_as(scene: bpy.types.Scene) -> str:
+    """Return how all 3D views of a scene draw the ego vehicle's body, by the cameras that they look through."""
+    through = []
+    for window in bpy.context.window_manager.windows:
+        for area in window.screen.areas if window.scene == scene else ():
+            region = area.spaces.active.region_3d if area.type == "VIEW_3D" else None
+            if region is not None:
+                through.append(scene.camera if region.view_perspective == "CAMERA" else None)
+    return shown_as(scene, through)
 
 
 def follow_soon(*_: object) -> None:
@@ -78,6 +111,10 @@ def _follow() -> None:
                 setattr(space, switch, False)
             noted[index] = off
         window.screen[NOTED] = {str(index): " ".join(sorted(off)) for index, off in noted.items() if off}
+    for scene in {window.scene for window in bpy.context.window_manager.windows}:
+        drawn = bodies_shown_as(scene)
+        if to_follow(scene, drawn):
+            show_bodies(scene, drawn, scene.view_layers)
     for area in areas("VIEW_3D"):
         area.tag_redraw()
 

@@ -127,7 +127,8 @@ class Following {
         }
     }
 
-    // Samples of a batch's strands from near to far, until each is stopped; the answers are the samples that are composited.
+    // Samples of a batch's strands from near to far, until each is stopped; the answers are the samples that are composited. Strands
+    // are followed in the metres of their field, in which a distance bounds a step whatever the actor's scale.
     void march(Batch &b) {
         const unisim_scene &scene = *tile_.fields_of(b).scene;
         const size_t count = static_cast<size_t>(b.count);
@@ -136,9 +137,14 @@ class Following {
         if (b.medium == Medium::actor) {
             behind_the_fixed(b);
             const int32_t *rows = tile_.task.cast.troupes[b.troupe].rows;
-            for (size_t p = 0; p < count; ++p)
+            for (size_t p = 0; p < count; ++p) {
                 find_box_runs(scene.box_cells + static_cast<int64_t>(rows[b.box[p]]) * BOX_CELLS * BOX_CELLS * BOX_CELLS, &b.o[3 * p],
                               &b.d[3 * p], &b.size[3 * p], b.t_near[p], b.t_far[p], march_.runs[p]);
+                for (Run &run : march_.runs[p]) {
+                    run.begin *= b.stretch[p];
+                    run.end *= b.stretch[p];
+                }
+            }
         } else
             std::swap(march_.runs, gathering_.runs); // lent until the next tile: memory that has grown is kept
         b.slots = 0;
@@ -155,7 +161,7 @@ class Following {
             asked.resize(static_cast<int>(march_.asked.size()));
             for (int i = 0; i < asked.count; ++i) {
                 asked.strand[i] = march_.asked[i];
-                asked.t[i] = march_.next[march_.asked[i]];
+                asked.t[i] = march_.next[march_.asked[i]] / b.stretch[march_.asked[i]];
             }
             asking_.ask_at(b, true);
             for (int i = 0; i < asked.count; ++i) {
@@ -169,6 +175,9 @@ class Following {
             std::swap(b.t, march_.t);
             std::swap(b.s, march_.s);
             std::swap(b.slot, march_.slot);
+            if (b.medium == Medium::actor)
+                for (int k = 0; k < b.samples; ++k)
+                    for (int p = 0; p < b.count; ++p) b.t[static_cast<size_t>(k * b.stride + p)] /= b.stretch[p];
         }
         // behind the last answer nothing is told, and nothing stops the ray
         for (int p = 0; p < b.stride; ++p) {

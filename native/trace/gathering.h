@@ -35,7 +35,7 @@ class Gathering {
             b.begin(Medium::actor, i);
             hits_.clear();
             meet_boxes(troupe, tile_.rays, tile_.task.sampling.near_m, hits_);
-            for (const Hit &hit : hits_) b.add(hit.ray, hit.box, hit.o, hit.d, hit.t_near, hit.t_far, troupe.sizes + 3 * hit.box, hit.rotation);
+            for (const Hit &hit : hits_) b.add(hit.ray, hit.box, hit.o, hit.d, hit.t_near, hit.t_far, troupe.sizes + 3 * hit.box, hit.rotation, hit.stretch);
         }
     }
 

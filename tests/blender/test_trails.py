@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import bpy
 import numpy as np
 from helpers import thing
 
@@ -37,3 +38,20 @@ def test_faster_is_redder(street: Any) -> None:
     slow, fast = poses.copy(), poses.copy()
     slow[:, 0, 3], fast[:, 0, 3] = 0.1 * np.arange(5), 1.4 * np.arange(5)
     assert (speed_colours(fast, clock)[:, 0] > speed_colours(slow, clock)[:, 0]).all()
+
+
+def test_between_keys_a_way_is_as_blender_interpolates(street: Any) -> None:
+    drive = source_of(street).drive
+    clock = Clock.of(drive)
+    uid = next(u for u, a in sorted(drive.actors.items()) if a.is_moving and a.start_s <= 0)
+    one = thing(street, "ACTOR", uid)
+    for frame, left in ((4, 0.0), (14, 3.0)):  # Blender eases in and out
+        bpy.context.scene.frame_set(frame)
+        one.location = (0.0, left, 0.0)
+        one.keyframe_insert("location", frame=frame)
+    way = way_of(one, clock)
+    assert way is not None
+    for frame in (2, 6, 12, 17):
+        street.frame_set(frame)
+        at = int(np.flatnonzero(clock.frames == frame)[0])
+        assert np.abs(way[at, :3, 3] - np.array(one.matrix_world.translation)).max() < 1e-4

@@ -5,6 +5,8 @@ from __future__ import annotations
 from types import SimpleNamespace
 from typing import Any
 
+import bpy
+
 from unisim_blender.view_types import CAMERAS, EMPTIES, SWITCHES, turned_off, wanted
 
 
@@ -21,6 +23,20 @@ def test_a_rendered_view_shows_no_background_image(street: Any) -> None:
     assert "show_object_viewport_camera" in wanted(street, view("CAMERA", "RENDERED"))
     street.render.engine = "BLENDER_WORKBENCH"
     assert "show_object_viewport_camera" not in wanted(street, view("CAMERA", "RENDERED"))
+
+
+def test_a_moved_camera_shows_no_image_that_was_recorded_from_elsewhere(street: Any) -> None:
+    for frame in (street.frame_start, street.frame_start + 3):
+        street.frame_set(frame)
+        assert "show_object_viewport_camera" not in wanted(street, view("CAMERA", "SOLID"))
+    bpy.ops.unisim.shift_ego(left_m=2.0)
+    bpy.context.view_layer.update()
+    assert "show_object_viewport_camera" in wanted(street, view("CAMERA", "SOLID"))
+    bpy.ops.unisim.shift_ego(left_m=-2.0)
+    bpy.context.view_layer.update()
+    assert "show_object_viewport_camera" not in wanted(street, view("CAMERA", "SOLID"))
+    street.camera.data.lens *= 1.5
+    assert "show_object_viewport_camera" in wanted(street, view("CAMERA", "SOLID"))
 
 
 def test_from_outside_all_is_seen_unless_sensors_are_hidden(street: Any) -> None:

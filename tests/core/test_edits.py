@@ -64,6 +64,7 @@ ALL_EDITS: list[dict[str, Any]] = [
     {"type": "move", "actor": "late", "trajectory": KEYS, "outside": "hold"},
     {"type": "retime", "actor": "car", "speed": 0.5},
     {"type": "swap", "actor": "car", "look": "van"},
+    {"type": "scale", "actor": "car", "factors": [1.3, 1, 0.75]},
     {"type": "remove", "actor": "van"},
     {"type": "copy_static", "box": "x", "id": "x2", "target": {"position": [1, 1, 1]}},
     {"type": "remove_static", "box": "x"},

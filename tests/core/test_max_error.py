@@ -157,7 +157,7 @@ def test_scenes_of_random_weights_keep_what_they_promise(seed: int, tmp_path: Pa
     scene = saved(tmp_path / "scene", CONFIGS["tiny"], seed)
     drive = drive_of([*CARS, MOVING])
     renderer = Renderer(make_tracer(scene, drive), drive)
-    assert not renderer.alone
+    assert not renderer.alone(drive.cameras["front"])
     kept = 0
     with at_quality(renderer, TRUTH):
         truths = renderer.camera("front", 2), renderer.lidar("top", 2)

@@ -79,6 +79,8 @@ EVERYTHING: dict[str, Any] = {
         {"type": "ego", "shift": [{"frame": 0, "left_m": 0}, {"time_s": 1.5, "left_m": 2}]},
         {"type": "ego", "trajectory": KEYS, "outside": "continue"},
         {"type": "insert_mesh", "mesh": "barrel.glb", "id": "barrel", "label": "Barrel", "pose": {"position": [1, 2, 0.5]}},
+        {"type": "scale", "actor": "car-06", "factors": [1.3, 1, 0.75]},
+        {"type": "ego_body", "mesh": "van.glb", "id": "own", "label": "Van", "mount": {"position": [1.4, 0, 1], "yaw_deg": 2}},
     ],
     "outputs": {"passes": ["rgb", "depth"], "formats": ["png", "npz"], "width": 480, "quality": "fast"},
 }

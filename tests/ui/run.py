@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import fcntl
 import json
+import os
 import shutil
 import subprocess
 import sys
@@ -23,8 +24,11 @@ SLOTS = 8
 BLENDER = ["blender", "--factory-startup", "--no-window-focus", "-p", "0", "0", "1600", "900"]
 SESSIONS = {
     "person": ["--enable-event-simulate"],
+    "edits": ["--enable-event-simulate"],
+    "first_drive": ["--enable-event-simulate"],
     "window": [],
     "hands": ["--enable-event-simulate"],
+    "motion": ["--enable-event-simulate"],
     "finish": ["--enable-event-simulate"],
 }
 """What each file's Blender is started with besides; the one with simulated events hears no others."""
@@ -55,8 +59,7 @@ def main(root: Path, release: str, out: Path, only: str = "") -> int:
     shutil.copy(archive, work / "unisim.zip")
     for script in HERE.glob("*.py"):
         shutil.copy(script, work)
-    shutil.copytree(REPOSITORY / "sample" / "scene", work / "scene")
-    shutil.copytree(street(), root / "tmp" / "out" / "street", dirs_exist_ok=True)  # where the scene names it
+    place_scene(root, inner)
     (root / "tmp" / ".X11-unix").mkdir(mode=0o1777, exist_ok=True)
     screen = subprocess.Popen([*inside(root), "Xvfb", display, "-screen", "0", "1600x900x24", "-nolisten", "tcp"])
     try:
@@ -88,6 +91,17 @@ def main(root: Path, release: str, out: Path, only: str = "") -> int:
         print(f"Error: blender --command unisim render ended with {ended.returncode} and left {left} pictures and sweeps of 2")
         return 1
     return judge(out, list(chosen))
+
+
+def place_scene(root: Path, inner: str) -> None:
+    """Copy a trained scene into that Debian, and its log to where the scene names it: the sample's, or `UNISIM_UI_SCENE`'s."""
+    own = os.environ.get("UNISIM_UI_SCENE")
+    scene = Path(own) if own else REPOSITORY / "sample" / "scene"
+    named = json.loads((scene / "scene.json").read_text())["log"]["path"]
+    log = (scene / named).resolve() if own else street()
+    target = Path(inner, "scene", named)
+    shutil.copytree(scene, root / inner[1:] / "scene")
+    shutil.copytree(log, root / os.path.normpath(target).lstrip("/"), dirs_exist_ok=True)
 
 
 def street() -> Path:

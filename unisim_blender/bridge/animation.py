@@ -103,6 +103,17 @@ def write_keys(thing: bpy.types.Object, frames: FloatArray, positions: FloatArra
     add_keys(curves, "rotation_quaternion", frames, continuous(quaternions), LINEAR)
 
 
+def add_to_keys(curve: bpy.types.FCurve, amount: float) -> None:
+    """Add an amount to the values of a curve's keys and to their handles, so that its shape stays."""
+    points = curve.keyframe_points
+    values = np.empty(2 * len(points), np.float32)
+    for part in ("co", "handle_left", "handle_right"):
+        points.foreach_get(part, values)
+        values[1::2] += amount
+        points.foreach_set(part, values)
+    curve.update()
+
+
 def remove_curves(thing: bpy.types.Object, *paths: str) -> None:
     """Delete an object's curves of some properties."""
     curves = curves_of(thing)

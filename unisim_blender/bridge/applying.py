@@ -10,11 +10,13 @@ from mathutils import Matrix
 
 from ..core.drive import Actor, Camera, Drive, Lidar
 from ..core.edits.context import pose_of
+from ..core.edits.ego_body import LABEL
 from ..core.geometry import invert_pose
 from ..core.meshes.read import read_mesh
-from ..core.scenario.types import CameraSpec, CopyStatic, FrameRange, LidarSpec, RemoveStatic, Scenario
+from ..core.scenario.types import CameraSpec, CopyStatic, EgoBody, FrameRange, LidarSpec, RemoveStatic, Scenario
 from .cameras import set_model
 from .clock import Clock
+from .ego_bodies import mount_body
 from .importing import animate, go, ride_on_vehicle
 from .mesh_objects import object_of
 from .poses import optical
@@ -31,6 +33,7 @@ def apply_edits(scene: bpy.types.Scene, source: Source, scenario: Scenario, edit
     _actors(scene, source.drive, edited, clock)
     _static(scene, scenario)
     ego = next(things(scene, "EGO"))
+    _bodies(scene, ego, scenario)
     if edited.world_from_ego is not source.drive.world_from_ego:
         animate(ego, edited.world_from_ego, clock)
     _sensors(scene, ego, scenario, source.drive, edited, clock)
@@ -57,13 +60,21 @@ def _actors(scene: bpy.types.Scene, recorded: Drive, edited: Drive, clock: Clock
             _look(own[uid], now, actor.look.actor)
             go(own[uid], now, edited, clock)
     for uid, actor in edited.actors.items():
-        if uid not in recorded.actors:
+        if uid not in recorded.actors and not actor.is_ego_body:
             mesh = actor.look.mesh
-            thing = object_of(uid, read_mesh(Path(mesh)), actor) if mesh else new_actor(uid, actor)
+            thing = object_of(uid, read_mesh(Path(mesh)), actor.label) if mesh else new_actor(uid, actor)
             collection_of(scene, "ACTOR").objects.link(thing)
             if not mesh:
                 _look(thing, actor, actor.look.actor if not actor.look.scene else "")
             go(thing, actor, edited, clock)
+
+
+def _bodies(scene: bpy.types.Scene, ego: bpy.types.Object, scenario: Scenario) -> None:
+    for edit in scenario.edits:
+        if isinstance(edit, EgoBody):
+            thing = object_of(edit.id, read_mesh(scenario.resolve(edit.mesh)), edit.label or LABEL)
+            collection_of(scene, "BODY").objects.link(thing)
+            mount_body(thing, ego, pose_of(edit.mount), edit.label or LABEL)
 
 
 def _look(thing: bpy.types.Object, actor: Actor, natural: str) -> None:
@@ -99,10 +110,12 @@ def _sensors(
             remove(thing)
     specs: list[CameraSpec | LidarSpec] = [*(scenario.sensors.cameras or ()), *(scenario.sensors.lidars or ())]
     free = {spec.id for spec in specs if spec.trajectory is not None}
+    told = {spec.id: "ALWAYS" if spec.sees_ego_body else "NEVER" for spec in specs if spec.sees_ego_body is not None}
     for name, sensor in there.items():
         kind = "CAMERA" if isinstance(sensor, Camera) else "LIDAR"
         data = bpy.data.cameras.new(name) if kind == "CAMERA" and not _known(scene, name) else None
         thing = _known(scene, name) or make(scene, kind, name, name, data)
+        thing.unisim.sees_ego_body = told.get(name, "AUTO")
         times = sensor_times(clock, sensor.time_s)
         if isinstance(sensor, Camera):
             set_model(thing, sensor.model)

@@ -3,10 +3,19 @@
 from __future__ import annotations
 
 import bpy
+import numpy as np
 
+from ..core.drive import Drive
 from ..core.log import Log
+from .cameras import model_of
+from .clock import Clock
+from .poses import optical
+from .rig import sensor_times
+from .sampling import frame_of
 
 OPACITY = 0.5
+NEAR_M, NEAR_RAD = 0.05, 0.005
+"""Within these of where it was recorded a camera sees its recorded image."""
 
 
 def set_background(camera: bpy.types.Camera, log: Log, sensor_id: str) -> None:
@@ -29,3 +38,16 @@ def set_background(camera: bpy.types.Camera, log: Log, sensor_id: str) -> None:
     user.frame_start, user.frame_offset = frames[0], frames[0] - 1
     user.frame_duration = frames[-1] - frames[0] + 1
     camera.show_background_images = True
+
+
+def sees_recorded_image(scene: bpy.types.Scene, camera: bpy.types.Object, drive: Drive) -> bool:
+    """Return whether a camera of the drive stands, in the frame that is shown, where its image was recorded, with the recorded
+    intrinsics. Boxes and a recorded image taken from elsewhere would not agree."""
+    recorded = drive.cameras.get(camera.unisim.uid)
+    if recorded is None or model_of(camera) != recorded.model:
+        return False
+    frames = frame_of(scene) + np.array([0.0, 1.0])  # a clock has two at least
+    times = sensor_times(Clock(frames, Clock.of(drive).time_s(frames)), recorded.time_s)
+    then, now = optical(recorded.world_from_camera.at(times))[0], np.array(camera.matrix_world, float)
+    turned = np.linalg.norm(now[:3, :3] - then[:3, :3]) / np.sqrt(2)
+    return bool(np.linalg.norm(now[:3, 3] - then[:3, 3]) <= NEAR_M and turned <= NEAR_RAD)

@@ -15,7 +15,7 @@ from mathutils import Quaternion
 from ..core.errors import UnisimError
 from ..core.geometry import FloatArray
 from ..translations import message
-from .animation import curves_of
+from .animation import add_to_keys, curves_of
 from .clock import Clock
 from .source import source_of
 from .things import KINDS_OF_DRIVE
@@ -73,7 +73,7 @@ def keep(scene: bpy.types.Scene, thing: bpy.types.Object, frame: float) -> str:
         changed = True
         if path == "location":
             for i, curve in keyed.items():
-                _add(curve, np.full(len(curve.keyframe_points), now[i] - then[i]))
+                add_to_keys(curve, float(now[i] - then[i]))
         elif len(keyed) == 4:
             _turn([keyed[i] for i in range(4)], Quaternion(now).normalized() @ Quaternion(then).normalized().inverted())
     return message("{name}: the whole trajectory and its keys are displaced", name=thing.name) if changed else ""
@@ -107,14 +107,6 @@ def around(scene: bpy.types.Scene, frame: float, seconds: float) -> tuple[float,
     now = float(clock.time_s(np.array(frame)))
     first, last = clock.frame(np.array([now - seconds, now + seconds]))
     return float(first), float(last)
-
-
-def _add(curve: bpy.types.FCurve, amounts: FloatArray) -> None:
-    for key, amount in zip(curve.keyframe_points, amounts, strict=True):
-        key.co[1] += amount
-        key.handle_left[1] += amount
-        key.handle_right[1] += amount
-    curve.update()
 
 
 def _turn(curves: list[bpy.types.FCurve], turn: Quaternion) -> None:

@@ -83,9 +83,20 @@ def _steps(scene: bpy.types.Scene, source: Source, kept: set[str]) -> Iterator[S
         fit_resolution(scene)
 
 
+def import_sensors(scene: bpy.types.Scene, source: Source, names: set[str]) -> None:
+    """Make objects of recorded sensors that were deleted, as the import makes them."""
+    ego, clock = next(things(scene, "EGO")), Clock.of(source.drive)
+    for name, camera in source.drive.cameras.items():
+        if name in names:
+            _camera(scene, source, camera, ego, clock)
+    for name, lidar in source.drive.lidars.items():
+        if name in names:
+            _lidar(scene, source.drive, lidar, ego, clock)
+
+
 def front_camera(scene: bpy.types.Scene) -> bpy.types.Object | None:
     """Return the camera of the rig that looks furthest ahead along the vehicle; None where there is none."""
-    cameras = list(things(scene, "CAMERA"))
+    cameras = [camera for camera in things(scene, "CAMERA") if not camera.hide_render]
     return max(cameras, key=lambda camera: -local_matrix(camera, scene.frame_current)[0][2], default=None)
 
 
@@ -206,7 +217,8 @@ def ride_on_vehicle(
 
 def _camera(scene: bpy.types.Scene, source: Source, camera: Camera, ego: bpy.types.Object, clock: Clock) -> None:
     name = camera.sensor_id
-    data = bpy.data.cameras.get(f"UniSim {name}") or bpy.data.cameras.new(f"UniSim {name}")
+    standing = next((t for t in things(scene, "CAMERA") if t.unisim.uid == name and t.name == t.unisim.home), None)
+    data = standing.data if standing is not None else bpy.data.cameras.new(f"UniSim {name}")  # each variant has its own
     thing = make(scene, "CAMERA", name, name, data)
     set_model(thing, camera.model)
     data.display_size, data.clip_end = DISPLAY_M, 1000.0
@@ -228,6 +240,17 @@ def _actor(scene: bpy.types.Scene, drive: Drive, actor: Actor, clock: Clock) -> 
     thing.show_wire, thing.color = True, (1.0, 1.0, 1.0, 1.0)
     go(thing, actor, drive, clock)
     return thing
+
+
+def import_one(scene: bpy.types.Scene, source: Source, kind: str, uid: str) -> None:
+    """Put one actor or sensor of the drive into a scene, or bring it up to date. Needs the ego vehicle."""
+    drive, clock, ego = source.drive, Clock.of(source.drive), next(things(scene, "EGO"))
+    if kind == "ACTOR":
+        _actor(scene, drive, drive.actors[uid], clock).pass_index = 1 + sorted(drive.actors).index(uid)
+    elif kind == "CAMERA":
+        _camera(scene, source, drive.cameras[uid], ego, clock)
+    else:
+        _lidar(scene, drive, drive.lidars[uid], ego, clock)
 
 
 def go(thing: bpy.types.Object, actor: Actor, drive: Drive, clock: Clock) -> None:

@@ -6,7 +6,6 @@ import bpy
 import numpy as np
 from mathutils import Matrix
 
-from ..core.drive import Actor
 from ..core.meshes.model import FLAT, MeshModel
 from .meshes import corners_of
 
@@ -38,8 +37,8 @@ def make_actor(thing: bpy.types.Object, label: str, forward: str) -> None:
     about.uid = about.home = about.look = about.look_scene = ""
 
 
-def object_of(name: str, model: MeshModel, actor: Actor) -> bpy.types.Object:
-    """An object that shows a model, as the actor's shape; in no collection yet."""
+def object_of(name: str, model: MeshModel, label: str) -> bpy.types.Object:
+    """An object that shows a model, as the shape of an actor of that class; in no collection yet."""
     mesh = bpy.data.meshes.new(name)
     mesh.from_pydata(model.vertices.tolist(), [], model.faces.tolist())
     mesh.uv_layers.new(name="UVMap").uv.foreach_set("vector", model.uv.ravel())
@@ -54,7 +53,7 @@ def object_of(name: str, model: MeshModel, actor: Actor) -> bpy.types.Object:
     mesh.update()
     thing = bpy.data.objects.new(name, mesh)
     thing.rotation_mode = "QUATERNION"
-    thing.unisim.kind, thing.unisim.mesh, thing.unisim.label = "ACTOR", True, actor.label
+    thing.unisim.kind, thing.unisim.mesh, thing.unisim.label = "ACTOR", True, label
     return thing
 
 

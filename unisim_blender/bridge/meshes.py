@@ -117,7 +117,8 @@ def _within(part: bpy.types.Object, thing: bpy.types.Object) -> FloatArray:
     while above is not None and above.name != thing.name and above.parent_type == "OBJECT" and not above.constraints:
         whole = np.array(above.matrix_parent_inverse, float) @ np.array(above.matrix_basis, float) @ whole
         above = above.parent
-    scaled = thing.parent is not None and trajectory_of(thing) is None  # a trajectory has no scale
+    # neither a trajectory nor the ego vehicle has a scale
+    scaled = thing.parent is not None and trajectory_of(thing) is None and thing.parent.unisim.kind != "EGO"
     if above is None or above.name != thing.name or scaled or thing.constraints:
         world = np.array(thing.matrix_world, float)
         return np.asarray(invert_pose(rigid(world)) @ np.array(part.matrix_world, float))

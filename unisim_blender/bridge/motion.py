@@ -8,7 +8,7 @@ import bpy
 import numpy as np
 
 from ..core.geometry import FloatArray, matrix_from_quaternion, quaternion_from_matrix
-from .animation import curves_of, keys_of, write_keys
+from .animation import add_to_keys, curves_of, keys_of, write_keys
 from .clock import Clock
 from .meshes import size_of
 from .trajectories import keyed_pose, own_trajectory, ride, settle_on
@@ -17,11 +17,16 @@ from .trajectories import keyed_pose, own_trajectory, ride, settle_on
 def displaced_along(thing: bpy.types.Object, offset_m: Sequence[float]) -> None:
     """Move a thing along its own axes by ``offset_m`` (3,), alike at every frame."""
     offset = np.array(offset_m, float)
-    keys = keys_of(thing)
-    if keys is None:
-        turn = matrix_from_quaternion(np.array(thing.matrix_basis.to_quaternion(), float))
-        thing.location = np.array(thing.location) + turn @ offset
+    paths = {curve.data_path for curve in curves_of(thing)}
+    if "rotation_quaternion" not in paths:  # its keys keep their interpolation: all of them move alike
+        apart = matrix_from_quaternion(np.array(thing.matrix_basis.to_quaternion(), float)) @ offset
+        thing.location = np.array(thing.location) + apart
+        for curve in curves_of(thing):
+            if curve.data_path == "location":
+                add_to_keys(curve, float(apart[curve.array_index]))
         return
+    keys = keys_of(thing)
+    assert keys is not None  # it has keys of its rotation
     frames, positions, quaternions = keys
     write_keys(thing, frames, positions + matrix_from_quaternion(quaternions) @ offset, quaternions)
 

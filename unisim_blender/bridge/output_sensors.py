@@ -7,6 +7,7 @@ import bpy
 from ..core.drive import Drive
 from ..core.errors import UnisimError
 from .read_rig import sensor_name
+from .things import title_of
 
 
 def output_sensors(scene: bpy.types.Scene, selected: list[bpy.types.Object], drive: Drive) -> list[str] | None:
@@ -25,4 +26,4 @@ def output_sensors(scene: bpy.types.Scene, selected: list[bpy.types.Object], dri
         lacking = "no camera or LiDAR is selected: select some, or choose All Sensors"
     if not found:
         raise UnisimError(f"Output > Sensors: {lacking}")
-    return [sensor_name(thing.name, thing.unisim.uid, thing.unisim.home, drive) for thing in found]
+    return [sensor_name(title_of(thing), thing.unisim.uid, thing.name == thing.unisim.home, drive) for thing in found]

@@ -1,4 +1,5 @@
-"""Edits that no real drive would show: overlaps, cars sideways or too fast, actors off the ground, views from far away."""
+"""Edits that no real drive would show: overlaps, cars sideways, too fast or beyond the limits of motion, actors off the ground,
+views from far away."""
 
 from __future__ import annotations
 
@@ -11,6 +12,8 @@ from ..core.drive import Actor, Drive
 from ..core.geometry import FloatArray, box_corners
 from .clock import Clock
 from .ground import heights, undersides
+from .kinematics import ON_WHEELS, Limits, describe
+from .motions import Track, compared, label_of
 from .poses import same
 from .read_actors import recorded_poses, recorded_there
 from .sampling import Sampled, Thing
@@ -26,7 +29,6 @@ ASIDE_SHARE = 0.5
 """Of what a camera sees, sideways: how much may lie beyond what any camera recorded."""
 OVERLAP_M = 0.1
 """Boxes are drawn generously: less than this is no collision."""
-ON_WHEELS = ("car", "truck", "bus", "van", "semi")
 
 
 @dataclass(frozen=True)
@@ -38,20 +40,27 @@ class Finding:
     text: str
 
 
-def warnings_of(sampled: Sampled, drive: Drive) -> Iterator[Finding]:
-    """What is not plausible in a sampled scene. What stands as recorded is taken as it is."""
+def warnings_of(sampled: Sampled, drive: Drive, limits: Limits | None = None) -> Iterator[Finding]:
+    """What is not plausible in a sampled scene. What stands as recorded is taken as it is.
+
+    ``limits`` are those of motion; the default ones where it is None.
+    """
+    limits = limits or Limits()
     actors = [thing for thing in sampled.of("ACTOR") if thing.there.any()]
     edited = [thing for thing in actors if not _as_recorded(thing, drive, sampled.clock)]
     ground = undersides(drive)
     for thing in edited:
         label = _label(thing, drive)
         yield from _motion(thing, label, sampled.clock)
+        yield from _limits(thing, drive, sampled.clock, limits)
         yield from _height(thing, ground, sampled.clock)
     changed = {thing.name for thing in edited}
     for i, a in enumerate(actors):
         for b in actors[i + 1 :]:
             if {a.name, b.name} & changed:
                 yield from _overlap(a, b, sampled.clock)
+    for thing in sampled.of("EGO"):
+        yield from _limits(thing, drive, sampled.clock, limits)
     for thing in sampled.of("CAMERA"):
         yield from _far(thing, drive, sampled.clock)
         yield from _aside(thing, drive, sampled.clock)
@@ -87,6 +96,17 @@ def _motion(thing: Thing, label: str, clock: Clock) -> Iterator[Finding]:
         skids = both & (speed > MOVING_M_S) & (np.arccos(np.clip(along, 0, 1)) > SIDEWAYS_RAD)
         if skids.any():
             yield Finding(thing.name, int(clock.frames[int(np.argmax(skids))]), "drives sideways")
+
+
+def _limits(thing: Thing, drive: Drive, clock: Clock, limits: Limits) -> Iterator[Finding]:
+    """Where it exceeds each limit of motion most."""
+    label = label_of(thing.kind, thing.look or thing.uid, thing.label if thing.mesh else "", drive)
+    found = compared(Track(thing.name, thing.kind, thing.uid, label, thing.poses, thing.there), drive, clock, limits)
+    for name, where in found.exceeded.items():
+        if where.any():
+            values = getattr(found.now, name)
+            at = int(np.argmax(np.where(where, np.abs(values), -1)))
+            yield Finding(thing.name, int(clock.frames[at]), describe(name, float(values[at])))
 
 
 def _height(thing: Thing, ground: FloatArray, clock: Clock) -> Iterator[Finding]:

@@ -135,8 +135,8 @@ def _look_size_m(thing: Thing, drive: Drive) -> FloatArray:
 
 def new_id(thing: Thing, taken: set[str]) -> str:
     """An id after the object's name that nothing else has; it goes into ``taken``."""
-    uid, number = thing.name, 2
+    uid, number = thing.title, 2
     while uid in taken:
-        uid, number = f"{thing.name} {number}", number + 1
+        uid, number = f"{thing.title} {number}", number + 1
     taken.add(uid)
     return uid

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -18,6 +18,8 @@ from .poses import SAME_M, optical, same, same_place, same_turn
 from .read_ways import keyframes, placement, quaternion, vector
 from .rig import lag, lidar_json, lidar_model, recorded_mount, sensor_clock
 from .sampling import Sampled, Thing
+
+Spec = TypeVar("Spec", CameraSpec, LidarSpec)
 
 
 def ego_edits(sampled: Sampled, drive: Drive) -> Iterator[Edit]:
@@ -54,24 +56,44 @@ def sensors_of(sampled: Sampled, drive: Drive) -> Sensors | None:
             "or import the drive again"
         )
     world_from_ego = drive.world_from_ego.at(clock.times_s) if ego is None else ego.poses
-    cameras = tuple(_camera(thing, world_from_ego, drive, clock) for thing in sampled.of("CAMERA") if thing.there.any())
-    lidars = tuple(_lidar(thing, world_from_ego, drive, clock) for thing in sampled.of("LIDAR") if thing.there.any())
+    cameras = tuple(
+        _sighted(_camera(thing, world_from_ego, drive, clock), thing, sampled)
+        for thing in sampled.of("CAMERA")
+        if thing.there.any()
+    )
+    lidars = tuple(
+        _sighted(_lidar(thing, world_from_ego, drive, clock), thing, sampled)
+        for thing in sampled.of("LIDAR")
+        if thing.there.any()
+    )
     untouched = {CameraSpec(name) for name in drive.cameras}, {LidarSpec(name) for name in drive.lidars}
     if (set(cameras), set(lidars)) == untouched:
         return None
     return Sensors(None if set(cameras) == untouched[0] else cameras, None if set(lidars) == untouched[1] else lidars)
 
 
+def _sighted(spec: Spec, thing: Thing, sampled: Sampled) -> Spec:
+    """A sensor's entry, which says whether it sees the ego vehicle's body where a scenario would take it otherwise."""
+    taken_as = spec.trajectory is not None
+    if thing.sees_body == taken_as or not any(sampled.of("BODY")):
+        return spec
+    return replace(spec, sees_ego_body=thing.sees_body)
+
+
 def sensor_id(thing: Thing, drive: Drive) -> str:
     """What a scenario calls a sensor: as the log does, or after the object; names of files are made of it."""
-    return sensor_name(thing.name, thing.uid, thing.home, drive)
+    return sensor_name(thing.title, thing.uid, thing.is_original, drive)
 
 
-def sensor_name(name: str, uid: str, home: str, drive: Drive) -> str:
-    """Return a scenario's name of the sensor that an object stands for, from the object's name, its id and the name that the
-    import gave it."""
+def sensor_name(title: str, uid: str, is_original: bool, drive: Drive) -> str:
+    """Return a scenario's name of a sensor: the id in the log where it is an original, else one made of its title."""
     recorded = uid in drive.cameras or uid in drive.lidars
-    return uid if recorded and name == home else re.sub(r"[^A-Za-z0-9_.-]|^[.-]", "_", name)
+    return uid if recorded and is_original else safe_name(title)
+
+
+def safe_name(text: str) -> str:
+    """A name of a sensor that a file's name can be made of."""
+    return re.sub(r"[^A-Za-z0-9_.-]|^[.-]", "_", text)
 
 
 def _camera(thing: Thing, world_from_ego: FloatArray, drive: Drive, clock: Clock) -> CameraSpec:

@@ -12,6 +12,7 @@ from ..core.drive import Drive
 from ..core.errors import ScenarioError
 from ..core.scenario.types import CameraSpec, FrameRange, LidarSpec, Move, Outputs, Remove, Scenario, Sensors, Swap
 from .read_actors import actor_edits
+from .read_body import body_edits
 from .read_rig import ego_edits, sensors_of
 from .read_static import static_edits
 from .sampling import Sampled
@@ -42,6 +43,7 @@ def read_scenario(
             *actor_edits(sampled, drive, taken, lambda scene: relative(Path(scene), path)),
             *edits,
             *ego_edits(sampled, drive),
+            *body_edits(sampled, taken, lambda mesh: relative(Path(mesh), path)),
         ),
         outputs=outputs,
         path=path,

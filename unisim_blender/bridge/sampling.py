@@ -22,7 +22,7 @@ from .clock import Clock
 from .meshes import file_of, size_of
 from .meshes import model_of as model_of_mesh
 from .poses import rigid, scales_of
-from .things import KINDS_OF_DRIVE, things
+from .things import KINDS_OF_DRIVE, sees_body, things, title_of
 
 SetFrame = Callable[[int], object]
 
@@ -32,7 +32,10 @@ class Thing:
     """An object of the drive at N frames: poses (N, 4, 4) in Blender's axes, whether it is there (N,); the rest as its properties
     have it. ``camera`` is a camera's intrinsics, ``index`` Blender's pass index, ``size_m`` (3,) what its mesh measures; ``mesh``
     is the file of the model that an actor's own surface is, whose middle the poses are of, and ``label`` its class. ``scale``
-    (3,) is how much larger it is drawn along its axes than it is, negative where it is mirrored."""
+    (3,) is how much larger it is drawn along its axes than it is, negative where it is mirrored. ``sees_body``: whether meshes
+    that are the ego vehicle's body are visible to it. ``called`` is its name in the scenario where that is not ``name``. For the
+    edits list alone: ``ridden`` are the poses (N, 4, 4) of its trajectory, ``span`` the frames of that one's first and last
+    key."""
 
     name: str
     kind: str
@@ -49,6 +52,15 @@ class Thing:
     mesh: str = ""
     label: str = ""
     scale: tuple[float, ...] = (1.0, 1.0, 1.0)
+    sees_body: bool = True
+    called: str = ""
+    ridden: FloatArray | None = None
+    span: tuple[float, float] | None = None
+
+    @property
+    def title(self) -> str:
+        """What a scenario calls it where it has no id of the log's: the object's name, in a variant that in the first one."""
+        return self.called or self.name
 
     @property
     def is_original(self) -> bool:
@@ -103,7 +115,7 @@ def sample(
         )
     found = [*things(scene, *KINDS_OF_DRIVE)]
     found += [thing for thing in also if thing not in found]
-    shown = _shown(depsgraph.view_layer_eval.layer_collection)
+    shown = shown_names(depsgraph.view_layer_eval.layer_collection)
     # keys say when a thing is there; without keys, disabling it in viewports is a matter of the view alone
     keyed = [keys_hide(thing) for thing in found]
     matrices = np.empty((len(found), len(clock.frames), 4, 4))
@@ -144,6 +156,8 @@ def sample(
                 mesh=files[i],
                 label=thing.unisim.label,
                 scale=(1.0, 1.0, 1.0) if thing.unisim.mesh else tuple(scales[i].tolist()),
+                called=title_of(thing),
+                sees_body=sees_body(thing),
             )
             for i, thing in enumerate(found)
         ),
@@ -159,14 +173,18 @@ def picture_size(render: bpy.types.RenderSettings) -> tuple[int, int]:
 
 def sample_all(scene: bpy.types.Scene, clock: Clock) -> Sampled:
     """The scene's things at all of the clock's frames; the frame that is shown stays."""
-    depsgraph = bpy.context.evaluated_depsgraph_get()
     with kept_frame(scene):
+        if scene == bpy.context.scene:
+            depsgraph = bpy.context.evaluated_depsgraph_get()
+        else:
+            scene.frame_set(scene.frame_current)  # makes the depsgraph of a scene that no window shows
+            depsgraph = scene.view_layers[0].depsgraph
         return sample(scene, depsgraph, clock, scene.frame_set)
 
 
-def _shown(layer: bpy.types.LayerCollection) -> set[str]:
+def shown_names(layer: bpy.types.LayerCollection) -> set[str]:
     """Names of the objects in some collection that is neither excluded nor hidden for renders."""
     if layer.exclude or layer.collection.hide_render:
         return set()
     names = {thing.name for thing in layer.collection.objects}
-    return names.union(*(_shown(child) for child in layer.children))
+    return names.union(*(shown_names(child) for child in layer.children))

@@ -73,8 +73,8 @@ def camera_request(
 
 def indices(sampled: Sampled) -> dict[str, int]:
     """Blender's pass index of each actor, by the id that a scenario has for it."""
-    actors = list(sampled.of("ACTOR"))
-    return {**{thing.uid: thing.index for thing in actors if thing.is_original}, **{thing.name: thing.index for thing in actors}}
+    actors = list(sampled.of("ACTOR", "BODY"))
+    return {**{thing.uid: thing.index for thing in actors if thing.is_original}, **{thing.title: thing.index for thing in actors}}
 
 
 def lidar_request(sampled: Sampled, lidar: Thing, source: Source, frame: float) -> dict[str, Any]:
@@ -94,9 +94,10 @@ def about(scenario: Scenario) -> dict[str, Any]:
 
 
 def only(sampled: Sampled, sensor: Thing) -> Sampled:
-    """The same without the other sensors."""
-    stay = tuple(thing for thing in sampled.things if thing.kind not in ("CAMERA", "LIDAR", "NONE") or thing.name == sensor.name)
-    return replace(sampled, things=stay)
+    """The same without the other sensors. The one that looks is there, though it may be hidden for renders."""
+    others = [thing for thing in sampled.things if thing.kind not in ("CAMERA", "LIDAR", "NONE")]
+    looks = [replace(thing, there=np.ones_like(thing.there)) for thing in sampled.things if thing.name == sensor.name]
+    return replace(sampled, things=tuple(sorted([*others, *looks], key=lambda thing: thing.name)))
 
 
 def sized(model: CameraModel, size: tuple[int, int], aspect: float, exact: bool) -> CameraModel:

@@ -12,10 +12,10 @@ from ..core.geometry import FloatArray
 
 COLLECTIONS = {
     "EGO": "Ego", "CAMERA": "Sensors", "LIDAR": "Sensors", "ACTOR": "Actors", "STATIC": "Static items", "POINTS": "LiDAR points",
-    "TRAJECTORY": "Trajectories",
+    "TRAJECTORY": "Trajectories", "BODY": "Ego",
 }  # fmt: skip
 ROOT = "UniSim"
-KINDS_OF_DRIVE = ("EGO", "CAMERA", "LIDAR", "ACTOR", "STATIC")
+KINDS_OF_DRIVE = ("EGO", "CAMERA", "LIDAR", "ACTOR", "STATIC", "BODY")
 """Kinds of objects that a scenario is read from."""
 
 COLOURS = {
@@ -31,6 +31,35 @@ def things(scene: bpy.types.Scene, *kinds: str) -> Iterator[bpy.types.Object]:
     for thing in sorted(scene.objects, key=lambda o: o.name):
         if thing.unisim.kind in kinds:
             yield thing
+
+
+def rides_on_ego(thing: bpy.types.Object) -> bool:
+    """Return whether an object is the ego vehicle or rides on it: by its parents, or by a constraint to what rides there."""
+    above: bpy.types.Object | None = thing
+    while above is not None:
+        if above.unisim.kind == "EGO":
+            return True
+        targets = [getattr(constraint, "target", None) for constraint in above.constraints if not constraint.mute]
+        if any(_parented_to_ego(target) for target in targets if target is not None):
+            return True
+        above = above.parent
+    return False
+
+
+def sees_body(thing: bpy.types.Object) -> bool:
+    """Return whether what looks through an object sees the ego vehicle's body: all but sensors on the vehicle, unless it is told
+    otherwise."""
+    if thing.unisim.kind not in ("CAMERA", "LIDAR"):
+        return True
+    told = thing.unisim.sees_ego_body
+    return told == "ALWAYS" if told != "AUTO" else not rides_on_ego(thing)
+
+
+def _parented_to_ego(thing: bpy.types.Object) -> bool:
+    above: bpy.types.Object | None = thing
+    while above is not None and above.unisim.kind != "EGO":
+        above = above.parent
+    return above is not None
 
 
 def has_drive(scene: bpy.types.Scene) -> bool:
@@ -74,6 +103,13 @@ def original_of(scene: bpy.types.Scene, kind: str, uid: str) -> bpy.types.Object
     where that was renamed, the first by name. None where all were deleted."""
     found = [thing for thing in things(scene, kind) if thing.unisim.uid == uid]
     return next((thing for thing in found if thing.name == thing.unisim.home), found[0] if found else None)
+
+
+def title_of(thing: bpy.types.Object) -> str:
+    """Return what a scenario calls an object that has no id of the log's. In a variant that is its name in the variant that it was
+    copied from, as long as it keeps the name that it got with the copy."""
+    about = thing.unisim
+    return about.called if about.called and about.called_as == thing.name else thing.name
 
 
 def is_copy(scene: bpy.types.Scene, thing: bpy.types.Object) -> bool:

@@ -13,7 +13,7 @@ MARGIN_PX = 2
 """A pixel is met by rays about its middle; the renderer knows how far its decoder carries them."""
 NEAR_M = 0.1
 
-TOLD = ("kind", "uid", "look", "look_scene", "model", "camera", "size_m", "mesh")
+TOLD = ("kind", "uid", "look", "look_scene", "model", "camera", "size_m", "mesh", "sees_body")
 """What of a thing, beside where it is, says how it looks."""
 
 Rectangle = tuple[int, int, int, int]
@@ -39,7 +39,9 @@ def touched(before: Sampled, after: Sampled, view: Thing, model: CameraModel, be
         for thing in states:
             if thing.kind in ("CAMERA", "LIDAR", "EGO", "NONE"):
                 continue  # what looks is not seen
-            if thing.kind != "ACTOR" or rectangle is None:
+            if thing.kind == "BODY" and not view.sees_body:
+                continue
+            if thing.kind not in ("ACTOR", "BODY") or rectangle is None:
                 return None
             if thing.there.any():
                 rectangle = joined(rectangle, _seen(thing, view, model, beside_m))

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..core.drive import Drive
 from ..core.geometry import FloatArray, box_corners, make_pose
-from .animation import keys_of
+from .animation import curves_of
 from .clock import Clock
 from .poses import rigid, same_place
 from .things import is_copy
@@ -72,12 +72,22 @@ def way_of(thing: bpy.types.Object, clock: Clock) -> FloatArray | None:
 
 
 def _keyed(thing: bpy.types.Object, clock: Clock, above: FloatArray) -> FloatArray | None:
-    keys = keys_of(thing)
-    if keys is None or len(keys[0]) < 2:
+    """Poses (N, 4, 4) by a thing's own keys, as Blender interpolates them; before the first and after the last those of these."""
+    found = {(c.data_path, c.array_index): c for c in curves_of(thing) if c.data_path in ("location", "rotation_quaternion")}
+    ends = [frame for curve in found.values() for frame in curve.range()]
+    if not ends or min(ends) == max(ends):
         return None
-    frames, positions, quaternions = keys
-    at = [np.stack([np.interp(clock.frames, frames, column) for column in values.T], -1) for values in (positions, quaternions)]
-    return np.asarray(above @ make_pose(at[0], at[1] / np.linalg.norm(at[1], axis=1, keepdims=True)))
+    frames = np.clip(clock.frames, min(ends), max(ends)).tolist()
+
+    def values(path: str) -> FloatArray:
+        now = getattr(thing, path)
+        columns = [
+            [found[path, i].evaluate(f) for f in frames] if (path, i) in found else [v] * len(frames) for i, v in enumerate(now)
+        ]
+        return np.array(columns, float).T
+
+    quaternions = values("rotation_quaternion")
+    return np.asarray(above @ make_pose(values("location"), quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)))
 
 
 def speed_colours(poses: FloatArray, clock: Clock) -> FloatArray:

@@ -9,7 +9,7 @@ from pathlib import Path
 from ..core.errors import OutputError
 from ..core.files import partial_file
 from ..core.scenario import save_scenario
-from ..core.scenario.types import InsertMesh, Scenario
+from ..core.scenario.types import EgoBody, InsertMesh, Scenario
 from .meshes import folder
 
 
@@ -17,7 +17,7 @@ def write_scenario(scenario: Scenario, path: Path) -> None:
     """Write a scenario; models that lie in this process's own folder go into one beside it. Raises `UnisimError`."""
     edits = []
     for edit in scenario.edits:
-        if isinstance(edit, InsertMesh) and scenario.resolve(edit.mesh).parent == folder():
+        if isinstance(edit, InsertMesh | EgoBody) and scenario.resolve(edit.mesh).parent == folder():
             kept = path.parent / f"{path.stem}_meshes" / scenario.resolve(edit.mesh).name
             _copy(scenario.resolve(edit.mesh), kept)
             edit = replace(edit, mesh=kept.relative_to(path.parent).as_posix())

@@ -61,10 +61,11 @@ class BoundedRenderer:
         """One sweep. Settings are tried on the sample alone, the cheapest first."""
         if not self.of_depth:
             return self.renderer.lidar(lidar_id, frame)
-        rays = self.renderer.beams(lidar_id, frame)[1].flat()
+        lidar, rays = self.renderer.beams(lidar_id, frame)
+        rays = rays.flat()
         rng = np.random.default_rng([self.seed, frame, *lidar_id.encode()])
         some = drawn(np.ones(len(rays.time_s)), BEAMS, rng)
-        sample = rays.origins[some], rays.directions[some], rays.time_s[some]
+        sample = rays.origins[some], rays.directions[some], rays.time_s[some], None, lidar
         with at_quality(self.renderer, TRUTH):
             truth = self.renderer.rays_lidar(*sample)[0]
         for name, quality in LADDER.items():
@@ -145,7 +146,7 @@ class Patches:
     def __init__(self, renderer: Renderer, camera_id: str, width: int | None) -> None:
         self.renderer, self.width = renderer, width
         self.camera = renderer.sized(camera_id, width)
-        self.side = 1 if renderer.alone and not renderer.shaders else PATCH
+        self.side = 1 if renderer.alone(self.camera) else PATCH
         w, h = self.camera.model.width, self.camera.model.height
         self.pixels = h * w
         self.rows, self.columns = -(-h // self.side), -(-w // self.side)

@@ -61,6 +61,8 @@ def vacated(recorded: Drive, drive: Drive) -> tuple[Box, ...]:
     for uid, actor in recorded.actors.items():
         now = drive.actors.get(uid)
         stays = now is not None and not now.is_moving and np.array_equal(now.world_from_actor.poses, actor.world_from_actor.poses)
+        # what a smaller box leaves of the recorded one is empty too
+        stays = stays and now is not None and not now.is_scaled
         if not actor.is_moving and not stays:
             boxes.append(Box(actor.world_from_actor.poses[0], actor.size_m))
     return tuple(boxes)
@@ -83,7 +85,8 @@ def gather_cast(drive: Drive, recorded: Drive, looks: Mapping[str, Sequence[str]
         removals=drive.static_removals + (() if one_field else vacated(recorded, drive)),
         targets=tuple(_target(drive, copy) for copy in drive.static_copies),
         sources=tuple(copy.source for copy in drive.static_copies),
-        extras=Extras(on_stage(drive, (a for a in actors if a.look.mesh))),
+        # ego bodies last: the numbers of other meshes are the same for sensors that do not see them
+        extras=Extras(sorted(on_stage(drive, (a for a in actors if a.look.mesh)), key=lambda a: a.is_ego_body)),
     )
 
 

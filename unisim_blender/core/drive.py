@@ -84,12 +84,16 @@ class LidarModel:
 
 @dataclass(frozen=True)
 class Camera:
-    """A camera on its way: ``time_s[frame]`` is the image's timestamp, ``world_from_camera`` its pose at any time."""
+    """A camera on its way: ``time_s[frame]`` is the image's timestamp, ``world_from_camera`` its pose at any time.
+
+    ``sees_ego_body``: whether meshes that are the ego vehicle's body are visible to it, as they are to a camera at the roadside.
+    """
 
     sensor_id: str
     model: CameraModel
     world_from_camera: Trajectory
     time_s: dict[int, float]
+    sees_ego_body: bool = False
 
 
 @dataclass(frozen=True)
@@ -97,6 +101,7 @@ class Lidar:
     """A LiDAR on its way: ``time_s[frame]`` is the sweep's timestamp, ``world_from_lidar`` its pose at any time.
 
     ``blocked`` (beams, columns) marks the cells that the vehicle itself blocks in every frame; None where that is not known.
+    ``sees_ego_body`` as for a `Camera`.
     """
 
     sensor_id: str
@@ -104,6 +109,7 @@ class Lidar:
     world_from_lidar: Trajectory
     time_s: dict[int, float]
     blocked: BoolArray | None = None
+    sees_ego_body: bool = False
 
 
 @dataclass(frozen=True)
@@ -118,7 +124,10 @@ class Look:
 
 @dataclass(frozen=True)
 class Actor:
-    """An annotated thing, moving or not: a box with a look, present from start_s to end_s (both included)."""
+    """An annotated thing, moving or not: a box with a look, present from start_s to end_s (both included).
+
+    ``is_ego_body``: it is a mesh that rides on the ego vehicle, and only sensors with ``sees_ego_body`` see it.
+    """
 
     uid: str
     label: str
@@ -129,6 +138,23 @@ class Actor:
     is_moving: bool
     look: Look
     inserted: bool = False
+    is_ego_body: bool = False
+    scale: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    """How many times larger than the look's own box the actor is, along its own axes; ``size_m`` is the scaled box's."""
+
+    @property
+    def look_size_m(self) -> FloatArray:
+        """The edges (3,) of the look's own box, without the scale."""
+        return np.asarray(self.size_m / np.array(self.scale))
+
+    @property
+    def is_scaled(self) -> bool:
+        """Whether the actor has another size than its look."""
+        return self.scale != (1.0, 1.0, 1.0)
+
+    def visible_to(self, sensor: Camera | Lidar) -> bool:
+        """Return whether a sensor can see it at all."""
+        return sensor.sees_ego_body or not self.is_ego_body
 
     def present(self, time_s: FloatArray | float) -> BoolArray:
         """Whether the actor is there at times (...): (...) bool."""
@@ -176,6 +202,16 @@ class Drive:
         start = first - FRAME_MARGIN_S if actor.start_s <= first else actor.start_s
         end = last + FRAME_MARGIN_S if actor.end_s >= last else actor.end_s
         return start, end
+
+    @property
+    def labelled_actors(self) -> list[Actor]:
+        """The actors that labels have: all that some sensor of the drive can see."""
+        sensors = [*self.cameras.values(), *self.lidars.values()]
+        return [
+            actor
+            for actor in self.actors.values()
+            if not actor.is_ego_body or any(actor.visible_to(sensor) for sensor in sensors)
+        ]
 
     @property
     def duration_s(self) -> float:

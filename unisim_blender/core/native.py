@@ -10,7 +10,7 @@ import sys
 import warnings
 from pathlib import Path
 
-ABI_VERSION = 10
+ABI_VERSION = 11
 _SUFFIX = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
 
 

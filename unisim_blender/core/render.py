@@ -88,6 +88,8 @@ class _Shot:
     passes: Sequence[str]
     needed: set[str]
     begun: float
+    shaders: list[Actor] = field(default_factory=list)
+    """Actors with contact shadows under them."""
     stats: RenderStats = field(default_factory=RenderStats)
     lights: dict[str, FloatArray] = field(default_factory=dict)
     """How bright white ground under an actor would be, by its id."""
@@ -130,7 +132,8 @@ class Renderer:
         begun = time.perf_counter()
         camera = self.sized(camera_id, width)
         model = camera.model
-        shot = _Shot(camera, frame, passes, {*passes, "depth", "instance"} if self.shaders else set(passes), begun)
+        shaders = self._shaders(camera)
+        shot = _Shot(camera, frame, passes, {*passes, "depth", "instance"} if shaders else set(passes), begun, shaders)
         whole = Region(0, 0, model.width, model.height)
         region = whole if region is None else region
         if self.tracer.reach == 0 and self.tracer.upsample == 1:
@@ -158,10 +161,14 @@ class Renderer:
         camera: Camera = _pick(self.drive.cameras, camera_id, "camera")
         return replace(camera, model=camera.model.resized(width)) if width else camera
 
-    @property
-    def alone(self) -> bool:
+    def alone(self, camera: Camera) -> bool:
         """Whether a pixel's colour hangs on its own ray and on nothing else."""
-        return self.tracer.reach == 0 and self.tracer.upsample == 1 and not self.tracer.cast.extras.actors
+        single = self.tracer.reach == 0 and self.tracer.upsample == 1
+        return single and not self.tracer.cast.extras.seen_by(camera).actors and not self._shaders(camera)
+
+    def _shaders(self, camera: Camera) -> list[Actor]:
+        """The actors under which a camera sees contact shadows."""
+        return [actor for actor in self.shaders if actor.visible_to(camera)]
 
     def _lattice(self, scale: float) -> int:
         """How many pixels apart a picture is traced at first, that is ``scale`` times as wide as those the scene learnt from: it
@@ -188,7 +195,8 @@ class Renderer:
         # centres of columns (1, W) and of rows (H, 1)
         u, v = np.arange(columns.start, columns.stop)[None] + 0.5, np.arange(rows.start, rows.stop)[:, None] + 0.5
         shape = v.shape[0], u.shape[1]
-        crowd = [*self.tracer.cast.extras.actors, *(a for troupe in self.tracer.cast.guests.values() for a in troupe.actors)]
+        cast = self.tracer.cast
+        crowd = [*cast.extras.seen_by(camera).actors, *(a for troupe in cast.guests.values() for a in troupe.actors)]
 
         def trace(numbers: NDArray[np.int64]) -> tuple[NDArray[np.float32], Maps]:
             y, x = np.divmod(numbers, shape[1])
@@ -216,7 +224,7 @@ class Renderer:
             inner = part.within((rows, columns), 1)
             maps = {name: x[inner].reshape(-1, *x.shape[2:]) for name, x in values.items()}
             across, down = u[:, inner[1]], v[inner[0]]
-            rays = camera_rays(camera, shot.frame, *np.broadcast_arrays(across, down)) if self.shaders else None
+            rays = camera_rays(camera, shot.frame, *np.broadcast_arrays(across, down)) if shot.shaders else None
             along = along_axis(camera, shot.frame, across, down) if "depth" in maps else None
             del maps["rgb"]
             yield Part(self._frame(shot, values["rgb"][inner], maps, rays, along, (slice(None), slice(None))), part)
@@ -231,7 +239,8 @@ class Renderer:
                 shot.lights[actor.uid] = self._light(shot.camera, shot.frame, actor)
             return shot.lights[actor.uid]
 
-        met = self.tracer.cast.extras.met_by_camera(shot.camera, shot.frame, (u, v), flat, up, NEAR_M, light)
+        seen = self.tracer.cast.extras.seen_by(shot.camera)
+        met = seen.met_by_camera(shot.camera, shot.frame, (u, v), flat, up, NEAR_M, light)
         found = self.tracer.trace(rays, shot.needed, True, met, shot.stats)
         image = self.tracer.image(found, flat.directions, shot.camera.sensor_id, u.shape)
         if met is not None and found.mesh_opacity is not None:
@@ -251,9 +260,9 @@ class Renderer:
         depths (`fill_passes`)."""
         camera, time_s = shot.camera, shot.camera.time_s[shot.frame]
         up = self.tracer.upsample
-        if self.shaders:
+        if shot.shaders:
             assert rays is not None
-            image = self._shaded(image, rays, maps, time_s)
+            image = self._shaded(image, rays, maps, shot.shaders, time_s)
             maps = {name: x for name, x in maps.items() if name in shot.passes or (name == "depth" and "normal" in shot.passes)}
         shot.stats.seconds["picture"] = time.perf_counter() - shot.begun
         pose = camera.world_from_camera.at(time_s)
@@ -282,14 +291,16 @@ class Renderer:
         rgb = self.tracer.image(found, directions, camera.sensor_id, (1, len(points)))[0, :: self.tracer.upsample]
         return level_of(rgb[(found.maps["instance"] == 0) & (found.maps["depth"] < 2 * PROBE_M)])
 
-    def _shaded(self, image: NDArray[np.float32], rays: Rays, maps: Maps, time_s: float) -> NDArray[np.float32]:
+    def _shaded(
+        self, image: NDArray[np.float32], rays: Rays, maps: Maps, shaders: Sequence[Actor], time_s: float
+    ) -> NDArray[np.float32]:
         """The image of rays (h, w) with contact shadows where they show the ground."""
         up = self.tracer.upsample
         depth = maps["depth"].reshape(rays.time_s.shape).astype(np.float64)
         points = rays.origins + rays.directions * np.where(np.isfinite(depth), depth, 1e6)[..., None]
         ground = (maps["instance"].reshape(rays.time_s.shape) == 0) & np.isfinite(depth)
         points, ground = (np.repeat(np.repeat(x, up, 0), up, 1)[: image.shape[0], : image.shape[1]] for x in (points, ground))
-        return shaded(image, points, ground, self.shaders, time_s)
+        return shaded(image, points, ground, shaders, time_s)
 
     def lidar(self, lidar_id: str, frame: int) -> LidarFrame:
         """One sweep."""
@@ -298,7 +309,7 @@ class Renderer:
         shape = rays.time_s.shape
         stats = RenderStats()
         # as beams and columns: neighbours are traced together
-        measured = self.rays_lidar(rays.origins, rays.directions, rays.time_s, stats=stats)
+        measured = self.rays_lidar(rays.origins, rays.directions, rays.time_s, stats, lidar)
         depth, intensity, probability = (x.reshape(shape) for x in measured[:3])
         instance = measured[3].reshape(shape)
         returned = (
@@ -328,14 +339,21 @@ class Renderer:
         return 1.0 - np.random.default_rng([self.draw, frame, *lidar_id.encode()]).random(shape)
 
     def rays_lidar(
-        self, origins: FloatArray, directions: FloatArray, time_s: FloatArray, stats: RenderStats | None = None
+        self,
+        origins: FloatArray,
+        directions: FloatArray,
+        time_s: FloatArray,
+        stats: RenderStats | None = None,
+        lidar: Lidar | None = None,
     ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], NDArray[np.int32]]:
         """Depth in metres, intensity in 0..1, probability of a return, instance (N,) of any LiDAR rays (N, 3), world frame, or of
-        beams and columns (B, C, 3), N = B C."""
+        beams and columns (B, C, 3), N = B C. ``lidar`` is whose they are: of a body of the ego vehicle that one sees what it may;
+        without it, all is seen."""
         stats = RenderStats() if stats is None else stats
         rays = Rays(origins, directions, time_s)
         flat = rays.flat()
-        met = self.tracer.cast.extras.met_by_rays(flat, NEAR_M)
+        extras = self.tracer.cast.extras
+        met = (extras if lidar is None else extras.seen_by(lidar)).met_by_rays(flat, NEAR_M)
         found = self.tracer.trace(rays, {"instance", "depth"}, False, met, stats)
         intensity, probability = self.tracer.returns(found, flat.directions)
         if met is not None and found.mesh_opacity is not None:

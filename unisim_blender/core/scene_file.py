@@ -161,6 +161,7 @@ def _camera_to_json(camera: Camera) -> dict[str, Any]:
         "model": asdict(camera.model),
         "world_from_camera": trajectory_to_json(camera.world_from_camera),
         "time_s": _times_to_json(camera.time_s),
+        **({"sees_ego_body": True} if camera.sees_ego_body else {}),
     }
 
 
@@ -194,6 +195,8 @@ def _lidar_to_json(lidar: Lidar) -> dict[str, Any]:
         "world_from_lidar": trajectory_to_json(lidar.world_from_lidar),
         "time_s": _times_to_json(lidar.time_s),
     }
+    if lidar.sees_ego_body:
+        result["sees_ego_body"] = True
     if lidar.blocked is not None:
         result["blocked"] = base64.b64encode(np.packbits(lidar.blocked.astype(bool)).tobytes()).decode("ascii")
     return result
@@ -245,6 +248,8 @@ def _actor_to_json(actor: Actor) -> dict[str, Any]:
         "is_moving": bool(actor.is_moving),
         "look": {"actor": actor.look.actor, "scene": actor.look.scene, **({"mesh": actor.look.mesh} if actor.look.mesh else {})},
         "inserted": bool(actor.inserted),
+        **({"scale": list(actor.scale)} if actor.is_scaled else {}),
+        **({"is_ego_body": True} if actor.is_ego_body else {}),
     }
 
 
@@ -267,7 +272,13 @@ def _read_actor(uid: str, node: Node) -> Actor:
         is_moving=node.key("is_moving").flag(),
         look=Look(look.key("actor").text(), look.key("scene").text()),
         inserted=node.key("inserted").flag(),
+        **({"scale": _read_scale(node.key("scale"))} if "scale" in node.object() else {}),
     )
+
+
+def _read_scale(node: Node) -> tuple[float, float, float]:
+    x, y, z = _read_size(node).tolist()
+    return x, y, z
 
 
 def _box_to_json(box: Box) -> dict[str, Any]:

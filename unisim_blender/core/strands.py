@@ -46,9 +46,10 @@ class Strands:
     bounds: tuple[Tensor, Tensor] | None = None
     """Where the strand enters and leaves its box (P,), (P,)."""
     world_from_box: Tensor | None = None
-    """Rotation of the strand's box (P, 3, 3), for an actor; for a copied box the one from the source to the copy."""
+    """Rotation of the strand's box (P, 3, 3), for an actor after the inverse of its scale, so that gradients in the field's
+    metres become directions of the world; for a copied box the one from the source to the copy."""
     size_m: Tensor | None = None
-    """Edges of the strand's box (P, 3), for an actor."""
+    """Edges of the strand's box (P, 3) in the metres of its field, for an actor."""
     beta: float = 0.0
     """The density's sharpness in this medium, 1 / metres."""
     front: Tensor | None = None

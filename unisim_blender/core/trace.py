@@ -170,27 +170,34 @@ def _actor_strands(
         return x + 0.5
 
     span = (hits.t_far - hits.t_near)[:, None]
+
+    def field_m(length: Tensor) -> Tensor:
+        """Lengths along the rays in the metres of the actor's field: its distances and densities are in these."""
+        return length if hits.stretch is None else length * hits.stretch[:, None]
+
     with torch.no_grad():
         count = _count(samples.actor_proposals, sampling)
         u = stratified(len(row), count, sampling.jitter, span, sampling.generator)
         t = hits.t_near[:, None] + u * span
         s = scene.actors.distance(troupe.tables, unit(t).reshape(-1, 3), row.repeat_interleave(count)).view(t.shape)
         jitter = stratified(len(row), _count(samples.actor, sampling), sampling.jitter, span, sampling.generator)
-        even = (span / count).expand_as(t) if scene.config.density == "volume" else None
-        t = hits.t_near[:, None] + _refined(scene, u, t, s, even, jitter) * span
-        length = torch.diff(t, dim=1, prepend=hits.t_near[:, None]) if even is not None else None
+        even = field_m((span / count).expand_as(t)) if scene.config.density == "volume" else None
+        t = hits.t_near[:, None] + _refined(scene, u, field_m(t), s, even, jitter) * span
+        length = field_m(torch.diff(t, dim=1, prepend=hits.t_near[:, None])) if even is not None else None
     points = unit(t)
     s, feature = scene.actors(troupe.tables, points.reshape(-1, 3), row.repeat_interleave(t.shape[1]))
     if sampling.sky and scene.light is not None:
         middle = rays.origins[hits.ray] + t[:, t.shape[1] // 2, None] * rays.directions[hits.ray]
         place = scene.frame.points(middle) if guest < 0 else scene.light.home[row]
         feature = scene.lit(feature.view(*t.shape, -1), place).flatten(0, 1)
+    # a scaled actor too is looked at along the ray as it is in the world, as heads do that see a ray's sum: what the direction
+    # tells is the light, which an edit of the size leaves
     directions = rays.directions[hits.ray]
     if flip is not None:
         directions = _mirrored(directions, hits.world_from_box[:, :, 1], flip)
     feature = scene.directed(feature, directions.repeat_interleave(t.shape[1], 0))
     s = s.view(t.shape)
-    tau, share = _intervals(scene, s, t, length, actor=True)
+    tau, share = _intervals(scene, s, field_m(t), length, actor=True)
     return [
         Strands(
             hits.ray,

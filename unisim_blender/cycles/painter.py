@@ -106,6 +106,7 @@ class Painter:
         elif thing.data != mesh:
             thing.data = mesh
         thing.hide_render = False
+        thing.scale = item.scale
         _move(thing, item.poses)
 
     def _mesh(self, model: Model) -> bpy.types.Mesh:

@@ -18,6 +18,7 @@ from ..core.errors import UnisimError
 from ..following import dragging
 from ..registering import add, take_away
 from ..translations import message
+from .motion_settings import limits_of
 from .polling import allowed, drive
 
 SETTLE_S = 0.5
@@ -86,7 +87,7 @@ class UNISIM_OT_check(bpy.types.Operator):
             drive = source_of(scene).drive
             clock = Clock.of(drive)
             sampled = sample_all(scene, clock)
-            warnings = list(warnings_of(sampled, drive))
+            warnings = list(warnings_of(sampled, drive, limits_of(scene)))
         except (UnisimError, OSError) as fault:
             self.report({"ERROR"}, str(fault))
             return {"CANCELLED"}

@@ -17,10 +17,12 @@ from ..core.errors import UnisimError
 from ..core.json_file import read_json
 from ..core.logs import is_pandaset
 from ..core.prepare.scenario import scene_actors
+from ..core.rigs import FORMAT as RIG_FORMAT
 from ..core.scenario import FORMAT, load_scenario
 from ..core.scene_file import HEADER_NAME, read_scene_header
 from ..registering import add, take_away
 from ..translations import message
+from ..view_types import follow_soon
 from .polling import allowed
 
 FAR_M = 2000.0
@@ -116,6 +118,7 @@ def look_through_camera() -> None:
         space.clip_end = max(space.clip_end, FAR_M)
         if space.region_3d is not None:
             space.region_3d.view_perspective = "CAMERA"
+    follow_soon()
 
 
 def take_back() -> None:
@@ -202,17 +205,17 @@ class UNISIM_FH_json(bpy.types.FileHandler):
         return context.area is not None and context.area.type in ("VIEW_3D", "OUTLINER")
 
 
-def is_scenario(path: Path) -> bool:
-    """Whether a file says that it is a scenario."""
+def format_of(path: Path) -> str:
+    """What a JSON file says that it is, "" where it says nothing."""
     try:
         document = read_json(path, UnisimError)
     except UnisimError:
-        return False
-    return isinstance(document, dict) and document.get("format") == FORMAT
+        return ""
+    return str(document.get("format", "")) if isinstance(document, dict) else ""
 
 
 class UNISIM_OT_import_dropped(bpy.types.Operator):
-    """Import the scenario, trained scene or log that a dropped .json file belongs to"""
+    """Import the scenario, trained scene, log or rig preset that a dropped .json file belongs to"""
 
     bl_idname = "unisim.import_dropped"
     bl_label = "Import into UniSim"
@@ -224,8 +227,11 @@ class UNISIM_OT_import_dropped(bpy.types.Operator):
         """Tell which of them it is by its name, or by the folders round it: the window gives files alone, a log is a folder."""
         path = Path(self.filepath)
         # a rendered sequence has its scenario beside a log's folders
-        log = None if is_scenario(path) else next((folder for folder in path.parents[:3] if is_pandaset(folder)), None)
-        if path.name == HEADER_NAME:
+        said = format_of(path)
+        log = None if said in (FORMAT, RIG_FORMAT) else next((folder for folder in path.parents[:3] if is_pandaset(folder)), None)
+        if said == RIG_FORMAT:
+            operator, how = bpy.ops.unisim.apply_rig, "EXEC_DEFAULT"
+        elif path.name == HEADER_NAME:
             operator, how = bpy.ops.unisim.import_scene, "INVOKE_DEFAULT"
         elif log is not None:
             operator, how, path = bpy.ops.unisim.import_log, "INVOKE_DEFAULT", log

@@ -5,6 +5,7 @@ import numpy as np
 from bpy.props import FloatProperty
 
 from ..bridge.clock import Clock
+from ..bridge.durations import followed
 from ..bridge.ground import ground_height
 from ..bridge.meshes import size_of
 from ..bridge.motion import displaced_along, follow
@@ -27,6 +28,7 @@ class UNISIM_OT_follow_curve(bpy.types.Operator):
     speed_m_s: FloatProperty(
         name="Speed", description="Speed along the curve", default=8.0, min=0.1, soft_max=40.0, unit="VELOCITY"
     )
+    length_m: FloatProperty(name="Length", description="Length of the curve", unit="LENGTH", options={"HIDDEN", "SKIP_SAVE"})
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
@@ -34,6 +36,17 @@ class UNISIM_OT_follow_curve(bpy.types.Operator):
         curves = [thing for thing in context.selected_objects if thing.type == "CURVE"]
         curve = len(curves) == 1, "Select one curve in addition to the actors (Add > Curve)"
         return allowed(cls, object_mode(context), selected(context, "Select an actor first", "ACTOR"), curve)
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw the speed, and how long the curve takes at it in seconds and frames."""
+        self.layout.prop(self, "speed_m_s")
+        try:
+            clock = Clock.of(source_of(context.scene).drive)
+        except (UnisimError, OSError):
+            return
+        start_s = float(clock.time_s(np.array(frame_of(context.scene))))
+        for line in followed(self.length_m, self.speed_m_s, start_s, clock):
+            self.layout.label(text=line)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Keys along the curve; the actors' undersides are on it."""
@@ -54,6 +67,9 @@ class UNISIM_OT_follow_curve(bpy.types.Operator):
         for thing in actors:
             follow(thing, line, frame_of(context.scene), self.speed_m_s, clock)
         refresh(actors)
+        self.length_m = float(np.linalg.norm(np.diff(line, axis=0), axis=1).sum())
+        start_s = float(clock.time_s(np.array(frame_of(context.scene))))
+        self.report({"INFO"}, "; ".join(followed(self.length_m, self.speed_m_s, start_s, clock)))
         return {"FINISHED"}
 
 

@@ -81,8 +81,8 @@ def ask_sweeps(scene: bpy.types.Scene) -> None:
     worker = client(interpreter())
     for lidar in sampled.of("LIDAR"):
         key, recorded = (scene.name, lidar.name), source.drive.lidars.get(lidar.uid)
-        if recorded is not None and not recorded.model.beams:
-            continue  # the log's plain points
+        if (recorded is not None and not recorded.model.beams) or not lidar.there.any():
+            continue  # the log's plain points, or hidden for renders
         settings = {"quality": scene.unisim.quality, "device": device()}
         values = {**lidar_request(sampled, lidar, source, frame_of(scene)), **settings}
         if asked.get(key) == values:

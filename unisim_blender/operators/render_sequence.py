@@ -20,6 +20,24 @@ MIN_WIDTH = 8
 """The narrowest image that the command line renders, in pixels."""
 
 
+def output_folder(scene: bpy.types.Scene) -> Path:
+    """Return the folder that a scene's sequences go to. Raises `UnisimError` where none is set."""
+    out = scene.unisim.out
+    if not out:
+        raise UnisimError(message("Set an output folder first: UniSim > Output > Folder"))
+    if out.startswith("//") and not bpy.data.filepath:
+        raise UnisimError(message("{folder}: save the .blend first, or choose a folder that does not depend on it", folder=out))
+    return Path(bpy.path.abspath(out)).absolute()
+
+
+def render_arguments(scene: bpy.types.Scene, folder: Path, sensors: list[str] | None) -> list[str]:
+    """Return what follows `unisim` to render the scenario that lies in ``folder`` into that folder; None are all sensors."""
+    arguments = ["render", str(folder / SCENARIO), "--out", str(folder), "--resume", "--device", device()]
+    arguments += ["--sensors", ",".join(sensors)] if sensors is not None else []
+    width = scene.unisim.sequence_width
+    return arguments + (["--width", str(max(MIN_WIDTH, width))] if width else [])
+
+
 class UNISIM_OT_render_sequence(bpy.types.Operator):
     """Render the sensors over the frame range into the output folder, in the background; finished frames are kept"""
 
@@ -34,15 +52,8 @@ class UNISIM_OT_render_sequence(bpy.types.Operator):
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Write the scenario beside the frames and start the command line on it."""
-        about = context.scene.unisim
-        folder = Path(bpy.path.abspath(about.out)).absolute()
         try:
-            if not about.out:
-                raise UnisimError(message("Set an output folder first: UniSim > Output > Folder"))
-            if about.out.startswith("//") and not bpy.data.filepath:
-                raise UnisimError(
-                    message("{folder}: save the .blend first, or choose a folder that does not depend on it", folder=about.out)
-                )
+            folder = output_folder(context.scene)
             sensors = output_sensors(context.scene, context.selected_objects, source_of(context.scene).drive)
             folder.mkdir(parents=True, exist_ok=True)
             scenario = scenario_of(context.scene, folder / SCENARIO)
@@ -52,9 +63,7 @@ class UNISIM_OT_render_sequence(bpy.types.Operator):
             return {"CANCELLED"}
         scene = context.scene
         wanted = range(scene.frame_start, scene.frame_end + 1, scene.frame_step)
-        arguments = ["render", str(folder / SCENARIO), "--out", str(folder), "--resume", "--device", device()]
-        arguments += ["--sensors", ",".join(sensors)] if sensors is not None else []
-        arguments += ["--width", str(max(MIN_WIDTH, about.sequence_width))] if about.sequence_width else []
+        arguments = render_arguments(scene, folder, sensors)
         task = SequenceTask(arguments, folder, float(len(wanted)), interpreter())
         task.wanted = wanted
         launch(task)

@@ -7,6 +7,7 @@ import numpy as np
 from bpy.props import EnumProperty, FloatProperty
 
 from ..bridge.clock import Clock
+from ..bridge.durations import duration, instant, stretched
 from ..bridge.motion import retimed, stopped
 from ..bridge.refresh import refresh
 from ..bridge.sampling import frame_of
@@ -14,7 +15,7 @@ from ..bridge.selection import chosen
 from ..bridge.source import source_of
 from ..core.errors import UnisimError
 from ..core.geometry import FloatArray
-from ..translations import interface, message
+from ..translations import message
 from .polling import allowed, object_mode, selected
 
 WAYS = (
@@ -58,11 +59,19 @@ class UNISIM_OT_retime_actor(bpy.types.Operator):
             clock = Clock.of(source_of(context.scene).drive)
         except (UnisimError, OSError):
             return
+        for line in self.lines(float(clock.time_s(np.array(frame_of(context.scene)))), clock):
+            self.layout.label(text=line)
+
+    def lines(self, now_s: float, clock: Clock) -> list[str]:
+        """Return what the chosen way comes to, in seconds and in frames."""
         if self.way == "STRETCH":
-            first, last = clock.frame(np.array([self.first_s, self.last_s]))
-            self.layout.label(text=interface("Frames {first:.1f} to {last:.1f}", first=first, last=last), translate=False)
-        elif self.way != "SPEED":
-            self.layout.label(text=interface("{count:.1f} frames", count=self.seconds * clock.rate), translate=False)
+            return stretched(self.first_s, self.last_s, self.speed, clock)
+        if self.way == "SPEED":
+            return [f"From {instant(now_s, clock)} on", f"What takes 1 s takes {duration(1 / self.speed, clock)}"]
+        if self.way == "STOP":
+            stands = abs(self.seconds)
+            return [f"Stands for {duration(stands, clock)}", f"From {instant(now_s, clock)} to {instant(now_s + stands, clock)}"]
+        return [f"{duration(abs(self.seconds), clock)} {'later' if self.seconds >= 0 else 'earlier'}"]
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Move keys."""
@@ -84,6 +93,7 @@ class UNISIM_OT_retime_actor(bpy.types.Operator):
             else:
                 retimed(thing, self.later(now, clock))
         refresh(actors)
+        self.report({"INFO"}, "; ".join(self.lines(float(clock.time_s(np.array(now))), clock)))
         return {"FINISHED"}
 
     def later(self, now: float, clock: Clock) -> Callable[[FloatArray], FloatArray]:

@@ -1,5 +1,7 @@
 """New cameras and LiDARs on the vehicle."""
 
+import re
+from contextlib import suppress
 from typing import Any
 
 import bpy
@@ -8,8 +10,11 @@ from bpy.props import EnumProperty, FloatProperty, FloatVectorProperty, IntPrope
 
 from ..bridge.cameras import set_model
 from ..bridge.importing import fit_resolution
+from ..bridge.refresh import refresh
 from ..bridge.rig import lidar_json
+from ..bridge.rig_presets import free_name, look_ahead, show_sensor
 from ..bridge.selection import choose, chosen
+from ..bridge.source import source_of
 from ..bridge.things import collection_of, things
 from ..core.drive import CameraModel, LidarModel
 from ..core.errors import UnisimError
@@ -27,11 +32,19 @@ PRESETS = [
 def ride(context: bpy.types.Context, thing: bpy.types.Object, kind: str, place: tuple[float, float, float]) -> None:
     """Put a new sensor on the vehicle and make it the one that is selected."""
     ego = next(things(context.scene, "EGO"))
+    give_name(context.scene, thing)
     collection_of(context.scene, kind).objects.link(thing)
     thing.unisim.kind, thing.unisim.uid = kind, thing.name
     thing.parent = ego
     thing.location = place
     choose(context, thing)
+
+
+def give_name(scene: bpy.types.Scene, thing: bpy.types.Object) -> None:
+    """Give a new sensor's object a name that lists and files can have: "camera", "camera_2"."""
+    wanted = re.sub(r"\.\d{3}$", "", thing.name)  # what Blender puts behind a name that is taken
+    with suppress(UnisimError, OSError):
+        thing.name = free_name(scene, source_of(scene).drive, wanted, thing.name)
 
 
 class _OnVehicle:
@@ -41,6 +54,63 @@ class _OnVehicle:
     def poll(cls, context: bpy.types.Context) -> bool:
         """The vehicle has to be there."""
         return allowed(cls, object_mode(context), vehicle(context))
+
+
+class _OfSensor:
+    """An operator that a sensor's row in the list has."""
+
+    bl_options = {"REGISTER", "UNDO"}
+
+    name: StringProperty(name="Sensor", options={"HIDDEN"})
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """The vehicle has to be there."""
+        return allowed(cls, object_mode(context), vehicle(context))
+
+    def sensor(self: Any, context: bpy.types.Context) -> bpy.types.Object | None:
+        """The sensor of that name; None, with a report, where there is none."""
+        found = next((thing for thing in things(context.scene, "CAMERA", "LIDAR") if thing.name == self.name), None)
+        if found is None:
+            self.report({"ERROR"}, f'no sensor "{self.name}" in scene "{context.scene.name}"')
+        return found
+
+
+class UNISIM_OT_look_through(_OfSensor, bpy.types.Operator):
+    """Look through this camera: images become as large as its own"""
+
+    bl_idname = "unisim.look_through"
+    bl_label = "Look Through Camera"
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Make it the active camera, and show what it sees in this 3D view."""
+        camera = self.sensor(context)
+        if camera is None or camera.type != "CAMERA":
+            return {"CANCELLED"}
+        context.scene.camera = camera
+        fit_resolution(context.scene)
+        choose(context, camera)
+        region = getattr(context.space_data, "region_3d", None)
+        if region is not None:
+            region.view_perspective = "CAMERA"
+        return {"FINISHED"}
+
+
+class UNISIM_OT_show_sensor(_OfSensor, bpy.types.Operator):
+    """Render this sensor, or hide it: it is then in no view, sequence or scenario, and can be shown again"""
+
+    bl_idname = "unisim.show_sensor"
+    bl_label = "Show or Hide Sensor"
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Turn it over."""
+        sensor = self.sensor(context)
+        if sensor is None:
+            return {"CANCELLED"}
+        show_sensor(sensor, sensor.hide_render)
+        look_ahead(context.scene)
+        refresh([sensor])
+        return {"FINISHED"}
 
 
 class UNISIM_OT_add_camera(_OnVehicle, bpy.types.Operator):
@@ -166,4 +236,4 @@ class UNISIM_OT_set_beams(_Beams, bpy.types.Operator):
         return {"FINISHED"}
 
 
-CLASSES = (UNISIM_OT_add_camera, UNISIM_OT_add_lidar, UNISIM_OT_set_beams)
+CLASSES = (UNISIM_OT_look_through, UNISIM_OT_show_sensor, UNISIM_OT_add_camera, UNISIM_OT_add_lidar, UNISIM_OT_set_beams)

@@ -1,5 +1,5 @@
 """What users see in the sidebar, one file a subject: drawing only."""
 
-from . import actor, drive, output, rig, statusbar
+from . import actor, drive, edits, motion, output, rig, sensors, statusbar, variants
 
-MODULES = (drive, actor, rig, output, statusbar)
+MODULES = (drive, actor, motion, edits, variants, rig, output, sensors, statusbar)

@@ -36,10 +36,11 @@ class _Ways:
             "lengths": np.array([len(a.world_from_actor.times_s) for a in actors], np.int32),
             "positions": positions,
             "quaternions": quaternions,
-            "sizes": floats(np.array([a.size_m for a in actors]).reshape(-1, 3)),
+            "sizes": floats(np.array([a.look_size_m for a in actors]).reshape(-1, 3)),
             "start": doubles([a.start_s for a in actors]),
             "end": doubles([a.end_s for a in actors]),
             "rows": np.array(rows, np.int32),
+            "scales": floats(np.array([a.scale for a in actors]).reshape(-1, 3)),
         }
 
     def struct(self, among: Sequence[int]) -> tuple[TroupeStruct, Any]:

@@ -60,6 +60,7 @@ class TroupeStruct(ctypes.Structure):
         ("keys", _I32),
         *((name, _P) for name in ("times", "lengths", "positions", "quaternions", "sizes", "start", "end", "rows", "among")),
         ("candidates", _I32),
+        ("scales", _P),
     ]
 
 

@@ -1,8 +1,9 @@
-"""Edits of actors: remove, duplicate, insert, insert_mesh, move, retime, swap."""
+"""Edits of actors: remove, duplicate, insert, insert_mesh, move, retime, swap, scale."""
 
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
@@ -10,7 +11,8 @@ from ..drive import Actor, Drive, Look
 from ..errors import ScenarioError, UnisimError
 from ..geometry import FloatArray, Trajectory, quaternion_from_yaw
 from ..meshes.read import mesh_size_m
-from ..scenario.types import Duplicate, Insert, InsertMesh, Move, Remove, Retime, Swap
+from ..scenario.checks import UNSCALABLE, scales
+from ..scenario.types import Duplicate, Insert, InsertMesh, Move, Remove, Retime, Scale, Swap
 from .context import Context, actor_of, fail
 from .motion import TimeMap, displaced, is_moving, offset_curve, quaternion_product, retimed
 
@@ -27,7 +29,7 @@ def remove(drive: Drive, edit: Remove, place: str, context: Context) -> Drive:
 def duplicate(drive: Drive, edit: Duplicate, place: str, context: Context) -> Drive:
     """The drive with a second actor that looks like the source, displaced, later, or on a path of its own."""
     source = current(drive, edit.actor, f"{place}.actor", context)
-    _check_new(drive, edit.id, place, context)
+    check_new(drive, edit.id, place, context)
     if edit.pose is not None or edit.trajectory is not None:
         trajectory = context.trajectory(edit.pose, edit.trajectory, edit.outside, place)
         start, end = source.start_s, source.end_s
@@ -44,7 +46,7 @@ def duplicate(drive: Drive, edit: Duplicate, place: str, context: Context) -> Dr
 def insert(drive: Drive, edit: Insert, place: str, context: Context) -> Drive:
     """The drive with another actor, of this or of another trained scene."""
     source = context.look_of(edit.actor, edit.scene, place, "actor")
-    _check_new(drive, edit.id, place, context)
+    check_new(drive, edit.id, place, context)
     trajectory = context.trajectory(edit.pose, edit.trajectory, edit.outside, place)
     start, end = context.presence(edit.present, place)
     return _with(drive, _newcomer(source, edit.id, trajectory, start, end))
@@ -52,16 +54,21 @@ def insert(drive: Drive, edit: Insert, place: str, context: Context) -> Drive:
 
 def insert_mesh(drive: Drive, edit: InsertMesh, place: str, context: Context) -> Drive:
     """The drive with a mesh in it; its box is the mesh's extent."""
-    path = context.scenario.resolve(edit.mesh)
-    try:
-        size_m = mesh_size_m(path)
-    except UnisimError as fault:
-        raise ScenarioError(f"{place}.mesh: {fault}") from fault
-    _check_new(drive, edit.id, place, context)
+    path, size_m = mesh_of(edit.mesh, place, context)
+    check_new(drive, edit.id, place, context)
     trajectory = context.trajectory(edit.pose, edit.trajectory, edit.outside, place)
     start, end = context.presence(edit.present, place)
     label, moving, look = edit.label or MESH_LABEL, is_moving(trajectory), Look(edit.id, mesh=str(path))
     return _with(drive, Actor(edit.id, label, size_m, trajectory, start, end, moving, look, inserted=True))
+
+
+def mesh_of(name: str, place: str, context: Context) -> tuple[Path, FloatArray]:
+    """The file of a mesh that a scenario names, and its extent (3,). Raises `ScenarioError`."""
+    path = context.scenario.resolve(name)
+    try:
+        return path, mesh_size_m(path)
+    except UnisimError as fault:
+        raise ScenarioError(f"{place}.mesh: {fault}") from fault
 
 
 def _newcomer(source: Actor, uid: str, trajectory: Trajectory, start_s: float, end_s: float) -> Actor:
@@ -91,12 +98,26 @@ def retime(drive: Drive, edit: Retime, place: str, context: Context) -> Drive:
 
 
 def swap(drive: Drive, edit: Swap, place: str, context: Context) -> Drive:
-    """The drive with another look in the actor's place: the look's box and class, its underside where the actor's was."""
+    """The drive with another look in the actor's place: the look's box and class, its underside where the actor's was. A scale
+    that the actor had before is not the new look's."""
     actor = current(drive, edit.actor, f"{place}.actor", context)
     look = context.look_of(edit.look, edit.scene, place, "look")
     raised = (look.size_m[2] - actor.size_m[2]) / 2
     trajectory = beside(actor.world_from_actor, (0.0, 0.0, raised), None, None) if raised else actor.world_from_actor
-    return _with(drive, replace(actor, label=look.label, size_m=look.size_m, look=look.look, world_from_actor=trajectory))
+    return _with(
+        drive,
+        replace(actor, label=look.label, size_m=look.size_m, look=look.look, world_from_actor=trajectory, scale=(1.0, 1.0, 1.0)),
+    )
+
+
+def scale(drive: Drive, edit: Scale, place: str, context: Context) -> Drive:
+    """The drive with the actor larger or smaller about its box's centre, after what earlier edits scaled it by."""
+    actor = current(drive, edit.actor, f"{place}.actor", context)
+    total = actor.scale[0] * edit.factors[0], actor.scale[1] * edit.factors[1], actor.scale[2] * edit.factors[2]
+    if not scales(total):
+        sizes = [round(factor, 6) for factor in total]
+        fail(f"{place}.factors", f'with the edits before, "{edit.actor}" is scaled by {sizes}, which {UNSCALABLE}')
+    return _with(drive, replace(actor, size_m=actor.look_size_m * np.array(total), scale=total))
 
 
 def beside(
@@ -125,10 +146,14 @@ def current(drive: Drive, uid: str, place: str, context: Context) -> Actor:
         for index, edit in enumerate(context.scenario.edits):
             if isinstance(edit, Remove) and edit.actor == uid and uid in context.recorded.actors:
                 fail(place, f'"{uid}" was removed by edits[{index}]')
-    return actor_of(drive.actors, uid, place, "in the log")
+    actor = actor_of(drive.actors, uid, place, "in the log")
+    if actor.is_ego_body:
+        fail(place, f'"{uid}" is an ego body: it rides on the ego vehicle and takes no other edit')
+    return actor
 
 
-def _check_new(drive: Drive, uid: str, place: str, context: Context) -> None:
+def check_new(drive: Drive, uid: str, place: str, context: Context) -> None:
+    """Raise `ScenarioError` where an actor has the id already."""
     if uid in context.recorded.actors:
         fail(f"{place}.id", f'"{uid}" is an actor of the log already')
     if uid in drive.actors:

@@ -11,6 +11,7 @@ from ..scenario.types import (
     CopyStatic,
     Duplicate,
     Ego,
+    EgoBody,
     FrameRange,
     Insert,
     InsertMesh,
@@ -18,12 +19,14 @@ from ..scenario.types import (
     Remove,
     RemoveStatic,
     Retime,
+    Scale,
     Scenario,
     Swap,
 )
-from .actors import duplicate, insert, insert_mesh, move, remove, retime, swap
+from .actors import duplicate, insert, insert_mesh, move, remove, retime, scale, swap
 from .context import Context, SceneActors, fail
 from .ego import ego
+from .ego_body import ego_body
 from .sensors import select_sensors
 from .static import copy_static, remove_static
 
@@ -32,9 +35,11 @@ EDITORS: dict[type, Callable[[Drive, Any, str, Context], Drive]] = {
     Duplicate: duplicate,
     Insert: insert,
     InsertMesh: insert_mesh,
+    EgoBody: ego_body,
     Move: move,
     Retime: retime,
     Swap: swap,
+    Scale: scale,
     CopyStatic: copy_static,
     RemoveStatic: remove_static,
     Ego: ego,

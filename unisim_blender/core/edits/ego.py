@@ -1,4 +1,4 @@
-"""The recording vehicle elsewhere: shifted to the left or on a new trajectory, its sensors with it."""
+"""The recording vehicle elsewhere: shifted to the left or on a new trajectory, its sensors and its body with it."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from .motion import displaced, merged_times, offset_curve, sampled
 
 
 def ego(drive: Drive, edit: Ego, place: str, context: Context) -> Drive:
-    """The drive with the vehicle and all its sensors elsewhere.
+    """The drive with the vehicle, all its sensors and its body elsewhere.
 
     A shift keeps every heading and every sensor's place on the vehicle exactly, at any time. On a new trajectory the sensors keep
     their places to within `motion`'s tolerances.
@@ -34,7 +34,7 @@ def ego(drive: Drive, edit: Ego, place: str, context: Context) -> Drive:
     start, end = _span(drive)
     keys = merged_times(drive.world_from_ego.times_s, times, np.array([start, end]))
     curve = offset_curve(drive.world_from_ego, keys, offset_at)
-    return _with_sensors(drive, displaced(drive.world_from_ego, curve), lambda trajectory: displaced(trajectory, curve))
+    return _with_riders(drive, displaced(drive.world_from_ego, curve), lambda trajectory: displaced(trajectory, curve))
 
 
 def _on_trajectory(drive: Drive, new: Trajectory) -> Drive:
@@ -45,10 +45,10 @@ def _on_trajectory(drive: Drive, new: Trajectory) -> Drive:
         times = merged_times(new.times_s, old.times_s, sensor.times_s, np.array([start, end]))
         return sampled(lambda t: new.at(t) @ invert_pose(old.at(t)) @ sensor.at(t), times)
 
-    return _with_sensors(drive, new, carried)
+    return _with_riders(drive, new, carried)
 
 
-def _with_sensors(drive: Drive, world_from_ego: Trajectory, carried: Callable[[Trajectory], Trajectory]) -> Drive:
+def _with_riders(drive: Drive, world_from_ego: Trajectory, carried: Callable[[Trajectory], Trajectory]) -> Drive:
     return replace(
         drive,
         world_from_ego=world_from_ego,
@@ -56,6 +56,10 @@ def _with_sensors(drive: Drive, world_from_ego: Trajectory, carried: Callable[[T
             key: replace(camera, world_from_camera=carried(camera.world_from_camera)) for key, camera in drive.cameras.items()
         },
         lidars={key: replace(lidar, world_from_lidar=carried(lidar.world_from_lidar)) for key, lidar in drive.lidars.items()},
+        actors={
+            key: replace(actor, world_from_actor=carried(actor.world_from_actor)) if actor.is_ego_body else actor
+            for key, actor in drive.actors.items()
+        },
     )
 
 

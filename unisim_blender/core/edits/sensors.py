@@ -55,10 +55,15 @@ def _times(drive: Drive, base: Camera | Lidar | None, offset_s: float) -> dict[i
 
 def _camera(drive: Drive, spec: CameraSpec, place: str, context: Context) -> Camera:
     base = _base(drive.cameras, spec, place, "camera")
-    model = _new_camera_model(spec, place) if base is None else _changed_camera_model(base.model, spec, place)
+    model = new_camera_model(spec, place) if base is None else _changed_camera_model(base.model, spec, place)
     recorded = None if base is None else base.world_from_camera
     way = _way(drive, spec, recorded, FRONT_FROM_OPTICAL, context, place)
-    return Camera(spec.id, model, way, _times(drive, base, spec.time_offset_s or 0.0))
+    return Camera(spec.id, model, way, _times(drive, base, spec.time_offset_s or 0.0), _sees_ego_body(spec))
+
+
+def _sees_ego_body(spec: CameraSpec | LidarSpec) -> bool:
+    """Whether a sensor sees the ego vehicle's body: unless told otherwise, one that does not ride on the vehicle does."""
+    return spec.trajectory is not None if spec.sees_ego_body is None else spec.sees_ego_body
 
 
 def _shutter(shutter: Shutter | None, old: RollingShutter) -> RollingShutter:
@@ -67,7 +72,8 @@ def _shutter(shutter: Shutter | None, old: RollingShutter) -> RollingShutter:
     return RollingShutter(shutter.duration_s, old.reference if shutter.reference is None else shutter.reference)
 
 
-def _new_camera_model(spec: CameraSpec, place: str) -> CameraModel:
+def new_camera_model(spec: CameraSpec, place: str) -> CameraModel:
+    """The model of a camera that no log has. Raises `ScenarioError` naming ``place``."""
     if spec.width is None or spec.height is None or (spec.fx is None) == (spec.horizontal_fov_deg is None):
         fail(place, "a new camera needs width, height, and fx or horizontal_fov_deg")
     fx = _focal_length(spec, spec.width) or spec.fx
@@ -108,15 +114,16 @@ def _focal_length(spec: CameraSpec, width: int) -> float | None:
 
 def _lidar(drive: Drive, spec: LidarSpec, place: str, context: Context) -> Lidar:
     base = _base(drive.lidars, spec, place, "LiDAR")
-    model = _lidar_model(None if base is None else base.model, spec, place)
+    model = lidar_model(None if base is None else base.model, spec, place)
     way = _way(drive, spec, None if base is None else base.world_from_lidar, np.eye(3), context, place)
     blocked = None
     if base is not None and base.model is model and way is base.world_from_lidar:
         blocked = base.blocked  # what the vehicle hides is known for the recorded beams on the recorded mount alone
-    return Lidar(spec.id, model, way, _times(drive, base, 0.0), blocked)
+    return Lidar(spec.id, model, way, _times(drive, base, 0.0), blocked, _sees_ego_body(spec))
 
 
-def _lidar_model(old: LidarModel | None, spec: LidarSpec, place: str) -> LidarModel:
+def lidar_model(old: LidarModel | None, spec: LidarSpec, place: str) -> LidarModel:
+    """The model of a LiDAR that changes an old one, or is new. Raises `ScenarioError` naming ``place``."""
     if spec.preset is not None and spec.elevation_deg is not None:
         fail(place, "has preset beside elevation_deg, which exclude each other")
     changes: dict[str, Any] = {
@@ -166,6 +173,14 @@ def _way(
     return Trajectory.from_poses(own.times_s, poses)
 
 
+def mounted_pose(mount: Placement, front_from_sensor: FloatArray) -> FloatArray:
+    """A sensor's pose (4, 4) on the vehicle; of a mount with angles, axes that look along x at 0 are ``front_from_sensor``."""
+    ego_from_sensor = pose_of(mount)
+    if mount.quaternion_wxyz is None:
+        ego_from_sensor[:3, :3] = ego_from_sensor[:3, :3] @ front_from_sensor
+    return ego_from_sensor
+
+
 def _mounted(
     drive: Drive, mount: Placement | None, offset: Offset | None, recorded: Trajectory | None, front_from_sensor: FloatArray
 ) -> Trajectory:
@@ -173,9 +188,7 @@ def _mounted(
     ego = drive.world_from_ego
     ends = np.array([min(drive.time_s.values()) - SENSOR_MARGIN_S, max(drive.time_s.values()) + SENSOR_MARGIN_S])
     if mount is not None:
-        ego_from_sensor = pose_of(mount)
-        if mount.quaternion_wxyz is None:
-            ego_from_sensor[:3, :3] = ego_from_sensor[:3, :3] @ front_from_sensor
+        ego_from_sensor = mounted_pose(mount, front_from_sensor)
         return sampled(lambda t: ego.at(t) @ ego_from_sensor, merged_times(ego.times_s, ends))
     assert recorded is not None  # a sensor without a mount is one of the log
     if offset is None:

@@ -114,8 +114,13 @@ def near_spheres(origins: Tensor, directions: Tensor, bins: Tensor, centres: Ten
 
 @dataclass(frozen=True)
 class Hits:
-    """Pairs of a ray and a box that it meets: ray, actor (P,); t_near, t_far (P,); origins, directions (P, 3) in box axes;
-    world_from_box (P, 3, 3) its rotation."""
+    """Pairs of a ray and a box that it meets: ray, actor (P,); t_near, t_far (P,) metres along the ray in the world.
+
+    origins, directions (P, 3) are along the box's axes in the metres of the actor's own field: the box's scale is divided out,
+    so that directions of a scaled actor's hits are not unit. ``stretch`` (P,) is their length, field metres for each metre along
+    the ray; None where no actor is scaled. ``world_from_box`` (P, 3, 3) takes gradients there to the world: the box's rotation,
+    after the inverse of its scale.
+    """
 
     ray: Tensor
     actor: Tensor
@@ -124,6 +129,7 @@ class Hits:
     origins: Tensor
     directions: Tensor
     world_from_box: Tensor
+    stretch: Tensor | None = None
 
 
 class Tracklets(nn.Module):
@@ -152,7 +158,11 @@ class Tracklets(nn.Module):
         self.register_buffer("positions", torch.as_tensor(positions - self.corner).float(), persistent=False)
         self.register_buffer("quaternions", torch.as_tensor(quaternions).float(), persistent=False)
         self.register_buffer(
-            "sizes_m", torch.as_tensor(np.array([a.size_m for a in actors]).reshape(-1, 3)).float(), persistent=False
+            "sizes_m", torch.as_tensor(np.array([a.look_size_m for a in actors]).reshape(-1, 3)).float(), persistent=False
+        )
+        self.scaled = any(a.is_scaled for a in actors)
+        self.register_buffer(
+            "scales", torch.as_tensor(np.array([a.scale for a in actors]).reshape(-1, 3)).float(), persistent=False
         )
         self.register_buffer("start_s", torch.tensor([a.start_s for a in actors], dtype=torch.float64), persistent=False)
         self.register_buffer("end_s", torch.tensor([a.end_s for a in actors], dtype=torch.float64), persistent=False)
@@ -175,6 +185,8 @@ class Tracklets(nn.Module):
     positions: Tensor
     quaternions: Tensor
     sizes_m: Tensor
+    """Edges (A, 3) of the boxes in the metres of the actors' fields: without their scales."""
+    scales: Tensor
     start_s: Tensor
     end_s: Tensor
     rotation_6d: Tensor
@@ -239,6 +251,12 @@ class Tracklets(nn.Module):
         position, rotation = self.poses_at(actor, time_s[ray], keys or self.keys())
         o = torch.einsum("pji,pj->pi", rotation, origins[ray] - position)
         d = torch.einsum("pji,pj->pi", rotation, directions[ray])
+        stretch = None
+        if self.scaled:
+            scale = self.scales[actor]
+            o, d, rotation = o / scale, d / scale, rotation / scale[:, None]
+            # exactly 1 for actors that are not scaled: their results stay what they are without the scaled ones
+            stretch = torch.where((scale == 1).all(-1), torch.ones_like(scale[:, 0]), d.norm(dim=-1))
         with torch.no_grad():
             half = self.sizes_m[actor] / 2
             safe = torch.where(d.abs() < 1e-9, torch.full_like(d, 1e-9), d)
@@ -246,4 +264,5 @@ class Tracklets(nn.Module):
             t_near = torch.minimum(a, b).amax(-1).clamp_min(near_m)
             t_far = torch.maximum(a, b).amin(-1)
             keep = t_far > t_near
-        return Hits(ray[keep], actor[keep], t_near[keep], t_far[keep], o[keep], d[keep], rotation[keep])
+        stretch = None if stretch is None else stretch[keep]
+        return Hits(ray[keep], actor[keep], t_near[keep], t_far[keep], o[keep], d[keep], rotation[keep], stretch)

@@ -84,7 +84,7 @@ class PandasetWriter:
     def write_cuboids(self, frame: int) -> None:
         """The boxes of the actors that are there at the frame's time; PandaSet knows their yaw alone."""
         time_s = self.drive.time_s[frame]
-        actors = [actor for actor in self.drive.actors.values() if actor.present(time_s)]
+        actors = [actor for actor in self.drive.labelled_actors if actor.present(time_s)]
         poses = np.array([actor.world_from_actor.at(time_s) for actor in actors]).reshape(-1, 4, 4)
         sizes = np.array([actor.size_m for actor in actors]).reshape(-1, 3)
         table: Table = {

@@ -15,11 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..colour import srgb_from_linear
-from ..drive import Actor, Camera
+from ..drive import Actor, Camera, Lidar
 from ..geometry import BoolArray, FloatArray
 from ..sensors.camera import camera_rays
 from ..sensors.rays import Rays
 from .intersect import FirstHits, Mesh, ready
+from .placed import first_hits_on, normals_of
 from .read import read_mesh
 from .surface import colours_at, lit, normals_at, reflectivity
 
@@ -70,7 +71,7 @@ class Met:
 
 
 class Extras:
-    """Actors that are meshes, with their windows as `cast.on_stage` gives them."""
+    """Actors that are meshes, with their windows as `cast.on_stage` gives them; bodies of the ego vehicle come last."""
 
     def __init__(self, actors: Sequence[Actor]) -> None:
         self.actors = tuple(actors)
@@ -79,6 +80,15 @@ class Extras:
     def uids(self) -> tuple[str, ...]:
         """Their ids."""
         return tuple(actor.uid for actor in self.actors)
+
+    def seen_by(self, sensor: Camera | Lidar) -> Extras:
+        """Those that a sensor can see; each has the same number as among all."""
+        return self if sensor.sees_ego_body else self._without_bodies
+
+    @cached_property
+    def _without_bodies(self) -> Extras:
+        others = [actor for actor in self.actors if not actor.is_ego_body]
+        return self if len(others) == len(self.actors) else Extras(others)
 
     @cached_property
     def meshes(self) -> list[Mesh]:
@@ -157,14 +167,11 @@ class Extras:
             if len(mine) == 0:
                 continue
             pose = poses[which[mine]]
-            inverse = np.swapaxes(pose[:, :3, :3], 1, 2)
-            o = np.einsum("nij,nj->ni", inverse, rays.origins[mine] - pose[:, :3, 3])
-            d = np.einsum("nij,nj->ni", inverse, rays.directions[mine])
-            hits = mesh.first_hits(o, d, near_m)
+            hits, d = first_hits_on(actor, mesh, pose, rays.origins[mine], rays.directions[mine], near_m)
             first = (hits.face >= 0) & (hits.t < t[mine])
             hits, at = FirstHits(hits.t[first], hits.face[first], hits.uv[first]), mine[first]
             t[at], owner[at] = hits.t, i
-            normals[at] = np.einsum("nij,nj->ni", pose[first, :3, :3], normals_at(mesh.model, hits, d[first]))
+            normals[at] = normals_of(actor, pose[first], normals_at(mesh.model, hits, d[first]))
             colours[at] = colours_at(mesh.model, hits)
         return t, owner, normals, colours
 

@@ -6,21 +6,22 @@ from typing import Any
 
 import numpy as np
 
-from ..drive import Actor, Drive
+from ..drive import Actor, Camera, Drive, Lidar
 from ..geometry import FloatArray, invert_pose, quaternion_from_matrix
 
 VELOCITY_STEP_S = 0.05
 
 
 def frame_labels(drive: Drive, frame: int) -> dict[str, Any]:
-    """Boxes of all actors present at the frame's time and of static copies, as a JSON object.
+    """Boxes of all actors present at the frame's time and of static copies, as a JSON object. An ego body is labelled only where
+    a sensor sees it.
 
     A sensor's boxes are where the actors are at that sensor's own timestamp of the frame. Poses are position (m) and quaternion
     wxyz of the box's centre, x forward, y left, z up; cameras use OpenCV's axes. Velocities are in the world frame, m/s.
     """
     time = drive.time_s[frame]
     ego = drive.world_from_ego.at(time)
-    present = [actor for actor in drive.actors.values() if actor.present(time)]
+    present = [actor for actor in drive.labelled_actors if actor.present(time)]
     return {
         "frame": frame,
         "time_s": time,
@@ -32,12 +33,12 @@ def frame_labels(drive: Drive, frame: int) -> dict[str, Any]:
             for copy in drive.static_copies
         ],
         "sensors": {
-            name: _sensor(drive, times[frame], pose.at(times[frame]))
-            for name, times, pose in [
-                *((camera.sensor_id, camera.time_s, camera.world_from_camera) for camera in drive.cameras.values()),
-                *((lidar.sensor_id, lidar.time_s, lidar.world_from_lidar) for lidar in drive.lidars.values()),
+            sensor.sensor_id: _sensor(drive, sensor, sensor.time_s[frame], pose.at(sensor.time_s[frame]))
+            for sensor, pose in [
+                *((camera, camera.world_from_camera) for camera in drive.cameras.values()),
+                *((lidar, lidar.world_from_lidar) for lidar in drive.lidars.values()),
             ]
-            if frame in times
+            if frame in sensor.time_s
         },
     }
 
@@ -69,7 +70,7 @@ def _box(actor: Actor, time_s: float, world_from_ego: FloatArray) -> dict[str, A
     }
 
 
-def _sensor(drive: Drive, time_s: float, world_from_sensor: FloatArray) -> dict[str, Any]:
+def _sensor(drive: Drive, sensor: Camera | Lidar, time_s: float, world_from_sensor: FloatArray) -> dict[str, Any]:
     sensor_from_world = invert_pose(world_from_sensor)
     return {
         "time_s": time_s,
@@ -77,6 +78,6 @@ def _sensor(drive: Drive, time_s: float, world_from_sensor: FloatArray) -> dict[
         "boxes": {
             actor.uid: _pose(sensor_from_world @ actor.world_from_actor.at(time_s))
             for actor in drive.actors.values()
-            if actor.present(time_s)
+            if actor.present(time_s) and actor.visible_to(sensor)
         },
     }

@@ -36,46 +36,47 @@ def scenario_from_json(document: Any, path: Path = Path("scenario.json")) -> Sce
     check_finite(document, f"{path}: ", ScenarioError)
     check_document(document, path)
     values = {key: value for key, value in document.items() if key not in ("format", "version")}
-    scenario: Scenario = _build(Scenario, values | {"path": path})
+    scenario: Scenario = build(Scenario, values | {"path": path})
     check_scenario(scenario)
     return scenario
 
 
 def scenario_to_json(scenario: Scenario) -> dict[str, Any]:
     """The scenario as a JSON object."""
-    values = _plain(scenario)
+    values = plain(scenario)
     del values["path"]
     return {"format": FORMAT, "version": VERSION, **values}
 
 
-def _plain(value: Any) -> Any:
+def plain(value: Any) -> Any:
+    """A part of a scenario as a JSON value, without the members that are None."""
     if is_dataclass(value):
         head = {"type": value.type} if hasattr(value, "type") else {}
         members = {item.name: getattr(value, item.name) for item in fields(value)}
-        return head | {key: _plain(member) for key, member in members.items() if member is not None}
+        return head | {key: plain(member) for key, member in members.items() if member is not None}
     if isinstance(value, tuple):
-        return [_plain(item) for item in value]
+        return [plain(item) for item in value]
     if isinstance(value, dict):
-        return {key: _plain(item) for key, item in value.items()}
+        return {key: plain(item) for key, item in value.items()}
     return value
 
 
-def _build(hint: Any, value: Any) -> Any:
-    """``value``, which the schema has passed, as the type that ``hint`` names."""
+def build(hint: Any, value: Any) -> Any:
+    """A JSON ``value``, which the schema has passed, as the type that ``hint`` names."""
     if hint == Edit:
         kind = EDIT_TYPES[value["type"]]
-        return _build(kind, {key: member for key, member in value.items() if key != "type"})
+        return build(kind, {key: member for key, member in value.items() if key != "type"})
     origin, choices = get_origin(hint), get_args(hint)
     if origin in (Union, UnionType):
-        return _build(next(choice for choice in choices if _accepts(choice, value)), value)
+        return build(next(choice for choice in choices if _accepts(choice, value)), value)
     if origin is tuple:
         items = choices if choices[-1] is not Ellipsis else choices[:1] * len(value)
-        return tuple(_build(item, part) for item, part in zip(items, value, strict=True))
+        return tuple(build(item, part) for item, part in zip(items, value, strict=True))
     if origin is dict:
-        return {key: _build(choices[1], member) for key, member in value.items()}
+        return {key: build(choices[1], member) for key, member in value.items()}
     if is_dataclass(hint):
         hints = get_type_hints(hint)
-        return hint(**{key: _build(hints[key], member) for key, member in value.items()})  # type: ignore[operator]
+        return hint(**{key: build(hints[key], member) for key, member in value.items()})  # type: ignore[operator]
     return int(value) if hint is int else value  # JSON Schema counts 2.0 among the integers
 
 

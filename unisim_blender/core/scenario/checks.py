@@ -18,6 +18,7 @@ from .types import (
     Duplicate,
     Edit,
     Ego,
+    EgoBody,
     FrameRange,
     Insert,
     InsertMesh,
@@ -27,10 +28,14 @@ from .types import (
     RemoveStatic,
     Retime,
     Rotation,
+    Scale,
     Scenario,
     ShiftKey,
 )
 
+SCALE_BOUNDS = 0.1, 10.0
+"""Of an actor's size along each axis, in parts of its look's own; both are allowed."""
+UNSCALABLE = f"must lie between {SCALE_BOUNDS[0]:g} and {SCALE_BOUNDS[1]:g} along each axis"
 QUATERNION_TOLERANCE = 1e-3
 """How far from 1 a quaternion's length may be, for those written by hand."""
 
@@ -44,13 +49,18 @@ def scenario_schema() -> dict[str, Any]:
 
 def check_document(document: Any, path: Path) -> None:
     """Raise `ScenarioError` for the first fault, in the file's order, that the schema finds in a JSON value."""
+    check_by_schema(document, scenario_schema(), path)
+
+
+def check_by_schema(document: Any, schema: dict[str, Any], path: Path) -> None:
+    """Raise `ScenarioError` for the first fault that a schema, with ``format`` and ``version``, finds in a file's JSON value."""
     from jsonschema import Draft202012Validator  # here, so that scenarios can be written where only numpy is installed
 
-    if isinstance(document, dict) and document.get("format") == "unisim-scenario":
+    if isinstance(document, dict) and document.get("format") == schema["properties"]["format"]["const"]:
         version = document.get("version")
         if isinstance(version, int) and version > 1:
             raise ScenarioError(f"{path}: has version {version}, newer than the 1 that this program reads")
-    faults = Draft202012Validator(scenario_schema()).iter_errors(document)
+    faults = Draft202012Validator(schema).iter_errors(document)
     first = min(faults, key=lambda fault: [str(step).zfill(8) for step in fault.absolute_path], default=None)
     if first is not None:
         message = first.message if len(first.message) <= 200 else f"{first.message[:120]} … {first.message[-60:]}"
@@ -128,14 +138,23 @@ def check_edit(edit: Edit, place: str) -> None:
             _require(start <= end, f"{place}.present", f"end_s {end} lies before start_s {start}")
     elif isinstance(edit, Retime):
         _check_retime(edit, place)
+    elif isinstance(edit, Scale):
+        _require(scales(edit.factors), f"{place}.factors", f"{list(edit.factors)} {UNSCALABLE}")
     elif isinstance(edit, CopyStatic):
         check_rotation(edit.target, f"{place}.target")
+    elif isinstance(edit, EgoBody):
+        check_rotation(edit.mount, f"{place}.mount")
     elif isinstance(edit, Ego):
         given = [name for name in ("shift_left_m", "shift", "trajectory") if getattr(edit, name) is not None]
         _require(len(given) == 1, place, "needs shift_left_m, shift or trajectory, one of them")
         _require(edit.outside is None or edit.trajectory is not None, f"{place}.outside", "needs a trajectory")
         _check_keys(edit.trajectory or (), f"{place}.trajectory")
         _check_keys(edit.shift or (), f"{place}.shift")
+
+
+def scales(factors: Sequence[float]) -> bool:
+    """Whether an actor can be scaled by these factors along its axes."""
+    return all(SCALE_BOUNDS[0] <= factor <= SCALE_BOUNDS[1] for factor in factors)
 
 
 def _check_retime(edit: Retime, place: str) -> None:

@@ -125,6 +125,17 @@ class InsertMesh:
 
 
 @dataclass(frozen=True)
+class EgoBody:
+    """A mesh out of a file that is the ego vehicle's body: it rides at ``mount``, and the vehicle's own sensors do not see it."""
+
+    type: ClassVar[str] = "ego_body"
+    mesh: str
+    id: str
+    mount: Placement
+    label: str | None = None
+
+
+@dataclass(frozen=True)
 class Move:
     """A new trajectory, or a place to stand."""
 
@@ -160,6 +171,15 @@ class Swap:
 
 
 @dataclass(frozen=True)
+class Scale:
+    """The actor's box and field larger or smaller along its own axes (forward, left, up), about its box's centre."""
+
+    type: ClassVar[str] = "scale"
+    actor: str
+    factors: Vector
+
+
+@dataclass(frozen=True)
 class CopyStatic:
     """What stands in the box stands also at the target."""
 
@@ -188,9 +208,12 @@ class Ego:
     outside: str | None = None
 
 
-Edit = Union[Remove, Duplicate, Insert, InsertMesh, Move, Retime, Swap, CopyStatic, RemoveStatic, Ego]  # noqa: UP007 read at run time
+Edit = Union[  # noqa: UP007 read at run time
+    Remove, Duplicate, Insert, InsertMesh, EgoBody, Move, Retime, Swap, Scale, CopyStatic, RemoveStatic, Ego
+]  # fmt: skip
 EDIT_TYPES = {
-    kind.type: kind for kind in (Remove, Duplicate, Insert, InsertMesh, Move, Retime, Swap, CopyStatic, RemoveStatic, Ego)
+    kind.type: kind
+    for kind in (Remove, Duplicate, Insert, InsertMesh, EgoBody, Move, Retime, Swap, Scale, CopyStatic, RemoveStatic, Ego)
 }
 
 
@@ -220,6 +243,7 @@ class CameraSpec:
     mount: Placement | None = None
     mount_offset: Offset | None = None
     trajectory: tuple[Keyframe, ...] | None = None
+    sees_ego_body: bool | None = None
 
 
 @dataclass(frozen=True)
@@ -241,6 +265,7 @@ class LidarSpec:
     mount: Placement | None = None
     mount_offset: Offset | None = None
     trajectory: tuple[Keyframe, ...] | None = None
+    sees_ego_body: bool | None = None
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from ..frames import CameraFrame, LidarFrame
 from ..scene_file import drive_to_json
 
 CODE_SUFFIXES = (".py", ".so", ".dll", ".dylib")
-NOT_RENDERING = ("bench", "commands", "evaluate", "logs", "street", "training")
+NOT_RENDERING = ("bench", "commands", "evaluate", "logs", "rigs", "street", "training")
 """Folders of core that change no rendered frame."""
 
 

@@ -190,9 +190,11 @@ def _where(world: World, targets: _Targets, chosen: NDArray[np.int64], time_s: F
     placement, out = targets.placement[chosen], targets.local[chosen].copy()
     out[placement == -1] *= _FAR_M
     for number in np.unique(placement[placement >= 0]):
-        motion = world.placements[number].motion
+        motion, scale = world.placements[number].motion, world.placements[number].scale
         if motion is not None:
             rows = np.flatnonzero(placement == number)
+            if scale is not None:
+                out[rows] *= scale
             poses = motion.at(time_s[rows])
             out[rows] = np.einsum("nij,nj->ni", poses[:, :3, :3], out[rows]) + poses[:, :3, 3]
     return out

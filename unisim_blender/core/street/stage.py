@@ -27,11 +27,13 @@ _MARGIN_RAD = 0.15
 
 @dataclass(frozen=True, eq=False)
 class Item:
-    """A model in a picture: poses (K, 4, 4) street frame at `SHUTTER_KEYS` even times, one where it stands still."""
+    """A model in a picture: poses (K, 4, 4) street frame at `SHUTTER_KEYS` even times, one where it stands still; scale (3,), how
+    many times larger than the model it is along its own axes."""
 
     name: str
     model: Model
     poses: FloatArray
+    scale: FloatArray = field(default_factory=lambda: np.ones(3))
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +65,8 @@ class Workshop:
                 continue
             model = self._model(placement)
             if len(model.corners):
-                items.append(Item(placement.name, model, _poses(placement, times)))
+                scale = np.ones(3) if placement.scale is None else placement.scale
+                items.append(Item(placement.name, model, _poses(placement, times), scale))
         return Stage(items, camera, world.street_from_world @ camera.world_from_camera.at(times))
 
     def _model(self, placement: Placement) -> Model:

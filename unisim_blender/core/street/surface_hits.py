@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ..geometry import FloatArray
 from .materials import Points
-from .trace import Hits, Placement, to_asset
+from .trace import Hits, Placement, into_asset
 
 
 @dataclass(frozen=True)
@@ -59,13 +59,14 @@ def look_up(
         some = slice(start, end)
         place = placements[placement[start]]
         solid = place.asset.parts[part[start]]
-        ao, ad = (o[some], d[some]) if place.motion is None else to_asset(place.motion, o[some], d[some], time_s[rays[some]])
+        ao, ad, stretch = into_asset(place, o[some], d[some], time_s[rays[some]])
+        along = t[some] if stretch is None else t[some] * stretch
         po, pd = solid.to_part(ao, ad)
-        in_asset, in_part = ao + t[some, None] * ad, po + t[some, None] * pd
+        in_asset, in_part = ao + along[:, None] * ad, po + along[:, None] * pd
         normal, rounded = solid.shape.faced(in_part, pd)
         cosine[some] = np.abs((pd * normal).sum(-1))
         if painted:
-            paint = solid.material(Points(in_part, in_asset, normal, t[some] * footprint_rad, cosine[some]))
+            paint = solid.material(Points(in_part, in_asset, normal, along * footprint_rad, cosine[some]))
             albedo[some], gloss[some], glass[some], reflectivity[some] = (
                 paint.albedo,
                 paint.gloss,
@@ -74,10 +75,18 @@ def look_up(
             )
         if solid.asset_from_part is not None:
             normal, rounded = normal @ solid.asset_from_part[:3, :3].T, rounded @ solid.asset_from_part[:3, :3].T
+        if place.scale is not None:
+            normal, rounded = _unit(normal / place.scale), _unit(rounded / place.scale)
         if place.motion is not None:
             normal, rounded = _turn(place, normal, time_s[rays[some]]), _turn(place, rounded, time_s[rays[some]])
+        if place.scale is not None:
+            cosine[some] = np.abs((d[some] * normal).sum(-1))
         normals[some], soft[some], local[some] = normal, rounded, in_asset
     return Surfaces(rays, o + t[:, None] * d, normals, soft, local, albedo, gloss, glass, reflectivity, cosine, placement, part)
+
+
+def _unit(vectors: FloatArray) -> FloatArray:
+    return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-12))
 
 
 def _turn(placement: Placement, vectors: FloatArray, time_s: FloatArray) -> FloatArray:

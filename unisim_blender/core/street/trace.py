@@ -67,7 +67,8 @@ class Placement:
     """An asset in the world. ``motion`` None: it stands with its frame on the world's.
 
     window: seconds in which it is there. clip: the box, in the asset's frame, outside which nothing of it counts.
-    holes: boxes, in the asset's frame, inside which nothing of it counts.
+    holes: boxes, in the asset's frame, inside which nothing of it counts. scale: how many times larger than the asset it is, along
+    the asset's axes; None for as large.
     """
 
     name: str
@@ -76,6 +77,7 @@ class Placement:
     window: tuple[float, float] | None = None
     clip: Box | None = None
     holes: tuple[Box, ...] = ()
+    scale: FloatArray | None = None
 
     def bounds(self, start_s: float, end_s: float) -> tuple[FloatArray, FloatArray, NDArray[np.int64]]:
         """low, high (P, 3), world frame, of the parts that may matter between two times, and their numbers (P,)."""
@@ -84,6 +86,8 @@ class Placement:
         if self.clip is not None:
             reached = boxes_meet(corners, self.clip)
             keep, corners = keep[reached], corners[reached]
+        if self.scale is not None:
+            corners = corners * self.scale
         if self.motion is not None:
             inside = self.motion.times_s[(self.motion.times_s > start_s) & (self.motion.times_s < end_s)]
             poses = self.motion.at(np.unique(np.concatenate([inside, np.linspace(start_s, end_s, 9)])))
@@ -139,8 +143,7 @@ def _trace_placement(
     k = bundles.shape[1]
     o, d = bundles.origins[rows].reshape(-1, 3), bundles.directions[rows].reshape(-1, 3)
     time = bundles.time_s[rows].reshape(-1)
-    if placement.motion is not None:
-        o, d = to_asset(placement.motion, o, d, time)
+    o, d, stretch = into_asset(placement, o, d, time)
     t_min = np.zeros(len(o))
     t_max = np.full(len(o), np.inf)
     if placement.window is not None:
@@ -162,6 +165,8 @@ def _trace_placement(
             t = _first_outside(part, o[rays], d[rays], t_min[rays], placement.holes)
         else:
             t = part.shape.intersect(*part.to_part(o[rays], d[rays]), t_min[rays])
+        if stretch is not None:
+            t = t / stretch[rays]
         t[t > t_max[rays]] = np.inf
         target = rows[chosen]
         t = t.reshape(len(chosen), k)
@@ -169,6 +174,19 @@ def _trace_placement(
         hits.t[target] = np.where(better, t, hits.t[target])
         hits.placement[target] = np.where(better, np.int16(number), hits.placement[target])
         hits.part[target] = np.where(better, np.int16(index), hits.part[target])
+
+
+def into_asset(
+    placement: Placement, origins: FloatArray, directions: FloatArray, time_s: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray | None]:
+    """Rays (N, 3), (N, 3) at times (N,) in the frame and the metres of a placement's asset, directions unit; and how many of these
+    metres each (N,) is for a metre of the ray, None where the placement has no scale."""
+    o, d = (origins, directions) if placement.motion is None else to_asset(placement.motion, origins, directions, time_s)
+    if placement.scale is None:
+        return o, d, None
+    o, d = o / placement.scale, d / placement.scale
+    stretch = np.linalg.norm(d, axis=1)
+    return o, d / stretch[:, None], stretch
 
 
 def to_asset(

@@ -46,6 +46,7 @@ def picture_path(folder: Path, street: Street, drive: Drive, camera_id: str, fra
                 "poses": [] if placement.motion is None else _rounded(placement.motion.at(times)),
                 "clipped": placement.clip is not None,
                 "boxes": [[_rounded(box.world_from_box), _rounded(np.asarray(box.size_m))] for box in boxes],
+                **({} if placement.scale is None else {"scale": _rounded(placement.scale)}),
             }
         )
     recipe = recipe_document(street.recipe)

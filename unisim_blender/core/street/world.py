@@ -44,11 +44,12 @@ def make_world(street: Street, drive: Drive) -> World:
         street_from_asset = street_from_world @ copy.world_from_target @ invert_pose(source.world_from_box)
         motion = Trajectory.from_poses(np.zeros(1), street_from_asset[None])
         placements.append(Placement(copy.uid, street.static, motion, clip=source))
-    instances = tuple(sorted(drive.actors))
+    instances = tuple(sorted(actor.uid for actor in drive.labelled_actors))  # less an ego body that no sensor sees
     for uid in instances:
         actor = drive.actors[uid]
         motion = actor.world_from_actor.transformed(left=street_from_world)
-        placements.append(Placement(uid, asset_of(street, actor), motion, drive.window(actor)))
+        scale = np.array(actor.scale) if actor.is_scaled else None
+        placements.append(Placement(uid, asset_of(street, actor), motion, drive.window(actor), scale=scale))
     return World(placements, instances, [drive.actors[uid].size_m for uid in instances], street_from_world)
 
 

@@ -81,7 +81,7 @@ def build_surfels(log: Log, settings: SurfelSettings, frames: Sequence[int] | No
         static.add(sweep.points[still], sweep.intensity[still], sweep.origins[still])
         for index in np.unique(owner[~still]).tolist():
             mine = np.flatnonzero(owner == index)
-            origins = carried(actors[index].world_from_actor, sweep.time_s[mine], sweep.origins[mine], back=True)
+            origins = carried(actors[index], sweep.time_s[mine], sweep.origins[mine], back=True)
             # what may be the road under an actor is told apart once the road is known
             low = places[mine, 2] < -actors[index].size_m[2] / 2 + FEET_M
             own[index].add(places[mine[~low]], sweep.intensity[mine[~low]], origins[~low])

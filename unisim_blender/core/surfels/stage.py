@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from ..bounds import Bounds
 from ..drive import Actor
-from ..geometry import FloatArray, Trajectory
+from ..geometry import FloatArray
 from ..meshes.meeting import moments, near_actor
+from ..meshes.placed import first_hits_on, normals_of
 from ..sensors.rays import Rays
 from .model import SurfelSet
 
@@ -62,10 +63,7 @@ class Stage:
                 if len(mine) == 0 or len(faces) == 0:
                     continue
                 pose = poses[which[mine]]
-                inverse = np.swapaxes(pose[:, :3, :3], 1, 2)
-                o = np.einsum("nij,nj->ni", inverse, bundle.origins[mine] - pose[:, :3, 3])
-                d = np.einsum("nij,nj->ni", inverse, bundle.directions[mine])
-                own = faces.triangles.first_hits(o, d, near_m)
+                own, _ = first_hits_on(actor, faces.triangles, pose, bundle.origins[mine], bundle.directions[mine], near_m)
                 nearer = (own.face >= 0) & (own.t < t[part[mine]])
                 at = part[mine[nearer]]
                 t[at], owner[at], face[at], uv[at] = own.t[nearer], number, own.face[nearer], own.uv[nearer]
@@ -92,21 +90,25 @@ class Stage:
         for owner in np.unique(met.owner):
             if owner >= 0:
                 mine = np.flatnonzero(met.owner == owner)
-                normals[mine] = turned(self.placed[owner][0].world_from_actor, rays.time_s[mine], normals[mine])
+                normals[mine] = turned(self.placed[owner][0], rays.time_s[mine], normals[mine])
         against = np.einsum("ni,ni->n", normals, rays.directions) > 0
         return np.where(against[:, None], -normals, normals)
 
 
-def turned(way: Trajectory, time_s: FloatArray, vectors: FloatArray) -> FloatArray:
-    """Directions (N, 3) on a moving thing, in the world at times (N,)."""
+def turned(actor: Actor, time_s: FloatArray, normals: FloatArray) -> FloatArray:
+    """Unit normals (N, 3) in an actor's own axes, in the world at times (N,)."""
     times, which = np.unique(time_s, return_inverse=True)
-    return np.einsum("nij,nj->ni", way.at(times)[which.reshape(-1), :3, :3], vectors)
+    return normals_of(actor, actor.world_from_actor.at(times)[which.reshape(-1)], normals)
 
 
-def carried(way: Trajectory, time_s: FloatArray, points: FloatArray, back: bool = False) -> FloatArray:
-    """Points (N, 3) on a moving thing, in the world at times (N,); ``back``: the other way round."""
+def carried(actor: Actor, time_s: FloatArray, points: FloatArray, back: bool = False) -> FloatArray:
+    """Points (N, 3) of an actor, in its own axes and its look's metres, in the world at times (N,); ``back``: the other way
+    round."""
     times, which = np.unique(time_s, return_inverse=True)
-    pose = way.at(times)[which.reshape(-1)]
+    pose = actor.world_from_actor.at(times)[which.reshape(-1)]
     if back:
-        return np.einsum("nji,nj->ni", pose[:, :3, :3], points - pose[:, :3, 3])
+        local = np.einsum("nji,nj->ni", pose[:, :3, :3], points - pose[:, :3, 3])
+        return local / np.array(actor.scale) if actor.is_scaled else local
+    if actor.is_scaled:
+        points = points * np.array(actor.scale)
     return np.einsum("nij,nj->ni", pose[:, :3, :3], points) + pose[:, :3, 3]

@@ -123,9 +123,9 @@ class Sources:
         return [name for name in sorted(facing, key=lambda n: (-facing[n], n)) if facing[name] > FACING]
 
     def unedited(self, actor: Actor) -> bool:
-        """Whether an actor goes the way that was recorded."""
+        """Whether an actor goes the way that was recorded, as large as it was."""
         recorded = self.recorded.get(actor.uid)
-        if recorded is None or actor.look.actor != actor.uid:
+        if recorded is None or actor.look.actor != actor.uid or actor.is_scaled:
             return False
         a, b = actor.world_from_actor, recorded.world_from_actor
         return np.array_equal(a.times_s, b.times_s) and np.array_equal(a.positions, b.positions)

@@ -64,12 +64,13 @@ class WarpTracer(SurfelTracer):
         return painted, unsupported & ~some
 
     def _add_edited(self, total: FloatArray, rays: Rays, met: Meeting, number: int, pixel_rad: float) -> None:
-        """Colours of an actor that goes another way than it was recorded on, from the images that show it from the same side."""
+        """Colours of an actor that goes another way than it was recorded on, or is scaled, from the images that show it from the
+        same side."""
         actor = self.cast.own.actors[number]
         mine = np.flatnonzero(met.owner == number)
         middle = mine[len(mine) // 2]
         time = rays.time_s[middle : middle + 1]
-        place = carried(actor.world_from_actor, time, rays.origins[middle : middle + 1], back=True)[0]
+        place = carried(actor, time, rays.origins[middle : middle + 1], back=True)[0]
         recorded = self.sources.recorded.get(actor.look.actor)
         if recorded is not None:
             for source in self.sources.of_actor(recorded.uid, place, rays.directions[middle]):
@@ -94,13 +95,12 @@ class WarpTracer(SurfelTracer):
                 if recorded is None or not recorded.start_s <= min(first, last) or not max(first, last) <= recorded.end_s:
                     continue
                 points = rays.origins[mine] + rays.directions[mine] * met.t[mine, None]
-                local = carried(actor.world_from_actor, rays.time_s[mine], points, back=True)
-                inward = carried(actor.world_from_actor, rays.time_s[mine], rays.origins[mine], back=True)
-                way = recorded.world_from_actor
-                then = carried(way, np.full(len(mine), (first + last) / 2), local)
-                ours = then - carried(way, np.full(len(mine), (first + last) / 2), inward)
+                local = carried(actor, rays.time_s[mine], points, back=True)
+                inward = carried(actor, rays.time_s[mine], rays.origins[mine], back=True)
+                then = carried(recorded, np.full(len(mine), (first + last) / 2), local)
+                ours = then - carried(recorded, np.full(len(mine), (first + last) / 2), inward)
                 ours /= np.linalg.norm(ours, axis=1, keepdims=True)
-                self._add_seen(total, ours, then, mine, view, view.of_actor(way, local), False)
+                self._add_seen(total, ours, then, mine, view, view.of_actor(recorded.world_from_actor, local), False)
 
     def _add_seen(
         self,

@@ -1,0 +1,204 @@
+"""The edits list: each edit is a line, a click goes there, and reverting leaves the drive as it was imported."""
+
+from __future__ import annotations
+
+import random
+from typing import Any
+
+import bpy
+import numpy as np
+import pytest
+from edit_cases import CASES, driving, standing, update
+from helpers import read, select
+
+from unisim_blender.bridge.clock import Clock
+from unisim_blender.bridge.edit_lines import Line
+from unisim_blender.bridge.edit_reading import read_now, read_steps, reading_of
+from unisim_blender.bridge.poses import same
+from unisim_blender.bridge.quick_sample import Sampler
+from unisim_blender.bridge.sampling import sample_all, shown_names
+from unisim_blender.bridge.source import source_of
+from unisim_blender.bridge.things import things
+
+
+def lines(scene: Any) -> tuple[Line, ...]:
+    """The list of a scene."""
+    update()
+    return read_now(scene)
+
+
+def press(operator: Any, line: Line) -> None:
+    """Press a line's button."""
+    kind, name, part = line.key
+    assert operator(kind=kind, name=name, part=part, muted=line.muted) == {"FINISHED"}
+
+
+def test_an_imported_drive_has_no_edits(street: Any) -> None:
+    assert lines(street) == ()
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_an_edit_is_a_line(street: Any, name: str) -> None:
+    make, part, words = CASES[name]
+    make(street)
+    (line,) = lines(street)
+    assert line.part == part
+    assert line.what.startswith(words), line.what
+    drive = source_of(street).drive
+    assert min(drive.time_s.values()) - 1e-6 <= line.start_s <= line.end_s <= max(drive.time_s.values()) + 1e-6
+    scenario = read(street)
+    assert len(scenario.edits) + (scenario.sensors is not None) + (part == "MOVE" and line.kind == "STATIC") * -1 == 1
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_revert_leaves_an_empty_scenario(street: Any, name: str) -> None:
+    camera, count = street.camera.name, len(list(things(street, "ACTOR", "EGO", "CAMERA", "LIDAR")))
+    CASES[name][0](street)
+    (line,) = lines(street)
+    press(bpy.ops.unisim.revert_edit, line)
+    assert lines(street) == ()
+    scenario = read(street)
+    assert scenario.edits == () and scenario.sensors is None
+    assert street.camera is not None and street.camera.name == camera
+    assert len(list(things(street, "ACTOR", "EGO", "CAMERA", "LIDAR"))) == count
+
+
+def test_a_reverted_actor_drives_as_recorded_again(street: Any) -> None:
+    one = driving(street)
+    uid = one.unisim.uid
+    select(one)
+    bpy.ops.unisim.retime_actor(way="DELAY", seconds=0.6)
+    one.location.y = 2.0
+    one.scale = (1.0, 1.0, 1.0)
+    (line,) = lines(street)
+    assert line.what == "Retimed: 0.6 s later; moved 2.0 m left"
+    press(bpy.ops.unisim.revert_edit, line)
+    street.frame_set(7)
+    recorded = source_of(street).drive.actors[uid].world_from_actor.at(source_of(street).drive.time_s[7])
+    assert same(np.array(driving(street).matrix_world, float), recorded)
+
+
+def test_one_edit_of_two_is_reverted_alone(street: Any) -> None:
+    select(driving(street))
+    bpy.ops.unisim.replace_look(look="car-02")
+    driving(street).location.y += 3.0
+    found = {line.part: line for line in lines(street)}
+    assert set(found) == {"APPEARANCE", "MOVE"} and found["MOVE"].what == "Moved 3.0 m left"
+    press(bpy.ops.unisim.revert_edit, found["APPEARANCE"])
+    (line,) = lines(street)
+    assert line.part == "MOVE" and line.what == "Moved 3.0 m left"
+    assert len(read(street).edits) == 1
+    select(driving(street))
+    bpy.ops.unisim.replace_look(look="car-02")
+    press(bpy.ops.unisim.revert_edit, next(line for line in lines(street) if line.part == "MOVE"))
+    (line,) = lines(street)
+    assert line.part == "APPEARANCE"
+
+
+def test_a_click_selects_the_object_and_goes_to_its_frames(street: Any) -> None:
+    one = driving(street)
+    for frame, left in ((0, 0.0), (10, 0.0), (15, 1.0), (19, 0.0)):
+        street.frame_set(frame)
+        one.location.y = left
+        one.keyframe_insert("location", frame=frame)
+    street.frame_set(2)
+    select(standing(street))
+    (line,) = lines(street)
+    assert 10 <= line.frames[0] <= 11 and line.frames[-1] <= 18
+    press(bpy.ops.unisim.go_to_edit, line)
+    assert street.frame_current == line.frames[0]
+    assert bpy.context.selected_objects == [driving(street)] and bpy.context.active_object == driving(street)
+
+
+def test_a_click_on_a_removed_actor_selects_nothing(street: Any) -> None:
+    select(standing(street))
+    CASES["removed"][0](street)
+    (line,) = lines(street)
+    press(bpy.ops.unisim.go_to_edit, line)
+    assert not bpy.context.selected_objects
+
+
+def test_what_cannot_be_read_is_said_in_the_list(street: Any) -> None:
+    standing(street).scale = (2.0, 1.0, 1.0)
+    driving(street).location.y = 1.0
+    problem, line = lines(street)
+    assert problem.part == "PROBLEM" and problem.what.startswith("Is scaled") and problem.thing == standing(street).name
+    assert line.part == "MOVE"
+
+
+def test_changes_mark_the_list_as_stale(street: Any) -> None:
+    lines(street)
+    assert reading_of(street).fresh
+    driving(street).location.y = 1.0
+    update()
+    assert not reading_of(street).fresh
+    steps = read_steps(street)
+    next(steps)
+    assert reading_of(street).busy and not reading_of(street).fresh
+    for _ in steps:
+        pass
+    assert reading_of(street).fresh and len(reading_of(street).lines) == 1
+
+
+def test_what_did_not_change_is_not_sampled_again(street: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    lines(street)
+    sampled: list[str] = []
+    before = Sampler.thing
+
+    def noted(self: Sampler, thing: Any, *more: Any) -> Any:
+        sampled.append(thing.name)
+        return before(self, thing, *more)
+
+    monkeypatch.setattr(Sampler, "thing", noted)
+    street.frame_set(5)
+    lines(street)
+    assert sampled == []
+    driving(street).location.y = 1.0
+    lines(street)
+    assert sampled == [driving(street).name]
+
+
+def test_keys_tell_what_stepping_through_the_frames_does(street: Any) -> None:
+    """Random keys, curves, rotation modes and parents: the quick sampler and Blender's own evaluation agree."""
+    draw = random.Random(3)
+    for one in list(things(street, "ACTOR", "EGO", "CAMERA")):
+        for frame in (0, 6, 13, 19):
+            one.location = [v + draw.uniform(-1, 1) for v in one.location]
+            one.keyframe_insert("location", frame=frame)
+            if one.rotation_mode != "QUATERNION":
+                one.rotation_euler = [draw.uniform(-1, 1) for _ in range(3)]
+                one.keyframe_insert("rotation_euler", frame=frame)
+            else:
+                one.rotation_quaternion = [draw.uniform(-1, 1) for _ in range(4)]
+                one.keyframe_insert("rotation_quaternion", frame=frame)
+    loose = standing(street)
+    loose.animation_data_clear()
+    loose.rotation_mode, loose.parent = "XYZ", next(things(street, "EGO"))
+    loose.rotation_euler = (0.1, 0.2, 0.3)
+    street.frame_set(4)
+    clock = Clock.of(source_of(street).drive)
+    slow = {one.name: one for one in sample_all(street, clock).things}
+    sampler = Sampler(street, clock, shown_names(bpy.context.view_layer.layer_collection), True)
+    for one in things(street, "ACTOR", "EGO", "CAMERA", "LIDAR"):
+        quick = sampler.thing(one)
+        assert np.abs(quick.poses - slow[one.name].poses).max() < 2e-5, one.name
+        assert (quick.there == slow[one.name].there).all(), one.name
+
+
+def test_a_change_without_a_key_is_listed_before_the_frame_is_left(street: Any) -> None:
+    one = driving(street)
+    one.keyframe_insert("location", frame=0)
+    one.keyframe_insert("location", frame=19)
+    street.frame_set(9)
+    assert lines(street) == ()
+    one.location.y = 2.0
+    (line,) = lines(street)
+    assert line.what == "Moved 2.0 m left"
+
+
+def test_words_of_a_slower_drive(street: Any) -> None:
+    select(driving(street))
+    street.frame_set(0)
+    bpy.ops.unisim.retime_actor(way="SPEED", speed=0.5)
+    (line,) = lines(street)
+    assert line.what.startswith("Retimed: up to"), line.what

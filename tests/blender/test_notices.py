@@ -1,0 +1,51 @@
+"""What a view says it cannot show."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from shutil import copytree
+from typing import Any
+
+import bpy
+
+from unisim_blender.bridge.notices import notices
+from unisim_blender.bridge.source import source_of
+
+
+def said(scene: Any, through: bool = True) -> list[str]:
+    """What is said in the scene as it is."""
+    bpy.context.view_layer.update()
+    return notices(scene, source_of(scene), scene.camera if through else None)
+
+
+def test_what_was_not_recorded_is_said(scene: Any, street_log: Path, tmp_path: Path) -> None:
+    log = tmp_path / "log"
+    copytree(street_log, log)
+    next((log / "camera" / "front_camera").glob("*1.*")).unlink()
+    (log / "lidar" / "01.pkl.gz").unlink()
+    assert bpy.ops.unisim.import_log(filepath=str(log)) == {"FINISHED"}
+    scene.frame_set(0)
+    assert said(scene) == []
+    bpy.ops.unisim.show_points(recorded=True, simulated=False)
+    assert said(scene) == []
+    scene.frame_set(1)
+    lidars = ", ".join(sorted(source_of(scene).drive.lidars))
+    assert said(scene) == [f"Frame 1: {scene.camera.name} recorded no image", f"Frame 1: {lidars} recorded no sweep"]
+    assert said(scene, through=False) == [f"Frame 1: {lidars} recorded no sweep"]
+    scene.frame_set(7)
+    assert len(said(scene)) == 1 and "outside the drive" in said(scene)[0]
+
+
+def test_a_moved_camera_says_that_its_image_is_not_shown(scene: Any, street_log: Path) -> None:
+    assert bpy.ops.unisim.import_log(filepath=str(street_log)) == {"FINISHED"}
+    bpy.ops.unisim.shift_ego(left_m=1.0)
+    assert said(scene) == [f"{scene.camera.name} was moved: its recorded image is not shown"]
+
+
+def test_a_log_that_is_gone_is_said(street: Any) -> None:
+    street.unisim.show_recorded = True
+    source = source_of(street)
+    expected = (
+        [] if source.log is not None else [f"{source.log_path.name}: the log is not at hand, so no recorded points are shown"]
+    )
+    assert said(street, through=False) == expected

@@ -1,0 +1,149 @@
+"""Actors shifted sideways, by arc length along their path, and in time."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+import numpy as np
+import pytest
+from helpers import edited, read, select, thing
+
+from unisim_blender.bridge.animation import curves_of, write_keys
+from unisim_blender.bridge.arc_length import is_path, shifted_along
+from unisim_blender.bridge.motion import displaced_along
+from unisim_blender.bridge.source import source_of
+from unisim_blender.bridge.trajectories import trajectory_of
+from unisim_blender.core.geometry import FloatArray, invert_pose, quaternion_from_yaw
+from unisim_blender.core.scenario.types import Move
+
+
+def actor(scene: Any, moving: bool) -> str:
+    """The id of a car that drives, present throughout, or of one that stands."""
+    drive = source_of(scene).drive
+    first, last = min(drive.time_s.values()), max(drive.time_s.values())
+    return next(
+        uid
+        for uid, one in sorted(drive.actors.items())
+        if one.is_moving == moving and "Car" in one.label and one.start_s <= first and one.end_s >= last
+    )
+
+
+def arc(angles: FloatArray, radius_m: float) -> tuple[FloatArray, FloatArray]:
+    """Positions (K, 3) and quaternions (K, 4) on a circle that turns left."""
+    positions = np.stack([radius_m * np.sin(angles), radius_m * (1 - np.cos(angles)), np.zeros_like(angles)], -1)
+    return positions, quaternion_from_yaw(angles)
+
+
+def test_round_a_circle() -> None:
+    angles = np.linspace(0, 1.2, 80)
+    positions, quaternions = shifted_along(*arc(angles, 12.0), 3.0)
+    expected, turned = arc(angles + 3.0 / 12.0, 12.0)
+    on_path = angles + 3.0 / 12.0 < 1.2
+    assert np.abs(positions - expected)[on_path].max() < 0.01
+    assert np.abs(quaternions - turned)[on_path].max() < 0.01
+    assert np.linalg.norm(positions[-1] - arc(np.array([1.2]), 12.0)[0][0]) == pytest.approx(3.0, abs=1e-6)  # straight on
+
+
+def test_backward_and_forth_again() -> None:
+    path = arc(np.linspace(0, 1.2, 80), 12.0)
+    there = shifted_along(*shifted_along(*path, -2.0), 2.0)
+    assert np.abs(there[0] - path[0])[10:-14].max() < 0.02  # at both ends the path was left, straight on
+
+
+def test_what_stands_and_wanders_is_not_led_astray() -> None:
+    rng = np.random.default_rng(0)
+    along = np.concatenate([np.zeros(30), np.linspace(0, 20, 30), np.full(30, 20.0)])
+    positions = np.stack([along, np.zeros(90), np.zeros(90)], -1) + 0.02 * rng.standard_normal((90, 3))
+    moved, _ = shifted_along(positions, np.tile([1.0, 0, 0, 0], (90, 1)), 5.0)
+    assert (moved - positions)[:, 0] == pytest.approx(np.full(90, 5.0), abs=0.15)
+    assert not is_path(positions[:30])
+    with pytest.raises(ValueError, match="stands still"):
+        shifted_along(positions[:30], np.tile([1.0, 0, 0, 0], (30, 1)), 1.0)
+
+
+def test_sideways_is_its_left(street: Any) -> None:
+    uid = actor(street, moving=True)
+    select(thing(street, "ACTOR", uid))
+    assert bpy.ops.unisim.shift_actor(left_m=2.0, ahead_m=0.0, later_s=0.0) == {"FINISHED"}
+    recorded, now = source_of(street).drive, edited(street)
+    for time in (0.3, 1.5):
+        apart = invert_pose(recorded.actors[uid].world_from_actor.at(time)) @ now.actors[uid].world_from_actor.at(time)
+        assert apart[:3, 3] == pytest.approx([0.0, 2.0, 0.0], abs=1e-3)
+
+
+def test_along_a_path_that_turns(street: Any) -> None:
+    uid = actor(street, moving=True)
+    one = thing(street, "ACTOR", uid)
+    above = trajectory_of(one)
+    angles = np.linspace(0, 1.0, 20)
+    positions, quaternions = arc(angles, 20.0)
+    write_keys(above, np.arange(20.0), positions, quaternions)
+    select(one)
+    assert bpy.ops.unisim.shift_actor(left_m=0.0, ahead_m=4.0, later_s=0.0) == {"FINISHED"}
+    street.frame_set(8)
+    expected, _ = arc(angles[8:9] + 4.0 / 20.0, 20.0)
+    assert np.array(one.matrix_world.translation) == pytest.approx(expected[0], abs=0.02)
+    straight = positions[8] + 4.0 * np.array([np.cos(angles[8]), np.sin(angles[8]), 0.0])
+    assert np.linalg.norm(np.array(one.matrix_world.translation) - straight) > 0.3
+    assert one.matrix_world.to_euler().z == pytest.approx(angles[8] + 0.2, abs=0.01)
+
+
+def test_later_takes_its_presence_along(street: Any) -> None:
+    uid = actor(street, moving=True)
+    one, recorded = thing(street, "ACTOR", uid), source_of(street).drive.actors[actor(street, moving=True)]
+    select(one)
+    assert bpy.ops.unisim.shift_actor(left_m=0.0, ahead_m=0.0, later_s=0.4) == {"FINISHED"}
+    now = edited(street).actors[uid]
+    assert now.world_from_actor.at(1.2)[:3, 3] == pytest.approx(recorded.world_from_actor.at(0.8)[:3, 3], abs=0.01)
+
+
+def test_all_at_once_is_one_edit_and_is_reported(street: Any, capfd: Any) -> None:
+    uid = actor(street, moving=True)
+    select(thing(street, "ACTOR", uid))
+    bpy.ops.unisim.shift_actor(left_m=-1.0, ahead_m=2.0, later_s=0.2)
+    (edit,) = read(street).edits
+    assert isinstance(edit, Move) and edit.actor == uid
+    said = capfd.readouterr().out
+    assert "1.00 m to the right, 2.00 m forward along its path, 0.20 s (2.0 frames) later" in said
+
+
+def test_what_stands_still_moves_along_its_axis(street: Any, capfd: Any) -> None:
+    uid = actor(street, moving=False)
+    one = thing(street, "ACTOR", uid)
+    before = np.array(one.matrix_world, float)
+    select(one)
+    bpy.ops.unisim.shift_actor(left_m=1.0, ahead_m=2.0, later_s=0.5)
+    apart = np.linalg.inv(before) @ np.array(one.matrix_world, float)
+    assert apart[:3, 3] == pytest.approx([2.0, 1.0, 0.0], abs=1e-4)
+    said = capfd.readouterr().out
+    assert "along its own axis, as it stands still" in said and "at the same times" in said
+
+
+def test_a_copy_that_is_shifted_leaves_its_source_alone(street: Any) -> None:
+    uid = actor(street, moving=True)
+    select(thing(street, "ACTOR", uid))
+    bpy.ops.object.duplicate()
+    copy = bpy.context.active_object
+    bpy.ops.unisim.shift_actor(left_m=0.0, ahead_m=6.0, later_s=0.0)
+    street.frame_set(5)
+    assert len(read(street).edits) == 1
+    source = thing(street, "ACTOR", uid)
+    assert (copy.matrix_world.translation - source.matrix_world.translation).length == pytest.approx(6, abs=0.1)
+
+
+def test_displacing_keeps_how_keys_blend(street: Any) -> None:
+    one = thing(street, "ACTOR", actor(street, moving=True))
+    for frame, left in ((2, 0.0), (12, 3.0)):
+        one.location = (0.0, left, 0.0)
+        one.keyframe_insert("location", frame=frame)
+    (curve,) = [c for c in curves_of(one) if c.data_path == "location" and c.array_index == 1]
+    before = curve.evaluate(4)
+    displaced_along(one, (0.0, 1.0, 0.0))
+    (curve,) = [c for c in curves_of(one) if c.data_path == "location" and c.array_index == 1]
+    assert curve.keyframe_points[0].interpolation == "BEZIER" and curve.evaluate(4) == pytest.approx(before + 1.0, abs=1e-5)
+
+
+def test_grey_without_an_actor(street: Any) -> None:
+    select()
+    assert not bpy.ops.unisim.shift_actor.poll()

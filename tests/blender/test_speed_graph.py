@@ -1,0 +1,178 @@
+"""The speed graph: what it compares, that it agrees with Check Edits, what it draws, and when it is computed again."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+import numpy as np
+import pytest
+from helpers import select, thing
+
+from unisim_blender.bridge import motions
+from unisim_blender.bridge.clock import Clock
+from unisim_blender.bridge.graph_layout import EDITED, NOW, OVER, RECORDED, Shapes, axes_of, curves, moment, values
+from unisim_blender.bridge.kinematics import Compared, Limits
+from unisim_blender.bridge.motion import displaced_along
+from unisim_blender.bridge.plausibility import warnings_of
+from unisim_blender.bridge.sampling import sample_all
+from unisim_blender.bridge.source import source_of
+from unisim_blender.bridge.things import things
+from unisim_blender.operators.motion_settings import graph_of, limits_of
+
+
+def driving(scene: Any) -> Any:
+    """A car that drives, present throughout, made the active one."""
+    drive = source_of(scene).drive
+    first, last = min(drive.time_s.values()), max(drive.time_s.values())
+    one = next(
+        thing(scene, "ACTOR", uid)
+        for uid, a in sorted(drive.actors.items())
+        if a.is_moving and "Car" in a.label and a.start_s <= first and a.end_s >= last
+    )
+    select(one)
+    return one
+
+
+def graph() -> Compared:
+    """The graph of the active object."""
+    found = graph_of(bpy.context)
+    assert found is not None
+    return found
+
+
+def swerve(one: Any, left_m: float) -> None:
+    """Displace an actor to the left within half a second."""
+    for frame, left in ((5, 0.0), (10, left_m)):
+        bpy.context.scene.frame_set(frame)
+        one.location = (0.0, left, 0.0)
+        one.keyframe_insert("location", frame=frame)
+
+
+def colours(shapes: Shapes) -> set[tuple[float, ...]]:
+    """The colours of all triangles."""
+    return set(shapes.colours)
+
+
+def test_recorded_speeds_are_the_logs(street: Any) -> None:
+    one = driving(street)
+    found, drive = graph(), source_of(street).drive
+    assert not found.is_edited and not found.anywhere.any()
+    way = drive.actors[one.unisim.uid].world_from_actor
+    times = np.array(sorted(drive.time_s.values()))
+    before, after = way.at(times[9] - 0.1), way.at(times[9] + 0.1)
+    assert found.now.speed_m_s[9] == pytest.approx(np.linalg.norm((after - before)[:3, 3]) / 0.2, rel=0.02)
+    assert found.recorded is not None and found.recorded.speed_m_s == pytest.approx(found.now.speed_m_s, abs=0.01)
+    assert RECORDED in colours(curves(found)) and EDITED not in colours(curves(found))
+
+
+def test_what_drives_faster(street: Any) -> None:
+    one = driving(street)
+    before = graph().now.speed_m_s
+    street.frame_set(0)
+    bpy.ops.unisim.retime_actor(way="SPEED", speed=1.2)
+    found = graph()
+    assert found.is_edited and found.recorded is not None
+    assert found.now.speed_m_s[3:10] == pytest.approx(1.2 * before[3:10], rel=0.06)
+    assert found.recorded.speed_m_s == pytest.approx(before, abs=0.01)
+    assert {RECORDED, EDITED} <= colours(curves(found)) and one.name == found.name
+
+
+def test_a_swerve_is_marked_and_checked_alike(street: Any) -> None:
+    one = driving(street)
+    swerve(one, 3.0)
+    found, drive = graph(), source_of(street).drive
+    assert found.exceeded["lateral_m_s2"].any() and OVER in colours(curves(found))
+    clock = Clock.of(drive)
+    warned = [w for w in warnings_of(sample_all(street, clock), drive, limits_of(street)) if w.name == one.name]
+    (lateral,) = [w for w in warned if "lateral" in w.text]
+    at = int(np.flatnonzero(clock.frames == lateral.frame)[0])
+    assert found.exceeded["lateral_m_s2"][at]
+    assert f"{abs(found.now.lateral_m_s2[at]):.1f} m/s²" in lateral.text
+    assert ("accelerates" in str(warned) or "brakes" in str(warned)) == found.exceeded["acceleration_m_s2"].any()
+
+
+def test_limits_are_properties_that_both_heed(street: Any) -> None:
+    one = driving(street)
+    swerve(one, 3.0)
+    limits = street.unisim_motion
+    limits.lateral_m_s2, limits.acceleration_m_s2, limits.curvature_1_m = 50.0, 50.0, 5.0
+    assert not graph().anywhere.any()
+    assert bpy.ops.unisim.check() == {"FINISHED"}
+    texts = [w.text for w in bpy.context.scene.unisim_check.warnings if w.name == one.name]
+    assert not [text for text in texts if "m/s²" in text or "radius" in text]
+    limits.lateral_m_s2 = 1.0
+    assert bpy.ops.unisim.check() == {"FINISHED"}
+    texts = [w.text for w in bpy.context.scene.unisim_check.warnings if w.name == one.name]
+    assert [text for text in texts if "lateral acceleration" in text]
+
+
+def test_defaults_are_exactly_those_of_the_functions(street: Any) -> None:
+    assert limits_of(street) == Limits()
+
+
+def test_pedestrians_have_no_such_limits(street: Any) -> None:
+    drive = source_of(street).drive
+    one = driving(street)
+    swerve(one, 3.0)
+    clock = Clock.of(drive)
+    track = motions.track_of(one, drive, clock)
+    walking = motions.Track(track.name, track.kind, track.uid, "Pedestrian", track.poses, track.there)
+    assert motions.compared(track, drive, clock, Limits()).anywhere.any()
+    assert not motions.compared(walking, drive, clock, Limits()).anywhere.any()
+
+
+def test_the_ego_vehicle_too(street: Any) -> None:
+    ego = next(things(street, "EGO"))
+    select(ego)
+    assert not graph().is_edited
+    swerve(ego, 3.0)
+    assert graph().exceeded["lateral_m_s2"].any()
+    drive = source_of(street).drive
+    found = warnings_of(sample_all(street, Clock.of(drive)), drive)
+    assert [w for w in found if w.name == ego.name and "lateral" in w.text]
+
+
+def test_it_is_computed_again_only_when_the_motion_changes(street: Any, monkeypatch: Any) -> None:
+    one = driving(street)
+    first = graph()
+    computed = []
+    real = motions.compared
+    monkeypatch.setattr(motions, "compared", lambda *all: computed.append(1) or real(*all))
+    street.frame_set(7)
+    assert graph() is first and not computed
+    displaced_along(one, (0.0, 1.0, 0.0))
+    assert graph() is not first and computed == [1]
+    street.unisim_motion.lateral_m_s2 = 2.0
+    graph()
+    assert computed == [1, 1]
+
+
+def test_nothing_without_an_actor(street: Any) -> None:
+    select(street.camera)
+    assert graph_of(bpy.context) is None
+
+
+def test_the_line_and_the_values_are_those_of_the_frame(street: Any) -> None:
+    one = driving(street)
+    found = graph()
+    shapes, axes = moment(found, 7.0), axes_of(found)
+    assert NOW in colours(shapes)
+    columns = np.array(shapes.corners)[:, 0]
+    assert columns.mean() == pytest.approx(float(axes.x(found.now.times_s[7])), abs=0.1)
+    texts = [text for text, _ in values(found, 7.0)]
+    assert texts[0] == f"{found.now.times_s[7]:.2f} s" and texts[1] == f"{found.now.speed_m_s[7] * 3.6:.1f} km/h"
+    swerve(one, 3.0)
+    found = graph()
+    at = float(found.frames[int(np.argmax(found.exceeded["lateral_m_s2"]))])
+    assert any(over for _, over in values(found, at))
+
+
+def test_absence_is_said(street: Any) -> None:
+    one = driving(street)
+    bpy.ops.unisim.shift_actor(left_m=0.0, ahead_m=0.0, later_s=1.0)
+    drive = source_of(street).drive
+    one.hide_viewport = True
+    one.keyframe_insert("hide_viewport", frame=0)
+    found = motions.compared_now(one, drive, Clock.of(drive), Limits())
+    assert ("not present", False) in values(found, 0.0)

@@ -1,0 +1,58 @@
+"""What a file remembers of muted edits and of variants, and what the window remembers of lists."""
+
+import bpy
+from bpy.props import (
+    BoolProperty,
+    CollectionProperty,
+    FloatProperty,
+    IntProperty,
+    PointerProperty,
+    StringProperty,
+)
+
+from .registering import add, take_away
+
+
+class UniSimMuted(bpy.types.PropertyGroup):
+    """A muted edit. ``parked`` is the object with the edit, in no scene; none where the edit is that an object is missing, or where
+    ``look`` is all there is to it. ``collection`` is where it stood, ``at_root``: in the scene's own. ``name`` and the rest are the line in the list."""
+
+    kind: StringProperty()
+    uid: StringProperty()
+    part: StringProperty()
+    what: StringProperty()
+    thing: StringProperty()
+    start_s: FloatProperty()
+    end_s: FloatProperty()
+    first: IntProperty()
+    last: IntProperty()
+    parked: PointerProperty(type=bpy.types.Object)
+    collection: PointerProperty(type=bpy.types.Collection)
+    at_root: BoolProperty()
+    look: StringProperty()
+    look_scene: StringProperty()
+
+
+class UniSimEdits(bpy.types.PropertyGroup):
+    """A scene's muted edits, and whether it is one of the variants that are rendered together."""
+
+    muted: CollectionProperty(type=UniSimMuted)
+    rendered: BoolProperty(name="Render", description="Render it with the selected variants", default=True)
+
+
+CLASSES = (UniSimMuted, UniSimEdits)
+
+
+def register() -> None:
+    """Add the properties."""
+    add(CLASSES)
+    bpy.types.Scene.unisim_edits = PointerProperty(type=UniSimEdits)
+    bpy.types.WindowManager.unisim_edits_page = IntProperty(min=0, options={"SKIP_SAVE"})
+    bpy.types.WindowManager.unisim_compared = StringProperty(description="The variant that the active one is compared with")
+
+
+def unregister() -> None:
+    """Take them away again; files keep what they hold."""
+    del bpy.types.WindowManager.unisim_compared, bpy.types.WindowManager.unisim_edits_page
+    del bpy.types.Scene.unisim_edits
+    take_away(CLASSES)

@@ -1,0 +1,142 @@
+"""The edits list: go to an edit, take it back, mute it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+from bpy.props import IntProperty, StringProperty
+
+from ..bridge.clock import Clock
+from ..bridge.edit_lines import Line
+from ..bridge.edit_reading import read_now, reading_of
+from ..bridge.muting import drop, mute, rivals_of, unmute
+from ..bridge.reverting import revert
+from ..bridge.selection import choose
+from ..bridge.source import source_of
+from ..core.errors import UnisimError
+from .polling import allowed, drive, object_mode
+
+
+def nearest_frame(frames: tuple[int, ...], now: int) -> int:
+    """Return the frame of some that is nearest to ``now``."""
+    return min(frames, key=lambda frame: (abs(frame - now), frame), default=now)
+
+
+class _OfEdit:
+    """An operator on one line of the list."""
+
+    kind: StringProperty(options={"SKIP_SAVE"})
+    name: StringProperty(options={"SKIP_SAVE"})
+    part: StringProperty(options={"SKIP_SAVE"})
+    muted: IntProperty(default=-1, options={"SKIP_SAVE"})
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """A drive has to be there."""
+        return allowed(cls, object_mode(context), drive(context))
+
+    def line(self: Any, context: bpy.types.Context) -> Line:
+        """The line as the scene has it now. Raises `UnisimError`."""
+        wanted = (self.kind, self.name, self.part), self.muted
+        found = [line for line in read_now(context.scene) if (line.key, line.muted) == wanted]
+        if not found:
+            raise UnisimError(f"{self.name}: this edit is not there any more")
+        return found[0]
+
+    def execute(self: Any, context: bpy.types.Context) -> set[str]:
+        """Find the line and do it; the list is read again."""
+        try:
+            self.do(context, self.line(context))
+        except (UnisimError, OSError) as fault:
+            self.report({"ERROR"}, str(fault))
+            return {"CANCELLED"}
+        return {"FINISHED"}
+
+
+class UNISIM_OT_go_to_edit(_OfEdit, bpy.types.Operator):
+    """Select the object and go to a frame at which the edit shows"""
+
+    bl_idname = "unisim.go_to_edit"
+    bl_label = "Go to Edit"
+    bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def description(cls, context: bpy.types.Context, properties: Any) -> str:
+        """Say what the edit is, in full, with its frames."""
+        key = properties.kind, properties.name, properties.part
+        for line in reading_of(context.scene).lines:
+            if (line.key, line.muted) == (key, properties.muted):
+                frames = f" Frames {line.frames[0]} to {line.frames[-1]}." if line.frames else ""
+                muted = " Muted: it does not count." if line.muted >= 0 else ""
+                return f"{line.who}: {line.what}.{frames}{muted} Click to select it and to go to a frame at which it shows"
+        return str(cls.__doc__)
+
+    def do(self, context: bpy.types.Context, line: Line) -> None:
+        """Jump."""
+        scene = context.scene
+        frame = nearest_frame(line.frames, scene.frame_current)
+        if frame != scene.frame_current:
+            scene.frame_set(frame)
+        thing = scene.objects.get(line.thing)
+        if thing is not None and thing.name in context.view_layer.objects:
+            choose(context, thing)
+            return
+        choose(context)
+        where = ""
+        actor = source_of(scene).drive.actors.get(line.uid)
+        if actor is not None:
+            clock = Clock.of(source_of(scene).drive)
+            x, y, _ = actor.world_from_actor.at(float(clock.time_s(frame)))[:3, 3]
+            where = f": it was recorded at x {x:.1f} m, y {y:.1f} m"
+        state = "muted" if line.muted >= 0 else "not in the scene"
+        self.report({"INFO"}, f"{line.who} is {state}{where}")
+
+
+class UNISIM_OT_revert_edit(_OfEdit, bpy.types.Operator):
+    """Take the edit back: the object stands as it was imported. A copied or inserted one is deleted"""
+
+    bl_idname = "unisim.revert_edit"
+    bl_label = "Revert Edit"
+    bl_options = {"REGISTER", "UNDO"}
+
+    def do(self, context: bpy.types.Context, line: Line) -> None:
+        """Revert it; a muted one is deleted."""
+        scene = context.scene
+        if line.muted >= 0:
+            drop(scene, line.muted)
+        else:
+            revert(scene, source_of(scene), line)
+        reading_of(scene).mark()
+        self.report({"INFO"}, f"Reverted: {line.what} ({line.who})")
+
+
+class UNISIM_OT_mute_edit(_OfEdit, bpy.types.Operator):
+    """Mute the edit: it stays in the file and counts in no image, sweep or scenario. Again: let it count"""
+
+    bl_idname = "unisim.mute_edit"
+    bl_label = "Mute Edit"
+    bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def description(cls, context: bpy.types.Context, properties: Any) -> str:
+        """Say which of the two it does."""
+        if properties.muted >= 0:
+            return "Let the edit count again. An edit of the same object that cannot stand beside it is muted"
+        return "Mute the edit: it stays in the file and counts in no image, sweep or scenario"
+
+    def do(self, context: bpy.types.Context, line: Line) -> None:
+        """Mute or unmute it."""
+        scene = context.scene
+        if line.muted < 0:
+            mute(scene, source_of(scene), line)
+            self.report({"INFO"}, f"Muted: {line.what} ({line.who})")
+        else:
+            rivals = rivals_of(line, reading_of(scene).lines)
+            unmute(scene, source_of(scene), line.muted, rivals)
+            instead = f"; muted instead: {', '.join(rival.what for rival in rivals)}" if rivals else ""
+            self.report({"INFO"}, f"Unmuted: {line.what} ({line.who}){instead}")
+        reading_of(scene).mark()
+
+
+CLASSES = (UNISIM_OT_go_to_edit, UNISIM_OT_revert_edit, UNISIM_OT_mute_edit)

@@ -1,0 +1,82 @@
+"""Ordinary objects as the ego vehicle's body, and back."""
+
+import bpy
+from bpy.props import EnumProperty, StringProperty
+
+from ..bridge.ego_bodies import make_body, release_body
+from ..bridge.meshes import parts
+from ..bridge.refresh import refresh
+from ..bridge.selection import choose, chosen
+from ..core.edits.ego_body import LABEL
+from .meshes import DIRECTIONS, marked_above
+from .polling import allowed, object_mode, selected, vehicle
+
+PLACES = (
+    ("VEHICLE", "On the vehicle", "Pointing ahead, on the height of the vehicle's origin, its rear 1 m behind that"),
+    ("HERE", "Where it stands", "Where it stands now, from this frame on as part of the vehicle"),
+)
+
+
+class UNISIM_OT_ego_body(bpy.types.Operator):
+    """Let the selected mesh objects, with their children, be the ego vehicle's body: the view from outside and sensors at the \
+roadside see it, sensors on the vehicle do not"""
+
+    bl_idname = "unisim.ego_body"
+    bl_label = "Use as Ego Body"
+    bl_options = {"REGISTER", "UNDO"}
+
+    place: EnumProperty(name="Place", items=PLACES)
+    forward: EnumProperty(name="Points along", items=DIRECTIONS)
+    label: StringProperty(name="Class", description="As the log's labels have it: Car, Pickup Truck, Bus …", default=LABEL)
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """The vehicle has to be there, and an object that is nothing of the drive yet has to be selected."""
+        needed = selected(context, "Select a mesh that is nothing of the drive yet", "NONE")
+        return allowed(cls, object_mode(context), vehicle(context), needed)
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Make one body of all that is selected, and put it on the vehicle."""
+        found = [thing for thing in chosen(context, "NONE") if not marked_above(thing) and any(parts(thing))]
+        if not found:
+            self.report({"ERROR"}, "nothing that is selected has a surface of its own")
+            return {"CANCELLED"}
+        moving = next((thing for thing in found if thing.animation_data is not None or thing.constraints), None)
+        if moving is not None:
+            self.report(
+                {"ERROR"}, f'object "{moving.name}": has keys or constraints, and a body is fixed to the vehicle: clear them'
+            )
+            return {"CANCELLED"}
+        found.sort(key=lambda thing: thing == context.active_object)
+        body = make_body(context.scene, found, self.label or LABEL, self.forward, self.place == "VEHICLE")
+        choose(context, body)
+        refresh([body])
+        self.report({"INFO"}, f"{body.name} is the ego vehicle's body")
+        return {"FINISHED"}
+
+
+class UNISIM_OT_release_ego_body(bpy.types.Operator):
+    """Let the selected bodies of the ego vehicle be ordinary objects again, which no sensor sees; all of them where none is \
+selected"""
+
+    bl_idname = "unisim.release_ego_body"
+    bl_label = "Release Ego Body"
+    bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """There has to be a body."""
+        there = any(thing.unisim.kind == "BODY" for thing in context.scene.objects)
+        return allowed(cls, object_mode(context), (there, "No mesh is the ego vehicle's body: Use as Ego Body makes one"))
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Take them off the vehicle."""
+        every = [thing for thing in context.scene.objects if thing.unisim.kind == "BODY"]
+        released = [thing for thing in every if thing.select_get()] or every
+        for thing in released:
+            release_body(thing)
+        refresh(released)
+        return {"FINISHED"}
+
+
+CLASSES = (UNISIM_OT_ego_body, UNISIM_OT_release_ego_body)

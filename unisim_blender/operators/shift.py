@@ -1,0 +1,80 @@
+"""Actors shifted sideways, along their trajectory, and in time."""
+
+import bpy
+from bpy.props import FloatProperty
+
+from ..bridge.clock import Clock
+from ..bridge.refresh import refresh
+from ..bridge.selection import chosen
+from ..bridge.shifting import shift
+from ..bridge.source import source_of
+from ..core.errors import UnisimError
+from .polling import allowed, object_mode, selected
+
+
+class UNISIM_OT_shift_actor(bpy.types.Operator):
+    """Shift the selected actors sideways, along the path of their trajectory and in time, alike at every time"""
+
+    bl_idname = "unisim.shift_actor"
+    bl_label = "Shift Actor"
+    bl_options = {"REGISTER", "UNDO"}
+
+    left_m: FloatProperty(
+        name="Sideways",
+        description="To the left of the actor; negative: to the right",
+        default=1.0,
+        soft_min=-10.0,
+        soft_max=10.0,
+        unit="LENGTH",
+    )
+    ahead_m: FloatProperty(
+        name="Along Path",
+        description="Forward by this length of the trajectory's path, round its turns, and straight on beyond its ends; "
+        "what stands still moves along its own axis. Negative: backward",
+        default=0.0,
+        soft_min=-50.0,
+        soft_max=50.0,
+        unit="LENGTH",
+    )
+    later_s: FloatProperty(
+        name="Later",
+        description="In seconds of the log, together with when it is present; negative: earlier",
+        default=0.0,
+        soft_min=-10.0,
+        soft_max=10.0,
+        unit="TIME_ABSOLUTE",
+    )
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """An actor has to be selected."""
+        return allowed(cls, object_mode(context), selected(context, "Select an actor first", "ACTOR"))
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw the three amounts, and how many frames the seconds are."""
+        layout = self.layout
+        layout.use_property_split, layout.use_property_decorate = True, False
+        for name in ("left_m", "ahead_m", "later_s"):
+            layout.prop(self, name)
+        try:
+            clock = Clock.of(source_of(context.scene).drive)
+        except (UnisimError, OSError):
+            return
+        layout.label(text=f"{self.later_s * clock.rate:.1f} frames later")
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Shift each and report what was done."""
+        try:
+            clock = Clock.of(source_of(context.scene).drive)
+        except (UnisimError, OSError) as fault:
+            self.report({"ERROR"}, str(fault))
+            return {"CANCELLED"}
+        actors = chosen(context, "ACTOR")
+        said = [sentence for thing in actors if (sentence := shift(thing, self.left_m, self.ahead_m, self.later_s, clock))]
+        refresh(actors)
+        more = f" (and {len(said) - 1} more)" if len(said) > 1 else ""
+        self.report({"INFO"}, said[0] + more if said else "Nothing is shifted: all amounts are 0")
+        return {"FINISHED"}
+
+
+CLASSES = (UNISIM_OT_shift_actor,)

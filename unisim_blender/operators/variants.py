@@ -1,0 +1,304 @@
+"""Variants of a scenario: made, named, shown, deleted, compared, rendered together, exported."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import bpy
+from bpy.props import StringProperty
+
+from ..bridge.edit_reading import mark_all
+from ..bridge.output_sensors import output_sensors
+from ..bridge.source import source_of
+from ..bridge.variants import (
+    delete_variant,
+    file_names,
+    free_name,
+    new_variant,
+    rename_variant,
+    show_variant,
+    variants_of,
+)
+from ..bridge.windows import areas
+from ..bridge.writing import write_scenario
+from ..core.errors import UnisimError
+from ..preferences import interpreter
+from ..variant_task import Part, VariantsTask
+from .background import launch, running
+from .export_scenario import scenario_of
+from .polling import allowed, drive, idle, object_mode
+from .render_sequence import SCENARIO, output_folder, render_arguments
+
+FIRST = "Variant 2"
+
+
+class _Named:
+    """An operator that asks for a variant's name."""
+
+    name: StringProperty(name="Name", options={"SKIP_SAVE"})
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """A drive has to be there."""
+        return allowed(cls, object_mode(context), drive(context))
+
+    def invoke(self: Any, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        """Ask for the name."""
+        self.name = self.name or self.proposed(context)
+        return context.window_manager.invoke_props_dialog(self)
+
+    def execute(self: Any, context: bpy.types.Context) -> set[str]:
+        """Do it; what cannot be is reported."""
+        try:
+            self.do(context, self.name or self.proposed(context))
+        except UnisimError as fault:
+            self.report({"ERROR"}, str(fault))
+            return {"CANCELLED"}
+        return {"FINISHED"}
+
+
+class UNISIM_OT_new_variant(_Named, bpy.types.Operator):
+    """Copy the scene as a new variant of the scenario and show it: editing one does not change the other"""
+
+    bl_idname = "unisim.new_variant"
+    bl_label = "New Variant"
+    bl_options = {"REGISTER", "UNDO"}
+
+    def proposed(self, context: bpy.types.Context) -> str:
+        """The next free name."""
+        return free_name(FIRST)
+
+    def do(self, context: bpy.types.Context, name: str) -> None:
+        """Copy the scene."""
+        variant = new_variant(context.window, context.scene, name)
+        self.report({"INFO"}, f"{variant.name} is shown now; edits here do not change the others")
+
+
+class UNISIM_OT_rename_variant(_Named, bpy.types.Operator):
+    """Give the variant that is shown another name"""
+
+    bl_idname = "unisim.rename_variant"
+    bl_label = "Rename Variant"
+    bl_options = {"REGISTER", "UNDO"}
+
+    def proposed(self, context: bpy.types.Context) -> str:
+        """The name that it has."""
+        return context.scene.name
+
+    def do(self, context: bpy.types.Context, name: str) -> None:
+        """Rename the scene."""
+        manager, before = context.window_manager, context.scene.name
+        rename_variant(context.scene, name)
+        if manager.unisim_compared == before:
+            manager.unisim_compared = context.scene.name
+
+
+class UNISIM_OT_delete_variant(bpy.types.Operator):
+    """Delete the variant that is shown, with all its objects and keys, and show another one"""
+
+    bl_idname = "unisim.delete_variant"
+    bl_label = "Delete Variant"
+    bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """There has to be another one."""
+        several = bool(context.scene.unisim.log) and len(variants_of(context.scene)) > 1
+        return allowed(cls, object_mode(context), drive(context), (several, "This is the only variant: revert its edits instead"))
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        """Ask first."""
+        return context.window_manager.invoke_confirm(self, event)
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Delete it."""
+        name = context.scene.name
+        try:
+            now = delete_variant(context.scene)
+        except UnisimError as fault:
+            self.report({"ERROR"}, str(fault))
+            return {"CANCELLED"}
+        mark_all()
+        self.report({"INFO"}, f"{name} is deleted; {now.name} is shown")
+        return {"FINISHED"}
+
+
+class UNISIM_OT_show_variant(bpy.types.Operator):
+    """Show this variant, at the same frame"""
+
+    bl_idname = "unisim.show_variant"
+    bl_label = "Show Variant"
+    bl_options = {"REGISTER"}
+
+    name: StringProperty(options={"SKIP_SAVE"})
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Nothing may be in the middle of being edited."""
+        return allowed(cls, object_mode(context))
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Change the window's scene."""
+        scene = bpy.data.scenes.get(self.name)
+        if scene is None:
+            self.report({"ERROR"}, f"{self.name}: there is no such variant any more")
+            return {"CANCELLED"}
+        show_variant(context.window, scene)
+        for area in areas("VIEW_3D"):
+            area.tag_redraw()
+        return {"FINISHED"}
+
+
+class UNISIM_OT_compare_variant(bpy.types.Operator):
+    """Compare this variant with the one that is shown, by their edits. Again: end the comparison"""
+
+    bl_idname = "unisim.compare_variant"
+    bl_label = "Compare with Shown Variant"
+    bl_options = {"REGISTER"}
+
+    name: StringProperty(options={"SKIP_SAVE"})
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Note which; the panel lists what differs."""
+        manager = context.window_manager
+        manager.unisim_compared = "" if manager.unisim_compared == self.name else self.name
+        for area in areas("VIEW_3D"):
+            area.tag_redraw()
+        return {"FINISHED"}
+
+
+class _InSteps:
+    """An operator that writes variants one at a time, with the window drawn in between."""
+
+    timer: Any = None
+
+    def begin(self: Any, context: bpy.types.Context) -> set[str]:
+        """Do all at once without a window, else one step at each tick of a timer."""
+        self.steps = self.work(context)
+        if bpy.app.background or context.window is None:
+            while (answer := self.step(context)) is None:
+                pass
+            return answer
+        self.timer = context.window_manager.event_timer_add(0.01, window=context.window)
+        context.window_manager.modal_handler_add(self)
+        return {"RUNNING_MODAL"}
+
+    def modal(self: Any, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        """One more variant."""
+        if event.type == "ESC":
+            return self.ended(context, {"CANCELLED"})
+        if event.type != "TIMER":
+            return {"RUNNING_MODAL"}
+        answer = self.step(context)
+        return {"RUNNING_MODAL"} if answer is None else self.ended(context, answer)
+
+    def step(self: Any, context: bpy.types.Context) -> set[str] | None:
+        """Write the next variant; None while there are more."""
+        try:
+            said = next(self.steps)
+        except StopIteration:
+            return {"FINISHED"}
+        except (UnisimError, OSError) as fault:
+            self.report({"ERROR"}, str(fault))
+            return {"CANCELLED"}
+        if not bpy.app.background and context.workspace is not None:
+            context.workspace.status_text_set(said)
+        return None
+
+    def ended(self: Any, context: bpy.types.Context, answer: set[str]) -> set[str]:
+        """Take the timer away."""
+        context.window_manager.event_timer_remove(self.timer)
+        context.workspace.status_text_set(None)
+        return answer
+
+
+class UNISIM_OT_export_variants(_InSteps, bpy.types.Operator):
+    """Write every variant as a scenario file into a folder"""
+
+    bl_idname = "unisim.export_variants"
+    bl_label = "Export Variants"
+    bl_options = {"REGISTER"}
+
+    directory: StringProperty(subtype="DIR_PATH", options={"SKIP_SAVE"})
+    filter_folder: bpy.props.BoolProperty(default=True, options={"HIDDEN"})
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """A drive has to be there."""
+        return allowed(cls, drive(context))
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        """Ask for the folder."""
+        context.window_manager.fileselect_add(self)
+        return {"RUNNING_MODAL"}
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Write them."""
+        return self.begin(context)
+
+    def work(self, context: bpy.types.Context) -> Iterator[str]:
+        """Read all, then write all, so that no half of them is written where one cannot be read."""
+        folder = Path(bpy.path.abspath(self.directory)).absolute()
+        scenes = variants_of(context.scene)
+        read = []
+        for scene, name in zip(scenes, file_names(scene.name for scene in scenes), strict=True):
+            path = folder / f"{name}.json"
+            yield f"Reading {scene.name}. Esc stops"
+            read.append((scenario_of(scene, path), path))
+        folder.mkdir(parents=True, exist_ok=True)
+        for scenario, path in read:
+            write_scenario(scenario, path)
+        self.report({"INFO"}, f"{len(read)} scenarios written to {folder}")
+
+
+class UNISIM_OT_render_variants(_InSteps, bpy.types.Operator):
+    """Render the marked variants one after the other, each into a folder of its own in the output folder. Finished frames stay"""
+
+    bl_idname = "unisim.render_variants"
+    bl_label = "Render Variants"
+    bl_options = {"REGISTER"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Some have to be marked, and nothing else be running."""
+        marked = bool(context.scene.unisim.log) and any(scene.unisim_edits.rendered for scene in variants_of(context.scene))
+        return allowed(cls, drive(context), (marked, "Mark a variant in the list first"), idle(running))
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Write their scenarios and start the command line on one after the other."""
+        return self.begin(context)
+
+    def work(self, context: bpy.types.Context) -> Iterator[str]:
+        """Read and write each scenario, then start."""
+        root = output_folder(context.scene)
+        scenes = variants_of(context.scene)
+        names = dict(zip((scene.name for scene in scenes), file_names(scene.name for scene in scenes), strict=True))
+        parts = []
+        for scene in scenes:
+            if not scene.unisim_edits.rendered:
+                continue
+            yield f"Reading {scene.name}. Esc stops"
+            folder = root / names[scene.name]
+            folder.mkdir(parents=True, exist_ok=True)
+            write_scenario(scenario_of(scene, folder / SCENARIO), folder / SCENARIO)
+            selected = [thing for thing in scene.objects if thing.select_get(view_layer=scene.view_layers[0])]
+            arguments = render_arguments(scene, folder, output_sensors(scene, selected, source_of(scene).drive))
+            wanted = range(scene.frame_start, scene.frame_end + 1, scene.frame_step)
+            parts.append(Part(scene.name, arguments, folder, wanted))
+        task = VariantsTask(parts, root, interpreter())
+        launch(task)
+        if bpy.app.background and task.problem:
+            raise UnisimError(task.problem)
+
+
+CLASSES = (
+    UNISIM_OT_new_variant,
+    UNISIM_OT_rename_variant,
+    UNISIM_OT_delete_variant,
+    UNISIM_OT_show_variant,
+    UNISIM_OT_compare_variant,
+    UNISIM_OT_export_variants,
+    UNISIM_OT_render_variants,
+)

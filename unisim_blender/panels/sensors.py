@@ -1,0 +1,159 @@
+"""Panel Sensors: cameras and LiDARs as a list, the active one's card, and rig presets."""
+
+import bpy
+from bpy.props import IntProperty
+
+from ..bridge.rig_presets import built_in_presets, own_presets
+from ..bridge.selection import choose
+from ..bridge.sensor_facts import KINDS, card_of_sensor, rate_of, size_of_sensor
+from ..bridge.source import source_of
+from ..core.drive import Drive
+from ..core.errors import UnisimError
+from ..registering import add, take_away
+from .sidebar import DrivePanel, row_of
+
+
+def drive_of(scene: bpy.types.Scene) -> Drive | None:
+    """Return the drive of a scene; None where it is not at hand."""
+    try:
+        return source_of(scene).drive
+    except (UnisimError, OSError):
+        return None
+
+
+def active_index(scene: bpy.types.Scene) -> int:
+    """Return the active object's place among the scene's objects, -1 where no sensor is active."""
+    active = bpy.context.view_layer.objects.active
+    if active is None or active.unisim.kind not in KINDS:
+        return -1
+    return next((i for i, thing in enumerate(scene.objects) if thing == active), -1)
+
+
+def activate(scene: bpy.types.Scene, index: int) -> None:
+    """Select the sensor that was clicked in the list."""
+    choose(bpy.context, scene.objects[index])
+
+
+class UNISIM_UL_sensors(bpy.types.UIList):
+    """Cameras and LiDARs of the drive; a click selects"""
+
+    def draw_item(
+        self,
+        context: bpy.types.Context,
+        layout: bpy.types.UILayout,
+        data: bpy.types.Scene,
+        item: bpy.types.Object,
+        icon: int,
+        active_data: bpy.types.Scene,
+        active_propname: str,
+    ) -> None:
+        """Draw name, resolution or beams, rate, and two buttons."""
+        there, rate = not item.hide_render, rate_of(drive_of(data))
+        split = layout.split(factor=0.44)
+        name = split.row()
+        name.active = there
+        name.label(text=item.name, icon="CAMERA_DATA" if item.unisim.kind == "CAMERA" else "CONE")
+        row = split.row(align=True)
+        text = row.row()
+        text.active = there
+        text.label(text=", ".join(part for part in (size_of_sensor(item), rate) if part))
+        look = row.row(align=True)
+        look.enabled = item.unisim.kind == "CAMERA" and there
+        looked = data.camera == item
+        look.operator("unisim.look_through", text="", icon="VIEW_CAMERA", depress=looked, emboss=looked).name = item.name
+        eye = "RESTRICT_RENDER_OFF" if there else "RESTRICT_RENDER_ON"
+        row.operator("unisim.show_sensor", text="", icon=eye, emboss=False).name = item.name
+
+    def filter_items(self, context: bpy.types.Context, data: bpy.types.Scene, propname: str) -> tuple[list[int], list[int]]:
+        """Keep the sensors, cameras first, by name."""
+        every = list(getattr(data, propname))
+        flags = [self.bitflag_filter_item if thing.unisim.kind in KINDS else 0 for thing in every]
+        if self.filter_name:
+            wanted = self.filter_name.lower()
+            flags = [flag if wanted in thing.name.lower() else 0 for flag, thing in zip(flags, every, strict=True)]
+        ranked = sorted(range(len(every)), key=lambda i: (every[i].unisim.kind, every[i].name))
+        order = [0] * len(every)
+        for place, i in enumerate(ranked):
+            order[i] = place
+        return flags, order
+
+
+class UNISIM_MT_rig_presets(bpy.types.Menu):
+    """Put a rig on the vehicle: built-in ones, which approximate public data sets, and your own"""
+
+    bl_label = "Rig Presets"
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw all presets by their files' names."""
+        layout = self.layout
+        for title, files in (("Built-in", built_in_presets()), ("Own", own_presets())):
+            layout.label(text=title if files else f"{title}: none yet")
+            for path in files:
+                layout.operator("unisim.apply_rig", text=path.stem, icon="OUTLINER_OB_CAMERA").filepath = str(path)
+            layout.separator()
+        layout.operator("unisim.rig_folder", icon="FILE_FOLDER")
+
+
+class UNISIM_MT_remove_rig(bpy.types.Menu):
+    """Delete one of your own rig presets"""
+
+    bl_label = "Remove Rig Preset"
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw one's own presets."""
+        self.layout.operator_context = "INVOKE_DEFAULT"
+        files = own_presets()
+        for path in files:
+            self.layout.operator("unisim.remove_rig", text=path.stem, icon="TRASH").filepath = str(path)
+        if not files:
+            self.layout.label(text="No presets of your own yet")
+
+
+class UNISIM_PT_sensors(DrivePanel, bpy.types.Panel):
+    """Cameras and LiDARs of the drive"""
+
+    bl_label = "Sensors"
+    bl_order = 3
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw the list, the active sensor, presets and operators; rows stay in place whatever is selected."""
+        layout, scene, thing = self.layout, context.scene, context.active_object
+        sensor = thing if thing is not None and thing.unisim.kind in KINDS and thing.name in scene.objects else None
+        layout.template_list("UNISIM_UL_sensors", "", scene, "objects", scene, "unisim_sensor_index", rows=4)
+        card = None if sensor is None else card_of_sensor(scene, sensor, drive_of(scene))
+        box = layout.box().column(align=True)
+        row_of(box, "Sensor", sensor.name if sensor else "none is active", "CAMERA_DATA")
+        row_of(box, "State", card.state if card else "")
+        row_of(box, "Looks", card.view if card else "")
+        row_of(box, "Mount", card.mount if card else "")
+        if sensor is not None:
+            row = box.split(factor=0.36)
+            row.label(text="Ego body")
+            row.prop(sensor.unisim, "sees_ego_body", text="")
+        else:
+            row_of(box, "Ego body", "")
+        row = layout.row(align=True)
+        row.menu("UNISIM_MT_rig_presets", icon="PRESET")
+        row.operator("unisim.save_rig", text="", icon="ADD")
+        row.menu("UNISIM_MT_remove_rig", text="", icon="REMOVE")
+        column = layout.column(align=True)
+        column.operator("unisim.restore_sensors", icon="LOOP_BACK")
+        column.operator("unisim.add_camera", icon="CAMERA_DATA")
+        column.operator_menu_enum("unisim.add_lidar", "preset", text="Add LiDAR", icon="CONE")
+        column.operator_menu_enum("unisim.set_beams", "preset", text="Change Beams", icon="LIGHT_SUN")
+
+
+CLASSES = (UNISIM_UL_sensors, UNISIM_MT_rig_presets, UNISIM_MT_remove_rig, UNISIM_PT_sensors)
+
+
+def register() -> None:
+    """Add the panel, and the list's active row."""
+    bpy.types.Scene.unisim_sensor_index = IntProperty(get=active_index, set=activate)
+    add(CLASSES)
+
+
+def unregister() -> None:
+    """Take them away."""
+    take_away(CLASSES)
+    del bpy.types.Scene.unisim_sensor_index

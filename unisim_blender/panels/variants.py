@@ -1,0 +1,99 @@
+"""Panel Variants: the scenarios of this drive in this file, and what two of them differ in."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+
+from .. import edit_watch
+from ..bridge.compare_edits import Difference, differences
+from ..bridge.edit_reading import reading_of
+from ..bridge.variants import variants_of
+from .edits import count_text, pressed
+from .sidebar import DrivePanel
+
+MOST = 30
+"""Differences that are shown at once."""
+
+
+class UNISIM_PT_variants(DrivePanel, bpy.types.Panel):
+    """Scenarios of this drive in this file"""
+
+    bl_label = "Variants"
+    bl_order = 1
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw a row for each variant, what can be done with them, and a comparison."""
+        layout, shown, manager = self.layout, context.scene, context.window_manager
+        edit_watch.want()
+        scenes = variants_of(shown)
+        column = layout.column(align=True)
+        for scene in scenes:
+            draw_variant(column, scene, scene == shown, manager.unisim_compared == scene.name)
+        row = layout.row(align=True)
+        row.operator("unisim.new_variant", text="New", icon="ADD")
+        row.operator("unisim.rename_variant", text="Rename", icon="GREASEPENCIL")
+        row.operator("unisim.delete_variant", text="", icon="TRASH")
+        column = layout.column(align=True)
+        column.operator("unisim.render_variants", icon="RENDER_ANIMATION")
+        column.operator("unisim.export_variants", icon="EXPORT")
+        other = bpy.data.scenes.get(manager.unisim_compared)
+        if other is not None and other != shown and other in scenes:
+            draw_comparison(layout, shown, other)
+
+
+def draw_variant(layout: Any, scene: bpy.types.Scene, shown: bool, compared: bool) -> None:
+    """Draw one variant: its name, how many edits it has, and its buttons."""
+    reading = reading_of(scene)
+    row = layout.row(align=True)
+    icon = "RADIOBUT_ON" if shown else "RADIOBUT_OFF"
+    row.operator("unisim.show_variant", text=scene.name, icon=icon, depress=shown).name = scene.name
+    edits = row.row(align=True)
+    edits.alignment, edits.active = "RIGHT", False
+    edits.label(text=count_text(reading.lines) if reading.fresh and not reading.problem else "…")
+    beside = row.row(align=True)
+    beside.enabled = not shown
+    beside.operator("unisim.compare_variant", text="", icon="ARROW_LEFTRIGHT", depress=compared and not shown).name = scene.name
+    row.prop(scene.unisim_edits, "rendered", text="", icon="RENDER_ANIMATION")
+
+
+def draw_comparison(layout: Any, shown: bpy.types.Scene, other: bpy.types.Scene) -> None:
+    """Draw what the variant that is shown and another one differ in."""
+    here, there = reading_of(shown), reading_of(other)
+    head = layout.row(align=True)
+    head.label(text=f"{shown.name} beside {other.name}", icon="ARROW_LEFTRIGHT")
+    head.operator("unisim.compare_variant", text="", icon="X", emboss=False).name = other.name
+    if not here.fresh or not there.fresh:
+        layout.label(text="Reading the edits…", icon="SORTTIME")
+        return
+    found = list(differences(here.lines, there.lines))
+    column = layout.column(align=True)
+    if not found:
+        column.label(text="The same edits", icon="CHECKMARK")
+    for one in found[:MOST]:
+        draw_difference(column.box().column(align=True), one, shown.name, other.name)
+    if len(found) > MOST:
+        column.label(text=f"and {len(found) - MOST} more")
+
+
+def draw_difference(layout: Any, found: Difference, here: str, there: str) -> None:
+    """Draw one difference: whose it is, then the edit in each of the two."""
+    what = "Changed" if found.here and found.there else f"Only in {here if found.here else there}"
+    head = layout.row()
+    head.active = False
+    head.label(text=f"{what}: {found.line.who}", icon=found.line.icon)
+    for name, line in ((here, found.here), (there, found.there)):
+        if line is None:
+            continue
+        row = layout.row()
+        row.alignment = "LEFT"
+        text = f"{line.what}, {line.start_s:.1f} to {line.end_s:.1f} s"
+        text = f"{name}: {text}" if found.here and found.there else text
+        if name == here:
+            pressed(row.operator("unisim.go_to_edit", text=text, icon="BLANK1", emboss=False), line)
+        else:
+            row.label(text=text, icon="BLANK1")
+
+
+CLASSES = (UNISIM_PT_variants,)
