@@ -67,7 +67,7 @@ def test_operators_and_panels_are_german(tool: Any) -> None:
 
 def test_texts_without_a_translation_stay_as_they_are() -> None:
     assert message("Warnings: {count}", count=3) == "Warnings: 3"
-    assert interface("Frames {first:.1f} to {last:.1f}", first=1.0, last=2.5) == "Frames 1.0 to 2.5"
+    assert interface("Actors: {actors}, sensors: {sensors}", actors=2, sensors=1) == "Actors: 2, sensors: 1"
     assert table({"Output": "Ausgabe"}) == {("*", "Output"): "Ausgabe", ("Operator", "Output"): "Ausgabe"}
 
 

@@ -77,7 +77,7 @@ class _OfSensor:
 
 
 class UNISIM_OT_look_through(_OfSensor, bpy.types.Operator):
-    """Look through this camera: images become as large as its own"""
+    """Look through this camera and use its image size"""
 
     bl_idname = "unisim.look_through"
     bl_label = "Look Through Camera"

@@ -118,7 +118,6 @@ GERMAN: dict[str, str] = {
     "Follow Curve": "Kurve folgen",
     "Forward direction of the object": "Vorwärtsrichtung des Objekts",
     "Frames as START:STOP:STEP": "Frames als START:STOP:SCHRITT",
-    "Frames {first:.1f} to {last:.1f}": "Frames {first:.1f} bis {last:.1f}",
     "From": "Von",
     "From ({first:g} s) must be earlier than To ({last:g} s)": "Von ({first:g} s) muss vor Bis ({last:g} s) liegen",
     "From blue (low) to yellow (high)": "Von Blau (niedrig) bis Gelb (hoch)",
@@ -151,8 +150,8 @@ GERMAN: dict[str, str] = {
     "Import into UniSim": "In UniSim importieren",
     "Import or train a trained scene first": "Zuerst eine Szene importieren oder trainieren",
     "Import the drive of a scenario with all its edits": "Die Fahrt eines Szenarios mit allen Änderungen importieren",
-    "Import the scenario, trained scene or log that a dropped .json file belongs to": (
-        "Das Szenario, die trainierte Szene oder das Log importieren, zu dem eine abgelegte .json-Datei gehört"
+    "Import the scenario, trained scene, log or rig preset that a dropped .json file belongs to": (
+        "Szenario, trainierte Szene, Log oder Rig-Preset importieren, wozu eine abgelegte .json-Datei gehört"
     ),
     "Import the vehicle, sensors and actors of a recorded drive as animated objects": (
         "Fahrzeug, Sensoren und Akteure einer aufgezeichneten Fahrt als animierte Objekte importieren"
@@ -378,7 +377,6 @@ GERMAN: dict[str, str] = {
     "no selected object has a surface": "kein ausgewähltes Objekt hat eine Oberfläche",
     "unsaved file": "ungespeicherte Datei",
     "Actors: {actors}, sensors: {sensors}": "Akteure: {actors}, Sensoren: {sensors}",
-    "{count:.1f} frames": "{count:.1f} Frames",
     "Actors duplicated: {count}": "Akteure dupliziert: {count}",
     "Library written to {path} (actors: {count})": "Bibliothek nach {path} geschrieben (Akteure: {count})",
     "Scenario written to {path} (edits: {count})": "Szenario nach {path} geschrieben (Änderungen: {count})",
