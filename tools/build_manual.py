@@ -71,7 +71,7 @@ def blocks(lines: list[str]) -> Iterator[str]:
             yield table(lines[at:end])
             at = end
         elif ITEM.match(line):
-            end = next((i for i in range(at, len(lines)) if ends_list(lines, i)), len(lines))
+            end = next((i for i in range(at, len(lines)) if ends_list(lines, i, kind_of(line))), len(lines))
             yield listing(lines[at:end])
             at = end
         else:
@@ -85,11 +85,18 @@ def begins_block(line: str) -> bool:
     return not line.strip() or line.startswith(("#", "|", "```")) or ITEM.match(line) is not None
 
 
-def ends_list(lines: list[str], at: int) -> bool:
-    """Whether a line lies behind a list: no item, not indented, or empty before something else."""
+def kind_of(line: str) -> str:
+    """Return the kind of list whose item a line begins; "" where it is none."""
+    found = ITEM.match(line)
+    return "" if found is None else "ul" if found[2] else "ol"
+
+
+def ends_list(lines: list[str], at: int, kind: str) -> bool:
+    """Whether a line lies behind a list of a kind: no item, not indented, or empty before something else."""
     line = lines[at]
     if not line.strip():
-        return at + 1 >= len(lines) or not (ITEM.match(lines[at + 1]) or lines[at + 1].startswith("  "))
+        after = lines[at + 1] if at + 1 < len(lines) else ""
+        return kind_of(after) != kind and not after.startswith("  ")
     return not (ITEM.match(line) or line.startswith("  "))
 
 
@@ -97,7 +104,7 @@ def listing(lines: list[str]) -> str:
     """Return a list's lines as HTML; items that are further in are a list inside the item before them."""
     found = ITEM.match(lines[0])
     assert found is not None
-    indent, kind = len(found[1]), "ul" if found[2] else "ol"
+    indent, kind = len(found[1]), kind_of(lines[0])
     items: list[list[str]] = []
     for line in lines:
         item = ITEM.match(line)

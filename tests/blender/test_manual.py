@@ -11,6 +11,7 @@ import bpy
 import pytest
 
 from unisim_blender import documentation
+from unisim_blender import properties as properties_
 
 ROOT = Path(__file__).parents[2]
 
@@ -44,8 +45,8 @@ def ours() -> list[str]:
     for name in dir(bpy.ops.unisim):
         properties = getattr(bpy.ops.unisim, name).get_rna_type().properties
         names += [f"bpy.ops.unisim.{name}", *(f"bpy.ops.unisim.{name}.{p}" for p in properties.keys() if p != "rna_type")]
-    for group in ("UniSimScene", "UniSimObject", "UniSimCheck", "UniSimWarning"):
-        names += [f"bpy.types.{group}.{name}" for name in getattr(bpy.types, group).bl_rna.properties.keys()]
+    for group in properties_.CLASSES:
+        names += [f"bpy.types.{group.__name__}.{name}" for name in group.bl_rna.properties.keys()]
     names += [f"bpy.types.{name}" for name in dir(bpy.types) if name.startswith("UNISIM_PT")]
     return [*names, "bpy.types.UniSimPreferences.interpreter", "bpy.types.Scene.unisim"]
 
@@ -71,11 +72,11 @@ def test_blender_opens_the_page_from_disk(addon: Any, manual: Path, monkeypatch:
     monkeypatch.setattr(documentation, "MANUAL", manual)
     documentation.register()
     try:
-        assert bpy.ops.wm.doc_view_manual(doc_id="UNISIM_OT_render_sequence") == {"FINISHED"}
+        assert bpy.ops.wm.doc_view_manual(doc_id="unisim.render_sequence") == {"FINISHED"}
     finally:
         documentation.unregister()
-    assert opened == [(manual / "render.html").as_uri()]
-    assert "does not know" not in opened[0] and not any(hook is documentation.manual_map for hook in bpy.utils._manual_map)
+    assert opened == [(manual / "sequences.html").as_uri()]
+    assert not any(hook is documentation.manual_map for hook in bpy.utils._manual_map)
 
 
 def test_the_page_is_whole(maker: Any, manual: Path) -> None:

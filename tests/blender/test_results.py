@@ -32,10 +32,13 @@ def test_images_are_found_by_camera(tmp_path: Path) -> None:
     images(tmp_path / "camera" / "left", range(4, 11, 2))
     images(tmp_path / "camera" / "front", range(0, 1))
     images(tmp_path / "camera" / "none", range(0))
+    images(tmp_path / "camera" / "gaps", range(0, 1))
+    for frame in (3, 5):
+        (tmp_path / "camera" / "gaps" / f"{frame:06d}.png").touch()
     (tmp_path / "camera" / "left.mp4").touch()
     (tmp_path / "camera" / "left" / "000004.exr").touch()
     found = rendered_cameras(tmp_path)
-    assert list(found) == ["front", "left"]
+    assert list(found) == ["front", "gaps", "left"] and found["gaps"].step == 1
     left = found["left"]
     assert (left.first, left.last, left.step, left.count) == (4, 10, 2, 4)
     assert left.first_path == tmp_path / "camera" / "left" / "000004.png" and left.first_path.is_file()

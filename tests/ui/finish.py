@@ -83,7 +83,7 @@ def manual() -> Iterator[float]:
     assert opened, "F1 opens nothing"
     path = Path(url2pathname(urlparse(opened[-1]).path))
     assert opened[-1].startswith("file:///") and path.is_file(), opened[-1]
-    assert 'id="render"' in path.with_name("index.html").read_text() and "#render" in path.read_text()
+    assert 'id="sequences"' in path.with_name("index.html").read_text() and "#sequences" in path.read_text()
     results["manual"] = opened[-1]
 
 
@@ -129,11 +129,11 @@ def checked() -> Iterator[float]:
     thing(car).location.z -= 2.0
 
 
-def begin_sequence(name: str, last: int, quality: str = "fast") -> None:
-    """Start a sequence of all sensors into a folder."""
+def begin_sequence(name: str, last: int, quality: str, sensors: str, width: int) -> None:
+    """Start a sequence into a folder."""
     scene = bpy.context.scene
     scene.unisim.out, scene.frame_start, scene.frame_end = str(OUT.parent / name), 0, last
-    scene.unisim.quality = quality
+    scene.unisim.quality, scene.unisim.sequence_sensors, scene.unisim.sequence_width = quality, sensors, width
     with inside(area("VIEW_3D")):
         assert bpy.ops.unisim.render_sequence("INVOKE_DEFAULT") == {"FINISHED"}
 
@@ -142,14 +142,14 @@ def played() -> Iterator[float]:
     """A short sequence: progress in the status bar; then its folder is opened and its images are played, by mouse."""
     running: Callable[[], int] = sys.modules[f"{MODULE}.operators.background"].running.__len__
     assert not bpy.ops.unisim.play_result.poll(), "Play Result is not grey before there are results"
-    begin_sequence("short", 5)
+    begin_sequence("short", 5, "fast", "CAMERA", 240)
     manager = bpy.context.window_manager
     yield from until(lambda: "frames" in manager.unisim_task, "no progress is told")
     yield 0.7
     screenshot("status_bar_begun")
-    yield from until(lambda: manager.unisim_progress > 0, "no progress is told")
+    yield from until(lambda: manager.unisim_progress > 0, "no progress is told", 300)
     screenshot("status_bar")
-    yield from until(lambda: not running(), "the sequence does not end")
+    yield from until(lambda: not running(), "the sequence does not end", 300)
     yield 1.2
     assert "Done" in manager.unisim_task, manager.unisim_task
     with inside(area("VIEW_3D")):
@@ -192,7 +192,7 @@ def opened_often() -> Iterator[float]:
     files = [str(OUT.parent / name) for name in ("often_a.blend", "often_b.blend")]
     for file in files:
         bpy.ops.wm.save_as_mainfile(filepath=file)
-    begin_sequence("often", 19, "fine")
+    begin_sequence("often", 19, "fine", "ALL", 0)
     running = sys.modules[f"{MODULE}.operators.background"].running
     yield from until(lambda: "of 20" in bpy.context.window_manager.unisim_task, "no progress is told")
     for number in range(OPENINGS):
