@@ -15,6 +15,7 @@ import zipfile
 from pathlib import Path
 
 import bpy
+from build_manual import build as build_manual
 
 ROOT = Path(__file__).resolve().parents[1]
 PURE = (
@@ -125,6 +126,7 @@ def build(out: Path, wheel: Path | None = None) -> Path:
             archive.extractall(folder, [name for name in archive.namelist() if name.startswith("unisim_blender/")])
         staged = Path(folder) / "unisim_blender"
         (staged / "LICENSE").write_bytes((ROOT / "LICENSE").read_bytes())
+        build_manual(staged / "manual")
         wheels = staged / "wheels"
         wheels.mkdir()
         fetch_wheels(pip_platforms, wheels)

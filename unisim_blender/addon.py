@@ -7,6 +7,7 @@ import bpy
 from . import (
     client,
     clouds,
+    documentation,
     edit_properties,
     edit_watch,
     engine,
@@ -25,12 +26,14 @@ from . import (
     speed_overlay,
     thumbnails,
     timeline,
+    translations,
     view_types,
 )
 from .bridge import neighbours
 from .registering import close_room, open_room
 
 ROOMS = (
+    translations,
     properties,
     edit_properties,
     preferences,
@@ -51,6 +54,7 @@ ROOMS = (
     timeline,
     view_types,
     engine,
+    documentation,
 )
 """In the order in which they need each other."""
 

@@ -21,6 +21,7 @@ from .client import Client, Request, client, progress_line
 from .core.colour import linear_from_srgb
 from .core.errors import UnisimError
 from .preferences import device, interpreter
+from .translations import interface
 
 WAIT_S = 0.05
 """Between two looks at whether the user has had enough."""
@@ -84,7 +85,7 @@ class UniSimEngine(bpy.types.RenderEngine):
         view.gather()
         view.draw(self, depsgraph.scene)
         self.update_stats(
-            "UniSim", view.problem or view.outside or view.progress or ("Rendering" if view.pending else view.warning)
+            "UniSim", view.problem or view.outside or view.progress or (interface("Rendering") if view.pending else view.warning)
         )
         if view.pending or view.waits:
             redraw_soon()
@@ -106,7 +107,7 @@ class UniSimEngine(bpy.types.RenderEngine):
 
     def _asked(self, worker: Client, scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> tuple[Request, Picture]:
         """Take the snapshot and ask for the picture."""
-        self.update_stats("UniSim", "Reading the scene")
+        self.update_stats("UniSim", interface("Reading the scene"))
         viewport = sys.modules.get(f"{__package__}.viewport")
         for shown in list(viewport.VIEWS) if viewport is not None else ():
             shown.make_way()
@@ -145,7 +146,7 @@ class UniSimEngine(bpy.types.RenderEngine):
 
     def _fill(self, worker: Client, request: Request, picture: Picture) -> None:
         """Put bands into the result as they come; Esc ends it at once."""
-        self.update_stats("UniSim", "Rendering")
+        self.update_stats("UniSim", interface("Rendering"))
         left, bottom, right, top = picture.border
         # a border's result begins at its own corner, whether the picture is cropped to it or not
         result = self.begin_result(0, 0, right - left, top - bottom, layer=picture.layer)

@@ -20,7 +20,7 @@ _active: dict[int, int | None] = {}
 
 
 class UNISIM_MT_object(bpy.types.Menu):
-    """Edits of a drive"""
+    """Edit a drive"""
 
     bl_label = "UniSim"
 

@@ -4,10 +4,10 @@ import bpy
 from bpy.props import EnumProperty, StringProperty
 
 DEVICES = (
-    ("auto", "Best there is", "A GPU where the interpreter has one, else the processor"),
-    ("cpu", "Processor", "The processor"),
-    ("cuda", "NVIDIA GPU", "A GPU with CUDA"),
-    ("mps", "Apple GPU", "A GPU with Metal"),
+    ("auto", "Automatic", "A GPU if the interpreter supports one, otherwise the CPU"),
+    ("cpu", "CPU", "Render on the CPU"),
+    ("cuda", "NVIDIA GPU", "Render on a GPU with CUDA"),
+    ("mps", "Apple GPU", "Render on a GPU with Metal"),
 )
 
 
@@ -18,10 +18,10 @@ class UniSimPreferences(bpy.types.AddonPreferences):
 
     interpreter: StringProperty(
         name="Renderer's Python",
-        description="An interpreter with torch, for training and for GPUs. Left empty, Blender's own renders, on the processor",
+        description="Python interpreter with torch, for training and GPU rendering; Blender's own renders on the CPU if empty",
         subtype="FILE_PATH",
     )
-    device: EnumProperty(name="Device", description="What the renderer computes on", items=DEVICES, default="auto")
+    device: EnumProperty(name="Device", description="Device that the renderer uses", items=DEVICES, default="auto")
 
     def draw(self, context: bpy.types.Context) -> None:
         """The choice, a test of it, and what came of that."""

@@ -16,15 +16,15 @@ from .bridge.windows import areas
 from .registering import add, take_away
 
 KINDS = (
-    ("NONE", "None", "Nothing of a drive"),
-    ("EGO", "Ego vehicle", "The vehicle that recorded the drive"),
-    ("CAMERA", "Camera", "A camera of the rig"),
-    ("LIDAR", "LiDAR", "A LiDAR of the rig"),
-    ("ACTOR", "Actor", "An annotated thing: a car, a person, a cone"),
-    ("STATIC", "Static item", "A box of space round something without annotation"),
-    ("POINTS", "LiDAR points", "A sweep's returns"),
-    ("BODY", "Ego body", "A mesh that is the ego vehicle's body, which its own sensors do not see"),
-    ("TRAJECTORY", "Trajectory", "What carries the keys of an object that rides on it"),
+    ("NONE", "None", "Not part of a drive"),
+    ("EGO", "Ego vehicle", "Vehicle that recorded the drive"),
+    ("CAMERA", "Camera", "Camera of the vehicle"),
+    ("LIDAR", "LiDAR", "LiDAR of the vehicle"),
+    ("ACTOR", "Actor", "Annotated object: a car, a pedestrian, a cone"),
+    ("STATIC", "Static item", "Box around an object without annotation"),
+    ("POINTS", "LiDAR points", "Returns of a sweep"),
+    ("BODY", "Ego body", "Mesh of the body of the ego vehicle, which the sensors of the vehicle do not see"),
+    ("TRAJECTORY", "Trajectory", "Hidden parent that carries the recorded keyframes of a moving object"),
 )
 SIGHTS = (
     ("AUTO", "Off the vehicle", "It sees the body of the ego vehicle unless it rides on the vehicle"),
@@ -32,28 +32,28 @@ SIGHTS = (
     ("NEVER", "Never", "It does not see the body of the ego vehicle"),
 )
 QUALITIES = (
-    ("fast", "Fast", "Long steps, and fewer pixels by themselves"),
-    ("balanced", "Balanced", "Pixels that are alike are traced together"),
-    ("fine", "Fine", "Every pixel by itself, in steps of centimetres"),
-    ("reference", "Reference", "Slow and plain: four times the scene's own samples"),
+    ("fast", "Fast", "Long steps, and fewer pixels traced individually"),
+    ("balanced", "Balanced", "Similar pixels are traced together"),
+    ("fine", "Fine", "Every pixel is traced individually, in steps of centimetres"),
+    ("reference", "Reference", "Slow: four times the number of samples of the scene"),
 )
 PASSES = (
-    ("depth", "Depth", "Distance along each ray, and along the camera's axis"),
-    ("normal", "Normal", "Normals of surfaces, in the world's axes"),
-    ("instance", "Instance", "Which actor each pixel shows"),
-    ("opacity", "Opacity", "How much of each pixel is nearer than the far field"),
-    ("support", "Support", "Pixels that nothing recorded supports"),
+    ("depth", "Depth", "Distance along each ray and along the optical axis"),
+    ("normal", "Normal", "Surface normals in world space"),
+    ("instance", "Instance", "Actor that each pixel shows"),
+    ("opacity", "Opacity", "Opacity of everything nearer than the background model"),
+    ("support", "Unsupported", "Pixels that no recorded data supports"),
 )
 SEQUENCE_SENSORS = (
-    ("ALL", "All Sensors", "Every camera and LiDAR of the scene"),
-    ("CAMERA", "Active Camera", "The scene's active camera alone"),
-    ("SELECTED", "Selected Sensors", "The cameras and LiDARs that are selected"),
+    ("ALL", "All Sensors", "All cameras and LiDARs of the scene"),
+    ("CAMERA", "Active Camera", "Only the active camera of the scene"),
+    ("SELECTED", "Selected Sensors", "The selected cameras and LiDARs"),
 )
 POINT_COLOURS = (
-    ("ONE", "One", "Recorded points yellow, simulated ones blue"),
-    ("INTENSITY", "Intensity", "Blue to yellow"),
-    ("DEPTH", "Depth", "Distance from the sensor, blue to red"),
-    ("INSTANCE", "Instance", "A colour for each actor; recorded points, which have no actors, by class"),
+    ("ONE", "Single", "Recorded points are yellow, simulated points blue"),
+    ("INTENSITY", "Intensity", "From blue (low) to yellow (high)"),
+    ("DEPTH", "Depth", "Distance from the sensor, from blue to red (80 m)"),
+    ("INSTANCE", "Instance", "One colour per actor; recorded points are coloured by class"),
 )
 
 
@@ -63,41 +63,55 @@ def draw_again(self: bpy.types.PropertyGroup, context: bpy.types.Context) -> Non
         area.tag_redraw()
 
 
+RELATIVE = {"ANIMATABLE", *({"PATH_SUPPORTS_BLEND_RELATIVE"} if bpy.app.version >= (5, 0, 0) else ())}
+"""Of a path that may begin with //, which Blender before 5.0 allows everywhere."""
+
+
 class UniSimObject(bpy.types.PropertyGroup):
     """What an object stands for. Copies made with Blender's own tools have the same values: what a copy is called in a
     scenario is derived when the scenario is read."""
 
     kind: EnumProperty(name="Kind", items=KINDS, default="NONE")
-    uid: StringProperty(name="Id", description="The id that the log or the scenario has for it")
-    home: StringProperty(name="Name", description="The object's name when it was imported; a copy has another")
-    look: StringProperty(name="Look", description="The actor whose look it has, where that is not its own")
+    uid: StringProperty(name="Id", description="Identifier in the log or the scenario")
+    home: StringProperty(name="Name", description="Name of the object when it was imported; copies have another name")
+    look: StringProperty(name="Appearance", description="Actor whose appearance this object has; empty for its own")
     look_scene: StringProperty(
-        name="Scene of the look", description="The trained scene that the look is from", subtype="DIR_PATH"
+        name="Appearance scene", description="Trained scene that provides the appearance", subtype="DIR_PATH"
     )
-    mesh: BoolProperty(name="Mesh", description="Whether its own surface, with all that is parented to it, is what sensors see")
-    label: StringProperty(name="Class", description="The class of an actor that is a mesh")
+    mesh: BoolProperty(name="Mesh", description="Sensors see the mesh of the object and of its children")
+    label: StringProperty(name="Class", description="Class of a mesh actor")
     model: StringProperty(name="Sensor", description="Exact intrinsics or beam table, as JSON")
-    sees_ego_body: EnumProperty(name="Sees ego body", description="Whether a sensor sees the ego vehicle's body", items=SIGHTS)
-    stamp: StringProperty(description="Another one whenever LiDAR points are")
-    called: StringProperty(description="What a scenario calls it, where it was copied with a variant")
-    called_as: StringProperty(description="The name with which that holds")
-    rest_location: FloatVectorProperty(size=3, description="Where it was on its trajectory before its first key there")
+    sees_ego_body: EnumProperty(name="Sees ego body", description="When a sensor sees the body of the ego vehicle", items=SIGHTS)
+    stamp: StringProperty(description="Changes whenever the LiDAR points change")
+    called: StringProperty(description="Identifier in scenarios, for objects that were copied with a variant")
+    called_as: StringProperty(description="Object name for which that identifier is valid")
+    rest_location: FloatVectorProperty(size=3, description="Offset from the trajectory before the first keyframe")
     rest_rotation: FloatVectorProperty(
-        size=4, default=(1.0, 0.0, 0.0, 0.0), description="How it was turned on its trajectory before its first key there"
+        size=4, default=(1.0, 0.0, 0.0, 0.0), description="Rotation relative to the trajectory before the first keyframe"
     )
 
 
 class UniSimItem(bpy.types.PropertyGroup):
     """A static item that was marked; ``name`` is its id. It stays here when its box is deleted: the item is gone then."""
 
-    model: StringProperty(name="Box", description="The box round the item, as JSON")
+    model: StringProperty(name="Box", description="Box around the item, as JSON")
 
 
 class UniSimWarning(bpy.types.PropertyGroup):
-    """What is odd about the object ``name``."""
+    """What is implausible about the object ``name``, and where and when."""
 
-    frame: IntProperty()
-    text: StringProperty()
+    frame: IntProperty(name="Frame")
+    time_s: FloatProperty(name="Time", description="Seconds of the log", unit="TIME_ABSOLUTE")
+    place: FloatVectorProperty(name="Location", description="World location of the object at that time", size=3)
+    text: StringProperty(name="Warning")
+
+
+class UniSimCheck(bpy.types.PropertyGroup):
+    """Result of Check Edits; it is saved with the scene."""
+
+    warnings: CollectionProperty(type=UniSimWarning, name="Warnings")
+    state: StringProperty(name="State", description="Digest of the edits that were checked; empty before the first check")
+    checked: StringProperty(name="Checked", description="Local date and time of the check")
 
 
 class UniSimScene(bpy.types.PropertyGroup):
@@ -106,16 +120,20 @@ class UniSimScene(bpy.types.PropertyGroup):
     log: StringProperty(name="Log", description="Folder of the recorded drive", subtype="DIR_PATH")
     scene: StringProperty(name="Trained scene", description="Folder of the neural scene trained on the log", subtype="DIR_PATH")
     origin: StringProperty(
-        name="World origin", description="What was subtracted from the log's coordinates, three float64 as JSON"
+        name="World origin", description="Offset subtracted from the coordinates of the log, three float64 values as JSON"
     )
-    trajectories: BoolProperty(description="Whether its moving objects ride on trajectories, as files of earlier versions do not")
+    trajectories: BoolProperty(description="Moving objects are children of trajectories; files of earlier versions are converted")
     static_items: CollectionProperty(type=UniSimItem, name="Static items")
-    out: StringProperty(name="Folder", description="Where a sequence is written", subtype="DIR_PATH", default="//render")
-    quality: EnumProperty(name="Quality", description="How finely rays are sampled", items=QUALITIES, default="balanced")
-    sequence_sensors: EnumProperty(name="Sensors", description="What a sequence renders", items=SEQUENCE_SENSORS, default="ALL")
+    out: StringProperty(
+        name="Folder", description="Output folder of sequences", subtype="DIR_PATH", default="//render", options=RELATIVE
+    )
+    quality: EnumProperty(name="Quality", description="Sampling density along rays", items=QUALITIES, default="balanced")
+    sequence_sensors: EnumProperty(
+        name="Sensors", description="Sensors that a sequence renders", items=SEQUENCE_SENSORS, default="ALL"
+    )
     sequence_width: IntProperty(
         name="Width",
-        description="Width of a sequence's images in pixels; 0 for each camera's own",
+        description="Image width of sequences in pixels; 0 for the width of each camera",
         default=0,
         min=0,
         subtype="PIXEL",
@@ -123,31 +141,39 @@ class UniSimScene(bpy.types.PropertyGroup):
     contact_shadows: BoolProperty(name="Contact shadows", description="Soft shadows under copied and inserted actors")
     show_ways: BoolProperty(
         name="Trajectories",
-        description="Draw the trajectories of selected actors, with speeds and where they were recorded",
+        description="Draw trajectories of the selected actors with their speed, and the recorded trajectories",
         default=True,
     )
     show_sensors: BoolProperty(
-        name="Sensors", description="Whether cameras, LiDARs and the ego vehicle's axes are seen from outside", default=True
+        name="Sensors",
+        description="Show cameras, LiDARs and the axes of the ego vehicle in views that do not look through a sensor",
+        default=True,
+    )
+    show_recorded: BoolProperty(name="Recorded points", description="Show the recorded LiDAR points of the current frame")
+    show_simulated: BoolProperty(name="Simulated points", description="Show simulated LiDAR points of the current frame")
+    points_colour: EnumProperty(
+        name="Colour", description="Attribute that colours LiDAR points", items=POINT_COLOURS, default="ONE"
     )
     show_timeline: BoolProperty(
         name="Presence Timeline",
-        description="Draw over the view's lower part who is there when; a click on a bar goes there",
+        description="Draw a bar over the lower part of the view for each actor while it is present; a click on a bar goes there",
     )
-    show_recorded: BoolProperty(name="Recorded points", description="Whether the frame's recorded LiDAR points are shown")
-    show_simulated: BoolProperty(name="Simulated points", description="Whether the frame's simulated LiDAR points are shown")
-    points_colour: EnumProperty(name="Colour", description="What colours LiDAR points", items=POINT_COLOURS, default="ONE")
     recorded_offset_m: FloatProperty(
-        name="Recorded Beside",
-        description="How far to the vehicle's left recorded LiDAR points are drawn, to be compared with simulated ones",
+        name="Recorded Offset",
+        description="Offset of the recorded LiDAR points to the left of the vehicle, for comparison with simulated points",
         unit="LENGTH",
     )
-    opacity_pass: BoolProperty(name="Opacity pass", description="How much of each pixel is nearer than the far field")
+    opacity_pass: BoolProperty(name="Opacity pass", description="Opacity of everything nearer than the background model")
     passes: EnumProperty(
-        name="Passes", description="What a sequence holds beside colours", items=PASSES, options={"ENUM_FLAG"}, default={"depth"}
+        name="Passes",
+        description="Passes that a sequence contains in addition to colours",
+        items=PASSES,
+        options={"ENUM_FLAG"},
+        default={"depth"},
     )
 
 
-CLASSES = (UniSimObject, UniSimItem, UniSimWarning, UniSimScene)
+CLASSES = (UniSimObject, UniSimItem, UniSimWarning, UniSimCheck, UniSimScene)
 
 
 def register() -> None:
@@ -155,15 +181,16 @@ def register() -> None:
     add(CLASSES)
     bpy.types.Object.unisim = PointerProperty(type=UniSimObject)
     bpy.types.Scene.unisim = PointerProperty(type=UniSimScene)
-    bpy.types.WindowManager.unisim_renderer = StringProperty(description="What the last test of the renderer found")
-    bpy.types.WindowManager.unisim_task = StringProperty(description="What runs in the background, and how far it is")
-    bpy.types.WindowManager.unisim_warnings = CollectionProperty(type=UniSimWarning)
+    bpy.types.Scene.unisim_check = PointerProperty(type=UniSimCheck)
+    bpy.types.WindowManager.unisim_renderer = StringProperty(description="Result of the last test of the renderer")
+    bpy.types.WindowManager.unisim_task = StringProperty(description="Progress of the background task")
     bpy.types.WindowManager.unisim_progress = FloatProperty(subtype="FACTOR", min=0.0, max=1.0)
+    bpy.types.WindowManager.unisim_points = StringProperty(description="Progress or error of simulated LiDAR points")
 
 
 def unregister() -> None:
     """Take them away again; files keep what they hold."""
     manager = bpy.types.WindowManager
-    del manager.unisim_warnings, manager.unisim_progress, manager.unisim_task, manager.unisim_renderer
-    del bpy.types.Scene.unisim, bpy.types.Object.unisim
+    del manager.unisim_points, manager.unisim_progress, manager.unisim_task, manager.unisim_renderer
+    del bpy.types.Scene.unisim_check, bpy.types.Scene.unisim, bpy.types.Object.unisim
     take_away(CLASSES)

@@ -19,6 +19,7 @@ from pathlib import Path
 
 from . import interpreters
 from .core.sequence.records import finished_frames
+from .translations import message
 
 PATIENCE_S = 20.0
 """How long a process that was asked to end may take to leave everything whole."""
@@ -26,12 +27,14 @@ PATIENCE_S = 20.0
 
 @dataclass
 class Task:
-    """A command that runs. ``arguments`` follow `unisim`; ``total`` is how much there is to do, in frames or minutes."""
+    """A command that runs. ``arguments`` follow `unisim`; ``total`` is how much there is to do, in frames or minutes, and
+    ``file`` the .blend that it was started from, "" where that was not saved."""
 
     arguments: list[str]
     folder: Path
     total: float
     chosen: str = ""
+    file: str = ""
     started_s: float = field(default_factory=time.monotonic)
     process: subprocess.Popen[bytes] | None = None
     code: int | None = None
@@ -58,6 +61,11 @@ class Task:
         raise NotImplementedError
 
     @property
+    def fraction(self) -> float:
+        """How much of it is done, from 0 to 1."""
+        return min(1.0, self.done / max(self.total, 1e-9))
+
+    @property
     def problem(self) -> str:
         """Why it failed; "" where it did not."""
         if self.running or self.code == 0 or self.cancelled:
@@ -71,16 +79,17 @@ class Task:
         if self.problem:
             return self.problem
         if self.cancelled and self.running:  # what it is at is finished yet
-            return f"Stopping: {self.measure()}"
+            return message("Stopping: {progress}", progress=self.measure())
         if self.cancelled:
-            return f"Stopped at {self.measure()}; start it again to go on"
+            return message("Stopped at {progress}; start it again to resume", progress=self.measure())
         if not self.running:
-            return f"Done: {self.measure()}"
+            return message("Done: {progress}", progress=self.measure())
         spent, new = time.monotonic() - self.started_s, self.done - self.before
         if new <= 0:
-            return f"{self.measure()}, starting"
+            return message("{progress}, starting", progress=self.measure())
         left = (self.total - self.done) * spent / new
-        return f"{self.measure()}, {self.speed(new / spent)}{int(left) // 60}:{int(left) % 60:02d} left"
+        time_left = f"{int(left) // 60}:{int(left) % 60:02d}"
+        return message("{progress}, {time} left", progress=self.measure() + self.speed(new / spent), time=time_left)
 
     def measure(self) -> str:
         """How far it is."""
@@ -141,11 +150,11 @@ class SequenceTask(Task):
 
     def measure(self) -> str:
         """Frames of how many."""
-        return f"{int(self.done)} of {int(self.total)} frames"
+        return message("{done} of {total} frames", done=int(self.done), total=int(self.total))
 
     def speed(self, rate: float) -> str:
         """Frames a second."""
-        return f"{rate:.2f} frames/s, "
+        return message(", {rate:.2f} frames/s", rate=rate)
 
     def newest(self) -> Path | None:
         """The picture that was finished last."""
@@ -179,4 +188,4 @@ class TrainingTask(Task):
         """Minutes of how many, and how good it is."""
         curve = self.curve()
         now = f", PSNR {curve[-1]['psnr']:.1f} dB, LiDAR {100 * curve[-1]['lidar_m']:.1f} cm" if curve else ""
-        return f"{self.done:.1f} of {self.total:.1f} minutes{now}"
+        return message("{done:.1f} of {total:.1f} minutes", done=self.done, total=self.total) + now

@@ -136,7 +136,9 @@ class View:
         scene, space = depsgraph.scene, context.region_data
         source = source_of(scene)
         if not space.is_perspective:
-            raise UnisimError("the neural scene has no view without perspective: press numpad 5, or look through a camera")
+            raise UnisimError(
+                "the neural scene cannot be rendered in an orthographic view: press Numpad 5 or look through a camera"
+            )
         frame = frame_of(scene)
         through = scene.camera if space.view_perspective == "CAMERA" else None
         self.outside = outside_drive(frame, source.drive)

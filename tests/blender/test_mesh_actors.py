@@ -184,7 +184,7 @@ def test_an_actor_without_a_surface_is_refused(street: Any) -> None:
     empty = bpy.data.objects.new("nothing", None)
     street.collection.objects.link(empty)
     select(empty)
-    with pytest.raises(RuntimeError, match="has a surface of its own"):
+    with pytest.raises(RuntimeError, match="no selected object has a surface"):
         bpy.ops.unisim.mesh_actor()
 
 

@@ -196,7 +196,7 @@ def test_a_sequence_that_fails_says_why(street: Any, tmp_path: Path) -> None:
 
 
 def test_a_folder_beside_a_file_that_was_never_saved(street: Any) -> None:
-    with pytest.raises(RuntimeError, match="//render: .* never saved"):
+    with pytest.raises(RuntimeError, match="//render: save the .blend first"):
         bpy.ops.unisim.render_sequence()
 
 

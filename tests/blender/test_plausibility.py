@@ -76,7 +76,7 @@ def test_the_list_jumps_to_the_place(street: Any) -> None:
     one = first(street, moving=False)
     one.location.z += 2.0
     assert bpy.ops.unisim.check() == {"FINISHED"}
-    (item,) = bpy.context.window_manager.unisim_warnings
+    (item,) = street.unisim_check.warnings
     assert bpy.ops.unisim.go_to(thing=item.name, frame=item.frame) == {"FINISHED"}
     assert bpy.context.active_object == one and street.frame_current == item.frame
 

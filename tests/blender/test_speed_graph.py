@@ -99,11 +99,11 @@ def test_limits_are_properties_that_both_heed(street: Any) -> None:
     limits.lateral_m_s2, limits.acceleration_m_s2, limits.curvature_1_m = 50.0, 50.0, 5.0
     assert not graph().anywhere.any()
     assert bpy.ops.unisim.check() == {"FINISHED"}
-    texts = [w.text for w in bpy.context.window_manager.unisim_warnings if w.name == one.name]
+    texts = [w.text for w in bpy.context.scene.unisim_check.warnings if w.name == one.name]
     assert not [text for text in texts if "m/s²" in text or "radius" in text]
     limits.lateral_m_s2 = 1.0
     assert bpy.ops.unisim.check() == {"FINISHED"}
-    texts = [w.text for w in bpy.context.window_manager.unisim_warnings if w.name == one.name]
+    texts = [w.text for w in bpy.context.scene.unisim_check.warnings if w.name == one.name]
     assert [text for text in texts if "lateral acceleration" in text]
 
 

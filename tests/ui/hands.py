@@ -259,7 +259,6 @@ def removed_by_hand(car: str) -> Iterator[float]:
 
 def shortcuts(car: str) -> Iterator[float]:
     """The extension's own keys."""
-    manager = bpy.context.window_manager
     yield from look_at(car)
     yield from click()
     uid, height = thing(car).unisim.uid, thing(car).location.z
@@ -270,7 +269,7 @@ def shortcuts(car: str) -> Iterator[float]:
     thing(car).location.z += 2.0
     yield 0.1
     yield from key("K", ctrl=True, alt=True)
-    yield from until(lambda: any(w.name == car for w in manager.unisim_warnings), "Ctrl-Alt-K finds nothing")
+    yield from until(lambda: any(w.name == car for w in bpy.context.scene.unisim_check.warnings), "Ctrl-Alt-K finds nothing")
     screenshot("checked")
     yield from key("G", ctrl=True, alt=True)
     yield from until(lambda: abs(thing(car).location.z - height) < 0.15, "Ctrl-Alt-G does not put it on the ground")
@@ -299,7 +298,6 @@ def searched(car: str) -> Iterator[float]:
 
 def menu(car: str) -> Iterator[float]:
     """The extension's menu at the end of Blender's own, and its last entry by keys."""
-    warnings = bpy.context.window_manager.unisim_warnings
     with inside(area("VIEW_3D")):
         bpy.ops.wm.call_menu(name="VIEW3D_MT_object")
     yield from key("UP_ARROW")
@@ -307,10 +305,12 @@ def menu(car: str) -> Iterator[float]:
     yield 0.5
     screenshot("menu")
     yield from key("UP_ARROW")
-    warnings.clear()
+    bpy.context.scene.unisim_check.warnings.clear()
     thing(car).location.z += 2.0
     yield from key("RET")
-    yield from until(lambda: any(w.name == car for w in warnings), "the menu's last entry does not check")
+    yield from until(
+        lambda: any(w.name == car for w in bpy.context.scene.unisim_check.warnings), "the menu's last entry does not check"
+    )
     thing(car).location.z -= 2.0
 
 

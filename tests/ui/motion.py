@@ -349,7 +349,7 @@ def graph() -> Iterator[float]:
     assert marked["blue"] + marked["red"] > 100 and marked["red"] > 50, marked
     with hands.inside(area("VIEW_3D")):
         bpy.ops.unisim.check("INVOKE_DEFAULT")
-    found = [w.text for w in bpy.context.window_manager.unisim_warnings if w.name == car]
+    found = [w.text for w in bpy.context.scene.unisim_check.warnings if w.name == car]
     assert any("m/s²" in text for text in found), found
     yield from sidebar()
     yield 0.5

@@ -42,6 +42,7 @@ SESSIONS = {
     "motion": ["--enable-event-simulate"],
     "scale": ["--enable-event-simulate"],
     "actors": ["--enable-event-simulate"],
+    "finish": ["--enable-event-simulate"],
 }
 """What each file's Blender is started with besides; the one with simulated events hears no others."""
 CI_SESSIONS = ("person", "displaced", "retimed", "sequences", "panel", "points", "window", "hands")

@@ -14,6 +14,7 @@ from mathutils import Quaternion
 
 from ..core.errors import UnisimError
 from ..core.geometry import FloatArray
+from ..translations import message
 from .animation import add_to_keys, curves_of
 from .clock import Clock
 from .source import source_of
@@ -40,12 +41,17 @@ def settle(scene: bpy.types.Scene, thing: bpy.types.Object) -> str:
         if not keyed:
             if np.abs(now - before).max() > SAME:
                 setattr(thing.unisim, rest, now)
-                said = f"{thing.name}: the whole trajectory is displaced"
+                said = message("{name}: the whole trajectory is displaced", name=thing.name)
         elif scene.tool_settings.use_keyframe_insert_auto and all(len(curve.keyframe_points) == 1 for curve in keyed):
             blended |= _blend(scene, keyed, before)
     if blended:
         frame = scene.frame_current
-        return f"{thing.name}: a change is keyed at frame {frame}, from {BLEND_S:g} s before it to {BLEND_S:g} s after it"
+        return message(
+            "{name}: the change is keyed at frame {frame} and blends in from {blend:g} s before to {blend:g} s after it",
+            name=thing.name,
+            frame=frame,
+            blend=BLEND_S,
+        )
     return said
 
 
@@ -71,8 +77,8 @@ def keep(scene: bpy.types.Scene, thing: bpy.types.Object, frame: float) -> str:
         elif len(keyed) == 4:
             _turn([keyed[i] for i in range(4)], Quaternion(now).normalized() @ Quaternion(then).normalized().inverted())
     if changed:
-        return f"{thing.name}: the whole trajectory is displaced, its keys too"
-    return f"{thing.name}: is scaled at all its keys" if _keep_scale(thing, frame) else ""
+        return message("{name}: the whole trajectory and its keys are displaced", name=thing.name)
+    return message("{name}: is scaled at all its keys", name=thing.name) if _keep_scale(thing, frame) else ""
 
 
 def _keep_scale(thing: bpy.types.Object, frame: float) -> bool:

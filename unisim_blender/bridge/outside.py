@@ -11,4 +11,4 @@ def outside_drive(frame: float, drive: Drive) -> str:
     frames = Clock.of(drive).frames
     if frames[0] <= frame <= frames[-1]:
         return ""
-    return f"Frame {frame:g} lies outside the drive, which has frames {frames[0]:g} to {frames[-1]:g}: nothing was recorded there"
+    return f"Frame {frame:g} is outside the drive (frames {frames[0]:g} to {frames[-1]:g}): nothing was recorded there"

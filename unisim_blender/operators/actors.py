@@ -10,29 +10,32 @@ from ..bridge.refresh import refresh
 from ..bridge.sampling import frame_of
 from ..bridge.selection import choose, chosen
 from ..bridge.trajectories import remove
+from ..translations import message
 from .polling import allowed, object_mode, selected
 
 LANE_M = 3.5
 GAP_M = 0.6
 PLACES = (
-    ("IN_PLACE", "In place", "Where the source is: move it with Blender's tools"),
-    ("LEFT", "Beside, left", "On the left of the source, an arm's length away"),
-    ("RIGHT", "Beside, right", "On the right of the source, an arm's length away"),
+    ("IN_PLACE", "In place", "At the location of the source, to be moved with Blender's tools"),
+    ("LEFT", "Beside, left", "Left of the source with a gap of 0.6 m"),
+    ("RIGHT", "Beside, right", "Right of the source with a gap of 0.6 m"),
     ("LANE_LEFT", "Next lane, left", "One lane to the left"),
     ("LANE_RIGHT", "Next lane, right", "One lane to the right"),
-    ("CURSOR", "At the 3D cursor", "At the 3D cursor in the frame that is shown, on the same way"),
+    ("CURSOR", "At the 3D cursor", "At the 3D cursor in the current frame, on the same trajectory"),
 )
 
 
 class UNISIM_OT_duplicate_actor(bpy.types.Operator):
-    """Copy the selected actors with their ways. Each copy has an action of its own"""
+    """Duplicate the selected actors with their trajectories"""
 
     bl_idname = "unisim.duplicate_actor"
     bl_label = "Duplicate Actor"
     bl_options = {"REGISTER", "UNDO"}
 
-    where: EnumProperty(name="Where", items=PLACES, default="LANE_LEFT")
-    lane_m: FloatProperty(name="Lane width", default=LANE_M, min=0.5, soft_max=6.0, unit="LENGTH")
+    where: EnumProperty(name="Where", description="Location of the copies", items=PLACES, default="LANE_LEFT")
+    lane_m: FloatProperty(
+        name="Lane width", description="Distance to the next lane", default=LANE_M, min=0.5, soft_max=6.0, unit="LENGTH"
+    )
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
@@ -52,12 +55,12 @@ class UNISIM_OT_duplicate_actor(bpy.types.Operator):
             copies.append(copy)
         choose(context, *copies)
         refresh(copies)
-        self.report({"INFO"}, f"{len(sources)} copied")
+        self.report({"INFO"}, message("Actors duplicated: {count}", count=len(sources)))
         return {"FINISHED"}
 
 
 class UNISIM_OT_delete_actor(bpy.types.Operator):
-    """Delete the selected actors and static items: they are not there in any picture or sweep"""
+    """Delete the selected actors and static items from all images and sweeps"""
 
     bl_idname = "unisim.delete_actor"
     bl_label = "Delete Actor"
@@ -76,7 +79,7 @@ class UNISIM_OT_delete_actor(bpy.types.Operator):
             for part in thing.children_recursive if thing.unisim.mesh else ():
                 bpy.data.objects.remove(part)
             remove(thing)
-        self.report({"INFO"}, f"{len(gone)} deleted")
+        self.report({"INFO"}, message("Objects deleted: {count}", count=len(gone)))
         return {"FINISHED"}
 
 

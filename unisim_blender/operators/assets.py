@@ -15,6 +15,7 @@ from ..bridge.things import new_actor
 from ..client import client
 from ..core.errors import UnisimError
 from ..preferences import device, interpreter
+from ..translations import message
 from .actor_choice import size_text
 from .polling import allowed, drive
 
@@ -23,21 +24,22 @@ TAG = "UniSim"
 
 
 class UNISIM_OT_make_library(bpy.types.Operator):
-    """Write the trained scene's actors into an asset library: drag them from the Asset Browser into any drive"""
+    """Write the actors of the trained scene to a .blend file of assets"""
 
     bl_idname = "unisim.make_library"
     bl_label = "Make Actor Library"
     bl_options = {"REGISTER"}
 
     filepath: StringProperty(
-        subtype="FILE_PATH", description="The library's .blend, below a folder that Preferences > File Paths lists"
+        subtype="FILE_PATH",
+        description="Path of the .blend file, in a folder listed in Preferences > File Paths > Asset Libraries",
     )
     filter_glob: StringProperty(default="*.blend", options={"HIDDEN"})
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         """A trained scene has to be there."""
-        return allowed(cls, drive(context), (context.scene.unisim.scene, "Train or import a trained scene first"))
+        return allowed(cls, drive(context), (context.scene.unisim.scene, "Import or train a trained scene first"))
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Ask for the file."""
@@ -68,7 +70,7 @@ class UNISIM_OT_make_library(bpy.types.Operator):
             return {"PASS_THROUGH"}
         try:
             self.said = next(self.steps)
-            context.workspace.status_text_set(f"{self.said}. Esc stops")
+            context.workspace.status_text_set(message("{text} (Esc to cancel)", text=self.said))
         except StopIteration:
             return self.end(context, self.finish(self.said))
         return {"PASS_THROUGH"}
@@ -100,7 +102,7 @@ def make_library(source: Source, path: Path) -> Generator[str, None, None]:
             request = worker.ask("camera", **values, passes=["rgb", "instance"], quality="balanced", device=device())
             rgb, shown = [], []
             while True:
-                yield f"Portrait {number + 1} of {len(actors)}"
+                yield message("Preview {number} of {count}", number=number + 1, count=len(actors))
                 try:
                     event = request.events.get(timeout=POLL_S) if bpy.app.background else request.events.get_nowait()
                 except queue.Empty:
@@ -125,7 +127,7 @@ def make_library(source: Source, path: Path) -> Generator[str, None, None]:
             made.append(thing)
         path.parent.mkdir(parents=True, exist_ok=True)
         bpy.data.libraries.write(str(path), set(made), fake_user=True, compress=True)
-        yield f"{len(made)} actors written to {path}"
+        yield message("Library written to {path} (actors: {count})", count=len(made), path=path)
     except (UnisimError, OSError, RuntimeError) as fault:
         yield f"Error: {fault}"
     finally:

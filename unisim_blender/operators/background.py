@@ -2,15 +2,18 @@
 
 import time
 import traceback
+from contextlib import suppress
 from pathlib import Path
 
 import bpy
 import numpy as np
+from bpy.app.handlers import persistent
 
 from ..bridge.chart import Picture, training_chart
-from ..bridge.windows import areas
+from ..bridge.windows import areas, redraw_status_bar
 from ..registering import add, take_away
 from ..tasks import SequenceTask, Task, TrainingTask
+from ..translations import message
 from .polling import allowed
 
 POLL_S = 0.5
@@ -35,14 +38,15 @@ def watch() -> float | None:
         traceback.print_exc()
     if ended:
         running.clear()
-        return None
-    return POLL_S
+    if not bpy.app.background:
+        redraw_status_bar()
+    return None if ended else POLL_S
 
 
 def tell(task: Task) -> None:
     """Show in the window how far a task is."""
     manager = bpy.context.window_manager
-    manager.unisim_task, manager.unisim_progress = task.text(), min(1.0, task.done / max(task.total, 1e-9))
+    manager.unisim_task, manager.unisim_progress = task.text(), task.fraction
     picture = task.newest() if isinstance(task, SequenceTask) else task.folder / "preview.png"
     if picture is not None and picture.is_file():
         show(picture)
@@ -50,6 +54,28 @@ def tell(task: Task) -> None:
         show_curve(training_chart(task.curve(), task.total))
     for area in areas("VIEW_3D", "IMAGE_EDITOR"):
         area.tag_redraw()
+
+
+def owner() -> str:
+    """Return what the newest task belongs to: its folder, and its file where another one is open; "" without a task."""
+    if not newest:
+        return ""
+    task = newest[0]
+    if task.file == bpy.data.filepath:
+        return str(task.folder)
+    return f"{Path(task.file).name if task.file else message('unsaved file')}: {task.folder}"
+
+
+@persistent
+def keep_line(*_: object) -> None:
+    """Another file is open: the line of the newest task stays, with what it belongs to; other lines go."""
+    manager = bpy.context.window_manager
+    manager.unisim_points = ""
+    if newest:
+        with suppress(OSError):
+            manager.unisim_task, manager.unisim_progress = newest[0].text(), newest[0].fraction
+    else:
+        manager.unisim_task, manager.unisim_progress = "", 0.0
 
 
 def show(picture: Path) -> None:
@@ -87,6 +113,7 @@ def curve_icon() -> int | None:
 
 def launch(task: Task) -> None:
     """Begin a task and watch it; without a window, wait for its end."""
+    task.file = bpy.data.filepath
     running[:] = newest[:] = [task]
     task.start()
     if bpy.app.background:
@@ -99,7 +126,7 @@ def launch(task: Task) -> None:
 
 
 class UNISIM_OT_cancel_task(bpy.types.Operator):
-    """Stop what runs in the background; what is finished stays, and starting it again goes on from there"""
+    """Stop the background task; finished frames are kept, and starting it again resumes"""
 
     bl_idname = "unisim.cancel_task"
     bl_label = "Cancel"
@@ -108,7 +135,7 @@ class UNISIM_OT_cancel_task(bpy.types.Operator):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         """Something has to be running."""
-        return allowed(cls, (running, "Nothing is running"))
+        return allowed(cls, (running, "No task is running"))
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Ask it to end."""
@@ -123,6 +150,7 @@ CLASSES = (UNISIM_OT_cancel_task,)
 def register() -> None:
     """Add the operator."""
     add(CLASSES)
+    bpy.app.handlers.load_post.append(keep_line)
 
 
 def unregister() -> None:
@@ -131,6 +159,8 @@ def unregister() -> None:
         task.cancel()
     running.clear()
     newest.clear()
+    if keep_line in bpy.app.handlers.load_post:
+        bpy.app.handlers.load_post.remove(keep_line)
     if bpy.app.timers.is_registered(watch):
         bpy.app.timers.unregister(watch)
     take_away(CLASSES)

@@ -1,23 +1,79 @@
-"""What is not plausible about the edits, as a list."""
+"""What is not plausible about the edits, as a list that is saved with the scene."""
+
+import time
 
 import bpy
-from bpy.props import IntProperty, StringProperty
+import numpy as np
+from bpy.app.handlers import persistent
+from bpy.props import FloatVectorProperty, IntProperty, StringProperty
 
 from ..bridge.clock import Clock
-from ..bridge.plausibility import warnings_of
-from ..bridge.sampling import sample_all
+from ..bridge.edit_state import edit_state
+from ..bridge.plausibility import Finding, warnings_of
+from ..bridge.sampling import Sampled, sample_all
 from ..bridge.selection import choose
 from ..bridge.source import source_of
+from ..bridge.windows import areas
 from ..core.errors import UnisimError
+from ..following import dragging
+from ..registering import add, take_away
+from ..translations import message
 from .motion_settings import limits_of
 from .polling import allowed, drive
 
+SETTLE_S = 0.5
+"""From a change of the scene to the comparison with the state that was checked."""
+
+_outdated: dict[int, bool] = {}
+"""Scenes, by session_uid, and whether their edits changed since the check."""
+
+
+def is_outdated(scene: bpy.types.Scene) -> bool:
+    """Return whether a scene's edits changed since they were checked, as far as is known."""
+    return _outdated.get(scene.session_uid, False)
+
+
+def compare() -> float | None:
+    """Compare every checked scene's edits with the state that was checked; a timer of Blender's, once."""
+    if bpy.app.is_job_running("RENDER") or dragging():
+        return SETTLE_S
+    for scene in bpy.data.scenes:
+        if scene.unisim_check.state:
+            _outdated[scene.session_uid] = edit_state(scene) != scene.unisim_check.state
+    for area in areas("VIEW_3D"):
+        area.tag_redraw()
+    return None
+
+
+@persistent
+def compare_soon(scene: bpy.types.Scene | None = None, depsgraph: bpy.types.Depsgraph | None = None) -> None:
+    """Something changed: have a timer compare."""
+    if isinstance(scene, bpy.types.Scene) and not scene.unisim_check.state:
+        return
+    if not bpy.app.background and not bpy.app.timers.is_registered(compare):
+        bpy.app.timers.register(compare, first_interval=SETTLE_S, persistent=True)
+
+
+@persistent
+def compare_all(*_: object) -> None:
+    """Another file, or another state of this one: what was known is of other scenes."""
+    _outdated.clear()
+    compare_soon()
+
+
+def place_of(found: Finding, sampled: Sampled) -> tuple[float, ...]:
+    """Return where in the world the object of a finding is at its frame, in metres."""
+    thing = next(thing for thing in sampled.things if thing.name == found.name)
+    at = int(np.searchsorted(sampled.clock.frames, found.frame))
+    return tuple(thing.poses[at, :3, 3].tolist())
+
 
 class UNISIM_OT_check(bpy.types.Operator):
-    """Look for edits that are not plausible: overlaps, cars sideways or too fast, actors off the ground, views from far away"""
+    """List implausible edits: overlaps, sideways or too fast cars, actors off the ground, far or unseen camera views"""
 
     bl_idname = "unisim.check"
     bl_label = "Check Edits"
+    bl_options = {"REGISTER", "UNDO"}
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
@@ -26,42 +82,77 @@ class UNISIM_OT_check(bpy.types.Operator):
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Sample the scene and list what is odd; nothing is kept from being rendered."""
-        scene, found = context.scene, context.window_manager.unisim_warnings
+        scene, check = context.scene, context.scene.unisim_check
         try:
             drive = source_of(scene).drive
-            warnings = list(warnings_of(sample_all(scene, Clock.of(drive)), drive, limits_of(scene)))
+            clock = Clock.of(drive)
+            sampled = sample_all(scene, clock)
+            warnings = list(warnings_of(sampled, drive, limits_of(scene)))
         except (UnisimError, OSError) as fault:
             self.report({"ERROR"}, str(fault))
             return {"CANCELLED"}
-        found.clear()
+        check.warnings.clear()
         for warning in warnings:
-            item = found.add()
+            item = check.warnings.add()
             item.name, item.frame, item.text = warning.name, warning.frame, warning.text
-        self.report({"INFO"}, f"{len(warnings)} warnings" if warnings else "Nothing odd was found")
+            item.time_s, item.place = float(clock.time_s(np.array(float(warning.frame)))), place_of(warning, sampled)
+        check.state, check.checked = edit_state(scene), time.strftime("%Y-%m-%d %H:%M")
+        _outdated[scene.session_uid] = False
+        self.report({"INFO"}, message("Warnings: {count}", count=len(warnings)) if warnings else message("No warnings"))
         return {"FINISHED"}
 
 
 class UNISIM_OT_go_to(bpy.types.Operator):
-    """Go to the frame and select the object that a warning is about"""
+    """Go to the frame of a warning, select its object and show it"""
 
     bl_idname = "unisim.go_to"
-    bl_label = "Go There"
+    bl_label = "Go to Warning"
     bl_options = {"REGISTER", "UNDO"}
 
-    thing: StringProperty()
-    frame: IntProperty()
+    thing: StringProperty(name="Object", options={"HIDDEN"})
+    frame: IntProperty(name="Frame", options={"HIDDEN"})
+    place: FloatVectorProperty(name="Location", size=3, options={"HIDDEN"})
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Frame, selection, and the view."""
+        """Frame, selection, and the view; where the object was deleted, the view goes where it was."""
         context.scene.frame_set(self.frame)
         thing = context.scene.objects.get(self.thing)
+        in_view = context.area is not None and context.area.type == "VIEW_3D" and not bpy.app.background
         if thing is None:
-            self.report({"WARNING"}, f"{self.thing} is not there any more")
-            return {"CANCELLED"}
+            if in_view and context.area.spaces.active.region_3d.view_perspective != "CAMERA":
+                context.area.spaces.active.region_3d.view_location = self.place
+            self.report({"WARNING"}, message('"{name}" no longer exists', name=self.thing))
+            return {"FINISHED"}
         choose(context, thing)
-        if context.area is not None and context.area.type == "VIEW_3D" and bpy.ops.view3d.view_selected.poll():
+        if in_view and bpy.ops.view3d.view_selected.poll():
             bpy.ops.view3d.view_selected()
         return {"FINISHED"}
 
 
 CLASSES = (UNISIM_OT_check, UNISIM_OT_go_to)
+HANDLERS = (
+    ("depsgraph_update_post", compare_soon),
+    ("load_post", compare_all),
+    ("undo_post", compare_all),
+    ("redo_post", compare_all),
+)
+
+
+def register() -> None:
+    """Add the operators, and watch for edits."""
+    add(CLASSES)
+    for name, handler in HANDLERS:
+        getattr(bpy.app.handlers, name).append(handler)
+    compare_all()
+
+
+def unregister() -> None:
+    """Take them away."""
+    for name, handler in HANDLERS:
+        found = getattr(bpy.app.handlers, name)
+        if handler in found:
+            found.remove(handler)
+    if bpy.app.timers.is_registered(compare):
+        bpy.app.timers.unregister(compare)
+    _outdated.clear()
+    take_away(CLASSES)

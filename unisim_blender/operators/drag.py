@@ -249,7 +249,7 @@ class UNISIM_OT_aim_sensor(_Aimed, bpy.types.Operator):
 
 
 class UNISIM_OT_drag_aim(_Aimed, Dragged, bpy.types.Operator):
-    """Drag to where the active sensor is to look: its mount is turned by yaw and pitch"""
+    """Drag to aim the active sensor: its mount rotates by yaw and pitch"""
 
     bl_idname = "unisim.drag_aim"
     bl_label = "Aim Sensor"
@@ -282,7 +282,7 @@ def moving_actor(context: bpy.types.Context) -> Need:
     """An actor with a trajectory is active."""
     thing = context.active_object
     met = thing is not None and thing.unisim.kind == "ACTOR" and trajectory_of(thing) is not None
-    return met, "Make an actor active that moves: what stands still is moved with G"
+    return met, "Make a moving actor active first: use G for actors that do not move"
 
 
 def active_sensor(context: bpy.types.Context) -> Need:

@@ -95,7 +95,7 @@ class UNISIM_OT_go_to_edit(_OfEdit, bpy.types.Operator):
 
 
 class UNISIM_OT_revert_edit(_OfEdit, bpy.types.Operator):
-    """Take the edit back: the object stands as it was imported. A copied or inserted one is deleted"""
+    """Revert the edit: the object returns to its imported state, a copied or inserted object is deleted"""
 
     bl_idname = "unisim.revert_edit"
     bl_label = "Revert Edit"
@@ -113,7 +113,7 @@ class UNISIM_OT_revert_edit(_OfEdit, bpy.types.Operator):
 
 
 class UNISIM_OT_mute_edit(_OfEdit, bpy.types.Operator):
-    """Mute the edit: it stays in the file and counts in no image, sweep or scenario. Again: let it count"""
+    """Mute or unmute the edit; a muted edit is kept in the file and ignored in images, sweeps and scenarios"""
 
     bl_idname = "unisim.mute_edit"
     bl_label = "Mute Edit"

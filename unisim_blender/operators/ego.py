@@ -10,13 +10,15 @@ from .polling import allowed, object_mode, vehicle
 
 
 class UNISIM_OT_shift_ego(bpy.types.Operator):
-    """Let the recording vehicle, with its sensors, drive further left or right"""
+    """Displace the trajectory of the ego vehicle and its sensors to the left or right"""
 
     bl_idname = "unisim.shift_ego"
     bl_label = "Shift Ego Lane"
     bl_options = {"REGISTER", "UNDO"}
 
-    left_m: FloatProperty(name="Left", description="Negative: to the right", default=1.0, unit="LENGTH")
+    left_m: FloatProperty(
+        name="Left", description="Displacement to the left; negative values displace to the right", default=1.0, unit="LENGTH"
+    )
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:

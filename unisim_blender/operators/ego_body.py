@@ -13,7 +13,7 @@ from .polling import allowed, object_mode, selected, vehicle
 
 PLACES = (
     ("VEHICLE", "On the vehicle", "Pointing ahead, on the height of the vehicle's origin, its rear 1 m behind that"),
-    ("HERE", "Where it stands", "Where it stands now, from this frame on as part of the vehicle"),
+    ("HERE", "Current Location", "Keep the current location, as part of the vehicle from this frame on"),
 )
 
 

@@ -14,6 +14,7 @@ from ..bridge.writing import write_scenario
 from ..core.errors import UnisimError
 from ..core.scenario.types import FrameRange, Outputs, Scenario
 from ..registering import add, take_away
+from ..translations import message
 from .polling import allowed, drive
 
 
@@ -30,7 +31,7 @@ def scenario_of(scene: bpy.types.Scene, path: Path) -> Scenario:
 
 
 class UNISIM_OT_export_scenario(bpy.types.Operator, ExportHelper):
-    """Write the scene's edits as a scenario that `unisim render` renders"""
+    """Write the edits of the scene to a scenario file for the command unisim render"""
 
     bl_idname = "unisim.export_scenario"
     bl_label = "Export Scenario"
@@ -53,7 +54,7 @@ class UNISIM_OT_export_scenario(bpy.types.Operator, ExportHelper):
         except (UnisimError, OSError) as fault:
             self.report({"ERROR"}, str(fault))
             return {"CANCELLED"}
-        self.report({"INFO"}, f"{len(scenario.edits)} edits written to {path}")
+        self.report({"INFO"}, message("Scenario written to {path} (edits: {count})", count=len(scenario.edits), path=path))
         return {"FINISHED"}
 
 

@@ -21,6 +21,7 @@ from ..core.rigs import FORMAT as RIG_FORMAT
 from ..core.scenario import FORMAT, load_scenario
 from ..core.scene_file import HEADER_NAME, read_scene_header
 from ..registering import add, take_away
+from ..translations import message
 from ..view_types import follow_soon
 from .polling import allowed
 
@@ -88,14 +89,16 @@ class _ImportDrive(ImportHelper):
         if event.type == "ESC" and context.preferences.edit.use_global_undo:
             self.end(context)
             take_back()
-            self.report({"WARNING"}, "Import stopped: the scene is as it was")
+            self.report({"WARNING"}, "Import cancelled: the scene is unchanged")
             return {"CANCELLED"}
         if event.type != "TIMER":
             return {"RUNNING_MODAL"}
         until = time.monotonic() + BUSY_S
         for done, total, what in self.steps:
             context.window_manager.progress_update(100 * done / total)
-            context.workspace.status_text_set(f"Importing {what}: {done} of {total}. Esc stops")
+            context.workspace.status_text_set(
+                message("Importing {what}: {done} of {total} (Esc to cancel)", what=what, done=done, total=total)
+            )
             if time.monotonic() > until:
                 return {"RUNNING_MODAL"}
         self.end(context)
@@ -126,7 +129,7 @@ def take_back() -> None:
 
 
 class UNISIM_OT_import_log(bpy.types.Operator, _ImportDrive):
-    """Import a recorded drive: its vehicle, sensors and actors as animated objects"""
+    """Import the vehicle, sensors and actors of a recorded drive as animated objects"""
 
     bl_idname = "unisim.import_log"
     bl_label = "Import Driving Log"
@@ -142,7 +145,7 @@ class UNISIM_OT_import_log(bpy.types.Operator, _ImportDrive):
 
 
 class UNISIM_OT_import_scene(bpy.types.Operator, _ImportDrive):
-    """Import a drive as a neural scene trained on it replays it, with refined tracklets"""
+    """Import a trained neural scene and its drive, with refined tracklets"""
 
     bl_idname = "unisim.import_scene"
     bl_label = "Import Trained Neural Scene"
@@ -160,7 +163,7 @@ class UNISIM_OT_import_scene(bpy.types.Operator, _ImportDrive):
 
 
 class UNISIM_OT_import_scenario(bpy.types.Operator, ImportHelper):
-    """Import a scenario: its drive, with every edit carried out"""
+    """Import the drive of a scenario with all its edits"""
 
     bl_idname = "unisim.import_scenario"
     bl_label = "Import Scenario"
@@ -212,7 +215,7 @@ def format_of(path: Path) -> str:
 
 
 class UNISIM_OT_import_dropped(bpy.types.Operator):
-    """Import a scenario, a trained scene or a log, one of whose .json files was dropped onto the window, or apply a rig preset"""
+    """Import the scenario, trained scene, log or rig preset that a dropped .json file belongs to"""
 
     bl_idname = "unisim.import_dropped"
     bl_label = "Import into UniSim"
@@ -247,7 +250,7 @@ class UNISIM_OT_import_dropped(bpy.types.Operator):
 
 
 class UNISIM_OT_recorded_colours(bpy.types.Operator):
-    """Show pictures as they were recorded: view transform Standard, no look, exposure 0, gamma 1"""
+    """Show colours as recorded: view transform Standard, look None, exposure 0, gamma 1"""
 
     bl_idname = "unisim.recorded_colours"
     bl_label = "Show Colours as Recorded"
@@ -256,7 +259,7 @@ class UNISIM_OT_recorded_colours(bpy.types.Operator):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         """Colours have to be shown otherwise."""
-        return allowed(cls, (not recorded_colours(context.scene), "Colours are shown as recorded already"))
+        return allowed(cls, (not recorded_colours(context.scene), "Colours are already shown as recorded"))
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Set the scene's colour management."""

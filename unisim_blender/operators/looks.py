@@ -15,6 +15,7 @@ from ..bridge.things import box_mesh, collection_of, new_actor
 from ..core.actor_images.names import group_of
 from ..core.errors import UnisimError
 from ..core.scene_file import HEADER_NAME
+from ..translations import message
 from .actor_choice import Item, choice_of, draw_choice, first_of, items_of, listed, pages
 from .actor_list import GROUPS
 from .polling import allowed, drive, object_mode, selected
@@ -82,16 +83,18 @@ def other_page(self: bpy.types.OperatorProperties, context: bpy.types.Context) -
 
 
 class UNISIM_OT_replace_look(_Chooses, bpy.types.Operator):
-    """Give the selected actors another actor's appearance and box, on the same trajectory and the same ground"""
+    """Replace the appearance and the box of the selected actors by those of another actor, on the same trajectory"""
 
     bl_idname = "unisim.replace_look"
     bl_label = "Replace Appearance"
     bl_options = {"REGISTER", "UNDO"}
 
-    scene: StringProperty(name="Trained scene", description="Empty: the drive's own", subtype="DIR_PATH")
+    scene: StringProperty(
+        name="Trained scene", description="Folder of the trained scene; empty for the one of the drive", subtype="DIR_PATH"
+    )
     group: EnumProperty(name="Class", description="Which classes are shown", items=GROUPS, update=other_page)
     page: IntProperty(name="Page", description="Which of them are shown; 0: all at once", min=0, update=other_page)
-    look: EnumProperty(name="Appearance", description="The actor whose appearance it is", items=looks)
+    look: EnumProperty(name="Appearance", description="Actor whose appearance is used", items=looks)
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
@@ -101,7 +104,7 @@ class UNISIM_OT_replace_look(_Chooses, bpy.types.Operator):
             cls,
             object_mode(context),
             selected(context, "Select an actor first", "ACTOR"),
-            (plain, "What is a mesh keeps its own appearance: select recorded actors alone"),
+            (plain, "Mesh actors keep their own appearance: select recorded actors only"),
         )
 
     def folder(self) -> str:
@@ -144,7 +147,7 @@ class UNISIM_OT_replace_look(_Chooses, bpy.types.Operator):
 
 
 class UNISIM_OT_insert_actor(_Chooses, bpy.types.Operator):
-    """Put an actor of the drive, or of a trained scene, at the 3D cursor"""
+    """Insert an actor of the drive or of a trained scene at the 3D cursor"""
 
     bl_idname = "unisim.insert_actor"
     bl_label = "Insert Actor"
@@ -191,7 +194,7 @@ class UNISIM_OT_insert_actor(_Chooses, bpy.types.Operator):
             vehicles = listed(choice, "CAR") or listed(choice, "ALL")
             uid = self.actor or (self.look if self.properties.is_property_set("look") else next(iter(vehicles), ""))
             if uid not in choice.actors:
-                raise UnisimError(f'{folder or choice.log_path}: has no actor "{uid}"')
+                raise UnisimError(message('{folder}: has no actor "{name}"', folder=folder or choice.log_path, name=uid))
         except (UnisimError, OSError) as fault:
             self.report({"ERROR"}, str(fault))
             return {"CANCELLED"}

@@ -6,14 +6,15 @@ from bpy.props import EnumProperty, StringProperty
 from ..bridge.mesh_objects import make_actor
 from ..bridge.meshes import parts
 from ..bridge.selection import choose, chosen
+from ..translations import message
 from .polling import allowed, drive, object_mode, selected
 
 DIRECTIONS = (
-    ("AUTO", "As it is long", "Along the world's x or y, whichever it is longer in"),
-    ("X", "X", "It points along the world's x as it stands there"),
-    ("-X", "-X", "It points against the world's x as it stands there"),
-    ("Y", "Y", "It points along the world's y as it stands there"),
-    ("-Y", "-Y", "It points against the world's y as it stands there"),
+    ("AUTO", "Longest Axis", "Along world X or Y, whichever the object is longer in"),
+    ("X", "X", "The object points along world X"),
+    ("-X", "-X", "The object points along world -X"),
+    ("Y", "Y", "The object points along world Y"),
+    ("-Y", "-Y", "The object points along world -Y"),
 )
 
 
@@ -28,46 +29,48 @@ def marked_above(thing: bpy.types.Object) -> bool:
 
 
 class UNISIM_OT_mesh_actor(bpy.types.Operator):
-    """Let the selected mesh objects, each with all that is parented to it, be actors: cameras and LiDARs see them"""
+    """Use the selected mesh objects and their children as actors, which cameras and LiDARs see"""
 
     bl_idname = "unisim.mesh_actor"
     bl_label = "Use Mesh as Actor"
     bl_options = {"REGISTER", "UNDO"}
 
-    label: StringProperty(name="Class", description="As the log's labels have it: Car, Pedestrian, Cones …", default="Car")
-    forward: EnumProperty(name="Points along", items=DIRECTIONS)
+    label: StringProperty(
+        name="Class", description="Class name as in the labels of the log, for example Car, Pedestrian or Cones", default="Car"
+    )
+    forward: EnumProperty(name="Points along", description="Forward direction of the object", items=DIRECTIONS)
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         """An object that is nothing of the drive yet has to be selected."""
-        needed = selected(context, "Select a mesh that is nothing of the drive yet", "NONE")
+        needed = selected(context, "Select a mesh object that is not part of the drive yet", "NONE")
         return allowed(cls, object_mode(context), drive(context), needed)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Mark each; its origin goes to its middle, its scale into its mesh."""
         found = [thing for thing in chosen(context, "NONE") if not marked_above(thing) and any(parts(thing))]
         if not found:
-            self.report({"ERROR"}, "nothing that is selected has a surface of its own")
+            self.report({"ERROR"}, "no selected object has a surface")
             return {"CANCELLED"}
         for thing in found:
             make_actor(thing, self.label or "Other", self.forward)
         choose(context, *found)
-        self.report({"INFO"}, f"{len(found)} used as actors")
+        self.report({"INFO"}, message("Mesh actors: {count}", count=len(found)))
         return {"FINISHED"}
 
 
 class UNISIM_OT_release_mesh(bpy.types.Operator):
-    """Let the selected meshes be ordinary objects again, which no sensor sees"""
+    """Turn the selected mesh actors back into ordinary objects, which no sensor sees"""
 
     bl_idname = "unisim.release_mesh"
-    bl_label = "Release Mesh"
+    bl_label = "Release Mesh Actor"
     bl_options = {"REGISTER", "UNDO"}
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         """A mesh that is an actor has to be selected."""
         meshes = any(thing.unisim.mesh for thing in chosen(context, "ACTOR"))
-        return allowed(cls, object_mode(context), (meshes, "Select a mesh that is an actor first"))
+        return allowed(cls, object_mode(context), (meshes, "Select a mesh actor first"))
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Take the mark away."""

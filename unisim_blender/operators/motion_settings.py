@@ -20,7 +20,7 @@ class UniSimMotion(bpy.types.PropertyGroup):
 
     acceleration_m_s2: FloatProperty(
         name="Acceleration",
-        description="Largest plausible longitudinal acceleration of a vehicle, speeding up or braking. Brakes of passenger cars "
+        description="Largest plausible longitudinal acceleration of a vehicle, speeding up or braking; brakes of passenger cars "
         "have to give 6.43 m/s² (UN Regulation 13-H)",
         default=DEFAULT.acceleration_m_s2,
         min=0.1,
@@ -29,7 +29,7 @@ class UniSimMotion(bpy.types.PropertyGroup):
     )
     lateral_m_s2: FloatProperty(
         name="Lateral",
-        description="Largest plausible lateral acceleration of a vehicle. Ordinary driving stays within about 0.4 g",
+        description="Largest plausible lateral acceleration of a vehicle; ordinary driving stays below about 0.4 g",
         default=DEFAULT.lateral_m_s2,
         min=0.1,
         soft_max=12.0,

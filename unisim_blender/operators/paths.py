@@ -14,24 +14,27 @@ from ..bridge.sampling import frame_of
 from ..bridge.selection import chosen
 from ..bridge.source import source_of
 from ..core.errors import UnisimError
+from ..translations import message
 from .polling import allowed, object_mode, selected
 
 
 class UNISIM_OT_follow_curve(bpy.types.Operator):
-    """Let the selected actors follow the selected curve at a speed, from the frame that is shown on"""
+    """Move the selected actors along the selected curve at a constant speed, from the current frame on"""
 
     bl_idname = "unisim.follow_curve"
     bl_label = "Follow Curve"
     bl_options = {"REGISTER", "UNDO"}
 
-    speed_m_s: FloatProperty(name="Speed", default=8.0, min=0.1, soft_max=40.0, unit="VELOCITY")
-    length_m: FloatProperty(name="Length", description="Of the curve", unit="LENGTH", options={"HIDDEN", "SKIP_SAVE"})
+    speed_m_s: FloatProperty(
+        name="Speed", description="Speed along the curve", default=8.0, min=0.1, soft_max=40.0, unit="VELOCITY"
+    )
+    length_m: FloatProperty(name="Length", description="Length of the curve", unit="LENGTH", options={"HIDDEN", "SKIP_SAVE"})
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         """Actors and one curve have to be selected."""
         curves = [thing for thing in context.selected_objects if thing.type == "CURVE"]
-        curve = len(curves) == 1, "Select one curve beside the actors: Add > Curve draws one"
+        curve = len(curves) == 1, "Select one curve in addition to the actors (Add > Curve)"
         return allowed(cls, object_mode(context), selected(context, "Select an actor first", "ACTOR"), curve)
 
     def draw(self, context: bpy.types.Context) -> None:
@@ -53,7 +56,7 @@ class UNISIM_OT_follow_curve(bpy.types.Operator):
         line = np.array([curve.matrix_world @ vertex.co for vertex in mesh.vertices], float)
         evaluated.to_mesh_clear()
         if len(line) < 2:
-            self.report({"ERROR"}, f'curve "{curve.name}": has fewer than two points')
+            self.report({"ERROR"}, message('curve "{name}" has fewer than two points', name=curve.name))
             return {"CANCELLED"}
         try:
             clock = Clock.of(source_of(context.scene).drive)
@@ -71,7 +74,7 @@ class UNISIM_OT_follow_curve(bpy.types.Operator):
 
 
 class UNISIM_OT_snap_to_ground(bpy.types.Operator):
-    """Put the selected actors and static items onto the ground under them, at the frame that is shown"""
+    """Place the selected actors and static items on the ground below them, at the current frame"""
 
     bl_idname = "unisim.snap_to_ground"
     bl_label = "Snap to Ground"
@@ -92,7 +95,7 @@ class UNISIM_OT_snap_to_ground(bpy.types.Operator):
                 low = now[:3, 3] - now[:3, 2] / np.linalg.norm(now[:3, 2]) * float(size_of(thing)[2]) / 2
                 ground = ground_height(source, low, context.scene.frame_current)
                 if ground is None:
-                    self.report({"WARNING"}, f"{thing.name}: nothing recorded tells how high the ground is there")
+                    self.report({"WARNING"}, message("{name}: the ground height is unknown there", name=thing.name))
                 else:
                     displaced_along(thing, (0.0, 0.0, ground - low[2]))
         except (UnisimError, OSError) as fault:

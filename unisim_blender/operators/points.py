@@ -66,7 +66,7 @@ def show_read() -> float | None:
         try:
             put_recorded(scene, future.result())
         except (UnisimError, OSError) as fault:
-            bpy.context.window_manager.unisim_task = str(fault)
+            bpy.context.window_manager.unisim_points = str(fault)
         for area in areas("VIEW_3D"):
             area.tag_redraw()
     return READ_S if reading else None
@@ -108,7 +108,7 @@ def gather() -> float | None:
             continue
         scene = bpy.data.scenes.get(key[0])
         if event["event"] == "progress":
-            bpy.context.window_manager.unisim_task = progress_line(event)
+            bpy.context.window_manager.unisim_points = progress_line(event)
             continue
         if event["event"] == "warning":
             print(f"Warning: {event['text']}")
@@ -120,7 +120,7 @@ def gather() -> float | None:
             del waiting[key]
             if event["event"] == "error":
                 asked.pop(key, None)  # the next change asks again
-            bpy.context.window_manager.unisim_task = event.get("text", "")
+            bpy.context.window_manager.unisim_points = event.get("text", "")
     return POLL_S if waiting else None
 
 
@@ -133,7 +133,7 @@ def follow(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None = None)
     try:
         update(scene)
     except (UnisimError, OSError) as fault:
-        bpy.context.window_manager.unisim_task = str(fault)
+        bpy.context.window_manager.unisim_points = str(fault)
 
 
 @persistent
@@ -151,7 +151,7 @@ def ask_again() -> None:
     try:
         ask_sweeps(scene)
     except (UnisimError, OSError) as fault:
-        bpy.context.window_manager.unisim_task = str(fault)
+        bpy.context.window_manager.unisim_points = str(fault)
 
 
 def update(scene: bpy.types.Scene) -> None:
@@ -168,14 +168,14 @@ def update(scene: bpy.types.Scene) -> None:
 
 
 class UNISIM_OT_show_points(bpy.types.Operator):
-    """Show LiDAR points as they were recorded, as they are simulated, or both"""
+    """Show recorded LiDAR points, simulated LiDAR points, or both"""
 
     bl_idname = "unisim.show_points"
     bl_label = "Show LiDAR Points"
     bl_options = {"REGISTER", "UNDO"}
 
-    recorded: bpy.props.BoolProperty(name="Recorded", default=True)
-    simulated: bpy.props.BoolProperty(name="Simulated", default=False)
+    recorded: bpy.props.BoolProperty(name="Recorded", description="Show recorded points", default=True)
+    simulated: bpy.props.BoolProperty(name="Simulated", description="Show simulated points", default=False)
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:

@@ -8,6 +8,7 @@ import bpy
 
 from ..bridge.selection import chosen
 from ..bridge.things import things
+from ..translations import tooltip
 
 Need = tuple[object, str]
 """Whether a need is met, and the sentence that says what to do where it is not."""
@@ -17,7 +18,7 @@ def allowed(operator: Any, *needs: Need) -> bool:
     """Return whether all needs are met; the first that is not is what the button's tooltip says."""
     for met, sentence in needs:
         if not met:
-            operator.poll_message_set(sentence)
+            operator.poll_message_set(tooltip(sentence))
             return False
     return True
 
@@ -29,12 +30,12 @@ def drive(context: bpy.types.Context) -> Need:
 
 def object_mode(context: bpy.types.Context) -> Need:
     """The window is in Object Mode."""
-    return context.mode == "OBJECT", "Go to Object Mode first (Tab)"
+    return context.mode == "OBJECT", "Switch to Object Mode first (Tab)"
 
 
 def vehicle(context: bpy.types.Context) -> Need:
     """The ego vehicle is there."""
-    return next(things(context.scene, "EGO"), None), "There is no ego vehicle: import a drive first"
+    return next(things(context.scene, "EGO"), None), "Import a drive first: there is no ego vehicle"
 
 
 def selected(context: bpy.types.Context, sentence: str, *kinds: str) -> Need:
@@ -44,4 +45,4 @@ def selected(context: bpy.types.Context, sentence: str, *kinds: str) -> Need:
 
 def idle(running: object) -> Need:
     """Nothing runs in the background."""
-    return not running, "Something else is running: cancel it, or wait until it has ended"
+    return not running, "Another task is running: cancel it or wait until it ends"

@@ -10,6 +10,7 @@ from ..bridge.writing import write_scenario
 from ..core.errors import UnisimError
 from ..preferences import device, interpreter
 from ..tasks import SequenceTask
+from ..translations import message
 from .background import launch, running
 from .export_scenario import scenario_of
 from .polling import allowed, drive, idle
@@ -23,9 +24,9 @@ def output_folder(scene: bpy.types.Scene) -> Path:
     """Return the folder that a scene's sequences go to. Raises `UnisimError` where none is set."""
     out = scene.unisim.out
     if not out:
-        raise UnisimError("no output folder is set: UniSim > Output > Folder")
+        raise UnisimError(message("Set an output folder first: UniSim > Output > Folder"))
     if out.startswith("//") and not bpy.data.filepath:
-        raise UnisimError(f"{out}: lies beside the .blend, which was never saved; save it, or name another folder")
+        raise UnisimError(message("{folder}: save the .blend first, or choose a folder that does not depend on it", folder=out))
     return Path(bpy.path.abspath(out)).absolute()
 
 
@@ -38,7 +39,7 @@ def render_arguments(scene: bpy.types.Scene, folder: Path, sensors: list[str] | 
 
 
 class UNISIM_OT_render_sequence(bpy.types.Operator):
-    """Render sensors of the scene over its frame range into the output folder. Finished frames are kept"""
+    """Render the sensors over the frame range into the output folder, in the background; finished frames are kept"""
 
     bl_idname = "unisim.render_sequence"
     bl_label = "Render Sequence"

@@ -15,34 +15,35 @@ from ..bridge.selection import chosen
 from ..bridge.source import source_of
 from ..core.errors import UnisimError
 from ..core.geometry import FloatArray
+from ..translations import message
 from .polling import allowed, object_mode, selected
 
 WAYS = (
-    ("DELAY", "Delay", "Everything later by some seconds"),
-    ("SPEED", "Speed", "Faster or slower from the frame that is shown on"),
-    ("STOP", "Stop and go", "Stand still from the frame that is shown on, then go on"),
-    ("STRETCH", "Stretch", "Take longer or shorter between two times; what comes later is later or earlier by that"),
+    ("DELAY", "Delay", "Delay the whole trajectory"),
+    ("SPEED", "Speed", "Change the speed from the current frame on"),
+    ("STOP", "Stop and go", "Stop at the current frame, then continue"),
+    ("STRETCH", "Stretch", "Change the speed between two times; later keyframes shift accordingly"),
 )
 NEEDED = {"DELAY": ("seconds",), "SPEED": ("speed",), "STOP": ("seconds",), "STRETCH": ("first_s", "last_s", "speed")}
 
 
 class UNISIM_OT_retime_actor(bpy.types.Operator):
-    """Let the selected actors go the same path at other times"""
+    """Change when the selected actors are where on their trajectories"""
 
     bl_idname = "unisim.retime_actor"
     bl_label = "Retime Actor"
     bl_options = {"REGISTER", "UNDO"}
 
-    way: EnumProperty(name="Way", items=WAYS, default="DELAY")
+    way: EnumProperty(name="Mode", description="Kind of time change", items=WAYS, default="DELAY")
     seconds: FloatProperty(
         name="Seconds",
-        description="How much later, or how long it stands still, in seconds of the log",
+        description="Delay or duration of the stop, in seconds of the log",
         default=0.5,
         unit="TIME_ABSOLUTE",
     )
-    speed: FloatProperty(name="Speed", description="1 is as it was", default=0.5, min=0.01, soft_max=4.0)
-    first_s: FloatProperty(name="From", description="In seconds of the log", default=0.0, unit="TIME_ABSOLUTE")
-    last_s: FloatProperty(name="To", description="In seconds of the log", default=2.0, unit="TIME_ABSOLUTE")
+    speed: FloatProperty(name="Speed", description="Factor of the original speed", default=0.5, min=0.01, soft_max=4.0)
+    first_s: FloatProperty(name="From", description="Start time, in seconds of the log", default=0.0, unit="TIME_ABSOLUTE")
+    last_s: FloatProperty(name="To", description="End time, in seconds of the log", default=2.0, unit="TIME_ABSOLUTE")
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
@@ -75,7 +76,10 @@ class UNISIM_OT_retime_actor(bpy.types.Operator):
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Move keys."""
         if self.way == "STRETCH" and self.first_s >= self.last_s:
-            self.report({"ERROR"}, f"From {self.first_s:g} s must lie before to {self.last_s:g} s")
+            self.report(
+                {"ERROR"},
+                message("From ({first:g} s) must be earlier than To ({last:g} s)", first=self.first_s, last=self.last_s),
+            )
             return {"CANCELLED"}
         try:
             clock = Clock.of(source_of(context.scene).drive)

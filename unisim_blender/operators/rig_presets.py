@@ -123,7 +123,7 @@ class UNISIM_OT_save_rig(bpy.types.Operator):
 
 
 class UNISIM_OT_remove_rig(bpy.types.Operator):
-    """Delete a rig preset's file. Sensors that it put on vehicles stay"""
+    """Delete the file of a rig preset; sensors on vehicles are kept"""
 
     bl_idname = "unisim.remove_rig"
     bl_label = "Remove Rig Preset"

@@ -24,8 +24,8 @@ from .polling import allowed, object_mode, selected, vehicle
 OWN = "OWN"
 OWN_TABLE = "15, 10, 5, 2, 0, -2, -4, -7, -10, -15"
 PRESETS = [
-    *((name, name.upper(), table.__doc__ or "") for name, table in BEAM_TABLES.items()),
-    (OWN, "Own table", "Elevations of one's own"),
+    *((name, name.upper(), (table.__doc__ or "").rstrip(".")) for name, table in BEAM_TABLES.items()),
+    (OWN, "Custom", "Custom elevation angles"),
 ]
 
 
@@ -77,7 +77,7 @@ class _OfSensor:
 
 
 class UNISIM_OT_look_through(_OfSensor, bpy.types.Operator):
-    """Look through this camera: images become as large as its own"""
+    """Look through this camera and use its image size"""
 
     bl_idname = "unisim.look_through"
     bl_label = "Look Through Camera"
@@ -114,19 +114,25 @@ class UNISIM_OT_show_sensor(_OfSensor, bpy.types.Operator):
 
 
 class UNISIM_OT_add_camera(_OnVehicle, bpy.types.Operator):
-    """Put a new camera on the vehicle and look through it"""
+    """Add a camera to the vehicle and make it the active camera"""
 
     bl_idname = "unisim.add_camera"
     bl_label = "Add Camera"
 
-    width: IntProperty(name="Width", default=960, min=16, soft_max=3840, subtype="PIXEL")
-    height: IntProperty(name="Height", default=540, min=16, soft_max=2160, subtype="PIXEL")
-    fov_deg: FloatProperty(name="Horizontal view", description="Degrees", default=70.0, min=1.0, max=170.0)
-    mount: FloatVectorProperty(
-        name="Mount", description="On the vehicle", default=(1.2, 0.0, 1.6), subtype="XYZ_LENGTH", unit="LENGTH"
+    width: IntProperty(name="Width", description="Image width", default=960, min=16, soft_max=3840, subtype="PIXEL")
+    height: IntProperty(name="Height", description="Image height", default=540, min=16, soft_max=2160, subtype="PIXEL")
+    fov_deg: FloatProperty(
+        name="Horizontal FOV", description="Horizontal field of view in degrees", default=70.0, min=1.0, max=170.0
     )
-    yaw_deg: FloatProperty(name="Yaw", description="Degrees to the left", default=0.0)
-    pitch_deg: FloatProperty(name="Pitch", description="Degrees up", default=0.0)
+    mount: FloatVectorProperty(
+        name="Mount",
+        description="Position in the frame of the vehicle",
+        default=(1.2, 0.0, 1.6),
+        subtype="XYZ_LENGTH",
+        unit="LENGTH",
+    )
+    yaw_deg: FloatProperty(name="Yaw", description="Rotation to the left in degrees", default=0.0)
+    pitch_deg: FloatProperty(name="Pitch", description="Rotation upwards in degrees", default=0.0)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Square pixels, the principal point in the middle, a global shutter."""
@@ -144,12 +150,12 @@ class UNISIM_OT_add_camera(_OnVehicle, bpy.types.Operator):
 class _Beams:
     """A maker's beam table, or one's own."""
 
-    preset: EnumProperty(name="Beams", items=PRESETS, default="pandar64")
+    preset: EnumProperty(name="Beams", description="Beam table", items=PRESETS, default="pandar64")
     elevations: StringProperty(
-        name="Elevations", description="Of one's own beams: degrees, separated by commas", default=OWN_TABLE
+        name="Elevations", description="Elevation angles of custom beams in degrees, separated by commas", default=OWN_TABLE
     )
-    columns: IntProperty(name="Columns", description="Of one's own beams: how often each fires in a turn", default=1800, min=1)
-    max_range_m: FloatProperty(name="Range", description="Of one's own beams", default=200.0, min=1.0, unit="LENGTH")
+    columns: IntProperty(name="Columns", description="Firings per revolution of custom beams", default=1800, min=1)
+    max_range_m: FloatProperty(name="Range", description="Maximum range of custom beams", default=200.0, min=1.0, unit="LENGTH")
 
     def invoke(self: Any, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Ask for one's own table."""
@@ -179,13 +185,17 @@ def own_table(elevations: str, columns: int, max_range_m: float) -> LidarModel:
 
 
 class UNISIM_OT_add_lidar(_OnVehicle, _Beams, bpy.types.Operator):
-    """Put a new LiDAR on the vehicle"""
+    """Add a LiDAR to the vehicle"""
 
     bl_idname = "unisim.add_lidar"
     bl_label = "Add LiDAR"
 
     mount: FloatVectorProperty(
-        name="Mount", description="On the vehicle", default=(0.0, 0.0, 2.0), subtype="XYZ_LENGTH", unit="LENGTH"
+        name="Mount",
+        description="Position in the frame of the vehicle",
+        default=(0.0, 0.0, 2.0),
+        subtype="XYZ_LENGTH",
+        unit="LENGTH",
     )
 
     def execute(self, context: bpy.types.Context) -> set[str]:
@@ -203,7 +213,7 @@ class UNISIM_OT_add_lidar(_OnVehicle, _Beams, bpy.types.Operator):
 
 
 class UNISIM_OT_set_beams(_Beams, bpy.types.Operator):
-    """Give the selected LiDARs another beam table"""
+    """Change the beam table of the selected LiDARs"""
 
     bl_idname = "unisim.set_beams"
     bl_label = "Change Beams"

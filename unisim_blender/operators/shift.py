@@ -31,7 +31,7 @@ class UNISIM_OT_shift_actor(bpy.types.Operator):
     ahead_m: FloatProperty(
         name="Along Path",
         description="Forward by this length of the trajectory's path, round its turns, and straight on beyond its ends; "
-        "what stands still moves along its own axis. Negative: backward",
+        "actors that do not move are shifted along their own axis; negative values shift backward",
         default=0.0,
         soft_min=-50.0,
         soft_max=50.0,

@@ -12,13 +12,15 @@ from .polling import allowed, drive, object_mode, selected
 
 
 class UNISIM_OT_mark_static(bpy.types.Operator):
-    """Mark a box of space as a static item: the active plain mesh's box, or a new one standing at the 3D cursor"""
+    """Mark a static item: the bounding box of the selected active mesh, or a new box at the 3D cursor"""
 
     bl_idname = "unisim.mark_static"
     bl_label = "Mark Static Item"
     bl_options = {"REGISTER", "UNDO"}
 
-    size_m: FloatVectorProperty(name="Size", default=(0.6, 0.6, 1.0), min=0.02, subtype="XYZ_LENGTH", unit="LENGTH")
+    size_m: FloatVectorProperty(
+        name="Size", description="Size of the new box", default=(0.6, 0.6, 1.0), min=0.02, subtype="XYZ_LENGTH", unit="LENGTH"
+    )
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
@@ -69,10 +71,10 @@ class UNISIM_OT_copy_static(bpy.types.Operator):
 
 
 class UNISIM_OT_forget_static(bpy.types.Operator):
-    """Take the marks off the selected static items: their boxes go, and what stands in them stays"""
+    """Remove the marks of the selected static items; the scene itself stays unchanged"""
 
     bl_idname = "unisim.forget_static"
-    bl_label = "Forget Static Item"
+    bl_label = "Unmark Static Item"
     bl_options = {"REGISTER", "UNDO"}
 
     @classmethod

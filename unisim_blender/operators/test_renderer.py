@@ -7,9 +7,9 @@ import bpy
 from .. import interpreters
 from ..bridge.windows import areas
 from ..preferences import interpreter
+from ..translations import message
 
 POLL_S = 0.2
-NEEDS_TORCH = "It renders on the processor; training, and rendering on a GPU, need an interpreter with torch, named above"
 
 
 def report_of(chosen: str) -> str:
@@ -23,32 +23,36 @@ def report_of(chosen: str) -> str:
     memory = f", {about['memory_bytes'] / 2**30:.0f} GiB" if about["memory_bytes"] else ""
     return "\n".join(
         [
-            f"Renders with {found.path}",
+            message("Renders with {path}", path=found.path),
             f"Python {about['python']}{torch}, kernels: {about['kernels']}",
             f"{' and '.join(about['devices'])}{memory}",
-            *([NEEDS_TORCH] if about["training_lacks"] else []),
+            *(
+                [message("Rendering runs on the CPU; training and GPU rendering need an interpreter with torch, named above")]
+                if about["training_lacks"]
+                else []
+            ),
             *lines,
         ]
     )
 
 
 class UNISIM_OT_test_renderer(bpy.types.Operator):
-    """Look for an interpreter that can render, and say what it has"""
+    """Find an interpreter that can render and show its capabilities"""
 
     bl_idname = "unisim.test_renderer"
-    bl_label = "Test the Renderer"
+    bl_label = "Test Renderer"
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Ask in a thread; without a window, wait."""
         chosen, answer = interpreter(), []
         thread = threading.Thread(target=lambda: answer.append(report_of(chosen)), daemon=True)
         thread.start()
-        context.window_manager.unisim_renderer = "Looking…"
+        context.window_manager.unisim_renderer = message("Searching…")
 
         def tell() -> float | None:
             if thread.is_alive():
                 return POLL_S
-            bpy.context.window_manager.unisim_renderer = answer[0] if answer else "The test failed"
+            bpy.context.window_manager.unisim_renderer = answer[0] if answer else message("The test failed")
             for area in areas():
                 area.tag_redraw()
             return None

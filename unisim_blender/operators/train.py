@@ -15,25 +15,26 @@ PREVIEW_S = 30.0
 
 
 class UNISIM_OT_train(bpy.types.Operator):
-    """Train a neural scene of the imported log, in the background. A folder that holds an unfinished training goes on with it"""
+    """Train a neural scene on the imported log, in the background; an unfinished training in the folder is resumed"""
 
     bl_idname = "unisim.train"
     bl_label = "Train Neural Scene"
     bl_options = {"REGISTER"}
 
-    directory: StringProperty(name="Folder", subtype="DIR_PATH")
-    minutes: FloatProperty(name="Minutes", default=60.0, min=0.1)
-    width: IntProperty(name="Width", description="Of the images, in pixels; 0: as recorded", default=640, min=0)
+    directory: StringProperty(name="Folder", description="Folder of the trained scene", subtype="DIR_PATH")
+    minutes: FloatProperty(name="Minutes", description="Training time in minutes", default=60.0, min=0.1)
+    width: IntProperty(name="Width", description="Image width in pixels; 0 for the recorded width", default=640, min=0)
     preset: EnumProperty(
         name="Preset",
+        description="Model configuration",
         items=[
             (name, name.upper() if name == "hd" else name.capitalize(), "")
             for name in ("compact", "small", "hd", "paper", "tiny")
         ],
         default="small",
     )
-    cameras: StringProperty(name="Cameras", description="Separated by commas, or all", default="front_camera")
-    frames: StringProperty(name="Frames", description="START:STOP:STEP", default="::2")
+    cameras: StringProperty(name="Cameras", description="Camera names separated by commas, or all", default="front_camera")
+    frames: StringProperty(name="Frames", description="Frames as START:STOP:STEP", default="::2")
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:

@@ -152,7 +152,7 @@ class UNISIM_OT_show_variant(bpy.types.Operator):
 
 
 class UNISIM_OT_compare_variant(bpy.types.Operator):
-    """Compare this variant with the one that is shown, by their edits. Again: end the comparison"""
+    """Compare the edits of this variant with those of the shown variant, or end the comparison"""
 
     bl_idname = "unisim.compare_variant"
     bl_label = "Compare with Shown Variant"
@@ -254,8 +254,7 @@ class UNISIM_OT_export_variants(_InSteps, bpy.types.Operator):
 
 
 class UNISIM_OT_render_variants(_InSteps, bpy.types.Operator):
-    """Render the marked variants one after the other, each into a folder of its own in the output folder. Finished
-    frames stay"""
+    """Render the marked variants one after another, each into its own folder in the output folder; finished frames are kept"""
 
     bl_idname = "unisim.render_variants"
     bl_label = "Render Variants"

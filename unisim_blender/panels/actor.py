@@ -10,6 +10,7 @@ from ..bridge.card import Card, card_of
 from ..bridge.source import source_of
 from ..core.errors import UnisimError
 from ..operators.actor_choice import header_of
+from ..translations import interface
 from .sidebar import DrivePanel, row_of
 
 PICTURE_SCALE = 5.0
@@ -58,7 +59,7 @@ class UNISIM_PT_actor(DrivePanel, bpy.types.Panel):
         box = layout.box()
         box.template_icon(portrait(context) if card else thumbnails.grey(), scale=PICTURE_SCALE)
         box = box.column(align=True)
-        row_of(box, "Actor", card.name if card else "none is active", "OBJECT_DATA")
+        row_of(box, "Actor", card.name if card else interface("no active actor"), "OBJECT_DATA")
         row_of(box, "Class", f"{card.label} ({card.role})" if card else "")
         row_of(box, "Size", card.size if card else "")
         row_of(box, "Speed", f"{card.speed_m_s * 3.6:.0f} km/h" if card else "")

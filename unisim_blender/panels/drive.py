@@ -4,8 +4,8 @@ from pathlib import Path
 
 import bpy
 
-from ..bridge.importing import counted
 from ..bridge.things import things
+from ..translations import interface
 from .sidebar import Sidebar, row_of
 
 POINTS = (("None", False, False), ("Recorded", True, False), ("Simulated", False, True), ("Both", True, True))
@@ -22,7 +22,7 @@ class UNISIM_PT_drive(Sidebar, bpy.types.Panel):
         layout, scene = self.layout, context.scene
         about = scene.unisim
         if not about.log:
-            layout.label(text="No drive yet", icon="INFO")
+            layout.label(text="No drive imported", icon="INFO")
             layout.operator("unisim.import_log", text="Import Driving Log", icon="IMPORT")
             layout.operator("unisim.import_scene", text="Import Trained Scene", icon="IMPORT")
             return
@@ -30,7 +30,12 @@ class UNISIM_PT_drive(Sidebar, bpy.types.Panel):
         row_of(column, "Log", Path(about.log).name, "FILE_FOLDER")
         row_of(column, "Scene", Path(about.scene).name if about.scene else "", "SHADING_RENDERED")
         actors, sensors = (sum(1 for _ in things(scene, *kinds)) for kinds in (("ACTOR",), ("CAMERA", "LIDAR")))
-        row_of(column, "Holds", f"{counted(actors, 'actor')}, {counted(sensors, 'sensor')}", "OUTLINER_OB_GROUP_INSTANCE")
+        row_of(
+            column,
+            "Contains",
+            interface("Actors: {actors}, sensors: {sensors}", actors=actors, sensors=sensors),
+            "OUTLINER_OB_GROUP_INSTANCE",
+        )
         layout.operator("unisim.import_scene", text="Import Trained Scene", icon="IMPORT")
         layout.operator("unisim.recorded_colours", icon="COLOR")
 
@@ -60,6 +65,8 @@ class UNISIM_PT_show(Sidebar, bpy.types.Panel):
             now = (about.show_recorded, about.show_simulated) == (recorded, simulated)
             shown = row.operator("unisim.show_points", text=name, depress=now)
             shown.recorded, shown.simulated = recorded, simulated
+        if context.window_manager.unisim_points:
+            layout.label(text=context.window_manager.unisim_points, translate=False, icon="INFO")
         column = layout.column()
         column.enabled = about.show_recorded or about.show_simulated
         column.prop(about, "points_colour", text="Colour by")

@@ -43,7 +43,7 @@ class UNISIM_PT_edits(DrivePanel, bpy.types.Panel):
             column.alert = True
             column.label(text=reading.problem, icon="ERROR")
         elif not reading.lines:
-            layout.label(text="None: all stands as recorded", icon="CHECKMARK")
+            layout.label(text="None: everything is as recorded", icon="CHECKMARK")
         else:
             layout.label(text=count_text(reading.lines), icon="GREASEPENCIL")
         if not reading.lines:

@@ -2,8 +2,11 @@
 
 import bpy
 
-from ..operators.background import curve_icon, newest
+from ..operators.background import curve_icon, newest, owner
+from ..operators.check import is_outdated
+from ..operators.results import results_of
 from ..registering import add, take_away
+from ..translations import interface
 from .sidebar import DrivePanel, Sidebar
 
 
@@ -16,11 +19,21 @@ class UNISIM_PT_warnings(DrivePanel, bpy.types.Panel):
     def draw(self, context: bpy.types.Context) -> None:
         """Draw a line for each finding, which jumps to the place."""
         self.layout.operator("unisim.check", icon="CHECKMARK")
+        check, outdated = context.scene.unisim_check, is_outdated(context.scene)
+        if not check.state:
+            self.layout.label(text="Not checked yet", icon="BLANK1")
+            return
+        if outdated:
+            self.layout.label(text="Edited since the check", icon="FILE_REFRESH")
+        elif not check.warnings:
+            self.layout.label(text="No warnings", icon="BLANK1")
         column = self.layout.column(align=True)
-        for warning in context.window_manager.unisim_warnings:
-            text = f"{warning.frame}: {warning.name} {warning.text}"
-            there = column.operator("unisim.go_to", text=text, icon="ERROR")
-            there.thing, there.frame = warning.name, warning.frame
+        column.active = not outdated
+        for warning in check.warnings:
+            text = f"{warning.time_s:.1f} s ({warning.frame})  {warning.name}"
+            there = column.operator("unisim.go_to", text=text, translate=False, icon="ERROR")
+            column.label(text=warning.text[:1].upper() + warning.text[1:], translate=False)
+            there.thing, there.frame, there.place = warning.name, warning.frame, warning.place
 
 
 class UNISIM_PT_output(Sidebar, bpy.types.Panel):
@@ -51,6 +64,7 @@ class UNISIM_PT_output(Sidebar, bpy.types.Panel):
         column.prop(about, "contact_shadows")
         layout.operator("unisim.render_sequence", icon="RENDER_ANIMATION")
         draw_task(layout, context.window_manager)
+        draw_results(layout, context)
         layout.operator("unisim.export_scenario", icon="EXPORT")
         layout.operator("unisim.train", icon="MODIFIER")
         layout.operator("unisim.make_library", icon="ASSET_MANAGER")
@@ -61,12 +75,23 @@ class UNISIM_PT_output(Sidebar, bpy.types.Panel):
 
 def draw_task(layout: bpy.types.UILayout, manager: bpy.types.WindowManager) -> None:
     """Draw how far the task is that runs, and what ends it."""
-    layout.progress(factor=manager.unisim_progress, text=manager.unisim_task or "Nothing runs")
+    layout.progress(factor=manager.unisim_progress, text=manager.unisim_task or interface("No task"))
+    layout.label(text=owner() or "–", translate=False, icon="FILE_FOLDER")
     layout.operator("unisim.cancel_task", icon="CANCEL")
 
 
+def draw_results(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
+    """Draw the buttons for what a sequence left: with images of several cameras, playing them is a menu."""
+    row = layout.row(align=True)
+    row.operator("unisim.open_output", icon="FILE_FOLDER")
+    if len(results_of(context.scene)) > 1:
+        row.operator_menu_enum("unisim.play_result", "camera", icon="PLAY")
+    else:
+        row.operator("unisim.play_result", icon="PLAY")
+
+
 class UNISIM_PT_render(bpy.types.Panel):
-    """How finely the engine UniSim samples rays"""
+    """Sampling settings of the engine UniSim"""
 
     bl_label = "Sampling"
     bl_space_type = "PROPERTIES"

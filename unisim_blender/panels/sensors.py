@@ -125,7 +125,7 @@ class UNISIM_PT_sensors(DrivePanel, bpy.types.Panel):
         box = layout.box().column(align=True)
         row_of(box, "Sensor", sensor.name if sensor else "none is active", "CAMERA_DATA")
         row_of(box, "State", card.state if card else "")
-        row_of(box, "Looks", card.view if card else "")
+        row_of(box, "Direction", card.view if card else "")
         row_of(box, "Mount", card.mount if card else "")
         if sensor is not None:
             row = box.split(factor=0.36)

@@ -28,4 +28,4 @@ def row_of(layout: Any, name: str, text: str, icon: str = "NONE") -> None:
     """Draw a row that says ``text`` of ``name``; it stays where it is when there is nothing to say."""
     split = layout.split(factor=0.36)
     split.label(text=name, icon=icon)
-    split.label(text=text or "–")
+    split.label(text=text or "–", translate=False)

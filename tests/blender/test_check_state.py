@@ -1,0 +1,120 @@
+"""Warnings are saved with the scene, and are marked when what they are about has changed."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import Any
+
+import bpy
+import numpy as np
+import pytest
+from helpers import thing
+
+from unisim_blender.bridge.edit_state import edit_state
+from unisim_blender.bridge.source import source_of
+from unisim_blender.bridge.things import things
+from unisim_blender.operators import check
+
+
+def car(scene: Any, moving: bool = False) -> Any:
+    """A car that stands, or drives."""
+    actors = source_of(scene).drive.actors
+    return thing(scene, "ACTOR", next(u for u, a in sorted(actors.items()) if a.is_moving == moving and "Car" in a.label))
+
+
+def test_warnings_survive_saving_with_time_place_and_object(street: Any, tmp_path: Path) -> None:
+    one = car(street)
+    one.location.z += 2.0
+    name, place = one.name, np.array(one.location)
+    assert bpy.ops.unisim.check() == {"FINISHED"}
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "drive.blend"))
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    assert not bpy.context.scene.unisim_check.state
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "drive.blend"))
+    scene = bpy.context.scene
+    (warning,) = [w for w in scene.unisim_check.warnings if w.name == name]
+    assert "above the ground" in warning.text and warning.time_s == pytest.approx(
+        source_of(scene).drive.time_s[warning.frame], abs=1e-6
+    )
+    assert np.abs(np.array(warning.place) - place).max() < 1e-3
+    check.compare()
+    assert not check.is_outdated(scene)
+    scene.frame_set(7)
+    assert bpy.ops.unisim.go_to(thing=warning.name, frame=warning.frame, place=warning.place) == {"FINISHED"}
+    assert bpy.context.active_object.name == name and scene.frame_current == warning.frame
+
+
+def test_an_edit_marks_the_warnings_and_another_check_takes_the_mark_away(street: Any) -> None:
+    bpy.ops.unisim.check()
+    check.compare()
+    assert not check.is_outdated(street)
+    car(street).location.x += 0.5
+    check.compare()
+    assert check.is_outdated(street)
+    bpy.ops.unisim.check()
+    assert not check.is_outdated(street)
+
+
+def test_what_is_no_edit_changes_no_state(street: Any) -> None:
+    before = edit_state(street)
+    street.frame_set(9)
+    car(street).select_set(True)
+    street.unisim.quality = "fine"
+    street.camera = None
+    bpy.context.view_layer.update()
+    assert edit_state(street) == before
+
+
+def keyed(scene: Any) -> None:
+    """Retime a car that drives."""
+    one = car(scene, moving=True)
+    for other in bpy.context.selected_objects:
+        other.select_set(False)
+    one.select_set(True)
+    bpy.ops.unisim.retime_actor(way="DELAY", seconds=0.3)
+
+
+@pytest.mark.parametrize(
+    "edit",
+    [
+        lambda scene: setattr(car(scene), "hide_render", True),
+        lambda scene: bpy.data.objects.remove(car(scene)),
+        lambda scene: setattr(car(scene, moving=True), "location", (0.0, 1.0, 0.0)),
+        keyed,
+        lambda scene: setattr(next(things(scene, "CAMERA")).data, "lens", 20.0),
+        lambda scene: setattr(car(scene).unisim, "look", "another"),
+        lambda scene: car(scene).constraints.new("COPY_LOCATION"),
+        lambda scene: setattr(bpy.context.view_layer.layer_collection.children[-1], "exclude", True),
+        lambda scene: setattr(scene.render, "frame_map_new", 50),
+    ],
+)
+def test_every_edit_changes_the_state(street: Any, edit: Any) -> None:
+    before = edit_state(street)
+    edit(street)
+    bpy.context.view_layer.update()
+    assert edit_state(street) != before
+
+
+def test_undo_brings_the_state_back(street: Any) -> None:
+    bpy.ops.unisim.check()
+    before = edit_state(street)
+    bpy.ops.ed.undo_push(message="checked")
+    car(street).location.x += 0.5
+    bpy.ops.ed.undo_push(message="moved")
+    assert edit_state(bpy.context.scene) != before
+    bpy.ops.ed.undo()
+    assert edit_state(bpy.context.scene) == before
+
+
+def test_the_state_takes_no_time_that_a_person_sees(street: Any) -> None:
+    edit_state(street)
+    begun = time.perf_counter()
+    edit_state(street)
+    took = time.perf_counter() - begun
+    assert took < 0.1, f"{took:.3f} s"
+
+
+def test_a_deleted_object_is_named(street: Any, capfd: pytest.CaptureFixture[str]) -> None:
+    assert bpy.ops.unisim.go_to(thing="gone", frame=3) == {"FINISHED"}
+    assert street.frame_current == 3 and '"gone" no longer exists' in "".join(capfd.readouterr())

@@ -1,0 +1,124 @@
+"""What a sequence left: its folder opened, its images played, and to which file a task belongs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import bpy
+import pytest
+
+from unisim_blender.bridge import results as listing
+from unisim_blender.bridge.results import frames_in, player_command, rendered_cameras
+from unisim_blender.operators import background, results
+from unisim_blender.tasks import SequenceTask
+
+
+@pytest.fixture(autouse=True)
+def fresh() -> None:
+    """No listing of an earlier test."""
+    listing._listed.clear()
+
+
+def images(folder: Path, frames: range) -> None:
+    """Empty images of frames."""
+    folder.mkdir(parents=True)
+    for frame in frames:
+        (folder / f"{frame:06d}.png").touch()
+
+
+def test_images_are_found_by_camera(tmp_path: Path) -> None:
+    images(tmp_path / "camera" / "left", range(4, 11, 2))
+    images(tmp_path / "camera" / "front", range(0, 1))
+    images(tmp_path / "camera" / "none", range(0))
+    images(tmp_path / "camera" / "gaps", range(0, 1))
+    for frame in (3, 5):
+        (tmp_path / "camera" / "gaps" / f"{frame:06d}.png").touch()
+    (tmp_path / "camera" / "left.mp4").touch()
+    (tmp_path / "camera" / "left" / "000004.exr").touch()
+    found = rendered_cameras(tmp_path)
+    assert list(found) == ["front", "gaps", "left"] and found["gaps"].step == 1
+    left = found["left"]
+    assert (left.first, left.last, left.step, left.count) == (4, 10, 2, 4)
+    assert left.first_path == tmp_path / "camera" / "left" / "000004.png" and left.first_path.is_file()
+    assert (found["front"].step, found["front"].count) == (1, 1)
+    assert rendered_cameras(tmp_path / "missing") == {} and frames_in(tmp_path / "camera" / "left.mp4") is None
+
+
+def test_a_panel_lists_the_folder_once_a_second(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    now = [100.0]
+    monkeypatch.setattr(listing, "time", SimpleNamespace(monotonic=lambda: now[0]))
+    assert rendered_cameras(tmp_path) == {}
+    images(tmp_path / "camera" / "left", range(2))
+    assert rendered_cameras(tmp_path) == {}
+    now[0] += 1.5
+    assert list(rendered_cameras(tmp_path)) == ["left"]
+
+
+def test_the_player_is_blender_at_the_scenes_rate(tmp_path: Path) -> None:
+    images(tmp_path / "front", range(4, 11, 2))
+    frames = frames_in(tmp_path / "front")
+    assert frames is not None
+    assert player_command("/blender", frames, 10, 1.0) == [
+        "/blender", "-a", "-f", "10", "1", "-s", "4", "-e", "10", "-j", "2", str(tmp_path / "front" / "000004.png"),
+    ]  # fmt: skip
+
+
+def why_grey(operator: Any) -> str:
+    """What a grey button says; "" where it can be pressed."""
+    try:
+        operator()
+    except RuntimeError as fault:
+        return str(fault)
+    return ""
+
+
+def test_buttons_are_grey_with_a_reason_before_there_are_results(street: Any, tmp_path: Path) -> None:
+    street.unisim.out = "//render"
+    assert "Save the .blend first" in why_grey(bpy.ops.unisim.open_output)
+    street.unisim.out = str(tmp_path / "out")
+    assert "does not exist yet" in why_grey(bpy.ops.unisim.open_output)
+    assert "no camera images yet" in why_grey(bpy.ops.unisim.play_result)
+    images(tmp_path / "out" / "camera" / "front", range(2))
+    listing._listed.clear()
+    assert "Python module" in why_grey(bpy.ops.unisim.play_result)
+    assert bpy.ops.unisim.open_output.poll()
+
+
+def test_folder_and_player_get_the_right_paths(street: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    street.unisim.out = str(tmp_path)
+    images(tmp_path / "camera" / "front", range(2))
+    images(tmp_path / "camera" / "left", range(3, 6))
+    opened: list[str] = []
+    started: list[list[str]] = []
+    windowed = SimpleNamespace(
+        app=SimpleNamespace(binary_path="/blender"), path=bpy.path, data=bpy.data,
+        ops=SimpleNamespace(wm=SimpleNamespace(path_open=lambda filepath: opened.append(filepath) or {"FINISHED"})),
+    )  # fmt: skip
+    monkeypatch.setattr(results, "bpy", windowed)
+    monkeypatch.setattr(results.subprocess, "Popen", started.append)
+    assert bpy.ops.unisim.open_output() == {"FINISHED"} and opened == [str(tmp_path)]
+    assert bpy.ops.unisim.play_result(camera="left") == {"FINISHED"}
+    assert started[0][0] == "/blender" and started[0][-1] == str(tmp_path / "camera" / "left" / "000003.png")
+    assert [item[0] for item in results.camera_items(None, bpy.context)] == ["front", "left"]
+
+
+def test_a_tasks_line_says_what_it_belongs_to(street: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    file = str(tmp_path / "first.blend")
+    bpy.ops.wm.save_as_mainfile(filepath=file)
+    task = SequenceTask([], tmp_path / "out", 4.0)
+    monkeypatch.setattr(task, "start", lambda: setattr(task, "code", 0))
+    background.launch(task)
+    manager = bpy.context.window_manager
+    assert manager.unisim_task == "Done: 0 of 4 frames" and background.owner() == str(tmp_path / "out")
+    manager.unisim_points = "a sweep of this file"
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    manager = bpy.context.window_manager
+    assert manager.unisim_task == "Done: 0 of 4 frames" and manager.unisim_points == ""
+    assert background.owner() == f"first.blend: {tmp_path / 'out'}"
+    bpy.ops.wm.open_mainfile(filepath=file)
+    assert background.owner() == str(tmp_path / "out")
+    background.newest.clear()
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    assert bpy.context.window_manager.unisim_task == "" and background.owner() == ""

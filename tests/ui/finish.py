@@ -1,0 +1,253 @@
+"""What users expect of a finished extension: F1, results of a sequence, progress in the status bar, saved warnings, German.
+
+Run by `run.py`.
+"""
+
+from __future__ import annotations
+
+import sys
+import webbrowser
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+from urllib.parse import urlparse
+from urllib.request import url2pathname
+
+import bpy
+
+sys.path.insert(0, str(Path(__file__).parent))
+from hands import click, drop, event, key, middle, sidebar, thing, to
+from session import ARCHIVE, MODULE, OUT, SCENE, area, inside, results, screenshot, start, until, view
+from tasks import begin, task
+
+OPENINGS = 20
+"""How often a file is opened while a task runs."""
+looked_up: list[str] = []
+"""What F1 asked the manual for."""
+opened: list[str] = []
+"""Addresses that a browser was to open."""
+
+
+def intercept() -> None:
+    """Note what F1 looks up and what a browser is to open; nothing is opened."""
+    import bl_operators.wm as wm
+
+    find = wm.WM_OT_doc_view_manual._find_reference
+
+    def noted(rna_id: str, *rest: Any, **more: Any) -> Any:
+        if not looked_up or looked_up[-1] != rna_id.lower():
+            looked_up.append(rna_id.lower())
+        return find(rna_id, *rest, **more)
+
+    wm.WM_OT_doc_view_manual._find_reference = staticmethod(noted)
+    webbrowser.open = lambda url, *_, **__: bool(opened.append(url)) or True  # type: ignore[func-returns-value]
+
+
+def press(name: str, across: float = 0.3) -> Iterator[float]:
+    """Move the mouse onto a button of the sidebar, found by what F1 says of it; ``across``: how far to the right it is."""
+    found, _, _ = view()
+    region = next(r for r in found.regions if r.type == "UI")
+    for _ in range(8):
+        for down in range(12, region.height - 8, 9):
+            looked_up.clear()
+            yield from to(region.x + region.width * across, region.y + region.height - down)
+            yield 0.02
+            yield from key("F1")
+            yield 0.02
+            if looked_up and looked_up[-1] == name:
+                yield from to(region.x + region.width * across, region.y + region.height - down - 5)
+                yield 0.1
+                return
+        yield from to(region.x + region.width * across, region.y + region.height / 2)
+        for _ in range(6):
+            event("WHEELDOWNMOUSE", "PRESS")
+            yield 0.02
+        yield 0.2
+    raise AssertionError(f"{name}: is on no panel")
+
+
+def first_import() -> Iterator[float]:
+    """The sample's drive, and the tab UniSim."""
+    yield from to(*middle(area("VIEW_3D")))
+    drop(SCENE)
+    scene = bpy.context.scene
+    yield from until(lambda: scene.render.engine == "UNISIM" and scene.camera.unisim.kind == "CAMERA", "the import does not end")
+    yield 0.5
+    yield from sidebar()
+    yield 0.3
+
+
+def manual() -> Iterator[float]:
+    """F1 on a button opens the section that describes it, from the disk."""
+    yield from press("bpy.ops.unisim.render_sequence")
+    assert opened, "F1 opens nothing"
+    path = Path(url2pathname(urlparse(opened[-1]).path))
+    assert opened[-1].startswith("file:///") and path.is_file(), opened[-1]
+    assert 'id="sequences"' in path.with_name("index.html").read_text() and "#sequences" in path.read_text()
+    results["manual"] = opened[-1]
+
+
+def checked() -> Iterator[float]:
+    """Warnings of Check Edits are saved with the file, are marked after an edit, and lead to the place."""
+    scene = bpy.context.scene
+    car = next(o for o in scene.objects if o.unisim.kind == "ACTOR" and o.parent is None and "Car" in o.name).name
+    thing(car).location.z += 2.0
+    bpy.ops.ed.undo_push(message="A car in the air")
+    yield 0.3
+    yield from press("bpy.ops.unisim.check")
+    yield from click()
+    yield from until(lambda: any(w.name == car for w in bpy.context.scene.unisim_check.warnings), "nothing is found")
+    yield 0.8
+    screenshot("checked_now")
+    file = str(OUT.parent / "checked.blend")
+    bpy.ops.wm.save_as_mainfile(filepath=file)
+    bpy.ops.wm.read_homefile(use_factory_startup=True)
+    yield 0.5
+    bpy.ops.wm.open_mainfile(filepath=file)
+    yield 1.5
+    assert any(w.name == car for w in bpy.context.scene.unisim_check.warnings), "warnings are lost with the file"
+    outdated = sys.modules[f"{MODULE}.operators.check"].is_outdated
+    assert not outdated(bpy.context.scene), "warnings count as outdated though nothing was edited"
+    yield from sidebar()
+    scene = bpy.context.scene
+    scene.frame_set(5)
+    yield from press("bpy.ops.unisim.go_to")
+    for other in bpy.context.selected_objects:
+        other.select_set(False)
+    yield from click()
+    yield from until(lambda: thing(car).select_get(), "a click on the warning does not select the car")
+    warning = next(w for w in bpy.context.scene.unisim_check.warnings if w.name == car)
+    assert bpy.context.scene.frame_current == warning.frame
+    thing(car).location.x += 1.0
+    bpy.ops.ed.undo_push(message="Moved on")
+    yield from until(lambda: outdated(bpy.context.scene), "an edit does not mark the warnings", 5)
+    yield 0.5
+    screenshot("checked_outdated")
+    yield from to(*middle(area("VIEW_3D")))
+    yield from key("Z", ctrl=True)
+    yield from until(lambda: not outdated(bpy.context.scene), "undo does not take the mark away", 5)
+    thing(car).location.z -= 2.0
+
+
+def begin_sequence(name: str, last: int, quality: str, sensors: str, width: int) -> None:
+    """Start a sequence into a folder."""
+    scene = bpy.context.scene
+    scene.unisim.out, scene.frame_start, scene.frame_end = str(OUT.parent / name), 0, last
+    scene.unisim.quality, scene.unisim.sequence_sensors, scene.unisim.sequence_width = quality, sensors, width
+    with inside(area("VIEW_3D")):
+        assert bpy.ops.unisim.render_sequence("INVOKE_DEFAULT") == {"FINISHED"}
+
+
+def played() -> Iterator[float]:
+    """A short sequence: progress in the status bar; then its folder is opened and its images are played, by mouse."""
+    running: Callable[[], int] = sys.modules[f"{MODULE}.operators.background"].running.__len__
+    assert not bpy.ops.unisim.play_result.poll(), "Play Result is not grey before there are results"
+    begin_sequence("short", 5, "fast", "CAMERA", 240)
+    manager = bpy.context.window_manager
+    yield from until(lambda: "frames" in manager.unisim_task, "no progress is told")
+    yield 0.7
+    screenshot("status_bar_begun")
+    yield from until(lambda: manager.unisim_progress > 0, "no progress is told", 300)
+    screenshot("status_bar")
+    yield from until(lambda: not running(), "the sequence does not end", 300)
+    yield 1.2
+    assert "Done" in manager.unisim_task, manager.unisim_task
+    with inside(area("VIEW_3D")):
+        assert bpy.ops.unisim.play_result.poll(), "Play Result stays grey"
+    results_module = sys.modules[f"{MODULE}.operators.results"]
+    player, started = results_module.subprocess.Popen, []
+    import bl_operators.wm as wm
+
+    folders: list[str] = []
+    execute = wm.WM_OT_path_open.execute
+    wm.WM_OT_path_open.execute = lambda self, _: folders.append(self.filepath) or {"FINISHED"}
+
+    def noted(command: list[str], **more: Any) -> Any:
+        process = player(command, **more)
+        if command[0] == bpy.app.binary_path:  # and no screenshot
+            started.append(process)
+        return process
+
+    results_module.subprocess.Popen = noted
+    try:
+        yield from press("bpy.ops.unisim.open_output")
+        screenshot("results")
+        yield from click()
+        yield from until(lambda: folders == [str(OUT.parent / "short")], "the folder is not opened")
+        yield from press("bpy.ops.unisim.play_result", 0.7)
+        yield from click()
+        yield from until(lambda: started, "nothing is played", 10)
+        yield 4.0
+        screenshot("playing")
+        assert started[0].poll() is None, "the player ended at once"
+    finally:
+        results_module.subprocess.Popen = player
+        wm.WM_OT_path_open.execute = execute
+        for process in started:
+            process.kill()
+
+
+def opened_often() -> Iterator[float]:
+    """Files are opened again and again while a sequence runs; its progress stays, with what it belongs to."""
+    files = [str(OUT.parent / name) for name in ("often_a.blend", "often_b.blend")]
+    for file in files:
+        bpy.ops.wm.save_as_mainfile(filepath=file)
+    begin_sequence("often", 19, "fine", "ALL", 0)
+    running = sys.modules[f"{MODULE}.operators.background"].running
+    yield from until(lambda: "of 20" in bpy.context.window_manager.unisim_task, "no progress is told")
+    for number in range(OPENINGS):
+        bpy.ops.wm.open_mainfile(filepath=files[number % 2])
+        yield 0.6
+        assert running or "Done" in bpy.context.window_manager.unisim_task
+        results["openings"] = number + 1
+    assert running, "the sequence ended before all files were opened: give it more frames"
+    bpy.ops.wm.read_homefile(use_factory_startup=True)
+    yield 1.0
+    screenshot("other_file")
+    owner = sys.modules[f"{MODULE}.operators.background"].owner()
+    assert "often_b.blend" in owner and str(OUT.parent / "often") in owner, owner
+    bpy.ops.wm.open_mainfile(filepath=files[0])
+    yield 1.0
+    looked_up.clear()
+    yield from to(bpy.context.window_manager.windows[0].width - 17, 11)  # the cross beside the progress, in the status bar
+    yield from key("F1")
+    yield from until(lambda: "bpy.ops.unisim.cancel_task" in looked_up, "no cross in the status bar", 5)
+    screenshot("running")
+    yield from click()
+    yield from until(lambda: "Stopped at" in bpy.context.window_manager.unisim_task, "Cancel is not answered", 60)
+
+
+def german() -> Iterator[float]:
+    """Panels and menus in German."""
+    view_ = bpy.context.preferences.view
+    view_.language = "de_DE"
+    view_.use_translate_interface = view_.use_translate_tooltips = view_.use_translate_reports = True
+    yield 1.0
+    screenshot("german")
+    with inside(area("VIEW_3D")):
+        bpy.ops.wm.call_menu(name="UNISIM_MT_object")
+    yield 0.7
+    screenshot("german_menu")
+    yield from key("ESC")
+    view_.language = "en_US"
+
+
+def steps() -> Iterator[float]:
+    """The session."""
+    intercept()
+    bpy.ops.extensions.package_install_files(filepath=str(ARCHIVE), repo="user_default", enable_on_install=True, overwrite=True)
+    yield 1.0
+    begin()
+    for name, todo in (
+        ("finish_import", first_import),
+        ("manual", manual),
+        ("checked", checked),
+        ("played", played),
+        ("opened_often", opened_often),
+        ("german", german),
+    ):
+        yield from task(name, todo)
+
+
+if __name__ == "__main__":
+    start(steps(), "finish")

@@ -1,0 +1,46 @@
+"""Translations of the interface: tables by language, and functions for strings that are put together at run time.
+
+Blender itself translates labels and descriptions of registered classes, constant texts of layouts, and constant reports. Strings
+with values are translated here before the values go in.
+"""
+
+from __future__ import annotations
+
+import bpy
+
+from .de import GERMAN
+
+TABLES: dict[str, dict[str, str]] = {"de_DE": GERMAN}
+"""English texts and their translations, by Blender's name of the language."""
+CONTEXTS = ("*", "Operator")
+"""Blender's contexts: of labels and descriptions, and of operators' names."""
+
+
+def interface(text: str, **values: object) -> str:
+    """Return a text of the interface in the user's language, with ``values`` in its braces."""
+    return bpy.app.translations.pgettext_iface(text).format(**values)
+
+
+def tooltip(text: str, **values: object) -> str:
+    """Return a tooltip in the user's language, with ``values`` in its braces."""
+    return bpy.app.translations.pgettext_tip(text).format(**values)
+
+
+def message(text: str, **values: object) -> str:
+    """Return a report or a line of status in the user's language, with ``values`` in its braces."""
+    return bpy.app.translations.pgettext_rpt(text).format(**values)
+
+
+def table(texts: dict[str, str]) -> dict[tuple[str, str], str]:
+    """Return a language's table as Blender takes it: by context and English text."""
+    return {(context, english): translated for context in CONTEXTS for english, translated in texts.items()}
+
+
+def register() -> None:
+    """Give Blender the tables."""
+    bpy.app.translations.register(__package__, {language: table(texts) for language, texts in TABLES.items()})
+
+
+def unregister() -> None:
+    """Take them away again."""
+    bpy.app.translations.unregister(__package__)
