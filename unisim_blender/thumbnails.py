@@ -266,7 +266,7 @@ def name_in(scene: bpy.types.Scene) -> None:
         return
     following.renamed(scene, renamed)
     listing.refresh_soon(scene)
-    for warning in bpy.context.window_manager.unisim_warnings:
+    for warning in scene.unisim_check.warnings:
         warning.name = renamed.get(warning.name, warning.name)
 
 

@@ -122,10 +122,10 @@ def test_a_click_on_a_removed_actor_selects_nothing(street: Any) -> None:
 
 
 def test_what_cannot_be_read_is_said_in_the_list(street: Any) -> None:
-    standing(street).scale = (2.0, 1.0, 1.0)
+    standing(street).scale = (-1.0, 1.0, 1.0)
     driving(street).location.y = 1.0
     problem, line = lines(street)
-    assert problem.part == "PROBLEM" and problem.what.startswith("Is scaled") and problem.thing == standing(street).name
+    assert problem.part == "PROBLEM" and problem.what.startswith("Is mirrored") and problem.thing == standing(street).name
     assert line.part == "MOVE"
 
 

@@ -122,9 +122,9 @@ def test_undo_brings_no_old_name_back(street: Any, monkeypatch: pytest.MonkeyPat
     scene = bpy.context.scene
     listing.refresh_now(scene)
     assert thing(scene, "ACTOR", "car-04").name == name and not read(scene).edits
-    warning = bpy.context.window_manager.unisim_warnings.add()
+    warning = bpy.context.scene.unisim_check.warnings.add()
     warning.name = "Cone 1"
     monkeypatch.setitem(thumbnails._complete, log, {"car-04": "white", "cone-1": "orange"})
     thumbnails.name_actors()
     assert warning.name == "Cone 1, orange" == thing(scene, "ACTOR", "cone-1").name
-    bpy.context.window_manager.unisim_warnings.clear()
+    bpy.context.scene.unisim_check.warnings.clear()
