@@ -252,6 +252,19 @@ def test_a_scene_beside_does_not_have_the_list_read_for_ever(street: Any, monkey
     assert len(evaluated) == 2 * -(-20 // edit_reading.FRAMES_AT_ONCE)
 
 
+def test_what_fails_is_said_and_ends_the_reading(street: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(*_: Any) -> Any:
+        raise KeyError("odd")
+
+    monkeypatch.setattr(edit_reading, "actor_lines", broken)
+    reading_of(street).mark()
+    reading_of(street).known.clear()
+    read_all()
+    assert reading_of(street).problem == "The edits cannot be read: 'odd'" and reading_of(street).fresh
+    monkeypatch.undo()
+    assert lines(street) == ()
+
+
 def test_an_object_deleted_while_the_list_is_read(street: Any) -> None:
     driving(street).location.y = 1.0
     update()

@@ -7,7 +7,7 @@ from typing import Any
 import bpy
 
 from .. import edit_watch
-from ..bridge.compare_edits import Difference, differences
+from ..bridge.compare_edits import Difference, compared
 from ..bridge.edit_reading import reading_of
 from ..bridge.variants import variants_of
 from .edits import count_text, pressed
@@ -67,7 +67,7 @@ def draw_comparison(layout: Any, shown: bpy.types.Scene, other: bpy.types.Scene)
     if not here.fresh or not there.fresh:
         layout.label(text="Reading the edits…", icon="SORTTIME")
         return
-    found = list(differences(here.lines, there.lines))
+    found = compared(here.lines, there.lines)
     column = layout.column(align=True)
     if not found:
         column.label(text="The same edits", icon="CHECKMARK")
