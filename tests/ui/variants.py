@@ -86,6 +86,25 @@ def compared_variants() -> Iterator[float]:
     assert one.here.what.startswith("Moved 3.0 m") and one.there.what.startswith("Moved 5.0 m")
 
 
+def deleted_variant() -> Iterator[float]:
+    """The bin, confirmed, deletes the variant that is shown; Ctrl-Z brings it back."""
+    yield from press("unisim.show_variant", across=0.2, name=names["second"])
+    yield from until(lambda: bpy.context.scene.name == names["second"], "the variant is not shown")
+    yield 0.5
+    yield from press("unisim.delete_variant", across=0.86)
+    yield 0.5
+    screenshot("variants_confirm")
+    yield from key("RET")
+    yield from until(lambda: len(bpy.data.scenes) == 1, "the variant is not deleted")
+    yield from listed(("Moved 3.0 m", False))
+    yield from to(*middle(area("VIEW_3D")))
+    yield from key("Z", ctrl=True)
+    yield from until(lambda: names["second"] in bpy.data.scenes, "the variant does not come back")
+    reading = module("bridge.edit_reading").reading_of
+    yield from until(lambda: reading(bpy.data.scenes[names["second"]]).fresh, "it is not read")
+    assert [line.what for line in reading(bpy.data.scenes[names["second"]]).lines] == ["Moved 5.0 m left"]
+
+
 def rendered_variants() -> Iterator[float]:
     """Render Variants, by a click: both are rendered, with progress."""
     root = OUT.parent / "variants"
@@ -112,6 +131,7 @@ def steps() -> Iterator[float]:
         ("variants_switched", switched_variant),
         ("variants_flipped", flipped_variants),
         ("variants_compared", compared_variants),
+        ("variants_deleted", deleted_variant),
         ("variants_rendered", rendered_variants),
     ):
         yield from task(name, todo)
