@@ -9,6 +9,7 @@ from pathlib import Path
 import bpy
 
 sys.path.insert(0, str(Path(__file__).parent))
+import hands
 from buttons import apart, listed, module, moved_along, opened, picked, press, rendered, shown_pixels
 from hands import key, middle, thing, to
 from session import OUT, area, screenshot, start, until, view, wait_for_picture
@@ -84,6 +85,12 @@ def compared_variants() -> Iterator[float]:
     both = [reading(bpy.data.scenes[names[name]]).lines for name in ("first", "second")]
     (one,) = module("bridge.compare_edits").differences(*both)
     assert one.here.what.startswith("Moved 3.0 m") and one.there.what.startswith("Moved 5.0 m")
+    for wheel, name in (("WHEELDOWNMOUSE", "variants_comparison"), ("WHEELUPMOUSE", "variants_scrolled_back")):
+        for _ in range(12):
+            hands.event(wheel, "PRESS")
+            yield 0.05
+        yield 0.5
+        screenshot(name)
 
 
 def deleted_variant() -> Iterator[float]:
@@ -114,6 +121,10 @@ def rendered_variants() -> Iterator[float]:
     yield from press("unisim.render_variants")
     yield from until(lambda: "of 4 frames in all" in manager.unisim_task, f"no progress is shown: {manager.unisim_task}", 60)
     yield 1.0
+    for _ in range(12):
+        hands.event("WHEELDOWNMOUSE", "PRESS")
+        yield 0.05
+    yield 0.5
     screenshot("variants_rendering")
     yield from until(lambda: manager.unisim_task.startswith("Done"), "the variants are not rendered", 300)
     pictures = {name: sorted((root / names[name]).glob("camera/*/*.png")) for name in ("first", "second")}
