@@ -8,8 +8,8 @@ from typing import Any
 import bpy
 import numpy as np
 import pytest
-from mathutils import Matrix, Vector
 from helpers import edited, read, select, thing
+from mathutils import Matrix, Vector
 
 from unisim_blender import gizmos, pie
 from unisim_blender.bridge.aiming import angles, direction_of
@@ -266,10 +266,10 @@ def test_hit_areas_are_small() -> None:
         region=SimpleNamespace(width=400, height=400), region_data=looks, preferences=SimpleNamespace(system=system)
     )
     reach = lambda context: gizmos.HIT_PX  # noqa: E731
-    dot = SimpleNamespace(matrix_world=Matrix.Translation((1.0, 0.0, 0.0)), reach=reach)
-    hit = gizmos.UNISIM_GT_dot.test_select
+    dot: Any = SimpleNamespace(matrix_world=Matrix.Translation((1.0, 0.0, 0.0)), reach=reach)
+    hit: Any = gizmos.UNISIM_GT_dot.test_select
     assert hit(dot, context, (304, 203)) == 0 and hit(dot, context, (312, 200)) == -1
-    arrow = SimpleNamespace(matrix_world=gizmos.standing(Vector((0, 0, 0)), Vector((0, 1, 0))), reach=reach)
+    arrow: Any = SimpleNamespace(matrix_world=gizmos.standing(Vector((0, 0, 0)), Vector((0, 1, 0))), reach=reach)
     hit = gizmos.UNISIM_GT_arrow.test_select
     assert hit(arrow, context, (203, 280)) == 0 and hit(arrow, context, (200, 306)) == 0
     assert hit(arrow, context, (200, 210)) == -1, "the vehicle's place stays free"

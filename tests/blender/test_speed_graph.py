@@ -138,7 +138,12 @@ def test_it_is_computed_again_only_when_the_motion_changes(street: Any, monkeypa
     first = graph()
     computed = []
     real = motions.compared
-    monkeypatch.setattr(motions, "compared", lambda *all: computed.append(1) or real(*all))
+
+    def counted(*given: Any) -> Compared:
+        computed.append(1)
+        return real(*given)
+
+    monkeypatch.setattr(motions, "compared", counted)
     street.frame_set(7)
     assert graph() is first and not computed
     displaced_along(one, (0.0, 1.0, 0.0))

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 sys.path.insert(0, str(Path(__file__).parent))
 import hands
 from hands import click, drop, edits, key, look_at, middle, place, scenario, sidebar, thing, to
-from session import ARCHIVE, MODULE, OUT, SCENE, area, choose, from_behind, results, screenshot, start, until, view
+from session import ARCHIVE, MODULE, OUT, SCENE, area, choose, from_behind, inside, results, screenshot, start, until, view
 from tasks import begin, task
 
 ARROW_PX = 75
@@ -135,7 +135,7 @@ def dragged_lane() -> Iterator[float]:
     yield 1.2
     screenshot("lane_hover")
     end = np.array([x, y]) + 120 * towards
-    yield from drag(x, y, *end, shot="lane_dragging")
+    yield from drag(x, y, end[0], end[1], shot="lane_dragging")
     (edit,) = scenario().edits
     drag_of = module("operators.drag")
     first, last = (drag_of.along_line(*ray_at(*np.round(at)), np.array(origin), np.array(left)) for at in ((x, y), end))
@@ -147,7 +147,7 @@ def dragged_lane() -> Iterator[float]:
     yield from until(lambda: edits() == [("Ego", "")], "not done again", 5)
     yield from key("Z", ctrl=True)
     yield from until(lambda: not edits(), "not undone", 5)
-    yield from drag(x, y, *end, let_go=False)
+    yield from drag(x, y, end[0], end[1], let_go=False)
     yield from key("ESC")
     hands.event("LEFTMOUSE", "RELEASE")
     yield 0.2
@@ -312,7 +312,7 @@ def followed_curve() -> Iterator[float]:
     bpy.context.view_layer.objects.active = thing(car)
     bpy.ops.ed.undo_push(message="A curve")
     yield from to(*middle(area("VIEW_3D")))
-    with hands.inside(area("VIEW_3D")):
+    with inside(area("VIEW_3D")):
         assert bpy.ops.unisim.follow_curve("INVOKE_DEFAULT", True, speed_m_s=8.0) == {"FINISHED"}
     yield 0.3
     yield from key("F9")
@@ -339,7 +339,7 @@ def graph() -> Iterator[float]:
     assert plain["blue"] == 0 and plain["red"] == 0 and plain["grey"] > 100, plain
     yield from key("T", ctrl=True, alt=True)
     yield from until(lambda: edits(), "not retimed", 5)
-    with hands.inside(area("VIEW_3D")):
+    with inside(area("VIEW_3D")):
         assert bpy.ops.unisim.drag_trajectory("EXEC_DEFAULT", True, time_s=1.0, offset_m=(0.0, 4.0, 0.0)) == {"FINISHED"}
     bpy.context.scene.frame_set(8)
     yield 0.5
@@ -347,7 +347,7 @@ def graph() -> Iterator[float]:
     marked = colours_in_graph()
     results["graph_pixels"] = marked
     assert marked["blue"] + marked["red"] > 100 and marked["red"] > 50, marked
-    with hands.inside(area("VIEW_3D")):
+    with inside(area("VIEW_3D")):
         bpy.ops.unisim.check("INVOKE_DEFAULT")
     found = [w.text for w in bpy.context.window_manager.unisim_warnings if w.name == car]
     assert any("m/s²" in text for text in found), found
@@ -386,7 +386,7 @@ def no_gizmos_in_camera() -> Iterator[float]:
     bpy.context.scene.unisim_motion.gizmos_in_cameras = False
     from_behind(view()[2])
     yield 0.3
-    with hands.inside(area("VIEW_3D")):
+    with inside(area("VIEW_3D")):
         bpy.ops.wm.call_panel(name="VIEW3D_PT_gizmo_display")
     yield 0.7
     screenshot("popover")

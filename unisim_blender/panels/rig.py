@@ -30,6 +30,7 @@ class UNISIM_PT_sensors(DrivePanel, bpy.types.Panel):
         sensor = thing if thing is not None and thing.unisim.kind in ("CAMERA", "LIDAR") else None
         column = self.layout.column(align=True)
         row_of(column, "Sensor", sensor.name if sensor is not None else "", "CAMERA_DATA")
+        column.operator("unisim.aim_sensor", icon="ORIENTATION_GIMBAL")
         column.operator("unisim.add_camera", icon="CAMERA_DATA")
         column.operator_menu_enum("unisim.add_lidar", "preset", text="Add LiDAR", icon="CONE")
         column.operator_menu_enum("unisim.set_beams", "preset", text="Change Beams", icon="LIGHT_SUN")
