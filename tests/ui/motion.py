@@ -190,25 +190,29 @@ def dragged_handle() -> Iterator[float]:
 
 
 def clicked_through() -> Iterator[float]:
-    """A click on a handle, without a drag, selects the car under it and changes nothing."""
-    car = driving()
-    yield from look_at(car, 10.0)
-    yield from click()
-    yield from until(lambda: thing(car).select_get(), "not selected", 5)
-    clock = module("bridge.clock").Clock.of(module("bridge.source").source_of(bpy.context.scene).drive)
-    bpy.context.scene.frame_set(round(float(clock.frame(np.array(1.0)))))
-    yield from look_at(car, 10.0)
-    yield 0.5
+    """A click on a handle, without a drag: on the car it selects the car, beside it nothing changes."""
+    car, scene = driving(), bpy.context.scene
     choose(thing(car))
-    yield 0.3
-    yield from to(*place(thing(car).matrix_world.translation))
-    yield 0.3
-    for other in bpy.context.selected_objects:
-        other.select_set(other == thing(car))
+    scene.frame_set(10)
+    with inside(area("VIEW_3D")):
+        assert bpy.ops.unisim.drag_trajectory("EXEC_DEFAULT", True, time_s=1.0, offset_m=(0.0, 0.5, 0.0)) == {"FINISHED"}
+    before = scenario()
+    yield from look_at(car, 18.0)
+    yield 0.5
+    screenshot("key_handle")
     yield from click()
     yield 0.5
-    assert thing(car).select_get() and not edits()
-    bpy.context.scene.frame_set(0)
+    assert bpy.context.view_layer.objects.active == thing(car) and thing(car).select_get() and scenario() == before
+    clock = module("bridge.clock").Clock.of(module("bridge.source").source_of(scene).drive)
+    free = next(h for h in module("bridge.handles").handles_of(thing(car), clock) if not h.is_key)
+    yield from to(*place(Vector(free.place)))
+    yield 0.3
+    yield from click()
+    yield 0.5
+    assert thing(car).select_get() and scenario() == before, "a click on a free handle changes something"
+    yield from key("Z", ctrl=True)
+    yield from until(lambda: not edits(), "not undone", 5)
+    scene.frame_set(0)
 
 
 def aimed(kind: str) -> Iterator[float]:
@@ -240,7 +244,11 @@ def aimed(kind: str) -> Iterator[float]:
 def pie(shot: str) -> Iterator[float]:
     """Open the pie menu and keep its key pressed."""
     hands.event("E", "PRESS", ctrl=True, alt=True)
-    yield 0.7
+    yield 0.3
+    x, y = hands.mouse
+    for aside in (1, 2, 1, 0):  # the menu unfolds while it is drawn
+        yield from to(x + aside, y)
+        yield 0.2
     screenshot(shot)
 
 

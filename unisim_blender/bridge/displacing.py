@@ -40,7 +40,8 @@ def settle(scene: bpy.types.Scene, thing: bpy.types.Object) -> str:
         if not keyed:
             if np.abs(now - before).max() > SAME:
                 setattr(thing.unisim, rest, now)
-                said = f"{thing.name}: the whole trajectory is displaced"
+                mounted = thing.unisim.kind in ("CAMERA", "LIDAR")
+                said = f"{thing.name}: {'its mount is changed' if mounted else 'the whole trajectory is displaced'}"
         elif scene.tool_settings.use_keyframe_insert_auto and all(len(curve.keyframe_points) == 1 for curve in keyed):
             blended |= _blend(scene, keyed, before)
     if blended:
