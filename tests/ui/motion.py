@@ -279,6 +279,16 @@ def chosen_in_pie() -> Iterator[float]:
         yield 0.2
 
 
+def left_panel() -> Iterator[float]:
+    """Move the mouse over the panel that F9 opened beside it, and away, which closes it."""
+    x, y = hands.mouse
+    for share in np.linspace(0.0, 1.0, 12):
+        yield from to(x + 60 - 360 * share, y - 40 + 60 * share)
+        yield 0.1
+    yield from to(x, y)
+    yield 0.3
+
+
 def shifted_actor() -> Iterator[float]:
     """F3, Shift Actor; its panel; one Ctrl-Z."""
     car = driving()
@@ -296,9 +306,7 @@ def shifted_actor() -> Iterator[float]:
     yield from key("F9")
     yield 0.7
     screenshot("shift_panel")
-    yield from to(*middle(area("PROPERTIES")))
-    yield 0.5
-    yield from to(*middle(area("VIEW_3D")))
+    yield from left_panel()
     yield from key("Z", ctrl=True)
     yield from until(lambda: not edits(), "one Ctrl-Z does not undo the shift", 5)
 
@@ -326,9 +334,7 @@ def followed_curve() -> Iterator[float]:
     yield from key("F9")
     yield 0.7
     screenshot("follow_panel")
-    yield from to(*middle(area("PROPERTIES")))
-    yield 0.5
-    yield from to(*middle(area("VIEW_3D")))
+    yield from left_panel()
     yield from key("Z", ctrl=True)
     yield from until(lambda: not edits(), "one Ctrl-Z does not undo Follow Curve", 5)
     bpy.data.objects.remove(bpy.data.objects["way"])
