@@ -368,6 +368,11 @@ def graph() -> Iterator[float]:
     yield from sidebar()
     yield 0.5
     screenshot("graph_beside_sidebar")
+    panel = next(r for r in area("VIEW_3D").regions if r.type == "UI")
+    yield from to(panel.x + 60, panel.y + panel.height - 560)  # the header of Motion, where Actor is open
+    yield from click()
+    yield 0.7
+    screenshot("motion_panel")
     bpy.context.scene.unisim_motion.show_graph = False
 
 
