@@ -319,7 +319,7 @@ def unregister() -> None:
     for maker in _makers.values():
         maker.stop()
     for kept in (_makers, _known, _complete, _problems, _plain, _wanted, _portraits, _rendering):
-        kept.clear()  # type: ignore[attr-defined]
+        kept.clear()
     if _icons:
         from bpy.utils import previews
 
