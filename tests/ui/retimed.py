@@ -17,7 +17,7 @@ from browser import choose_path, header_menu
 from buttons import menu_button, press, redo_panel, reports
 from hands import key, middle, thing, to
 from pixels import HEADLESS, STATUS_HIGH, apart, as_rendered, export, part, region_rectangle, settled
-from session import area, picture, redraw, screenshot, start, until
+from session import area, picture, redraw, screenshot, start, until, view
 from tasks import bare_view, changed, click_car, fresh, imported, task, through_camera
 
 
