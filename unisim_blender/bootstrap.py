@@ -3,6 +3,7 @@ the extension's wheels, where they are for its version of Python.
 
 python bootstrap.py WHEELS probe              says in JSON what the interpreter has
 python bootstrap.py WHEELS serve FOLDER       the worker: requests on stdin, events on stdout, pixels in files in FOLDER
+python bootstrap.py WHEELS actors LOG         makes thumbnails of a log's actors, and writes a line of JSON for each
 python bootstrap.py WHEELS cli ARGUMENTS      the command line `unisim`
 
 WHEELS is Blender's folder of unpacked wheels, `.../pythonX.Y/site-packages`, or empty.
@@ -56,6 +57,11 @@ def main() -> None:
         from unisim_blender.core.worker.server import main as serve
 
         serve(Path(arguments[0]))
+    elif what == "actors":
+        from unisim_blender.core.actor_images.kept import tell
+        from unisim_blender.core.logs import open_log
+
+        tell(open_log(Path(arguments[0])))
     else:
         sys.argv[1:] = arguments
         from unisim_blender.core.cli import main as cli

@@ -14,8 +14,10 @@ from .registering import add, take_away
 
 
 class UniSimMuted(bpy.types.PropertyGroup):
-    """A muted edit. ``parked`` is the object with the edit, in no scene; none where the edit is that an object is missing, or where
-    ``look`` is all there is to it. ``collection`` is where it stood, ``at_root``: in the scene's own. ``name`` and the rest are the line in the list."""
+    """A muted edit. ``parked`` is the object with the edit, in no scene; none where the edit is that an object is
+    missing, or where
+    ``look`` is all there is to it. ``collection`` is where it stood, ``at_root``: in the scene's own. ``name`` and
+    the rest are the line in the list."""
 
     kind: StringProperty()
     uid: StringProperty()

@@ -1,4 +1,5 @@
-"""Keeps the edits lists true: notes what changes, and reads again in steps of some milliseconds as soon as nothing is dragged."""
+"""Keeps the edits lists true: notes what changes, and reads again in steps of some milliseconds as soon as nothing
+is dragged."""
 
 from __future__ import annotations
 
@@ -86,7 +87,10 @@ def note_changes(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None =
     if scene.name == BESIDE or not scene.unisim.log or bpy.app.is_job_running("RENDER"):
         return
     updates = depsgraph.updates if depsgraph is not None else ()
-    told = any(update.is_updated_transform or update.is_updated_geometry for update in updates)
+    told = any(
+        isinstance(update.id, bpy.types.Object) and (update.is_updated_transform or update.is_updated_geometry)
+        for update in updates
+    )
     now = time.monotonic()
     edit_reading.reading_of(scene).mark(moved=told or now - _beside_s > OWN_S)
     _changed_s = now
@@ -109,7 +113,8 @@ def forget(*_: object) -> None:
 
 
 def _soon() -> None:
-    """Have lists read that are in view: panels that are drawn ask for it, and those that are not drawn again must show it."""
+    """Have lists read that are in view: panels that are drawn ask for it, and those that are not drawn again must
+    show it."""
     if not bpy.app.background and not bpy.app.timers.is_registered(_show_stale):
         bpy.app.timers.register(_show_stale, first_interval=0.0)
 

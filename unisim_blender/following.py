@@ -8,7 +8,8 @@ import bpy
 from bpy.app.handlers import persistent
 
 from .bridge.displacing import displaced_objects, keep, settle
-from .bridge.things import KINDS_OF_DRIVE, has_drive
+from .bridge.meshes import scaled_sentence
+from .bridge.things import KINDS_OF_DRIVE, has_drive, things
 from .bridge.trajectories import convert, trajectory_of
 
 LOOK_S = 0.05
@@ -22,6 +23,8 @@ _touched: dict[str, set[str]] = {}
 """Names of objects that were moved since the frame was reached, by scene."""
 _unsettled: set[tuple[str, str]] = set()
 """Scenes and objects whose change is to be completed."""
+_scales: dict[tuple[str, str], tuple[float, ...]] = {}
+"""Scales of actors as they were noted last, by scene and object."""
 _frames: dict[str, float] = {}
 """The frame that each scene was last evaluated at."""
 
@@ -55,10 +58,22 @@ def note_changes(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None =
         thing = update.id.original
         if update.is_updated_transform and isinstance(thing, bpy.types.Object) and thing.unisim.kind in KINDS_OF_DRIVE:
             _touched.setdefault(scene.name, set()).add(thing.name)
-            if trajectory_of(thing) is not None:
+            if trajectory_of(thing) is not None or _is_resized(scene, thing):
                 _unsettled.add((scene.name, thing.name))
     if _unsettled and not bpy.app.timers.is_registered(_settle):
         bpy.app.timers.register(_settle, first_interval=0.0)
+
+
+def renamed(scene: bpy.types.Scene, names: dict[str, str]) -> None:
+    """Go on following objects that have new names, given by the old ones."""
+    touched = _touched.get(scene.name, set())
+    for old, new in names.items():
+        if old in touched:
+            touched.remove(old)
+            touched.add(new)
+        if (scene.name, old) in _unsettled:
+            _unsettled.remove((scene.name, old))
+            _unsettled.add((scene.name, new))
 
 
 def settle_now() -> list[str]:
@@ -67,10 +82,21 @@ def settle_now() -> list[str]:
     for name, of in sorted(_unsettled):
         scene = bpy.data.scenes.get(name)
         thing = scene.objects.get(of) if scene is not None else None
-        if scene is not None and thing is not None and (sentence := settle(scene, thing)):
+        if scene is None or thing is None:
+            continue
+        if sentence := settle(scene, thing):
             said.append(sentence)
+        if _is_resized(scene, thing):
+            _scales[name, of] = tuple(thing.scale)
+            said.append(scaled_sentence(thing))
     _unsettled.clear()
     return said
+
+
+def _is_resized(scene: bpy.types.Scene, thing: bpy.types.Object) -> bool:
+    """Whether an actor has another scale than when it was noted last; a new one is noted."""
+    now = tuple(thing.scale)
+    return thing.unisim.kind == "ACTOR" and _scales.setdefault((scene.name, thing.name), now) != now
 
 
 def _settle() -> float | None:
@@ -110,6 +136,7 @@ def look_again(*_: object) -> None:
     """Another file, or another state of this one: bring objects of earlier versions up to date, and begin to follow."""
     _touched.clear()
     _unsettled.clear()
+    _scales.clear()
     for scene in getattr(bpy.data, "scenes", ()):  # there are none yet while the extension is switched on
         _frames[scene.name] = scene.frame_current_final
         if not has_drive(scene):
@@ -120,6 +147,8 @@ def look_again(*_: object) -> None:
             scene.unisim.trajectories = True
         for thing in displaced_objects(scene):
             settle(scene, thing)
+        for thing in things(scene, "ACTOR"):
+            _is_resized(scene, thing)
 
 
 def _handlers() -> tuple[tuple[list[object], object], ...]:
@@ -149,4 +178,5 @@ def unregister() -> None:
             bpy.app.timers.unregister(timer)
     _touched.clear()
     _unsettled.clear()
+    _scales.clear()
     _frames.clear()

@@ -1,7 +1,7 @@
 """Gizmos in the 3D view: an arrow for the ego vehicle's lane, handles on a trajectory, a handle for a sensor's direction.
 
 They start the operators of `operators.drag`, which do the work. In a view through a camera of the drive they are off, as they
-would lie over the image, unless Gizmos > Through Recorded Cameras says otherwise.
+would lie over the image, unless Gizmos > In Recorded Views says otherwise.
 """
 
 from __future__ import annotations
@@ -10,7 +10,9 @@ from typing import Any
 
 import bpy
 import numpy as np
+from bpy_extras.view3d_utils import location_3d_to_region_2d
 from mathutils import Matrix, Vector
+from mathutils.geometry import intersect_point_line
 
 from .bridge.aiming import is_keyed
 from .bridge.clock import Clock
@@ -21,8 +23,14 @@ from .core.errors import UnisimError
 from .operators.drag import TARGET_M, active_sensor, moving_actor, target_of
 from .registering import add, take_away
 
-HANDLE, TARGET = 0.09, 0.14
-"""Sizes of round handles, as shares of Blender's gizmo size."""
+HANDLE, TARGET = 0.09, 0.11
+"""Radii of round handles, as shares of Blender's gizmo size."""
+HIT_PX = 8.0
+"""How near the mouse has to be to a handle, and to the outer part of the arrow, in pixels at resolution scale 1."""
+HEAD, STEM, INNER = 0.14, 0.02, 0.35
+"""Of the arrow: half the width of its head and its stem, and the share of its length from which on it can be grabbed, so that
+it takes no clicks meant for what stands in the vehicle's place."""
+CORNERS = 20
 LANE_COLOUR, KEY_COLOUR, SECOND_COLOUR, AIM_COLOUR = (0.2, 0.8, 0.3), (1.0, 0.8, 0.1), (0.9, 0.9, 0.9), (0.3, 0.75, 1.0)
 LIT = (1.0, 1.0, 1.0)
 
@@ -39,6 +47,74 @@ def through(context: bpy.types.Context, *kinds: str) -> bool:
     """Return whether a view looks through a camera of some kinds."""
     camera, looks = context.scene.camera, context.space_data.region_3d
     return looks is not None and looks.view_perspective == "CAMERA" and camera is not None and camera.unisim.kind in kinds
+
+
+class _Shape:
+    """A shape that starts an operator. It has no motion of its own: its group puts it where the operator has moved things."""
+
+    def setup(self: Any) -> None:
+        """Make the triangles."""
+        if not hasattr(self, "shape"):
+            self.shape = self.new_custom_shape("TRIS", self.triangles())
+
+    def reach(self: Any, context: bpy.types.Context) -> float:
+        """Return how near the mouse has to be, in pixels."""
+        return HIT_PX * float(context.preferences.system.ui_scale)
+
+
+class UNISIM_GT_dot(_Shape, bpy.types.Gizmo):
+    """A round handle that faces the view"""
+
+    bl_idname = "UNISIM_GT_dot"
+    __slots__ = ("shape",)
+
+    def triangles(self) -> list[tuple[float, float, float]]:
+        """Return a disc of radius 1."""
+        angles = np.linspace(0, 2 * np.pi, CORNERS + 1)
+        rim = [(float(np.cos(a)), float(np.sin(a)), 0.0) for a in angles]
+        return [corner for a, b in zip(rim[:-1], rim[1:], strict=True) for corner in ((0.0, 0.0, 0.0), a, b)]
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw it as large in the window wherever it is."""
+        world = self.matrix_world
+        size = Matrix.Scale(world.median_scale, 4)
+        turn = context.region_data.view_rotation.to_matrix().to_4x4()
+        self.draw_custom_shape(self.shape, matrix=Matrix.Translation(world.translation) @ turn @ size)
+
+    def test_select(self, context: bpy.types.Context, location: tuple[int, int]) -> int:
+        """Return 0 where the mouse is on it, else -1."""
+        at = location_3d_to_region_2d(context.region, context.region_data, self.matrix_world.translation)
+        return 0 if at is not None and (at - Vector(location)).length <= self.reach(context) else -1
+
+
+class UNISIM_GT_arrow(_Shape, bpy.types.Gizmo):
+    """An arrow along its z axis"""
+
+    bl_idname = "UNISIM_GT_arrow"
+    __slots__ = ("shape",)
+
+    def triangles(self) -> list[tuple[float, float, float]]:
+        """Return an arrow of length 1, flat in two planes, so that it is seen from everywhere."""
+        outline = [(-STEM, 0.0), (STEM, 0.0), (STEM, 0.72), (-STEM, 0.0), (STEM, 0.72), (-STEM, 0.72)]
+        outline += [(-HEAD, 0.7), (HEAD, 0.7), (0.0, 1.0)]
+        return [(x, 0.0, z) for x, z in outline] + [(0.0, y, z) for y, z in outline]
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw it."""
+        self.draw_custom_shape(self.shape)
+
+    def test_select(self, context: bpy.types.Context, location: tuple[int, int]) -> int:
+        """Return 0 where the mouse is on its outer part, else -1."""
+        ends = [
+            location_3d_to_region_2d(context.region, context.region_data, self.matrix_world @ Vector((0.0, 0.0, share)))
+            for share in (INNER, 1.0)
+        ]
+        if ends[0] is None or ends[1] is None:
+            return -1
+        nearest, share = intersect_point_line(Vector(location), *ends)
+        if not 0.0 <= share <= 1.0:
+            nearest = ends[0] if share < 0 else ends[1]
+        return 0 if (Vector(location) - nearest.to_2d()).length <= self.reach(context) else -1
 
 
 class _Group:
@@ -62,9 +138,8 @@ class UNISIM_GGT_lane(_Group, bpy.types.GizmoGroup):
 
     def setup(self, context: bpy.types.Context) -> None:
         """Make the arrow."""
-        self.arrow = self.gizmos.new("GIZMO_GT_arrow_3d")
+        self.arrow = self.gizmos.new(UNISIM_GT_arrow.bl_idname)
         self.arrow.target_set_operator("unisim.drag_ego")
-        self.arrow.length = 1.0
         painted(self.arrow, LANE_COLOUR)
 
     def draw_prepare(self, context: bpy.types.Context) -> None:
@@ -90,8 +165,7 @@ class UNISIM_GGT_trajectory(_Group, bpy.types.GizmoGroup):
         """Make as many handles as there may be."""
         self.handles = []
         for _ in range(2 * MOST):
-            handle = self.gizmos.new("GIZMO_GT_move_3d")
-            handle.draw_style, handle.draw_options = "RING_2D", {"FILL", "ALIGN_VIEW"}
+            handle = self.gizmos.new(UNISIM_GT_dot.bl_idname)
             handle.scale_basis = HANDLE
             self.handles.append((handle, handle.target_set_operator("unisim.drag_trajectory")))
 
@@ -124,8 +198,7 @@ class UNISIM_GGT_aim(_Group, bpy.types.GizmoGroup):
         self.line = self.gizmos.new("GIZMO_GT_arrow_3d")
         self.line.draw_options, self.line.hide_select = {"STEM"}, True
         self.line.use_draw_scale = False
-        self.target = self.gizmos.new("GIZMO_GT_move_3d")
-        self.target.draw_style, self.target.draw_options = "RING_2D", {"FILL", "ALIGN_VIEW"}
+        self.target = self.gizmos.new(UNISIM_GT_dot.bl_idname)
         self.target.scale_basis = TARGET
         self.target.target_set_operator("unisim.drag_aim")
         for gizmo in (self.line, self.target):
@@ -157,6 +230,7 @@ def painted(gizmo: Any, colour: tuple[float, float, float]) -> None:
     """Give a gizmo its colours."""
     gizmo.color, gizmo.alpha = colour, 0.7
     gizmo.color_highlight, gizmo.alpha_highlight = LIT, 1.0
+    gizmo.use_draw_modal = True
 
 
 def standing(place: Vector, along: Vector) -> Matrix:
@@ -170,14 +244,15 @@ def draw_switches(self: bpy.types.Panel, context: bpy.types.Context) -> None:
     if context.scene.unisim.log:
         column = self.layout.column()
         column.active = context.space_data.show_gizmo
-        column.label(text="Drive")
+        column.label(text="UniSim")
         column.prop(context.scene.unisim_motion, "show_gizmos")
         below = column.column()
         below.active = context.scene.unisim_motion.show_gizmos
         below.prop(context.scene.unisim_motion, "gizmos_in_cameras")
 
 
-CLASSES = (UNISIM_GGT_lane, UNISIM_GGT_trajectory, UNISIM_GGT_aim)
+GROUPS = (UNISIM_GGT_lane, UNISIM_GGT_trajectory, UNISIM_GGT_aim)
+CLASSES = (UNISIM_GT_dot, UNISIM_GT_arrow, *GROUPS)
 
 
 def register() -> None:

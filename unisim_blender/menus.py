@@ -57,7 +57,8 @@ def draw_add_menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:
     """Lines in the Add menu."""
     if context.scene.unisim.log:
         self.layout.separator()
-        self.layout.operator("unisim.insert_actor", text="Actor of a Trained Scene")
+        self.layout.operator("unisim.insert_actor", text="Actor of the Drive")
+        self.layout.operator("unisim.insert_from", text="Actor of a Trained Scene")
         self.layout.operator("unisim.add_camera", text="Camera on the Vehicle")
         self.layout.operator_menu_enum("unisim.add_lidar", "preset", text="LiDAR on the Vehicle")
 

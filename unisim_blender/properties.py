@@ -12,6 +12,7 @@ from bpy.props import (
     StringProperty,
 )
 
+from .bridge.windows import areas
 from .registering import add, take_away
 
 KINDS = (
@@ -26,9 +27,13 @@ KINDS = (
     ("TRAJECTORY", "Trajectory", "Hidden parent that carries the recorded keyframes of a moving object"),
 )
 SIGHTS = (
-    ("AUTO", "Off the vehicle", "It sees the body of the ego vehicle unless it rides on the vehicle"),
-    ("ALWAYS", "Always", "It sees the body of the ego vehicle wherever it is, as a camera that follows the vehicle does"),
-    ("NEVER", "Never", "It does not see the body of the ego vehicle"),
+    ("AUTO", "Off the vehicle", "The sensor sees the body of the ego vehicle unless it is mounted on the vehicle"),
+    (
+        "ALWAYS",
+        "Always",
+        "The sensor always sees the body of the ego vehicle, for example from a camera that follows the vehicle",
+    ),
+    ("NEVER", "Never", "The sensor never sees the body of the ego vehicle"),
 )
 QUALITIES = (
     ("fast", "Fast", "Long steps, and fewer pixels traced individually"),
@@ -58,6 +63,12 @@ POINT_COLOURS = (
 
 RELATIVE = {"ANIMATABLE", *({"PATH_SUPPORTS_BLEND_RELATIVE"} if bpy.app.version >= (5, 0, 0) else ())}
 """Of a path that may begin with //, which Blender before 5.0 allows everywhere."""
+
+
+def draw_again(self: bpy.types.PropertyGroup, context: bpy.types.Context) -> None:
+    """Draw the 3D views again: Blender draws the sidebar alone after a change of a property."""
+    for area in areas("VIEW_3D"):
+        area.tag_redraw()
 
 
 class UniSimObject(bpy.types.PropertyGroup):
@@ -146,6 +157,10 @@ class UniSimScene(bpy.types.PropertyGroup):
     show_simulated: BoolProperty(name="Simulated points", description="Show simulated LiDAR points of the current frame")
     points_colour: EnumProperty(
         name="Colour", description="Attribute that colours LiDAR points", items=POINT_COLOURS, default="ONE"
+    )
+    show_timeline: BoolProperty(
+        name="Presence Timeline",
+        description="Draw over the lower part of the view when each actor is present; a click on a bar goes there",
     )
     recorded_offset_m: FloatProperty(
         name="Recorded Offset",

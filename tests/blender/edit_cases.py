@@ -156,6 +156,12 @@ def item_moved(scene: Any) -> None:
     _item(scene).location.x += 4.0
 
 
+def item_keyed(scene: Any) -> None:
+    one = _item(scene)
+    one.location.x += 4.0
+    one.keyframe_insert("location", frame=0)
+
+
 def item_removed(scene: Any) -> None:
     bpy.data.objects.remove(_item(scene))
 
@@ -186,6 +192,7 @@ CASES: dict[str, tuple[Callable[[Any], None], str, str]] = {
     "camera added": (camera_added, "INSERT", "Camera added"),
     "lidar beams": (lidar_beams, "SENSOR", "LiDAR: other beams"),
     "item moved": (item_moved, "MOVE", "Moved 4.0 m away"),
+    "item keyed": (item_keyed, "MOVE", "Moved 4.0 m away"),
     "item removed": (item_removed, "REMOVE", "Removed"),
     "item copied": (item_copied, "COPY", "Copied: 4.0 m away"),
 }

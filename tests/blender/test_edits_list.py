@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+import time
 from typing import Any
 
 import bpy
@@ -11,6 +12,8 @@ import pytest
 from edit_cases import CASES, driving, standing, update
 from helpers import read, select
 
+from unisim_blender import edit_watch
+from unisim_blender.bridge import edit_reading
 from unisim_blender.bridge.clock import Clock
 from unisim_blender.bridge.edit_lines import Line
 from unisim_blender.bridge.edit_reading import read_now, read_steps, reading_of
@@ -202,3 +205,59 @@ def test_words_of_a_slower_drive(street: Any) -> None:
     bpy.ops.unisim.retime_actor(way="SPEED", speed=0.5)
     (line,) = lines(street)
     assert line.what.startswith("Retimed: up to"), line.what
+
+
+def read_all() -> int:
+    """Let the timer read until all is read; how often it was called."""
+    for calls in range(1, 400):
+        edit_watch._changed_s = 0.0
+        if edit_watch._read() is None:
+            return calls
+    raise AssertionError("the reading does not end")
+
+
+def test_the_timer_reads_in_steps_until_all_is_true(street: Any) -> None:
+    driving(street).location.y = 1.0
+    update()
+    assert not reading_of(street).fresh
+    read_all()
+    assert reading_of(street).fresh and len(reading_of(street).lines) == 1
+    assert edit_watch._read() is None
+
+
+def test_the_timer_waits_for_a_quiet_moment(street: Any) -> None:
+    driving(street).location.y = 1.0
+    update()
+    edit_watch._changed_s = time.monotonic()
+    assert edit_watch._read() == edit_watch.WAIT_S and not reading_of(street).fresh
+
+
+def test_a_scene_beside_does_not_have_the_list_read_for_ever(street: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    CASES["constrained"][0](street)
+    update()
+    evaluated = []
+    before = edit_reading.evaluated
+    monkeypatch.setattr(edit_reading, "evaluated", lambda *args: evaluated.append(1) or before(*args))
+    read_all()
+    assert len(evaluated) == -(-20 // edit_reading.FRAMES_AT_ONCE)
+    for _ in range(3):  # what Blender tells of the scene beside
+        edit_watch.note_changes(street, None)
+        update()
+        read_all()
+    assert len(evaluated) == -(-20 // edit_reading.FRAMES_AT_ONCE)
+    edit_watch._beside_s = 0.0
+    standing(street).constraints[0].target.location.z = 3.0
+    update()
+    read_all()
+    assert len(evaluated) == 2 * -(-20 // edit_reading.FRAMES_AT_ONCE)
+
+
+def test_an_object_deleted_while_the_list_is_read(street: Any) -> None:
+    driving(street).location.y = 1.0
+    update()
+    steps = read_steps(street)
+    next(steps)
+    bpy.data.objects.remove(standing(street))
+    edit_watch._at[:] = [(street.name, steps)]
+    read_all()
+    assert {line.part for line in reading_of(street).lines} == {"MOVE", "REMOVE"}

@@ -9,6 +9,7 @@ import bpy
 import numpy as np
 import pytest
 from helpers import edited, read, select, thing
+from mathutils import Matrix, Vector
 
 from unisim_blender import gizmos, pie
 from unisim_blender.bridge.aiming import angles, direction_of
@@ -55,7 +56,7 @@ def seen_from(scene: Any, perspective: str = FREE, **space: Any) -> Any:
 def shown(scene: Any, **how: Any) -> list[str]:
     """Which groups of gizmos a view shows."""
     context = seen_from(scene, **how)
-    return [group.bl_label for group in gizmos.CLASSES if group.poll(context)]
+    return [group.bl_label for group in gizmos.GROUPS if group.poll(context)]
 
 
 def world_offset(scene: Any, one: Any, before: FloatArray) -> FloatArray:
@@ -255,6 +256,24 @@ def test_rays() -> None:
     assert on_plane(origin, np.array([0.0, 0.0, 1.0]), np.zeros(3), up) is None
     assert along_line(origin, np.array([0.3, 0.0, -1.0]), np.zeros(3), np.array([1.0, 0.0, 0.0])) == pytest.approx(3.0)
     assert stepped(1.3, 0.5, True) == 1.5 and stepped(1.3, 0.5, False) == 1.3
+
+
+def test_hit_areas_are_small() -> None:
+    """Of a view straight down whose pixels are centimetres: the disc, and the outer part of the arrow."""
+    looks = SimpleNamespace(perspective_matrix=Matrix.Diagonal((0.5, 0.5, 0.5, 1.0)))
+    system = SimpleNamespace(ui_scale=1.0)
+    context = SimpleNamespace(
+        region=SimpleNamespace(width=400, height=400), region_data=looks, preferences=SimpleNamespace(system=system)
+    )
+    reach = lambda context: gizmos.HIT_PX  # noqa: E731
+    dot = SimpleNamespace(matrix_world=Matrix.Translation((1.0, 0.0, 0.0)), reach=reach)
+    hit = gizmos.UNISIM_GT_dot.test_select
+    assert hit(dot, context, (304, 203)) == 0 and hit(dot, context, (312, 200)) == -1
+    arrow = SimpleNamespace(matrix_world=gizmos.standing(Vector((0, 0, 0)), Vector((0, 1, 0))), reach=reach)
+    hit = gizmos.UNISIM_GT_arrow.test_select
+    assert hit(arrow, context, (203, 280)) == 0 and hit(arrow, context, (200, 306)) == 0
+    assert hit(arrow, context, (200, 210)) == -1, "the vehicle's place stays free"
+    assert hit(arrow, context, (215, 260)) == -1 and hit(arrow, context, (200, 312)) == -1
 
 
 def test_the_pie_has_eight_slots_for_each_kind(street: Any) -> None:

@@ -157,8 +157,8 @@ def test_unmuting_mutes_what_cannot_stand_beside_it(street: Any) -> None:
     found = {line.muted: line for line in lines(street)}
     assert found[-1].part == "REMOVE"
     press(bpy.ops.unisim.mute_edit, found[0])
-    found = {line.what: line for line in lines(street)}
-    assert found["Moved 1.0 m right"].muted == -1 and found["Removed"].muted == 0
+    muted = {line.what: line.muted for line in lines(street)}
+    assert muted["Moved 1.0 m right"] == -1 and muted["Removed"] == 0
     assert driving(street).location.y == pytest.approx(-1.0)
 
 

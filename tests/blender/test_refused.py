@@ -19,30 +19,6 @@ from unisim_blender.bridge.things import things
 from unisim_blender.core.errors import ScenarioError
 
 
-def anybody(scene: Any) -> Any:
-    """An actor that stands still."""
-    return next(one for one in things(scene, "ACTOR") if one.parent is None)
-
-
-@pytest.mark.parametrize("scale", [(2.0, 1.0, 1.0), (1.0, -1.0, 1.0)])
-def test_a_scaled_box_is_refused_by_name(street: Any, scale: tuple[float, float, float]) -> None:
-    one = anybody(street)
-    one.scale = scale
-    with pytest.raises(ScenarioError, match=f'"{one.name}": is scaled'):
-        read(street)
-    one.scale = (1.0, 1.0, 1.0)
-    assert not read(street).edits
-
-
-def test_a_scaled_parent_too(street: Any) -> None:
-    one = anybody(street)
-    above = bpy.data.objects.new("above", None)
-    street.collection.objects.link(above)
-    one.parent, above.scale = above, (1.5, 1.5, 1.5)
-    with pytest.raises(ScenarioError, match="is scaled by 1.5 x 1.5 x 1.5"):
-        read(street)
-
-
 def test_a_deleted_vehicle_is_refused_and_comes_back_with_its_sensors(street: Any) -> None:
     bpy.data.objects.remove(next(things(street, "EGO")))
     with pytest.raises(ScenarioError, match="has no ego vehicle"):

@@ -148,6 +148,19 @@ def test_it_is_computed_again_only_when_the_motion_changes(street: Any, monkeypa
     assert computed == [1, 1]
 
 
+@pytest.mark.parametrize("way", ["DELAY", "STOP", "STRETCH"])
+def test_it_is_of_the_motion_that_is_exported(street: Any, way: str) -> None:
+    one, drive = driving(street), source_of(street).drive
+    street.frame_set(6)
+    bpy.ops.unisim.retime_actor(way=way, seconds=0.5, speed=0.5, first_s=0.3, last_s=0.9)
+    bpy.ops.unisim.drag_trajectory(time_s=1.0, offset_m=(0.0, 2.0, 0.0))
+    clock = Clock.of(drive)
+    (stepped,) = [t for t in sample_all(street, clock).of("ACTOR") if t.name == one.name]
+    track = motions.track_of(one, drive, clock)
+    assert (track.there == stepped.there).all()
+    assert np.abs(track.poses - stepped.poses)[track.there].max() < 2e-3
+
+
 def test_nothing_without_an_actor(street: Any) -> None:
     select(street.camera)
     assert graph_of(bpy.context) is None

@@ -169,7 +169,7 @@ def moving(size: FloatArray = SIZE, uid: str = "car") -> Actor:
 
 
 def first_inside(actor: Actor, body: Any, directions: FloatArray, times: FloatArray) -> FloatArray:
-    """Where rays from the eye first are where a field is negative (N,): every millimetre asked, at the place without the scale."""
+    """Where rays from the eye (N,) first are in a field's negative part: asked every millimetre, at the place without scale."""
     t = np.arange(8, 24, 0.001)
     out = np.full(len(directions), np.inf)
     for i, (d, time) in enumerate(zip(directions, times, strict=True)):
@@ -478,7 +478,8 @@ def test_a_scaled_asset_is_one_whose_shapes_are_scaled() -> None:
     ):
         hits = trace([placement], bundles)
         flat = [x.reshape(-1, *x.shape[2:]) for x in (bundles.origins, bundles.directions, bundles.time_s)]
-        answers.append((hits, look_up([placement], hits, *flat, 1e-3)))
+        o, d, t = flat
+        answers.append((hits, look_up([placement], hits, o, d, t, 1e-3)))
     (a, seen_a), (b, seen_b) = answers
     assert 60 < np.isfinite(a.t).sum() and len(np.unique(a.part)) == 4
     np.testing.assert_allclose(a.t, b.t, rtol=1e-9)

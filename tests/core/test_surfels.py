@@ -174,6 +174,25 @@ def test_a_copy_stands_where_it_was_put(name: str, scenes: dict[str, SurfelScene
 
 
 @pytest.mark.parametrize("name", list(UNTRAINED))
+@pytest.mark.parametrize("factors", [[1.4, 1.4, 1.4], [1.0, 1.0, 1.5]], ids=str)
+def test_a_scaled_actor_is_as_near_the_truth_as_it_was(
+    name: str, factors: list[float], scenes: dict[str, SurfelScene], log: Log, street: Street
+) -> None:
+    uid = seen_actor(log, street, moving=True)
+    edit = {"type": "scale", "actor": uid, "factors": factors}
+    errors, overlaps = [], []
+    for drive, true_drive in ((log.drive, street.drive), (edited(log, edit), edited(log, edit, of=street.drive))):
+        frame = renderer(name, scenes, log, drive).camera(CAMERA, FRAME, ("rgb", "depth", "instance"))
+        truth = truth_camera(street, true_drive, CAMERA, FRAME)
+        ours, theirs = shows(frame, uid), shows(truth, uid)
+        assert theirs.sum() > 30 and frame.depth_m is not None and truth.depth_m is not None
+        errors.append(np.abs(frame.rgb - truth.rgb)[theirs].mean())
+        overlaps.append((ours & theirs).sum() / (ours | theirs).sum())
+        assert np.median(np.abs(frame.depth_m[ours & theirs] - truth.depth_m[ours & theirs])) < 0.1
+    assert errors[1] < 1.25 * errors[0] and overlaps[1] > overlaps[0] - 0.05
+
+
+@pytest.mark.parametrize("name", list(UNTRAINED))
 def test_a_thing_that_nobody_annotated_is_moved(name: str, scenes: dict[str, SurfelScene], log: Log, street: Street) -> None:
     """The builder's skip at the right kerb, put into the other lane."""
     skip = next(part for part in street.static.parts if np.allclose(np.ptp(part.corners(), axis=0), [3.6, 1.84, 0.09], atol=0.02))

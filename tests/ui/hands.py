@@ -227,7 +227,7 @@ def copied_by_hand(car: str) -> Iterator[float]:
     yield from until(lambda: len(bpy.data.objects) == count + 1, "not copied")
     copy = bpy.context.view_layer.objects.active
     assert (copy.location - thing(car).location).length > 0.5
-    assert edits() == [("Move", copy.unisim.uid), ("Duplicate", copy.unisim.uid)]
+    assert edits() == [("Duplicate", copy.unisim.uid), ("Move", copy.unisim.uid)]
     screenshot("copied_by_hand")
 
 

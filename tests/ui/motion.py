@@ -237,22 +237,27 @@ def aimed(kind: str) -> Iterator[float]:
     yield from until(lambda: scenario().sensors is None, "one Ctrl-Z does not undo the direction", 5)
 
 
+def pie(shot: str) -> Iterator[float]:
+    """Open the pie menu and keep its key pressed."""
+    hands.event("E", "PRESS", ctrl=True, alt=True)
+    yield 0.7
+    screenshot(shot)
+
+
 def chosen_in_pie() -> Iterator[float]:
-    """Ctrl-Alt-E on a car, and the slot on its left by mouse; one Ctrl-Z."""
+    """Ctrl-Alt-E held on a car, the mouse moved to the left, and the key let go; one Ctrl-Z."""
     car = driving()
     yield from look_at(car)
     yield from click()
     yield from until(lambda: thing(car).select_get(), "not selected", 5)
     count = len(bpy.data.objects)
-    yield from key("E", ctrl=True, alt=True)
-    yield 0.7
-    screenshot("pie")
+    yield from pie("pie")
     x, y = hands.mouse
     for away in (40, 80, 130):
         yield from to(x - away, y)
         yield 0.1
     screenshot("pie_left")
-    yield from click()
+    hands.event("E", "RELEASE")
     yield from until(lambda: ("Duplicate", thing(car).unisim.uid) in edits(), "the pie does not copy", 5)
     yield 0.3
     yield from key("Z", ctrl=True)
@@ -260,10 +265,9 @@ def chosen_in_pie() -> Iterator[float]:
     for kind in ("EGO", "CAMERA"):
         choose(object_of(kind))
         yield from to(*middle(area("VIEW_3D")))
-        yield from key("E", ctrl=True, alt=True)
-        yield 0.7
-        screenshot(f"pie_{kind}")
+        yield from pie(f"pie_{kind}")
         yield from key("ESC")
+        hands.event("E", "RELEASE")
         yield 0.2
 
 

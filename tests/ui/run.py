@@ -29,6 +29,8 @@ SESSIONS = {
     "window": [],
     "hands": ["--enable-event-simulate"],
     "motion": ["--enable-event-simulate"],
+    "scale": ["--enable-event-simulate"],
+    "actors": ["--enable-event-simulate"],
     "finish": ["--enable-event-simulate"],
 }
 """What each file's Blender is started with besides; the one with simulated events hears no others."""

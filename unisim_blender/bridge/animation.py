@@ -10,6 +10,7 @@ import numpy as np
 from ..core.edits.motion import merged_times, sampled_keys
 from ..core.geometry import FloatArray, Trajectory
 from .clock import Clock
+from .scaling import SAME_SHAPE
 
 TURN_RAD = 0.02
 """Between two keys: what Blender makes of it is 1e-6 rad off slerp."""
@@ -71,6 +72,15 @@ def keys_hide(thing: bpy.types.Object) -> bool:
     strips = [strip for track in data.nla_tracks for strip in track.strips if strip.action] if data is not None else []
     found = [curves_of(thing), *(_curves(strip.action, getattr(strip, "action_slot", None)) for strip in strips)]
     return any(curve.data_path == "hide_viewport" for curves in found for curve in curves)
+
+
+def scale_changes(thing: bpy.types.Object) -> bool:
+    """Whether keys make the scale of a thing, or of what it is parented to, another at one time than at another."""
+    for curve in curves_of(thing):
+        values = [key.co[1] for key in curve.keyframe_points] if curve.data_path in ("scale", "delta_scale") else []
+        if values and not curve.mute and max(values) - min(values) > SAME_SHAPE * max(map(abs, values)):
+            return True
+    return thing.parent is not None and scale_changes(thing.parent)
 
 
 def keys_of(thing: bpy.types.Object) -> tuple[FloatArray, FloatArray, FloatArray] | None:

@@ -58,6 +58,7 @@ def _actors(scene: bpy.types.Scene, recorded: Drive, edited: Drive, clock: Clock
             remove(own[uid])
         elif now is not actor:
             _look(own[uid], now, actor.look.actor)
+            own[uid].scale = now.scale
             go(own[uid], now, edited, clock)
     for uid, actor in edited.actors.items():
         if uid not in recorded.actors and not actor.is_ego_body:
@@ -66,6 +67,7 @@ def _actors(scene: bpy.types.Scene, recorded: Drive, edited: Drive, clock: Clock
             collection_of(scene, "ACTOR").objects.link(thing)
             if not mesh:
                 _look(thing, actor, actor.look.actor if not actor.look.scene else "")
+            thing.scale = actor.scale
             go(thing, actor, edited, clock)
 
 
@@ -82,7 +84,7 @@ def _look(thing: bpy.types.Object, actor: Actor, natural: str) -> None:
     if (actor.look.actor, actor.look.scene) == (natural, ""):
         return
     thing.unisim.look, thing.unisim.look_scene = actor.look.actor, actor.look.scene
-    thing.data = box_mesh(actor.size_m, actor.label)
+    thing.data = box_mesh(actor.look_size_m, actor.label)
 
 
 def _static(scene: bpy.types.Scene, scenario: Scenario) -> None:

@@ -10,6 +10,8 @@ import numpy as np
 from ..core.drive import Drive
 from .animation import curves_of
 from .clock import Clock
+from .meshes import scale_of, size_of
+from .scaling import UNIT, scale_text, size_text
 from .things import is_copy, things
 from .trajectories import keyed_pose
 
@@ -19,8 +21,8 @@ HALF_S = 0.1
 
 @dataclass(frozen=True)
 class Card:
-    """An actor's name and class, what became of it, its speed, how far it is from the ego vehicle, and from when to when it is
-    there, in seconds of the log."""
+    """An actor's name and class, what became of it, its speed, how far it is from the ego vehicle, from when to when it is
+    there, in seconds of the log, and how large it is, in words."""
 
     name: str
     label: str
@@ -28,6 +30,7 @@ class Card:
     speed_m_s: float
     distance_m: float
     present_s: tuple[float, float] | None
+    size: str = ""
 
 
 def card_of(scene: bpy.types.Scene, thing: bpy.types.Object, drive: Drive) -> Card:
@@ -41,8 +44,15 @@ def card_of(scene: bpy.types.Scene, thing: bpy.types.Object, drive: Drive) -> Ca
     recorded = drive.actors.get(thing.unisim.look or thing.unisim.uid)
     label = thing.unisim.label or (recorded.label if recorded is not None else "")
     return Card(
-        thing.name, label, role_of(scene, thing, drive), float(np.linalg.norm(moved)) / (2 * HALF_S), apart, present(thing, clock)
-    )
+        thing.name, label, role_of(scene, thing, drive), float(np.linalg.norm(moved)) / (2 * HALF_S), apart,
+        present(thing, clock), size_of_card(thing),
+    )  # fmt: skip
+
+
+def size_of_card(thing: bpy.types.Object) -> str:
+    """Return how large an actor is drawn, and by what it is scaled, in words."""
+    text, factors = size_text(size_of(thing).tolist(), digits=2), UNIT if thing.unisim.mesh else scale_of(thing)
+    return text if factors == UNIT else f"{text} (scaled by {scale_text(factors)})"
 
 
 def role_of(scene: bpy.types.Scene, thing: bpy.types.Object, drive: Drive) -> str:

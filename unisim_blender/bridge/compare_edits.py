@@ -14,7 +14,8 @@ SAME = 1e-4
 
 @dataclass(frozen=True)
 class Difference:
-    """An edit that two variants do not have alike. ``here`` is the first one's, ``there`` the second one's, None where it has none."""
+    """An edit that two variants do not have alike. ``here`` is the first one's, ``there`` the second one's, None
+    where it has none."""
 
     here: Line | None
     there: Line | None

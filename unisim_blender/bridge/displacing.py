@@ -76,7 +76,23 @@ def keep(scene: bpy.types.Scene, thing: bpy.types.Object, frame: float) -> str:
                 add_to_keys(curve, float(now[i] - then[i]))
         elif len(keyed) == 4:
             _turn([keyed[i] for i in range(4)], Quaternion(now).normalized() @ Quaternion(then).normalized().inverted())
-    return message("{name}: the whole trajectory and its keys are displaced", name=thing.name) if changed else ""
+    if changed:
+        return message("{name}: the whole trajectory and its keys are displaced", name=thing.name)
+    return message("{name}: the scale changes at all its keys", name=thing.name) if _keep_scale(thing, frame) else ""
+
+
+def _keep_scale(thing: bpy.types.Object, frame: float) -> bool:
+    """Scale what the keys of an object's scale say as it was scaled without a key at ``frame``; return whether it was."""
+    scaled = False
+    for curve in (curve for curve in curves_of(thing) if curve.data_path == "scale"):
+        now, then = float(thing.scale[curve.array_index]), float(curve.evaluate(frame))
+        if abs(now - then) > SAME and then != 0.0:
+            scaled = True
+            for key in curve.keyframe_points:
+                for part in (key.co, key.handle_left, key.handle_right):
+                    part[1] *= now / then
+            curve.update()
+    return scaled
 
 
 def displaced_objects(scene: bpy.types.Scene) -> list[bpy.types.Object]:

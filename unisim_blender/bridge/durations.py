@@ -27,7 +27,7 @@ def followed(length_m: float, speed_m_s: float, start_s: float, clock: Clock) ->
     end_s = float(clock.times_s[-1])
     if start_s + takes > end_s + 1e-6:
         left_m = length_m - max(end_s - start_s, 0.0) * speed_m_s
-        lines.append(f"The log ends at {instant(end_s, clock)}, {left_m:.1f} m before the curve's end")
+        lines += [f"The log ends at {instant(end_s, clock)}", f"{left_m:.1f} m before the curve's end"]
     return lines
 
 

@@ -26,19 +26,21 @@ from ..core.scenario.types import (
     Offset,
     Remove,
     RemoveStatic,
+    Scale,
     Swap,
 )
 from .clock import Clock
 from .edit_words import displaced_words, joined, moved_words, presence_words, trajectory_words
 from .poses import same
-from .read_actors import actor_edits, original, recorded_poses, recorded_there
+from .read_actors import actor_edits, look_size_m, original, recorded_poses, recorded_there
 from .read_rig import ego_edits, sensors_of
 from .read_static import static_edits
 from .sampling import Sampled, Thing
+from .scaling import scale_text
 
 ICONS = {
     "REMOVE": "TRASH", "APPEARANCE": "SHADING_TEXTURE", "MOVE": "ORIENTATION_GLOBAL", "COPY": "DUPLICATE", "INSERT": "ADD",
-    "MESH": "MESH_MONKEY", "SENSOR": "CAMERA_DATA", "EGO": "AUTO", "PROBLEM": "ERROR",
+    "MESH": "MESH_MONKEY", "SCALE": "FULLSCREEN_ENTER", "SENSOR": "CAMERA_DATA", "EGO": "AUTO", "PROBLEM": "ERROR",
 }  # fmt: skip
 """By the part of an object that an edit changes."""
 ADDED = ("COPY", "INSERT", "MESH")
@@ -49,9 +51,11 @@ RETIMED_FRAMES = 0.02
 
 @dataclass(frozen=True)
 class Line:
-    """One edit. ``who`` is the object's name as the scenario has it, ``thing`` as Blender has it, "" where it is not there.
+    """One edit. ``who`` is the object's name as the scenario has it, ``thing`` as Blender has it, "" where it is not
+    there.
 
-    ``frames`` are those at which the edit shows, ``start_s`` and ``end_s`` the times of the first and the last. ``edit`` is what
+    ``frames`` are those at which the edit shows, ``start_s`` and ``end_s`` the times of the first and the last.
+    ``edit`` is what
     the scenario holds. ``muted`` is the number of the muted edit, -1 where it is not muted.
     """
 
@@ -84,7 +88,8 @@ def actor_name(actor: Actor) -> str:
 
 
 def actor_lines(uid: str, standing: list[Thing], drive: Drive, clock: Clock) -> Iterator[Line]:
-    """Yield the edits of one recorded actor and its copies, or of the objects of an id that the drive does not have."""
+    """Yield the edits of one recorded actor and its copies, or of the objects of an id that the drive does not
+    have."""
     actor = drive.actors.get(uid)
     looks = {thing.look for thing in standing if thing.look and not thing.look_scene}
     few = replace(drive, actors={name: one for name, one in drive.actors.items() if name == uid or name in looks})
@@ -95,6 +100,10 @@ def actor_lines(uid: str, standing: list[Thing], drive: Drive, clock: Clock) -> 
         if isinstance(edit, Remove | Move | Swap):
             if edit.actor == uid and actor is not None:
                 yield _own(edit, own, actor, drive, clock)
+        elif isinstance(edit, Scale):
+            if edit.actor == uid and own is not None:  # a copy's scale is part of its own line
+                words = f"Scaled by {scale_text(edit.factors)}"
+                yield _line("ACTOR", uid, "SCALE", words, own.title, own.name, own.there, clock, edit)
         elif not isinstance(edit, Duplicate | Insert) or edit.actor in (uid, *looks, *(t.look for t in standing)):
             yield _added(edit, others.pop(0), actor, drive, clock)
 
@@ -118,7 +127,8 @@ def _own(edit: Edit, own: Thing | None, actor: Actor, drive: Drive, clock: Clock
 
 
 def _moved(thing: Thing, base: FloatArray, lifted: FloatArray, there: BoolArray, actor: Actor | None, clock: Clock) -> str:
-    """Return how an object goes another way than ``base`` (N, 4, 4), which lies ``lifted`` for an object with another appearance."""
+    """Return how an object goes another way than ``base`` (N, 4, 4), which lies ``lifted`` for an object with
+    another appearance."""
     at = thing.there & there if (thing.there & there).any() else thing.there
     few = Clock(clock.frames[at], clock.times_s[at])
     parts = []
@@ -172,15 +182,17 @@ def rig_lines(sampled: Sampled, drive: Drive) -> Iterator[Line]:
             words = trajectory_words(clock, ego.poses, base, None, False)
         yield _line("EGO", "ego", "EGO", words or "Moved", ego.title, ego.name, ~same(ego.poses, base), clock, edit)
     sensors = sensors_of(sampled, drive)
-    for kind, specs, recorded in (
-        ("CAMERA", sensors.cameras if sensors else None, drive.cameras),
-        ("LIDAR", sensors.lidars if sensors else None, drive.lidars),
-    ):
+    listed: dict[str, tuple[CameraSpec | LidarSpec, ...] | None] = {
+        "CAMERA": sensors.cameras if sensors else None,
+        "LIDAR": sensors.lidars if sensors else None,
+    }
+    for kind, specs in listed.items():
         if specs is None:
             continue
+        recorded = set(drive.cameras if kind == "CAMERA" else drive.lidars)
         named = "Camera" if kind == "CAMERA" else "LiDAR"
         standing = [thing for thing in sampled.of(kind) if thing.there.any()]
-        for name in sorted(set(recorded) - {spec.id for spec in specs}):
+        for name in sorted(recorded - {spec.id for spec in specs}):
             hidden = next((thing.name for thing in sampled.of(kind) if thing.uid == name and thing.is_original), "")
             yield _line(kind, name, "REMOVE", f"{named} removed", name, hidden, always, clock, name)
         for spec, thing in zip(specs, standing, strict=True):
@@ -253,9 +265,7 @@ def problem_line(kind: str, uid: str, fault: ScenarioError, things: Iterable[Thi
 
 
 def _height(thing: Thing, drive: Drive) -> float:
-    from .read_actors import _look_size_m
-
-    return float(_look_size_m(thing, drive)[2])
+    return float(look_size_m(thing, drive)[2])
 
 
 def _line(kind: str, uid: str, part: str, what: str, who: str, thing: str, shows: BoolArray, clock: Clock, edit: object) -> Line:

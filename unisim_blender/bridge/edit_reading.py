@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 
 import bpy
+import numpy as np
 
 from ..core.drive import Drive
 from ..core.errors import ScenarioError, UnisimError
@@ -31,7 +32,8 @@ Key = tuple[str, str]
 class Reading:
     """A scene's edits as they were read last. ``problem`` says why they could not be.
 
-    ``stale``: whether the scene may have changed since; ``moved``: whether something may have moved; ``busy``: whether it is being
+    ``stale``: whether the scene may have changed since; ``moved``: whether something may have moved; ``busy``:
+    whether it is being
     read.
     """
 
@@ -102,7 +104,8 @@ def read_now(scene: bpy.types.Scene) -> tuple[Line, ...]:
 
 
 def read_steps(scene: bpy.types.Scene) -> Iterator[None]:
-    """Read a scene's edits, a step of some milliseconds at a time. To be begun anew where the scene changes meanwhile."""
+    """Read a scene's edits, a step of some milliseconds at a time. To be begun anew where the scene changes
+    meanwhile."""
     reading = reading_of(scene)
     reading.stale, reading.busy, moved = False, True, reading.moved
     try:
@@ -173,8 +176,6 @@ def _sampled(
     """Sample a group into ``sampled``, with rests."""
     beside = {}
     if free:
-        import numpy as np
-
         frames, parts = sampler.clock.frames, []
         for at in range(0, len(frames), FRAMES_AT_ONCE):
             _beside[:] = [True]

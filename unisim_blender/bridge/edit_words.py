@@ -16,6 +16,8 @@ SAME_S = 0.05
 """Delays that differ by less count as one delay."""
 SLOW_M_S = 0.5
 """Below this speed a place on the path does not tell the time."""
+SMALL = 0.05
+"""A share of the largest component of a displacement below which another is not told."""
 FINE = 10
 """Samples of the recorded path for each frame."""
 BEYOND_S = 3.0
@@ -28,11 +30,12 @@ def metres(value: float) -> str:
 
 
 def moved_words(apart: FloatArray) -> str:
-    """Return what a displacement (4, 4) in an object's own axes (forward, left, up) does: "3.0 m left, turned 10° right"."""
+    """Return what a displacement (4, 4) in an object's own axes (forward, left, up) does: "3.0 m left, turned 10°
+    right"."""
     largest = float(np.abs(apart[:3, 3]).max())
     words = []
     for value, (more, less) in zip(apart[:3, 3], (("forward", "back"), ("left", "right"), ("up", "down")), strict=True):
-        if abs(value) > max(SAME_M, 0.02 * largest):
+        if abs(value) > max(SAME_M, SMALL * largest):
             words.append(f"{metres(abs(float(value)))} {more if value > 0 else less}")
     return ", ".join([*words, *turned_words(apart[:3, :3])])
 
@@ -60,7 +63,8 @@ def displaced_words(apart: FloatArray) -> str:
 
 
 def retimed_words(times_s: FloatArray, places: FloatArray, recorded: Trajectory) -> str:
-    """Return how much later or earlier an object at ``places`` (N, 3) is on the recorded path; "" where it is not on the path."""
+    """Return how much later or earlier an object at ``places`` (N, 3) is on the recorded path; "" where it is not on
+    the path."""
     first, last = float(recorded.times_s[0]) - BEYOND_S, float(recorded.times_s[-1]) + BEYOND_S
     step = max((last - first) / 4000, float(np.median(np.diff(times_s))) / FINE if len(times_s) > 1 else 0.01)
     then = np.arange(first, last, step)
@@ -90,7 +94,8 @@ def seconds(value: float) -> str:
 
 
 def trajectory_words(clock: Clock, poses: FloatArray, base: FloatArray, recorded: Trajectory | None, retimed: bool) -> str:
-    """Return how a trajectory's poses (N, 4, 4) differ from the recorded ones, ``base`` (N, 4, 4); "" where they do not.
+    """Return how a trajectory's poses (N, 4, 4) differ from the recorded ones, ``base`` (N, 4, 4); "" where they do
+    not.
 
     ``retimed``: whether its keys lie at other times than the recorded ones.
     """

@@ -11,10 +11,10 @@ from ..core.geometry import FloatArray
 from .chart import ticks
 from .kinematics import QUANTITIES, Compared, Motion
 
-WIDTH, HEIGHT = 400, 214
+WIDTH, HEIGHT = 440, 214
 """Of the graph, in pixels at Blender's resolution scale 1."""
-LEFT, RIGHT, TOP, BOTTOM = 52, 10, 42, 84
-"""Margins round the speed's axes: numbers on the left, title and values above, times and strips below."""
+LEFT, RIGHT, TOP, BOTTOM = 132, 14, 42, 84
+"""Margins round the speed's axes: numbers and values on the left, title and speed above, times and strips below."""
 STRIP, STRIP_GAP = 10, 4
 """Height of a strip that says where a limit is exceeded, and the gap between two."""
 PAPER, INK, GRID = (0.06, 0.06, 0.06, 0.82), (0.85, 0.85, 0.85, 1.0), (0.32, 0.32, 0.32, 1.0)
@@ -86,7 +86,7 @@ def curves(graph: Compared) -> Shapes:
         row = float(axes.y(np.array(speed / KMH)))
         shapes.box(LEFT, row, right - LEFT, 1, GRID)
         shapes.texts.append((f"{speed:g}", LEFT - 30, row - 4, INK))
-    shapes.texts.append(("km/h", 4, HEIGHT - TOP + 4, INK))
+    shapes.texts.append(("km/h", LEFT - 64, BOTTOM + 36, INK))
     for time in ticks(axes.first_s, axes.last_s):
         column = float(axes.x(np.array(time)))
         shapes.box(column, BOTTOM - 4, 1, 4, INK)
@@ -104,12 +104,16 @@ def curves(graph: Compared) -> Shapes:
         shapes.line(points(graph.now), 2.5, pieces)
     edges = axes.x(np.concatenate([times[:1], (times[1:] + times[:-1]) / 2, times[-1:]]))
     for i, name in enumerate(QUANTITIES):
-        low = BOTTOM - 36 - (i + 1) * STRIP - i * STRIP_GAP + 8
-        shapes.texts.append((STRIPS[name], 4, low + 1, INK))
+        low = low_of_strip(i)
         shapes.box(LEFT, low, right - LEFT, STRIP, GRID)
         for at in np.flatnonzero(graph.exceeded[name]):
             shapes.box(float(edges[at]), low, max(float(edges[at + 1] - edges[at]), 2.0), STRIP, OVER)
     return shapes
+
+
+def low_of_strip(i: int) -> float:
+    """Return the lower edge of the strip of a quantity, by its number."""
+    return float(BOTTOM - 28 - (i + 1) * STRIP - i * STRIP_GAP)
 
 
 def moment(graph: Compared, frame: float) -> Shapes:
@@ -117,15 +121,16 @@ def moment(graph: Compared, frame: float) -> Shapes:
     shapes, axes = Shapes(), axes_of(graph)
     time_s = float(np.interp(frame, graph.frames, graph.now.times_s))
     column = float(axes.x(np.array(time_s)))
-    low = BOTTOM - 28 - 3 * STRIP - 2 * STRIP_GAP
+    low = low_of_strip(len(QUANTITIES) - 1)
     shapes.box(column - 0.75, low, 1.5, HEIGHT - TOP - low, NOW)
     what = "edited blue, recorded grey" if graph.is_edited and graph.recorded is not None else ""
     what = what or ("edited blue" if graph.is_edited else "as recorded")
     shapes.texts.append((f"{graph.name}: {what}", 6, HEIGHT - 15, INK))
-    x = 6.0
-    for text, is_over in values(graph, frame):
-        shapes.texts.append((text, x, HEIGHT - 32, OVER if is_over else INK))
-        x += 6.1 * len(text) + 14
+    (time, _), (speed, _), *over = values(graph, frame)
+    shapes.texts.append((f"{time}: {speed}", 6, HEIGHT - 32, INK))
+    for i, name in enumerate(QUANTITIES):
+        text, is_over = over[i] if over else ("", False)
+        shapes.texts.append((f"{STRIPS[name]} {text}", 6, low_of_strip(i) + 1, OVER if is_over else INK))
     return shapes
 
 
@@ -140,5 +145,5 @@ def values(graph: Compared, frame: float) -> list[tuple[str, bool]]:
     for name, digits in (("acceleration_m_s2", 1), ("lateral_m_s2", 1), ("curvature_1_m", 3)):
         value = getattr(now, name)[at]
         text = f"{value:+.{digits}f}" if np.isfinite(value) else "–"
-        found.append((f"{STRIPS[name]} {text} {UNITS[name]}", bool(graph.exceeded[name][at])))
+        found.append((f"{text} {UNITS[name]}", bool(graph.exceeded[name][at])))
     return found

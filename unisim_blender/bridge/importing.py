@@ -15,6 +15,7 @@ from .animation import write_presence, write_trajectory
 from .backgrounds import set_background
 from .cameras import model_of, set_model
 from .clock import Clock
+from .naming import names_at_import
 from .poses import optical, same
 from .reading import edited_ids
 from .rig import lag, lidar_json, recorded_mount
@@ -56,7 +57,7 @@ def _steps(scene: bpy.types.Scene, source: Source, kept: set[str]) -> Iterator[S
     about.trajectories = True
     about.log, about.scene = str(source.log_path), str(source.scene_path or "")
     about.origin = json.dumps(drive.world_origin.tolist())
-    clock = Clock.of(drive)
+    clock, names = Clock.of(drive), names_at_import(source)
     set_time(scene, clock)
     if first:
         scene.frame_set(scene.frame_start)
@@ -73,7 +74,7 @@ def _steps(scene: bpy.types.Scene, source: Source, kept: set[str]) -> Iterator[S
         _lidar(scene, drive, lidar, ego, clock)
         yield (done := done + 1), total, lidar.sensor_id
     for actor in actors:
-        _actor(scene, drive, actor, clock).pass_index = 1 + sorted(drive.actors).index(actor.uid)
+        _actor(scene, drive, actor, clock, names[actor.uid]).pass_index = 1 + sorted(drive.actors).index(actor.uid)
         yield (done := done + 1), total, actor.label
     if first:
         set_aside(scene)
@@ -235,8 +236,8 @@ def _lidar(scene: bpy.types.Scene, drive: Drive, lidar: Lidar, ego: bpy.types.Ob
     ride_on_vehicle(thing, recorded_mount(lidar, drive, clock), lag(lidar, drive, clock), ego, clock)
 
 
-def _actor(scene: bpy.types.Scene, drive: Drive, actor: Actor, clock: Clock) -> bpy.types.Object:
-    thing = make(scene, "ACTOR", actor.uid, f"{actor.label} {actor.uid[:6]}", box_mesh(actor.size_m, actor.label))
+def _actor(scene: bpy.types.Scene, drive: Drive, actor: Actor, clock: Clock, name: str) -> bpy.types.Object:
+    thing = make(scene, "ACTOR", actor.uid, name, box_mesh(actor.size_m, actor.label))
     thing.show_wire, thing.color = True, (1.0, 1.0, 1.0, 1.0)
     go(thing, actor, drive, clock)
     return thing

@@ -22,6 +22,7 @@ from ..core.errors import ScenarioError
 from ..core.geometry import FloatArray, invert_pose
 from ..core.meshes.model import FLAT, SUFFIX, MeshModel, centred, check_model, write_model
 from .poses import rigid
+from .scaling import UNIT, Factors, Scaling, refusal, scale_text, scaling_of, size_text
 from .trajectories import trajectory_of
 
 SHAPES = ("MESH", "CURVE", "SURFACE", "META", "FONT")
@@ -92,7 +93,33 @@ def _folder() -> tempfile.TemporaryDirectory[str]:
 
 
 def size_of(thing: bpy.types.Object) -> FloatArray:
-    """An object's extent (3,) along its own axes, with its scale; of an actor that is a mesh, with all its parts."""
+    """How large an object is drawn (3,) along its own axes, as it was evaluated last; of an actor that is a mesh, with all its
+    parts."""
+    return extent_of(thing) * (1.0 if thing.unisim.mesh else np.array(scale_of(thing)))
+
+
+def scale_of(thing: bpy.types.Object) -> Factors:
+    """How much larger an object is drawn along its own axes (3,) than its data is, as it was evaluated last."""
+    world = np.array(thing.matrix_world, float)[None]
+    return scaling_of(world, rigid(world)).factors
+
+
+def scaled_sentence(thing: bpy.types.Object) -> str:
+    """Return what it means that an actor was scaled, as a sentence."""
+    world = np.array(thing.matrix_world, float)[None]
+    scaling = Scaling() if thing.unisim.mesh else scaling_of(world, rigid(world))
+    size = size_text(size_of(thing).tolist())
+    if fault := refusal(thing.name, scaling):
+        return fault
+    if scaling.factors == UNIT:
+        return f"{thing.name}: measures {size}"
+    return (
+        f"{thing.name}: is scaled by {scale_text(scaling.factors)} about its centre to {size}; Snap to Ground sets it on the road"
+    )
+
+
+def extent_of(thing: bpy.types.Object) -> FloatArray:
+    """An object's extent (3,) along its own axes without its scale; of an actor that is a mesh, with it and all its parts."""
     if not thing.unisim.mesh:
         return np.ptp(np.array(thing.bound_box, float), axis=0)
     corners = corners_of(thing, lambda part: _within(part, thing))

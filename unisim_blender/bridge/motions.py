@@ -12,12 +12,11 @@ import numpy as np
 
 from ..core.drive import Drive
 from ..core.geometry import BoolArray, FloatArray
-from .animation import curves_of
 from .clock import Clock
 from .kinematics import Compared, Limits, exceeded, is_limited, motion_of
 from .poses import rigid, same
 from .read_actors import recorded_poses, recorded_there
-from .trails import way_of
+from .trails import there_of, way_of
 
 EGO_LABEL = "Ego vehicle (car)"
 
@@ -61,10 +60,10 @@ def track_of(thing: bpy.types.Object, drive: Drive, clock: Clock) -> Track:
     poses = way_of(thing, clock)
     if poses is None:
         poses = np.tile(rigid(np.array(thing.matrix_world, float)), (len(clock.frames), 1, 1))
-    hides = [curve for curve in curves_of(thing) if curve.data_path == "hide_viewport"]
-    there = np.array([all(curve.evaluate(frame) < 0.5 for curve in hides) for frame in clock.frames], bool)
     kind, uid = thing.unisim.kind, thing.unisim.uid
-    return Track(thing.name, kind, uid, label_of(kind, thing.unisim.look or uid, thing.unisim.label, drive), poses, there)
+    return Track(
+        thing.name, kind, uid, label_of(kind, thing.unisim.look or uid, thing.unisim.label, drive), poses, there_of(thing, clock)
+    )
 
 
 def label_of(kind: str, uid: str, own: str, drive: Drive) -> str:

@@ -1,7 +1,9 @@
 """Edits muted: the object stands as it was imported, and the edit waits in the file until it is unmuted.
 
-A scenario is the difference between the drive and what stands there. A muted edit is therefore none of the scene's state: the
-object with the edit is kept outside all scenes ("parked"), and one as imported stands in its place. A muted copy is parked and
+A scenario is the difference between the drive and what stands there. A muted edit is therefore none of the scene's
+state: the
+object with the edit is kept outside all scenes ("parked"), and one as imported stands in its place. A muted copy is
+parked and
 nothing stands in its place. An appearance is kept by name.
 """
 
@@ -14,6 +16,8 @@ import bpy
 
 from .copies import copy_action
 from .edit_lines import ADDED, Line
+from .importing import fit_resolution, front_camera
+from .meshes import size_of
 from .refresh import refresh
 from .reverting import delete, lift, restore, set_appearance
 from .source import Source
@@ -41,7 +45,8 @@ def mute(scene: bpy.types.Scene, source: Source, line: Line) -> None:
 
 
 def unmute(scene: bpy.types.Scene, source: Source, number: int, rivals: Iterable[Line] = ()) -> None:
-    """Let a muted edit count again. ``rivals`` are edits that cannot stand beside it (see `rivals_of`): they are muted instead."""
+    """Let a muted edit count again. ``rivals`` are edits that cannot stand beside it (see `rivals_of`): they are
+    muted instead."""
     for rival in rivals:
         mute(scene, source, rival)
     item = scene.unisim_edits.muted[number]
@@ -64,7 +69,8 @@ def unmute(scene: bpy.types.Scene, source: Source, number: int, rivals: Iterable
 
 
 def rivals_of(line: Line, lines: Iterable[Line]) -> list[Line]:
-    """Return the edits that count and cannot stand beside a muted one: an actor has one trajectory, one appearance, or is gone."""
+    """Return the edits that count and cannot stand beside a muted one: an actor has one trajectory, one appearance,
+    or is gone."""
     if line.part in ADDED:
         return []
     own = [
@@ -130,8 +136,6 @@ def _park_copy(scene: bpy.types.Scene, item: Any, thing: bpy.types.Object) -> No
     item.parked = thing
     note_collection(scene, item, thing)
     if scene.camera == thing:
-        from .importing import fit_resolution, front_camera
-
         scene.camera = None
         _unlink(thing)
         scene.camera = front_camera(scene)
@@ -156,36 +160,30 @@ def _take_place(
 ) -> None:
     """Let a parked object stand where ``now`` stands, under its name; what refers to that one refers to it.
 
-    ``collection`` is the one that it was in; ``hidden`` says that it is to be in no other, for that one may be what hides it.
+    ``collection`` is the one that it was in; ``hidden`` says that it is to be in no other, for that one may be what
+    hides it.
     """
-    if now is None:
-        (collection or collection_of(scene, parked.unisim.kind)).objects.link(parked)
-        parked.name = parked.unisim.home or parked.name
-        if trajectory_of(parked) is not None:
-            trajectory_of(parked).use_fake_user = False
-            collection_of(scene, "TRAJECTORY").objects.link(trajectory_of(parked))
-        refresh([parked])
-        return
-    name, chosen = (
-        now.name,
-        now.select_get(view_layer=scene.view_layers[0]) if now.name in scene.view_layers[0].objects else False,
-    )
-    active = scene.view_layers[0].objects.active == now
-    if not hidden:
-        _keep_appearance(now, parked)
-    above = trajectory_of(parked)
+    above, layer = trajectory_of(parked), scene.view_layers[0]
     if above is not None:  # its own was in no scene
         above.use_fake_user = False
         collection_of(scene, "TRAJECTORY").objects.link(above)
+    if now is None:
+        (collection or collection_of(scene, parked.unisim.kind)).objects.link(parked)
+        parked.name = parked.unisim.home or parked.name
+        refresh([parked])
+        return
+    name, home = now.name, now.unisim.home
+    chosen, active = name in layer.objects and now.select_get(view_layer=layer), layer.objects.active == now
+    if not hidden:
+        _keep_appearance(now, parked)
     now.user_remap(parked)
     remove(now)
-    parked.name = name
+    parked.name, parked.unisim.home = name, home
     if above is not None:
         above.name = f"{name} trajectory"
     if hidden and collection is not None:
         _unlink(parked)
         collection.objects.link(parked)
-    layer = scene.view_layers[0]
     layer.update()
     if parked.name in layer.objects and chosen:
         parked.select_set(True, view_layer=layer)
@@ -198,8 +196,6 @@ def _keep_appearance(now: bpy.types.Object, parked: bpy.types.Object) -> None:
     """An appearance is an edit of its own: a parked actor gets the one that the actor has now."""
     if now.unisim.kind != "ACTOR" or (now.unisim.look, now.unisim.look_scene) == (parked.unisim.look, parked.unisim.look_scene):
         return
-    from .meshes import size_of
-
     rise = (float(size_of(now)[2]) - float(size_of(parked)[2])) / 2
     parked.unisim.look, parked.unisim.look_scene, parked.data = now.unisim.look, now.unisim.look_scene, now.data
     lift(parked, rise)

@@ -20,6 +20,7 @@ from .animation import curves_of, keys_hide
 from .clock import Clock
 from .poses import rigid
 from .sampling import Sampled, frame_of, sample
+from .scaling import scaling_of
 from .things import KINDS_OF_DRIVE, things
 from .trajectories import keyed_pose
 from .windows import areas
@@ -31,11 +32,13 @@ WAIT_S = 0.2
 
 @dataclass(frozen=True)
 class Stepped:
-    """A thing's poses now (4, 4) and at N frames (N, 4, 4), and whether it is there (N,), as they were evaluated."""
+    """A thing's poses now (4, 4) and at N frames (N, 4, 4), whether it is there (N,), and what is wrong with its scale then, as
+    they were evaluated."""
 
     now: FloatArray
     poses: FloatArray
     there: BoolArray
+    fault: str
 
 
 Moment = tuple[float, tuple[float, ...]]
@@ -59,14 +62,17 @@ def sample_now(
     sampled = []
     for thing in one.things:
         owner = scene.objects.get(thing.name) or next(other for other in also if other.name == thing.name)
+        scaling = thing.scaling
         if thing.name in stepped:
+            if not thing.mesh and not scaling.fault:
+                scaling = scaling._replace(fault=stepped[thing.name].fault)
             poses, there = _displaced(stepped[thing.name], thing.poses[0], bool(thing.there[0])), stepped[thing.name].there
         else:
             keyed_now = np.linalg.inv(keyed_pose(owner, now))
             poses = thing.poses[0] @ np.stack([keyed_now @ keyed_pose(owner, frame) for frame in clock.frames])
             hidden = [_hidden(owner, frame) for frame in clock.frames]
             there = np.array([bool(thing.there[0]) if now_hidden is None else not now_hidden for now_hidden in hidden])
-        sampled.append(replace(thing, poses=rigid(poses), there=there & (not owner.hide_render)))
+        sampled.append(replace(thing, poses=rigid(poses), there=there & (not owner.hide_render), scaling=scaling))
     return replace(one, clock=clock, things=tuple(sampled))
 
 
@@ -106,7 +112,12 @@ def step_beside(scene: bpy.types.Scene, clock: Clock, moved: Sequence[bpy.types.
     finally:
         bpy.data.scenes.remove(beside)
     poses = rigid(matrices)
-    new = {thing.name: Stepped(poses[0, i], poses[1:, i], there[1:, i]) for i, thing in enumerate(moved)}
+    new = {
+        thing.name: Stepped(
+            poses[0, i], poses[1:, i], there[1:, i], scaling_of(matrices[1:, i], poses[1:, i], there[1:, i]).fault
+        )
+        for i, thing in enumerate(moved)
+    }
     _stepped[scene.name] = moment, _known(scene, clock) | new
     return True
 

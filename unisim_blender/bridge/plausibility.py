@@ -1,5 +1,5 @@
-"""Edits that no real drive would show: overlaps, cars sideways, too fast or beyond the limits of motion, actors off the ground,
-views from far away."""
+"""Edits that no real drive would show: overlaps, cars sideways, too fast or beyond the limits of motion, actors off the ground or
+of odd sizes, views from far away."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from .motions import Track, compared, label_of
 from .poses import same
 from .read_actors import recorded_poses, recorded_there
 from .sampling import Sampled, Thing
+from .scaling import WHY, Scaling, scale_text
 
 SIDEWAYS_RAD = np.radians(25)
 MOVING_M_S = 1.5
@@ -27,6 +28,8 @@ OFF_GROUND_M = 0.5
 FAR_VIEW_M = 3.0
 ASIDE_SHARE = 0.5
 """Of what a camera sees, sideways: how much may lie beyond what any camera recorded."""
+PLAUSIBLE_SCALE = 0.5, 2.0
+"""Of what was recorded: an actor that is smaller or larger is told."""
 OVERLAP_M = 0.1
 """Boxes are drawn generously: less than this is no collision."""
 
@@ -54,6 +57,7 @@ def warnings_of(sampled: Sampled, drive: Drive, limits: Limits | None = None) ->
         yield from _motion(thing, label, sampled.clock)
         yield from _limits(thing, drive, sampled.clock, limits)
         yield from _height(thing, ground, sampled.clock)
+        yield from _size(thing, sampled.clock)
     changed = {thing.name for thing in edited}
     for i, a in enumerate(actors):
         for b in actors[i + 1 :]:
@@ -68,7 +72,7 @@ def warnings_of(sampled: Sampled, drive: Drive, limits: Limits | None = None) ->
 
 def _as_recorded(thing: Thing, drive: Drive, clock: Clock) -> bool:
     actor = drive.actors.get(thing.uid)
-    if actor is None or not thing.is_original or thing.look:
+    if actor is None or not thing.is_original or thing.look or thing.scaling != Scaling():
         return False
     there = recorded_there(actor, drive, clock)
     return bool((there == thing.there).all() and same(thing.poses, recorded_poses(actor, clock))[there].all())
@@ -121,6 +125,15 @@ def _height(thing: Thing, ground: FloatArray, clock: Clock) -> Iterator[Finding]
         yield Finding(
             thing.name, int(clock.frames[at]), f"is {abs(off[at]):.1f} m {'above' if off[at] > 0 else 'below'} the ground"
         )
+
+
+def _size(thing: Thing, clock: Clock) -> Iterator[Finding]:
+    """Its size beside what was recorded, and a scale that cannot be rendered."""
+    frame, (least, most) = int(clock.frames[int(np.argmax(thing.there))]), PLAUSIBLE_SCALE
+    if thing.scaling.fault:
+        yield Finding(thing.name, frame, WHY[thing.scaling.fault])
+    elif not all(least <= factor <= most for factor in thing.scaling.factors):
+        yield Finding(thing.name, frame, f"is scaled by {scale_text(thing.scaling.factors)}, beyond {least:g} to {most:g}")
 
 
 def _overlap(a: Thing, b: Thing, clock: Clock) -> Iterator[Finding]:

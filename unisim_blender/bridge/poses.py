@@ -14,7 +14,6 @@ BLENDER_FROM_OPTICAL = np.diag([1.0, -1.0, -1.0, 1.0])
 """Also its own inverse."""
 SAME_M, SAME_RAD = 1e-4, 1e-5
 """Within these a thing stands where it was imported."""
-SAME_SCALE = 1e-3
 FLOAT32_ULP = 2.0**-23
 
 
@@ -27,15 +26,6 @@ def rigid(matrices: FloatArray) -> FloatArray:
     u[..., :, 2] *= np.sign(np.linalg.det(u @ vt))[..., None]
     poses[..., :3, :3] = u @ vt
     return poses
-
-
-def scales_of(matrices: FloatArray, poses: FloatArray) -> FloatArray:
-    """Return the largest departure from size 1 over N frames of matrices (..., N, 4, 4) along the axes of their rigid ``poses``,
-    as factors (..., 3); 1 where it is within `SAME_SCALE`."""
-    axes = (np.swapaxes(poses[..., :3, :3], -1, -2) @ np.asarray(matrices, np.float64)[..., :3, :3]).diagonal(axis1=-2, axis2=-1)
-    at = np.abs(axes - 1).max(-1).argmax(-1)
-    worst = np.take_along_axis(axes, at[..., None, None], -2)[..., 0, :]
-    return np.where(np.abs(worst - 1) < SAME_SCALE, 1.0, worst)
 
 
 def optical(poses: FloatArray) -> FloatArray:

@@ -1,6 +1,8 @@
-"""Where an object is at every frame of the drive, from its keys and those of its parents, without stepping through the frames.
+"""Where an object is at every frame of the drive, from its keys and those of its parents, without stepping through
+the frames.
 
-Objects that anything else moves (a constraint, a driver, the NLA) are evaluated in a scene beside, as `neighbours` does it.
+Objects that anything else moves (a constraint, a driver, the NLA) are evaluated in a scene beside, as `neighbours`
+does it.
 `signature` tells whether an object is the same as when it was looked at last.
 """
 
@@ -18,9 +20,10 @@ from .cameras import model_of
 from .clock import Clock
 from .displacing import SAME
 from .neighbours import BESIDE, moved_by_keys
-from .poses import rigid, scales_of
+from .poses import rigid
 from .sampling import Thing, picture_size
-from .things import title_of
+from .scaling import Scaling, scaling_of
+from .things import sees_body, title_of
 from .trajectories import trajectory_of
 
 PATHS = ("location", "rotation_quaternion", "rotation_euler", "scale")
@@ -32,7 +35,8 @@ LENS = ("lens", "sensor_width", "sensor_height", "shift_x", "shift_y", "sensor_f
 
 
 class Sampler:
-    """Samples objects of one scene at the frames of ``clock``. ``shown`` are the names of objects in collections that are
+    """Samples objects of one scene at the frames of ``clock``. ``shown`` are the names of objects in collections
+    that are
     rendered; ``live``: whether the scene is in a window, so that changes without a key are there to be seen."""
 
     def __init__(self, scene: bpy.types.Scene, clock: Clock, shown: set[str], live: bool) -> None:
@@ -41,12 +45,13 @@ class Sampler:
         self._signatures: dict[str, tuple[object, ...]] = {}
 
     def thing(self, thing: bpy.types.Object, matrices: FloatArray | None = None, there: BoolArray | None = None) -> Thing:
-        """Return an object at all frames; ``matrices`` (N, 4, 4) and ``there`` (N,) are given where keys do not tell them."""
+        """Return an object at all frames; ``matrices`` (N, 4, 4) and ``there`` (N,) are given where keys do not tell
+        them."""
         if matrices is None or there is None:
             matrices, there = self.matrices(thing), self.there(thing)
         about, above = thing.unisim, trajectory_of(thing)
         poses = rigid(matrices)
-        scale = scales_of(matrices[None], poses[None])[0]
+        scaling = Scaling() if about.mesh else scaling_of(matrices, poses, there)
         return Thing(
             name=thing.name,
             kind=about.kind,
@@ -61,7 +66,8 @@ class Sampler:
             camera=model_of(thing, picture_size(self.scene.render)) if thing.type == "CAMERA" else None,
             mesh=title_of(thing) if about.mesh else "",
             label=about.label,
-            scale=(1.0, 1.0, 1.0) if about.mesh else tuple(scale.tolist()),
+            scaling=scaling,
+            sees_body=sees_body(thing),
             called=title_of(thing),
             ridden=rigid(self.matrices(above)) if above is not None and moved_by_keys(above) else None,
             span=_span(above) if above is not None else None,
@@ -136,7 +142,8 @@ class Sampler:
         return whole
 
     def _pending(self, thing: bpy.types.Object) -> FloatArray:
-        """Return the change (4, 4) of an object that has keys which was made without a key: the next frame displaces its keys
+        """Return the change (4, 4) of an object that has keys which was made without a key: the next frame displaces
+        its keys
         by it (`displacing.keep`), in its parent's axes."""
         apart = np.eye(4)
         curves = {(curve.data_path, curve.array_index): curve for curve in curves_of(thing)}
@@ -169,7 +176,8 @@ class Sampler:
 
 
 def evaluated(scene: bpy.types.Scene, frames: Sequence[float], moved: Sequence[bpy.types.Object]) -> tuple[FloatArray, BoolArray]:
-    """Return where things are in the world (N, T, 4, 4) and whether they are shown (N, T), by evaluating them in a scene beside.
+    """Return where things are in the world (N, T, 4, 4) and whether they are shown (N, T), by evaluating them in a
+    scene beside.
 
     Not to be called while anything is drawn or rendered.
     """

@@ -1,4 +1,4 @@
-"""What became of the recorded actors, and which are new: removals, moves, other looks, copies, insertions."""
+"""What became of the recorded actors, and which are new: removals, moves, other looks and sizes, copies, insertions."""
 
 from __future__ import annotations
 
@@ -12,11 +12,12 @@ from ..core.drive import Actor, Drive
 from ..core.errors import ScenarioError
 from ..core.geometry import BoolArray, FloatArray
 from ..core.prepare.scenario import scene_actors
-from ..core.scenario.types import Duplicate, Edit, Insert, InsertMesh, Move, Remove, Swap
+from ..core.scenario.types import Duplicate, Edit, Insert, InsertMesh, Move, Remove, Scale, Swap
 from .clock import Clock
 from .poses import SAME_M, same, same_turn
 from .read_ways import present, vector, way
 from .sampling import Sampled, Thing
+from .scaling import UNIT, refusal, scale_text
 
 Relative = Callable[[str], str]
 """A trained scene's folder as the scenario names it."""
@@ -27,33 +28,42 @@ def actor_edits(sampled: Sampled, drive: Drive, taken: set[str], relative: Relat
     clock = sampled.clock
     by_uid: dict[str, list[Thing]] = {}
     for thing in sampled.of("ACTOR"):
-        refuse_scale(thing)
+        if fault := refusal(thing.name, thing.scaling):
+            raise ScenarioError(fault)
         by_uid.setdefault(thing.uid, []).append(thing)
     for uid, actor in sorted(drive.actors.items()):
         standing = by_uid.pop(uid, [])
         own = original(standing, actor, clock)
+        # copies are told beside the recorded actor: they come before what became of that
+        for thing in standing:
+            if thing is not own and thing.there.any():
+                yield from _scaled(_copy(thing, actor, drive, clock, taken, relative), thing)
         if own is None or not own.there.any():
             if recorded_there(actor, drive, clock).any():
                 yield Remove(uid)
         else:
             yield from _changes(own, actor, drive, clock, relative)
-        for thing in standing:
-            if thing is not own and thing.there.any():
-                yield _copy(thing, actor, drive, clock, taken, relative)
     for strangers in by_uid.values():
         for thing in strangers:
             if thing.there.any():
-                yield _mesh(thing, clock, taken, relative) if thing.mesh else _inserted(thing, clock, taken, relative)
+                new = _mesh(thing, clock, taken, relative) if thing.mesh else _inserted(thing, clock, taken, relative)
+                yield from _scaled(new, thing)
 
 
 def refuse_scale(thing: Thing) -> None:
-    """Raise `ScenarioError` where a box is drawn in another size than sensors would see."""
-    if thing.scale != (1.0, 1.0, 1.0):
-        factors = " x ".join(f"{factor:.3g}" for factor in thing.scale)
+    """Raise `ScenarioError` where a static item's box is drawn in another size than it was marked in."""
+    if thing.scaling.fault or thing.scaling.factors != UNIT:
         raise ScenarioError(
-            f'object "{thing.name}": is scaled by {factors}, which sensors would not see: clear its scale (Alt-S), '
-            "or that of its parent"
+            f'object "{thing.name}": is scaled by {scale_text(thing.scaling.factors)}, which a static item cannot be: clear its '
+            "scale (Alt-S), or that of its parent"
         )
+
+
+def _scaled(new: Duplicate | Insert | InsertMesh, thing: Thing) -> Iterator[Edit]:
+    """The edit that adds an actor, and the one that scales it where it is drawn larger or smaller."""
+    yield new
+    if thing.scaling.factors != UNIT:
+        yield Scale(new.id, thing.scaling.factors)
 
 
 def original(standing: list[Thing], actor: Actor, clock: Clock) -> Thing | None:
@@ -86,13 +96,15 @@ def _changes(thing: Thing, actor: Actor, drive: Drive, clock: Clock, relative: R
     poses, there = recorded_poses(actor, clock), recorded_there(actor, drive, clock)
     if thing.look:
         yield Swap(actor.uid, thing.look, relative(thing.look_scene) if thing.look_scene else None)
-        poses[:, :3, 3] += (_look_size_m(thing, drive)[2] - actor.size_m[2]) / 2 * poses[:, :3, 2]
+        poses[:, :3, 3] += (look_size_m(thing, drive)[2] - actor.size_m[2]) / 2 * poses[:, :3, 2]
     changed = bool((thing.there != there).any())
     if changed or not same(thing.poses, poses)[there].all():
         yield Move(actor.uid, **_way(thing, clock, actor), present=present(clock, thing.there) if changed else None)
+    if thing.scaling.factors != UNIT:
+        yield Scale(actor.uid, thing.scaling.factors)
 
 
-def _copy(thing: Thing, actor: Actor, drive: Drive, clock: Clock, taken: set[str], relative: Relative) -> Edit:
+def _copy(thing: Thing, actor: Actor, drive: Drive, clock: Clock, taken: set[str], relative: Relative) -> Duplicate | Insert:
     """Return the edit for a copy of a recorded actor; one that is displaced alike at all frames, in the world's axes or its own,
     keeps the actor's own trajectory between frames too."""
     if thing.look:
@@ -126,7 +138,8 @@ def _way(thing: Thing, clock: Clock, source: Actor | None = None) -> dict[str, A
     return dict(way(clock, thing.poses, thing.there, recorded))
 
 
-def _look_size_m(thing: Thing, drive: Drive) -> FloatArray:
+def look_size_m(thing: Thing, drive: Drive) -> FloatArray:
+    """Return the size (3,) of the box that comes with a thing's appearance."""
     actors = scene_actors(Path(thing.look_scene)) if thing.look_scene else drive.actors
     if thing.look not in actors:
         raise ScenarioError(f'object "{thing.name}": has the look of "{thing.look}", which {thing.look_scene or "the log"} lacks')

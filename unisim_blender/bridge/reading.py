@@ -10,7 +10,7 @@ from pathlib import Path
 
 from ..core.drive import Drive
 from ..core.errors import ScenarioError
-from ..core.scenario.types import CameraSpec, FrameRange, LidarSpec, Move, Outputs, Remove, Scenario, Sensors, Swap
+from ..core.scenario.types import CameraSpec, FrameRange, LidarSpec, Move, Outputs, Remove, Scale, Scenario, Sensors, Swap
 from .read_actors import actor_edits
 from .read_body import body_edits
 from .read_rig import ego_edits, sensors_of
@@ -53,7 +53,7 @@ def read_scenario(
 def edited_ids(sampled: Sampled, drive: Drive) -> set[str]:
     """Ids of recorded actors and sensors that do not stand as they were imported, missing ones too; "ego" for the vehicle."""
     edits = actor_edits(sampled, drive, set(drive.actors), str)
-    found = {edit.actor for edit in edits if isinstance(edit, Move | Remove | Swap)}
+    found = {edit.actor for edit in edits if isinstance(edit, Move | Remove | Swap | Scale)} & set(drive.actors)
     # a vehicle that was deleted took its sensors along: nothing of them is kept
     sensors = (sensors_of(sampled, drive) if any(sampled.of("EGO")) else None) or Sensors()
     if sensors.cameras is not None:

@@ -43,7 +43,8 @@ def revert(scene: bpy.types.Scene, source: Source, line: Line) -> None:
 
 
 def restore(scene: bpy.types.Scene, source: Source, kind: str, uid: str, thing: bpy.types.Object | None) -> bpy.types.Object:
-    """Put an object of the drive back to where it was imported, or into the scene again where ``thing`` is None; an actor keeps
+    """Put an object of the drive back to where it was imported, or into the scene again where ``thing`` is None; an
+    actor keeps
     its appearance. Return the object."""
     drive = source.drive
     if thing is not None:
@@ -127,7 +128,9 @@ def delete(scene: bpy.types.Scene, thing: bpy.types.Object) -> None:
 
 def _item(scene: bpy.types.Scene, uid: str, thing: bpy.types.Object | None) -> bpy.types.Object:
     """Put the box of a static item where it was marked."""
-    marked = json.loads(scene.unisim.static_items[uid].model if uid in scene.unisim.static_items else thing.unisim.model)
+    items = scene.unisim.static_items
+    told = items[uid].model if uid in items or thing is None else thing.unisim.model
+    marked = json.loads(told)
     if thing is None:
         thing = make(scene, "STATIC", uid, uid, box_mesh(np.array(marked["size_m"]), LABEL))
         thing.show_wire, thing.unisim.model = True, json.dumps(marked)

@@ -16,12 +16,13 @@ import numpy as np
 from ..core.drive import CameraModel
 from ..core.errors import UnisimError
 from ..core.geometry import BoolArray, FloatArray
-from .animation import keys_hide
+from .animation import keys_hide, scale_changes
 from .cameras import model_of
 from .clock import Clock
-from .meshes import file_of, size_of
+from .meshes import extent_of, file_of
 from .meshes import model_of as model_of_mesh
-from .poses import rigid, scales_of
+from .poses import rigid
+from .scaling import CHANGING, Scaling, scaling_of
 from .things import KINDS_OF_DRIVE, sees_body, things, title_of
 
 SetFrame = Callable[[int], object]
@@ -30,12 +31,11 @@ SetFrame = Callable[[int], object]
 @dataclass(frozen=True)
 class Thing:
     """An object of the drive at N frames: poses (N, 4, 4) in Blender's axes, whether it is there (N,); the rest as its properties
-    have it. ``camera`` is a camera's intrinsics, ``index`` Blender's pass index, ``size_m`` (3,) what its mesh measures; ``mesh``
-    is the file of the model that an actor's own surface is, whose middle the poses are of, and ``label`` its class. ``scale``
-    (3,) is how much larger it is drawn along its axes than it is, negative where it is mirrored. ``sees_body``: whether meshes
-    that are the ego vehicle's body are visible to it. ``called`` is its name in the scenario where that is not ``name``. For the
-    edits list alone: ``ridden`` are the poses (N, 4, 4) of its trajectory, ``span`` the frames of that one's first and last
-    key."""
+    have it. ``camera`` is a camera's intrinsics, ``index`` Blender's pass index, ``size_m`` (3,) how large it is drawn; ``mesh``
+    is the file of the model that an actor's own surface is, whose middle the poses are of, and ``label`` its class. ``scaling``
+    is how much larger it is drawn than it was imported; a mesh's scale is in its model. ``sees_body``: whether meshes that are
+    the ego vehicle's body are visible to it. ``called`` is its name in the scenario where that is not ``name``. For the edits
+    list alone: ``ridden`` are the poses (N, 4, 4) of its trajectory, ``span`` the frames of that one's first and last key."""
 
     name: str
     kind: str
@@ -51,7 +51,7 @@ class Thing:
     size_m: tuple[float, ...] = (0.0, 0.0, 0.0)
     mesh: str = ""
     label: str = ""
-    scale: tuple[float, ...] = (1.0, 1.0, 1.0)
+    scaling: Scaling = Scaling()
     sees_body: bool = True
     called: str = ""
     ridden: FloatArray | None = None
@@ -127,9 +127,11 @@ def sample(
             matrices[i, at] = now.matrix_world
             there[i, at] = not (now.hide_viewport and keyed[i]) and not now.hide_render and thing.name in shown
     poses = rigid(matrices)
-    scales = scales_of(matrices, poses)
+    scalings = [_scaling(thing, matrices[i], poses[i], there[i]) for i, thing in enumerate(found)]
     size = picture_size(scene.render)
-    extents = [tuple(size_of(thing).tolist()) for thing in found]
+    extents = [
+        tuple((extent_of(thing) * np.array(scaling.factors)).tolist()) for thing, scaling in zip(found, scalings, strict=True)
+    ]
     files = [""] * len(found)
     for i, thing in enumerate(found):
         if thing.unisim.mesh and there[i].any():
@@ -155,7 +157,7 @@ def sample(
                 size_m=extents[i],
                 mesh=files[i],
                 label=thing.unisim.label,
-                scale=(1.0, 1.0, 1.0) if thing.unisim.mesh else tuple(scales[i].tolist()),
+                scaling=scalings[i],
                 called=title_of(thing),
                 sees_body=sees_body(thing),
             )
@@ -163,6 +165,12 @@ def sample(
         ),
         {item.name: item.model for item in scene.unisim.static_items},
     )
+
+
+def _scaling(thing: bpy.types.Object, matrices: FloatArray, poses: FloatArray, there: BoolArray) -> Scaling:
+    scaling = Scaling() if thing.unisim.mesh else scaling_of(matrices, poses, there)
+    # keys tell it whichever frames are looked at
+    return Scaling(scaling.factors, CHANGING) if not scaling.fault and scale_changes(thing) else scaling
 
 
 def picture_size(render: bpy.types.RenderSettings) -> tuple[int, int]:

@@ -63,7 +63,8 @@ def _parented_to_ego(thing: bpy.types.Object) -> bool:
 
 
 def has_drive(scene: bpy.types.Scene) -> bool:
-    """Whether a drive was imported into a scene: one made by New Scene > Copy Settings has the settings and no objects."""
+    """Whether a drive was imported into a scene: one made by New Scene > Copy Settings has the settings and no
+    objects."""
     return bool(scene.unisim.log) and any(thing.unisim.kind in KINDS_OF_DRIVE for thing in scene.objects)
 
 
@@ -99,14 +100,16 @@ def make(scene: bpy.types.Scene, kind: str, uid: str, name: str, data: bpy.types
 
 
 def original_of(scene: bpy.types.Scene, kind: str, uid: str) -> bpy.types.Object | None:
-    """Return the object that stands for what was imported with an id: the one that has the name which the import gave it, else,
+    """Return the object that stands for what was imported with an id: the one that has the name which the import
+    gave it, else,
     where that was renamed, the first by name. None where all were deleted."""
     found = [thing for thing in things(scene, kind) if thing.unisim.uid == uid]
     return next((thing for thing in found if thing.name == thing.unisim.home), found[0] if found else None)
 
 
 def title_of(thing: bpy.types.Object) -> str:
-    """Return what a scenario calls an object that has no id of the log's. In a variant that is its name in the variant that it was
+    """Return what a scenario calls an object that has no id of the log's. In a variant that is its name in the
+    variant that it was
     copied from, as long as it keeps the name that it got with the copy."""
     about = thing.unisim
     return about.called if about.called and about.called_as == thing.name else thing.name
@@ -118,15 +121,16 @@ def is_copy(scene: bpy.types.Scene, thing: bpy.types.Object) -> bool:
 
 
 def new_actor(name: str, actor: Actor) -> bpy.types.Object:
-    """An object for an actor that no import brings, with that actor's box; in no collection yet."""
-    thing = bpy.data.objects.new(name, box_mesh(actor.size_m, actor.label))
+    """An object for an actor that no import brings, with the box of that actor's look; in no collection yet."""
+    thing = bpy.data.objects.new(name, box_mesh(actor.look_size_m, actor.label))
     thing.rotation_mode, thing.show_wire = "QUATERNION", True
     thing.unisim.kind, thing.unisim.uid = "ACTOR", actor.look.actor
     return thing
 
 
 def box_mesh(size_m: FloatArray, label: str) -> bpy.types.Mesh:
-    """A box of that size (3,) about the origin, with an arrow on its roof that points forward; one mesh for all alike."""
+    """A box of that size (3,) about the origin, with an arrow on its roof that points forward; one mesh for all
+    alike."""
     name = "UniSim box " + " ".join(f"{s:.3f}" for s in size_m) + f" {label}"
     found = bpy.data.meshes.get(name)
     if found is not None:

@@ -8,10 +8,12 @@ import bpy
 import numpy as np
 
 from ..core.drive import Drive
-from ..core.geometry import FloatArray, box_corners, make_pose
+from ..core.geometry import BoolArray, FloatArray, box_corners, make_pose
 from .animation import curves_of
 from .clock import Clock
+from .meshes import scale_of
 from .poses import rigid, same_place
+from .scaling import UNIT
 from .things import is_copy
 from .trajectories import trajectory_of
 
@@ -34,14 +36,14 @@ class Lines:
 def trail(thing: bpy.types.Object, drive: Drive, clock: Clock, frame: float) -> Lines:
     """An actor's or the vehicle's way: its own, and beside it the recorded one with the box there, where it is another."""
     parts: list[tuple[FloatArray, FloatArray]] = []
-    own = way_of(thing, clock)
-    if own is not None:
-        parts += [_line(own, speed_colours(own, clock)), _ticks(own, clock)]
+    own, there = way_of(thing, clock), there_of(thing, clock)
+    if own is not None and there.any():
+        parts += [_line(own[there], speed_colours(own, clock)[there]), _ticks(own, clock, there)]
     recorded, size = _recorded(thing, drive, clock)
     here = rigid(np.array(thing.matrix_world, float))
     if recorded is not None:
         at = int(np.clip(np.searchsorted(clock.frames, frame), 0, len(clock.frames) - 1))
-        if not same_place(here, recorded[at]):
+        if not same_place(here, recorded[at]) or scale_of(thing) != UNIT:
             grey = np.tile(RECORDED, (len(recorded), 1))
             parts.append(_line(recorded, grey))
             if size is not None:
@@ -71,13 +73,19 @@ def way_of(thing: bpy.types.Object, clock: Clock) -> FloatArray | None:
     return np.asarray(poses @ inverse @ (np.array(thing.matrix_basis, float) if on is None else on))
 
 
+def there_of(thing: bpy.types.Object, clock: Clock) -> BoolArray:
+    """Return at which of the clock's frames (N,) keys let a thing be present."""
+    hides = [curve for curve in curves_of(thing) if curve.data_path == "hide_viewport"]
+    return np.array([all(curve.evaluate(frame) < 0.5 for curve in hides) for frame in clock.frames], bool)
+
+
 def _keyed(thing: bpy.types.Object, clock: Clock, above: FloatArray) -> FloatArray | None:
-    """Poses (N, 4, 4) by a thing's own keys, as Blender interpolates them; before the first and after the last those of these."""
+    """Poses (N, 4, 4) by a thing's own keys, as Blender interpolates them, and goes on beyond the first and the last."""
     found = {(c.data_path, c.array_index): c for c in curves_of(thing) if c.data_path in ("location", "rotation_quaternion")}
     ends = [frame for curve in found.values() for frame in curve.range()]
     if not ends or min(ends) == max(ends):
         return None
-    frames = np.clip(clock.frames, min(ends), max(ends)).tolist()
+    frames = clock.frames.tolist()
 
     def values(path: str) -> FloatArray:
         now = getattr(thing, path)
@@ -112,8 +120,9 @@ def _line(poses: FloatArray, colours: FloatArray) -> tuple[FloatArray, FloatArra
     return np.stack([points[:-1], points[1:]], 1).reshape(-1, 3), np.stack([colours[:-1], colours[1:]], 1).reshape(-1, 3)
 
 
-def _ticks(poses: FloatArray, clock: Clock) -> tuple[FloatArray, FloatArray]:
+def _ticks(poses: FloatArray, clock: Clock, there: BoolArray) -> tuple[FloatArray, FloatArray]:
     seconds = np.arange(np.ceil(clock.times_s[0]), clock.times_s[-1])
     at = np.searchsorted(clock.times_s, seconds)
+    at = at[there[at]]
     middle, side = poses[at, :3, 3], poses[at, :3, 1] * TICK_M
     return np.stack([middle - side, middle + side], 1).reshape(-1, 3), np.ones((2 * len(at), 3))

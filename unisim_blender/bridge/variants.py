@@ -1,6 +1,7 @@
 """Variants: scenarios of one drive as scenes of one file. Each has objects, keys and cameras of its own.
 
-Blender gives the objects of a copied scene other names. Their ids stay: `home` follows the name of what was imported, and
+Blender gives the objects of a copied scene other names. Their ids stay: `home` follows the name of what was
+imported, and
 `called` keeps the name that a scenario has for the rest (see `things.title_of`).
 """
 
@@ -42,7 +43,8 @@ def free_name(wanted: str) -> str:
 
 
 def new_variant(window: bpy.types.Window, scene: bpy.types.Scene, name: str) -> bpy.types.Scene:
-    """Copy a scene with its objects, keys, cameras and muted edits under a free name, and show the copy in ``window``."""
+    """Copy a scene with its objects, keys, cameras and muted edits under a free name, and show the copy in
+    ``window``."""
     checked_name(name)
     before = set(bpy.data.scenes)
     collections = list(scene.collection.children_recursive)
@@ -141,7 +143,8 @@ def _keep_ids(objects: dict[bpy.types.Object, bpy.types.Object]) -> None:
 
 
 def _own_data(objects: dict[bpy.types.Object, bpy.types.Object]) -> None:
-    """Give copies what an edit may change, and let them share boxes: Blender's preferences say which data it copies."""
+    """Give copies what an edit may change, and let them share boxes: Blender's preferences say which data it
+    copies."""
     doubled = set()
     for old, new in objects.items():
         if new.animation_data is not None and new.animation_data.action is not None:

@@ -1,6 +1,7 @@
 """What users can do, one file a subject. Operators gather, call and report; the work is in `bridge` and in core."""
 
 from . import (
+    actor_list,
     actors,
     assets,
     background,
@@ -32,6 +33,7 @@ MODULES = (
     motion_settings,
     import_drive,
     export_scenario,
+    actor_list,
     actors,
     edits,
     looks,

@@ -8,6 +8,7 @@ import bpy
 import numpy as np
 from bpy.props import StringProperty
 
+from ..bridge.naming import names_at_import
 from ..bridge.portraits import portrait_request, set_preview
 from ..bridge.source import Source, source_of
 from ..bridge.things import new_actor
@@ -15,7 +16,7 @@ from ..client import client
 from ..core.errors import UnisimError
 from ..preferences import device, interpreter
 from ..translations import message
-from .looks import size_text
+from .actor_choice import size_text
 from .polling import allowed, drive
 
 POLL_S = 0.1
@@ -92,7 +93,7 @@ def make_library(source: Source, path: Path) -> Generator[str, None, None]:
     assert source.scene_path is not None  # the operator has seen to it
     made: list[bpy.types.Object] = []
     try:
-        actors = sorted(source.drive.actors.items())
+        actors, names = sorted(source.drive.actors.items()), names_at_import(source)
         for number, (uid, actor) in enumerate(actors):
             values = portrait_request(source, actor, path.stem)
             if values is None:
@@ -116,7 +117,7 @@ def make_library(source: Source, path: Path) -> Generator[str, None, None]:
                 arrays = worker.arrays(event)
                 rgb.append(np.clip(arrays["rgb"], 0, 1))
                 shown.append(arrays["instance"] == event["instances"].index(uid) + 1)
-            thing = new_actor(f"{actor.label} {uid[:6]}", actor)
+            thing = new_actor(names[uid], actor)
             thing.unisim.look, thing.unisim.look_scene = uid, str(source.scene_path.resolve())
             thing.asset_mark()
             thing.asset_data.tags.new(TAG)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import bpy
+import numpy as np
 from bpy.props import IntProperty, StringProperty
 
 from ..bridge.clock import Clock
@@ -26,10 +27,10 @@ def nearest_frame(frames: tuple[int, ...], now: int) -> int:
 class _OfEdit:
     """An operator on one line of the list."""
 
-    kind: StringProperty(options={"SKIP_SAVE"})
-    name: StringProperty(options={"SKIP_SAVE"})
-    part: StringProperty(options={"SKIP_SAVE"})
-    muted: IntProperty(default=-1, options={"SKIP_SAVE"})
+    kind: StringProperty(options={"HIDDEN", "SKIP_SAVE"})
+    name: StringProperty(options={"HIDDEN", "SKIP_SAVE"})
+    part: StringProperty(options={"HIDDEN", "SKIP_SAVE"})
+    muted: IntProperty(default=-1, options={"HIDDEN", "SKIP_SAVE"})
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
@@ -87,7 +88,7 @@ class UNISIM_OT_go_to_edit(_OfEdit, bpy.types.Operator):
         actor = source_of(scene).drive.actors.get(line.uid)
         if actor is not None:
             clock = Clock.of(source_of(scene).drive)
-            x, y, _ = actor.world_from_actor.at(float(clock.time_s(frame)))[:3, 3]
+            x, y, _ = actor.world_from_actor.at(float(clock.time_s(np.array(float(frame)))))[:3, 3]
             where = f": it was recorded at x {x:.1f} m, y {y:.1f} m"
         state = "muted" if line.muted >= 0 else "not in the scene"
         self.report({"INFO"}, f"{line.who} is {state}{where}")

@@ -1,61 +1,100 @@
-"""Actors with another look, and actors of other trained scenes."""
+"""Actors with another appearance, and actors of trained scenes, chosen by their thumbnails."""
 
 from pathlib import Path
 
 import bpy
 import numpy as np
-from bpy.props import EnumProperty, StringProperty
+from bpy.props import EnumProperty, IntProperty, StringProperty
 from bpy_extras.io_utils import ImportHelper
 
-from ..bridge.meshes import size_of
+from ..bridge.meshes import scale_of, size_of
 from ..bridge.motion import displaced_along
 from ..bridge.refresh import refresh
 from ..bridge.selection import choose, chosen
-from ..bridge.source import source_of
 from ..bridge.things import box_mesh, collection_of, new_actor
-from ..core.drive import Actor
+from ..core.actor_images.names import group_of
 from ..core.errors import UnisimError
-from ..core.prepare.scenario import scene_actors
 from ..core.scene_file import HEADER_NAME
 from ..translations import message
+from .actor_choice import Item, choice_of, draw_choice, first_of, items_of, listed, pages
+from .actor_list import GROUPS
 from .polling import allowed, drive, object_mode, selected
 
-_shown: list[tuple[str, str, str]] = []
-"""What a menu shows has to be kept: Blender does not."""
+WIDTH_PX = 320
 
 
-def actor_items(self: bpy.types.Operator, context: bpy.types.Context) -> list[tuple[str, str, str]]:
-    """The actors that a trained scene or the log holds, for a menu."""
-    try:
-        actors = looks_of(context, self.scene)
-    except (UnisimError, OSError):
-        actors = {}
-    _shown[:] = [(uid, f"{actor.label} {uid[:8]}", size_text(actor)) for uid, actor in sorted(actors.items())]
-    return _shown or [("", "None", "")]
+class _Chooses:
+    """What operators share that choose an actor by its thumbnail."""
+
+    def folder(self) -> str:
+        """The folder of the trained scene whose actors are chosen from; "" for the drive's own."""
+        raise NotImplementedError
+
+    def begin(self, context: bpy.types.Context, group: str, look: str) -> None:
+        """Show the actors of a group, and one of them, if it is there."""
+        folder = self.folder()
+        self.group = group
+        try:
+            found = listed(choice_of(context, folder), self.group)
+            if not found:
+                self.group, found = "ALL", listed(choice_of(context, folder), "ALL")
+        except (UnisimError, OSError):
+            return
+        at = found.index(look) if look in found else 0
+        self.page = (
+            1 + at * pages(context, folder, self.group) // max(len(found), 1) if pages(context, folder, self.group) > 1 else 1
+        )
+        items = [item[0] for item in items_of(context, folder, self.group, self.page)]
+        self.look = look if look in items else items[0]
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw the thumbnails."""
+        draw_choice(self.layout, context, self, self.folder())
 
 
-def size_text(actor: Actor) -> str:
-    """An actor's size for a tooltip."""
-    return " x ".join(f"{edge:.1f}" for edge in actor.size_m) + " m"
+def folder_of(filepath: str) -> str:
+    """Return the folder of a trained scene, of its scene.json or itself; "" of ""."""
+    if not filepath:
+        return ""
+    path = Path(bpy.path.abspath(filepath))
+    return str(path.parent if path.name == HEADER_NAME else path)
 
 
-def looks_of(context: bpy.types.Context, scene: str) -> dict[str, Actor]:
-    """The actors of the trained scene in a folder, or of the imported drive."""
-    return scene_actors(Path(bpy.path.abspath(scene))) if scene else source_of(context.scene).drive.actors
+def looks(self: bpy.types.OperatorProperties, context: bpy.types.Context) -> list[Item]:
+    """The actors of a menu of Replace Appearance."""
+    return items_of(context, self.scene, self.group, self.page)
 
 
-class UNISIM_OT_replace_look(bpy.types.Operator):
+def inserted(self: bpy.types.OperatorProperties, context: bpy.types.Context) -> list[Item]:
+    """The actors of a menu of Insert Actor."""
+    return items_of(context, folder_of(self.filepath), self.group, self.page)
+
+
+def other_page(self: bpy.types.OperatorProperties, context: bpy.types.Context) -> None:
+    """Another class or page is shown: its first actor is chosen."""
+    folder = folder_of(self.filepath) if hasattr(self, "filepath") else self.scene
+    last = pages(context, folder, self.group)
+    if self.page > last:
+        self.page = last
+        return  # which comes here again
+    first = first_of(context, folder, self.group, self.page)
+    if first:
+        self.look = first
+
+
+class UNISIM_OT_replace_look(_Chooses, bpy.types.Operator):
     """Replace the appearance and the box of the selected actors by those of another actor, on the same trajectory"""
 
     bl_idname = "unisim.replace_look"
     bl_label = "Replace Appearance"
     bl_options = {"REGISTER", "UNDO"}
-    bl_property = "look"
 
     scene: StringProperty(
         name="Trained scene", description="Folder of the trained scene; empty for the one of the drive", subtype="DIR_PATH"
     )
-    look: EnumProperty(name="Appearance", description="Actor whose appearance is used", items=actor_items)
+    group: EnumProperty(name="Class", description="Classes that are shown", items=GROUPS, update=other_page)
+    page: IntProperty(name="Page", description="Page that is shown; 0 for all at once", min=0, update=other_page)
+    look: EnumProperty(name="Appearance", description="Actor whose appearance is used", items=looks)
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
@@ -68,37 +107,115 @@ class UNISIM_OT_replace_look(bpy.types.Operator):
             (plain, "Mesh actors keep their own appearance: select recorded actors only"),
         )
 
+    def folder(self) -> str:
+        """As the property has it."""
+        return str(self.scene)
+
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Ask which."""
-        context.window_manager.invoke_search_popup(self)
-        return {"FINISHED"}
+        """Ask which, of the active actor's class first."""
+        found = chosen(context, "ACTOR")
+        thing = context.active_object if context.active_object in found else found[0]
+        look = thing.unisim.look or thing.unisim.uid
+        try:
+            actor = choice_of(context, self.scene).actors.get(look)
+        except (UnisimError, OSError) as fault:
+            self.report({"ERROR"}, str(fault))
+            return {"CANCELLED"}
+        self.begin(context, group_of(actor.label) if actor is not None else "ALL", look)
+        return context.window_manager.invoke_props_dialog(self, width=WIDTH_PX, confirm_text="Replace")
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Other boxes, their undersides where they were."""
         try:
-            look = looks_of(context, self.scene)[self.look]
+            actors = choice_of(context, self.scene).actors
         except (UnisimError, OSError) as fault:
             self.report({"ERROR"}, str(fault))
+            return {"CANCELLED"}
+        look = actors.get(self.look) if self.properties.is_property_set("look") else None
+        if look is None:
+            self.report({"ERROR"}, message("choose an actor by its thumbnail first"))
             return {"CANCELLED"}
         for thing in chosen(context, "ACTOR"):
             before = float(size_of(thing)[2])
             own = thing.unisim.uid == self.look and not self.scene
             thing.unisim.look, thing.unisim.look_scene = ("", "") if own else (self.look, self.scene)
             thing.data = box_mesh(look.size_m, look.label)
-            displaced_along(thing, (0.0, 0.0, (float(look.size_m[2]) - before) / 2))
+            after = float(look.size_m[2]) * scale_of(thing)[2]
+            displaced_along(thing, (0.0, 0.0, (after - before) / 2))
         refresh(chosen(context, "ACTOR"))
         return {"FINISHED"}
 
 
-class UNISIM_OT_insert_actor(bpy.types.Operator, ImportHelper):
-    """Insert an actor of a trained scene at the 3D cursor"""
+class UNISIM_OT_insert_actor(_Chooses, bpy.types.Operator):
+    """Insert an actor of the drive or of a trained scene at the 3D cursor"""
 
     bl_idname = "unisim.insert_actor"
     bl_label = "Insert Actor"
     bl_options = {"REGISTER", "UNDO"}
 
+    filepath: StringProperty(
+        name="Trained scene", description="Folder or scene.json of the trained scene; empty for the drive", subtype="FILE_PATH",
+        options={"HIDDEN"},
+    )  # fmt: skip
+    actor: StringProperty(
+        name="Actor", description="Identifier in the trained scene; empty for the one chosen by its thumbnail", options={"HIDDEN"}
+    )
+    group: EnumProperty(name="Class", description="Classes that are shown", items=GROUPS, update=other_page)
+    page: IntProperty(name="Page", description="Page that is shown; 0 for all at once", min=0, update=other_page)
+    look: EnumProperty(name="Actor", description="Actor to insert", items=inserted)
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """A drive has to be there."""
+        return allowed(cls, object_mode(context), drive(context))
+
+    def folder(self) -> str:
+        """Of the file that was chosen."""
+        return folder_of(self.filepath)
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        """Ask which, of the active actor's class first."""
+        try:
+            choice = choice_of(context, self.folder())
+        except (UnisimError, OSError) as fault:
+            self.report({"ERROR"}, str(fault))
+            return {"CANCELLED"}
+        thing = context.active_object
+        own = thing.unisim.look or thing.unisim.uid if thing is not None and thing.unisim.kind == "ACTOR" else ""
+        actor = choice.actors.get(own)
+        self.begin(context, group_of(actor.label) if actor is not None else "CAR", own)
+        return context.window_manager.invoke_props_dialog(self, width=WIDTH_PX, confirm_text="Insert")
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """A box that stands on the ground at the cursor."""
+        folder = self.folder()
+        try:
+            choice = choice_of(context, folder)
+            vehicles = listed(choice, "CAR") or listed(choice, "ALL")
+            uid = self.actor or (self.look if self.properties.is_property_set("look") else next(iter(vehicles), ""))
+            if uid not in choice.actors:
+                raise UnisimError(message('{folder}: has no actor "{name}"', folder=folder or choice.log_path, name=uid))
+        except (UnisimError, OSError) as fault:
+            self.report({"ERROR"}, str(fault))
+            return {"CANCELLED"}
+        actor = choice.actors[uid]
+        thing = new_actor(choice.names[uid], actor)
+        collection_of(context.scene, "ACTOR").objects.link(thing)
+        thing.unisim.look, thing.unisim.look_scene = uid, folder
+        thing.location = np.array(context.scene.cursor.location) + [0.0, 0.0, actor.size_m[2] / 2]
+        thing.rotation_quaternion = context.scene.cursor.matrix.to_quaternion()
+        choose(context, thing)
+        return {"FINISHED"}
+
+
+class UNISIM_OT_insert_from(bpy.types.Operator, ImportHelper):
+    """Choose another trained scene, and insert one of its actors at the 3D cursor"""
+
+    bl_idname = "unisim.insert_from"
+    bl_label = "Insert from Another Scene"
+    bl_options = {"INTERNAL"}
+
     filter_glob: StringProperty(default="*.json", options={"HIDDEN"})
-    actor: StringProperty(name="Actor", description="Identifier in the trained scene; empty for the first vehicle")
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
@@ -106,27 +223,13 @@ class UNISIM_OT_insert_actor(bpy.types.Operator, ImportHelper):
         return allowed(cls, object_mode(context), drive(context))
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """A box that stands on the ground at the cursor."""
-        chosen_path = Path(self.filepath)
-        folder = chosen_path.parent if chosen_path.name == HEADER_NAME else chosen_path
+        """Show that scene's actors."""
         try:
-            actors = scene_actors(folder)
-            uid = self.actor or next(
-                (u for u, a in sorted(actors.items()) if "car" in a.label.lower()), next(iter(sorted(actors)))
-            )
-            if uid not in actors:
-                raise UnisimError(message('{folder}: has no actor "{name}"', folder=folder, name=uid))
-        except (UnisimError, OSError) as fault:
-            self.report({"ERROR"}, str(fault))
+            answer = bpy.ops.unisim.insert_actor("INVOKE_DEFAULT", filepath=self.filepath)
+        except RuntimeError as fault:  # what the operator reports
+            self.report({"ERROR"}, str(fault).removeprefix("Error: ").strip())
             return {"CANCELLED"}
-        actor = actors[uid]
-        thing = new_actor(f"{actor.label} {uid[:6]}", actor)
-        collection_of(context.scene, "ACTOR").objects.link(thing)
-        thing.unisim.look, thing.unisim.look_scene = uid, str(folder)
-        thing.location = np.array(context.scene.cursor.location) + [0.0, 0.0, actor.size_m[2] / 2]
-        thing.rotation_quaternion = context.scene.cursor.matrix.to_quaternion()
-        choose(context, thing)
-        return {"FINISHED"}
+        return {"FINISHED"} if answer != {"CANCELLED"} else answer
 
 
-CLASSES = (UNISIM_OT_replace_look, UNISIM_OT_insert_actor)
+CLASSES = (UNISIM_OT_replace_look, UNISIM_OT_insert_actor, UNISIM_OT_insert_from)

@@ -50,12 +50,12 @@ class UniSimMotion(bpy.types.PropertyGroup):
         "recorded grey, edited blue, red where a limit is exceeded",
     )
     show_gizmos: BoolProperty(
-        name="UniSim",
+        name="Edit Handles",
         description="Handles for the ego vehicle's lane, the active actor's trajectory and the active sensor's direction",
         default=True,
     )
     gizmos_in_cameras: BoolProperty(
-        name="Through Recorded Cameras",
+        name="In Recorded Views",
         description="Show UniSim's handles also in a view through a camera of the drive, where they lie over the image",
     )
 

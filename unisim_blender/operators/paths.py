@@ -92,7 +92,7 @@ class UNISIM_OT_snap_to_ground(bpy.types.Operator):
             source = source_of(context.scene)
             for thing in chosen(context, "ACTOR", "STATIC"):
                 now = np.array(thing.matrix_world, float)
-                low = now[:3, 3] - now[:3, 2] * float(size_of(thing)[2]) / 2
+                low = now[:3, 3] - now[:3, 2] / np.linalg.norm(now[:3, 2]) * float(size_of(thing)[2]) / 2
                 ground = ground_height(source, low, context.scene.frame_current)
                 if ground is None:
                     self.report({"WARNING"}, message("{name}: the ground height is unknown there", name=thing.name))

@@ -4,6 +4,7 @@ import bpy
 from bpy.props import FloatProperty
 
 from ..bridge.clock import Clock
+from ..bridge.durations import duration
 from ..bridge.refresh import refresh
 from ..bridge.selection import chosen
 from ..bridge.shifting import shift
@@ -21,7 +22,7 @@ class UNISIM_OT_shift_actor(bpy.types.Operator):
 
     left_m: FloatProperty(
         name="Sideways",
-        description="To the left of the actor; negative: to the right",
+        description="Shift to the left of the actor; negative values shift to the right",
         default=1.0,
         soft_min=-10.0,
         soft_max=10.0,
@@ -38,7 +39,7 @@ class UNISIM_OT_shift_actor(bpy.types.Operator):
     )
     later_s: FloatProperty(
         name="Later",
-        description="In seconds of the log, together with when it is present; negative: earlier",
+        description="Shift in time in seconds of the log, including when the actor is present; negative values shift earlier",
         default=0.0,
         soft_min=-10.0,
         soft_max=10.0,
@@ -60,7 +61,7 @@ class UNISIM_OT_shift_actor(bpy.types.Operator):
             clock = Clock.of(source_of(context.scene).drive)
         except (UnisimError, OSError):
             return
-        layout.label(text=f"{self.later_s * clock.rate:.1f} frames later")
+        layout.label(text=f"{duration(abs(self.later_s), clock)} {'later' if self.later_s >= 0 else 'earlier'}")
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Shift each and report what was done."""

@@ -1,5 +1,5 @@
 """What users see in the sidebar, one file a subject: drawing only."""
 
-from . import actor, drive, edits, motion, output, rig, sensors, statusbar, variants
+from . import actor, actors, drive, edits, motion, output, rig, sensors, statusbar, variants
 
-MODULES = (drive, actor, motion, edits, variants, rig, output, sensors, statusbar)
+MODULES = (drive, actors, actor, motion, edits, variants, rig, sensors, output, statusbar)

@@ -1,14 +1,20 @@
 """Panel Actor: the active actor's card, and what can be done with the selected ones."""
 
 import json
+from pathlib import Path
 
 import bpy
 
+from .. import thumbnails
 from ..bridge.card import Card, card_of
 from ..bridge.source import source_of
 from ..core.errors import UnisimError
+from ..operators.actor_choice import header_of
 from ..translations import interface
 from .sidebar import DrivePanel, row_of
+
+PICTURE_SCALE = 5.0
+"""Edge of the thumbnail, in widget units."""
 
 
 def active_card(context: bpy.types.Context) -> Card | None:
@@ -22,6 +28,25 @@ def active_card(context: bpy.types.Context) -> Card | None:
         return None
 
 
+def portrait(context: bpy.types.Context) -> int:
+    """Return the thumbnail of the active actor; that of a mesh is grey."""
+    about = context.active_object.unisim
+    if about.mesh:
+        return thumbnails.grey()
+    if about.look_scene:
+        folder = Path(bpy.path.abspath(about.look_scene))
+        return thumbnails.icon_of(log_beside(folder), about.look, folder)
+    return thumbnails.icon_of(thumbnails.log_of(context.scene), about.look or about.uid, thumbnails.scene_of(context.scene))
+
+
+def log_beside(folder: Path) -> Path:
+    """Return the log that the trained scene in a folder was trained on; the folder itself where it cannot be read."""
+    try:
+        return (folder / header_of(folder).log_path).resolve()
+    except (UnisimError, OSError):
+        return folder
+
+
 class UNISIM_PT_actor(DrivePanel, bpy.types.Panel):
     """The active actor, and what can be done with the selected ones"""
 
@@ -31,9 +56,12 @@ class UNISIM_PT_actor(DrivePanel, bpy.types.Panel):
     def draw(self, context: bpy.types.Context) -> None:
         """Draw the card and the operators; rows stay in place whatever is selected."""
         layout, card = self.layout, active_card(context)
-        box = layout.box().column(align=True)
+        box = layout.box()
+        box.template_icon(portrait(context) if card else thumbnails.grey(), scale=PICTURE_SCALE)
+        box = box.column(align=True)
         row_of(box, "Actor", card.name if card else interface("no active actor"), "OBJECT_DATA")
         row_of(box, "Class", f"{card.label} ({card.role})" if card else "")
+        row_of(box, "Size", card.size if card else "")
         row_of(box, "Speed", f"{card.speed_m_s * 3.6:.0f} km/h" if card else "")
         row_of(box, "Distance", f"{card.distance_m:.1f} m" if card else "")
         row_of(box, "Present", f"{card.present_s[0]:.1f} to {card.present_s[1]:.1f} s" if card and card.present_s else "")
@@ -58,6 +86,7 @@ class UNISIM_PT_insert(DrivePanel, bpy.types.Panel):
         """Draw the operators."""
         column = self.layout.column(align=True)
         column.operator("unisim.insert_actor", icon="ADD")
+        column.operator("unisim.insert_from", icon="FILE_FOLDER")
         column.operator("unisim.mesh_actor", icon="MESH_MONKEY")
         column.operator("unisim.release_mesh", icon="X")
 

@@ -58,6 +58,7 @@ class UNISIM_PT_show(Sidebar, bpy.types.Panel):
         layout.use_property_split, layout.use_property_decorate = True, False
         layout.prop(about, "show_ways")
         layout.prop(about, "show_sensors")
+        layout.prop(about, "show_timeline")
         layout.label(text="LiDAR Points", icon="POINTCLOUD_DATA")
         row = layout.row(align=True)
         for name, recorded, simulated in POINTS:

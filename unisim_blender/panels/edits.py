@@ -76,8 +76,8 @@ def draw_line(layout: Any, line: Line) -> None:
     below.label(text=f"{muted}{line.who}, {line.start_s:.1f} to {line.end_s:.1f} s", icon="BLANK1")
     buttons = row.row(align=True)
     buttons.alignment = "RIGHT"
-    eye = "HIDE_ON" if line.muted >= 0 else "HIDE_OFF"
-    pressed(buttons.operator("unisim.mute_edit", text="", icon=eye, emboss=False), line)
+    counts = "CHECKBOX_DEHLT" if line.muted >= 0 else "CHECKBOX_HLT"
+    pressed(buttons.operator("unisim.mute_edit", text="", icon=counts, emboss=False), line)
     pressed(buttons.operator("unisim.revert_edit", text="", icon="LOOP_BACK", emboss=False), line)
 
 

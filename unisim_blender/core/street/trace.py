@@ -67,8 +67,8 @@ class Placement:
     """An asset in the world. ``motion`` None: it stands with its frame on the world's.
 
     window: seconds in which it is there. clip: the box, in the asset's frame, outside which nothing of it counts.
-    holes: boxes, in the asset's frame, inside which nothing of it counts. scale: how many times larger than the asset it is, along
-    the asset's axes; None for as large.
+    holes: boxes, in the asset's frame, inside which nothing of it counts.
+    scale: how many times larger than the asset it is, along the asset's axes; None for as large.
     """
 
     name: str
@@ -179,8 +179,8 @@ def _trace_placement(
 def into_asset(
     placement: Placement, origins: FloatArray, directions: FloatArray, time_s: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray | None]:
-    """Rays (N, 3), (N, 3) at times (N,) in the frame and the metres of a placement's asset, directions unit; and how many of these
-    metres each (N,) is for a metre of the ray, None where the placement has no scale."""
+    """Rays (N, 3), (N, 3) at times (N,) in the frame and the metres of a placement's asset, with unit directions; and how many
+    of these metres a metre of each ray is (N,), None where the placement has no scale."""
     o, d = (origins, directions) if placement.motion is None else to_asset(placement.motion, origins, directions, time_s)
     if placement.scale is None:
         return o, d, None

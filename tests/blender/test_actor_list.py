@@ -1,0 +1,258 @@
+"""The actor list: who is in it, what it says, filters and order, and that it survives what people do."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import Any
+
+import bpy
+import numpy as np
+import pytest
+from helpers import SAMPLE, read, select, thing
+
+from unisim_blender import listing
+from unisim_blender.bridge import card
+from unisim_blender.bridge.actor_filter import Entry, Wanted, chosen_entries, natural, nearest_present
+from unisim_blender.bridge.actor_table import poses_of, steps_of
+from unisim_blender.bridge.clock import Clock
+from unisim_blender.bridge.source import source_of
+from unisim_blender.bridge.things import things
+from unisim_blender.bridge.trajectories import keyed_pose
+from unisim_blender.operators.actor_list import GROUPS, ORDERS
+from unisim_blender.panels.actors import UNISIM_UL_actors, dense, seconds
+
+
+def entries(scene: Any) -> dict[str, Entry]:
+    """What the list knows, by the objects' names."""
+    return {entry.name: entry for entry in listing.refresh_now(scene).entries.values()}
+
+
+def shown(scene: Any) -> list[str]:
+    """The names that the list shows, in order."""
+    return [entry.name for entry in listing.refresh_now(scene).shown]
+
+
+def entry(name: str, **more: Any) -> Entry:
+    """An entry made up."""
+    usual: dict[str, Any] = {
+        "key": hash(name), "label": "Car", "group": "CAR", "distance_m": 10.0, "speed_m_s": 0.0, "there": True,
+        "steps": np.array([[0.0, 2.0]]), "edited": False, "hidden": False,
+    }  # fmt: skip
+    return Entry(name=name, **{**usual, **more})
+
+
+def test_it_says_what_the_card_says(street: Any) -> None:
+    drive = source_of(street).drive
+    for frame in (0, 7, 19):
+        street.frame_set(frame)
+        known = entries(street)
+        assert len(known) == len(drive.actors)
+        for one in things(street, "ACTOR"):
+            said, row = card.card_of(street, one, drive), known[one.name]
+            assert row.speed_m_s == pytest.approx(said.speed_m_s, abs=1e-3) and row.label == said.label
+            assert row.distance_m == pytest.approx(said.distance_m, abs=1e-3) and row.present_s == pytest.approx(said.present_s)
+            assert row.there == (not one.hide_viewport) and not row.edited
+
+
+def test_poses_of_all_frames_are_those_of_each(street: Any) -> None:
+    one = next(o for o in things(street, "ACTOR") if o.parent is not None)
+    one.location = (0.5, -1.0, 0.0)
+    frames = np.array([0.0, 3.0, 3.5, 19.0])
+    assert np.allclose(poses_of(one, frames), [keyed_pose(one, frame) for frame in frames], atol=1e-5)
+    one.rotation_mode = "XYZ"
+    one.rotation_euler = (0.0, 0.0, 0.3)
+    assert np.allclose(poses_of(one, frames), [keyed_pose(one, frame) for frame in frames], atol=1e-5)
+
+
+def test_only_what_the_scenario_names_is_edited(street: Any) -> None:
+    cars = [o for o in things(street, "ACTOR") if o.unisim.uid.startswith("car")]
+    standing = [o for o in cars if o.parent is None]
+    driving = [o for o in cars if o.parent is not None]
+    standing[0].location.x += 1.0
+    standing[1].hide_render = True
+    select(driving[0])
+    bpy.ops.unisim.retime_actor(way="DELAY", seconds=0.3)
+    select(standing[2])
+    bpy.ops.object.duplicate()
+    copy = bpy.context.active_object.name
+    select(driving[1])
+    bpy.ops.unisim.replace_look(look=standing[3].unisim.uid)
+    listing.look_again()
+    edited = {name for name, row in entries(street).items() if row.edited}
+    assert edited == {standing[0].name, standing[1].name, driving[0].name, copy, driving[1].name}
+    assert len(read(street).edits) == 5
+    assert not entries(street)[standing[1].name].there  # removed
+
+
+def test_it_survives_rename_undo_deletion_and_reload(street: Any, tmp_path: Path) -> None:
+    bpy.ops.ed.undo_push(message="imported")
+    first = thing(street, "ACTOR", "car-04")
+    first.name = "Mine"
+    assert "Mine" in entries(street) and not entries(street)["Mine"].edited
+    bpy.ops.ed.undo_push(message="renamed")
+    select(bpy.data.objects["Mine"])
+    bpy.ops.unisim.delete_actor()
+    bpy.ops.ed.undo_push(message="deleted")
+    scene = bpy.context.scene
+    assert "Mine" not in entries(scene) and len(entries(scene)) == 19
+    bpy.ops.ed.undo()
+    scene = bpy.context.scene
+    assert "Mine" in entries(scene) and len(entries(scene)) == 20
+    bpy.ops.ed.undo()
+    scene = bpy.context.scene
+    assert "Mine" not in entries(scene) and len(entries(scene)) == 20
+    path = tmp_path / "drive.blend"
+    bpy.ops.wm.save_as_mainfile(filepath=str(path))
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    assert not entries(bpy.context.scene)
+    bpy.ops.wm.open_mainfile(filepath=str(path))
+    assert len(entries(bpy.context.scene)) == 20
+
+
+def test_a_copy_stands_for_a_deleted_original(street: Any) -> None:
+    own = thing(street, "ACTOR", "car-04")
+    select(own)
+    bpy.ops.object.duplicate()
+    copy = bpy.context.active_object
+    assert entries(street)[copy.name].edited
+    bpy.data.objects.remove(own)
+    bpy.context.view_layer.update()
+    assert not entries(street)[copy.name].edited and not read(street).edits
+
+
+def test_changes_reach_the_list_through_the_depsgraph(street: Any) -> None:
+    one = thing(street, "ACTOR", "car-04")
+    before = entries(street)[one.name].distance_m
+    one.location.x += 30.0
+    bpy.context.view_layer.update()
+    assert entries(street)[one.name].distance_m != pytest.approx(before, abs=5.0)
+    one.hide_set(True)
+    bpy.context.view_layer.update()
+    assert entries(street)[one.name].hidden
+    assert bpy.ops.unisim.hide_actor(name=one.name) == {"FINISHED"} and not one.hide_get()
+
+
+def test_filters_and_orders() -> None:
+    known = [
+        entry("Car 10", distance_m=5.0), entry("Car 2, white", distance_m=50.0, edited=True),
+        entry("Cone 1", group="OTHER", label="Cones", distance_m=1.0, steps=np.array([[1.0, 2.0]])),
+        entry("Pedestrian 1", group="PERSON", label="Pedestrian", there=False, distance_m=3.0, steps=np.array([[0.5, 0.6]])),
+        entry("Never", there=False, steps=np.zeros((0, 2))),
+    ]  # fmt: skip
+
+    def names(**wanted: Any) -> list[str]:
+        return [one.name for one in chosen_entries(known, Wanted(**wanted))]
+
+    assert names() == ["Car 2, white", "Car 10", "Cone 1", "Never", "Pedestrian 1"]
+    assert names(order="DISTANCE") == ["Cone 1", "Car 10", "Car 2, white", "Pedestrian 1", "Never"]
+    assert names(order="TIME") == ["Car 2, white", "Car 10", "Pedestrian 1", "Cone 1", "Never"]
+    assert names(text="cone") == ["Cone 1"] and names(text="CONES") == ["Cone 1"] and names(text="white") == ["Car 2, white"]
+    assert names(group="PERSON") == ["Pedestrian 1"] and names(edited=True) == ["Car 2, white"]
+    assert names(now=True) == ["Car 2, white", "Car 10", "Cone 1"] and names(within_m=6.0) == ["Car 10", "Cone 1"]
+    assert sorted(["Car 10", "Car 9", "Bus 1"], key=natural) == ["Bus 1", "Car 9", "Car 10"]
+    assert (
+        nearest_present(known[2], 0.2) == 1.0 and nearest_present(known[2], 1.5) == 1.5 and nearest_present(known[4], 0.0) is None
+    )
+
+
+def test_steps_are_the_seconds_of_each_time_that_it_comes() -> None:
+    clock = Clock(np.arange(6.0), np.arange(6) * 0.1)
+    steps = steps_of(np.array([True, False, True, True, False, True]), clock)
+    assert np.allclose(steps, [[0.0, 0.0], [0.2, 0.3], [0.5, 0.5]]) and not len(steps_of(np.zeros(6, bool), clock))
+
+
+def test_a_row_chooses_the_actor_and_jumps_to_where_it_is(street: Any) -> None:
+    manager = bpy.context.window_manager.unisim_actors
+    one = thing(street, "ACTOR", "car-03")
+    from unisim_blender.bridge.animation import write_presence
+
+    write_presence(one, Clock.of(source_of(street).drive), (1.2, 1.6))
+    listing.look_again()
+    street.frame_set(3)
+    row = entries(street)[one.name]
+    assert not row.there and row.edited
+    place = list(street.objects).index(one)
+    manager.jump = False
+    manager.place = place
+    assert bpy.context.active_object == one and street.frame_current == 3
+    manager.jump = True
+    manager.place = place
+    assert street.frame_current == 12 and bpy.context.selected_objects == [one] and manager.place == place
+    bpy.ops.unisim.choose_actor(name=one.name, seconds=1.5)
+    assert street.frame_current == 15
+    select(thing(street, "ACTOR", "car-04"))
+    one.select_set(False)
+    assert manager.place != place
+
+
+def test_the_list_filters_with_the_panels_settings(street: Any) -> None:
+    manager = bpy.context.window_manager.unisim_actors
+    assert len(shown(street)) == 20
+    manager.group = "OTHER"
+    assert len(shown(street)) == 5 and all(name.startswith("Cone") for name in shown(street))
+    assert bpy.ops.unisim.select_listed() == {"FINISHED"}
+    assert sorted(o.name for o in bpy.context.selected_objects) == sorted(shown(street))
+    manager.text = "nothing"
+    assert not shown(street) and not bpy.ops.unisim.select_listed.poll()
+    assert bpy.ops.unisim.clear_actor_filter() == {"FINISHED"}
+    assert len(shown(street)) == 20 and not bpy.ops.unisim.clear_actor_filter.poll()
+    manager.order = "DISTANCE"
+    away = [one.distance_m for one in listing.refresh_now(street).shown]
+    assert away == sorted(away)
+    manager.order = "NAME"
+
+
+def test_rows_of_the_list_are_the_shown_actors_in_order(street: Any) -> None:
+    manager = bpy.context.window_manager.unisim_actors
+    manager.order = "DISTANCE"
+    names = shown(street)
+
+    class Rows:
+        bitflag_filter_item = 1 << 30
+
+    flags, order = UNISIM_UL_actors.filter_items(Rows(), bpy.context, street, "objects")
+    assert sorted(order) == list(range(len(street.objects)))
+    drawn = {place: one.name for flag, place, one in zip(flags, order, street.objects, strict=True) if flag}
+    assert [drawn[place] for place in sorted(drawn)] == names and sorted(drawn) == list(range(len(names)))
+    manager.order = "NAME"
+    assert dense([0, 2, 5, 3]) == [0, 1, 3, 2]
+    assert [seconds((2.0, 7.94), exact) for exact in (True, False)] == ["2–7.9", "2–8"] and seconds(None, True) == "never"
+
+
+def test_icons_are_blenders(addon: Any) -> None:
+    icons = set(bpy.types.UILayout.bl_rna.functions["label"].parameters["icon"].enum_items.keys())
+    assert {icon for *_, icon, _ in (*GROUPS, *ORDERS)} <= icons
+
+
+def test_three_hundred_actors_take_little(street: Any) -> None:
+    sources = list(things(street, "ACTOR"))
+    collection = sources[0].users_collection[0]
+    for number in range(280):
+        copy = sources[number % len(sources)].copy()
+        collection.objects.link(copy)
+    bpy.context.view_layer.update()
+    begun = time.process_time()
+    listing.look_again()
+    assert len(entries(street)) == 300
+    assert time.process_time() - begun < 2.0
+    street.frame_set(9)
+    begun = time.process_time()
+    listing.refresh_now(street)
+    assert time.process_time() - begun < 0.06
+    begun = time.process_time()
+
+    class Rows:
+        bitflag_filter_item = 1 << 30
+
+    UNISIM_UL_actors.filter_items(Rows(), bpy.context, street, "objects")
+    assert time.process_time() - begun < 0.02
+
+
+def test_a_log_that_is_gone_leaves_an_empty_list(street: Any) -> None:
+    entries(street)
+    street.unisim.log, street.unisim.scene = "/nowhere/log", ""
+    listing.look_again()
+    table = listing.refresh_now(street)
+    assert not table.entries and "/nowhere/log" in table.problem
+    street.unisim.scene = str(SAMPLE / "scene")

@@ -1,0 +1,216 @@
+"""Finding the actor that one wants: the list, the presence timeline, thumbnails. Run by `run.py`."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import bpy
+import numpy as np
+from numpy.typing import NDArray
+
+sys.path.insert(0, str(Path(__file__).parent))
+from hands import click, drop, edits, key, middle, mouse, sidebar, thing, to, write
+from session import ARCHIVE, MODULE, OUT, SCENE, area, inside, picture, screenshot, start, until, view, wait_for_picture
+from tasks import begin, changed, task
+
+BLUE = np.array([0x47, 0x72, 0xB3])
+"""Of chosen rows and pressed buttons, in Blender's own theme."""
+ROW_PX = 20
+GROUP_UP_PX = 78
+"""How far above the list's first row the class filter is."""
+SECOND = "car-03"
+"""The second of the street's cars by name."""
+SECOND_DOWN_PX = 141
+"""How far below the middle of the chosen actor's picture the grid's second one is."""
+
+
+def module(name: str) -> Any:
+    """A module of the extension's."""
+    return sys.modules[f"{MODULE}.{name}"]
+
+
+def shot(name: str) -> NDArray[np.float32]:
+    """A screenshot (H, W, 3) in steps of eight bits, the bottom row first, as the mouse counts."""
+    screenshot(name)
+    image = bpy.data.images.load(str(OUT / f"{name}.png"), check_existing=False)
+    image.colorspace_settings.name = "Non-Color"
+    width, height = image.size
+    pixels = np.array(image.pixels[:], np.float32).reshape(height, width, -1)[..., :3] * 255
+    bpy.data.images.remove(image)
+    return pixels
+
+
+def blue_runs(pixels: NDArray[np.float32], x: int) -> list[tuple[int, int]]:
+    """Where a column of the screen has the theme's blue for 12 to 30 pixels: from and to, the topmost first."""
+    is_blue = np.abs(pixels[:, x] - BLUE).max(-1) < 14
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], is_blue, [False]]).astype(int)))
+    runs = [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True) if 12 <= b - a <= 30]
+    return sorted(runs, reverse=True)
+
+
+def shown() -> list[Any]:
+    """What the list shows, in order."""
+    return list(module("listing").table_of(bpy.context.scene).shown)
+
+
+def tab() -> bpy.types.Region:
+    """The sidebar."""
+    return next(r for r in view()[0].regions if r.type == "UI")
+
+
+def first_row() -> Iterator[float]:
+    """Put the mouse on the list's first row, which is found as the chosen one on the screen."""
+    with inside(area("VIEW_3D")):
+        bpy.ops.unisim.choose_actor("EXEC_DEFAULT", True, name=shown()[0].name)
+    yield 1.0
+    x = tab().x + 130
+    runs = blue_runs(shot("rows"), x)
+    assert runs, "no row of the list is marked"
+    yield from to(x - 60, (runs[0][0] + runs[0][1]) / 2)
+
+
+def first_import() -> Iterator[float]:
+    """A trained scene dropped onto Blender's default file."""
+    yield from to(*middle(area("VIEW_3D")))
+    drop(SCENE)
+    scene = bpy.context.scene
+    yield from until(lambda: scene.render.engine == "UNISIM" and scene.camera.unisim.kind == "CAMERA", "the import does not end")
+    yield from sidebar()
+    assert not edits()
+
+
+def thumbnails_come() -> Iterator[float]:
+    """Thumbnails and words for colours come in by themselves; nothing counts as edited."""
+    thumbnails = module("thumbnails")
+    log = thumbnails.log_of(bpy.context.scene)
+    yield from until(lambda: log in thumbnails._complete or log in thumbnails._problems, "no thumbnails come", 240)
+    assert not thumbnails._problems, thumbnails._problems
+    yield from until(lambda: any(o.name == "Car 12, white" for o in bpy.context.scene.objects), "no name has a colour", 10)
+    yield from until(lambda: any(entry.name == "Car 12, white" for entry in shown()), "the list has the old names", 10)
+    assert not edits() and not any(entry.edited for entry in shown())
+    yield 1.0
+
+
+def filtered_car() -> Iterator[float]:
+    """The class filter, sorting aside, a click on a row: selected, active and framed."""
+    bpy.context.scene.frame_set(9)
+    yield from first_row()
+    x, y = mouse
+    yield from to(x, y + GROUP_UP_PX)
+    yield from click()
+    yield 0.5
+    screenshot("classes")
+    yield from key("C")  # the letter that is underlined
+    manager = bpy.context.window_manager
+    yield from until(lambda: manager.unisim_actors.group != "ALL", "the class is not chosen", 5)
+    yield 0.5
+    listed = shown()
+    assert listed and all(entry.group == "CAR" for entry in listed)
+    yield from first_row()
+    x, y = mouse
+    wanted = shown()[3]
+    yield from to(x, y - 3 * ROW_PX)
+    yield from click()
+    active = lambda: bpy.context.view_layer.objects.active  # noqa: E731
+    yield from until(lambda: active().name == wanted.name and active().select_get(), f"{wanted.name} is not selected", 5)
+    assert [o.name for o in bpy.context.selected_objects] == [wanted.name]
+    yield 1.0
+
+
+def timeline_click() -> Iterator[float]:
+    """A click on a bar selects its actor and goes to the time; the wheel scrolls."""
+    scene = bpy.context.scene
+    bpy.context.window_manager.unisim_actors.group = "ALL"
+    scene.unisim.show_timeline = True
+    yield 1.0
+    found = area("VIEW_3D")
+    window = next(r for r in found.regions if r.type == "WINDOW")
+    with inside(found):
+        timeline = module("timeline").timeline_of(bpy.context)
+    assert timeline is not None
+    entry = timeline.rows[5]
+    x, y = window.x + timeline.x_of(1.2), window.y + timeline.row_bottom(5) + timeline.row_px / 2
+    yield from to(x, y + 200)
+    yield 0.2
+    yield from to(x, y)
+    yield 0.3
+    yield from click()
+    yield from until(lambda: bpy.context.view_layer.objects.active.name == entry.name, f"{entry.name} is not selected", 5)
+    yield from until(lambda: scene.frame_current == 12, f"frame {scene.frame_current} and not 12 is shown", 5)
+    for _ in range(2):
+        yield from key("WHEELDOWNMOUSE")
+        yield 0.2
+    assert bpy.context.window_manager.unisim_actors.scroll > 0, "the wheel does not scroll"
+    yield 0.5
+
+
+def replaced() -> Iterator[float]:
+    """Replace Appearance by thumbnail in Rendered shading: the image follows, and undo takes it back."""
+    _, space, looks = view()
+    scene = bpy.context.scene
+    scene.unisim.show_timeline = False
+    looks.view_perspective = "CAMERA"
+    with inside(area("VIEW_3D")):
+        bpy.ops.unisim.choose_actor("EXEC_DEFAULT", True, name=next(o.name for o in scene.objects if o.unisim.uid == "car-01"))
+    car = bpy.context.view_layer.objects.active.name
+    scene.frame_set(9)
+    space.shading.type = "RENDERED"
+    yield from wait_for_picture()
+    before = picture()
+    yield from to(*middle(area("VIEW_3D")))
+    yield from key("F3")
+    yield 0.7
+    yield from write("replace appearance")
+    yield 0.7
+    yield from key("RET")
+    yield 1.0
+    screenshot("dialog")
+    pixels = shot("dialog_pixels")
+    wide = np.abs(pixels - BLUE).max(-1) < 14
+    tall = [(x, run) for x in range(mouse[0] - 300, mouse[0] + 300) for run in blue_runs(pixels, x)[:1] if wide[run[0], x]]
+    assert tall, "the dialog has no button"
+    right = float(np.median([x for x, _ in tall]))
+    height = float(np.median([(a + b) / 2 for _, (a, b) in tall]))
+    yield from to(right - 86, height + 157)
+    yield 0.3
+    yield from click()
+    yield 1.5
+    screenshot("grid")
+    yield from to(mouse[0], mouse[1] - SECOND_DOWN_PX)
+    yield 0.2
+    yield from click()
+    yield 0.7
+    screenshot("chosen")
+    yield from to(right, height)
+    yield from click()
+    yield from until(lambda: thing(car).unisim.look, "the appearance is not replaced", 10)
+    yield from until(lambda: changed(before), "the image does not follow", 60)
+    assert edits() == [("Swap", "car-01")] and thing(car).unisim.look == SECOND
+    screenshot("replaced")
+    yield from to(*middle(area("VIEW_3D")))
+    yield from key("Z", ctrl=True)
+    yield from until(lambda: not thing(car).unisim.look, "not undone", 10)
+    assert not edits()
+    yield from until(lambda: any(entry.name == "Car 12, white" for entry in shown()), "undo leaves old names", 10)
+
+
+def steps() -> Iterator[float]:
+    """The session."""
+    bpy.ops.extensions.package_install_files(filepath=str(ARCHIVE), repo="user_default", enable_on_install=True, overwrite=True)
+    yield 1.0
+    begin()
+    for name, todo in (
+        ("first_import", first_import),
+        ("thumbnails_come", thumbnails_come),
+        ("filtered_car", filtered_car),
+        ("timeline_click", timeline_click),
+        ("replaced", replaced),
+    ):
+        yield from task(name, todo)
+
+
+if __name__ == "__main__":
+    start(steps(), "actors")

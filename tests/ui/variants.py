@@ -1,0 +1,121 @@
+"""Variants with mouse and keys. Run by `run.py`."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import bpy
+
+sys.path.insert(0, str(Path(__file__).parent))
+from buttons import apart, listed, module, moved_along, opened, picked, press, rendered, shown_pixels
+from hands import key, middle, thing, to
+from session import OUT, area, screenshot, start, until, view, wait_for_picture
+from tasks import bare_view, begin, seen, task
+
+ARROWS = 0.78
+"""Where in its row the button that compares a variant is, as a share of the sidebar's width."""
+names: dict[str, str] = {}
+"""Names of the variants, and of the car that is moved."""
+
+
+def first_edit() -> Iterator[float]:
+    """A car that drives is moved in the first variant."""
+    names["moved"] = seen(driving=True)
+    yield from picked(names["moved"])
+    yield from moved_along(("G",), ("Y",), ("THREE", "3"), ("RET",))
+    yield from listed(("Moved 3.0 m", False))
+
+
+def made_variant() -> Iterator[float]:
+    """New, a name, Enter; the new variant is shown, and one of its cars is moved."""
+    space = view()[1]
+    space.shading.type, space.show_object_viewport_mesh = "SOLID", True
+    first = bpy.context.scene.name
+    yield from press("unisim.new_variant", across=0.2)
+    yield 0.5
+    screenshot("variants_name")
+    yield from key("RET")
+    yield from until(lambda: bpy.context.scene.name == "Variant 2", "there is no new variant")
+    yield from listed(("Moved 3.0 m", False))
+    yield 0.5
+    screenshot("variants_variant")
+    names["first"], names["second"] = first, "Variant 2"
+    yield from to(*middle(area("VIEW_3D")))
+    car = next(one for one in bpy.context.scene.objects if one.unisim.called == names["moved"]).name
+    yield from picked(car)
+    yield from moved_along(("G",), ("Y",), ("TWO", "2"), ("RET",))
+    yield from listed(("Moved 5.0 m", False))
+
+
+def switched_variant() -> Iterator[float]:
+    """A click on the other variant's name shows it: its car stands where it was."""
+    yield from press("unisim.show_variant", across=0.2, name=names["first"])
+    yield from until(lambda: bpy.context.scene.name == names["first"], "the variant is not shown")
+    yield from listed(("Moved 3.0 m", False))
+    assert abs(thing(names["moved"]).location.length - 3.0) < 1e-3
+
+
+def flipped_variants() -> Iterator[float]:
+    """In Rendered shading, a click on the other variant shows its image, and a click on the first one that one's again."""
+    space = view()[1]
+    bare_view(space)
+    yield from to(*middle(area("VIEW_3D")))
+    yield from rendered()
+    first = shown_pixels("variants_image_first")
+    yield from press("unisim.show_variant", across=0.2, name=names["second"])
+    yield from wait_for_picture()
+    yield 1.0
+    second = shown_pixels("variants_image_second")
+    assert apart(first, second) > 0.003, "the other variant's image is the same"
+    yield from press("unisim.show_variant", across=0.2, name=names["first"])
+    yield from wait_for_picture()
+    yield 1.0
+    assert apart(first, shown_pixels("variants_image_again")) < 0.002, "the first variant's image is another one now"
+    space.shading.type = "SOLID"
+
+
+def compared_variants() -> Iterator[float]:
+    """A click on the arrows beside the other one lists what differs."""
+    yield from press("unisim.compare_variant", across=ARROWS, name=names["second"])
+    yield 1.0
+    reading = module("bridge.edit_reading").reading_of
+    both = [reading(bpy.data.scenes[names[name]]).lines for name in ("first", "second")]
+    (one,) = module("bridge.compare_edits").differences(*both)
+    assert one.here.what.startswith("Moved 3.0 m") and one.there.what.startswith("Moved 5.0 m")
+
+
+def rendered_variants() -> Iterator[float]:
+    """Render Variants, by a click: both are rendered, with progress."""
+    root = OUT.parent / "variants"
+    for scene in bpy.data.scenes:
+        scene.unisim.out, scene.frame_start, scene.frame_end = str(root), 4, 5
+    manager = bpy.context.window_manager
+    yield from press("unisim.render_variants")
+    yield from until(lambda: "of 4 frames in all" in manager.unisim_task, f"no progress is shown: {manager.unisim_task}", 60)
+    yield 1.0
+    screenshot("variants_rendering")
+    yield from until(lambda: manager.unisim_task.startswith("Done"), "the variants are not rendered", 300)
+    pictures = {name: sorted((root / names[name]).glob("camera/*/*.png")) for name in ("first", "second")}
+    assert [len(found) for found in pictures.values()] == [2, 2], manager.unisim_task
+    assert pictures["first"][0].read_bytes() != pictures["second"][0].read_bytes()
+
+
+def steps() -> Iterator[float]:
+    """The session."""
+    yield from opened()
+    begin()
+    for name, todo in (
+        ("variants_first_edit", first_edit),
+        ("variants_new", made_variant),
+        ("variants_switched", switched_variant),
+        ("variants_flipped", flipped_variants),
+        ("variants_compared", compared_variants),
+        ("variants_rendered", rendered_variants),
+    ):
+        yield from task(name, todo)
+
+
+if __name__ == "__main__":
+    start(steps(), "variants")

@@ -1,0 +1,166 @@
+"""In which recorded images each actor of a drive is seen best: large, inside the image, and with no other actor before it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..drive import Actor, Camera, CameraModel, Drive
+from ..geometry import BoolArray, FloatArray, box_corners, invert_pose, transform_points
+from ..own_vehicle import Outline, shows_scene
+
+Outlines = Mapping[str, tuple[Outline, int]]
+"""The recording vehicle's outline in the images of each camera that shows it, with the height of these images."""
+
+NEAREST_M = 0.5
+"""A box with a corner nearer to the camera's plane than this is cut by the image."""
+ENOUGH_PX = 40000.0
+"""A larger area in the image makes a view no better."""
+CANDIDATES = 40
+"""Views of an actor whose occlusion is looked into."""
+APART = 4
+"""Frames between two views of an actor through one camera."""
+LATTICE = 10
+"""Occlusion is sampled at so many places along each edge of an actor's rectangle."""
+
+
+@dataclass(frozen=True)
+class View:
+    """An actor in one image.
+
+    ``rectangle`` (4,) is left, top, right, bottom of the projected box in pixels, cut at the image's edges; ``pose`` (4, 4) is
+    world_from_actor and ``camera_pose`` (4, 4) world_from_camera at the image's time. ``visible`` is the fraction of the
+    rectangle that no nearer actor's rectangle covers, ``inside`` that of the uncut rectangle that the image has, and ``clear``
+    that of the LiDAR returns in the rectangle which nothing before the actor gave. ``nearer`` (N, 4) are the rectangles of
+    nearer actors; ``outline`` is that of the recording vehicle's body in the camera's images, with their height, where it is in
+    them: what lies below it is covered too.
+    """
+
+    camera: str
+    frame: int
+    rectangle: FloatArray
+    pose: FloatArray
+    camera_pose: FloatArray
+    visible: float
+    inside: float
+    nearer: FloatArray
+    clear: float = 1.0
+    outline: tuple[Outline, int] | None = None
+
+    def free(self, u: FloatArray, v: FloatArray, model: CameraModel) -> BoolArray:
+        """Return which points u, v (...) of the image neither a nearer actor's rectangle nor the recording vehicle covers."""
+        free = np.ones(np.shape(u), bool)
+        for left, top, right, bottom in self.nearer:
+            free &= ~((u >= left) & (u <= right) & (v >= top) & (v <= bottom))
+        if self.outline is not None:
+            free &= shows_scene(*self.outline, u, v, (model.width, model.height))
+        return free
+
+    @property
+    def area_px(self) -> float:
+        """Area of the rectangle in pixels."""
+        left, top, right, bottom = self.rectangle
+        return float((right - left) * (bottom - top))
+
+    @property
+    def score(self) -> float:
+        """How well the actor is seen; larger is better."""
+        return float(np.sqrt(min(self.area_px, ENOUGH_PX)) * (self.visible * self.clear) ** 3 * self.inside**2)
+
+
+@dataclass(frozen=True)
+class _Seen:
+    """All actors in the images of one camera: rectangles (A, F, 4) uncut and cut, depths (A, F), whether there (A, F)."""
+
+    camera: Camera
+    frames: tuple[int, ...]
+    camera_poses: FloatArray
+    full: FloatArray
+    cut: FloatArray
+    depth_m: FloatArray
+    there: BoolArray
+
+
+def best_views(
+    drive: Drive, image_frames: Mapping[str, Sequence[int]], most: int = 3, outlines: Outlines | None = None
+) -> dict[str, list[View]]:
+    """Return up to ``most`` views of each actor by id, the best first; an actor that no image shows has none.
+
+    ``image_frames`` names the frames of which each camera has an image.
+    """
+    actors = list(drive.actors.values())
+    seen = [
+        _look(actors, camera, tuple(frame for frame in image_frames.get(name, ()) if frame in camera.time_s))
+        for name, camera in drive.cameras.items()
+    ]
+    seen = [one for one in seen if one.frames]
+    return {actor.uid: _spread(_views(actor, number, seen, outlines or {}), most) for number, actor in enumerate(actors)}
+
+
+def _spread(views: list[View], most: int) -> list[View]:
+    """The first views that are no neighbours of each other: the next frame shows the same again."""
+    found: list[View] = []
+    for view in views:
+        if len(found) < most and all(one.camera != view.camera or abs(one.frame - view.frame) >= APART for one in found):
+            found.append(view)
+    return found
+
+
+def _look(actors: list[Actor], camera: Camera, frames: tuple[int, ...]) -> _Seen:
+    times = np.array([camera.time_s[frame] for frame in frames])
+    count, model = len(frames), camera.model
+    poses = camera.world_from_camera.at(times)
+    full, depth = np.zeros((len(actors), count, 4)), np.full((len(actors), count), np.inf)
+    there = np.zeros((len(actors), count), bool)
+    if count:
+        from_world = invert_pose(poses)
+        for number, actor in enumerate(actors):
+            corners = transform_points(actor.world_from_actor.at(times), box_corners(np.eye(4), actor.size_m))
+            x, y, z = np.moveaxis(transform_points(from_world, corners), -1, 0)
+            ahead = z.min(-1) > NEAREST_M
+            safe = np.where(ahead[:, None], z, 1.0)
+            u, v = model.fx * x / safe + model.cx, model.fy * y / safe + model.cy
+            full[number] = np.stack([u.min(-1), v.min(-1), u.max(-1), v.max(-1)], -1)
+            depth[number] = z.mean(-1)
+            there[number] = ahead & actor.present(times)
+    cut = np.clip(full, 0.0, [model.width, model.height, model.width, model.height])
+    there &= (cut[..., 2] - cut[..., 0] > 2) & (cut[..., 3] - cut[..., 1] > 2)
+    return _Seen(camera, frames, poses, full, cut, depth, there)
+
+
+def _area(rectangles: FloatArray) -> FloatArray:
+    return np.asarray((rectangles[..., 2] - rectangles[..., 0]) * (rectangles[..., 3] - rectangles[..., 1]))
+
+
+def _views(actor: Actor, number: int, seen: list[_Seen], outlines: Outlines) -> list[View]:
+    """The views of one actor, best first."""
+    ranked = []
+    for at, one in enumerate(seen):
+        for i in np.flatnonzero(one.there[number]):
+            cut, full = _area(one.cut[number, i]), _area(one.full[number, i])
+            inside = float(cut / full)
+            ranked.append((float(np.sqrt(min(float(cut), ENOUGH_PX)) * inside**2), float(cut), at, int(i), inside))
+    ranked.sort(reverse=True)
+    found = []
+    for _, _, at, i, inside in ranked[:CANDIDATES]:
+        one = seen[at]
+        others = one.there[:, i] & (one.depth_m[:, i] < one.depth_m[number, i] - 0.1)
+        nearer = one.cut[others, i]
+        frame = one.frames[i]
+        pose = actor.world_from_actor.at(one.camera.time_s[frame])
+        view = View(
+            one.camera.sensor_id, frame, one.cut[number, i], pose, one.camera_poses[i], 1.0, inside, nearer,
+            outline=outlines.get(one.camera.sensor_id),
+        )  # fmt: skip
+        found.append(replace(view, visible=_visible(view, one.camera.model)))
+    return sorted(found, key=lambda view: -view.score)
+
+
+def _visible(view: View, model: CameraModel) -> float:
+    """Fraction of a view's rectangle that nothing known covers."""
+    steps = (np.arange(LATTICE) + 0.5) / LATTICE
+    left, top, right, bottom = view.rectangle
+    u, v = np.meshgrid(left + steps * (right - left), top + steps * (bottom - top))
+    return float(view.free(u, v, model).mean())

@@ -1,0 +1,141 @@
+"""Thumbnails and words for the colours of a log's actors, made once and kept in the user's cache folder."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from ..drive import Actor
+from ..errors import UnisimError
+from ..files import cache_folder, write_file
+from ..log import Log
+from ..own_vehicle import Outline, find_outline, moved_frames
+from .best_views import View, best_views
+from .colour_words import Tone
+from .crops import crop, png
+from .paint import paint_tone, painted_as, telling, word_of
+from .returns import cleared
+
+VERSION = 1
+"""Another one whenever the same log would give something else."""
+INDEX = "actors.json"
+LOOKED_AT = 6
+"""Views of an actor of which LiDAR is asked whether something stands before it."""
+OUTLINE_IMAGES = 10
+"""Images of each camera in which the recording vehicle's outline is looked for, about."""
+TELLING = 3
+"""Images that a colour is told from at most."""
+
+
+@dataclass(frozen=True)
+class ActorImage:
+    """What is known of one actor: the word for its colour or "", and its thumbnail's file or None where no image shows it."""
+
+    uid: str
+    word: str
+    picture: Path | None
+
+
+def kept_folder(log_path: Path) -> Path:
+    """Return the folder of a log's thumbnails: another one where the log lies elsewhere or has changed."""
+    stamps = []
+    for name in ("", "meta", "annotations/cuboids", "camera", "lidar", "lidar/poses.json", "lidar/timestamps.json"):
+        try:
+            stamps.append((log_path / name).stat().st_mtime_ns)
+        except OSError:
+            stamps.append(0)
+    text = json.dumps([VERSION, str(log_path.resolve()), stamps])
+    return cache_folder() / "actors" / hashlib.sha256(text.encode()).hexdigest()[:32]
+
+
+def kept_images(log_path: Path) -> dict[str, ActorImage] | None:
+    """Return what is kept of a log's actors by id; None where it has not been made, or not completely."""
+    folder = kept_folder(log_path)
+    try:
+        document = json.loads((folder / INDEX).read_text())
+        entries = {
+            str(uid): ActorImage(str(uid), str(entry["word"]), folder / entry["picture"] if entry["picture"] else None)
+            for uid, entry in document["actors"].items()
+        }
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        return None
+    return entries if all(one.picture is None or one.picture.is_file() for one in entries.values()) else None
+
+
+def make_images(log: Log) -> Iterator[ActorImage]:
+    """Make the thumbnails and words of a log's actors, each given as soon as it is there, and keep them at the end.
+
+    Every image and every sweep is read once. Raises `OutputError` where the cache folder cannot be written.
+    """
+    folder, actors = kept_folder(log.path), log.drive.actors
+    frames = {name: log.image_frames(name) for name in log.drive.cameras}
+    views = cleared(log, actors, best_views(log.drive, frames, LOOKED_AT, _outlines(log)))
+    made: dict[str, ActorImage] = {}
+    for one in _from_images(log, actors, views, folder):
+        made[one.uid] = one
+        yield one
+    for uid in sorted(set(actors) - set(made)):
+        made[uid] = ActorImage(uid, "", None)
+        yield made[uid]
+    entries = {uid: {"word": one.word, "picture": one.picture.name if one.picture else ""} for uid, one in sorted(made.items())}
+    document = {"format": "unisim-actor-images", "version": VERSION, "log": str(log.path.resolve()), "actors": entries}
+    write_file(folder / INDEX, json.dumps(document, indent=1).encode())
+
+
+def _outlines(log: Log) -> dict[str, tuple[Outline, int]]:
+    """The recording vehicle's outline in each camera's images, where it is in them; they are read at a quarter of their size."""
+    found = {}
+    for name in log.drive.cameras:
+        moved = moved_frames(log.drive, log.image_frames(name))
+        some = moved[:: max(1, len(moved) // OUTLINE_IMAGES)]
+        try:
+            images = [log.image(name, frame)[::2, ::2] for frame in some]
+        except (UnisimError, OSError):
+            continue
+        outline = find_outline(images)
+        if outline is not None:
+            found[name] = outline, images[0].shape[0]
+    return found
+
+
+def _from_images(log: Log, actors: dict[str, Actor], views: dict[str, list[View]], folder: Path) -> Iterator[ActorImage]:
+    """Go through the images once; an actor is finished with the last image that it needs."""
+    numbers = {uid: number for number, uid in enumerate(sorted(actors))}
+    asked: dict[tuple[int, str], list[tuple[str, int]]] = {}
+    left: dict[str, int] = {}
+    for uid, some in views.items():
+        wanted = some[:1] if not painted_as(actors[uid].label) else (telling(some)[:TELLING] or some[:1])
+        left[uid] = len(wanted)
+        for number, view in enumerate(wanted):
+            asked.setdefault((view.frame, view.camera), []).append((uid, number))
+    tones: dict[str, list[tuple[Tone | None, float]]] = {uid: [] for uid in views}
+    pictures: dict[str, Path] = {}
+    for (frame, camera), those in sorted(asked.items()):
+        try:
+            image = log.image(camera, frame)
+        except (UnisimError, OSError):
+            image = None
+        for uid, number in those:
+            view, actor = views[uid][number], actors[uid]
+            if image is not None:
+                model = log.drive.cameras[camera].model
+                if number == 0:
+                    pictures[uid] = folder / f"{numbers[uid]}.png"
+                    write_file(pictures[uid], png(crop(image, view)))
+                if view in telling(views[uid]):
+                    tones[uid].append((paint_tone(image, model, actor.label, actor.size_m, view), view.score))
+            left[uid] -= 1
+            if left[uid] == 0:
+                yield ActorImage(uid, word_of(tones[uid]), pictures.get(uid))
+
+
+def tell(log: Log) -> None:
+    """Make a log's thumbnails and words, and write a line of JSON for each actor to standard output."""
+    for one in make_images(log):
+        line = {"uid": one.uid, "word": one.word, "picture": str(one.picture) if one.picture else ""}
+        sys.stdout.write(json.dumps(line) + "\n")
+        sys.stdout.flush()
