@@ -60,7 +60,7 @@ def test_translations_take_the_same_values(language: str) -> None:
 
 def test_operators_and_panels_are_german(tool: Any) -> None:
     german = TABLES["de_DE"]
-    names = [cls.bl_label for kind in ("Operator", "Panel") for cls in tool.ours(kind)]  # type: ignore[attr-defined]
+    names = [cls.bl_label for kind in ("Operator", "Panel") for cls in tool.ours(kind)]
     lacking = [name for name in names if name not in german]
     assert len(lacking) < 0.15 * len(names), lacking
 
