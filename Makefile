@@ -1,7 +1,8 @@
 # make setup   everything into .venv, the native library built
 # make demo    a small street, a scene trained on it and its edits, in pictures
 # make test    lint, types, import rules, tests
-# make test-ui   a real Blender window driven by scripts, mouse and keys (root, debootstrap)
+# make test-ui   a real Blender window driven by scripts, mouse and keys (root, debootstrap); a part of the sessions
+# make test-ui-all   all of its sessions, in Blender 4.3 and 5.2
 # make screenshots   the documentation's pictures of Blender, by way of test-ui
 # make extension   the Blender extension as a .zip, in dist/
 # make clean   removes what the others made, .venv included
@@ -10,7 +11,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 BUILD_TOOLS := scikit-build-core cmake ninja
 
-.PHONY: setup demo test test-ui screenshots extension clean
+.PHONY: setup demo test test-ui test-ui-all screenshots extension clean
 
 setup: $(VENV)/.built
 
@@ -48,7 +49,12 @@ test: $(VENV)/.blender
 # a real Blender window, in a Debian of its own below BLENDER_ROOT: needs root and debootstrap
 BLENDER_ROOT ?= /var/tmp/unisim-blender
 test-ui: $(VENV)/.blender
+	$(BIN)/python tests/ui/run.py $(BLENDER_ROOT)-trixie trixie out/ui --ci
+
+# every session, in Debian's two newest Blenders (4.3 and 5.2)
+test-ui-all: $(VENV)/.blender
 	$(BIN)/python tests/ui/run.py $(BLENDER_ROOT)-trixie trixie out/ui
+	$(BIN)/python tests/ui/run.py $(BLENDER_ROOT)-sid sid out/ui-sid
 
 screenshots: test-ui
 	$(BIN)/python tools/screenshots.py out/ui docs/images

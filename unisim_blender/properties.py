@@ -160,7 +160,7 @@ class UniSimScene(bpy.types.PropertyGroup):
     )
     show_timeline: BoolProperty(
         name="Presence Timeline",
-        description="Draw over the lower part of the view when each actor is present; a click on a bar goes there",
+        description="Draw a bar over the lower part of the view for each actor while it is present; a click on a bar goes there",
     )
     recorded_offset_m: FloatProperty(
         name="Recorded Offset",

@@ -27,12 +27,13 @@ NOTED = "unisim_hidden"
 """A screen's custom property: which switches of which views this module has turned off."""
 
 
-def turned_off(through: str, rendered: bool, sensors: bool, elsewhere: bool = False) -> set[str]:
+def turned_off(through: str, rendered: bool, sensors: bool, elsewhere: bool = False, chosen: bool = False) -> set[str]:
     """Return the switches that a view is to have off.
 
     ``through`` is what `looks_through` says. ``rendered``: whether the engine UniSim draws the view. ``sensors``: whether
     sensors are to be seen from outside. ``elsewhere``: whether a camera of the drive stands elsewhere than its images were
-    recorded.
+    recorded. ``chosen``: whether the ego vehicle or a LiDAR is selected and active, as by a click in the Outliner: Blender
+    moves nothing that a view does not show.
     """
     off: set[str] = set()
     if through == "RIG":
@@ -41,7 +42,7 @@ def turned_off(through: str, rendered: bool, sensors: bool, elsewhere: bool = Fa
         off.add("show_object_viewport_camera")
     if not through and not sensors:
         off |= set(SWITCHES)
-    return off
+    return off - {EMPTIES[0]} if chosen else off
 
 
 def looks_through(scene: bpy.types.Scene, space: Any) -> str:
@@ -58,7 +59,13 @@ def wanted(scene: bpy.types.Scene, space: Any) -> set[str]:
     through = looks_through(scene, space)
     rendered = space.shading.type == "RENDERED" and scene.render.engine == "UNISIM"
     elsewhere = through == "RIG" and not rendered and _elsewhere(scene)
-    return turned_off(through, rendered, scene.unisim.show_sensors, elsewhere)
+    return turned_off(through, rendered, scene.unisim.show_sensors, elsewhere, _chosen())
+
+
+def _chosen() -> bool:
+    """Whether an empty of the drive is selected and active."""
+    active = bpy.context.view_layer.objects.active if bpy.context.view_layer is not None else None
+    return active is not None and active.unisim.kind in ("EGO", "LIDAR") and active.select_get()
 
 
 def _elsewhere(scene: bpy.types.Scene) -> bool:

@@ -10,13 +10,18 @@ import sys
 import sysconfig
 import time
 from collections.abc import Iterator
+from dataclasses import asdict
 from pathlib import Path
 
+import numpy as np
 import pytest
 from helpers import SAMPLE
 
 from unisim_blender import interpreters
 from unisim_blender.client import Client, Request
+from unisim_blender.core.prepare.renderers import make_tracer
+from unisim_blender.core.render import Region, Renderer
+from unisim_blender.core.scene_file import read_scene_header
 
 LIMIT_S = 120
 
@@ -43,6 +48,7 @@ def last(request: Request) -> dict[str, object]:
 
 
 def test_it_says_what_it_is(worker: Client) -> None:
+    # fmt: off
     request = worker.ask("about")
     event = request.events.get(timeout=LIMIT_S)
     assert event["event"] == "about" and "cpu" in event["devices"]
@@ -51,6 +57,7 @@ def test_it_says_what_it_is(worker: Client) -> None:
 
 def test_asking_returns_at_once(worker: Client) -> None:
     started = time.monotonic()
+    # fmt: off
     request = worker.ask("about")
     assert time.monotonic() - started < 0.1
     last(request)
@@ -61,6 +68,7 @@ def test_a_killed_worker_is_a_sentence_and_comes_back(worker: Client) -> None:
     assert worker.process is not None
     before = worker.process.pid
     os.kill(before, signal.SIGSTOP)
+    # fmt: off
     request = worker.ask("about")
     os.kill(before, signal.SIGKILL)
     event = last(request)
@@ -155,3 +163,26 @@ def test_a_gpu_without_torch_is_a_sentence(bare: Path, tmp_path: Path, monkeypat
     finally:
         client.close()
     assert text.startswith("this needs torch") and str(bare) in text
+
+
+def test_an_image_of_another_size_is_that_of_the_command_line(worker: Client) -> None:
+    """The view and F12 at twice a camera's own width: pixels are traced as far apart as `unisim render --width` traces them."""
+    scene = SAMPLE / "scene"
+    drive = read_scene_header(scene).drive
+    camera = drive.cameras["front_camera"]
+    model = camera.model.resized(2 * camera.model.width)
+    rows, columns = [256, 320], [400, 560]
+    paths = {"log": str(scene / "none"), "scene": str(scene)}
+    request = worker.ask(
+        "camera", scenario={"format": "unisim-scenario", "version": 1, "name": "x", "edits": [], **paths},
+        path=str(scene / "x.json"), camera="front_camera", time_s=camera.time_s[0], model=asdict(model), passes=["rgb"],
+        quality="balanced", device="cpu", rows=rows, columns=columns,
+    )  # fmt: skip
+    event = request.events.get(timeout=LIMIT_S)
+    assert event["event"] == "arrays", event
+    made = worker.arrays(event)["rgb"]
+    last(request)
+    renderer = Renderer(make_tracer(scene, drive, "balanced"), drive)
+    region = Region(columns[0], rows[0], columns[1], rows[1])
+    wanted = renderer.camera("front_camera", 0, width=model.width, region=region).rgb
+    assert np.abs(made - wanted).max() < 0.004

@@ -1,166 +1,183 @@
-"""Buttons of the sidebar found by their operators and clicked, and what the edits list shows."""
+"""Real buttons, found where a person finds them: by holding the mouse over them and asking Blender what lies there.
+
+Blender's Python does not say where a button is drawn. A button that is under the mouse answers two operators, though: the one
+behind Ctrl-C copies the Python command of an operator's button, the one behind Ctrl-Shift-Alt-C the data path of a property's.
+`buttons` moves the mouse over a region row by row and notes the answers with their places; `press` clicks on one of them.
+"""
 
 from __future__ import annotations
 
-import sys
-import time
+import re
 from collections.abc import Iterator
-from typing import Any
 
 import bpy
-import numpy as np
-from hands import click, drop, key, middle, place, sidebar, thing, to
-from numpy.typing import NDArray
-from session import ARCHIVE, MODULE, OUT, SCENE, area, inside, results, screenshot, until, view, wait_for_picture
+from hands import click, key, mouse, to, write
+from session import inside, view
 
-STEP = 8
-"""Pixels between two looks for a button."""
-found: list[Any] = []
-"""The operator of the button under the mouse, as its context menu was told of it."""
-last: list[int] = [48]
-"""How far down the button was that was found last."""
+ROW = 8
+"""Distance of two looks, in pixels: a row of buttons is 20 pixels high."""
+HEADER = tuple(0.7 + 0.0125 * column for column in range(24))
+"""Where the right part of a view's header is looked at, as shares of its width."""
+HEADER_HIGH = 20
+"""Height of a row of buttons, in pixels."""
 
-
-def module(name: str) -> Any:
-    """A module of the extension."""
-    return sys.modules[f"{MODULE}.{name}"]
+Place = tuple[int, int]
 
 
-def lines() -> list[Any]:
-    """The list that the panel shows; none while it is being read."""
-    reading = module("bridge.edit_reading").reading_of(bpy.context.scene)
-    return list(reading.lines) if reading.fresh else []
+def region_of(found: bpy.types.Area, kind: str) -> bpy.types.Region:
+    """Return the region of an area by its type, "UI" for the sidebar, "HEADER", "HUD"."""
+    return next(region for region in found.regions if region.type == kind)
 
 
-def listed(*wanted: tuple[str, bool]) -> Iterator[float]:
-    """Wait until the panel shows these edits: how each begins, and whether it is muted."""
+def under_mouse(found: bpy.types.Area, region: bpy.types.Region) -> str:
+    """Return the command, "unisim.check()", or the property's path, of the button that the mouse is over; "" where none is."""
+    manager = bpy.context.window_manager
+    window = next(one for one in manager.windows if found in list(one.screen.areas))
+    with bpy.context.temp_override(window=window, area=found, region=region):
+        for copy in (bpy.ops.ui.copy_python_command_button, bpy.ops.ui.copy_data_path_button):
+            manager.clipboard = ""
+            if copy.poll():
+                more = {"full_path": True} if copy is bpy.ops.ui.copy_data_path_button else {}
+                copy(**more)
+                return manager.clipboard.removeprefix("bpy.ops.").removeprefix("bpy.")
+    return ""
 
-    def told() -> bool:
-        now = sorted((line.what, line.muted >= 0) for line in lines())
-        return len(now) == len(wanted) and all(
-            a.startswith(b) and muted == is_muted for (a, muted), (b, is_muted) in zip(now, sorted(wanted), strict=True)
-        )
 
-    yield from until(told, f"the list does not show {wanted}, but {[(line.what, line.muted) for line in lines()]}", 10)
+def buttons(
+    found: bpy.types.Area, kind: str, into: dict[str, list[Place]], columns: tuple[float, ...] = (0.5,)
+) -> Iterator[float]:
+    """Note all buttons of a region in ``into``: by command or path the places of each, from the top, then from the left.
+    ``columns``: where rows are looked at, as shares of the region's width."""
+    region = region_of(found, kind)
+    rows: dict[str, dict[int, list[Place]]] = {}
+    one_row = region.height < 2 * HEADER_HIGH
+    downs = (region.height // 2,) if one_row else range(ROW // 2, region.height, ROW)
+    for share in columns:
+        for down in downs:
+            yield from to(region.x + share * region.width, region.y + region.height - down)
+            yield 0.0  # the button hears of the mouse in the next round
+            name = under_mouse(found, region)
+            if name:
+                rows.setdefault(name, {}).setdefault(mouse[0], []).append((mouse[0], mouse[1]))
+    into.clear()
+    for name, by_column in rows.items():
+        # the middle of a button; at its very edge the mouse may not hold it yet
+        into[name] = [places[len(places) // 2] for places in by_column.values() if one_row or len(places) > 1]
+
+
+def place_of(name: str, kind: str = "UI", columns: tuple[float, ...] = (0.5,), where: str = "VIEW_3D") -> Iterator[float]:
+    """Find a button by a part of its command or path, scrolling the sidebar where it is out of sight.
+
+    ``kind``: in which region of the area ``where``. The places go to `found_at`."""
+    area = next(a for a in bpy.context.window_manager.windows[0].screen.areas if a.type == where)
+    region = region_of(area, kind)
+    found: dict[str, list[Place]] = {}
+    found_at.clear()
+    for scrolled in range(6):
+        yield from buttons(area, kind, found, columns)
+        found_at.extend(place for known, places in found.items() if name in known for place in places)
+        if found_at or kind != "UI":
+            break
+        yield from to(region.x + region.width / 2, region.y + region.height / 2)
+        yield from scroll("HOME" if scrolled == 0 else "")
+    assert found_at, f"there is no button {name}; there are {', '.join(found)}"
+
+
+def scroll(where: str = "") -> Iterator[float]:
+    """Scroll the region under the mouse down, or with "HOME" to its top."""
+    if where == "HOME":
+        yield from key("HOME")
+    else:
+        for _ in range(10):
+            yield from key("WHEELDOWNMOUSE")
     yield 0.3
 
 
-def note_button(self: Any, context: Any) -> None:
-    """Part of a button's context menu: note whose it is."""
-    found[:] = [getattr(context, "button_operator", None)]
+def press(
+    name: str, kind: str = "UI", last: bool = False, columns: tuple[float, ...] = (0.5,), where: str = "VIEW_3D"
+) -> Iterator[float]:
+    """Click on the button whose command or path has ``name`` in it; ``last``: of several, that on the right."""
+    yield from place_of(name, kind, columns, where)
+    yield from to(*(max(found_at) if last else found_at[0]))
+    yield from click()
+    yield 0.2
 
 
-def button(operator: str, across: float = 0.3, **values: Any) -> Iterator[float]:
-    """Put the mouse on a button of the sidebar: that of an operator, with some of its properties.
+found_at: list[Place] = []
+"""Where `place_of` found a button."""
 
-    ``across`` says where in the row. The context menu of what is under the mouse tells whose button it is.
+
+def redo_panel(value: str, new: str) -> Iterator[float]:
+    """Press F9, look in the redo panel that pops up for the field that shows ``value``, and type ``new`` into it.
+
+    Ctrl-C over a field copies its value, which tells the fields from each other.
     """
-    tabs = next(r for r in area("VIEW_3D").regions if r.type == "UI")
-    identifier, met = "{}_OT_{}".format(*operator.split(".")).replace("unisim", "UNISIM"), set()
-    rows = list(range(40, tabs.height - 4, STEP))
-    for down in sorted(rows, key=lambda row: abs(row - last[0])):
-        yield from to(tabs.x + tabs.width * across, tabs.y + tabs.height - down)
-        yield 0.01
-        found.clear()
-        yield from key("RIGHTMOUSE")
-        yield 0.04
-        here = found[0] if found else None
-        if found:
-            yield from key("ESC")
-            yield 0.02
-        if here is None:
-            continue
-        met.add(here.bl_rna.identifier)
-        if here.bl_rna.identifier == identifier and all(getattr(here, name) == value for name, value in values.items()):
-            last[0] = down
-            yield from to(tabs.x + tabs.width * across, tabs.y + tabs.height - down - 2)
-            yield 0.1
-            return
-    raise AssertionError(f"{operator} {values} is not in the sidebar, only {sorted(met)}")
+    manager, (x, y) = bpy.context.window_manager, mouse
+    yield from key("F9")
+    yield 0.5
+    for down in range(30, -200, -6):
+        yield from to(x + 222, y + down)
+        manager.clipboard = ""
+        yield from key("C", ctrl=True)
+        if same_number(manager.clipboard, value):
+            break
+    else:
+        raise AssertionError(f"no field of the redo panel shows {value}")
+    yield from key("RET")
+    yield 0.1
+    yield from key("A", ctrl=True)
+    yield from write(new)
+    yield from key("RET")
+    yield 0.3
+    yield from to(x - 300, y)  # a popup closes when the mouse leaves it
 
 
-def press(operator: str, across: float = 0.3, **values: Any) -> Iterator[float]:
-    """Find a button and click it."""
-    yield from button(operator, across, **values)
+def same_number(text: str, value: str) -> bool:
+    """Return whether a text, which may have a unit behind it, is a number to a thousandth."""
+    found = re.match(r"-?[0-9.]+", text)
+    return found is not None and abs(float(found[0]) - float(value)) < 1e-3
+
+
+def menu_button(above: str, entry: int) -> Iterator[float]:
+    """Click on the button below the one named ``above``, which opens a menu, and choose its entry by number, from 0.
+
+    Buttons that open menus answer neither of the two operators, so they are found by their neighbour.
+    """
+    yield from place_of(above)
+    x, y = found_at[0]
+    yield from to(x, y - 20)
+    yield from click()
+    yield 0.4
+    yield from to(x - 40, y - 20 - 24 - 23 * entry)
+    yield 0.1
     yield from click()
     yield 0.3
 
 
-def line_of(begins: str) -> dict[str, Any]:
-    """The properties of the buttons of the line that begins so."""
-    line = next(line for line in lines() if line.what.startswith(begins))
-    kind, name, part = line.key
-    return {"kind": kind, "name": name, "part": part, "muted": line.muted}
+def reports() -> list[str]:
+    """Return what operators have told the person so far, one line each, the newest last, as an Info editor shows it."""
+    found = next(a for a in bpy.context.window_manager.windows[0].screen.areas if a.type in ("DOPESHEET_EDITOR", "INFO"))
+    kind, manager = found.ui_type, bpy.context.window_manager
+    found.ui_type = "INFO"
+    try:
+        with inside(found):
+            bpy.ops.info.select_all(action="SELECT")
+            manager.clipboard = ""
+            bpy.ops.info.report_copy()
+            return manager.clipboard.splitlines()
+    finally:
+        found.ui_type = kind
 
 
-def picked(name: str) -> Iterator[float]:
-    """Click an object in the view."""
-    yield from to(*place(thing(name).matrix_world.translation))
+def open_panel(below: str, down: int, holds: str) -> Iterator[float]:
+    """Open a closed panel by a click on its header, ``down`` pixels below the button ``below``, unless ``holds`` is in sight."""
+    area, _, _ = view()
+    found: dict[str, list[Place]] = {}
+    yield from buttons(area, "UI", found)
+    if any(holds in name for name in found):
+        return
+    yield from place_of(below)
+    x, y = found_at[0]
+    yield from to(x, y - down)
     yield from click()
-    yield from until(lambda: bpy.context.view_layer.objects.active == thing(name), f"{name} is not selected")
-
-
-def shown_pixels(name: str) -> NDArray[np.float32]:
-    """What the screen shows in the 3D view left of the sidebar, (H, W, 3) in steps of eight bits."""
-    screenshot(name)
-    image = bpy.data.images.load(str(OUT / f"{name}.png"), check_existing=False)
-    image.colorspace_settings.name = "Non-Color"
-    width, height = image.size
-    screen = np.array(image.pixels[:], np.float32).reshape(height, width, -1)[..., :3] * 255
-    bpy.data.images.remove(image)
-    regions = {region.type: region for region in area("VIEW_3D").regions}
-    region, tabs = regions["WINDOW"], regions["UI"]
-    return screen[region.y + 40 : region.y + region.height - 60, region.x + 80 : tabs.x - 10]
-
-
-def apart(a: NDArray[np.float32], b: NDArray[np.float32]) -> float:
-    """The share of pixels in which two pictures differ."""
-    return float((np.abs(a - b).max(-1) > 6).mean())
-
-
-def rendered() -> Iterator[float]:
-    """Rendered shading, until the picture is finished."""
-    view()[1].shading.type = "RENDERED"
-    yield from wait_for_picture()
     yield 0.5
-
-
-def timed_reading() -> None:
-    """Note the processor time of the longest step in which the list is read: the wall's is that of all that runs
-    beside."""
-    watch = module("edit_watch")
-    read = watch._read
-    results["longest_reading_cpu_s"] = 0.0
-
-    def timed() -> float | None:
-        before = time.thread_time()
-        again: float | None = read()
-        results["longest_reading_cpu_s"] = max(float(str(results["longest_reading_cpu_s"])), time.thread_time() - before)
-        return again
-
-    watch._read = timed
-
-
-def opened() -> Iterator[float]:
-    """Install the extension, drop the sample's scene onto the window, and open the sidebar in a view as large as the window."""
-    bpy.ops.extensions.package_install_files(filepath=str(ARCHIVE), repo="user_default", enable_on_install=True, overwrite=True)
-    yield 1.0
-    bpy.types.UI_MT_button_context_menu.append(note_button)
-    timed_reading()
-    yield from to(*middle(area("VIEW_3D")))
-    drop(SCENE)
-    scene = bpy.context.scene
-    yield from until(lambda: scene.render.engine == "UNISIM" and scene.camera.unisim.kind == "CAMERA", "the import does not end")
-    yield 0.5
-    yield from sidebar()
-    with inside(area("VIEW_3D")):
-        bpy.ops.screen.screen_full_area()
-    yield 1.0
-    yield from until(lambda: module("bridge.edit_reading").reading_of(bpy.context.scene).fresh, "the list is not read")
-    assert not lines() and view()[2].view_perspective == "CAMERA"
-
-
-def moved_along(*presses: tuple[str, ...]) -> Iterator[float]:
-    """Press keys one after the other."""
-    for press_ in presses:
-        yield from key(*press_)

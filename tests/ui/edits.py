@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 sys.path.insert(0, str(Path(__file__).parent))
 import hands
-from buttons import apart, line_of, listed, moved_along, opened, picked, press, rendered, shown_pixels
+from edit_panel import apart, line_of, listed, moved_along, opened, picked, press, rendered, shown_pixels
 from hands import key, middle, thing, to
 from session import area, results, screenshot, start, until, view, wait_for_picture
 from tasks import bare_view, begin, seen, task

@@ -13,6 +13,7 @@ from bpy_extras.view3d_utils import location_3d_to_region_2d
 from mathutils import Vector
 
 sys.path.insert(0, str(Path(__file__).parent))
+from heart import uncounted
 from session import (
     ARCHIVE,
     MODULE,
@@ -30,11 +31,17 @@ from session import (
 
 mouse = [800, 450]
 """Where the mouse is, in pixels of the window from its lower left corner."""
+window = [0]
+"""Which of Blender's windows hears mouse and keys: a file browser has one of its own."""
+KEYS = {" ": "SPACE", "/": "SLASH", ".": "PERIOD", "-": "MINUS", "_": "MINUS"} | dict(
+    zip("0123456789", "ZERO ONE TWO THREE FOUR FIVE SIX SEVEN EIGHT NINE".split(), strict=True)
+)
+"""The keys of characters that are no letters."""
 
 
 def event(kind: str, value: str, **more: Any) -> None:
     """One event where the mouse is."""
-    bpy.context.window_manager.windows[0].event_simulate(type=kind, value=value, x=mouse[0], y=mouse[1], **more)
+    bpy.context.window_manager.windows[window[0]].event_simulate(type=kind, value=value, x=mouse[0], y=mouse[1], **more)
 
 
 def to(x: float, y: float) -> Iterator[float]:
@@ -53,9 +60,9 @@ def key(kind: str, text: str = "", **modifiers: bool) -> Iterator[float]:
 
 
 def write(text: str) -> Iterator[float]:
-    """Type letters and spaces."""
+    """Type letters, digits, and the characters of a path."""
     for letter in text:
-        yield from key("SPACE" if letter == " " else letter.upper(), letter)
+        yield from key(KEYS.get(letter, letter.upper()), letter, **({"shift": True} if letter == "_" else {}))
 
 
 def click() -> Iterator[float]:
@@ -77,6 +84,7 @@ def place(point: Vector) -> tuple[float, float]:
     return region.x + x, region.y + y
 
 
+@uncounted
 def scenario() -> Any:
     """What the scene stands for, as the extension would export it."""
     export = sys.modules[f"{MODULE}.operators.export_scenario"]

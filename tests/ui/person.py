@@ -1,4 +1,4 @@
-"""What a person does first, with mouse and keys, judged by what the screen shows. Run by `run.py`."""
+"""What a person does first: imports, clicks on cars, looks at the rendered image. Run by `run.py`."""
 
 from __future__ import annotations
 
@@ -7,173 +7,205 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import bpy
+from bpy_extras.view3d_utils import location_3d_to_region_2d, region_2d_to_vector_3d
+from mathutils import Vector
 
 sys.path.insert(0, str(Path(__file__).parent))
-from hands import click, drop, edits, key, middle, place, thing, to
-from session import ARCHIVE, OUT, SCENE, area, inside, picture, screenshot, start, until, view, wait_for_picture
-from tasks import bare_view, begin, changed, differing, seen, task
+from browser import choose_path, menu_entry
+from buttons import open_panel, press, redo_panel, reports
+from hands import click, edits, key, middle, place, thing, to
+from pixels import apart, as_rendered, grab, part, region_rectangle
+from session import SCENE, area, from_behind, picture, start, until, view
+from tasks import bare_view, changed, click_car, drives, fresh, imported, install, keys, seen, task, through_camera
+
+SENSORS = ("CAMERA", "LIDAR", "EGO")
+REACH = 10
+"""How far from the mouse Blender looks for what is clicked, in pixels."""
 
 
 def first_import() -> Iterator[float]:
-    """A trained scene dropped onto Blender's default file."""
-    yield from to(*middle(area("VIEW_3D")))
-    drop(SCENE)
+    """File > Import > Trained Neural Scene in Blender's default file, with the file browser."""
+    yield from menu_entry("trained neural")
+    yield from choose_path(SCENE)
     scene = bpy.context.scene
-    yield from until(lambda: scene.render.engine == "UNISIM" and scene.camera.unisim.kind == "CAMERA", "the import does not end")
+    yield from until(lambda: scene.camera is not None and scene.camera.unisim.kind == "CAMERA", "the import does not end")
     yield 0.5
-    assert "Cube" not in bpy.context.view_layer.objects and "Cube" in bpy.data.objects
-    assert view()[2].view_perspective == "CAMERA"
+    assert (scene.render.resolution_x, scene.render.resolution_y) == (480, 270), "images have another size than the camera's"
+    assert (scene.frame_start, scene.frame_end, scene.frame_current) == (0, 19, 0), "the frame range is not the drive's"
+    assert scene.render.engine == "UNISIM", "the engine stays another one"
+    assert view()[2].view_perspective == "CAMERA", "the view does not look through the camera"
+    for name in ("Cube", "Light", "Camera"):
+        assert name in bpy.data.objects and name not in bpy.context.view_layer.objects, f"{name} stays in the drive's image"
+    said = [line for line in reports() if "Imported" in line]
+    assert len(said) == 1 and "20 frames" in said[0] and "20 actors" in said[0], f"it says {said}"
     assert not edits()
 
 
-def clicked_car() -> Iterator[float]:
-    """A click on a car through the camera selects the car."""
-    car = seen(driving=False)
-    yield from to(*place(thing(car).matrix_world.translation))
-    yield from click()
-    yield from until(
-        lambda: bpy.context.view_layer.objects.active == thing(car) and thing(car).select_get(), "the car is not selected"
-    )
-    space = view()[1]
-    assert not space.show_object_select_empty and not space.show_object_select_camera
+def clear(one: bpy.types.Object, eye: Vector) -> bool:
+    """Whether all that lies within a click's reach is the same object: Blender takes the nearest thing within some pixels."""
+    found, _, looks = view()
+    region = next(r for r in found.regions if r.type == "WINDOW")
+    x, y = location_3d_to_region_2d(region, looks, one.matrix_world.translation)
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    for dx, dy in ((REACH, REACH), (REACH, -REACH), (-REACH, REACH), (-REACH, -REACH)):
+        hit = bpy.context.scene.ray_cast(depsgraph, eye, region_2d_to_vector_3d(region, looks, (x + dx, y + dy)))
+        if not hit[0] or hit[4].name != one.name:
+            return False
+    return True
 
 
-def moved_driving_car() -> Iterator[float]:
-    """G Y 3 on a car that drives, the next frame, undo and redo."""
-    car = seen(driving=True)
-    uid = thing(car).unisim.uid
-    yield from to(*place(thing(car).matrix_world.translation))
-    yield from click()
-    yield from until(lambda: bpy.context.view_layer.objects.active == thing(car), "the driving car is not selected")
-    for press in (("G",), ("Y",), ("THREE", "3"), ("RET",)):
-        yield from key(*press)
-    yield from until(lambda: thing(car).location.length > 2.9, "not moved")
+def clicked_cars() -> Iterator[float]:
+    """A click on each car in view through the camera selects it, and Select All selects no sensor."""
+    yield from fresh()
+    names, eye = [], bpy.context.scene.camera.matrix_world.translation
+    for one in bpy.context.scene.objects:
+        if one.unisim.kind != "ACTOR" or one.hide_viewport:
+            continue
+        depsgraph, at = bpy.context.evaluated_depsgraph_get(), one.matrix_world.translation
+        hit = bpy.context.scene.ray_cast(depsgraph, eye, (at - eye).normalized())
+        left, bottom, width, height = region_rectangle("WINDOW")
+        if (
+            hit[0]
+            and hit[4].name == one.name
+            and -(bpy.context.scene.camera.matrix_world.inverted() @ at).z > 4
+            and clear(one, eye)
+        ):
+            x, y = place(at)
+            if left + 150 < x < left + width - 350 and bottom + 80 < y < bottom + height - 80:
+                names.append(one.name)
+    assert len(names) >= 3, f"only {names} are in view"
+    for name in names:
+        yield from to(*place(thing(name).matrix_world.translation))
+        yield from click()
+        yield 0.1
+        active = bpy.context.view_layer.objects.active
+        assert active == thing(name) and active.select_get(), f"a click on {name} selects {active.name if active else 'nothing'}"
+    yield from key("A")
+    yield 0.1
+    chosen = {one.unisim.kind for one in bpy.context.selected_objects}
+    assert chosen and not chosen & set(SENSORS), f"Select All selects {chosen} through the camera"
+
+
+def sensors_drawn(into: list[int]) -> Iterator[float]:
+    """Note how many pixels of the view sensors and the vehicle's axes make; the camera that is looked through draws the recorded
+    image."""
+    through = bpy.context.scene.camera if view()[2].view_perspective == "CAMERA" else None
+    sensors = [one for one in bpy.context.scene.objects if one.unisim.kind in SENSORS and one != through]
     yield 0.5
-    screenshot("status")
-    yield from key("RIGHT_ARROW")
+    shown = part(grab(), region_rectangle("WINDOW"))
+    for one in sensors:
+        one.hide_set(True)
+    yield 0.5
+    hidden = part(grab(), region_rectangle("WINDOW"))
+    for one in sensors:
+        one.hide_set(False)
     yield 0.3
-    assert abs(thing(car).location.length - 3) < 1e-3, "the next frame puts it back"
-    assert edits() == [("Move", uid)]
-    yield from key("LEFT_ARROW")
-    yield from key("Z", ctrl=True)
-    yield from key("Z", ctrl=True)
-    yield from until(lambda: not edits(), "not undone")
-    yield from key("Z", ctrl=True, shift=True)
-    yield from until(lambda: edits() == [("Move", uid)], "not done again")
+    into[:] = [int((apart(shown, hidden) > 2).sum())]
 
 
-def auto_keyed_car() -> Iterator[float]:
-    """With auto-key on, a change of one moment blends in."""
-    scene = bpy.context.scene
-    scene.tool_settings.use_keyframe_insert_auto = True
-    scene.frame_set(10)
-    yield 0.3
-    car = seen(driving=True)
-    yield from to(*place(thing(car).matrix_world.translation))
+def hidden_sensors() -> Iterator[float]:
+    """Sensors are not drawn through the camera, but from outside until Drive > Show > Sensors is clicked."""
+    yield from fresh()
+    pixels: list[int] = []
+    yield from sensors_drawn(pixels)
+    assert pixels == [0], f"{pixels[0]} pixels are sensors, through the camera"
+    from_behind(view()[2])
+    yield from sensors_drawn(pixels)
+    assert pixels[0] > 50, "from outside no sensor is drawn"
+    yield from open_panel("unisim.recorded_colours()", 32, "show_sensors")
+    yield from press("show_sensors")
+    yield from to(*middle(area("VIEW_3D")))
+    yield from sensors_drawn(pixels)
+    assert pixels == [0], f"{pixels[0]} pixels are sensors after they were hidden"
+    ego = next(one for one in bpy.context.scene.objects if one.unisim.kind == "EGO")
+    yield from to(*place(ego.matrix_world.translation))
     yield from click()
-    yield from until(lambda: bpy.context.view_layer.objects.active == thing(car), "the driving car is not selected")
-    for press in (("G",), ("Y",), ("ONE", "1"), ("RET",)):
-        yield from key(*press)
-
-    def keys() -> list[int]:
-        action = thing(car).animation_data.action if thing(car).animation_data else None
-        return [len(c.keyframe_points) for c in action.fcurves if c.data_path == "location"] if action else []
-
-    yield from until(lambda: keys() == [3, 3, 3], "the change is not blended")
-    scene.tool_settings.use_keyframe_insert_auto = False
-    places = []
-    for frame in range(8, 13):
-        scene.frame_set(frame)
-        places.append(thing(car).location.copy())
-        yield 0.05
-    jumps = [(b - a).length for a, b in zip(places, places[1:], strict=False)]
-    assert max(jumps) < 0.2, f"it jumps by {max(jumps):.2f} m"
-    scene.frame_set(10)
+    active = bpy.context.view_layer.objects.active
+    assert active is None or active.unisim.kind not in SENSORS, "a hidden sensor is selected"
 
 
 def rendered_view() -> Iterator[float]:
-    """Rendered shading through the camera shows the render and nothing else."""
-    _, space, _ = view()
-    space.shading.type = "RENDERED"
-    bare_view(space)
-    yield from differing("rendered_view_differs")
+    """Z 8, Rendered shading, shows the render and nothing else, with overlays and without them, in two sizes."""
+    yield from fresh()
+    yield from key("Z")
+    yield 0.4
+    yield from key("NUMPAD_8")
+    yield from until(lambda: view()[1].shading.type == "RENDERED", "Z 8 does not change the shading", 5)
+    yield from through_camera()
+    yield from as_rendered("rendered_view")
+    bare_view(view()[1], False)
+    yield from to(*middle(area("VIEW_3D")))
+    yield from key("Z", alt=True, shift=True)  # overlays off
+    view()[1].show_gizmo = False
+    yield from as_rendered("rendered_without_overlays")
+    yield from key("Z", alt=True, shift=True)
+    yield from key("N")  # the sidebar's place is the view's
+    yield from through_camera(width=960)
+    yield from as_rendered("rendered_large")
+
+
+def removed_car() -> Iterator[float]:
+    """X on a car that drives, in Rendered shading."""
+    yield from fresh()
+    yield from through_camera()
+    yield from until(lambda: picture() is not None, "no picture comes")
+    before = picture()
+    bare_view(view()[1], False)
+    yield 0.3
+    car = seen(driving=True)
+    uid = thing(car).unisim.uid
+    yield from click_car(driving=True)
+    yield from keys("X", "RET")
+    yield from until(lambda: edits() == [("Remove", uid)], "X does not remove it", 10)
+    yield from through_camera()
+    yield from until(lambda: changed(before), "the image does not follow", 30)
+    yield from as_rendered("removed_car")
+
+
+def moved_car() -> Iterator[float]:
+    """G X 2 on a car that stands."""
+    yield from fresh()
+    yield from through_camera(rendered=False)
+    car = seen(driving=False)
+    assert not drives(thing(car))
+    yield from click_car(driving=False)
+    yield from keys("G", "X", "2", "RET")
+    yield from until(lambda: edits() == [("Move", thing(car).unisim.uid)], "not moved", 10)
+    yield from through_camera()
+    yield from as_rendered("moved_car")
 
 
 def shifted_ego() -> Iterator[float]:
-    """The same with the vehicle two metres to the left."""
+    """Ego > Shift Ego Lane, and 2 m in the redo panel."""
+    yield from fresh()
+    yield from through_camera()
+    yield from until(lambda: picture() is not None, "no picture comes")
     before = picture()
-    with inside(area("VIEW_3D")):
-        bpy.ops.unisim.shift_ego("INVOKE_DEFAULT", left_m=2.0)
+    yield from open_panel("unisim.replace_look()", 88, "unisim.shift_ego")
+    yield from press("unisim.shift_ego")
+    yield from to(600, 500)
+    yield from redo_panel("1", "2")
     yield from until(lambda: changed(before), "the view does not follow", 60)
-    yield from differing("shifted_view_differs")
-
-
-def retimed_car() -> Iterator[float]:
-    """Ctrl-Alt-T on a selected driving car: box and image follow without anything else."""
-    space = view()[1]
-    space.show_object_viewport_mesh = True
-    yield 0.3
-    car = seen(driving=True)
-    yield from to(*place(thing(car).matrix_world.translation))
-    yield from click()
-    yield from until(lambda: bpy.context.view_layer.objects.active == thing(car), "the driving car is not selected")
-    yield from wait_for_picture()
-    before, stood = picture(), thing(car).matrix_world.translation.copy()
-    yield from key("T", ctrl=True, alt=True)
-    yield from until(lambda: (thing(car).matrix_world.translation - stood).length > 0.1, "the box does not follow", 5)
-    yield from until(lambda: changed(before), "the image does not follow", 20)
-
-
-def shown_points() -> Iterator[float]:
-    """Recorded points, and those of the next frame."""
-    view()[1].shading.type = "SOLID"
-    with inside(area("VIEW_3D")):
-        bpy.ops.unisim.show_points("INVOKE_DEFAULT", recorded=True, simulated=False)
-    has = lambda: any(o.unisim.kind == "POINTS" and len(o.data.vertices) for o in bpy.context.scene.objects)  # noqa: E731
-    yield from until(has, "no recorded points are shown")
-    yield from to(*middle(area("VIEW_3D")))
-    for _ in range(3):
-        yield from key("RIGHT_ARROW")
-        yield 0.5
-    with inside(area("VIEW_3D")):
-        bpy.ops.unisim.show_points("INVOKE_DEFAULT", recorded=False, simulated=False)
-
-
-def opened_file() -> Iterator[float]:
-    """Another file is opened while a sequence runs: progress and Cancel stay, and the next sequence can begin."""
-    scene, manager = bpy.context.scene, bpy.context.window_manager
-    scene.unisim.out = str(OUT.parent / "sequence")
-    with inside(area("VIEW_3D")):
-        assert bpy.ops.unisim.render_sequence("INVOKE_DEFAULT") == {"FINISHED"}
-    yield from until(lambda: "frames" in manager.unisim_task, "no progress is shown")
-    bpy.ops.wm.save_as_mainfile(filepath=str(OUT.parent / "kept.blend"))
-    bpy.ops.wm.read_homefile(use_factory_startup=True)
-    yield 1.0
-    yield from until(lambda: "frames" in bpy.context.window_manager.unisim_task, "progress vanishes with the file", 10)
-    bpy.ops.wm.open_mainfile(filepath=str(OUT.parent / "kept.blend"))
-    yield 1.0
-    with inside(area("VIEW_3D")):
-        assert bpy.ops.unisim.cancel_task("INVOKE_DEFAULT") == {"FINISHED"}
-    yield from until(lambda: "Stopped at" in bpy.context.window_manager.unisim_task, "Cancel is not answered", 60)
-    with inside(area("VIEW_3D")):
-        assert bpy.ops.unisim.render_sequence.poll(), "Render Sequence stays grey"
+    assert edits() == [("Ego", "")], f"the scenario has {edits()}"
+    ego = next(one for one in bpy.context.scene.objects if one.unisim.kind == "EGO")
+    assert abs(ego.location.y - 2) < 1e-3, f"it is shifted by {ego.location.y:.2f} m"
+    yield from as_rendered("shifted_ego")
 
 
 def steps() -> Iterator[float]:
     """The session."""
-    bpy.ops.extensions.package_install_files(filepath=str(ARCHIVE), repo="user_default", enable_on_install=True, overwrite=True)
+    yield from install()
+    yield from task("first_import", first_import)
+    bpy.ops.wm.read_homefile(use_factory_startup=True)
     yield 1.0
-    begin()
+    yield from imported(installed=True)
     for name, todo in (
-        ("first_import", first_import),
-        ("clicked_car", clicked_car),
-        ("moved_driving_car", moved_driving_car),
-        ("auto_keyed_car", auto_keyed_car),
+        ("clicked_cars", clicked_cars),
+        ("hidden_sensors", hidden_sensors),
         ("rendered_view", rendered_view),
+        ("removed_car", removed_car),
+        ("moved_car", moved_car),
         ("shifted_ego", shifted_ego),
-        ("retimed_car", retimed_car),
-        ("shown_points", shown_points),
-        ("opened_file", opened_file),
     ):
         yield from task(name, todo)
 

@@ -1,10 +1,13 @@
 """Drive a real Blender window through its sessions and check what came of them. Needs root: Blender lives in a folder of its own.
 
-python tests/ui/run.py ROOT RELEASE OUT [SESSION]     (ROOT: where that Debian is or will be; RELEASE: trixie or sid)
+python tests/ui/run.py ROOT RELEASE OUT [SESSION ...]     (ROOT: where that Debian is or will be; RELEASE: trixie or sid)
+    --ci              the sessions of `make test-ui` and no others
+    --extension ZIP   another version of the extension than the one at hand
 """
 
 from __future__ import annotations
 
+import argparse
 import fcntl
 import json
 import os
@@ -12,12 +15,14 @@ import shutil
 import subprocess
 import sys
 import time
+from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, TextIO
 
 HERE = Path(__file__).resolve().parent
 REPOSITORY = HERE.parents[1]
-LIMIT_S = 600
+LIMIT_S = 1200
 FIRST_DISPLAY = 93
 SLOTS = 8
 """How many runs there may be at once, each with a display and a work folder of its own."""
@@ -25,6 +30,12 @@ BLENDER = ["blender", "--factory-startup", "--no-window-focus", "-p", "0", "0", 
 SESSIONS = {
     "person": ["--enable-event-simulate"],
     "edits": ["--enable-event-simulate"],
+    "variants": ["--enable-event-simulate"],
+    "displaced": ["--enable-event-simulate"],
+    "retimed": ["--enable-event-simulate"],
+    "sequences": ["--enable-event-simulate"],
+    "panel": ["--enable-event-simulate"],
+    "points": ["--enable-event-simulate"],
     "first_drive": ["--enable-event-simulate"],
     "window": [],
     "hands": ["--enable-event-simulate"],
@@ -34,25 +45,23 @@ SESSIONS = {
     "finish": ["--enable-event-simulate"],
 }
 """What each file's Blender is started with besides; the one with simulated events hears no others."""
+CI_SESSIONS = ("person", "displaced", "retimed", "sequences", "panel", "points", "window", "hands")
+"""What `make test-ui` runs; `make test-ui-all` runs all."""
 ESC_S = 3.0
 """How long a render job may go on after Esc, in seconds: half a second where nothing else runs."""
 WITHIN_BYTES = 1.0
 """How far the viewport and F12 may be apart, in steps of eight bits."""
 
 
-def main(root: Path, release: str, out: Path, only: str = "") -> int:
-    """Set up, run all sessions or ``only`` one, and say what is wrong; return the exit code."""
-    chosen = {name: flags for name, flags in SESSIONS.items() if only in ("", name)}
-    if not chosen:
-        raise SystemExit(f"Error: {only}: no session has this name; there are {', '.join(SESSIONS)}")
+def main(root: Path, release: str, out: Path, only: Sequence[str] = (), extension: Path | None = None) -> int:
+    """Set up, run all sessions or those named ``only``, and say what is wrong; return the exit code."""
+    if unknown := set(only) - set(SESSIONS):
+        raise SystemExit(f"Error: {', '.join(unknown)}: no session has this name; there are {', '.join(SESSIONS)}")
+    chosen = {name: flags for name, flags in SESSIONS.items() if not only or name in only}
     with (root.parent / f"{root.name}.setup").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)  # another run may be making the same Debian
         subprocess.run(["sh", str(HERE / "chroot.sh"), str(root), release], check=True)
-    archive = Path(
-        subprocess.run(
-            [sys.executable, str(REPOSITORY / "tools" / "build_extension.py")], check=True, capture_output=True, text=True
-        ).stdout.split("\n")[-2]
-    )
+    archive = extension or built_extension()
     slot, _held = free_slot(root)
     display, inner = f":{FIRST_DISPLAY + slot}", f"/tmp/unisim-{slot}"
     work = root / inner[1:]
@@ -62,6 +71,8 @@ def main(root: Path, release: str, out: Path, only: str = "") -> int:
     for script in HERE.glob("*.py"):
         shutil.copy(script, work)
     place_scene(root, inner)
+    if "sequences" in chosen:
+        shutil.copytree(synthetic("small", "3", "96", "54"), work / "small")
     (root / "tmp" / ".X11-unix").mkdir(mode=0o1777, exist_ok=True)
     screen = subprocess.Popen([*inside(root), "Xvfb", display, "-screen", "0", "1600x900x24", "-nolisten", "tcp"])
     try:
@@ -73,7 +84,8 @@ def main(root: Path, release: str, out: Path, only: str = "") -> int:
             for name, flags in chosen.items():
                 blender = [*BLENDER, *flags, "--python", f"{inner}/{name}.py", *arguments]
                 started = [*at_home(root, display, f"{inner}/{name}_home"), *blender]
-                subprocess.run(started, timeout=LIMIT_S, stdout=log, stderr=log, check=False)
+                with suppress(subprocess.TimeoutExpired):  # what it left is judged
+                    subprocess.run(started, timeout=LIMIT_S, stdout=log, stderr=log, check=False)
         command = ["blender", "-b", f"{inner}/drive.blend", "--command", "unisim", "render", "--out", f"{inner}/frames"]
         wanted = ["--frames", "4:6", "--width", "96", "--sensors", "front_camera,pandar64", "--jobs", "2"]
         headless = [*at_home(root, display, f"{inner}/window_home"), *command, *wanted]
@@ -95,6 +107,12 @@ def main(root: Path, release: str, out: Path, only: str = "") -> int:
     return judge(out, list(chosen))
 
 
+def built_extension() -> Path:
+    """Return the extension's archive, built from what is at hand."""
+    build = [sys.executable, str(REPOSITORY / "tools" / "build_extension.py")]
+    return Path(subprocess.run(build, check=True, capture_output=True, text=True).stdout.split("\n")[-2])
+
+
 def place_scene(root: Path, inner: str) -> None:
     """Copy a trained scene into that Debian, and its log to where the scene names it: the sample's, or `UNISIM_UI_SCENE`'s."""
     own = os.environ.get("UNISIM_UI_SCENE")
@@ -108,9 +126,14 @@ def place_scene(root: Path, inner: str) -> None:
 
 def street() -> Path:
     """Return the folder of the log that the sample's scene is trained on, made where it is missing."""
-    folder = REPOSITORY / "out" / "street"
+    return synthetic("street", "20", "480", "270")
+
+
+def synthetic(name: str, frames: str, width: str, height: str) -> Path:
+    """Return the folder of a log of a procedural street, made where it is missing."""
+    folder = REPOSITORY / "out" / name
     if not folder.is_dir():
-        recipe = ["--frames", "20", "--width", "480", "--height", "270", "--seed", "0"]
+        recipe = ["--frames", frames, "--width", width, "--height", height, "--seed", "0"]
         subprocess.run([str(Path(sys.executable).parent / "unisim"), "synth", str(folder), *recipe], check=True)
     return folder
 
@@ -151,14 +174,18 @@ def judge(out: Path, sessions: list[str]) -> int:
             return 1
         results[name] = json.loads(path.read_text())
     print(json.dumps(results, indent=1))
-    print(f"{'task':24}{'presses':>8}{'seconds':>9}{'longest block, s':>18}")
-    for name, took in ((name, took) for result in results.values() for name, took in result.get("tasks", {}).items()):
-        print(f"{name:24}{took['presses']:8}{took['seconds']:9.2f}{took['longest_block_s']:18.3f}")
+    tasks = {name: took for result in results.values() for name, took in result.get("tasks", {}).items()}
+    (out / "tasks.json").write_text(json.dumps(tasks, indent=1))
+    print(f"{'task':24}{'presses':>8}{'seconds':>9}{'longest block, s':>18}{'redraw alone, s':>17}")
+    for name, took in tasks.items():
+        ended = f"   failed: {took['failed']}" if "failed" in took else ""
+        print(f"{name:24}{took['presses']:8}{took['seconds']:9.2f}{took['longest_block_s']:18.3f}{took['redraw_s']:17.3f}{ended}")
     window = results.get("window", {})
     wrong = [
         message
         for holds, message in (
             *((result.get("done", False), f"{name}.py broke off") for name, result in results.items()),
+            *(("failed" not in took, f"{name}: {took.get('failed')}") for name, took in tasks.items()),
             *(judged(window) if "window" in sessions else ()),
         )
         if not holds
@@ -182,5 +209,18 @@ def judged(window: dict[str, Any]) -> list[tuple[bool, str]]:
     ]
 
 
+def arguments() -> argparse.Namespace:
+    """Return what the command line says."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("root", type=Path)
+    parser.add_argument("release", choices=("trixie", "sid"))
+    parser.add_argument("out", type=Path)
+    parser.add_argument("sessions", nargs="*", metavar="session")
+    parser.add_argument("--ci", action="store_true")
+    parser.add_argument("--extension", type=Path)
+    return parser.parse_args()
+
+
 if __name__ == "__main__":
-    sys.exit(main(Path(sys.argv[1]), sys.argv[2], Path(sys.argv[3]), *sys.argv[4:]))
+    said = arguments()
+    sys.exit(main(said.root, said.release, said.out, said.sessions or (CI_SESSIONS if said.ci else ()), said.extension))

@@ -16,6 +16,7 @@ from typing import Any
 
 import bpy
 import numpy as np
+from heart import uncounted
 from mathutils import Euler, Vector
 from numpy.typing import NDArray
 
@@ -35,6 +36,7 @@ def view() -> tuple[bpy.types.Area, bpy.types.SpaceView3D, bpy.types.RegionView3
     return found, found.spaces.active, found.spaces.active.region_3d
 
 
+@uncounted
 def screenshot(name: str) -> None:
     """A picture of the whole window."""
     subprocess.run(["import", "-window", "root", str(OUT / f"{name}.png")], check=True)

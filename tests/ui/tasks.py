@@ -1,9 +1,10 @@
-"""Tasks of a person, timed, and what the screen shows compared with what the engine made. Sessions run their steps as tasks."""
+"""Tasks of a person, timed, and what they begin with. Sessions run their steps as tasks."""
 
 from __future__ import annotations
 
 import sys
 import time
+import traceback
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -11,38 +12,26 @@ import bpy
 import hands
 import numpy as np
 from bpy_extras.view3d_utils import location_3d_to_region_2d
+from heart import heart, uncounted
 from numpy.typing import NDArray
-from session import MODULE, OUT, picture, results, screenshot, view, wait_for_picture
+from session import ARCHIVE, MODULE, OUT, SCENE, area, picture, redraw, results, screenshot, until, view
 
-BEAT_S = 0.005
-SAME_BYTES = 2.0
-"""How far a pixel on the screen may be from the rendered one, in steps of eight bits."""
-
-
-class Heart:
-    """Measures for how long the window did nothing else at most, in seconds."""
-
-    def __init__(self) -> None:
-        self.last = time.monotonic()
-        self.longest = 0.0
-
-    def beat(self) -> float:
-        """Called by a timer of Blender's."""
-        now = time.monotonic()
-        self.longest = max(self.longest, now - self.last - BEAT_S)
-        self.last = now
-        return BEAT_S
+IMPORTED = OUT.parent / "imported.blend"
+"""The sample's trained scene, imported and nothing else."""
 
 
-heart = Heart()
 presses = [0]
 
 
 def task(name: str, todo: Callable[[], Iterator[float]]) -> Iterator[float]:
-    """Run a task and note how many presses it took, how long, and the longest block."""
+    """Run a task and note how many presses it took, how long, the longest block, and the longest of redrawing alone after it.
+
+    A task that fails is noted with its reason, and the session goes on; `run.py` says so and fails.
+    """
     table = results.setdefault("tasks", {})
     assert isinstance(table, dict)
-    presses[0], heart.longest, heart.last, begun = 0, 0.0, time.monotonic(), time.monotonic()
+    heart.begin()
+    presses[0], begun = 0, time.monotonic()
     event = hands.event
 
     def counted(kind: str, value: str, **more: Any) -> None:
@@ -50,59 +39,120 @@ def task(name: str, todo: Callable[[], Iterator[float]]) -> Iterator[float]:
         event(kind, value, **more)
 
     hands.event = counted
+    failed, trace = "", ""
     try:
         yield from todo()
-    finally:
-        hands.event = event
-        table[name] = {
-            "presses": presses[0],
-            "seconds": round(time.monotonic() - begun, 2),
-            "longest_block_s": round(heart.longest, 3),
-        }
+    except Exception as fault:
+        failed, trace = str(fault) or type(fault).__name__, traceback.format_exc()
+    hands.event = event
+    noted = {
+        "presses": presses[0],
+        "seconds": round(time.monotonic() - begun, 2),
+        "longest_block_s": round(heart.longest, 3),
+    }
     screenshot(name)
+    if failed:
+        table[name] = {**noted, "redraw_s": 0.0, "failed": failed, "trace": trace}
+        hands.window[0] = 0
+        for _ in range(3):  # leave menus and popups, and what is being moved
+            yield from hands.key("ESC")
+        return
+    yield from redraw_alone()
+    table[name] = {**noted, "redraw_s": round(heart.longest, 3)}
 
 
-def on_screen() -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """What the screen shows where the engine's image is, and that image: (H, W, 3) each in steps of eight bits, top row first."""
-    screenshot("pixels")
-    image = bpy.data.images.load(str(OUT / "pixels.png"), check_existing=False)
-    image.colorspace_settings.name = "Non-Color"
-    width, height = image.size
-    screen = np.array(image.pixels[:], np.float32).reshape(height, width, -1)[..., :3]
-    bpy.data.images.remove(image)
-    found, _, _ = view()
+def redraw_alone(times: int = 6) -> Iterator[float]:
+    """Draw the whole window again some times; the longest block of it is then `heart.longest`."""
+    yield 0.2
+    heart.begin()
+    for _ in range(times):
+        redraw()
+        yield 0.05
+        yield 0.05
+
+
+def install() -> Iterator[float]:
+    """Install the extension and begin to measure."""
+    bpy.ops.extensions.package_install_files(filepath=str(ARCHIVE), repo="user_default", enable_on_install=True, overwrite=True)
+    yield 1.0
+    begin()
+
+
+def imported(installed: bool = False) -> Iterator[float]:
+    """Install the extension unless it is there, import the sample's trained scene, open the sidebar, keep the file."""
+    if not installed:
+        yield from install()
+    yield from hands.to(*hands.middle(area("VIEW_3D")))
+    hands.drop(SCENE)
+    scene = bpy.context.scene
+    yield from until(lambda: scene.camera is not None and scene.camera.unisim.kind == "CAMERA", "the import does not end")
+    yield 0.5
+    yield from hands.sidebar()
+    view()[2].view_perspective = "CAMERA"
+    bpy.ops.wm.save_as_mainfile(filepath=str(IMPORTED))
+
+
+def fresh() -> Iterator[float]:
+    """Open the file that was kept after the import, so that no task depends on another one."""
+    bpy.ops.wm.open_mainfile(filepath=str(IMPORTED))
+    yield 0.5
+    yield from hands.to(*hands.middle(area("VIEW_3D")))
+
+
+def click_car(driving: bool) -> Iterator[float]:
+    """Click on the nearest car in view that drives, or stands; it is then the active object."""
+    car = seen(driving)
+    yield from hands.to(*hands.place(hands.thing(car).matrix_world.translation))
+    yield from hands.click()
+    yield from until(
+        lambda: bpy.context.view_layer.objects.active == hands.thing(car) and hands.thing(car).select_get(),
+        "a click on a car does not select it",
+        10,
+    )
+
+
+def keys(*pressed: str) -> Iterator[float]:
+    """Press keys one after the other; a digit is typed."""
+    for name in pressed:
+        yield from hands.key(hands.KEYS.get(name, name), name if len(name) == 1 and name in hands.KEYS else "")
+
+
+def drives(one: bpy.types.Object) -> bool:
+    """Return whether an actor has a trajectory, on a parent or, as in earlier versions, as keys of its own."""
+    curves = sys.modules[f"{MODULE}.bridge.animation"].curves_of(one)
+    return one.parent is not None or any(c.data_path == "location" and len(c.keyframe_points) > 1 for c in curves)
+
+
+def bare_view(space: bpy.types.SpaceView3D, bare: bool = True) -> None:
+    """Hide the boxes and what a person would call overlays, or show them again; but not what Blender draws behind or over a
+    camera's view, the recorded image above all."""
+    overlay, shown = space.overlay, not bare
+    overlay.show_floor = overlay.show_axis_x = overlay.show_axis_y = overlay.show_text = overlay.show_cursor = shown
+    overlay.show_outline_selected = overlay.show_object_origins = shown
+    space.show_object_viewport_mesh = space.show_gizmo = shown
+    bpy.context.scene.unisim.show_ways = shown
+
+
+def through_camera(rendered: bool = True, width: int = 480) -> Iterator[float]:
+    """Show the view as it is compared: Rendered shading without boxes and overlays, the camera's frame so many pixels wide; or
+    with ``rendered`` False as it was before."""
+    found, space, looks = view()
     region = next(r for r in found.regions if r.type == "WINDOW")
-    shown = list(sys.modules[f"{MODULE}.viewport"].VIEWS)[-1]
-    left, bottom, wide, high = shown.rectangle
-    linear = np.clip(shown.linear[..., :3], 0, 1)
-    srgb = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * np.maximum(linear, 1e-8) ** (1 / 2.4) - 0.055)
-    # inside both the region and the frame, and clear of what lies over the view's edges
-    low_x, high_x = max(left, 80), min(left + wide, region.width - 120)
-    low_y, high_y = max(bottom, 40), min(bottom + high, region.height - 60)
-    y, x = region.y, region.x
-    on = screen[y + low_y : y + high_y, x + low_x : x + high_x]
-    made = srgb[low_y - bottom : high_y - bottom, low_x - left : high_x - left]
-    return on[::-1] * 255, np.asarray(made[::-1] * 255, np.float32)
-
-
-def bare_view(space: bpy.types.SpaceView3D) -> None:
-    """Hide what a person would call overlays, but not what Blender draws behind or over a camera's view."""
-    overlay = space.overlay
-    overlay.show_floor = overlay.show_axis_x = overlay.show_axis_y = overlay.show_text = overlay.show_cursor = False
-    overlay.show_extras = overlay.show_outline_selected = overlay.show_object_origins = False
-    space.show_object_viewport_mesh = False
-    space.show_gizmo = False
-    bpy.context.scene.unisim.show_ways = False
+    # a frame as wide as the region has this zoom
+    looks.view_camera_zoom = 50 * (2 * np.sqrt(width / region.width) - np.sqrt(2))
+    looks.view_camera_offset = 0.0, 0.0
+    looks.view_perspective = "CAMERA"
+    space.shading.type = "RENDERED" if rendered else "SOLID"
+    bare_view(space, rendered)
+    yield 0.3
 
 
 def differing(what: str) -> Iterator[float]:
-    """Note the share of the view's pixels that are not the rendered image's."""
-    yield from wait_for_picture()
-    yield 1.0
-    on, made = on_screen()
-    share = float((np.abs(on - made).max(-1) > SAME_BYTES).mean())
-    results[what] = share
-    assert share < 0.01, f"{what}: {share:.1%} of the view's pixels are not the rendered ones"
+    """Compare the view with `unisim render` of the exported scenario, by `pixels.as_rendered`."""
+    import pixels
+
+    yield from through_camera()
+    yield from pixels.as_rendered(what)
 
 
 def changed(before: NDArray[Any] | None) -> bool:
@@ -111,6 +161,7 @@ def changed(before: NDArray[Any] | None) -> bool:
     return now is not None and before is not None and bool(np.abs(now - before).max() > 0.05)
 
 
+@uncounted
 def seen(driving: bool) -> str:
     """The name of the actor nearest in the middle of the camera's view that drives, or stands."""
     found, _, looks = view()
@@ -118,7 +169,7 @@ def seen(driving: bool) -> str:
     camera = bpy.context.scene.camera.matrix_world.inverted()
     ranked = []
     for one in bpy.context.scene.objects:
-        if one.unisim.kind != "ACTOR" or (one.parent is not None) != driving or one.hide_viewport:
+        if one.unisim.kind != "ACTOR" or drives(one) != driving or one.hide_viewport:
             continue
         at = location_3d_to_region_2d(region, looks, one.matrix_world.translation)
         away = -(camera @ one.matrix_world.translation).z

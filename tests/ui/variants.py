@@ -9,7 +9,7 @@ from pathlib import Path
 import bpy
 
 sys.path.insert(0, str(Path(__file__).parent))
-from buttons import apart, listed, module, moved_along, opened, picked, press, rendered, shown_pixels
+from edit_panel import apart, listed, module, moved_along, opened, picked, press, rendered, shown_pixels
 from hands import key, middle, thing, to
 from session import OUT, area, screenshot, start, until, view, wait_for_picture
 from tasks import bare_view, begin, seen, task

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..core.actor_images.names import plain_names
 from ..core.drive import Actor, Drive
 from ..core.errors import ScenarioError
 from ..core.geometry import BoolArray, FloatArray, Trajectory, invert_pose
@@ -82,11 +83,6 @@ class Line:
         return self.kind, self.who if self.part in ADDED else self.uid, self.part
 
 
-def actor_name(actor: Actor) -> str:
-    """Return the name that the import gives an actor's object."""
-    return f"{actor.label} {actor.uid[:6]}"
-
-
 def actor_lines(uid: str, standing: list[Thing], drive: Drive, clock: Clock) -> Iterator[Line]:
     """Yield the edits of one recorded actor and its copies, or of the objects of an id that the drive does not
     have."""
@@ -111,12 +107,12 @@ def actor_lines(uid: str, standing: list[Thing], drive: Drive, clock: Clock) -> 
 def _own(edit: Edit, own: Thing | None, actor: Actor, drive: Drive, clock: Clock) -> Line:
     """Return the line of what became of a recorded actor."""
     poses, there = recorded_poses(actor, clock), recorded_there(actor, drive, clock)
-    who, thing = (own.title, own.name) if own is not None else (actor_name(actor), "")
+    who, thing = (own.title, own.name) if own is not None else (plain_names(drive.actors)[actor.uid], "")
     if isinstance(edit, Remove) or own is None:
         return _line("ACTOR", actor.uid, "REMOVE", "Removed", who, thing, there, clock, edit)
     if isinstance(edit, Swap):
-        look = drive.actors.get(edit.look) if edit.scene is None else None
-        named = actor_name(look) if look is not None else f"{edit.look} of {Path(edit.scene or '').name}"
+        own_look = edit.scene is None and edit.look in drive.actors
+        named = plain_names(drive.actors)[edit.look] if own_look else f"{edit.look} of {Path(edit.scene or '').name}"
         return _line("ACTOR", actor.uid, "APPEARANCE", f"Appearance of {named}", who, thing, own.there, clock, edit)
     lifted = poses.copy()
     if own.look:

@@ -247,7 +247,8 @@ def import_one(scene: bpy.types.Scene, source: Source, kind: str, uid: str) -> N
     """Put one actor or sensor of the drive into a scene, or bring it up to date. Needs the ego vehicle."""
     drive, clock, ego = source.drive, Clock.of(source.drive), next(things(scene, "EGO"))
     if kind == "ACTOR":
-        _actor(scene, drive, drive.actors[uid], clock).pass_index = 1 + sorted(drive.actors).index(uid)
+        name = names_at_import(source)[uid]
+        _actor(scene, drive, drive.actors[uid], clock, name).pass_index = 1 + sorted(drive.actors).index(uid)
     elif kind == "CAMERA":
         _camera(scene, source, drive.cameras[uid], ego, clock)
     else:

@@ -98,10 +98,12 @@ class _Shot:
 class Renderer:
     """Renders a drive by a tracer of a trained scene and this drive. ``draw`` seeds the draw of the beams that return, which
     without it are those whose probability is half or more. ``shadows`` puts contact shadows under actors that the recording does
-    not have."""
+    not have. ``own_width`` is how wide the camera's own images are, where the drive has the camera at another size."""
 
-    def __init__(self, tracer: Tracer, drive: Drive, draw: int | None = None, shadows: bool = False) -> None:
-        self.tracer, self.drive, self.draw = tracer, drive, draw
+    def __init__(
+        self, tracer: Tracer, drive: Drive, draw: int | None = None, shadows: bool = False, own_width: int | None = None
+    ) -> None:
+        self.tracer, self.drive, self.draw, self.own_width = tracer, drive, draw, own_width
         self.shaders = [actor for actor in drive.actors.values() if actor.inserted] if shadows else []
 
     def camera(
@@ -137,7 +139,8 @@ class Renderer:
         whole = Region(0, 0, model.width, model.height)
         region = whole if region is None else region
         if self.tracer.reach == 0 and self.tracer.upsample == 1:
-            size = self._lattice(model.width / (self.tracer.trained_width or self.drive.cameras[camera_id].model.width))
+            own = self.own_width or self.drive.cameras[camera_id].model.width
+            size = self._lattice(model.width / (self.tracer.trained_width or own))
             yield from self._grow_lattice(shot, region, size, coarse, band)
             return
         for stride in coarse if region == whole else ():

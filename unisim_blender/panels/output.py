@@ -2,12 +2,12 @@
 
 import bpy
 
-from ..operators.background import curve_icon, owner
+from ..operators.background import curve_icon, newest, owner
 from ..operators.check import is_outdated
 from ..operators.results import results_of
 from ..registering import add, take_away
 from ..translations import interface
-from .sidebar import DrivePanel
+from .sidebar import DrivePanel, Sidebar
 
 
 class UNISIM_PT_warnings(DrivePanel, bpy.types.Panel):
@@ -36,15 +36,23 @@ class UNISIM_PT_warnings(DrivePanel, bpy.types.Panel):
             there.thing, there.frame, there.place = warning.name, warning.frame, warning.place
 
 
-class UNISIM_PT_output(DrivePanel, bpy.types.Panel):
+class UNISIM_PT_output(Sidebar, bpy.types.Panel):
     """Images and sweeps of the whole drive"""
 
     bl_label = "Output"
     bl_order = 5
 
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """A drive has to be there, or a task that was begun in another file."""
+        return bool(context.scene.unisim.log or newest)
+
     def draw(self, context: bpy.types.Context) -> None:
-        """Draw settings, what runs, and the export."""
-        layout, about, manager = self.layout, context.scene.unisim, context.window_manager
+        """Draw settings, what runs, and the export; in a file without a drive only what runs."""
+        layout, about = self.layout, context.scene.unisim
+        if not about.log:
+            draw_task(layout, context.window_manager)
+            return
         column = layout.column()
         column.use_property_split, column.use_property_decorate = True, False
         column.prop(about, "out")
@@ -55,10 +63,7 @@ class UNISIM_PT_output(DrivePanel, bpy.types.Panel):
         column.prop(about, "opacity_pass")
         column.prop(about, "contact_shadows")
         layout.operator("unisim.render_sequence", icon="RENDER_ANIMATION")
-        layout.progress(factor=manager.unisim_progress, text=manager.unisim_task or interface("No task"))
-        if owner():
-            layout.label(text=owner(), translate=False, icon="FILE_FOLDER")
-        layout.operator("unisim.cancel_task", icon="CANCEL")
+        draw_task(layout, context.window_manager)
         draw_results(layout, context)
         layout.operator("unisim.export_scenario", icon="EXPORT")
         layout.operator("unisim.train", icon="MODIFIER")
@@ -66,6 +71,13 @@ class UNISIM_PT_output(DrivePanel, bpy.types.Panel):
         curve = curve_icon()
         if curve is not None:
             layout.template_icon(curve, scale=12.0)
+
+
+def draw_task(layout: bpy.types.UILayout, manager: bpy.types.WindowManager) -> None:
+    """Draw how far the task is that runs, and what ends it."""
+    layout.progress(factor=manager.unisim_progress, text=manager.unisim_task or interface("No task"))
+    layout.label(text=owner() or "–", translate=False, icon="FILE_FOLDER")
+    layout.operator("unisim.cancel_task", icon="CANCEL")
 
 
 def draw_results(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:

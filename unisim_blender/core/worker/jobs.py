@@ -66,7 +66,9 @@ class Jobs:
         name, passes = str(request["camera"]), tuple(request.get("passes", ("rgb",)))
         model = CameraModel.from_dict(request["model"])
         camera = replace(drive.cameras[name], model=model, time_s={NOW: float(request["time_s"])})
-        renderer = yield from self._renderer(request, scenario, replace(drive, cameras={name: camera}, lidars={}))
+        # as `unisim render` resizes a camera: its own width decides how finely a picture is traced
+        own, only = drive.cameras[name].model.width, replace(drive, cameras={name: camera}, lidars={})
+        renderer = yield from self._renderer(request, scenario, only, own)
         first, last = request.get("rows") or (0, model.height)
         left, right = request.get("columns") or (0, model.width)
         region = Region(left, first, right, last)
@@ -107,7 +109,9 @@ class Jobs:
             for sentence in warnings(scenario.scene_path, recorded, drive, sweeps):
                 yield {"event": "warning", "text": sentence}
 
-    def _renderer(self, request: Message, scenario: Scenario, drive: Drive) -> Generator[Message, None, Renderer]:
+    def _renderer(
+        self, request: Message, scenario: Scenario, drive: Drive, own_width: int | None = None
+    ) -> Generator[Message, None, Renderer]:
         """The renderer of a request: of its trained scene, or of the log's surfels where it has none."""
         device, quality = pick_device(str(request.get("device", "cpu"))), str(request.get("quality", "balanced"))
         if scenario.scene_path is not None:
@@ -115,7 +119,7 @@ class Jobs:
         else:
             log, surfels = yield from self._surfels(scenario.log_path)
             tracer = untrained_tracer(UNTRAINED_DEFAULT, surfels, drive, log, quality=quality)
-        return Renderer(tracer, drive, shadows=bool(request.get("shadows")))
+        return Renderer(tracer, drive, shadows=bool(request.get("shadows")), own_width=own_width)
 
     def _surfels(self, path: Path) -> Generator[Message, None, tuple[Log, SurfelScene]]:
         """A log's surfels, and events of how far they are. A build that is not wanted any more stays where it was: the next

@@ -1,0 +1,166 @@
+"""Buttons of the sidebar found by their operators and clicked, and what the edits list shows."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Iterator
+from typing import Any
+
+import bpy
+import numpy as np
+from hands import click, drop, key, middle, place, sidebar, thing, to
+from numpy.typing import NDArray
+from session import ARCHIVE, MODULE, OUT, SCENE, area, inside, results, screenshot, until, view, wait_for_picture
+
+STEP = 8
+"""Pixels between two looks for a button."""
+found: list[Any] = []
+"""The operator of the button under the mouse, as its context menu was told of it."""
+last: list[int] = [48]
+"""How far down the button was that was found last."""
+
+
+def module(name: str) -> Any:
+    """A module of the extension."""
+    return sys.modules[f"{MODULE}.{name}"]
+
+
+def lines() -> list[Any]:
+    """The list that the panel shows; none while it is being read."""
+    reading = module("bridge.edit_reading").reading_of(bpy.context.scene)
+    return list(reading.lines) if reading.fresh else []
+
+
+def listed(*wanted: tuple[str, bool]) -> Iterator[float]:
+    """Wait until the panel shows these edits: how each begins, and whether it is muted."""
+
+    def told() -> bool:
+        now = sorted((line.what, line.muted >= 0) for line in lines())
+        return len(now) == len(wanted) and all(
+            a.startswith(b) and muted == is_muted for (a, muted), (b, is_muted) in zip(now, sorted(wanted), strict=True)
+        )
+
+    yield from until(told, f"the list does not show {wanted}, but {[(line.what, line.muted) for line in lines()]}", 10)
+    yield 0.3
+
+
+def note_button(self: Any, context: Any) -> None:
+    """Part of a button's context menu: note whose it is."""
+    found[:] = [getattr(context, "button_operator", None)]
+
+
+def button(operator: str, across: float = 0.3, **values: Any) -> Iterator[float]:
+    """Put the mouse on a button of the sidebar: that of an operator, with some of its properties.
+
+    ``across`` says where in the row. The context menu of what is under the mouse tells whose button it is.
+    """
+    tabs = next(r for r in area("VIEW_3D").regions if r.type == "UI")
+    identifier, met = "{}_OT_{}".format(*operator.split(".")).replace("unisim", "UNISIM"), set()
+    rows = list(range(40, tabs.height - 4, STEP))
+    for down in sorted(rows, key=lambda row: abs(row - last[0])):
+        yield from to(tabs.x + tabs.width * across, tabs.y + tabs.height - down)
+        yield 0.01
+        found.clear()
+        yield from key("RIGHTMOUSE")
+        yield 0.04
+        here = found[0] if found else None
+        if found:
+            yield from key("ESC")
+            yield 0.02
+        if here is None:
+            continue
+        met.add(here.bl_rna.identifier)
+        if here.bl_rna.identifier == identifier and all(getattr(here, name) == value for name, value in values.items()):
+            last[0] = down
+            yield from to(tabs.x + tabs.width * across, tabs.y + tabs.height - down - 2)
+            yield 0.1
+            return
+    raise AssertionError(f"{operator} {values} is not in the sidebar, only {sorted(met)}")
+
+
+def press(operator: str, across: float = 0.3, **values: Any) -> Iterator[float]:
+    """Find a button and click it."""
+    yield from button(operator, across, **values)
+    yield from click()
+    yield 0.3
+
+
+def line_of(begins: str) -> dict[str, Any]:
+    """The properties of the buttons of the line that begins so."""
+    line = next(line for line in lines() if line.what.startswith(begins))
+    kind, name, part = line.key
+    return {"kind": kind, "name": name, "part": part, "muted": line.muted}
+
+
+def picked(name: str) -> Iterator[float]:
+    """Click an object in the view."""
+    yield from to(*place(thing(name).matrix_world.translation))
+    yield from click()
+    yield from until(lambda: bpy.context.view_layer.objects.active == thing(name), f"{name} is not selected")
+
+
+def shown_pixels(name: str) -> NDArray[np.float32]:
+    """What the screen shows in the 3D view left of the sidebar, (H, W, 3) in steps of eight bits."""
+    screenshot(name)
+    image = bpy.data.images.load(str(OUT / f"{name}.png"), check_existing=False)
+    image.colorspace_settings.name = "Non-Color"
+    width, height = image.size
+    screen = np.array(image.pixels[:], np.float32).reshape(height, width, -1)[..., :3] * 255
+    bpy.data.images.remove(image)
+    regions = {region.type: region for region in area("VIEW_3D").regions}
+    region, tabs = regions["WINDOW"], regions["UI"]
+    return screen[region.y + 40 : region.y + region.height - 60, region.x + 80 : tabs.x - 10]
+
+
+def apart(a: NDArray[np.float32], b: NDArray[np.float32]) -> float:
+    """The share of pixels in which two pictures differ."""
+    return float((np.abs(a - b).max(-1) > 6).mean())
+
+
+def rendered() -> Iterator[float]:
+    """Rendered shading, until the picture is finished."""
+    view()[1].shading.type = "RENDERED"
+    yield from wait_for_picture()
+    yield 0.5
+
+
+def timed_reading() -> None:
+    """Note the processor time of the longest step in which the list is read: the wall's is that of all that runs
+    beside."""
+    watch = module("edit_watch")
+    read = watch._read
+    results["longest_reading_cpu_s"] = 0.0
+
+    def timed() -> float | None:
+        before = time.thread_time()
+        again: float | None = read()
+        results["longest_reading_cpu_s"] = max(float(str(results["longest_reading_cpu_s"])), time.thread_time() - before)
+        return again
+
+    watch._read = timed
+
+
+def opened() -> Iterator[float]:
+    """Install the extension, drop the sample's scene onto the window, and open the sidebar in a view as large as the window."""
+    bpy.ops.extensions.package_install_files(filepath=str(ARCHIVE), repo="user_default", enable_on_install=True, overwrite=True)
+    yield 1.0
+    bpy.types.UI_MT_button_context_menu.append(note_button)
+    timed_reading()
+    yield from to(*middle(area("VIEW_3D")))
+    drop(SCENE)
+    scene = bpy.context.scene
+    yield from until(lambda: scene.render.engine == "UNISIM" and scene.camera.unisim.kind == "CAMERA", "the import does not end")
+    yield 0.5
+    yield from sidebar()
+    with inside(area("VIEW_3D")):
+        bpy.ops.screen.screen_full_area()
+    yield 1.0
+    yield from until(lambda: module("bridge.edit_reading").reading_of(bpy.context.scene).fresh, "the list is not read")
+    assert not lines() and view()[2].view_perspective == "CAMERA"
+
+
+def moved_along(*presses: tuple[str, ...]) -> Iterator[float]:
+    """Press keys one after the other."""
+    for press_ in presses:
+        yield from key(*press_)

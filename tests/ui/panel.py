@@ -1,0 +1,172 @@
+"""The sidebar stays where it is; renamed actors; frames outside the drive; cameras aside; a deleted vehicle. Run by `run.py`."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import bpy
+
+sys.path.insert(0, str(Path(__file__).parent))
+from browser import choose_path
+from buttons import Place, buttons, press, reports
+from displaced import select
+from hands import edits, key, middle, thing, to, write
+from pixels import HEADLESS, apart, grab, part, region_rectangle
+from session import MODULE, OUT, area, choose, picture, screenshot, start, until, view
+from tasks import click_car, fresh, imported, keys, task, through_camera
+
+
+def button_places(into: dict[str, Place]) -> Iterator[float]:
+    """Note where the sidebar's buttons are, by name without arguments."""
+    found: dict[str, list[Place]] = {}
+    yield from buttons(area("VIEW_3D"), "UI", found)
+    into.clear()
+    into.update({name.split("(")[0]: places[0] for name, places in found.items() if places})
+
+
+def steady_panel() -> Iterator[float]:
+    """Labels come and go with what is active and what runs; no button moves under the mouse."""
+    yield from fresh()
+    yield from through_camera(rendered=False)
+    scene = bpy.context.scene
+    scene.unisim.out = str(OUT.parent / "steady")
+    first: dict[str, Place] = {}
+    now: dict[str, Place] = {}
+    yield from button_places(first)
+    assert len(first) >= 6, first
+
+    def nothing() -> Iterator[float]:
+        yield from key("A", alt=True)
+
+    def actor() -> Iterator[float]:
+        yield from click_car(driving=True)
+
+    def sensor() -> Iterator[float]:
+        choose(bpy.context.scene.camera)
+        yield 0.1
+
+    def next_frame() -> Iterator[float]:
+        yield from key("RIGHT_ARROW")
+
+    def running() -> Iterator[float]:
+        with bpy.context.temp_override(area=area("VIEW_3D")):
+            bpy.ops.unisim.render_sequence("INVOKE_DEFAULT")
+        yield from until(lambda: "frames" in bpy.context.window_manager.unisim_task, "no sequence begins")
+
+    def ended() -> Iterator[float]:
+        with bpy.context.temp_override(area=area("VIEW_3D")):
+            bpy.ops.unisim.cancel_task()
+        yield from until(lambda: "Stopped" in bpy.context.window_manager.unisim_task, "the sequence is not cancelled", 60)
+
+    for change in (actor, next_frame, sensor, running, nothing, ended):
+        yield from to(*middle(area("VIEW_3D")))
+        yield from change()
+        yield 0.5
+        yield from button_places(now)
+        moved = {name: (first[name], now.get(name)) for name in first if now.get(name) != first[name]}
+        assert not moved, f"after {change.__name__}, buttons are elsewhere: {moved}"
+
+
+def renamed() -> Iterator[float]:
+    """F2 and another name: it stays the recorded actor."""
+    yield from fresh()
+    yield from through_camera(rendered=False)
+    yield from click_car(driving=True)
+    uid = bpy.context.view_layer.objects.active.unisim.uid
+    yield from key("F2")
+    yield 0.4
+    yield from key("A", ctrl=True)
+    yield from write("taxi")
+    yield from key("RET")
+    yield from until(lambda: "taxi" in bpy.data.objects, "F2 does not rename it", 10)
+    yield 0.3
+    assert thing("taxi").unisim.uid == uid and not edits(), f"renamed, it is {edits()}"
+    actor = sys.modules[f"{MODULE}.panels.actor"]
+    card = actor.active_card(bpy.context)
+    assert card is not None and card.name == "taxi" and card.role == "recorded", card
+
+
+def outside_frames() -> Iterator[float]:
+    """Ctrl-Right, or the arrow key at the end: frames outside the drive are marked in the view."""
+    yield from fresh()
+    yield from through_camera()
+    view()[1].overlay.show_text = True
+    yield from until(lambda: picture() is not None, "no picture comes")
+    bpy.context.scene.frame_set(bpy.context.scene.frame_end)
+    yield 2.0
+    x, y, width, height = region_rectangle("WINDOW")
+    text = (x + 60, y + height - 200, 700, 140)
+    inside = part(grab(), text).copy()
+    yield from key("RIGHT_ARROW")
+    yield from until(lambda: bpy.context.scene.frame_current == 20, "the arrow key does not go beyond the end", 10)
+    yield 2.0
+    screenshot("outside_rendered")
+    rendered = int((apart(inside, part(grab(), text)) > 60).sum())
+    assert rendered > 300, f"in Rendered shading {rendered} pixels say that the frame is outside"
+    yield from through_camera(rendered=False)
+    yield 0.5
+    outside = part(grab(), text).copy()
+    screenshot("outside_solid")
+    yield from key("LEFT_ARROW")
+    yield 0.5
+    solid = int((apart(outside, part(grab(), text)) > 60).sum())
+    assert solid > 300, f"in Solid shading {solid} pixels say that the frame is outside"
+
+
+def camera_aside() -> Iterator[float]:
+    """A camera turned aside is found by Check Edits, and a click on its line goes there."""
+    yield from fresh()
+    scene = bpy.context.scene
+    choose(scene.camera)
+    name = scene.camera.name
+    yield from to(*middle(area("VIEW_3D")))
+    yield from keys("R", "Z", "9", "0", "RET")
+    yield 0.3
+    yield from press("unisim.check()")
+    warnings = bpy.context.window_manager.unisim_warnings
+    yield from until(lambda: any(one.name == name and "beside all" in one.text for one in warnings), "it is not found", 20)
+    frame = next(one.frame for one in warnings if one.name == name)
+    scene.frame_set(frame + 3 if frame < 10 else frame - 3)
+    yield from to(*middle(area("VIEW_3D")))
+    yield from key("A", alt=True)
+    yield 0.3
+    screenshot("checked_camera")
+    yield from press("unisim.go_to(")
+    yield from until(lambda: bpy.context.scene.frame_current == frame, "the click does not go to the frame", 10)
+    assert bpy.context.view_layer.objects.active == thing(name) and thing(name).select_get(), "the camera is not selected"
+
+
+def deleted_ego() -> Iterator[float]:
+    """X on the ego vehicle: the export refuses with a sentence."""
+    yield from fresh()
+    yield from select("ego")
+    yield from keys("X", "RET")
+    yield from until(lambda: not any(one.unisim.kind == "EGO" for one in bpy.context.scene.objects), "not deleted", 10)
+    path = HEADLESS / "without_ego.json"
+    HEADLESS.mkdir(exist_ok=True)
+    yield from press("unisim.export_scenario()")
+    yield from choose_path(path)
+    yield 0.5
+    screenshot("refused_without_ego")
+    refused = [line for line in reports() if "vehicle" in line.lower()]
+    assert len(refused) == 1, f"it says {refused or reports()[-2:]}"
+    assert not path.exists(), "something is written"
+
+
+def steps() -> Iterator[float]:
+    """The session."""
+    yield from imported()
+    for name, todo in (
+        ("steady_panel", steady_panel),
+        ("renamed_actor", renamed),
+        ("outside_frames", outside_frames),
+        ("camera_aside", camera_aside),
+        ("deleted_ego", deleted_ego),
+    ):
+        yield from task(name, todo)
+
+
+if __name__ == "__main__":
+    start(steps(), "panel")
