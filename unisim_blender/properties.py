@@ -27,9 +27,13 @@ KINDS = (
     ("TRAJECTORY", "Trajectory", "Hidden parent that carries the recorded keyframes of a moving object"),
 )
 SIGHTS = (
-    ("AUTO", "Off the vehicle", "It sees the body of the ego vehicle unless it rides on the vehicle"),
-    ("ALWAYS", "Always", "It sees the body of the ego vehicle wherever it is, as a camera that follows the vehicle does"),
-    ("NEVER", "Never", "It does not see the body of the ego vehicle"),
+    ("AUTO", "Off the vehicle", "The sensor sees the body of the ego vehicle unless it is mounted on the vehicle"),
+    (
+        "ALWAYS",
+        "Always",
+        "The sensor always sees the body of the ego vehicle, for example from a camera that follows the vehicle",
+    ),
+    ("NEVER", "Never", "The sensor never sees the body of the ego vehicle"),
 )
 QUALITIES = (
     ("fast", "Fast", "Long steps, and fewer pixels traced individually"),
@@ -57,14 +61,14 @@ POINT_COLOURS = (
 )
 
 
+RELATIVE = {"ANIMATABLE", *({"PATH_SUPPORTS_BLEND_RELATIVE"} if bpy.app.version >= (5, 0, 0) else ())}
+"""Of a path that may begin with //, which Blender before 5.0 allows everywhere."""
+
+
 def draw_again(self: bpy.types.PropertyGroup, context: bpy.types.Context) -> None:
     """Draw the 3D views again: Blender draws the sidebar alone after a change of a property."""
     for area in areas("VIEW_3D"):
         area.tag_redraw()
-
-
-RELATIVE = {"ANIMATABLE", *({"PATH_SUPPORTS_BLEND_RELATIVE"} if bpy.app.version >= (5, 0, 0) else ())}
-"""Of a path that may begin with //, which Blender before 5.0 allows everywhere."""
 
 
 class UniSimObject(bpy.types.PropertyGroup):

@@ -36,7 +36,7 @@ def section_of(name: str) -> str | None:
     """The file that Blender opens for one of its names, as its own operator finds it."""
     import bl_operators.wm as wm
 
-    return wm.WM_OT_doc_view_manual._find_reference(name, documentation.manual_map()[1], verbose=False)  # type: ignore[no-any-return]
+    return wm.WM_OT_doc_view_manual._find_reference(name, documentation.manual_map()[1], verbose=False)
 
 
 def ours() -> list[str]:

@@ -92,12 +92,17 @@ def test_folder_and_player_get_the_right_paths(street: Any, tmp_path: Path, monk
     images(tmp_path / "camera" / "left", range(3, 6))
     opened: list[str] = []
     started: list[list[str]] = []
+
+    def open_path(filepath: str) -> set[str]:
+        opened.append(filepath)
+        return {"FINISHED"}
+
     windowed = SimpleNamespace(
         app=SimpleNamespace(binary_path="/blender"), path=bpy.path, data=bpy.data,
-        ops=SimpleNamespace(wm=SimpleNamespace(path_open=lambda filepath: opened.append(filepath) or {"FINISHED"})),
+        ops=SimpleNamespace(wm=SimpleNamespace(path_open=open_path)),
     )  # fmt: skip
     monkeypatch.setattr(results, "bpy", windowed)
-    monkeypatch.setattr(results.subprocess, "Popen", started.append)
+    monkeypatch.setattr("subprocess.Popen", started.append)
     assert bpy.ops.unisim.open_output() == {"FINISHED"} and opened == [str(tmp_path)]
     assert bpy.ops.unisim.play_result(camera="left") == {"FINISHED"}
     assert started[0][0] == "/blender" and started[0][-1] == str(tmp_path / "camera" / "left" / "000003.png")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import threading
 import time
 from pathlib import Path
@@ -13,7 +14,6 @@ import pytest
 from PIL import Image
 
 from unisim_blender.bridge.things import things
-from unisim_blender.core.json_file import read_json
 from unisim_blender.operators import background, results
 
 
@@ -66,7 +66,7 @@ def test_a_log_is_rendered_cancelled_and_resumed(logged: Any, tmp_path: Path) ->
     assert bpy.ops.unisim.render_sequence() == {"FINISHED"}
     assert manager.unisim_task == "Done: 3 of 3 frames"
     assert first.stat().st_mtime_ns == stamp and first.read_bytes() == content, "a finished frame was rendered again"
-    assert read_json(out / "manifest.json", AssertionError)["settings"]["renderer"] == "surfel"  # type: ignore[call-overload, index]
+    assert json.loads((out / "manifest.json").read_text())["settings"]["renderer"] == "surfel"
     found = results.results_of(logged)
     assert len(found) == 3 and all((frames.first, frames.last, frames.count) == (0, 2, 3) for frames in found.values())
     assert len(list((out / "lidar").glob("*/*.ply"))) == 3

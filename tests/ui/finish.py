@@ -160,7 +160,12 @@ def played() -> Iterator[float]:
 
     folders: list[str] = []
     execute = wm.WM_OT_path_open.execute
-    wm.WM_OT_path_open.execute = lambda self, _: folders.append(self.filepath) or {"FINISHED"}
+
+    def noted_folder(self: Any, _: Any) -> set[str]:
+        folders.append(self.filepath)
+        return {"FINISHED"}
+
+    wm.WM_OT_path_open.execute = noted_folder
 
     def noted(command: list[str], **more: Any) -> Any:
         process = player(command, **more)

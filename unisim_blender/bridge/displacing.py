@@ -80,7 +80,7 @@ def keep(scene: bpy.types.Scene, thing: bpy.types.Object, frame: float) -> str:
             _turn([keyed[i] for i in range(4)], Quaternion(now).normalized() @ Quaternion(then).normalized().inverted())
     if changed:
         return message("{name}: the whole trajectory and its keys are displaced", name=thing.name)
-    return message("{name}: is scaled at all its keys", name=thing.name) if _keep_scale(thing, frame) else ""
+    return message("{name}: the scale changes at all its keys", name=thing.name) if _keep_scale(thing, frame) else ""
 
 
 def _keep_scale(thing: bpy.types.Object, frame: float) -> bool:

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterable
+from typing import Any
 
 import bpy
 import numpy as np
+from numpy.typing import NDArray
 
 from .animation import curves_of
 from .meshes import size_of
@@ -72,7 +74,7 @@ def _placed(thing: bpy.types.Object) -> list[object]:
     return said
 
 
-def hash_of(*arrays: np.ndarray) -> str:
+def hash_of(*arrays: NDArray[Any]) -> str:
     """Return a digest of arrays' bytes."""
     digest = hashlib.blake2b(digest_size=8)
     for array in arrays:

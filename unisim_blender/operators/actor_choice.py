@@ -131,7 +131,7 @@ def draw_choice(layout: bpy.types.UILayout, context: bpy.types.Context, operator
         layout.label(text=str(fault), icon="ERROR")
         return
     known = operator.look in choice.actors
-    layout.label(text=choice.names[operator.look] if known else "Click the picture to choose")
+    layout.label(text=choice.names[operator.look] if known else "Click the image to choose")
     layout.label(text=about(choice.actors[operator.look]) if known else "")
 
 

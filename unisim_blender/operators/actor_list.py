@@ -20,7 +20,7 @@ from .polling import allowed, drive, object_mode
 GROUPS = (
     ("ALL", "All", "Actors of every class", "GROUP", 0),
     ("CAR", "Cars", "Cars and pickup trucks", "AUTO", 1),
-    ("TRUCK", "Trucks and buses", "Trucks, buses, construction and emergency vehicles, what is towed", "PACKAGE", 2),
+    ("TRUCK", "Trucks and buses", "Trucks, buses, construction and emergency vehicles, trailers", "PACKAGE", 2),
     ("PERSON", "People", "Pedestrians", "USER", 3),
     ("CYCLE", "Two-wheelers", "Bicycles, motorcycles, scooters", "MOD_INSTANCE", 4),
     ("OTHER", "Others", "Cones, signs, animals and the rest", "CONE", 5),
@@ -28,8 +28,8 @@ GROUPS = (
 ICONS = {name: icon for name, _, _, icon, _ in GROUPS}
 ORDERS = (
     ("NAME", "Name", "By name, numbers by their value", "SORTALPHA", 0),
-    ("DISTANCE", "Distance", "The nearest to the ego vehicle first; who is not there comes last", "DRIVER_DISTANCE", 1),
-    ("TIME", "Time", "Who comes first is first", "TIME", 2),
+    ("DISTANCE", "Distance", "Nearest to the ego vehicle first, absent actors last", "DRIVER_DISTANCE", 1),
+    ("TIME", "Time", "Earliest first", "TIME", 2),
 )
 
 TILT_RAD = math.radians(62)
@@ -67,16 +67,14 @@ class UniSimActorList(bpy.types.PropertyGroup):
     text: StringProperty(
         name="Name", description="Part of a name or a class", options={"TEXTEDIT_UPDATE", "SKIP_SAVE"}, update=changed
     )
-    group: EnumProperty(name="Class", description="Which classes are listed", items=GROUPS, update=changed)
+    group: EnumProperty(name="Class", description="Classes that are listed", items=GROUPS, update=changed)
     within_m: FloatProperty(
-        name="Within", description="Only actors within this distance of the ego vehicle now. 0: at any distance",
+        name="Within", description="Only actors within this distance of the ego vehicle at the current frame; 0 for any distance",
         min=0.0, soft_max=200.0, step=500, precision=0, unit="LENGTH", update=changed,
     )  # fmt: skip
-    now: BoolProperty(name="Present Now", description="Only actors that are there at the frame that is shown", update=changed)
-    edited: BoolProperty(
-        name="Edited", description="Only actors that are new, removed, or not as they were recorded", update=changed
-    )
-    order: EnumProperty(name="Sort by", description="What actors are sorted by", items=ORDERS, update=changed)
+    now: BoolProperty(name="Present Now", description="Only actors that are present at the current frame", update=changed)
+    edited: BoolProperty(name="Edited", description="Only actors that were added, removed or edited", update=changed)
+    order: EnumProperty(name="Sort by", description="Order of the list", items=ORDERS, update=changed)
     jump: BoolProperty(
         name="Jump to Its Time", description="A click goes to the nearest frame at which the actor is there", default=True
     )
@@ -170,7 +168,7 @@ def in_image(scene: bpy.types.Scene, thing: bpy.types.Object) -> bool:
 
 
 class UNISIM_OT_hide_actor(bpy.types.Operator):
-    """Hide an actor in the view, or show it again. Images and sweeps have it all the same"""
+    """Hide or show an actor in the view; images and sweeps are not affected"""
 
     bl_idname = "unisim.hide_actor"
     bl_label = "Hide Actor in the View"

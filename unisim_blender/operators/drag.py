@@ -215,7 +215,7 @@ class _Aimed:
             cls,
             object_mode(context),
             active_sensor(context),
-            (free, "Keys turn this sensor: change them in the Graph Editor, or delete them"),
+            (free, "Keyframes rotate this sensor: edit them in the Graph Editor, or delete them"),
         )
 
     def apply(self: Any, context: bpy.types.Context) -> None:

@@ -18,8 +18,7 @@ PLACES = (
 
 
 class UNISIM_OT_ego_body(bpy.types.Operator):
-    """Let the selected mesh objects, with their children, be the ego vehicle's body: the view from outside and sensors at the \
-roadside see it, sensors on the vehicle do not"""
+    """Use the selected mesh objects and their children as the body of the ego vehicle, which sensors on it do not see"""
 
     bl_idname = "unisim.ego_body"
     bl_label = "Use as Ego Body"
@@ -32,14 +31,14 @@ roadside see it, sensors on the vehicle do not"""
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         """The vehicle has to be there, and an object that is nothing of the drive yet has to be selected."""
-        needed = selected(context, "Select a mesh that is nothing of the drive yet", "NONE")
+        needed = selected(context, "Select a mesh object that is not part of the drive yet", "NONE")
         return allowed(cls, object_mode(context), vehicle(context), needed)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Make one body of all that is selected, and put it on the vehicle."""
         found = [thing for thing in chosen(context, "NONE") if not marked_above(thing) and any(parts(thing))]
         if not found:
-            self.report({"ERROR"}, "nothing that is selected has a surface of its own")
+            self.report({"ERROR"}, "no selected object has a surface")
             return {"CANCELLED"}
         moving = next((thing for thing in found if thing.animation_data is not None or thing.constraints), None)
         if moving is not None:
@@ -56,8 +55,7 @@ roadside see it, sensors on the vehicle do not"""
 
 
 class UNISIM_OT_release_ego_body(bpy.types.Operator):
-    """Let the selected bodies of the ego vehicle be ordinary objects again, which no sensor sees; all of them where none is \
-selected"""
+    """Turn the selected ego bodies, or all if none is selected, back into ordinary objects, which no sensor sees"""
 
     bl_idname = "unisim.release_ego_body"
     bl_label = "Release Ego Body"

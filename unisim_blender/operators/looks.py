@@ -96,8 +96,8 @@ class UNISIM_OT_replace_look(_Chooses, bpy.types.Operator):
     scene: StringProperty(
         name="Trained scene", description="Folder of the trained scene; empty for the one of the drive", subtype="DIR_PATH"
     )
-    group: EnumProperty(name="Class", description="Which classes are shown", items=GROUPS, update=other_page)
-    page: IntProperty(name="Page", description="Which of them are shown; 0: all at once", min=0, update=other_page)
+    group: EnumProperty(name="Class", description="Classes that are shown", items=GROUPS, update=other_page)
+    page: IntProperty(name="Page", description="Page that is shown; 0 for all at once", min=0, update=other_page)
     look: EnumProperty(name="Appearance", description="Actor whose appearance is used", items=looks)
 
     @classmethod
@@ -137,7 +137,7 @@ class UNISIM_OT_replace_look(_Chooses, bpy.types.Operator):
             return {"CANCELLED"}
         look = actors.get(self.look) if self.properties.is_property_set("look") else None
         if look is None:
-            self.report({"ERROR"}, "no actor was chosen: click the picture, and one of those that it shows")
+            self.report({"ERROR"}, message("choose an actor by its thumbnail first"))
             return {"CANCELLED"}
         for thing in chosen(context, "ACTOR"):
             before = float(size_of(thing)[2])
@@ -158,15 +158,15 @@ class UNISIM_OT_insert_actor(_Chooses, bpy.types.Operator):
     bl_options = {"REGISTER", "UNDO"}
 
     filepath: StringProperty(
-        name="Trained scene", description="Its folder or scene.json; empty: the drive's own", subtype="FILE_PATH",
+        name="Trained scene", description="Folder or scene.json of the trained scene; empty for the drive", subtype="FILE_PATH",
         options={"HIDDEN"},
     )  # fmt: skip
     actor: StringProperty(
-        name="Actor", description="Its id in that scene; empty: the one chosen by its thumbnail", options={"HIDDEN"}
+        name="Actor", description="Identifier in the trained scene; empty for the one chosen by its thumbnail", options={"HIDDEN"}
     )
-    group: EnumProperty(name="Class", description="Which classes are shown", items=GROUPS, update=other_page)
-    page: IntProperty(name="Page", description="Which of them are shown; 0: all at once", min=0, update=other_page)
-    look: EnumProperty(name="Actor", description="The actor to insert", items=inserted)
+    group: EnumProperty(name="Class", description="Classes that are shown", items=GROUPS, update=other_page)
+    page: IntProperty(name="Page", description="Page that is shown; 0 for all at once", min=0, update=other_page)
+    look: EnumProperty(name="Actor", description="Actor to insert", items=inserted)
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:

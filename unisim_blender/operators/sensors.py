@@ -97,7 +97,7 @@ class UNISIM_OT_look_through(_OfSensor, bpy.types.Operator):
 
 
 class UNISIM_OT_show_sensor(_OfSensor, bpy.types.Operator):
-    """Render this sensor, or hide it: it is then in no view, sequence or scenario, and can be shown again"""
+    """Show or hide this sensor; a hidden sensor is not part of views, sequences and scenarios"""
 
     bl_idname = "unisim.show_sensor"
     bl_label = "Show or Hide Sensor"

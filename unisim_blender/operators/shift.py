@@ -22,7 +22,7 @@ class UNISIM_OT_shift_actor(bpy.types.Operator):
 
     left_m: FloatProperty(
         name="Sideways",
-        description="To the left of the actor; negative: to the right",
+        description="Shift to the left of the actor; negative values shift to the right",
         default=1.0,
         soft_min=-10.0,
         soft_max=10.0,
@@ -39,7 +39,7 @@ class UNISIM_OT_shift_actor(bpy.types.Operator):
     )
     later_s: FloatProperty(
         name="Later",
-        description="In seconds of the log, together with when it is present; negative: earlier",
+        description="Shift in time in seconds of the log, including when the actor is present; negative values shift earlier",
         default=0.0,
         soft_min=-10.0,
         soft_max=10.0,

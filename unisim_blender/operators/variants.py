@@ -60,7 +60,7 @@ class _Named:
 
 
 class UNISIM_OT_new_variant(_Named, bpy.types.Operator):
-    """Copy the scene as a new variant of the scenario and show it: editing one does not change the other"""
+    """Copy the scene as a new, independent variant of the scenario and show it"""
 
     bl_idname = "unisim.new_variant"
     bl_label = "New Variant"
@@ -77,7 +77,7 @@ class UNISIM_OT_new_variant(_Named, bpy.types.Operator):
 
 
 class UNISIM_OT_rename_variant(_Named, bpy.types.Operator):
-    """Give the variant that is shown another name"""
+    """Rename the shown variant"""
 
     bl_idname = "unisim.rename_variant"
     bl_label = "Rename Variant"
@@ -96,7 +96,7 @@ class UNISIM_OT_rename_variant(_Named, bpy.types.Operator):
 
 
 class UNISIM_OT_delete_variant(bpy.types.Operator):
-    """Delete the variant that is shown, with all its objects and keys, and show another one"""
+    """Delete the shown variant with all its objects and keyframes, and show another one"""
 
     bl_idname = "unisim.delete_variant"
     bl_label = "Delete Variant"

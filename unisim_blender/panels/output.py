@@ -1,5 +1,7 @@
 """Panels Check and Output, and where quality stands beside them: Render Properties and the view's header."""
 
+import textwrap
+
 import bpy
 
 from ..operators.background import curve_icon, newest, owner
@@ -8,6 +10,9 @@ from ..operators.results import results_of
 from ..registering import add, take_away
 from ..translations import interface
 from .sidebar import DrivePanel, Sidebar
+
+PROBLEM_WIDTH = 40
+"""Of a line of the panel at its first width, in letters."""
 
 
 class UNISIM_PT_warnings(DrivePanel, bpy.types.Panel):
@@ -77,6 +82,10 @@ def draw_task(layout: bpy.types.UILayout, manager: bpy.types.WindowManager) -> N
     """Draw how far the task is that runs, and what ends it."""
     layout.progress(factor=manager.unisim_progress, text=manager.unisim_task or interface("No task"))
     layout.label(text=owner() or "–", translate=False, icon="FILE_FOLDER")
+    if newest and newest[0].problem:  # longer than a bar
+        lines = layout.column(align=True)
+        for line in textwrap.wrap(newest[0].problem, PROBLEM_WIDTH):
+            lines.label(text=line, translate=False)
     layout.operator("unisim.cancel_task", icon="CANCEL")
 
 

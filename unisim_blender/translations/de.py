@@ -3,24 +3,33 @@
 GERMAN: dict[str, str] = {
     '"{name}" no longer exists': "„{name}“ existiert nicht mehr",
     ", {rate:.2f} frames/s": ", {rate:.2f} Frames/s",
-    "A GPU if the interpreter supports one, otherwise the CPU": "Eine GPU, falls der Interpreter eine unterstützt, sonst die CPU",
+    "A GPU if the interpreter supports one, otherwise the CPU": (
+        "Eine GPU, falls der Interpreter eine unterstützt, sonst die CPU"
+    ),
     "Active Camera": "Aktive Kamera",
     "Actor": "Akteur",
     "Actor of a Trained Scene": "Akteur einer trainierten Szene",
     "Actor that each pixel shows": "Akteur, den jedes Pixel zeigt",
     "Actor whose appearance is used": "Akteur, dessen Aussehen verwendet wird",
+    "Actors": "Akteure",
+    "Actors duplicated: {count}": "Akteure dupliziert: {count}",
+    "Actors: {actors}, sensors: {sensors}": "Akteure: {actors}, Sensoren: {sensors}",
     "Add Camera": "Kamera hinzufügen",
     "Add LiDAR": "LiDAR hinzufügen",
     "Add a LiDAR to the vehicle": "Dem Fahrzeug ein LiDAR hinzufügen",
     "Add a camera to the vehicle and make it the active camera": "Dem Fahrzeug eine Kamera hinzufügen und sie aktivieren",
+    "Aim Sensor": "Sensor ausrichten",
     "All Sensors": "Alle Sensoren",
     "All cameras and LiDARs of the scene": "Alle Kameras und LiDARs der Szene",
     "Along world X or Y, whichever the object is longer in": "Entlang X oder Y der Welt, wo das Objekt länger ist",
-    "Another task is running: cancel it or wait until it ends": "Eine andere Aufgabe läuft: abbrechen oder ihr Ende abwarten",
+    "Another task is running: cancel it or wait until it ends": ("Eine andere Aufgabe läuft: abbrechen oder ihr Ende abwarten"),
     "Appearance": "Aussehen",
     "Apple GPU": "Apple-GPU",
+    "Apply Rig Preset": "Rig-Preset anwenden",
     "At the 3D cursor": "Am 3D-Cursor",
-    "At the 3D cursor in the current frame, on the same trajectory": "Im aktuellen Frame am 3D-Cursor, auf derselben Trajektorie",
+    "At the 3D cursor in the current frame, on the same trajectory": (
+        "Im aktuellen Frame am 3D-Cursor, auf derselben Trajektorie"
+    ),
     "At the location of the source, to be moved with Blender's tools": "Am Ort der Quelle, zum Verschieben mit Blender",
     "Attribute that colours LiDAR points": "Attribut, nach dem LiDAR-Punkte gefärbt werden",
     "Automatic": "Automatisch",
@@ -54,10 +63,12 @@ GERMAN: dict[str, str] = {
     "Class name as in the labels of the log, for example Car, Pedestrian or Cones": (
         "Klassenname wie in den Labels des Logs, zum Beispiel Car, Pedestrian oder Cones"
     ),
+    "Clear Filter": "Filter zurücksetzen",
     "Colour": "Farbe",
     "Colour by": "Färben nach",
     "Colours are already shown as recorded": "Farben werden schon wie aufgezeichnet gezeigt",
     "Columns": "Spalten",
+    "Compare with Shown Variant": "Mit gezeigter Variante vergleichen",
     "Contact shadows": "Kontaktschatten",
     "Contains": "Inhalt",
     "Copy Static Item": "Statisches Objekt kopieren",
@@ -69,12 +80,14 @@ GERMAN: dict[str, str] = {
     "Delay the whole trajectory": "Die ganze Trajektorie verzögern",
     "Delete": "Löschen",
     "Delete Actor": "Akteur löschen",
+    "Delete Variant": "Variante löschen",
     "Delete the selected actors and static items from all images and sweeps": (
         "Die ausgewählten Akteure und statischen Objekte aus allen Bildern und Sweeps löschen"
     ),
     "Depth": "Tiefe",
     "Device": "Gerät",
     "Device that the renderer uses": "Gerät, das der Renderer verwendet",
+    "Displace Trajectory": "Trajektorie verschieben",
     "Displace the trajectory of the ego vehicle and its sensors to the left or right": (
         "Die Trajektorie des Ego-Fahrzeugs mit seinen Sensoren nach links oder rechts verschieben"
     ),
@@ -94,8 +107,9 @@ GERMAN: dict[str, str] = {
     "Duplicate": "Duplizieren",
     "Duplicate Actor": "Akteur duplizieren",
     "Duplicate the selected actors with their trajectories": "Die ausgewählten Akteure mit ihren Trajektorien duplizieren",
-    "Ego": "Ego",
     "Edited since the check": "Seit der Prüfung geändert",
+    "Edits": "Änderungen",
+    "Ego": "Ego",
     "Elevation angles of custom beams in degrees, separated by commas": (
         "Elevationswinkel eigener Strahlen in Grad, durch Kommas getrennt"
     ),
@@ -105,6 +119,7 @@ GERMAN: dict[str, str] = {
         "Jedes Pixel wird einzeln verfolgt, in Schritten von Zentimetern"
     ),
     "Export Scenario": "Szenario exportieren",
+    "Export Variants": "Varianten exportieren",
     "Factor of the original speed": "Faktor der ursprünglichen Geschwindigkeit",
     "Fast": "Schnell",
     "Find an interpreter that can render and show its capabilities": (
@@ -121,22 +136,22 @@ GERMAN: dict[str, str] = {
     "From": "Von",
     "From ({first:g} s) must be earlier than To ({last:g} s)": "Von ({first:g} s) muss vor Bis ({last:g} s) liegen",
     "From blue (low) to yellow (high)": "Von Blau (niedrig) bis Gelb (hoch)",
+    "Go to Edit": "Zur Änderung gehen",
     "Go to Warning": "Zur Warnung gehen",
     "Go to the frame of a warning, select its object and show it": (
         "Zum Frame einer Warnung gehen, ihr Objekt auswählen und zeigen"
     ),
     "Height": "Höhe",
+    "Hide Actor in the View": "Akteur in der Ansicht ausblenden",
     "Horizontal FOV": "Horizontales Sichtfeld",
     "Horizontal field of view in degrees": "Horizontales Sichtfeld in Grad",
-    "Identifier in the trained scene; empty for the first vehicle": (
-        "Kennung in der trainierten Szene; leer für das erste Fahrzeug"
-    ),
     "Image height": "Bildhöhe",
     "Image width": "Bildbreite",
     "Image width in pixels; 0 for the recorded width": "Bildbreite in Pixeln; 0 für die aufgezeichnete Breite",
     "Image width of sequences in pixels; 0 for the width of each camera": (
         "Bildbreite von Sequenzen in Pixeln; 0 für die Breite jeder Kamera"
     ),
+    "Images: {count}": "Bilder: {count}",
     "Import Driving Log": "Fahrtlog importieren",
     "Import Scenario": "Szenario importieren",
     "Import Trained Neural Scene": "Trainierte neuronale Szene importieren",
@@ -160,7 +175,10 @@ GERMAN: dict[str, str] = {
     "In place": "An Ort und Stelle",
     "Insert": "Einfügen",
     "Insert Actor": "Akteur einfügen",
-    "Insert an actor of a trained scene at the 3D cursor": "Einen Akteur einer trainierten Szene am 3D-Cursor einfügen",
+    "Insert an actor of the drive or of a trained scene at the 3D cursor": (
+        "Einen Akteur der Fahrt oder einer trainierten Szene am 3D-Cursor einfügen"
+    ),
+    "Insert from Another Scene": "Aus anderer Szene einfügen",
     "Instance": "Instanz",
     "Intensity": "Intensität",
     "Item": "Objekt",
@@ -170,13 +188,16 @@ GERMAN: dict[str, str] = {
     "Left of the source with a gap of 0.6 m": "Links der Quelle mit 0,6 m Abstand",
     "LiDAR Points": "LiDAR-Punkte",
     "LiDAR on the Vehicle": "LiDAR am Fahrzeug",
+    "Library written to {path} (actors: {count})": "Bibliothek nach {path} geschrieben (Akteure: {count})",
     "List implausible edits: overlaps, sideways or too fast cars, actors off the ground, far or unseen camera views": (
-        "Unplausible Änderungen auflisten: Überlappungen, quer oder zu schnell fahrende Autos, Akteure nicht am Boden, "
-        "entfernte oder nie aufgezeichnete Ansichten"
+        "Unplausible Änderungen auflisten: Überlappungen, quer oder zu schnell fahrende Autos, Akteure nicht "
+        "am Boden, entfernte oder nie aufgezeichnete Ansichten"
     ),
     "Location of the copies": "Ort der Kopien",
     "Long steps, and fewer pixels traced individually": "Lange Schritte, und weniger Pixel einzeln verfolgt",
     "Longest Axis": "Längste Achse",
+    "Look Through Camera": "Durch Kamera blicken",
+    "Look through this camera and use its image size": "Durch diese Kamera blicken und ihre Bildgröße verwenden",
     "Make Actor Library": "Akteurbibliothek erstellen",
     "Mark Static Item": "Statisches Objekt markieren",
     "Mark a static item: the bounding box of the selected active mesh, or a new box at the 3D cursor": (
@@ -186,14 +207,18 @@ GERMAN: dict[str, str] = {
     "Mesh actors keep their own appearance: select recorded actors only": (
         "Mesh-Akteure behalten ihr Aussehen: nur aufgezeichnete Akteure auswählen"
     ),
+    "Mesh actors: {count}": "Mesh-Akteure: {count}",
     "Minutes": "Minuten",
     "Mode": "Modus",
     "Model configuration": "Modellkonfiguration",
+    "Motion": "Bewegung",
     "Mount": "Montageort",
     "Move the selected actors along the selected curve at a constant speed, from the current frame on": (
         "Die ausgewählten Akteure ab dem aktuellen Frame mit konstanter Geschwindigkeit entlang der ausgewählten Kurve bewegen"
     ),
+    "Mute Edit": "Änderung stummschalten",
     "NVIDIA GPU": "NVIDIA-GPU",
+    "New Variant": "Neue Variante",
     "Next lane, left": "Nächste Spur, links",
     "Next lane, right": "Nächste Spur, rechts",
     "No drive imported": "Keine Fahrt importiert",
@@ -201,8 +226,11 @@ GERMAN: dict[str, str] = {
     "No task is running": "Es läuft keine Aufgabe",
     "No warnings": "Keine Warnungen",
     "None": "Keine",
+    "None: everything is as recorded": "Keine: alles ist wie aufgezeichnet",
     "Normal": "Normale",
     "Not checked yet": "Noch nicht geprüft",
+    "Not part of a drive": "Nicht Teil einer Fahrt",
+    "Objects deleted: {count}": "Objekte gelöscht: {count}",
     "Offset of the recorded LiDAR points to the left of the vehicle, for comparison with simulated points": (
         "Versatz der aufgezeichneten LiDAR-Punkte nach links vom Fahrzeug, zum Vergleich mit simulierten Punkten"
     ),
@@ -213,9 +241,10 @@ GERMAN: dict[str, str] = {
     "One lane to the right": "Eine Spur nach rechts",
     "Only the active camera of the scene": "Nur die aktive Kamera der Szene",
     "Opacity": "Deckkraft",
-    "Opacity of everything nearer than the background model": "Deckkraft von allem, was näher als das Hintergrundmodell ist",
+    "Opacity of everything nearer than the background model": ("Deckkraft von allem, was näher als das Hintergrundmodell ist"),
     "Opacity pass": "Deckkraft-Pass",
     "Open Folder": "Ordner öffnen",
+    "Open Presets Folder": "Preset-Ordner öffnen",
     "Open the output folder in the system's file browser": "Den Ausgabeordner im Dateibrowser des Systems öffnen",
     "Output": "Ausgabe",
     "Output folder of sequences": "Ausgabeordner von Sequenzen",
@@ -235,6 +264,7 @@ GERMAN: dict[str, str] = {
     ),
     "Points along": "Zeigt entlang",
     "Position in the frame of the vehicle": "Position im Koordinatensystem des Fahrzeugs",
+    "Presence Timeline": "Anwesenheitsleiste",
     "Present": "Anwesend",
     "Preview {number} of {count}": "Vorschau {number} von {count}",
     "Python interpreter with torch, for training and GPU rendering; Blender's own renders on the CPU if empty": (
@@ -245,13 +275,18 @@ GERMAN: dict[str, str] = {
     "Reading the scene": "Szene wird gelesen",
     "Recorded": "Aufgezeichnet",
     "Recorded Offset": "Versatz der aufgezeichneten",
+    "Recorded points": "Aufgezeichnete Punkte",
     "Recorded points are yellow, simulated points blue": "Aufgezeichnete Punkte sind gelb, simulierte blau",
     "Reference": "Referenz",
+    "Release Ego Body": "Ego-Karosserie freigeben",
     "Release Mesh Actor": "Mesh-Akteur freigeben",
+    "Remove Rig Preset": "Rig-Preset entfernen",
     "Remove the marks of the selected static items; the scene itself stays unchanged": (
         "Die Markierungen der ausgewählten statischen Objekte entfernen; die Szene selbst bleibt unverändert"
     ),
+    "Rename Variant": "Variante umbenennen",
     "Render Sequence": "Sequenz rendern",
+    "Render Variants": "Varianten rendern",
     "Render on a GPU with CUDA": "Auf einer GPU mit CUDA rendern",
     "Render on a GPU with Metal": "Auf einer GPU mit Metal rendern",
     "Render on the CPU": "Auf der CPU rendern",
@@ -268,22 +303,30 @@ GERMAN: dict[str, str] = {
     "Replace the appearance and the box of the selected actors by those of another actor, on the same trajectory": (
         "Aussehen und Quader der ausgewählten Akteure durch die eines anderen ersetzen, auf derselben Trajektorie"
     ),
+    "Restore Recorded Sensors": "Aufgezeichnete Sensoren wiederherstellen",
     "Retime": "Zeit ändern",
     "Retime Actor": "Zeit des Akteurs ändern",
+    "Revert Edit": "Änderung zurücknehmen",
+    "Rig Presets": "Rig-Presets",
     "Right of the source with a gap of 0.6 m": "Rechts der Quelle mit 0,6 m Abstand",
     "Rotation to the left in degrees": "Drehung nach links in Grad",
     "Rotation upwards in degrees": "Drehung nach oben in Grad",
     "Sampling": "Abtastung",
     "Sampling density along rays": "Abtastdichte entlang der Strahlen",
+    "Save Rig Preset": "Rig-Preset speichern",
     "Save the .blend first, or choose a folder that does not depend on it": (
         "Zuerst die .blend-Datei speichern oder einen Ordner wählen, der nicht von ihr abhängt"
     ),
+    "Scenario written to {path} (edits: {count})": "Szenario nach {path} geschrieben (Änderungen: {count})",
     "Scene": "Szene",
+    "Scroll Presence Timeline": "Anwesenheitsleiste rollen",
     "Searching…": "Suche …",
     "Seconds": "Sekunden",
+    "Select Actor": "Akteur auswählen",
+    "Select Listed": "Gelistete auswählen",
     "Select a LiDAR first": "Zuerst ein LiDAR auswählen",
     "Select a mesh actor first": "Zuerst einen Mesh-Akteur auswählen",
-    "Select a mesh object that is not part of the drive yet": "Ein Mesh-Objekt auswählen, das noch nicht Teil der Fahrt ist",
+    "Select a mesh object that is not part of the drive yet": ("Ein Mesh-Objekt auswählen, das noch nicht Teil der Fahrt ist"),
     "Select a static item first": "Zuerst ein statisches Objekt auswählen",
     "Select an actor first": "Zuerst einen Akteur auswählen",
     "Select an actor or a static item first": "Zuerst einen Akteur oder ein statisches Objekt auswählen",
@@ -293,34 +336,40 @@ GERMAN: dict[str, str] = {
     "Sensors": "Sensoren",
     "Sensors that a sequence renders": "Sensoren, die eine Sequenz rendert",
     "Set an output folder first: UniSim > Output > Folder": "Zuerst einen Ausgabeordner angeben: UniSim > Ausgabe > Ordner",
+    "Shift Actor": "Akteur verschieben",
     "Shift Ego Lane": "Ego-Spur verschieben",
     "Show": "Anzeigen",
     "Show Colours as Recorded": "Farben wie aufgezeichnet",
     "Show LiDAR Points": "LiDAR-Punkte anzeigen",
+    "Show Variant": "Variante zeigen",
     "Show cameras, LiDARs and the axes of the ego vehicle in views that do not look through a sensor": (
         "Kameras, LiDARs und die Achsen des Ego-Fahrzeugs in Ansichten zeigen, die nicht durch einen Sensor blicken"
     ),
     "Show colours as recorded: view transform Standard, look None, exposure 0, gamma 1": (
         "Farben wie aufgezeichnet zeigen: Ansichtstransformation Standard, Look None, Belichtung 0, Gamma 1"
     ),
+    "Show or Hide Sensor": "Sensor ein- oder ausblenden",
     "Show recorded LiDAR points, simulated LiDAR points, or both": (
         "Aufgezeichnete LiDAR-Punkte, simulierte oder beide anzeigen"
     ),
     "Show recorded points": "Aufgezeichnete Punkte anzeigen",
+    "Show simulated LiDAR points of the current frame": "Simulierte LiDAR-Punkte des aktuellen Frames anzeigen",
     "Show simulated points": "Simulierte Punkte anzeigen",
+    "Show the recorded LiDAR points of the current frame": "Aufgezeichnete LiDAR-Punkte des aktuellen Frames anzeigen",
     "Similar pixels are traced together": "Ähnliche Pixel werden gemeinsam verfolgt",
     "Simulated": "Simuliert",
+    "Simulated points": "Simulierte Punkte",
     "Single": "Einzelne",
     "Size": "Größe",
     "Size of the new box": "Größe des neuen Quaders",
     "Slow: four times the number of samples of the scene": "Langsam: viermal so viele Abtastpunkte wie die Szene",
     "Snap to Ground": "Auf den Boden setzen",
     "Soft shadows under copied and inserted actors": "Weiche Schatten unter kopierten und eingefügten Akteuren",
+    "Sort by": "Sortieren nach",
     "Speed": "Geschwindigkeit",
+    "Speed Graph": "Geschwindigkeitskurve",
     "Speed along the curve": "Geschwindigkeit entlang der Kurve",
     "Start time, in seconds of the log": "Startzeit, in Sekunden des Logs",
-    "Show simulated LiDAR points of the current frame": "Simulierte LiDAR-Punkte des aktuellen Frames anzeigen",
-    "Show the recorded LiDAR points of the current frame": "Aufgezeichnete LiDAR-Punkte des aktuellen Frames anzeigen",
     "Static Items": "Statische Objekte",
     "Stop and go": "Halten und weiterfahren",
     "Stop at the current frame, then continue": "Am aktuellen Frame halten, dann weiterfahren",
@@ -341,6 +390,7 @@ GERMAN: dict[str, str] = {
     "The output folder has no camera images yet: render a sequence first": (
         "Der Ausgabeordner enthält noch keine Kamerabilder: zuerst eine Sequenz rendern"
     ),
+    "The same edits": "Dieselben Änderungen",
     "The selected cameras and LiDARs": "Die ausgewählten Kameras und LiDARs",
     "The test failed": "Der Test ist fehlgeschlagen",
     "To": "Bis",
@@ -359,9 +409,13 @@ GERMAN: dict[str, str] = {
     "Unmark Static Item": "Markierung des statischen Objekts entfernen",
     "Unsupported": "Nicht gestützt",
     "Use Mesh as Actor": "Mesh als Akteur verwenden",
+    "Use as Ego Body": "Als Ego-Karosserie verwenden",
     "Use the selected mesh objects and their children as actors, which cameras and LiDARs see": (
         "Die ausgewählten Mesh-Objekte und ihre Kinder als Akteure verwenden, die Kameras und LiDARs sehen"
     ),
+    "Variants": "Varianten",
+    "Warnings": "Warnungen",
+    "Warnings: {count}": "Warnungen: {count}",
     "Where": "Wohin",
     "Width": "Breite",
     "Write the actors of the trained scene to a .blend file of assets": (
@@ -372,18 +426,11 @@ GERMAN: dict[str, str] = {
     ),
     "Yaw": "Gieren",
     'camera "{name}" has no images in the output folder': "Kamera „{name}“ hat keine Bilder im Ausgabeordner",
+    "choose an actor by its thumbnail first": "zuerst einen Akteur an seinem Bild auswählen",
     'curve "{name}" has fewer than two points': "Kurve „{name}“ hat weniger als zwei Punkte",
     "no active actor": "kein aktiver Akteur",
     "no selected object has a surface": "kein ausgewähltes Objekt hat eine Oberfläche",
     "unsaved file": "ungespeicherte Datei",
-    "Actors: {actors}, sensors: {sensors}": "Akteure: {actors}, Sensoren: {sensors}",
-    "Actors duplicated: {count}": "Akteure dupliziert: {count}",
-    "Library written to {path} (actors: {count})": "Bibliothek nach {path} geschrieben (Akteure: {count})",
-    "Scenario written to {path} (edits: {count})": "Szenario nach {path} geschrieben (Änderungen: {count})",
-    "Images: {count}": "Bilder: {count}",
-    "Mesh actors: {count}": "Mesh-Akteure: {count}",
-    "Objects deleted: {count}": "Objekte gelöscht: {count}",
-    "Warnings: {count}": "Warnungen: {count}",
     "{done:.1f} of {total:.1f} minutes": "{done:.1f} von {total:.1f} Minuten",
     "{done} of {total} frames": "{done} von {total} Frames",
     '{folder}: has no actor "{name}"': "{folder}: hat keinen Akteur „{name}“",
@@ -394,7 +441,8 @@ GERMAN: dict[str, str] = {
         "{name}: die Änderung hat einen Key bei Frame {frame} und wird von {blend:g} s davor bis {blend:g} s danach überblendet"
     ),
     "{name}: the ground height is unknown there": "{name}: die Höhe des Bodens ist dort unbekannt",
-    "{name}: the whole trajectory and its keys are displaced": "{name}: die ganze Trajektorie mit ihren Keys ist verschoben",
+    "{name}: the scale changes at all its keys": "{name}: die Skalierung ändert sich an allen Keys",
+    "{name}: the whole trajectory and its keys are displaced": ("{name}: die ganze Trajektorie mit ihren Keys ist verschoben"),
     "{name}: the whole trajectory is displaced": "{name}: die ganze Trajektorie ist verschoben",
     "{progress}, starting": "{progress}, startet",
     "{progress}, {time} left": "{progress}, noch {time}",
