@@ -44,8 +44,6 @@ SESSIONS = {
     "scale": ["--enable-event-simulate"],
     "actors": ["--enable-event-simulate"],
     "finish": ["--enable-event-simulate"],
-    "window": [],
-    "hands": ["--enable-event-simulate"],
     "rigs": ["--enable-event-simulate"],
 }
 """What each file's Blender is started with besides; the one with simulated events hears no others."""
