@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +23,7 @@ from unisim_blender.bridge.sampling import sample, sample_all
 from unisim_blender.bridge.scaling import CHANGING, MIRRORED, SHEARED, Scaling, scaling_of
 from unisim_blender.bridge.source import source_of
 from unisim_blender.bridge.things import things
-from unisim_blender.bridge.touched import touched
+from unisim_blender.bridge.touched import alike, touched
 from unisim_blender.bridge.trails import trail
 from unisim_blender.bridge.trajectories import trajectory_of
 from unisim_blender.core.drive import CameraModel
@@ -267,6 +268,8 @@ def test_a_scenario_with_scales_comes_through(scene: Any, tmp_path: Path) -> Non
     ):  # fmt: skip
         assert drive.actors[uid].scale == factors, uid
         np.testing.assert_allclose(drive.actors[uid].size_m, sizes[look].size_m * factors)
+        box = next(t for t in sample_all(scene, clock(scene)).things if t.name == uid or (t.uid == uid and t.is_original))
+        np.testing.assert_allclose(box.size_m, drive.actors[uid].size_m, rtol=1e-5, err_msg=uid)
     edits = read(bpy.context.scene).edits
     assert [type(edit) for edit in edits] == [Duplicate, Scale, Scale, Swap, Scale, Duplicate, Scale]
     # importing the drive again leaves what was edited
@@ -322,13 +325,12 @@ def test_a_scaled_box_touches_what_the_larger_one_covers(street: Any) -> None:
     assert alone is not None and alone == touched(states[0], states[1], view, model)
     smaller = touched(states[0], _without(states[0], one.name), view, model)
     assert smaller is not None and smaller[2] - smaller[0] < alone[2] - alone[0] and smaller[3] - smaller[1] < alone[3] - alone[1]
+    assert not alike(larger, replace(larger, scaling=Scaling(larger.scaling.factors, CHANGING)))
     # of the same size and mirrored is another state, which is refused
     assert touched(states[1], states[2], view, model) != (model.width, model.height, 0, 0)
 
 
 def _without(state: Any, name: str) -> Any:
-    from dataclasses import replace
-
     return replace(state, things=tuple(t for t in state.things if t.name != name))
 
 
