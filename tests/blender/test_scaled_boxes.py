@@ -9,6 +9,7 @@ from typing import Any
 import bpy
 import numpy as np
 import pytest
+import trimesh
 from helpers import SAMPLE, edited, read, select, thing
 from mathutils import Euler
 
@@ -30,7 +31,7 @@ from unisim_blender.core.drive import CameraModel
 from unisim_blender.core.errors import ScenarioError
 from unisim_blender.core.geometry import make_pose, quaternion_from_yaw
 from unisim_blender.core.scenario import load_scenario, save_scenario, scenario_from_json, scenario_to_json
-from unisim_blender.core.scenario.types import Duplicate, Move, Remove, Scale, Swap
+from unisim_blender.core.scenario.types import Duplicate, InsertMesh, Move, Remove, Scale, Swap
 
 
 def standing(scene: Any) -> Any:
@@ -276,6 +277,31 @@ def test_a_scenario_with_scales_comes_through(scene: Any, tmp_path: Path) -> Non
     assert bpy.ops.unisim.import_scene(filepath=str(SAMPLE / "scene" / "scene.json")) == {"FINISHED"}
     assert thing(bpy.context.scene, "ACTOR", "car-03").scale.x == pytest.approx(1.3)
     assert read(bpy.context.scene).edits == edits
+
+
+def test_a_scaled_mesh_comes_through_as_a_mesh_of_that_size(scene: Any, tmp_path: Path) -> None:
+    trimesh.creation.box([2.0, 1.0, 1.0]).export(tmp_path / "block.ply")
+    document = scenario_to_json(load_scenario(SAMPLE / "scenario.json"))
+    document["log"], document["scene"] = str((SAMPLE.parent / "out" / "street").resolve()), str((SAMPLE / "scene").resolve())
+    document["edits"] = [
+        {"type": "insert_mesh", "mesh": "block.ply", "id": "block", "pose": {"position": [20.0, 3.0, 1.0], "yaw_deg": 20}},
+        {"type": "scale", "actor": "block", "factors": [1.0, 2.0, 1.5]},
+    ]
+    path = tmp_path / "scenario.json"
+    save_scenario(scenario_from_json(document, path), path)
+    assert bpy.ops.unisim.import_scenario(filepath=str(path)) == {"FINISHED"}
+    bpy.context.view_layer.update()
+    (edit,) = read(bpy.context.scene).edits
+    assert isinstance(edit, InsertMesh)
+    now = edited(bpy.context.scene).actors["block"]
+    np.testing.assert_allclose(now.size_m, [2.0, 2.0, 1.5], rtol=1e-5)
+    assert not now.is_scaled, "the scale is in its model"
+    block = bpy.context.scene.objects["block"]
+    for frame, factor in ((0, 1.0), (10, 1.4)):
+        block.scale = (factor,) * 3
+        block.keyframe_insert("scale", frame=frame)
+    with pytest.raises(ScenarioError, match='"block": has a scale that changes over time'):
+        read(bpy.context.scene)
 
 
 # what is shown, checked and touched
