@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import bpy
 import numpy as np
 import pytest
+import trimesh
 from helpers import SAMPLE, edited, read, select, thing
 from mathutils import Euler
 
@@ -22,14 +24,14 @@ from unisim_blender.bridge.sampling import sample, sample_all
 from unisim_blender.bridge.scaling import CHANGING, MIRRORED, SHEARED, Scaling, scaling_of
 from unisim_blender.bridge.source import source_of
 from unisim_blender.bridge.things import things
-from unisim_blender.bridge.touched import touched
+from unisim_blender.bridge.touched import alike, touched
 from unisim_blender.bridge.trails import trail
 from unisim_blender.bridge.trajectories import trajectory_of
 from unisim_blender.core.drive import CameraModel
 from unisim_blender.core.errors import ScenarioError
 from unisim_blender.core.geometry import make_pose, quaternion_from_yaw
 from unisim_blender.core.scenario import load_scenario, save_scenario, scenario_from_json, scenario_to_json
-from unisim_blender.core.scenario.types import Duplicate, Move, Remove, Scale, Swap
+from unisim_blender.core.scenario.types import Duplicate, InsertMesh, Move, Remove, Scale, Swap
 
 
 def standing(scene: Any) -> Any:
@@ -267,12 +269,39 @@ def test_a_scenario_with_scales_comes_through(scene: Any, tmp_path: Path) -> Non
     ):  # fmt: skip
         assert drive.actors[uid].scale == factors, uid
         np.testing.assert_allclose(drive.actors[uid].size_m, sizes[look].size_m * factors)
+        box = next(t for t in sample_all(scene, clock(scene)).things if t.name == uid or (t.uid == uid and t.is_original))
+        np.testing.assert_allclose(box.size_m, drive.actors[uid].size_m, rtol=1e-5, err_msg=uid)
     edits = read(bpy.context.scene).edits
     assert [type(edit) for edit in edits] == [Duplicate, Scale, Scale, Swap, Scale, Duplicate, Scale]
     # importing the drive again leaves what was edited
     assert bpy.ops.unisim.import_scene(filepath=str(SAMPLE / "scene" / "scene.json")) == {"FINISHED"}
     assert thing(bpy.context.scene, "ACTOR", "car-03").scale.x == pytest.approx(1.3)
     assert read(bpy.context.scene).edits == edits
+
+
+def test_a_scaled_mesh_comes_through_as_a_mesh_of_that_size(scene: Any, tmp_path: Path) -> None:
+    trimesh.creation.box([2.0, 1.0, 1.0]).export(tmp_path / "block.ply")
+    document = scenario_to_json(load_scenario(SAMPLE / "scenario.json"))
+    document["log"], document["scene"] = str((SAMPLE.parent / "out" / "street").resolve()), str((SAMPLE / "scene").resolve())
+    document["edits"] = [
+        {"type": "insert_mesh", "mesh": "block.ply", "id": "block", "pose": {"position": [20.0, 3.0, 1.0], "yaw_deg": 20}},
+        {"type": "scale", "actor": "block", "factors": [1.0, 2.0, 1.5]},
+    ]
+    path = tmp_path / "scenario.json"
+    save_scenario(scenario_from_json(document, path), path)
+    assert bpy.ops.unisim.import_scenario(filepath=str(path)) == {"FINISHED"}
+    bpy.context.view_layer.update()
+    (edit,) = read(bpy.context.scene).edits
+    assert isinstance(edit, InsertMesh)
+    now = edited(bpy.context.scene).actors["block"]
+    np.testing.assert_allclose(now.size_m, [2.0, 2.0, 1.5], rtol=1e-5)
+    assert not now.is_scaled, "the scale is in its model"
+    block = bpy.context.scene.objects["block"]
+    for frame, factor in ((0, 1.0), (10, 1.4)):
+        block.scale = (factor,) * 3
+        block.keyframe_insert("scale", frame=frame)
+    with pytest.raises(ScenarioError, match='"block": has a scale that changes over time'):
+        read(bpy.context.scene)
 
 
 # what is shown, checked and touched
@@ -322,13 +351,12 @@ def test_a_scaled_box_touches_what_the_larger_one_covers(street: Any) -> None:
     assert alone is not None and alone == touched(states[0], states[1], view, model)
     smaller = touched(states[0], _without(states[0], one.name), view, model)
     assert smaller is not None and smaller[2] - smaller[0] < alone[2] - alone[0] and smaller[3] - smaller[1] < alone[3] - alone[1]
+    assert not alike(larger, replace(larger, scaling=Scaling(larger.scaling.factors, CHANGING)))
     # of the same size and mirrored is another state, which is refused
     assert touched(states[1], states[2], view, model) != (model.width, model.height, 0, 0)
 
 
 def _without(state: Any, name: str) -> Any:
-    from dataclasses import replace
-
     return replace(state, things=tuple(t for t in state.things if t.name != name))
 
 

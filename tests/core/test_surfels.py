@@ -38,6 +38,7 @@ from unisim_blender.core.surfels.model import LIDARSIM, SurfelScene
 from unisim_blender.core.surfels.stage import Stage
 from unisim_blender.core.surfels.tracer import SurfelTracer
 from unisim_blender.core.surfels.views import open_view
+from unisim_blender.core.warping.tracer import WarpTracer
 from unisim_blender.core.worker.jobs import Jobs
 
 pytestmark = pytest.mark.skipif(native.library() is None, reason="surfels are made by the compiled kernels")
@@ -190,6 +191,16 @@ def test_a_scaled_actor_is_as_near_the_truth_as_it_was(
         overlaps.append((ours & theirs).sum() / (ours | theirs).sum())
         assert np.median(np.abs(frame.depth_m[ours & theirs] - truth.depth_m[ours & theirs])) < 0.1
     assert errors[1] < 1.25 * errors[0] and overlaps[1] > overlaps[0] - 0.05
+
+
+def test_a_scaled_actor_is_looked_up_in_images_from_its_own_side(scenes: dict[str, SurfelScene], log: Log) -> None:
+    uid = next(uid for uid, actor in sorted(log.drive.actors.items()) if actor.is_moving)
+    tracer = renderer("warp", scenes, log, edited(log, {"type": "scale", "actor": uid, "factors": [1.4, 1, 1]})).tracer
+    assert isinstance(tracer, WarpTracer)
+    number = tracer.cast.own.uids.index(uid)
+    assert tracer.edited == [i == number for i in range(len(tracer.edited))]
+    # what its recorded box hid shows nothing of what is behind it now
+    assert [actor.uid for actor in tracer.sources.elsewhere] == [uid]
 
 
 @pytest.mark.parametrize("name", list(UNTRAINED))

@@ -13,7 +13,22 @@ from numpy.typing import NDArray
 
 sys.path.insert(0, str(Path(__file__).parent))
 from hands import click, drop, edits, key, middle, place, scenario, thing, to
-from session import ARCHIVE, MODULE, OUT, SCENE, area, inside, picture, results, screenshot, start, until, view, wait_for_picture
+from session import (
+    ARCHIVE,
+    MODULE,
+    OUT,
+    SCENE,
+    area,
+    inside,
+    picture,
+    redraw,
+    results,
+    screenshot,
+    start,
+    until,
+    view,
+    wait_for_picture,
+)
 from tasks import bare_view, begin, changed, differing, seen, task
 
 BYTE = 1 / 255
@@ -169,21 +184,36 @@ def same_pixels() -> Iterator[float]:
     yield from differing("scaled_view_differs")
 
 
+def as_large_as(width: int, height: int) -> Iterator[float]:
+    """Zoom the view until the camera's frame has the size of the camera's own images."""
+    found, _, looks = view()
+    viewport = sys.modules[f"{MODULE}.viewport"]
+
+    def size() -> tuple[int, int]:
+        with inside(found):
+            _, _, wide, high = viewport.camera_rectangle(bpy.context, bpy.context.scene)
+        return wide, high
+
+    zoom = (np.sqrt(2) + looks.view_camera_zoom / 50) * np.sqrt(width / size()[0])
+    for try_zoom in zoom * (1 + np.array([0, *(k * sign for k in np.arange(1, 40) / 4000 for sign in (1, -1))])):
+        looks.view_camera_zoom = float(50 * (try_zoom - np.sqrt(2)))
+        redraw()
+        yield 0.1
+        if size() == (width, height):
+            break
+    assert size() == (width, height), size()
+    yield from wait_for_picture()
+
+
 def same_render() -> Iterator[float]:
     """`unisim render` of the exported scenario gives the viewport's picture."""
-    space = view()[2]
-    for zoom in np.arange(20.0, 40.0, 0.5):  # a size that the camera has too
-        space.view_camera_zoom = float(zoom)
-        yield from wait_for_picture()
-        height, width = shown().shape[:2]
-        if height == round(270 * width / 480):
-            break
+    yield from as_large_as(480, 270)
     linear = np.clip(shown()[::-1, :, :3], 0, 1)
     path, frames, frame = OUT.parent / "scaled.json", OUT.parent / "scaled", bpy.context.scene.frame_current
     with inside(area("VIEW_3D")):
         assert bpy.ops.unisim.export_scenario(filepath=str(path)) == {"FINISHED"}
     interpreters, client = sys.modules[f"{MODULE}.interpreters"], sys.modules[f"{MODULE}.client"]
-    wanted = ["--frames", str(frame), "--sensors", "front_camera", "--width", str(width)]
+    wanted = ["--frames", str(frame), "--sensors", "front_camera"]
     command = interpreters.command(client._client.found.path, "cli", "render", str(path), "--out", str(frames), *wanted)
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
     yield from until(lambda: process.poll() is not None, "unisim render does not end")
