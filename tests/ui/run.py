@@ -17,7 +17,8 @@ from typing import Any, TextIO
 HERE = Path(__file__).resolve().parent
 REPOSITORY = HERE.parents[1]
 LIMIT_S = 600
-FIRST_DISPLAY = 93
+FIRST_DISPLAY = {"trixie": 93, "sid": 113}
+"""By release: two Debians' screens have one row of numbers."""
 SLOTS = 8
 """How many runs there may be at once, each with a display and a work folder of its own."""
 BLENDER = ["blender", "--factory-startup", "--no-window-focus", "-p", "0", "0", "1600", "900"]
@@ -44,7 +45,7 @@ def main(root: Path, release: str, out: Path, only: str = "") -> int:
         ).stdout.split("\n")[-2]
     )
     slot, _held = free_slot(root)
-    display, inner = f":{FIRST_DISPLAY + slot}", f"/tmp/unisim-{slot}"
+    display, inner = f":{FIRST_DISPLAY[release] + slot}", f"/tmp/unisim-{slot}"
     work = root / inner[1:]
     shutil.rmtree(work, ignore_errors=True)
     (work / "shots").mkdir(parents=True)
