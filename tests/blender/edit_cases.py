@@ -174,7 +174,7 @@ CASES: dict[str, tuple[Callable[[Any], None], str, str]] = {
     "moved": (moved, "MOVE", "Moved 3.0 m left"),
     "moved standing": (moved_standing, "MOVE", "Moved"),
     "turned": (turned, "MOVE", "Turned 20° left"),
-    "keyed": (keyed, "MOVE", "Moved by up to 1.5 m"),
+    "keyed": (keyed, "MOVE", "Moved by up to 1.5 m left"),
     "constrained": (constrained, "MOVE", "Moved"),
     "retimed": (retimed, "MOVE", "Retimed: 0.6 s later"),
     "removed": (removed, "REMOVE", "Removed"),

@@ -41,7 +41,7 @@ def listed(*wanted: tuple[str, bool]) -> Iterator[float]:
             a.startswith(b) and muted == is_muted for (a, muted), (b, is_muted) in zip(now, sorted(wanted), strict=True)
         )
 
-    yield from until(told, f"the list does not show {wanted}, but {[(line.what, line.muted) for line in lines()]}", 10)
+    yield from until(told, f"the list does not show {wanted}, but {[(line.what, line.muted) for line in lines()]}", 40)
     yield 0.3
 
 
@@ -73,8 +73,9 @@ def button(operator: str, across: float = 0.3, **values: Any) -> Iterator[float]
         met.add(here.bl_rna.identifier)
         if here.bl_rna.identifier == identifier and all(getattr(here, name) == value for name, value in values.items()):
             last[0] = down
-            yield from to(tabs.x + tabs.width * across + 1, tabs.y + tabs.height - down)
-            yield 0.1
+            for aside in (2, 0):  # after a menu, a button hears of a mouse that moves
+                yield from to(tabs.x + tabs.width * across - aside, tabs.y + tabs.height - down)
+                yield 0.1
             return
     raise AssertionError(f"{operator} {values} is not in the sidebar, only {sorted(met)}")
 

@@ -15,7 +15,7 @@ from hands import key, middle, thing, to
 from session import OUT, area, screenshot, start, until, view, wait_for_picture
 from tasks import bare_view, begin, seen, task
 
-ARROWS = 0.78
+ARROWS = 0.75
 """Where in its row the button that compares a variant is, as a share of the sidebar's width."""
 names: dict[str, str] = {}
 """Names of the variants, and of the car that is moved."""
@@ -98,7 +98,7 @@ def deleted_variant() -> Iterator[float]:
     yield from press("unisim.show_variant", across=0.2, name=names["second"])
     yield from until(lambda: bpy.context.scene.name == names["second"], "the variant is not shown")
     yield 0.5
-    yield from press("unisim.delete_variant", across=0.86)
+    yield from press("unisim.delete_variant", across=0.825)
     yield 0.5
     screenshot("variants_confirm")
     yield from key("RET")

@@ -31,7 +31,7 @@ from ..core.scenario.types import (
     Swap,
 )
 from .clock import Clock
-from .edit_words import displaced_words, joined, moved_words, presence_words, trajectory_words
+from .edit_words import degrees, displaced_words, joined, moved_words, presence_words, trajectory_words
 from .poses import same
 from .read_actors import actor_edits, look_size_m, original, recorded_poses, recorded_there
 from .read_rig import ego_edits, sensors_of
@@ -221,7 +221,7 @@ def offset_words(offset: Offset) -> str:
     apart[:3, 3] = offset.position or (0.0, 0.0, 0.0)
     words = [moved_words(apart)] if offset.position else []
     if offset.quaternion_wxyz is not None:
-        words.append(f"turned by {np.degrees(2 * np.arccos(np.clip(abs(offset.quaternion_wxyz[0]), 0, 1))):.3g}°")
+        words.append(f"turned by {degrees(float(np.degrees(2 * np.arccos(np.clip(abs(offset.quaternion_wxyz[0]), 0, 1)))))}")
     return ", ".join(words)
 
 

@@ -16,6 +16,10 @@ SAME_S = 0.05
 """Delays that differ by less count as one delay."""
 SLOW_M_S = 0.5
 """Below this speed a place on the path does not tell the time."""
+DIRECTIONS = (("forward", "back"), ("left", "right"), ("up", "down"))
+"""Along an object's axes, and against them."""
+MOSTLY = 0.95
+"""Share of a displacement along one axis from which on that direction is told."""
 SMALL = 0.05
 """A share of the largest component of a displacement below which another is not told."""
 FINE = 10
@@ -34,10 +38,15 @@ def moved_words(apart: FloatArray) -> str:
     right"."""
     largest = float(np.abs(apart[:3, 3]).max())
     words = []
-    for value, (more, less) in zip(apart[:3, 3], (("forward", "back"), ("left", "right"), ("up", "down")), strict=True):
+    for value, (more, less) in zip(apart[:3, 3], DIRECTIONS, strict=True):
         if abs(value) > max(SAME_M, SMALL * largest):
             words.append(f"{metres(abs(float(value)))} {more if value > 0 else less}")
     return ", ".join([*words, *turned_words(apart[:3, :3])])
+
+
+def degrees(value: float) -> str:
+    """Return an angle with as many digits as it needs: "20°", "0.4°"."""
+    return f"{value:.0f}°" if value >= 9.95 else f"{value:.1f}°"
 
 
 def turned_words(rotation: FloatArray) -> list[str]:
@@ -47,8 +56,8 @@ def turned_words(rotation: FloatArray) -> list[str]:
     if whole < 0.05:
         return []
     if abs(whole - abs(yaw)) < 0.05 + 0.02 * whole:
-        return [f"turned {abs(yaw):.3g}° {'left' if yaw > 0 else 'right'}"]
-    return [f"turned by {whole:.3g}°"]
+        return [f"turned {degrees(abs(yaw))} {'left' if yaw > 0 else 'right'}"]
+    return [f"turned by {degrees(whole)}"]
 
 
 def displaced_words(apart: FloatArray) -> str:
@@ -59,7 +68,12 @@ def displaced_words(apart: FloatArray) -> str:
     turns = np.abs(apart[:, :3, :3] - apart[:1, :3, :3]).max()
     if spread <= 4 * SAME_M and turns < 1e-4:
         return f"Moved {moved_words(apart[len(apart) // 2])}".replace("Moved turned", "Turned")
-    return f"Moved by up to {metres(float(np.linalg.norm(apart[:, :3, 3], axis=1).max()))}"
+    far = apart[np.linalg.norm(apart[:, :3, 3], axis=1).argmax(), :3, 3]
+    axis, length = int(np.abs(far).argmax()), float(np.linalg.norm(far))
+    if length < SAME_M:
+        return "Turned"
+    side = f" {DIRECTIONS[axis][int(far[axis] < 0)]}" if abs(far[axis]) > MOSTLY * length else ""
+    return f"Moved by up to {metres(length)}{side}"
 
 
 def retimed_words(times_s: FloatArray, places: FloatArray, recorded: Trajectory) -> str:
@@ -109,7 +123,7 @@ def trajectory_words(clock: Clock, poses: FloatArray, base: FloatArray, recorded
     words = displaced_words(invert_pose(base) @ poses)
     if same(poses, poses[:1]).all() and not same(base, base[:1]).all():
         return "Stands still"
-    return words if "up to" not in words else f"New trajectory, up to {words.removeprefix('Moved by up to ')} away"
+    return words if "up to" not in words else f"New trajectory, up to {metres(float(np.linalg.norm(apart, axis=1).max()))} away"
 
 
 def presence_words(clock: Clock, there: BoolArray) -> str:

@@ -47,17 +47,21 @@ def new_variant(window: bpy.types.Window, scene: bpy.types.Scene, name: str) -> 
     ``window``."""
     checked_name(name)
     before = set(bpy.data.scenes)
-    collections = list(scene.collection.children_recursive)
-    sources = list(scene.objects)
-    for number, one in enumerate([*sources, *collections]):
+    sources = [*scene.objects, *scene.collection.children_recursive]
+    for number, one in enumerate(sources):
         one[TAG] = number
-    with bpy.context.temp_override(window=window, scene=scene):
-        bpy.ops.scene.new(type="FULL_COPY")
+    try:
+        with bpy.context.temp_override(window=window, scene=scene):
+            bpy.ops.scene.new(type="FULL_COPY")
+    finally:
+        for one in sources:
+            del one[TAG]
     (variant,) = set(bpy.data.scenes) - before
-    copies = {one[TAG]: one for one in (*variant.objects, *variant.collection.children_recursive) if TAG in one}
-    pairs = {one: copies[number] for number, one in enumerate([*sources, *collections]) if number in copies}
-    for one in (*pairs, *pairs.values()):
-        del one[TAG]
+    pairs = {}
+    for one in (*variant.objects, *variant.collection.children_recursive):
+        if TAG in one:
+            pairs[sources[one[TAG]]] = one
+            del one[TAG]
     objects = {old: new for old, new in pairs.items() if isinstance(old, bpy.types.Object)}
     _keep_ids(objects)
     _own_data(objects)

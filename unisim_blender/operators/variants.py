@@ -64,7 +64,7 @@ class UNISIM_OT_new_variant(_Named, bpy.types.Operator):
 
     bl_idname = "unisim.new_variant"
     bl_label = "New Variant"
-    bl_options = {"UNDO"}
+    bl_options = {"REGISTER", "UNDO"}
 
     def proposed(self, context: bpy.types.Context) -> str:
         """The next free name."""
@@ -81,7 +81,7 @@ class UNISIM_OT_rename_variant(_Named, bpy.types.Operator):
 
     bl_idname = "unisim.rename_variant"
     bl_label = "Rename Variant"
-    bl_options = {"UNDO"}
+    bl_options = {"REGISTER", "UNDO"}
 
     def proposed(self, context: bpy.types.Context) -> str:
         """The name that it has."""
@@ -100,7 +100,7 @@ class UNISIM_OT_delete_variant(bpy.types.Operator):
 
     bl_idname = "unisim.delete_variant"
     bl_label = "Delete Variant"
-    bl_options = {"UNDO"}
+    bl_options = {"REGISTER", "UNDO"}
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
@@ -130,9 +130,10 @@ class UNISIM_OT_show_variant(bpy.types.Operator):
 
     bl_idname = "unisim.show_variant"
     bl_label = "Show Variant"
-    bl_options = {"REGISTER"}
+    # an undo step, so that the panel of the last operation does not offer to change one of another variant
+    bl_options = {"REGISTER", "UNDO"}
 
-    name: StringProperty(options={"SKIP_SAVE"})
+    name: StringProperty(options={"HIDDEN", "SKIP_SAVE"})
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
@@ -158,7 +159,7 @@ class UNISIM_OT_compare_variant(bpy.types.Operator):
     bl_label = "Compare with Shown Variant"
     bl_options = {"REGISTER"}
 
-    name: StringProperty(options={"SKIP_SAVE"})
+    name: StringProperty(options={"HIDDEN", "SKIP_SAVE"})
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Note which; the panel lists what differs."""

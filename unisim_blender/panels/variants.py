@@ -72,6 +72,9 @@ def draw_comparison(layout: Any, shown: bpy.types.Scene, other: bpy.types.Scene)
     if not here.fresh or not there.fresh:
         layout.label(text="Reading the edits…", icon="SORTTIME")
         return
+    if here.problem or there.problem:
+        layout.label(text=here.problem or there.problem, icon="ERROR")
+        return
     found = compared(here.lines, there.lines)
     column = layout.column(align=True)
     if not found:
