@@ -191,19 +191,19 @@ def dragged_handle() -> Iterator[float]:
 
 def clicked_through() -> Iterator[float]:
     """A click on a handle, without a drag: on the car it selects the car, beside it nothing changes."""
-    car, scene = driving(), bpy.context.scene
+    car = driving()
     choose(thing(car))
-    scene.frame_set(10)
+    bpy.context.scene.frame_set(10)
     with inside(area("VIEW_3D")):
         assert bpy.ops.unisim.drag_trajectory("EXEC_DEFAULT", True, time_s=1.0, offset_m=(0.0, 0.5, 0.0)) == {"FINISHED"}
     before = scenario()
-    yield from look_at(car, 18.0)
+    yield from look_at(car, 40.0)
     yield 0.5
     screenshot("key_handle")
     yield from click()
     yield 0.5
     assert bpy.context.view_layer.objects.active == thing(car) and thing(car).select_get() and scenario() == before
-    clock = module("bridge.clock").Clock.of(module("bridge.source").source_of(scene).drive)
+    clock = module("bridge.clock").Clock.of(module("bridge.source").source_of(bpy.context.scene).drive)
     free = next(h for h in module("bridge.handles").handles_of(thing(car), clock) if not h.is_key)
     yield from to(*place(Vector(free.place)))
     yield 0.3
@@ -212,7 +212,7 @@ def clicked_through() -> Iterator[float]:
     assert thing(car).select_get() and scenario() == before, "a click on a free handle changes something"
     yield from key("Z", ctrl=True)
     yield from until(lambda: not edits(), "not undone", 5)
-    scene.frame_set(0)
+    bpy.context.scene.frame_set(0)
 
 
 def aimed(kind: str) -> Iterator[float]:
