@@ -208,6 +208,13 @@ def test_esc_puts_everything_back(street: Any) -> None:
     displace_at(one, 1.0, np.array([0.0, 1.0, 0.0]), clock)
     kept.restore(one)
     assert [[c.evaluate(f) for f in np.linspace(-5, 25, 40)] for c in curves_of(one)] == shapes
+    kinds = {
+        (key.interpolation, key.handle_left_type)
+        for c in curves_of(one)
+        if c.data_path == "location"
+        for key in c.keyframe_points
+    }
+    assert kinds == {("BEZIER", "AUTO_CLAMPED")}
 
 
 def test_what_stands_still_has_no_handles(street: Any) -> None:
