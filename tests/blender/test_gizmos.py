@@ -128,7 +128,10 @@ def test_handles_are_on_the_trajectory(street: Any) -> None:
 def test_a_drag_that_begins_in_the_middle_of_an_actor_is_for_the_actor(street: Any) -> None:
     one, clock = driving(street), clock_of(street)
     street.frame_set(10)
-    times = lambda: [round(handle.time_s, 3) for handle in gizmos.shown_handles(bpy.context)]  # noqa: E731
+
+    def times() -> list[float]:
+        return [round(handle.time_s, 3) for handle in gizmos.shown_handles(bpy.context)]
+
     assert times() == [0.0]
     displace_at(one, 1.0, np.array([0.0, 1.0, 0.0]), clock)
     assert times() == [0.0, 1.0], "a key keeps its handle"

@@ -279,12 +279,13 @@ def chosen_in_pie() -> Iterator[float]:
         yield 0.2
 
 
-def left_panel() -> Iterator[float]:
-    """Move the mouse over the panel that F9 opened beside it, and away, which closes it."""
+def closed_panel() -> Iterator[float]:
+    """Close the panel that F9 opened, with the mouse over it: Esc keeps what the operator did."""
     x, y = hands.mouse
-    for share in np.linspace(0.0, 1.0, 12):
-        yield from to(x + 60 - 360 * share, y - 40 + 60 * share)
-        yield 0.1
+    yield from to(x + 60, y - 40)
+    yield 0.3
+    yield from key("ESC")
+    yield 0.5
     yield from to(x, y)
     yield 0.3
 
@@ -306,7 +307,8 @@ def shifted_actor() -> Iterator[float]:
     yield from key("F9")
     yield 0.7
     screenshot("shift_panel")
-    yield from left_panel()
+    yield from closed_panel()
+    assert edits(), "closing the panel undoes it"
     yield from key("Z", ctrl=True)
     yield from until(lambda: not edits(), "one Ctrl-Z does not undo the shift", 5)
 
@@ -334,7 +336,8 @@ def followed_curve() -> Iterator[float]:
     yield from key("F9")
     yield 0.7
     screenshot("follow_panel")
-    yield from left_panel()
+    yield from closed_panel()
+    assert edits(), "closing the panel undoes it"
     yield from key("Z", ctrl=True)
     yield from until(lambda: not edits(), "one Ctrl-Z does not undo Follow Curve", 5)
     bpy.data.objects.remove(bpy.data.objects["way"])
