@@ -128,7 +128,10 @@ def test_handles_are_on_the_trajectory(street: Any) -> None:
 def test_a_drag_that_begins_in_the_middle_of_an_actor_is_for_the_actor(street: Any) -> None:
     one, clock = driving(street), clock_of(street)
     street.frame_set(10)
-    times = lambda: [round(handle.time_s, 3) for handle in gizmos.shown_handles(bpy.context)]  # noqa: E731
+
+    def times() -> list[float]:
+        return [round(handle.time_s, 3) for handle in gizmos.shown_handles(bpy.context)]
+
     assert times() == [0.0]
     displace_at(one, 1.0, np.array([0.0, 1.0, 0.0]), clock)
     assert times() == [0.0, 1.0], "a key keeps its handle"
@@ -195,6 +198,11 @@ def test_a_displacement_of_the_whole_is_where_it_starts(street: Any) -> None:
     assert [key.co[1] for key in curve.keyframe_points] == pytest.approx([2.0, 3.0, 2.0], abs=1e-3)
 
 
+def keys_of_place(one: Any) -> list[Any]:
+    """The keys of an object's location."""
+    return [key for c in curves_of(one) if c.data_path == "location" for key in c.keyframe_points]
+
+
 def test_esc_puts_everything_back(street: Any) -> None:
     one, clock = driving(street), clock_of(street)
     kept = Kept.of(one)
@@ -202,12 +210,15 @@ def test_esc_puts_everything_back(street: Any) -> None:
     kept.restore(one)
     assert not [c for c in curves_of(one) if c.data_path == "location"] and not read(street).edits
     displace_at(one, 1.0, np.array([0.0, 1.0, 0.0]), clock)
+    for key in keys_of_place(one):  # not what Blender makes of new keys
+        key.interpolation, key.handle_left_type = "LINEAR", "VECTOR"
     shapes = [[c.evaluate(f) for f in np.linspace(-5, 25, 40)] for c in curves_of(one)]
     kept = Kept.of(one)
     displace_at(one, 1.6, np.array([0.0, 1.0, 0.0]), clock)
     displace_at(one, 1.0, np.array([0.0, 1.0, 0.0]), clock)
     kept.restore(one)
     assert [[c.evaluate(f) for f in np.linspace(-5, 25, 40)] for c in curves_of(one)] == shapes
+    assert [(key.interpolation, key.handle_left_type) for key in keys_of_place(one)] == [("LINEAR", "VECTOR")] * 9
 
 
 def test_what_stands_still_has_no_handles(street: Any) -> None:

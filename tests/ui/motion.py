@@ -191,19 +191,19 @@ def dragged_handle() -> Iterator[float]:
 
 def clicked_through() -> Iterator[float]:
     """A click on a handle, without a drag: on the car it selects the car, beside it nothing changes."""
-    car, scene = driving(), bpy.context.scene
+    car = driving()
     choose(thing(car))
-    scene.frame_set(10)
+    bpy.context.scene.frame_set(10)
     with inside(area("VIEW_3D")):
         assert bpy.ops.unisim.drag_trajectory("EXEC_DEFAULT", True, time_s=1.0, offset_m=(0.0, 0.5, 0.0)) == {"FINISHED"}
     before = scenario()
-    yield from look_at(car, 18.0)
+    yield from look_at(car, 40.0)
     yield 0.5
     screenshot("key_handle")
     yield from click()
     yield 0.5
     assert bpy.context.view_layer.objects.active == thing(car) and thing(car).select_get() and scenario() == before
-    clock = module("bridge.clock").Clock.of(module("bridge.source").source_of(scene).drive)
+    clock = module("bridge.clock").Clock.of(module("bridge.source").source_of(bpy.context.scene).drive)
     free = next(h for h in module("bridge.handles").handles_of(thing(car), clock) if not h.is_key)
     yield from to(*place(Vector(free.place)))
     yield 0.3
@@ -212,7 +212,7 @@ def clicked_through() -> Iterator[float]:
     assert thing(car).select_get() and scenario() == before, "a click on a free handle changes something"
     yield from key("Z", ctrl=True)
     yield from until(lambda: not edits(), "not undone", 5)
-    scene.frame_set(0)
+    bpy.context.scene.frame_set(0)
 
 
 def aimed(kind: str) -> Iterator[float]:
@@ -279,12 +279,13 @@ def chosen_in_pie() -> Iterator[float]:
         yield 0.2
 
 
-def left_panel() -> Iterator[float]:
-    """Move the mouse over the panel that F9 opened beside it, and away, which closes it."""
+def closed_panel() -> Iterator[float]:
+    """Close the panel that F9 opened, with the mouse over it: Esc keeps what the operator did."""
     x, y = hands.mouse
-    for share in np.linspace(0.0, 1.0, 12):
-        yield from to(x + 60 - 360 * share, y - 40 + 60 * share)
-        yield 0.1
+    yield from to(x + 60, y - 40)
+    yield 0.3
+    yield from key("ESC")
+    yield 0.5
     yield from to(x, y)
     yield 0.3
 
@@ -306,7 +307,8 @@ def shifted_actor() -> Iterator[float]:
     yield from key("F9")
     yield 0.7
     screenshot("shift_panel")
-    yield from left_panel()
+    yield from closed_panel()
+    assert edits(), "closing the panel undoes it"
     yield from key("Z", ctrl=True)
     yield from until(lambda: not edits(), "one Ctrl-Z does not undo the shift", 5)
 
@@ -334,7 +336,8 @@ def followed_curve() -> Iterator[float]:
     yield from key("F9")
     yield 0.7
     screenshot("follow_panel")
-    yield from left_panel()
+    yield from closed_panel()
+    assert edits(), "closing the panel undoes it"
     yield from key("Z", ctrl=True)
     yield from until(lambda: not edits(), "one Ctrl-Z does not undo Follow Curve", 5)
     bpy.data.objects.remove(bpy.data.objects["way"])
