@@ -26,7 +26,7 @@ KINDS = (
     ("TRAJECTORY", "Trajectory", "What carries the keys of an object that rides on it"),
 )
 SIGHTS = (
-    ("AUTO", "Off the vehicle", "It sees the body of the ego vehicle unless it rides on the vehicle"),
+    ("AUTO", "If off the vehicle", "It sees the body of the ego vehicle unless it rides on the vehicle"),
     ("ALWAYS", "Always", "It sees the body of the ego vehicle wherever it is, as a camera that follows the vehicle does"),
     ("NEVER", "Never", "It does not see the body of the ego vehicle"),
 )
