@@ -266,7 +266,7 @@ def test_rows_cards_and_buttons_of_sensors(street: Any, team: Path) -> None:
     drive = source_of(street).drive
     front, lidar = thing(street, "CAMERA", "front_camera"), thing(street, "LIDAR", "pandar64")
     model = model_of(front)
-    assert size_of_sensor(front) == f"{model.width} x {model.height}" and size_of_sensor(lidar) == "64 beams"
+    assert size_of_sensor(front) == f"{model.width}×{model.height}" and size_of_sensor(lidar) == "64 beams"
     assert rate_of(drive) == "10 Hz" and rate_of(None) == ""
     cards = [card_of_sensor(street, one, drive) for one in (front, lidar)]
     assert [card.state for card in cards] == ["recorded", "recorded"] and "degrees across" in cards[0].view

@@ -35,7 +35,7 @@ def size_of_sensor(thing: bpy.types.Object) -> str:
     """Return a camera's resolution or a LiDAR's number of beams, as a list says it."""
     if thing.type == "CAMERA":
         model = model_of(thing)
-        return f"{model.width} x {model.height}"
+        return f"{model.width}×{model.height}"
     beams, _ = _beams(thing.unisim.model)
     return f"{beams} beams" if beams else "points"
 
@@ -88,7 +88,7 @@ def _place(scene: bpy.types.Scene, thing: bpy.types.Object, drive: Drive) -> str
     ego = next(things(scene, "EGO"), None)
     if ego is None or not rides_on_ego(thing):
         return "not on the vehicle"
-    x, y, z = mount_of(scene, thing, ego, drive)[:3, 3] + 0.0
+    x, y, z = np.round(mount_of(scene, thing, ego, drive)[:3, 3], 2) + 0.0  # no -0.00
     return f"{x:.2f}, {y:.2f}, {z:.2f} m"
 
 

@@ -12,6 +12,9 @@ from ..core.errors import UnisimError
 from ..registering import add, take_away
 from .sidebar import DrivePanel, row_of
 
+WIDE = 330
+"""How wide the sidebar has to be for rows to say how often sensors measure, in pixels at a scale of 1."""
+
 
 def drive_of(scene: bpy.types.Scene) -> Drive | None:
     """Return the drive of a scene; None where it is not at hand."""
@@ -47,22 +50,24 @@ class UNISIM_UL_sensors(bpy.types.UIList):
         active_data: bpy.types.Scene,
         active_propname: str,
     ) -> None:
-        """Draw name, resolution or beams, rate, and two buttons."""
-        there, rate = not item.hide_render, rate_of(drive_of(data))
-        split = layout.split(factor=0.44)
-        name = split.row()
-        name.active = there
-        name.label(text=item.name, icon="CAMERA_DATA" if item.unisim.kind == "CAMERA" else "CONE")
-        row = split.row(align=True)
-        text = row.row()
+        """Draw the camera's button, name, resolution or beams, and whether it is rendered."""
+        there, looked = not item.hide_render, data.camera == item
+        row = layout.row(align=True)
+        if item.unisim.kind == "CAMERA":
+            look = row.row(align=True)
+            look.enabled = there
+            look.operator("unisim.look_through", text="", icon="VIEW_CAMERA", depress=looked, emboss=looked).name = item.name
+        else:
+            row.label(text="", icon="CONE")
+        text = row.row(align=True)
         text.active = there
-        text.label(text=", ".join(part for part in (size_of_sensor(item), rate) if part))
-        look = row.row(align=True)
-        look.enabled = item.unisim.kind == "CAMERA" and there
-        looked = data.camera == item
-        look.operator("unisim.look_through", text="", icon="VIEW_CAMERA", depress=looked, emboss=looked).name = item.name
-        eye = "RESTRICT_RENDER_OFF" if there else "RESTRICT_RENDER_ON"
-        row.operator("unisim.show_sensor", text="", icon=eye, emboss=False).name = item.name
+        text.label(text=item.name)
+        size = text.row(align=True)
+        size.alignment = "RIGHT"
+        wide = context.region.width > WIDE * context.preferences.system.ui_scale
+        size.label(text=f"{size_of_sensor(item)}, {rate_of(drive_of(data))}" if wide else size_of_sensor(item))
+        shown = "RESTRICT_RENDER_OFF" if there else "RESTRICT_RENDER_ON"
+        row.operator("unisim.show_sensor", text="", icon=shown, emboss=False).name = item.name
 
     def filter_items(self, context: bpy.types.Context, data: bpy.types.Scene, propname: str) -> tuple[list[int], list[int]]:
         """Keep the sensors, cameras first, by name."""
@@ -121,18 +126,20 @@ class UNISIM_PT_sensors(DrivePanel, bpy.types.Panel):
         layout, scene, thing = self.layout, context.scene, context.active_object
         sensor = thing if thing is not None and thing.unisim.kind in KINDS and thing.name in scene.objects else None
         layout.template_list("UNISIM_UL_sensors", "", scene, "objects", scene, "unisim_sensor_index", rows=4)
-        card = None if sensor is None else card_of_sensor(scene, sensor, drive_of(scene))
+        drive = drive_of(scene)
+        card = None if sensor is None else card_of_sensor(scene, sensor, drive)
         box = layout.box().column(align=True)
         row_of(box, "Sensor", sensor.name if sensor else "none is active", "CAMERA_DATA")
+        row_of(box, "Measures", ", ".join((size_of_sensor(sensor), rate_of(drive))) if sensor else "")
         row_of(box, "State", card.state if card else "")
         row_of(box, "Direction", card.view if card else "")
         row_of(box, "Mount", card.mount if card else "")
         if sensor is not None:
             row = box.split(factor=0.36)
-            row.label(text="Ego body")
+            row.label(text="Sees body")
             row.prop(sensor.unisim, "sees_ego_body", text="")
         else:
-            row_of(box, "Ego body", "")
+            row_of(box, "Sees body", "")
         row = layout.row(align=True)
         row.menu("UNISIM_MT_rig_presets", icon="PRESET")
         row.operator("unisim.save_rig", text="", icon="ADD")
