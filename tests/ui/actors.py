@@ -197,12 +197,14 @@ def replaced() -> Iterator[float]:
     yield from until(lambda: thing(car).unisim.look, "the appearance is not replaced", 10)
     yield from until(lambda: changed(before), "the image does not follow", 60)
     assert edits() == [("Swap", "car-01")] and thing(car).unisim.look == SECOND
-    screenshot("replaced")
+    screenshot("appearance")
     yield from to(*middle(area("VIEW_3D")))
     yield from key("Z", ctrl=True)
     yield from until(lambda: not thing(car).unisim.look, "not undone", 10)
     assert not edits()
-    yield from until(lambda: any(entry.name == "Car 12, white" for entry in shown()), "undo leaves old names", 10)
+    yield from until(lambda: not any(entry.edited for entry in shown()), "the list still has it as edited", 10)
+    assert any(entry.name == "Car 12, white" for entry in shown()), "undo leaves old names"
+    yield from wait_for_picture()
 
 
 def steps() -> Iterator[float]:
