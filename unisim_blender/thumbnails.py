@@ -293,9 +293,6 @@ def follow(scene: bpy.types.Scene) -> None:
 def _redraw() -> None:
     for area in areas("VIEW_3D", "PROPERTIES"):
         area.tag_redraw()
-    for window in bpy.context.window_manager.windows:
-        for region in getattr(window.screen, "regions", ()):
-            region.tag_redraw()
 
 
 @bpy.app.handlers.persistent

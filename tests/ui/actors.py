@@ -18,8 +18,8 @@ from tasks import begin, changed, task
 
 BLUE = np.array([0x47, 0x72, 0xB3])
 """Of chosen rows and pressed buttons, in Blender's own theme."""
-ROW_PX = 40
-GROUP_UP_PX = 88
+ROW_PX = 36
+GROUP_UP_PX = 77
 """How far above the list's first row the class filter is."""
 SECOND = "car-03"
 """The second of the street's cars by name."""
@@ -44,10 +44,10 @@ def shot(name: str) -> NDArray[np.float32]:
 
 
 def blue_runs(pixels: NDArray[np.float32], x: int) -> list[tuple[int, int]]:
-    """Where a column of the screen has the theme's blue for 12 to 60 pixels: from and to, the topmost first."""
-    is_blue = np.abs(pixels[:, x] - BLUE).max(-1) < 14
+    """Where a column of the screen has the theme's blue for 12 to 30 pixels: from and to, the topmost first."""
+    is_blue = (np.abs(pixels[:, x - 8 : x + 9] - BLUE).max(-1) < 14).any(1)  # letters stand in it
     edges = np.flatnonzero(np.diff(np.concatenate([[False], is_blue, [False]]).astype(int)))
-    runs = [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True) if 12 <= b - a <= 60]
+    runs = [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True) if 12 <= b - a <= 30]
     return sorted(runs, reverse=True)
 
 
@@ -71,14 +71,14 @@ def first_row() -> Iterator[float]:
     """Put the mouse on the list's first row, which is found as the chosen one on the screen."""
     with inside(area("VIEW_3D")):
         bpy.ops.unisim.choose_actor("EXEC_DEFAULT", True, name=shown()[0].name)
-    x = tab().x + 130
+    x = tab().x + 165
     for _ in range(20):  # until it is drawn: the row, and the pressed buttons below the list
         yield 0.5
         runs = blue_runs(shot("rows"), x)
         if len(runs) > 1:
             break
     assert len(runs) > 1, "no row of the list is marked"
-    yield from to(x - 60, (runs[0][0] + runs[0][1]) / 2)
+    yield from to(x - 90, (runs[0][0] + runs[0][1]) / 2)
 
 
 def first_import() -> Iterator[float]:
@@ -197,12 +197,14 @@ def replaced() -> Iterator[float]:
     yield from until(lambda: thing(car).unisim.look, "the appearance is not replaced", 10)
     yield from until(lambda: changed(before), "the image does not follow", 60)
     assert edits() == [("Swap", "car-01")] and thing(car).unisim.look == SECOND
-    screenshot("replaced")
+    screenshot("appearance")
     yield from to(*middle(area("VIEW_3D")))
     yield from key("Z", ctrl=True)
     yield from until(lambda: not thing(car).unisim.look, "not undone", 10)
     assert not edits()
-    yield from until(lambda: any(entry.name == "Car 12, white" for entry in shown()), "undo leaves old names", 10)
+    yield from until(lambda: not any(entry.edited for entry in shown()), "the list still has it as edited", 10)
+    assert any(entry.name == "Car 12, white" for entry in shown()), "undo leaves old names"
+    yield from wait_for_picture()
 
 
 def steps() -> Iterator[float]:

@@ -119,7 +119,10 @@ class UNISIM_OT_choose_actor(bpy.types.Operator):
             return {"CANCELLED"}
         choose(context, thing)
         context.view_layer.objects.active = thing
-        if about.frame and self.seconds < 0 and thing.visible_get():
+        if not thing.visible_get():
+            why = "hidden in the view: its eye in the list shows it" if thing.hide_get() else "not there at this time"
+            self.report({"INFO"}, f'"{thing.name}" is active, but {why}')
+        elif about.frame and self.seconds < 0:
             turn_to(context, thing)
         return {"FINISHED"}
 

@@ -62,8 +62,8 @@ class UNISIM_UL_actors(bpy.types.UIList):
             return
         text, icon = item.name + (" *" if entry.edited else ""), ICONS[entry.group]
         if is_wide(context):
-            name, *figures, eye = columns(layout)
-            for part, figure in zip(figures, (distance_text(entry), speed_text(entry), time_text(entry)), strict=True):
+            name, *parts, eye = columns(layout)
+            for part, figure in zip(parts, (distance_text(entry), speed_text(entry), time_text(entry)), strict=True):
                 part.active = entry.there and not entry.hidden
                 part.label(text=figure)
             name.active = entry.there and not entry.hidden
@@ -75,7 +75,10 @@ class UNISIM_UL_actors(bpy.types.UIList):
             column.scale_y = 0.9
             column.label(text=text, icon=icon)
             line = f"{distance_text(entry)} m, {speed_text(entry)} km/h" if entry.there else "not there now"
-            column.label(text=f"{line}, {time_text(entry)} s", icon="BLANK1")
+            below = column.row()  # Blender takes a click on a list's row in its first line alone
+            below.alignment = "LEFT"
+            figures = below.operator("unisim.choose_actor", text=f"{line}, {time_text(entry)} s", icon="BLANK1", emboss=False)
+            figures.name = item.name
         hide = eye.operator("unisim.hide_actor", text="", icon="HIDE_ON" if entry.hidden else "HIDE_OFF", emboss=False)
         hide.name = item.name
 
