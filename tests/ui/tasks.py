@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import os
 import sys
 import time
 import traceback
@@ -26,8 +28,12 @@ presses = [0]
 def task(name: str, todo: Callable[[], Iterator[float]]) -> Iterator[float]:
     """Run a task and note how many presses it took, how long, the longest block, and the longest of redrawing alone after it.
 
-    A task that fails is noted with its reason, and the session goes on; `run.py` says so and fails.
+    A task that fails is noted with its reason, and the session goes on; `run.py` says so and fails. `UNISIM_UI_TASKS` in the
+    environment, names with commas between, is for those tasks alone.
     """
+    only = os.environ.get("UNISIM_UI_TASKS")
+    if only and name not in only.split(","):
+        return
     table = results.setdefault("tasks", {})
     assert isinstance(table, dict)
     heart.begin()
@@ -53,12 +59,14 @@ def task(name: str, todo: Callable[[], Iterator[float]]) -> Iterator[float]:
     screenshot(name)
     if failed:
         table[name] = {**noted, "redraw_s": 0.0, "failed": failed, "trace": trace}
+        (OUT / "so_far.json").write_text(json.dumps(results, indent=1))
         hands.window[0] = 0
         for _ in range(3):  # leave menus and popups, and what is being moved
             yield from hands.key("ESC")
         return
     yield from redraw_alone()
     table[name] = {**noted, "redraw_s": round(heart.longest, 3)}
+    (OUT / "so_far.json").write_text(json.dumps(results, indent=1))
 
 
 def redraw_alone(times: int = 6) -> Iterator[float]:
