@@ -33,7 +33,7 @@ def turned_off(through: str, rendered: bool, sensors: bool, elsewhere: bool = Fa
     ``through`` is what `looks_through` says. ``rendered``: whether the engine UniSim draws the view. ``sensors``: whether
     sensors are to be seen from outside. ``elsewhere``: whether a camera of the drive stands elsewhere than its images were
     recorded. ``chosen``: whether the ego vehicle or a LiDAR is selected and active, as by a click in the Outliner: Blender
-    moves nothing that a view does not show.
+    moves nothing that a view does not show. A rendered view shows the image alone all the same.
     """
     off: set[str] = set()
     if through == "RIG":
@@ -42,7 +42,7 @@ def turned_off(through: str, rendered: bool, sensors: bool, elsewhere: bool = Fa
         off.add("show_object_viewport_camera")
     if not through and not sensors:
         off |= set(SWITCHES)
-    return off - {EMPTIES[0]} if chosen else off
+    return off - {EMPTIES[0]} if chosen and not rendered else off
 
 
 def looks_through(scene: bpy.types.Scene, space: Any) -> str:

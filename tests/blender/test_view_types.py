@@ -48,6 +48,7 @@ def test_from_outside_all_is_seen_unless_sensors_are_hidden(street: Any) -> None
 
 def test_another_camera_shows_all_but_its_background(scene: Any) -> None:
     assert turned_off("OTHER", True, True) == {CAMERAS[0]}
-    assert turned_off("RIG", True, True, chosen=True) == {EMPTIES[1], *CAMERAS}
+    assert turned_off("RIG", False, True, chosen=True) == {EMPTIES[1], CAMERAS[1]}
+    assert turned_off("RIG", True, True, chosen=True) == turned_off("RIG", True, True)
     assert not turned_off("OTHER", False, True)
     assert not wanted(scene, view("CAMERA", "RENDERED"))

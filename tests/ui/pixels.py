@@ -41,7 +41,7 @@ def grab() -> Image:
     return np.frombuffer(raw, np.uint8).reshape(window.height, window.width, 3)
 
 
-def settled(into: list[Image], limit_s: float = 20.0) -> Iterator[float]:
+def settled(into: list[Image], limit_s: float = 90.0) -> Iterator[float]:
     """Put the screen into ``into`` once it stays as it is: Blender draws lines smoother in each of some drawings."""
     last, until_s = grab(), time.monotonic() + limit_s
     while True:

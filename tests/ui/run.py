@@ -64,7 +64,7 @@ def main(root: Path, release: str, out: Path, only: Sequence[str] = (), extensio
         fcntl.flock(lock, fcntl.LOCK_EX)  # another run may be making the same Debian
         subprocess.run(["sh", str(HERE / "chroot.sh"), str(root), release], check=True)
     archive = extension or built_extension()
-    slot, _held = free_slot(root)
+    slot, _held = free_slot(root, FIRST_DISPLAY[release])
     display, inner = f":{FIRST_DISPLAY[release] + slot}", f"/tmp/unisim-{slot}"
     work = root / inner[1:]
     shutil.rmtree(work, ignore_errors=True)
@@ -140,9 +140,13 @@ def synthetic(name: str, frames: str, width: str, height: str) -> Path:
     return folder
 
 
-def free_slot(root: Path) -> tuple[int, TextIO]:
-    """Return the number of a slot that no other run uses, and its lock, held until this process ends."""
+def free_slot(root: Path, first: int) -> tuple[int, TextIO]:
+    """Return the number of a slot that no other run uses, and its lock, held until this process ends; its display, counted from
+    ``first``, is free."""
+    open_displays = Path("/proc/net/unix").read_text()
     for slot in range(SLOTS):
+        if f"/tmp/.X11-unix/X{first + slot}\n" in open_displays:
+            continue
         lock = (root / f".lock-{slot}").open("w")
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
