@@ -4,6 +4,7 @@ is dragged."""
 from __future__ import annotations
 
 import time
+import traceback
 from collections.abc import Iterator
 from contextlib import suppress
 
@@ -40,12 +41,11 @@ def want() -> None:
 
 
 def _scenes() -> list[bpy.types.Scene]:
-    """Return the scenes with the drive of the one that is shown, that one first."""
-    shown = bpy.context.window_manager.windows[0].scene
-    return [
-        shown,
-        *(scene for scene in bpy.data.scenes if scene != shown and scene.unisim.log == shown.unisim.log and has_drive(scene)),
-    ]
+    """Return the scenes that windows show, and then the others with the same drives."""
+    shown = [window.scene for window in bpy.context.window_manager.windows if window.scene.unisim.log]
+    logs = {scene.unisim.log for scene in shown}
+    beside = [scene for scene in bpy.data.scenes if scene not in shown and scene.unisim.log in logs and has_drive(scene)]
+    return [*shown, *beside]
 
 
 def _read() -> float | None:
@@ -68,6 +68,10 @@ def _read() -> float | None:
             _redraw()
         except ReferenceError:  # something was deleted meanwhile
             edit_reading.reading_of(scene).mark()
+        except Exception as fault:  # Blender drops a timer that fails, and the panel would wait for ever
+            traceback.print_exc()
+            edit_reading.reading_of(scene).fail(f"The edits cannot be read: {fault}")
+            _at.clear()
         if edit_reading.made_beside():
             _beside_s = time.monotonic()
     return TICK_S

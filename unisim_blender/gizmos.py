@@ -17,6 +17,7 @@ from mathutils.geometry import intersect_point_line
 from .bridge.aiming import is_keyed
 from .bridge.clock import Clock
 from .bridge.handles import MOST, Handle, handles_of
+from .bridge.sampling import frame_of
 from .bridge.source import source_of
 from .bridge.things import things
 from .core.errors import UnisimError
@@ -31,6 +32,8 @@ HEAD, STEM, INNER = 0.14, 0.02, 0.35
 """Of the arrow: half the width of its head and its stem, and the share of its length from which on it can be grabbed, so that
 it takes no clicks meant for what stands in the vehicle's place."""
 CORNERS = 20
+BESIDE_S = 0.05
+"""Times nearer than this to the frame that is shown are that frame's."""
 LANE_COLOUR, KEY_COLOUR, SECOND_COLOUR, AIM_COLOUR = (0.2, 0.8, 0.3), (1.0, 0.8, 0.1), (0.9, 0.9, 0.9), (0.3, 0.75, 1.0)
 LIT = (1.0, 1.0, 1.0)
 
@@ -217,13 +220,19 @@ class UNISIM_GGT_aim(_Group, bpy.types.GizmoGroup):
 
 
 def shown_handles(context: bpy.types.Context) -> list[Handle]:
-    """Return the handles of the active actor's trajectory."""
+    """Return the handles of the active actor's trajectory.
+
+    In the middle of the actor there is none without a key: a drag that begins there is meant for the actor.
+    """
+    thing = context.active_object
     try:
         clock = Clock.of(source_of(context.scene).drive)
     except (UnisimError, OSError):
         return []
-    thing = context.active_object
-    return handles_of(thing, clock) if thing is not None else []
+    if thing is None:
+        return []
+    now = float(clock.time_s(np.array(frame_of(context.scene))))
+    return [handle for handle in handles_of(thing, clock) if handle.is_key or abs(handle.time_s - now) > BESIDE_S]
 
 
 def painted(gizmo: Any, colour: tuple[float, float, float]) -> None:

@@ -44,6 +44,7 @@ class UNISIM_MT_object(bpy.types.Menu):
         layout.operator("unisim.forget_static")
         layout.separator()
         layout.operator("unisim.shift_ego")
+        layout.operator("unisim.aim_sensor")
         layout.operator("unisim.check")
 
 

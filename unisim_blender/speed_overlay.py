@@ -8,6 +8,7 @@ import numpy as np
 from .bridge.graph_layout import HEIGHT, WIDTH, Shapes, curves, moment
 from .bridge.kinematics import Compared
 from .bridge.sampling import frame_of
+from .core.geometry import FloatArray
 from .operators.motion_settings import graph_of
 from .registering import Drawing
 
@@ -45,7 +46,7 @@ def free_width(context: bpy.types.Context) -> float:
     return float(min([region.width, *covers]))
 
 
-def draw_shapes(shapes: Shapes, corner: np.ndarray, scale: float) -> None:
+def draw_shapes(shapes: Shapes, corner: FloatArray, scale: float) -> None:
     """Draw shapes with their lower left at a corner (2,) of the region."""
     import blf
     import gpu

@@ -266,7 +266,7 @@ def name_in(scene: bpy.types.Scene) -> None:
         return
     following.renamed(scene, renamed)
     listing.refresh_soon(scene)
-    for warning in bpy.context.window_manager.unisim_warnings:
+    for warning in scene.unisim_check.warnings:
         warning.name = renamed.get(warning.name, warning.name)
 
 
@@ -319,7 +319,7 @@ def unregister() -> None:
     for maker in _makers.values():
         maker.stop()
     for kept in (_makers, _known, _complete, _problems, _plain, _wanted, _portraits, _rendering):
-        kept.clear()  # type: ignore[attr-defined]
+        kept.clear()
     if _icons:
         from bpy.utils import previews
 

@@ -184,7 +184,7 @@ CASES: dict[str, tuple[Callable[[Any], None], str, str]] = {
     "copied in place": (copied_in_place, "COPY", "Copied, in place"),
     "inserted": (inserted, "INSERT", "Inserted"),
     "mesh": (mesh, "MESH", "Mesh inserted"),
-    "swapped": (swapped, "APPEARANCE", "Appearance of Medium-sized Truck car-02"),
+    "swapped": (swapped, "APPEARANCE", "Appearance of Medium-sized Truck 1"),
     "ego": (ego, "EGO", "Moved 2.0 m left"),
     "camera moved": (camera_moved, "SENSOR", "Camera: "),
     "camera lens": (camera_lens, "SENSOR", "Camera: another lens"),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import bpy
@@ -20,7 +21,7 @@ from unisim_blender.bridge.source import source_of
 from unisim_blender.bridge.things import things
 from unisim_blender.bridge.trajectories import keyed_pose
 from unisim_blender.operators.actor_list import GROUPS, ORDERS
-from unisim_blender.panels.actors import UNISIM_UL_actors, dense, seconds
+from unisim_blender.panels.actors import UNISIM_UL_actors, dense, distance_text, speed_text, time_text
 
 
 def entries(scene: Any) -> dict[str, Entry]:
@@ -31,6 +32,14 @@ def entries(scene: Any) -> dict[str, Entry]:
 def shown(scene: Any) -> list[str]:
     """The names that the list shows, in order."""
     return [entry.name for entry in listing.refresh_now(scene).shown]
+
+
+def rows_of(scene: Any) -> tuple[list[int], list[int]]:
+    """Which of the scene's objects the list shows, and at which places."""
+    rows: Any = SimpleNamespace(bitflag_filter_item=1 << 30)
+    filter_items: Any = UNISIM_UL_actors.filter_items
+    found: tuple[list[int], list[int]] = filter_items(rows, bpy.context, scene, "objects")
+    return found
 
 
 def entry(name: str, **more: Any) -> Entry:
@@ -207,17 +216,16 @@ def test_rows_of_the_list_are_the_shown_actors_in_order(street: Any) -> None:
     manager = bpy.context.window_manager.unisim_actors
     manager.order = "DISTANCE"
     names = shown(street)
-
-    class Rows:
-        bitflag_filter_item = 1 << 30
-
-    flags, order = UNISIM_UL_actors.filter_items(Rows(), bpy.context, street, "objects")
+    flags, order = rows_of(street)
     assert sorted(order) == list(range(len(street.objects)))
     drawn = {place: one.name for flag, place, one in zip(flags, order, street.objects, strict=True) if flag}
     assert [drawn[place] for place in sorted(drawn)] == names and sorted(drawn) == list(range(len(names)))
     manager.order = "NAME"
     assert dense([0, 2, 5, 3]) == [0, 1, 3, 2]
-    assert [seconds((2.0, 7.94), exact) for exact in (True, False)] == ["2–7.9", "2–8"] and seconds(None, True) == "never"
+    one = entry("Car 1", distance_m=12.4, speed_m_s=10.0, steps=np.array([[0.0, 0.5], [2.0, 7.94]]))
+    assert (distance_text(one), speed_text(one), time_text(one)) == ("12", "36", "0–7.9")
+    gone = entry("Car 2", there=False, steps=np.zeros((0, 2)))
+    assert (distance_text(gone), speed_text(gone), time_text(gone)) == ("–", "–", "never")
 
 
 def test_icons_are_blenders(addon: Any) -> None:
@@ -241,11 +249,7 @@ def test_three_hundred_actors_take_little(street: Any) -> None:
     listing.refresh_now(street)
     assert time.process_time() - begun < 0.06
     begun = time.process_time()
-
-    class Rows:
-        bitflag_filter_item = 1 << 30
-
-    UNISIM_UL_actors.filter_items(Rows(), bpy.context, street, "objects")
+    rows_of(street)
     assert time.process_time() - begun < 0.02
 
 

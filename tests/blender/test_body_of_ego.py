@@ -18,6 +18,7 @@ from unisim_blender.bridge.ego_bodies import NOTED, show_bodies, shown_as, to_fo
 from unisim_blender.bridge.neighbours import sample_now
 from unisim_blender.bridge.source import source_of
 from unisim_blender.bridge.touched import touched
+from unisim_blender.core.drive import Camera, Lidar
 from unisim_blender.core.geometry import invert_pose
 from unisim_blender.core.meshes.read import read_mesh
 from unisim_blender.core.scenario import load_scenario, save_scenario
@@ -36,6 +37,13 @@ def body_of(scene: Any, **options: Any) -> Any:
 
 def bodies(scene: Any) -> list[EgoBody]:
     return [edit for edit in read(scene).edits if isinstance(edit, EgoBody)]
+
+
+def told(scene: Any) -> dict[str, bool | None]:
+    """What the scenario says of its cameras: whether they see it."""
+    sensors = read(scene).sensors
+    assert sensors is not None and sensors.cameras is not None
+    return {spec.id: spec.sees_ego_body for spec in sensors.cameras}
 
 
 def roadside(scene: Any, name: str = "roadside") -> Any:
@@ -115,7 +123,7 @@ def test_where_it_stands_and_of_several_parts(street: Any) -> None:
 
 def test_sensors_say_whether_they_see_it(street: Any) -> None:
     camera = roadside(street)
-    assert all(spec.sees_ego_body is None for spec in read(street).sensors.cameras)
+    assert set(told(street).values()) == {None}
     body_of(street)
     bpy.ops.unisim.add_camera()
     mounted = bpy.context.active_object
@@ -127,12 +135,12 @@ def test_sensors_say_whether_they_see_it(street: Any) -> None:
         gimbal.rotation_euler.z = yaw
         gimbal.keyframe_insert("rotation_euler", frame=frame)
     drive = edited(street)
-    sees = {name: sensor.sees_ego_body for name, sensor in {**drive.cameras, **drive.lidars}.items()}
+    every: list[Camera | Lidar] = [*drive.cameras.values(), *drive.lidars.values()]
+    sees = {sensor.sensor_id: sensor.sees_ego_body for sensor in every}
     assert sees == {"front_camera": False, "mounted": False, "gimbal": False, "roadside": True, "pandar64": False}
-    specs = {spec.id: spec.sees_ego_body for spec in read(street).sensors.cameras}
-    assert specs == {"front_camera": None, "mounted": None, "gimbal": False, "roadside": None}
+    assert told(street) == {"front_camera": None, "mounted": None, "gimbal": False, "roadside": None}
     mounted.unisim.sees_ego_body = "ALWAYS"
-    assert {spec.id: spec.sees_ego_body for spec in read(street).sensors.cameras}["mounted"] is True
+    assert told(street)["mounted"] is True
     # a constraint may hold it on the vehicle, too
     constraint = camera.constraints.new("CHILD_OF")
     constraint.target = thing(street, "EGO", "ego")

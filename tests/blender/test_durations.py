@@ -16,6 +16,7 @@ CLOCK = Clock(np.arange(81.0), np.arange(81.0) / 10)
 
 
 def test_seconds_have_frames_beside_them() -> None:
+    assert instant(-1e-9, CLOCK) == "0.00 s (frame 0.0)"
     assert instant(1.2, CLOCK) == "1.20 s (frame 12.0)" and duration(0.5, CLOCK) == "0.50 s (5.0 frames)"
 
 

@@ -13,7 +13,7 @@ from edit_cases import CASES, driving, standing, update
 from helpers import read, select
 
 from unisim_blender import edit_watch
-from unisim_blender.bridge import edit_reading
+from unisim_blender.bridge import edit_reading, quick_sample
 from unisim_blender.bridge.clock import Clock
 from unisim_blender.bridge.edit_lines import Line
 from unisim_blender.bridge.edit_reading import read_now, read_steps, reading_of
@@ -122,10 +122,10 @@ def test_a_click_on_a_removed_actor_selects_nothing(street: Any) -> None:
 
 
 def test_what_cannot_be_read_is_said_in_the_list(street: Any) -> None:
-    standing(street).scale = (2.0, 1.0, 1.0)
+    standing(street).scale = (-1.0, 1.0, 1.0)
     driving(street).location.y = 1.0
     problem, line = lines(street)
-    assert problem.part == "PROBLEM" and problem.what.startswith("Is scaled") and problem.thing == standing(street).name
+    assert problem.part == "PROBLEM" and problem.what.startswith("Is mirrored") and problem.thing == standing(street).name
     assert line.part == "MOVE"
 
 
@@ -235,9 +235,13 @@ def test_the_timer_waits_for_a_quiet_moment(street: Any) -> None:
 def test_a_scene_beside_does_not_have_the_list_read_for_ever(street: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     CASES["constrained"][0](street)
     update()
-    evaluated = []
-    before = edit_reading.evaluated
-    monkeypatch.setattr(edit_reading, "evaluated", lambda *args: evaluated.append(1) or before(*args))
+    evaluated: list[int] = []
+
+    def counted(*given: Any) -> Any:
+        evaluated.append(1)
+        return quick_sample.evaluated(*given)
+
+    monkeypatch.setattr(edit_reading, "evaluated", counted)
     read_all()
     assert len(evaluated) == -(-20 // edit_reading.FRAMES_AT_ONCE)
     for _ in range(3):  # what Blender tells of the scene beside
@@ -250,6 +254,19 @@ def test_a_scene_beside_does_not_have_the_list_read_for_ever(street: Any, monkey
     update()
     read_all()
     assert len(evaluated) == 2 * -(-20 // edit_reading.FRAMES_AT_ONCE)
+
+
+def test_what_fails_is_said_and_ends_the_reading(street: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(*_: Any) -> Any:
+        raise KeyError("odd")
+
+    monkeypatch.setattr(edit_reading, "actor_lines", broken)
+    reading_of(street).mark()
+    reading_of(street).known.clear()
+    read_all()
+    assert reading_of(street).problem == "The edits cannot be read: 'odd'" and reading_of(street).fresh
+    monkeypatch.undo()
+    assert lines(street) == ()
 
 
 def test_an_object_deleted_while_the_list_is_read(street: Any) -> None:

@@ -125,6 +125,15 @@ def test_handles_are_on_the_trajectory(street: Any) -> None:
     assert not handles_of(next(o for o in things(street, "ACTOR") if o.parent is None), clock)
 
 
+def test_a_drag_that_begins_in_the_middle_of_an_actor_is_for_the_actor(street: Any) -> None:
+    one, clock = driving(street), clock_of(street)
+    street.frame_set(10)
+    times = lambda: [round(handle.time_s, 3) for handle in gizmos.shown_handles(bpy.context)]  # noqa: E731
+    assert times() == [0.0]
+    displace_at(one, 1.0, np.array([0.0, 1.0, 0.0]), clock)
+    assert times() == [0.0, 1.0], "a key keeps its handle"
+
+
 def test_a_long_drive_has_few_handles(street: Any) -> None:
     one = driving(street)
     clock = Clock(np.arange(801.0), np.arange(801.0) / 10)
@@ -266,10 +275,10 @@ def test_hit_areas_are_small() -> None:
         region=SimpleNamespace(width=400, height=400), region_data=looks, preferences=SimpleNamespace(system=system)
     )
     reach = lambda context: gizmos.HIT_PX  # noqa: E731
-    dot = SimpleNamespace(matrix_world=Matrix.Translation((1.0, 0.0, 0.0)), reach=reach)
-    hit = gizmos.UNISIM_GT_dot.test_select
+    dot: Any = SimpleNamespace(matrix_world=Matrix.Translation((1.0, 0.0, 0.0)), reach=reach)
+    hit: Any = gizmos.UNISIM_GT_dot.test_select
     assert hit(dot, context, (304, 203)) == 0 and hit(dot, context, (312, 200)) == -1
-    arrow = SimpleNamespace(matrix_world=gizmos.standing(Vector((0, 0, 0)), Vector((0, 1, 0))), reach=reach)
+    arrow: Any = SimpleNamespace(matrix_world=gizmos.standing(Vector((0, 0, 0)), Vector((0, 1, 0))), reach=reach)
     hit = gizmos.UNISIM_GT_arrow.test_select
     assert hit(arrow, context, (203, 280)) == 0 and hit(arrow, context, (200, 306)) == 0
     assert hit(arrow, context, (200, 210)) == -1, "the vehicle's place stays free"

@@ -112,6 +112,6 @@ def test_what_was_recorded_is_no_fault_of_the_edit() -> None:
 def test_words() -> None:
     assert describe("acceleration_m_s2", -7.2) == "brakes at 7.2 m/s²"
     assert describe("acceleration_m_s2", 7.2) == "accelerates at 7.2 m/s²"
-    assert describe("curvature_1_m", -0.25) == "turns with a radius of 4.0 m, a curvature of 0.25 1/m"
+    assert describe("curvature_1_m", -0.25) == "turns at a radius of 4.0 m (0.25 1/m)"
     assert is_limited("Pickup Truck") and not is_limited("Pedestrian")
     assert runs(np.array([True, False, True, True])) == [(0, 1), (2, 4)]

@@ -221,3 +221,23 @@ def test_importing_again_keeps_a_muted_edit(street: Any) -> None:
     assert [line.muted for line in lines(street)] == [0]
     mute(street)
     assert content(read(street)) == before
+
+
+def test_an_imported_scenario_is_muted_unmuted_and_reverted(scene: Any) -> None:
+    from helpers import SAMPLE
+
+    assert bpy.ops.unisim.import_scenario(filepath=str(SAMPLE / "scenario.json")) == {"FINISHED"}
+    update()
+    before = content(read(scene))
+    told = [(line.key, line.what) for line in lines(scene)]
+    assert len(told) >= 4 and not any(line.part == "PROBLEM" for line in lines(scene))
+    for key, _ in told:
+        press(bpy.ops.unisim.mute_edit, next(line for line in lines(scene) if line.key == key and line.muted < 0))
+    assert content(read(scene)) == ([], None, {})
+    for key, _ in reversed(told):
+        press(bpy.ops.unisim.mute_edit, next(line for line in lines(scene) if line.key == key))
+    assert content(read(scene)) == before
+    assert [(line.key, line.what) for line in lines(scene)] == told
+    while found := lines(scene):
+        press(bpy.ops.unisim.revert_edit, found[0])
+    assert content(read(scene)) == ([], None, {})

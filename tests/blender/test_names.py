@@ -16,6 +16,7 @@ from unisim_blender.bridge.things import is_copy, original_of, things
 from unisim_blender.core.actor_images import kept
 from unisim_blender.core.actor_images.names import plain_names
 from unisim_blender.core.logs import open_log
+from unisim_blender.core.scenario.types import Duplicate
 
 
 @pytest.fixture(autouse=True)
@@ -54,7 +55,7 @@ def test_a_colour_that_comes_later_is_no_edit(street: Any) -> None:
     assert word(street, car_04="white", cone_1="") == {before: f"{before}, white"}
     assert own.name == own.unisim.home == copy.unisim.home == f"{before}, white" and copy.name == f"{before}.001"
     assert not is_copy(street, own) and is_copy(street, copy) and original_of(street, "ACTOR", "car-04") == own
-    assert read(street).edits == edits and len(edits) == 1 and edits[0].id == copy.name
+    assert read(street).edits == edits and [edit.id for edit in edits if isinstance(edit, Duplicate)] == [copy.name]
     assert not word(street, car_04="white") and not word(street, car_04="red")  # once is enough
     assert thing(street, "ACTOR", "cone-1").name == "Cone 1"
 
@@ -122,9 +123,9 @@ def test_undo_brings_no_old_name_back(street: Any, monkeypatch: pytest.MonkeyPat
     scene = bpy.context.scene
     listing.refresh_now(scene)
     assert thing(scene, "ACTOR", "car-04").name == name and not read(scene).edits
-    warning = bpy.context.window_manager.unisim_warnings.add()
+    warning = bpy.context.scene.unisim_check.warnings.add()
     warning.name = "Cone 1"
     monkeypatch.setitem(thumbnails._complete, log, {"car-04": "white", "cone-1": "orange"})
     thumbnails.name_actors()
     assert warning.name == "Cone 1, orange" == thing(scene, "ACTOR", "cone-1").name
-    bpy.context.window_manager.unisim_warnings.clear()
+    bpy.context.scene.unisim_check.warnings.clear()

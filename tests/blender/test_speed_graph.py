@@ -85,7 +85,7 @@ def test_a_swerve_is_marked_and_checked_alike(street: Any) -> None:
     assert found.exceeded["lateral_m_s2"].any() and OVER in colours(curves(found))
     clock = Clock.of(drive)
     warned = [w for w in warnings_of(sample_all(street, clock), drive, limits_of(street)) if w.name == one.name]
-    (lateral,) = [w for w in warned if "lateral" in w.text]
+    (lateral,) = [w for w in warned if "corners" in w.text]
     at = int(np.flatnonzero(clock.frames == lateral.frame)[0])
     assert found.exceeded["lateral_m_s2"][at]
     assert f"{abs(found.now.lateral_m_s2[at]):.1f} m/s²" in lateral.text
@@ -104,7 +104,7 @@ def test_limits_are_properties_that_both_heed(street: Any) -> None:
     limits.lateral_m_s2 = 1.0
     assert bpy.ops.unisim.check() == {"FINISHED"}
     texts = [w.text for w in bpy.context.scene.unisim_check.warnings if w.name == one.name]
-    assert [text for text in texts if "lateral acceleration" in text]
+    assert [text for text in texts if "corners" in text]
 
 
 def test_defaults_are_exactly_those_of_the_functions(street: Any) -> None:
@@ -130,7 +130,7 @@ def test_the_ego_vehicle_too(street: Any) -> None:
     assert graph().exceeded["lateral_m_s2"].any()
     drive = source_of(street).drive
     found = warnings_of(sample_all(street, Clock.of(drive)), drive)
-    assert [w for w in found if w.name == ego.name and "lateral" in w.text]
+    assert [w for w in found if w.name == ego.name and "corners" in w.text]
 
 
 def test_it_is_computed_again_only_when_the_motion_changes(street: Any, monkeypatch: Any) -> None:
@@ -138,7 +138,12 @@ def test_it_is_computed_again_only_when_the_motion_changes(street: Any, monkeypa
     first = graph()
     computed = []
     real = motions.compared
-    monkeypatch.setattr(motions, "compared", lambda *all: computed.append(1) or real(*all))
+
+    def counted(*given: Any) -> Compared:
+        computed.append(1)
+        return real(*given)
+
+    monkeypatch.setattr(motions, "compared", counted)
     street.frame_set(7)
     assert graph() is first and not computed
     displaced_along(one, (0.0, 1.0, 0.0))

@@ -26,7 +26,7 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A cache folder in which nothing is kept yet."""
     monkeypatch.setenv("UNISIM_CACHE", str(tmp_path / "cache"))
     for known in (thumbnails._known, thumbnails._complete, thumbnails._problems, thumbnails._portraits, thumbnails._plain):
-        known.clear()  # type: ignore[attr-defined]
+        known.clear()
     thumbnails._wanted.clear()
     return tmp_path / "cache"
 
@@ -192,7 +192,12 @@ def test_no_choice_and_another_scenes_actor(street: Any) -> None:
 
 def test_the_card_has_the_picture_of_what_is_shown(street: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[tuple[Any, ...]] = []
-    monkeypatch.setattr(thumbnails, "icon_of", lambda *arguments: asked.append(arguments) or 7)
+
+    def icon_of(*arguments: Any) -> int:
+        asked.append(arguments)
+        return 7
+
+    monkeypatch.setattr(thumbnails, "icon_of", icon_of)
     select(thing(street, "ACTOR", "car-04"))
     assert portrait(bpy.context) == 7 and asked[-1][1] == "car-04"
     bpy.ops.unisim.replace_look(look="car-12")

@@ -70,7 +70,7 @@ def test_bars_have_the_class_colour_and_edited_ones_a_rim() -> None:
     assert corners.shape == (len(colours), 3) and len(colours) % 6 == 0
     known = {tuple(colour) for colour in colours.round(4).tolist()}
     for row in found.rows:
-        assert tuple(np.round(np.float32(timeline.colour_of(row)), 4).tolist()) in known
+        assert tuple(np.array(timeline.colour_of(row), np.float32).round(4).tolist()) in known
     assert timeline.colour_of(found.rows[0]) != timeline.colour_of(found.rows[1])
     rims = [i for i in range(0, len(colours), 6) if tuple(colours[i]) == timeline.EDITED]
     assert len(rims) == 1 and corners[rims[0]][1] < found.rows_top and corners[rims[0]][1] >= found.row_bottom(0)

@@ -16,7 +16,7 @@ from helpers import SAMPLE, read, select
 from test_edits_list import lines, press
 from test_muting import content
 
-from unisim_blender.bridge.compare_edits import alike, differences
+from unisim_blender.bridge.compare_edits import alike, compared, differences
 from unisim_blender.bridge.edit_lines import Line
 from unisim_blender.bridge.things import is_copy, things
 from unisim_blender.bridge.variants import delete_variant, file_names, free_name, variants_of
@@ -240,7 +240,9 @@ def test_differences() -> None:
     assert [(one.line.uid, one.here is not None, one.there is not None) for one in found] == [
         ("b", True, True), ("c", True, False), ("d", False, True),
     ]  # fmt: skip
-    assert not alike({"a": 1}, {"b": 1}) and not alike([1.0], [1.0, 2.0]) and alike(("x", None), ["x", None])
+    assert compared(here, there) is compared(here, there) and list(compared(here, there)) == found
+    assert list(compared(here, here)) == []
+    assert not alike({"a": 1}, {"b": 1}) and not alike([1.0], [1.0, 2.0]) and alike(("x", None), ("x", None))
 
 
 def test_differences_of_two_variants(street: Any) -> None:

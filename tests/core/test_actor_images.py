@@ -40,7 +40,7 @@ def pixels(
 ) -> NDArray[np.uint8]:
     """Pixels of a surface under a light, a little uneven and noisy, in sRGB."""
     shade = rng.uniform(0.85, 1.05, (count, 1))
-    srgb = srgb_from_linear(np.float32(np.array(reflectance) * light * shade)) + rng.normal(0, 0.008, (count, 3))
+    srgb = srgb_from_linear(np.asarray(np.array(reflectance) * light * shade, np.float32)) + rng.normal(0, 0.008, (count, 3))
     return np.asarray(np.clip(255 * srgb + 0.5, 0, 255), np.uint8)
 
 

@@ -18,8 +18,8 @@ from tasks import begin, changed, task
 
 BLUE = np.array([0x47, 0x72, 0xB3])
 """Of chosen rows and pressed buttons, in Blender's own theme."""
-ROW_PX = 20
-GROUP_UP_PX = 78
+ROW_PX = 40
+GROUP_UP_PX = 88
 """How far above the list's first row the class filter is."""
 SECOND = "car-03"
 """The second of the street's cars by name."""
@@ -44,16 +44,22 @@ def shot(name: str) -> NDArray[np.float32]:
 
 
 def blue_runs(pixels: NDArray[np.float32], x: int) -> list[tuple[int, int]]:
-    """Where a column of the screen has the theme's blue for 12 to 30 pixels: from and to, the topmost first."""
+    """Where a column of the screen has the theme's blue for 12 to 60 pixels: from and to, the topmost first."""
     is_blue = np.abs(pixels[:, x] - BLUE).max(-1) < 14
     edges = np.flatnonzero(np.diff(np.concatenate([[False], is_blue, [False]]).astype(int)))
-    runs = [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True) if 12 <= b - a <= 30]
+    runs = [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True) if 12 <= b - a <= 60]
     return sorted(runs, reverse=True)
 
 
 def shown() -> list[Any]:
     """What the list shows, in order."""
     return list(module("listing").table_of(bpy.context.scene).shown)
+
+
+def chosen() -> str:
+    """The name of the active object, where it is selected."""
+    active = bpy.context.view_layer.objects.active
+    return str(active.name) if active is not None and active.select_get() else ""
 
 
 def tab() -> bpy.types.Region:
@@ -65,10 +71,13 @@ def first_row() -> Iterator[float]:
     """Put the mouse on the list's first row, which is found as the chosen one on the screen."""
     with inside(area("VIEW_3D")):
         bpy.ops.unisim.choose_actor("EXEC_DEFAULT", True, name=shown()[0].name)
-    yield 1.0
     x = tab().x + 130
-    runs = blue_runs(shot("rows"), x)
-    assert runs, "no row of the list is marked"
+    for _ in range(20):  # until it is drawn: the row, and the pressed buttons below the list
+        yield 0.5
+        runs = blue_runs(shot("rows"), x)
+        if len(runs) > 1:
+            break
+    assert len(runs) > 1, "no row of the list is marked"
     yield from to(x - 60, (runs[0][0] + runs[0][1]) / 2)
 
 
@@ -111,11 +120,10 @@ def filtered_car() -> Iterator[float]:
     assert listed and all(entry.group == "CAR" for entry in listed)
     yield from first_row()
     x, y = mouse
-    wanted = shown()[3]
-    yield from to(x, y - 3 * ROW_PX)
+    wanted = shown()[2]
+    yield from to(x, y - 2 * ROW_PX)
     yield from click()
-    active = lambda: bpy.context.view_layer.objects.active  # noqa: E731
-    yield from until(lambda: active().name == wanted.name and active().select_get(), f"{wanted.name} is not selected", 5)
+    yield from until(lambda: chosen() == wanted.name, f"{wanted.name} is not selected", 5)
     assert [o.name for o in bpy.context.selected_objects] == [wanted.name]
     yield 1.0
 

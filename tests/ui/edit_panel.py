@@ -73,7 +73,7 @@ def button(operator: str, across: float = 0.3, **values: Any) -> Iterator[float]
         met.add(here.bl_rna.identifier)
         if here.bl_rna.identifier == identifier and all(getattr(here, name) == value for name, value in values.items()):
             last[0] = down
-            yield from to(tabs.x + tabs.width * across, tabs.y + tabs.height - down - 2)
+            yield from to(tabs.x + tabs.width * across + 1, tabs.y + tabs.height - down)
             yield 0.1
             return
     raise AssertionError(f"{operator} {values} is not in the sidebar, only {sorted(met)}")

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 sys.path.insert(0, str(Path(__file__).parent))
 import hands
 from hands import click, drop, edits, key, look_at, middle, place, scenario, sidebar, thing, to
-from session import ARCHIVE, MODULE, OUT, SCENE, area, choose, from_behind, results, screenshot, start, until, view
+from session import ARCHIVE, MODULE, OUT, SCENE, area, choose, from_behind, inside, results, screenshot, start, until, view
 from tasks import begin, task
 
 ARROW_PX = 75
@@ -135,7 +135,7 @@ def dragged_lane() -> Iterator[float]:
     yield 1.2
     screenshot("lane_hover")
     end = np.array([x, y]) + 120 * towards
-    yield from drag(x, y, *end, shot="lane_dragging")
+    yield from drag(x, y, end[0], end[1], shot="lane_dragging")
     (edit,) = scenario().edits
     drag_of = module("operators.drag")
     first, last = (drag_of.along_line(*ray_at(*np.round(at)), np.array(origin), np.array(left)) for at in ((x, y), end))
@@ -147,7 +147,7 @@ def dragged_lane() -> Iterator[float]:
     yield from until(lambda: edits() == [("Ego", "")], "not done again", 5)
     yield from key("Z", ctrl=True)
     yield from until(lambda: not edits(), "not undone", 5)
-    yield from drag(x, y, *end, let_go=False)
+    yield from drag(x, y, end[0], end[1], let_go=False)
     yield from key("ESC")
     hands.event("LEFTMOUSE", "RELEASE")
     yield 0.2
@@ -190,25 +190,29 @@ def dragged_handle() -> Iterator[float]:
 
 
 def clicked_through() -> Iterator[float]:
-    """A click on a handle, without a drag, selects the car under it and changes nothing."""
-    car = driving()
-    yield from look_at(car, 10.0)
-    yield from click()
-    yield from until(lambda: thing(car).select_get(), "not selected", 5)
-    clock = module("bridge.clock").Clock.of(module("bridge.source").source_of(bpy.context.scene).drive)
-    bpy.context.scene.frame_set(round(float(clock.frame(np.array(1.0)))))
-    yield from look_at(car, 10.0)
-    yield 0.5
+    """A click on a handle, without a drag: on the car it selects the car, beside it nothing changes."""
+    car, scene = driving(), bpy.context.scene
     choose(thing(car))
-    yield 0.3
-    yield from to(*place(thing(car).matrix_world.translation))
-    yield 0.3
-    for other in bpy.context.selected_objects:
-        other.select_set(other == thing(car))
+    scene.frame_set(10)
+    with inside(area("VIEW_3D")):
+        assert bpy.ops.unisim.drag_trajectory("EXEC_DEFAULT", True, time_s=1.0, offset_m=(0.0, 0.5, 0.0)) == {"FINISHED"}
+    before = scenario()
+    yield from look_at(car, 18.0)
+    yield 0.5
+    screenshot("key_handle")
     yield from click()
     yield 0.5
-    assert thing(car).select_get() and not edits()
-    bpy.context.scene.frame_set(0)
+    assert bpy.context.view_layer.objects.active == thing(car) and thing(car).select_get() and scenario() == before
+    clock = module("bridge.clock").Clock.of(module("bridge.source").source_of(scene).drive)
+    free = next(h for h in module("bridge.handles").handles_of(thing(car), clock) if not h.is_key)
+    yield from to(*place(Vector(free.place)))
+    yield 0.3
+    yield from click()
+    yield 0.5
+    assert thing(car).select_get() and scenario() == before, "a click on a free handle changes something"
+    yield from key("Z", ctrl=True)
+    yield from until(lambda: not edits(), "not undone", 5)
+    scene.frame_set(0)
 
 
 def aimed(kind: str) -> Iterator[float]:
@@ -240,7 +244,11 @@ def aimed(kind: str) -> Iterator[float]:
 def pie(shot: str) -> Iterator[float]:
     """Open the pie menu and keep its key pressed."""
     hands.event("E", "PRESS", ctrl=True, alt=True)
-    yield 0.7
+    yield 0.3
+    x, y = hands.mouse
+    for aside in (1, 2, 1, 0):  # the menu unfolds while it is drawn
+        yield from to(x + aside, y)
+        yield 0.2
     screenshot(shot)
 
 
@@ -271,6 +279,16 @@ def chosen_in_pie() -> Iterator[float]:
         yield 0.2
 
 
+def left_panel() -> Iterator[float]:
+    """Move the mouse over the panel that F9 opened beside it, and away, which closes it."""
+    x, y = hands.mouse
+    for share in np.linspace(0.0, 1.0, 12):
+        yield from to(x + 60 - 360 * share, y - 40 + 60 * share)
+        yield 0.1
+    yield from to(x, y)
+    yield 0.3
+
+
 def shifted_actor() -> Iterator[float]:
     """F3, Shift Actor; its panel; one Ctrl-Z."""
     car = driving()
@@ -288,9 +306,7 @@ def shifted_actor() -> Iterator[float]:
     yield from key("F9")
     yield 0.7
     screenshot("shift_panel")
-    yield from to(*middle(area("PROPERTIES")))
-    yield 0.5
-    yield from to(*middle(area("VIEW_3D")))
+    yield from left_panel()
     yield from key("Z", ctrl=True)
     yield from until(lambda: not edits(), "one Ctrl-Z does not undo the shift", 5)
 
@@ -312,15 +328,13 @@ def followed_curve() -> Iterator[float]:
     bpy.context.view_layer.objects.active = thing(car)
     bpy.ops.ed.undo_push(message="A curve")
     yield from to(*middle(area("VIEW_3D")))
-    with hands.inside(area("VIEW_3D")):
+    with inside(area("VIEW_3D")):
         assert bpy.ops.unisim.follow_curve("INVOKE_DEFAULT", True, speed_m_s=8.0) == {"FINISHED"}
     yield 0.3
     yield from key("F9")
     yield 0.7
     screenshot("follow_panel")
-    yield from to(*middle(area("PROPERTIES")))
-    yield 0.5
-    yield from to(*middle(area("VIEW_3D")))
+    yield from left_panel()
     yield from key("Z", ctrl=True)
     yield from until(lambda: not edits(), "one Ctrl-Z does not undo Follow Curve", 5)
     bpy.data.objects.remove(bpy.data.objects["way"])
@@ -339,7 +353,7 @@ def graph() -> Iterator[float]:
     assert plain["blue"] == 0 and plain["red"] == 0 and plain["grey"] > 100, plain
     yield from key("T", ctrl=True, alt=True)
     yield from until(lambda: edits(), "not retimed", 5)
-    with hands.inside(area("VIEW_3D")):
+    with inside(area("VIEW_3D")):
         assert bpy.ops.unisim.drag_trajectory("EXEC_DEFAULT", True, time_s=1.0, offset_m=(0.0, 4.0, 0.0)) == {"FINISHED"}
     bpy.context.scene.frame_set(8)
     yield 0.5
@@ -347,13 +361,18 @@ def graph() -> Iterator[float]:
     marked = colours_in_graph()
     results["graph_pixels"] = marked
     assert marked["blue"] + marked["red"] > 100 and marked["red"] > 50, marked
-    with hands.inside(area("VIEW_3D")):
+    with inside(area("VIEW_3D")):
         bpy.ops.unisim.check("INVOKE_DEFAULT")
     found = [w.text for w in bpy.context.scene.unisim_check.warnings if w.name == car]
     assert any("m/s²" in text for text in found), found
     yield from sidebar()
     yield 0.5
     screenshot("graph_beside_sidebar")
+    panel = next(r for r in area("VIEW_3D").regions if r.type == "UI")
+    yield from to(panel.x + 60, panel.y + panel.height - 560)  # the header of Motion, where Actor is open
+    yield from click()
+    yield 0.7
+    screenshot("motion_panel")
     bpy.context.scene.unisim_motion.show_graph = False
 
 
@@ -386,7 +405,7 @@ def no_gizmos_in_camera() -> Iterator[float]:
     bpy.context.scene.unisim_motion.gizmos_in_cameras = False
     from_behind(view()[2])
     yield 0.3
-    with hands.inside(area("VIEW_3D")):
+    with inside(area("VIEW_3D")):
         bpy.ops.wm.call_panel(name="VIEW3D_PT_gizmo_display")
     yield 0.7
     screenshot("popover")

@@ -14,7 +14,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 from browser import choose_path, menu_entry
 from buttons import open_panel, press, redo_panel, reports
 from hands import click, edits, key, middle, place, thing, to
-from pixels import apart, as_rendered, grab, part, region_rectangle
+from pixels import Image, apart, as_rendered, part, region_rectangle, settled
 from session import SCENE, area, from_behind, picture, start, until, view
 from tasks import bare_view, changed, click_car, drives, fresh, imported, install, keys, seen, task, through_camera
 
@@ -91,16 +91,18 @@ def sensors_drawn(into: list[int]) -> Iterator[float]:
     image."""
     through = bpy.context.scene.camera if view()[2].view_perspective == "CAMERA" else None
     sensors = [one for one in bpy.context.scene.objects if one.unisim.kind in SENSORS and one != through]
-    yield 0.5
-    shown = part(grab(), region_rectangle("WINDOW"))
+    shown: list[Image] = []
+    hidden: list[Image] = []
+    yield from settled(shown)
     for one in sensors:
         one.hide_set(True)
-    yield 0.5
-    hidden = part(grab(), region_rectangle("WINDOW"))
+    yield 0.3
+    yield from settled(hidden)
     for one in sensors:
         one.hide_set(False)
     yield 0.3
-    into[:] = [int((apart(shown, hidden) > 2).sum())]
+    rectangle = region_rectangle("WINDOW")
+    into[:] = [int((apart(part(shown[0], rectangle), part(hidden[0], rectangle)) > 2).sum())]
 
 
 def hidden_sensors() -> Iterator[float]:

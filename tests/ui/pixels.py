@@ -9,6 +9,7 @@ from __future__ import annotations
 import shutil
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -24,6 +25,8 @@ LINE = 2
 """How far the dashed line of the camera's frame reaches to either side of the frame's edge, in pixels."""
 MARGIN = 8
 """How far what a region draws reaches beyond it, in pixels."""
+STATUS_HIGH = 24
+"""How high the status bar is, which shows sentences for some seconds."""
 HEADLESS = OUT.parent / "headless"
 """What `unisim render` leaves, a folder a comparison."""
 
@@ -36,6 +39,19 @@ def grab() -> Image:
     raw = subprocess.run(["import", "-window", "root", "-depth", "8", "rgb:-"], check=True, capture_output=True).stdout
     window = bpy.context.window_manager.windows[0]
     return np.frombuffer(raw, np.uint8).reshape(window.height, window.width, 3)
+
+
+def settled(into: list[Image], limit_s: float = 20.0) -> Iterator[float]:
+    """Put the screen into ``into`` once it stays as it is: Blender draws lines smoother in each of some drawings."""
+    last, until_s = grab(), time.monotonic() + limit_s
+    while True:
+        yield 0.6
+        now = grab()
+        if (now[:-STATUS_HIGH] == last[:-STATUS_HIGH]).all():
+            break
+        assert time.monotonic() < until_s, "the window never stays as it is"
+        last = now
+    into[:] = [now]
 
 
 def part(screen: Image, rectangle: tuple[int, int, int, int]) -> Image:

@@ -23,7 +23,8 @@ from typing import Any, TextIO
 HERE = Path(__file__).resolve().parent
 REPOSITORY = HERE.parents[1]
 LIMIT_S = 1200
-FIRST_DISPLAY = 93
+FIRST_DISPLAY = {"trixie": 93, "sid": 113}
+"""By release: displays are the machine's, whatever Debian opens them."""
 SLOTS = 8
 """How many runs there may be at once, each with a display and a work folder of its own."""
 BLENDER = ["blender", "--factory-startup", "--no-window-focus", "-p", "0", "0", "1600", "900"]
@@ -43,6 +44,7 @@ SESSIONS = {
     "scale": ["--enable-event-simulate"],
     "actors": ["--enable-event-simulate"],
     "finish": ["--enable-event-simulate"],
+    "rigs": ["--enable-event-simulate"],
 }
 """What each file's Blender is started with besides; the one with simulated events hears no others."""
 CI_SESSIONS = ("person", "displaced", "retimed", "sequences", "panel", "points", "window", "hands")
@@ -63,7 +65,7 @@ def main(root: Path, release: str, out: Path, only: Sequence[str] = (), extensio
         subprocess.run(["sh", str(HERE / "chroot.sh"), str(root), release], check=True)
     archive = extension or built_extension()
     slot, _held = free_slot(root)
-    display, inner = f":{FIRST_DISPLAY + slot}", f"/tmp/unisim-{slot}"
+    display, inner = f":{FIRST_DISPLAY[release] + slot}", f"/tmp/unisim-{slot}"
     work = root / inner[1:]
     shutil.rmtree(work, ignore_errors=True)
     (work / "shots").mkdir(parents=True)

@@ -192,7 +192,8 @@ def same_render() -> Iterator[float]:
     (file,) = frames.glob("camera/front_camera/*.png")
     image = bpy.data.images.load(str(file))
     image.colorspace_settings.name = "Non-Color"
-    written = np.array(image.pixels[:], np.float32).reshape(*image.size[::-1], -1)[::-1, :, :3]
+    across, down = image.size
+    written = np.array(image.pixels[:], np.float32).reshape(down, across, -1)[::-1, :, :3]
     assert written.shape == linear.shape, (written.shape, linear.shape)
     srgb = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * np.maximum(linear, 1e-8) ** (1 / 2.4) - 0.055)
     results["render_and_view_differ"] = float(np.abs(srgb - written).max() / BYTE)

@@ -55,7 +55,8 @@ def opened_file() -> Iterator[float]:
     """Another file is opened while a sequence runs: progress and Cancel stay, and the next sequence can begin."""
     yield from fresh()
     out = OUT.parent / "sequence"
-    bpy.context.scene.unisim.out = str(out)
+    about = bpy.context.scene.unisim
+    about.out, about.quality = str(out), "fine"  # slow enough to be cancelled
     yield from press("unisim.render_sequence()")
     yield from until(lambda: "frames" in told(), "no progress is shown")
     yield from to(*middle(area("VIEW_3D")))
@@ -63,7 +64,7 @@ def opened_file() -> Iterator[float]:
     yield from choose_path(KEPT)
     yield from until(lambda: Path(bpy.data.filepath) == KEPT, "not saved", 10)
     yield from new_file()
-    yield from until(lambda: frames_told() >= 1, "the progress does not go on in another file", 120)
+    yield from until(lambda: frames_told() >= 1, "the progress does not go on in another file", 240)
     yield from sidebar()
     screenshot("running_in_another_file")
     yield from press("unisim.cancel_task()")
@@ -77,7 +78,7 @@ def opened_file() -> Iterator[float]:
     yield 1.0
     before = frames_told()
     yield from press("unisim.render_sequence()")
-    yield from until(lambda: frames_told() > before, f"Render Sequence does not go on: {told()}", 120)
+    yield from until(lambda: frames_told() > before, f"Render Sequence does not go on: {told()}", 240)
     yield from press("unisim.cancel_task()")
     yield from until(lambda: told().startswith("Stopped at"), f"Cancel is not answered: {told()}", 60)
     yield 1.0

@@ -129,7 +129,7 @@ def bare_view(space: bpy.types.SpaceView3D, bare: bool = True) -> None:
     overlay, shown = space.overlay, not bare
     overlay.show_floor = overlay.show_axis_x = overlay.show_axis_y = overlay.show_text = overlay.show_cursor = shown
     overlay.show_outline_selected = overlay.show_object_origins = shown
-    space.show_object_viewport_mesh = space.show_gizmo = shown
+    space.show_object_viewport_mesh = space.show_object_viewport_curve = space.show_gizmo = shown
     bpy.context.scene.unisim.show_ways = shown
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 import bpy
 
 sys.path.insert(0, str(Path(__file__).parent))
+import hands
 from edit_panel import apart, listed, module, moved_along, opened, picked, press, rendered, shown_pixels
 from hands import key, middle, thing, to
 from session import OUT, area, screenshot, start, until, view, wait_for_picture
@@ -84,6 +85,31 @@ def compared_variants() -> Iterator[float]:
     both = [reading(bpy.data.scenes[names[name]]).lines for name in ("first", "second")]
     (one,) = module("bridge.compare_edits").differences(*both)
     assert one.here.what.startswith("Moved 3.0 m") and one.there.what.startswith("Moved 5.0 m")
+    for wheel, name in (("WHEELDOWNMOUSE", "variants_comparison"), ("WHEELUPMOUSE", "variants_scrolled_back")):
+        for _ in range(12):
+            hands.event(wheel, "PRESS")
+            yield 0.05
+        yield 0.5
+        screenshot(name)
+
+
+def deleted_variant() -> Iterator[float]:
+    """The bin, confirmed, deletes the variant that is shown; Ctrl-Z brings it back."""
+    yield from press("unisim.show_variant", across=0.2, name=names["second"])
+    yield from until(lambda: bpy.context.scene.name == names["second"], "the variant is not shown")
+    yield 0.5
+    yield from press("unisim.delete_variant", across=0.86)
+    yield 0.5
+    screenshot("variants_confirm")
+    yield from key("RET")
+    yield from until(lambda: len(bpy.data.scenes) == 1, "the variant is not deleted")
+    yield from listed(("Moved 3.0 m", False))
+    yield from to(*middle(area("VIEW_3D")))
+    yield from key("Z", ctrl=True)
+    yield from until(lambda: names["second"] in bpy.data.scenes, "the variant does not come back")
+    reading = module("bridge.edit_reading").reading_of
+    yield from until(lambda: reading(bpy.data.scenes[names["second"]]).fresh, "it is not read")
+    assert [line.what for line in reading(bpy.data.scenes[names["second"]]).lines] == ["Moved 5.0 m left"]
 
 
 def rendered_variants() -> Iterator[float]:
@@ -95,6 +121,10 @@ def rendered_variants() -> Iterator[float]:
     yield from press("unisim.render_variants")
     yield from until(lambda: "of 4 frames in all" in manager.unisim_task, f"no progress is shown: {manager.unisim_task}", 60)
     yield 1.0
+    for _ in range(12):
+        hands.event("WHEELDOWNMOUSE", "PRESS")
+        yield 0.05
+    yield 0.5
     screenshot("variants_rendering")
     yield from until(lambda: manager.unisim_task.startswith("Done"), "the variants are not rendered", 300)
     pictures = {name: sorted((root / names[name]).glob("camera/*/*.png")) for name in ("first", "second")}
@@ -112,6 +142,7 @@ def steps() -> Iterator[float]:
         ("variants_switched", switched_variant),
         ("variants_flipped", flipped_variants),
         ("variants_compared", compared_variants),
+        ("variants_deleted", deleted_variant),
         ("variants_rendered", rendered_variants),
     ):
         yield from task(name, todo)

@@ -9,7 +9,8 @@ from .clock import Clock
 
 def instant(time_s: float, clock: Clock) -> str:
     """Return a time of the log with its frame, as "1.20 s (frame 12.0)"."""
-    return f"{time_s:.2f} s (frame {float(clock.frame(np.array(time_s))):.1f})"
+    frame = round(float(clock.frame(np.array(time_s))), 1)
+    return f"{round(time_s, 2) + 0.0:.2f} s (frame {frame + 0.0:.1f})"  # no minus before a zero
 
 
 def duration(seconds: float, clock: Clock) -> str:

@@ -49,6 +49,10 @@ class Reading:
         self.stale = True
         self.moved |= moved
 
+    def fail(self, problem: str) -> None:
+        """Note why the edits could not be read."""
+        self.lines, self.problem, self.stale, self.busy = (), problem, False, False
+
     @property
     def fresh(self) -> bool:
         """Whether the lines are true of the scene as it is."""
@@ -114,7 +118,7 @@ def read_steps(scene: bpy.types.Scene) -> Iterator[None]:
         if scene.render.frame_map_old != scene.render.frame_map_new:
             raise UnisimError("Output > Frame Range > Time Stretching is set, so frames are not the log's: set both alike")
     except (UnisimError, OSError) as fault:
-        reading.lines, reading.problem, reading.busy = (), str(fault), False
+        reading.fail(str(fault))
         return
     live = any(window.scene == scene for window in bpy.context.window_manager.windows)
     sampler = Sampler(scene, clock, shown_names(scene.view_layers[0].layer_collection), live)

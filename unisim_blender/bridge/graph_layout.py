@@ -127,7 +127,7 @@ def moment(graph: Compared, frame: float) -> Shapes:
     what = what or ("edited blue" if graph.is_edited else "as recorded")
     shapes.texts.append((f"{graph.name}: {what}", 6, HEIGHT - 15, INK))
     (time, _), (speed, _), *over = values(graph, frame)
-    shapes.texts.append((f"{time}: {speed}", 6, HEIGHT - 32, INK))
+    shapes.texts.append((f"{time} (frame {frame:g}): {speed}", 6, HEIGHT - 32, INK))
     for i, name in enumerate(QUANTITIES):
         text, is_over = over[i] if over else ("", False)
         shapes.texts.append((f"{STRIPS[name]} {text}", 6, low_of_strip(i) + 1, OVER if is_over else INK))
@@ -144,6 +144,6 @@ def values(graph: Compared, frame: float) -> list[tuple[str, bool]]:
     found = [(f"{now.times_s[at]:.2f} s", False), (f"{speed * KMH:.1f} km/h", False)]
     for name, digits in (("acceleration_m_s2", 1), ("lateral_m_s2", 1), ("curvature_1_m", 3)):
         value = getattr(now, name)[at]
-        text = f"{value:+.{digits}f}" if np.isfinite(value) else "–"
+        text = f"{round(float(value), digits) + 0.0:+.{digits}f}" if np.isfinite(value) else "–"  # no minus before a zero
         found.append((f"{text} {UNITS[name]}", bool(graph.exceeded[name][at])))
     return found

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 
 import bpy
 import numpy as np
+from numpy.typing import NDArray
 
 from ..core.geometry import FloatArray
 from .animation import curves_of
@@ -69,10 +70,10 @@ def displace_at(thing: bpy.types.Object, time_s: float, offset_m: FloatArray, cl
     axes = (keyed_pose(above, frame) @ np.array(thing.matrix_parent_inverse, float))[:3, :3]
     apart = axes.T @ np.asarray(offset_m, float)
     for index in range(3):
-        curve = _curve(thing, index)
-        if curve is None:
+        if _curve(thing, index) is None:
             thing.keyframe_insert(PLACE, index=index, frame=frame)
-            curve = _curve(thing, index)
+        curve = _curve(thing, index)
+        assert curve is not None  # it was there, or the key made it
         frames = [float(key.co[0]) for key in curve.keyframe_points]
         ends = [
             end
@@ -105,7 +106,7 @@ def _key_frames(thing: bpy.types.Object) -> FloatArray:
 class _Keys:
     """A curve's keys as arrays, and how they are interpolated and handled."""
 
-    numbers: dict[str, FloatArray]
+    numbers: dict[str, NDArray[np.float32]]
     kinds: list[tuple[str, str, str]]
 
 
@@ -123,7 +124,7 @@ class Kept:
         kept = Kept({path: tuple(getattr(thing, path)) for path in (PLACE, *TURNS)}, thing.animation_data is not None)
         for curve in curves_of(thing):
             if curve.data_path in PATHS:
-                numbers = {}
+                numbers: dict[str, NDArray[np.float32]] = {}
                 for part in PARTS:
                     numbers[part] = np.empty(2 * len(curve.keyframe_points), np.float32)
                     curve.keyframe_points.foreach_get(part, numbers[part])
@@ -138,7 +139,7 @@ class Kept:
         for curve in [curve for curve in curves_of(thing) if curve.data_path in PATHS]:
             keys = self.curves.get((curve.data_path, curve.array_index))
             if keys is None:
-                curves_of(thing).remove(curve)
+                curves_of(thing).remove(curve)  # type: ignore[union-attr]
                 continue
             curve.keyframe_points.clear()
             curve.keyframe_points.add(len(keys.kinds))

@@ -155,5 +155,5 @@ def describe(name: str, value: float) -> str:
     if name == "acceleration_m_s2":
         return f"{'accelerates' if value > 0 else 'brakes'} at {abs(value):.1f} m/s²"
     if name == "lateral_m_s2":
-        return f"has a lateral acceleration of {abs(value):.1f} m/s²"
-    return f"turns with a radius of {1 / abs(value):.1f} m, a curvature of {abs(value):.2f} 1/m"
+        return f"corners at {abs(value):.1f} m/s²"
+    return f"turns at a radius of {1 / abs(value):.1f} m ({abs(value):.2f} 1/m)"

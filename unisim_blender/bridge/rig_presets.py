@@ -161,7 +161,8 @@ def from_frame(drive: Drive, frame: float) -> Clock:
 def mount_of(scene: bpy.types.Scene, thing: bpy.types.Object, ego: bpy.types.Object, drive: Drive) -> FloatArray:
     """A sensor's pose (4, 4) on the vehicle at this frame, Blender's axes. A recorded one measures a little before or after the
     frame's time, by which its object is off its mount."""
-    recorded = {**drive.cameras, **drive.lidars}.get(thing.unisim.uid)
+    uid = thing.unisim.uid
+    recorded = drive.cameras.get(uid) or drive.lidars.get(uid)
     late = lag(recorded, drive, from_frame(drive, frame_of(scene)))[0]
     poses = rigid(np.array([ego.matrix_world, thing.matrix_world], float))
     return np.asarray(late @ invert_pose(poses[0]) @ poses[1])

@@ -20,10 +20,10 @@ MIRRORED, SHEARED, CHANGING = "mirrored", "sheared", "changing"
 Factors = tuple[float, float, float]
 UNIT: Factors = (1.0, 1.0, 1.0)
 WHY = {
-    MIRRORED: "is mirrored by a negative scale, which sensors cannot be shown: make its scale, and that of its parent, positive",
-    SHEARED: "is sheared by the scale of its parent, which sensors cannot be shown: clear the parent's scale, or scale it alike "
+    MIRRORED: "is mirrored by a negative scale, which cannot be rendered: make its scale, and that of its parent, positive",
+    SHEARED: "is sheared by the scale of its parent, which cannot be rendered: clear the parent's scale, or scale it alike "
     "along all axes",
-    CHANGING: "has a scale that changes over time, which sensors cannot be shown: delete the keys of its scale, and what else "
+    CHANGING: "has a scale that changes over time, which cannot be rendered: delete the keys of its scale, and what else "
     "animates it",
 }
 

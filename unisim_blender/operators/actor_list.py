@@ -3,6 +3,7 @@
 import math
 
 import bpy
+import numpy as np
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, PointerProperty, StringProperty
 from mathutils import Euler
 
@@ -132,12 +133,12 @@ def frame_to_show(context: bpy.types.Context, thing: bpy.types.Object, seconds: 
     except (UnisimError, OSError):
         return None
     if seconds >= 0:
-        return int(round(float(clock.frame(seconds))))
+        return int(round(float(clock.frame(np.array(seconds)))))
     entry = listing.table_of(scene).entries.get(thing.session_uid)
     if not jump or entry is None or entry.there:
         return None
     time_s = nearest_present(entry, float(clock.time_s(scene.frame_current_final)))
-    return None if time_s is None else int(round(float(clock.frame(time_s))))
+    return None if time_s is None else int(round(float(clock.frame(np.array(time_s)))))
 
 
 def turn_to(context: bpy.types.Context, thing: bpy.types.Object) -> None:

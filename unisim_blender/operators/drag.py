@@ -91,7 +91,7 @@ class Dragged:
         elif event.type == "LEFTMOUSE" and event.value == "RELEASE":
             if not self.moved:
                 self.put_back(context)
-                bpy.ops.view3d.select("INVOKE_DEFAULT", True, location=mouse, deselect_all=True)
+                bpy.ops.view3d.select("INVOKE_DEFAULT", True, location=mouse)
                 return {"CANCELLED"}
             context.area.header_text_set(None)
             self.report({"INFO"}, self.said(context))

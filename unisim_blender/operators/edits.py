@@ -60,7 +60,7 @@ class UNISIM_OT_go_to_edit(_OfEdit, bpy.types.Operator):
 
     bl_idname = "unisim.go_to_edit"
     bl_label = "Go to Edit"
-    bl_options = {"REGISTER", "UNDO"}
+    bl_options = {"UNDO"}
 
     @classmethod
     def description(cls, context: bpy.types.Context, properties: Any) -> str:
@@ -99,7 +99,7 @@ class UNISIM_OT_revert_edit(_OfEdit, bpy.types.Operator):
 
     bl_idname = "unisim.revert_edit"
     bl_label = "Revert Edit"
-    bl_options = {"REGISTER", "UNDO"}
+    bl_options = {"UNDO"}
 
     def do(self, context: bpy.types.Context, line: Line) -> None:
         """Revert it; a muted one is deleted."""
@@ -117,7 +117,7 @@ class UNISIM_OT_mute_edit(_OfEdit, bpy.types.Operator):
 
     bl_idname = "unisim.mute_edit"
     bl_label = "Mute Edit"
-    bl_options = {"REGISTER", "UNDO"}
+    bl_options = {"UNDO"}
 
     @classmethod
     def description(cls, context: bpy.types.Context, properties: Any) -> str:

@@ -1,6 +1,7 @@
 """Actors with another appearance, and actors of trained scenes, chosen by their thumbnails."""
 
 from pathlib import Path
+from typing import Any
 
 import bpy
 import numpy as np
@@ -25,6 +26,9 @@ WIDTH_PX = 320
 
 class _Chooses:
     """What operators share that choose an actor by its thumbnail."""
+
+    layout: Any
+    """Blender's, while it draws."""
 
     def folder(self) -> str:
         """The folder of the trained scene whose actors are chosen from; "" for the drive's own."""

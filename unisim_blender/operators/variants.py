@@ -64,7 +64,7 @@ class UNISIM_OT_new_variant(_Named, bpy.types.Operator):
 
     bl_idname = "unisim.new_variant"
     bl_label = "New Variant"
-    bl_options = {"REGISTER", "UNDO"}
+    bl_options = {"UNDO"}
 
     def proposed(self, context: bpy.types.Context) -> str:
         """The next free name."""
@@ -81,7 +81,7 @@ class UNISIM_OT_rename_variant(_Named, bpy.types.Operator):
 
     bl_idname = "unisim.rename_variant"
     bl_label = "Rename Variant"
-    bl_options = {"REGISTER", "UNDO"}
+    bl_options = {"UNDO"}
 
     def proposed(self, context: bpy.types.Context) -> str:
         """The name that it has."""
@@ -100,7 +100,7 @@ class UNISIM_OT_delete_variant(bpy.types.Operator):
 
     bl_idname = "unisim.delete_variant"
     bl_label = "Delete Variant"
-    bl_options = {"REGISTER", "UNDO"}
+    bl_options = {"UNDO"}
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:

@@ -3,16 +3,21 @@
 import bpy
 
 from .. import listing
+from ..bridge.actor_filter import Entry
 from ..operators.actor_list import ICONS
 from .sidebar import DrivePanel
 
-ROWS = 6
-NAME_FACTOR, DISTANCE_FACTOR, SPEED_FACTOR = 0.53, 0.26, 0.36
-"""Widths of the columns, each of what is left of the row."""
+ROWS, NARROW_ROWS = 8, 5
+"""Actors that the list shows at once, in a wide sidebar and in a narrow one."""
 WIDE_PX = 340
-"""From this width of the sidebar on, on an ordinary display, times have a digit after the point."""
-SHORT_S = 5.0
-"""They have it in any case where the drive is shorter than this."""
+"""From this width of the sidebar on, on an ordinary display, an actor takes one line; below it two, so that all of it fits."""
+NAME_FACTOR, DISTANCE_FACTOR, SPEED_FACTOR = 0.48, 0.28, 0.40
+"""Widths of the columns of one line, each of what is left of it."""
+
+
+def is_wide(context: bpy.types.Context) -> bool:
+    """Return whether an actor takes one line."""
+    return context.region is not None and context.region.width > WIDE_PX * context.preferences.system.ui_scale
 
 
 def columns(layout: bpy.types.UILayout) -> tuple[bpy.types.UILayout, ...]:
@@ -23,21 +28,27 @@ def columns(layout: bpy.types.UILayout) -> tuple[bpy.types.UILayout, ...]:
     split = split.split(factor=DISTANCE_FACTOR)
     distance = split.row()
     split = split.split(factor=SPEED_FACTOR)
-    return name, distance, split.row(), split.row(), row.row()
+    found = name, distance, split.row(), split.row(), row.row()
+    for part in found[1:4]:
+        part.alignment = "RIGHT"
+    return found
 
 
-def seconds(present_s: tuple[float, float] | None, exact: bool) -> str:
-    """Return from when to when an actor is there, in seconds; rows are narrow."""
-    if present_s is None:
+def distance_text(entry: Entry) -> str:
+    """Return how far an actor is from the ego vehicle, in metres; a dash where it is not there."""
+    return f"{entry.distance_m:.0f}" if entry.there else "–"
+
+
+def speed_text(entry: Entry) -> str:
+    """Return an actor's speed in km/h; a dash where it is not there."""
+    return f"{entry.speed_m_s * 3.6:.0f}" if entry.there else "–"
+
+
+def time_text(entry: Entry) -> str:
+    """Return from when to when an actor is there, in seconds."""
+    if entry.present_s is None:
         return "never"
-    return "–".join(f"{time_s:.1f}".removesuffix(".0") if exact else f"{time_s:.0f}" for time_s in present_s)
-
-
-def exact_times(context: bpy.types.Context) -> bool:
-    """Return whether times have a digit after the point."""
-    clock = listing.table_of(context.scene).clock
-    short = clock is not None and clock.times_s[-1] - clock.times_s[0] < SHORT_S
-    return short or context.region.width > WIDE_PX * context.preferences.system.ui_scale
+    return "–".join(f"{time_s:.1f}".removesuffix(".0") for time_s in entry.present_s)
 
 
 class UNISIM_UL_actors(bpy.types.UIList):
@@ -46,17 +57,25 @@ class UNISIM_UL_actors(bpy.types.UIList):
     def draw_item(self, context, layout, data, item, icon, active_data, active_property, index=0, flt_flag=0):  # type: ignore[no-untyped-def]
         """Draw one row; what is not worked out yet is a dash."""
         entry = listing.table_of(context.scene).entries.get(item.session_uid)
-        name, distance, speed, time, eye = columns(layout)
         if entry is None:
-            name.label(text=item.name, icon="BLANK1")
+            layout.label(text=item.name, icon="BLANK1")
             return
-        for part in (name, distance, speed, time):
-            part.active = entry.there and not entry.hidden
-            part.alignment = "RIGHT" if part is not name else "EXPAND"
-        name.label(text=item.name + (" *" if entry.edited else ""), icon=ICONS[entry.group])
-        distance.label(text=f"{entry.distance_m:.0f}" if entry.there else "–")
-        speed.label(text=f"{entry.speed_m_s * 3.6:.0f}" if entry.there else "–")
-        time.label(text=seconds(entry.present_s, exact_times(context)))
+        text, icon = item.name + (" *" if entry.edited else ""), ICONS[entry.group]
+        if is_wide(context):
+            name, *figures, eye = columns(layout)
+            for part, figure in zip(figures, (distance_text(entry), speed_text(entry), time_text(entry)), strict=True):
+                part.active = entry.there and not entry.hidden
+                part.label(text=figure)
+            name.active = entry.there and not entry.hidden
+            name.label(text=text, icon=icon)
+        else:
+            row = layout.row(align=True)
+            column, eye = row.column(align=True), row.row()
+            column.active = entry.there and not entry.hidden
+            column.scale_y = 0.9
+            column.label(text=text, icon=icon)
+            line = f"{distance_text(entry)} m, {speed_text(entry)} km/h" if entry.there else "not there now"
+            column.label(text=f"{line}, {time_text(entry)} s", icon="BLANK1")
         hide = eye.operator("unisim.hide_actor", text="", icon="HIDE_ON" if entry.hidden else "HIDE_OFF", emboss=False)
         hide.name = item.name
 
@@ -111,13 +130,16 @@ class UNISIM_PT_actors(DrivePanel, bpy.types.Panel):
         row.prop(wanted, "now", toggle=True)
         row.prop(wanted, "edited", toggle=True)
         row.prop(wanted, "order", text="")
-        head = layout.column(align=True)
-        name, distance, speed, time, _ = columns(head)
-        for part, text in ((name, f"{len(table.shown)} of {len(table.entries)}"), (distance, "m"), (speed, "km/h"), (time, "s")):
-            part.active = False
-            part.alignment = "RIGHT" if part is not name else "EXPAND"
-            part.label(text=text)
-        head.template_list("UNISIM_UL_actors", "", scene, "objects", wanted, "place", rows=ROWS, maxrows=ROWS)
+        head, wide = layout.column(align=True), is_wide(context)
+        count = f"{len(table.shown)} of {len(table.entries)}"
+        if wide:
+            for part, text in zip(columns(head), (count, "m", "km/h", "s", ""), strict=True):
+                part.active = False
+                part.label(text=text, icon="NONE" if text else "BLANK1")
+        else:
+            head.label(text=count)
+        rows = ROWS if wide else NARROW_ROWS
+        head.template_list("UNISIM_UL_actors", "", scene, "objects", wanted, "place", rows=rows, maxrows=rows)
         row = layout.row(align=True)
         row.prop(wanted, "jump", toggle=True)
         row.prop(wanted, "frame", toggle=True)

@@ -142,6 +142,7 @@ class UNISIM_PT_sensors(DrivePanel, bpy.types.Panel):
         column.operator("unisim.add_camera", icon="CAMERA_DATA")
         column.operator_menu_enum("unisim.add_lidar", "preset", text="Add LiDAR", icon="CONE")
         column.operator_menu_enum("unisim.set_beams", "preset", text="Change Beams", icon="LIGHT_SUN")
+        column.operator("unisim.aim_sensor", icon="ORIENTATION_GIMBAL")
 
 
 CLASSES = (UNISIM_UL_sensors, UNISIM_MT_rig_presets, UNISIM_MT_remove_rig, UNISIM_PT_sensors)

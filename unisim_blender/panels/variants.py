@@ -7,9 +7,11 @@ from typing import Any
 import bpy
 
 from .. import edit_watch
-from ..bridge.compare_edits import Difference, differences
+from ..bridge.compare_edits import Difference, compared
 from ..bridge.edit_reading import reading_of
 from ..bridge.variants import variants_of
+from ..operators.background import newest
+from ..variant_task import VariantsTask
 from .edits import count_text, pressed
 from .sidebar import DrivePanel
 
@@ -31,16 +33,19 @@ class UNISIM_PT_variants(DrivePanel, bpy.types.Panel):
         column = layout.column(align=True)
         for scene in scenes:
             draw_variant(column, scene, scene == shown, manager.unisim_compared == scene.name)
+        other = bpy.data.scenes.get(manager.unisim_compared)
+        if other is not None and other != shown and other in scenes:
+            draw_comparison(layout, shown, other)
         row = layout.row(align=True)
         row.operator("unisim.new_variant", text="New", icon="ADD")
         row.operator("unisim.rename_variant", text="Rename", icon="GREASEPENCIL")
         row.operator("unisim.delete_variant", text="", icon="TRASH")
         column = layout.column(align=True)
         column.operator("unisim.render_variants", icon="RENDER_ANIMATION")
+        if newest and isinstance(newest[0], VariantsTask):
+            column.progress(factor=manager.unisim_progress, text=manager.unisim_task)
+            column.operator("unisim.cancel_task", icon="CANCEL")
         column.operator("unisim.export_variants", icon="EXPORT")
-        other = bpy.data.scenes.get(manager.unisim_compared)
-        if other is not None and other != shown and other in scenes:
-            draw_comparison(layout, shown, other)
 
 
 def draw_variant(layout: Any, scene: bpy.types.Scene, shown: bool, compared: bool) -> None:
@@ -67,7 +72,7 @@ def draw_comparison(layout: Any, shown: bpy.types.Scene, other: bpy.types.Scene)
     if not here.fresh or not there.fresh:
         layout.label(text="Reading the edits…", icon="SORTTIME")
         return
-    found = list(differences(here.lines, there.lines))
+    found = compared(here.lines, there.lines)
     column = layout.column(align=True)
     if not found:
         column.label(text="The same edits", icon="CHECKMARK")

@@ -51,13 +51,18 @@ def tone_of(paint: NDArray[np.uint8], asphalt: NDArray[np.uint8], ground: NDArra
     """
     if min(len(paint), len(asphalt), len(ground)) < LEAST_PIXELS:
         return None
-    bright = linear_from_srgb(np.float32(paint) / 255) @ LUMINANCE
-    reference = max(float(np.median(linear_from_srgb(np.float32(asphalt) / 255) @ LUMINANCE)), 1e-4)
-    panel = lab_from_srgb(np.float32(paint[bright >= np.percentile(bright, 40)]) / 255)
+    bright = linear_from_srgb(unit(paint)) @ LUMINANCE
+    reference = max(float(np.median(linear_from_srgb(unit(asphalt)) @ LUMINANCE)), 1e-4)
+    panel = lab_from_srgb(unit(paint[bright >= np.percentile(bright, 40)]))
     lightness, a, b = np.median(panel, 0)
-    _, ground_a, ground_b = np.median(lab_from_srgb(np.float32(ground) / 255), 0)
+    _, ground_a, ground_b = np.median(lab_from_srgb(unit(ground)), 0)
     below, above = np.percentile(bright, [BELOW, ABOVE]) / reference
     return Tone(float(below), float(above), float(a - ground_a), float(b - ground_b), float(lightness))
+
+
+def unit(pixels: NDArray[np.uint8]) -> NDArray[np.float32]:
+    """Return pixels in 0..1."""
+    return np.asarray(pixels, np.float32) / 255
 
 
 def colour_word(tones: Sequence[Tone], weights: Sequence[float] | None = None) -> str:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from ..drive import Actor, Camera, Drive, Lidar
-from ..geometry import FloatArray, invert_pose, quaternion_from_matrix
+from ..geometry import FloatArray, Trajectory, invert_pose, quaternion_from_matrix
 
 VELOCITY_STEP_S = 0.05
 
@@ -21,6 +21,10 @@ def frame_labels(drive: Drive, frame: int) -> dict[str, Any]:
     """
     time = drive.time_s[frame]
     ego = drive.world_from_ego.at(time)
+    sensors: list[tuple[Camera | Lidar, Trajectory]] = [
+        *((camera, camera.world_from_camera) for camera in drive.cameras.values()),
+        *((lidar, lidar.world_from_lidar) for lidar in drive.lidars.values()),
+    ]
     present = [actor for actor in drive.labelled_actors if actor.present(time)]
     return {
         "frame": frame,
@@ -34,10 +38,7 @@ def frame_labels(drive: Drive, frame: int) -> dict[str, Any]:
         ],
         "sensors": {
             sensor.sensor_id: _sensor(drive, sensor, sensor.time_s[frame], pose.at(sensor.time_s[frame]))
-            for sensor, pose in [
-                *((camera, camera.world_from_camera) for camera in drive.cameras.values()),
-                *((lidar, lidar.world_from_lidar) for lidar in drive.lidars.values()),
-            ]
+            for sensor, pose in sensors
             if frame in sensor.time_s
         },
     }

@@ -14,7 +14,7 @@ from random_scene import CARS, CONFIGS, MOVING, saved
 from turning_drive import turning_drive
 
 from unisim_blender.core import native
-from unisim_blender.core.drive import Drive
+from unisim_blender.core.drive import Camera, Drive, Lidar
 from unisim_blender.core.edits import apply_scenario
 from unisim_blender.core.errors import ScenarioError
 from unisim_blender.core.frames import CAMERA_PASSES
@@ -26,8 +26,9 @@ from unisim_blender.core.scenario import scenario_from_json, scenario_to_json
 from unisim_blender.core.scene_file import drive_to_json, read_scene_header
 
 TIMES = np.linspace(-0.2, 1.2, 141)
-MOUNT = {"position": [1.0, 0.2, 0.7], "yaw_deg": 10}
-BODY = {"type": "ego_body", "mesh": "body.ply", "id": "body", "mount": MOUNT}
+AT = [1.0, 0.2, 0.7]
+MOUNT = {"position": AT, "yaw_deg": 10}
+BODY: dict[str, Any] = {"type": "ego_body", "mesh": "body.ply", "id": "body", "mount": MOUNT}
 SHIFT = {"type": "ego", "shift": [{"frame": 2, "left_m": 0}, {"frame": 6, "left_m": 2}]}
 ELSEWHERE = {
     "type": "ego",
@@ -60,7 +61,7 @@ def test_it_rides_on_the_vehicle_whatever_that_does(folder: Path, edits: tuple[d
     assert body.is_ego_body and body.inserted and body.label == "Car"
     np.testing.assert_allclose(body.size_m, [3.0, 1.6, 1.4], atol=1e-6)
     on = invert_pose(drive.world_from_ego.at(TIMES)) @ body.world_from_actor.at(TIMES)
-    np.testing.assert_allclose(on[:, :3, 3], np.broadcast_to(MOUNT["position"], (len(on), 3)), atol=1e-4)
+    np.testing.assert_allclose(on[:, :3, 3], np.broadcast_to(AT, (len(on), 3)), atol=1e-4)
     np.testing.assert_allclose(on[:, 0, 0], np.cos(np.radians(10)), atol=1e-4)
     assert (body.start_s, body.end_s) == (-1.0, 2.0)
 
@@ -82,12 +83,12 @@ SENSORS = {
 
 def test_sensors_with_a_trajectory_see_it_and_labels_say_so(folder: Path) -> None:
     drive = edited(folder, BODY, sensors=SENSORS)
-    every = {**drive.cameras, **drive.lidars}
-    assert [name for name, sensor in every.items() if sensor.sees_ego_body] == ["roadside", "chase", "pole"]
+    every: list[Camera | Lidar] = [*drive.cameras.values(), *drive.lidars.values()]
+    assert [sensor.sensor_id for sensor in every if sensor.sees_ego_body] == ["roadside", "chase", "pole"]
     labels = frame_labels(drive, 3)
     assert [name for name, sensor in labels["sensors"].items() if "body" in sensor["boxes"]] == ["roadside", "chase", "pole"]
     (box,) = [box for box in labels["boxes"] if box["id"] == "body"]
-    np.testing.assert_allclose(box["ego"]["position"], MOUNT["position"], atol=1e-4)
+    np.testing.assert_allclose(box["ego"]["position"], AT, atol=1e-4)
     # no sensor of the log sees it: it is no label
     labels = frame_labels(edited(folder, BODY), 3)
     assert "body" not in {box["id"] for box in labels["boxes"]}
@@ -170,13 +171,13 @@ def test_own_sensors_render_the_same_bytes_and_others_see_it(
             assert np.median(after.rgb[seen][:, 0]) > 2 * np.median(after.rgb[seen][:, 2])
         assert there.alone(there.drive.cameras[name]) == bare.alone(bare.drive.cameras[name])
     for name, same in (("top", True), ("pole", False)):
-        before, after = bare.lidar(name, 2), there.lidar(name, 2)
+        sweep, swept = bare.lidar(name, 2), there.lidar(name, 2)
         alike = [
-            np.array_equal(getattr(before, one), getattr(after, one))
+            np.array_equal(getattr(sweep, one), getattr(swept, one))
             for one in ("depth_m", "intensity", "return_probability", "returned", "instance")
         ]
         assert all(alike) == same, (name, alike)
-        assert (after.instance == len(after.instances)).any() != same
+        assert np.any(swept.instance == len(swept.instances)) != same
 
 
 def test_its_contact_shadow_is_for_those_that_see_it(folder: Path) -> None:

@@ -1,0 +1,330 @@
+"""A person puts rigs on the vehicle, looks through their cameras, saves one, and gives the vehicle a body. Run by `run.py`."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import bpy
+import hands
+import numpy as np
+from mathutils import Vector
+
+sys.path.insert(0, str(Path(__file__).parent))
+from hands import click, drop, edits, key, middle, scenario, sidebar, thing, to, write
+from session import (
+    ARCHIVE,
+    MODULE,
+    SCENE,
+    area,
+    choose,
+    from_behind,
+    inside,
+    picture,
+    results,
+    screenshot,
+    start,
+    until,
+    view,
+    wait_for_picture,
+)
+from tasks import begin, changed, task
+
+OWN = "ours"
+
+
+def sensors() -> list[str]:
+    """Names of the sensors that the scenario renders; [] for those of the log."""
+    found = scenario().sensors
+    return [] if found is None else [spec.id for spec in (*(found.cameras or ()), *(found.lidars or ()))]
+
+
+def presets() -> list[str]:
+    """Names of one's own presets."""
+    return [path.stem for path in sys.modules[f"{MODULE}.bridge.rig_presets"].own_presets()]
+
+
+def region_of(kind: str) -> bpy.types.Region:
+    """A region of the 3D view."""
+    return next(region for region in view()[0].regions if region.type == kind)
+
+
+def imported() -> Iterator[float]:
+    """The sample's trained scene, dropped."""
+    yield from to(*middle(area("VIEW_3D")))
+    drop(SCENE)
+    scene = bpy.context.scene
+    yield from until(lambda: scene.render.engine == "UNISIM" and scene.camera.unisim.kind == "CAMERA", "the import does not end")
+    yield 0.5
+
+
+def panel() -> Iterator[float]:
+    """The sidebar's panel Sensors: opened by a click, the others closed by Ctrl-click."""
+    yield from sidebar()
+    tabs = region_of("UI")
+    opened = bpy.types.UNISIM_PT_sensors
+    # the headers are looked for from above: ctrl-click opens one panel and closes the others
+    for down in range(15, tabs.height // 2, 12):
+        yield from to(tabs.x + 60, tabs.y + tabs.height - down)
+        hands.event("LEFTMOUSE", "PRESS", ctrl=True)
+        yield 0.0
+        hands.event("LEFTMOUSE", "RELEASE", ctrl=True)
+        yield 0.25
+        if drawn[0] > 0:
+            break
+        drawn[0] = 0
+    assert drawn[0] > 0, opened
+    yield 0.5
+    screenshot("rigs_panel")
+
+
+drawn = [0]
+"""How often the panel Sensors was drawn."""
+
+
+def watched() -> None:
+    """Count how often the panel's body is drawn: there is no other way to learn that it is open."""
+    cls: Any = bpy.types.UNISIM_PT_sensors
+    draw = cls.draw
+
+    def counted(self: Any, context: bpy.types.Context) -> None:
+        drawn[0] += 1
+        draw(self, context)
+
+    cls.draw = counted
+
+
+def menu_entry(number: int) -> Iterator[float]:
+    """Open the menu of presets where the mouse is, and choose an entry by keys."""
+    with inside(area("VIEW_3D")):
+        bpy.ops.wm.call_menu(name="UNISIM_MT_rig_presets")
+    yield 0.5
+    screenshot("rigs_menu")
+    for _ in range(number):
+        yield from key("DOWN_ARROW")
+        yield 0.1
+    yield from key("RET")
+
+
+def applied_rig() -> Iterator[float]:
+    """A built-in preset from the menu, by keys; the sensors are in the scenario and in the list."""
+    yield from to(*middle(area("VIEW_3D")))
+    yield from menu_entry(2)
+    yield from until(lambda: "CAM_FRONT" in sensors(), "the preset is not applied")
+    assert len(sensors()) == 7 and "front_camera" not in sensors(), sensors()
+    assert bpy.context.scene.camera.name == "CAM_FRONT" and bpy.context.scene.render.resolution_x == 1600
+    yield 0.5
+
+
+def undone_rig() -> Iterator[float]:
+    """One Ctrl-Z takes all of it back, Ctrl-Shift-Z brings it again."""
+    yield from key("Z", ctrl=True)
+    yield from until(lambda: not sensors(), "one undo does not take the rig back")
+    assert bpy.context.scene.camera.name == "front_camera" and not thing("front_camera").hide_viewport
+    yield 0.3
+    yield from key("Z", ctrl=True, shift=True)
+    yield from until(lambda: "CAM_FRONT" in sensors(), "the rig is not brought again")
+
+
+def looked_through() -> Iterator[float]:
+    """The camera's button in the list: the view is that of another camera of the rig, rendered."""
+    space, looks = view()[1:]
+    looks.view_perspective = "PERSP"
+    yield 0.3
+    space.shading.type = "RENDERED"
+    with inside(area("VIEW_3D")):
+        assert bpy.ops.unisim.look_through("INVOKE_DEFAULT", name="CAM_FRONT_LEFT") == {"FINISHED"}
+    yield from wait_for_picture()
+    assert view()[2].view_perspective == "CAMERA" and bpy.context.scene.camera.name == "CAM_FRONT_LEFT"
+    yield 0.5
+
+
+def clicked_row() -> Iterator[float]:
+    """A click on a row of the list selects that sensor."""
+    choose(thing("CAM_BACK"))
+    yield 0.3
+    tabs = region_of("UI")
+    names = [o.name for o in bpy.context.scene.objects if o.unisim.kind in ("CAMERA", "LIDAR")]
+    for down in range(60, 240, 8):
+        yield from to(tabs.x + 70, tabs.y + tabs.height - down)
+        yield from click()
+        yield 0.15
+        active = bpy.context.view_layer.objects.active
+        if active is not None and active.name in names and active.name != "CAM_BACK":
+            break
+    assert bpy.context.view_layer.objects.active.name != "CAM_BACK", "no row was met"
+    results["clicked_row"] = bpy.context.view_layer.objects.active.name
+
+
+def saved_rig() -> Iterator[float]:
+    """The dialog: a name is typed, Enter saves."""
+    yield from to(*middle(area("VIEW_3D")))
+    before = presets()
+    with inside(area("VIEW_3D")):
+        bpy.ops.unisim.save_rig("INVOKE_DEFAULT")
+    yield 0.5
+    screenshot("rigs_dialog")
+    # Tab begins to type in the dialog's first field, whose text is selected then
+    yield from key("TAB")
+    yield 0.3
+    yield from key("A", ctrl=True)
+    yield from write(OWN)
+    yield from key("RET")
+    yield 0.3
+    screenshot("rigs_named")
+    yield from key("RET")
+    yield from until(lambda: presets() != before, "nothing is saved", 10)
+    results["saved_as"] = presets()
+    yield 0.3
+    with inside(area("VIEW_3D")):
+        bpy.ops.wm.call_menu(name="UNISIM_MT_rig_presets")
+    yield 0.5
+    screenshot("rigs_own_in_menu")
+    yield from key("ESC")
+    yield 0.2
+
+
+def restored() -> Iterator[float]:
+    """Recorded sensors come back, beside the rig's."""
+    with inside(area("VIEW_3D")):
+        assert bpy.ops.unisim.restore_sensors("INVOKE_DEFAULT") == {"FINISHED"}
+    yield from until(lambda: "front_camera" in sensors(), "the recorded camera is not restored")
+    assert "CAM_FRONT" in sensors()
+
+
+def moved_sensor() -> Iterator[float]:
+    """A recorded camera is moved up by hand: where it was recorded is drawn in grey."""
+    view()[1].shading.type = "SOLID"
+    looks = view()[2]
+    looks.view_perspective = "PERSP"
+    from_behind(looks)
+    looks.view_location, looks.view_distance = thing("front_camera").matrix_world.translation, 5.0
+    looks.update()
+    choose(thing("front_camera"))
+    yield 0.3
+    yield from to(*middle(area("VIEW_3D")))
+    for press in (("G",), ("Z",), ("ONE", "1"), ("RET",)):
+        yield from key(*press)
+    yield 0.6
+    card = sys.modules[f"{MODULE}.bridge.sensor_facts"].card_of_sensor
+    drive = sys.modules[f"{MODULE}.bridge.source"].source_of(bpy.context.scene).drive
+    assert card(bpy.context.scene, thing("front_camera"), drive).state == "recorded, moved"
+
+
+def ego_body() -> Iterator[float]:
+    """A box is added, used as the ego's body, and seen from behind, rendered."""
+    space, looks = view()[1:]
+    ego = next(o for o in bpy.context.scene.objects if o.unisim.kind == "EGO")
+    with inside(area("VIEW_3D")):
+        bpy.ops.mesh.primitive_cube_add(
+            size=1.0, location=ego.matrix_world.translation + Vector((0, 12, 3)), scale=(4.4, 1.9, 1.5)
+        )
+    box = bpy.context.view_layer.objects.active
+    box.name = "own car"
+    paint = bpy.data.materials.new("paint")
+    paint.use_nodes = True
+    paint.node_tree.nodes["Principled BSDF"].inputs["Base Color"].default_value = (0.7, 0.05, 0.05, 1.0)
+    box.data.materials.append(paint)
+    bpy.ops.ed.undo_push(message="A box")
+    yield 0.2
+    with inside(area("VIEW_3D")):
+        assert bpy.ops.unisim.ego_body("INVOKE_DEFAULT") == {"FINISHED"}
+    assert ("EgoBody", "") in edits()
+    looks.view_perspective = "PERSP"
+    from_behind(looks)
+    looks.view_location, looks.view_distance = ego.matrix_world.translation + Vector((6, 0, 0)), 18.0
+    looks.update()
+    yield 0.5
+    screenshot("rigs_body_solid")
+    space.shading.type = "RENDERED"
+    yield from wait_for_picture()
+    results["red_from_behind"] = red()
+    assert red() > 0.005, "the body is not seen from behind"
+
+
+def red() -> float:
+    """Which share of the viewport's picture is as red as the body."""
+    linear = picture()
+    assert linear is not None
+    return float(((linear[..., 0] > 3 * linear[..., 1]) & (linear[..., 0] > 0.02)).mean())
+
+
+def unseen_from_the_front_camera() -> Iterator[float]:
+    """Through a camera of the vehicle the body is neither rendered nor drawn; released, the picture is the same."""
+    space = view()[1]
+    with inside(area("VIEW_3D")):
+        assert bpy.ops.unisim.look_through("INVOKE_DEFAULT", name="front_camera") == {"FINISHED"}
+    thing("front_camera").location.z -= 1.0
+    yield 1.0
+    yield from wait_for_picture()
+    assert red() < 0.002, red()
+    assert thing("own car").hide_get(), "Blender draws the body before the camera"
+    with_body = picture()
+    screenshot("rigs_front_rendered")
+    # it is hidden for views alone: the scenario has it, in its shape, wherever the vehicle is
+    before = next(edit for edit in scenario().edits if type(edit).__name__ == "EgoBody")
+    results["mount_hidden"] = list(before.mount.position)
+    assert np.allclose(before.mount.position, [1.2, 0.0, 0.75], atol=1e-3), before.mount
+    space.shading.type = "SOLID"
+    yield 0.5
+    screenshot("rigs_front_solid")
+    space.shading.type = "RENDERED"
+    with inside(area("VIEW_3D")):
+        bpy.ops.unisim.release_ego_body("INVOKE_DEFAULT")
+    yield 1.0
+    yield from wait_for_picture()
+    assert not changed(with_body) and picture() is not None
+    assert np.array_equal(np.asarray(picture()), np.asarray(with_body)), "the picture is another one without the body"
+    yield from key("Z", ctrl=True)
+    yield from until(lambda: ("EgoBody", "") in edits(), "the release is not undone")
+    yield 0.5
+
+
+def from_the_roadside() -> Iterator[float]:
+    """A camera of the rig, taken off the vehicle with Alt-P, sees the body go by."""
+    looks = view()[2]
+    ego = next(o for o in bpy.context.scene.objects if o.unisim.kind == "EGO")
+    camera = thing("CAM_FRONT")
+    camera.parent = None
+    at = ego.matrix_world.translation
+    camera.location = at + Vector((10, 3.0, 1.5))
+    camera.rotation_mode = "XYZ"
+    camera.rotation_euler = (np.pi / 2, 0.0, np.arctan2(3.0, 9.0) + np.pi / 2)
+    bpy.ops.ed.undo_push(message="Roadside")
+    yield 0.2
+    looks.view_perspective = "PERSP"
+    with inside(area("VIEW_3D")):
+        assert bpy.ops.unisim.look_through("INVOKE_DEFAULT", name="CAM_FRONT") == {"FINISHED"}
+    yield 1.0
+    yield from wait_for_picture()
+    results["red_from_the_roadside"] = red()
+    assert red() > 0.005 and not thing("own car").hide_get()
+
+
+def steps() -> Iterator[float]:
+    """The session."""
+    bpy.ops.extensions.package_install_files(filepath=str(ARCHIVE), repo="user_default", enable_on_install=True, overwrite=True)
+    yield 1.0
+    begin()
+    watched()
+    for name, todo in (
+        ("rig_imported", imported),
+        ("rig_panel", panel),
+        ("rig_applied", applied_rig),
+        ("rig_undone", undone_rig),
+        ("rig_looked_through", looked_through),
+        ("rig_clicked_row", clicked_row),
+        ("rig_saved", saved_rig),
+        ("rig_restored", restored),
+        ("rig_moved_sensor", moved_sensor),
+        ("rig_ego_body", ego_body),
+        ("rig_front_camera", unseen_from_the_front_camera),
+        ("rig_roadside", from_the_roadside),
+    ):
+        yield from task(name, todo)
+
+
+if __name__ == "__main__":
+    start(steps(), "rigs")
