@@ -160,7 +160,7 @@ def test_what_is_refused(street: Any) -> None:
     empty = bpy.data.objects.new("nothing", None)
     street.collection.objects.link(empty)
     select(empty)
-    with pytest.raises(RuntimeError, match="has a surface of its own"):
+    with pytest.raises(RuntimeError, match="no selected object has a surface"):
         bpy.ops.unisim.ego_body()
     assert not bpy.ops.unisim.release_ego_body.poll() and box.unisim.kind == "NONE"
 

@@ -178,7 +178,7 @@ def test_an_actor_of_the_drive_is_inserted_and_replaced(street: Any) -> None:
 
 def test_no_choice_and_another_scenes_actor(street: Any) -> None:
     select(thing(street, "ACTOR", "car-04"))
-    with pytest.raises(RuntimeError, match="no actor was chosen"):
+    with pytest.raises(RuntimeError, match="choose an actor by its thumbnail"):
         bpy.ops.unisim.replace_look()
     with pytest.raises(RuntimeError, match='has no actor "nobody"'):
         bpy.ops.unisim.insert_actor(actor="nobody")

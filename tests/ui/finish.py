@@ -16,8 +16,9 @@ from urllib.request import url2pathname
 import bpy
 
 sys.path.insert(0, str(Path(__file__).parent))
-from hands import click, drop, event, key, middle, sidebar, thing, to
-from session import ARCHIVE, MODULE, OUT, SCENE, area, inside, results, screenshot, start, until, view
+from buttons import found_at, place_of
+from hands import click, drop, key, middle, sidebar, thing, to
+from session import ARCHIVE, MODULE, OUT, SCENE, area, inside, results, screenshot, start, until
 from tasks import begin, task
 
 OPENINGS = 20
@@ -43,27 +44,11 @@ def intercept() -> None:
     webbrowser.open = lambda url, *_, **__: bool(opened.append(url)) or True  # type: ignore[func-returns-value]
 
 
-def press(name: str, across: float = 0.3) -> Iterator[float]:
-    """Move the mouse onto a button of the sidebar, found by what F1 says of it; ``across``: how far to the right it is."""
-    found, _, _ = view()
-    region = next(r for r in found.regions if r.type == "UI")
-    for _ in range(8):
-        for down in range(12, region.height - 8, 9):
-            looked_up.clear()
-            yield from to(region.x + region.width * across, region.y + region.height - down)
-            yield 0.02
-            yield from key("F1")
-            yield 0.02
-            if looked_up and looked_up[-1] == name:
-                yield from to(region.x + region.width * across, region.y + region.height - down - 5)
-                yield 0.1
-                return
-        yield from to(region.x + region.width * across, region.y + region.height / 2)
-        for _ in range(6):
-            event("WHEELDOWNMOUSE", "PRESS")
-            yield 0.02
-        yield 0.2
-    raise AssertionError(f"{name}: is on no panel")
+def point(operator: str, across: float = 0.5) -> Iterator[float]:
+    """Move the mouse onto an operator's button in the sidebar; ``across``: how far to the right it is looked for."""
+    yield from place_of(f"unisim.{operator}(", columns=(across,))
+    yield from to(*found_at[0])
+    yield 0.1
 
 
 def first_import() -> Iterator[float]:
@@ -79,7 +64,9 @@ def first_import() -> Iterator[float]:
 
 def manual() -> Iterator[float]:
     """F1 on a button opens the section that describes it, from the disk."""
-    yield from press("bpy.ops.unisim.render_sequence")
+    yield from point("render_sequence")
+    yield from key("F1")
+    yield from until(lambda: opened, "F1 opens nothing", 10)
     assert opened, "F1 opens nothing"
     path = Path(url2pathname(urlparse(opened[-1]).path))
     assert opened[-1].startswith("file:///") and path.is_file(), opened[-1]
@@ -94,7 +81,7 @@ def checked() -> Iterator[float]:
     thing(car).location.z += 2.0
     bpy.ops.ed.undo_push(message="A car in the air")
     yield 0.3
-    yield from press("bpy.ops.unisim.check")
+    yield from point("check")
     yield from click()
     yield from until(lambda: any(w.name == car for w in bpy.context.scene.unisim_check.warnings), "nothing is found")
     yield 0.8
@@ -111,7 +98,7 @@ def checked() -> Iterator[float]:
     yield from sidebar()
     scene = bpy.context.scene
     scene.frame_set(5)
-    yield from press("bpy.ops.unisim.go_to")
+    yield from point("go_to")
     for other in bpy.context.selected_objects:
         other.select_set(False)
     yield from click()
@@ -175,11 +162,11 @@ def played() -> Iterator[float]:
 
     results_module.subprocess.Popen = noted
     try:
-        yield from press("bpy.ops.unisim.open_output")
+        yield from point("open_output", 0.3)
         screenshot("results")
         yield from click()
         yield from until(lambda: folders == [str(OUT.parent / "short")], "the folder is not opened")
-        yield from press("bpy.ops.unisim.play_result", 0.7)
+        yield from point("play_result", 0.7)
         yield from click()
         yield from until(lambda: started, "nothing is played", 10)
         yield 4.0

@@ -42,8 +42,9 @@ def settle(scene: bpy.types.Scene, thing: bpy.types.Object) -> str:
             if np.abs(now - before).max() > SAME:
                 setattr(thing.unisim, rest, now)
                 mounted = thing.unisim.kind in ("CAMERA", "LIDAR")
-                meant = "{name}: its mount is changed" if mounted else "{name}: the whole trajectory is displaced"
-                said = message(meant, name=thing.name)
+                said = message(
+                    "{name}: its mount is changed" if mounted else "{name}: the whole trajectory is displaced", name=thing.name
+                )
         elif scene.tool_settings.use_keyframe_insert_auto and all(len(curve.keyframe_points) == 1 for curve in keyed):
             blended |= _blend(scene, keyed, before)
     if blended:

@@ -437,6 +437,7 @@ GERMAN: dict[str, str] = {
     "{folder}: save the .blend first, or choose a folder that does not depend on it": (
         "{folder}: zuerst die .blend-Datei speichern oder einen Ordner wählen, der nicht von ihr abhängt"
     ),
+    "{name}: its mount is changed": "{name}: die Montage ist geändert",
     "{name}: the change is keyed at frame {frame} and blends in from {blend:g} s before to {blend:g} s after it": (
         "{name}: die Änderung hat einen Key bei Frame {frame} und wird von {blend:g} s davor bis {blend:g} s danach überblendet"
     ),
