@@ -4,12 +4,28 @@ from __future__ import annotations
 
 import bpy
 
-from . import client, clouds, engine, following, headless, menus, operators, overlay, panels, preferences, properties, view_types
+from . import (
+    client,
+    clouds,
+    compare_view,
+    engine,
+    following,
+    headless,
+    menus,
+    operators,
+    overlay,
+    panels,
+    preferences,
+    properties,
+    view_options,
+    view_types,
+)
 from .bridge import neighbours
 from .registering import close_room, open_room
 
 ROOMS = (
     properties,
+    view_options,
     preferences,
     neighbours,
     following,
@@ -19,6 +35,7 @@ ROOMS = (
     overlay,
     clouds,
     view_types,
+    compare_view,
     engine,
 )
 """In the order in which they need each other."""

@@ -82,11 +82,9 @@ class UniSimEngine(bpy.types.RenderEngine):
         view = self._view()
         view.follow(context, depsgraph)
         view.gather()
-        view.draw(self, depsgraph.scene)
-        self.update_stats(
-            "UniSim", view.problem or view.outside or view.progress or ("Rendering" if view.pending else view.warning)
-        )
-        if view.pending or view.waits:
+        view.draw(self, depsgraph.scene, context.region)
+        self.update_stats("UniSim", view.sentence)
+        if view.expects:
             redraw_soon()
 
     def _view(self) -> Any:
@@ -260,7 +258,7 @@ def _look() -> float | None:
                 for region in area.regions:
                     if region.type == "WINDOW":  # its panels show nothing of this
                         region.tag_redraw()
-    return LOOK_S if any(view.pending or view.waits for view in views) else None
+    return LOOK_S if any(view.expects for view in views) else None
 
 
 CLASSES = (UniSimEngine,)

@@ -36,16 +36,17 @@ def close_room(room: ModuleType) -> None:
 
 
 class Drawing:
-    """A function that draws into the 3D view whenever that is drawn, from `begin` to `end`."""
+    """A function that draws into the 3D view whenever that is drawn, from `begin` to `end`: among its things ("POST_VIEW"), or
+    over them, in pixels ("POST_PIXEL")."""
 
-    def __init__(self, draw: Callable[[], None]) -> None:
-        self.draw = draw
+    def __init__(self, draw: Callable[[], None], when: str = "POST_VIEW") -> None:
+        self.draw, self.when = draw, when
         self.handle: Any = None
 
     def begin(self) -> None:
         """Draw from now on; without a window there is nothing to draw in."""
         if not bpy.app.background:
-            self.handle = bpy.types.SpaceView3D.draw_handler_add(self.draw, (), "WINDOW", "POST_VIEW")
+            self.handle = bpy.types.SpaceView3D.draw_handler_add(self.draw, (), "WINDOW", self.when)
 
     def end(self) -> None:
         """Draw no more."""

@@ -15,6 +15,7 @@ from scipy import ndimage
 from test_checkpoint import random_scene
 
 from unisim_blender.core import native
+from unisim_blender.core.compiled import cells
 from unisim_blender.core.compiled.cells import Cells
 from unisim_blender.core.compiled.scene import CompiledScene, cells_to_store
 from unisim_blender.core.compiled.structs import address
@@ -90,7 +91,7 @@ def test_those_of_another_header_do_not_count(tmp_path: Path, cache: Path, monke
     path = saved(tmp_path / "scene", True)
     monkeypatch.setattr(CompiledScene, "_ask", asked_again)
     CompiledScene(path)
-    monkeypatch.setattr(native, "ABI_VERSION", native.ABI_VERSION + 1)
+    monkeypatch.setattr(cells, "VERSION", cells.VERSION + 1)
     with pytest.raises(AssertionError, match="asked again"):
         CompiledScene(path)
 

@@ -6,6 +6,7 @@ import bpy
 
 from ..bridge.importing import counted
 from ..bridge.things import things
+from ..compare_view import draw_options
 from .sidebar import Sidebar, row_of
 
 POINTS = (("None", False, False), ("Recorded", True, False), ("Simulated", False, True), ("Both", True, True))
@@ -51,6 +52,7 @@ class UNISIM_PT_show(Sidebar, bpy.types.Panel):
         """Draw switches, and how LiDAR points are drawn; what does not apply is grey."""
         layout, about = self.layout, context.scene.unisim
         layout.use_property_split, layout.use_property_decorate = True, False
+        draw_options(layout, context)
         layout.prop(about, "show_ways")
         layout.prop(about, "show_sensors")
         layout.label(text="LiDAR Points", icon="POINTCLOUD_DATA")
