@@ -17,7 +17,13 @@ from .registering import add, take_away
 MODES = (
     ("RENDERED", "Rendered", "The rendered image alone", "SHADING_RENDERED", 0),
     ("SPLIT", "Split", "The recorded image left of a line, the rendered one right of it: drag the line", "MOD_MIRROR", 1),
-    ("DIFFERENCE", "Difference", "How far the rendered image is from the recorded one, each colour by itself", "SELECT_SUBTRACT", 2),
+    (
+        "DIFFERENCE",
+        "Difference",
+        "How far the rendered image is from the recorded one, each colour by itself",
+        "SELECT_SUBTRACT",
+        2,
+    ),
     ("FLICKER", "Flicker", "The recorded and the rendered image by turns, four times a second", "FILE_REFRESH", 3),
     ("RECORDED", "Recorded", "The recorded image alone", "IMAGE_DATA", 4),
 )

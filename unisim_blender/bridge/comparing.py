@@ -53,7 +53,9 @@ def placement(recorded: CameraModel, shown: CameraModel) -> Placement | None:
     )
 
 
-def _placed(length: int, f: float, c: float, length_shown: int, f_shown: float, c_shown: float) -> tuple[float, float, int, int] | None:
+def _placed(
+    length: int, f: float, c: float, length_shown: int, f_shown: float, c_shown: float
+) -> tuple[float, float, int, int] | None:
     """Along one axis: where the box begins and ends, in the recorded pixels, and its place, in the view's."""
     scale = f_shown / f
     begin, end = c_shown - c * scale, c_shown + (length - c) * scale

@@ -198,7 +198,9 @@ def observe_space(tracer: Tracer, header: SceneHeader, shown: NDArray[Any], voxe
         if name in outlines:
             outside = shows_scene(*outlines[name], u, v, (camera.model.width, camera.model.height))
             u, v = u[outside][None], v[outside][None]
-        looks += [(lambda c=camera, f=frame, u=u, v=v: camera_rays(c, f, u, v), True) for frame in frames if frame in camera.time_s]  # type: ignore[misc]
+        looks += [
+            (lambda c=camera, f=frame, u=u, v=v: camera_rays(c, f, u, v), True) for frame in frames if frame in camera.time_s
+        ]  # type: ignore[misc]
     for name in training.get("lidars", ()):
         lidar = drive.lidars.get(name)
         if lidar is not None and lidar.model.beams:

@@ -141,7 +141,12 @@ class Renderer:
             yield from self._grow_lattice(shot, region, size, coarse, band)
             return
         for stride in coarse if region == whole else ():
-            picture = self.camera(camera_id, frame, [name for name in ("rgb", "support") if name in ("rgb", *passes)], max(LEAST_WIDTH, model.width // stride))
+            picture = self.camera(
+                camera_id,
+                frame,
+                [name for name in ("rgb", "support") if name in ("rgb", *passes)],
+                max(LEAST_WIDTH, model.width // stride),
+            )
             height, across = picture.rgb.shape[:2]
             y, x = model.height / height, model.width / across
             yield Part(picture, whole, (y, x), (y / 2 - 0.5, x / 2 - 0.5))
@@ -210,7 +215,9 @@ class Renderer:
                 pose = camera.world_from_camera.at(camera.time_s[shot.frame])
                 rgb, unsupported = (values[name][::stride, ::stride] if name in values else None for name in ("rgb", "support"))
                 assert rgb is not None
-                yield Part(CameraFrame(model, pose, rgb, unsupported=unsupported), region, (stride, stride), (rows.start, columns.start))
+                yield Part(
+                    CameraFrame(model, pose, rgb, unsupported=unsupported), region, (stride, stride), (rows.start, columns.start)
+                )
                 continue
             part = region._replace(
                 top=max(region.top, rows.start + done.start), bottom=min(region.bottom, rows.start + done.stop)
