@@ -109,8 +109,8 @@ class Comparison:
     ) -> None:
         """Draw what the options ask for into ``rectangle`` of a region of that size (width, height).
 
-        ``rendered`` (H, W, 4) is linear, ``srgb`` (H, W, 3) the same in eight bits, both with their lowest row first; ``stamp`` is
-        another one whenever these are. ``finished``: whether more of the rendered image is to come.
+        ``rendered`` (H, W, 4) is linear, ``srgb`` (H, W, 3) the same in eight bits, both with their lowest row first; ``stamp``
+        is another one whenever these are. ``finished``: whether no more of the rendered image is to come.
         """
         mode, size = self.mode, (rectangle[3], rectangle[2])
         shown = self._shown if self._shown is not None and self._shown.linear.shape[:2] == size else None

@@ -32,8 +32,9 @@ NAMES = tuple(mode[0] for mode in MODES)
 
 @dataclass
 class ViewOptions:
-    """``mode`` is one of `MODES`; ``split`` is where the line is, as a share of the image's width; ``gain`` multiplies differences;
-    ``unsupported``: whether these pixels are hatched; ``clip``: whether a view through no camera shows what was observed alone."""
+    """``mode`` is one of `MODES`; ``split`` is where the line is, as a share of the image's width; ``gain`` multiplies
+    differences; ``unsupported``: whether these pixels are hatched; ``clip``: whether a view through no camera shows nothing but
+    what was observed."""
 
     mode: str = "RENDERED"
     split: float = 0.5

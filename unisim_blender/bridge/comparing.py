@@ -108,8 +108,8 @@ def difference(
 
 
 def errors(recorded: NDArray[np.uint8], covered: NDArray[np.bool_], rendered: NDArray[np.uint8]) -> tuple[float, float] | None:
-    """Return the mean absolute error, in steps of eight bits, and the PSNR in dB of images (H, W, 3) where the recorded one covers
-    the view (H, W); None where it does so nowhere."""
+    """Return the mean absolute error, in steps of eight bits, and the PSNR in dB of images (H, W, 3) where the recorded one
+    covers the view (H, W); None where it does so nowhere."""
     if not covered.any():
         return None
     apart = (recorded.astype(np.int16) - rendered)[covered].astype(np.float32)

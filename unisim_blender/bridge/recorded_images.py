@@ -1,4 +1,5 @@
-"""Recorded images as a view shows them: decoded and resampled in a thread, the newest kept, the next one fetched before it is asked for."""
+"""Recorded images as a view shows them: decoded and resampled in a thread, the newest kept, the next one fetched before it is
+asked for."""
 
 from __future__ import annotations
 
@@ -36,7 +37,8 @@ class Wanted:
 @dataclass(frozen=True, eq=False)
 class Shown:
     """A recorded image at a view's size, lowest row first: ``srgb`` (H, W, 3) eight bits, ``covered`` (H, W) where the camera
-    recorded something, ``linear`` (H, W, 4) premultiplied. ``problem`` is a sentence where it cannot be read; the rest is empty."""
+    recorded something, ``linear`` (H, W, 4) premultiplied. ``problem`` is a sentence where it cannot be read; the rest is then
+    empty."""
 
     srgb: NDArray[np.uint8]
     covered: NDArray[np.bool_]

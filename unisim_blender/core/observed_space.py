@@ -20,11 +20,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import native
+from .drive import Camera, Lidar
 from .errors import OutputError
 from .files import cache_folder, partial_file
 from .frames import RenderStats
 from .geometry import BoolArray, FloatArray, invert_pose, transform_points
-from .own_vehicle import outlines_from_json, shows_scene
+from .own_vehicle import Outline, outlines_from_json, shows_scene
 from .scene_file import SceneHeader
 from .sensors.camera import camera_rays, pixel_grid
 from .sensors.lidar import lidar_rays
@@ -67,7 +68,8 @@ class Observing(Tracer, Protocol):
 @dataclass(frozen=True)
 class ObservedSpace:
     """``shown`` (X, Y, Z): voxels that images or LiDAR returns end in; ``passed`` (X, Y, Z): those that recorded rays pass
-    through before; ``background`` (elevations, azimuths): parts of the world's directions in which cameras saw past the volume."""
+    through before; ``background`` (elevations, azimuths): parts of the world's directions in which cameras saw past the
+    volume."""
 
     volume_from_world: FloatArray
     size_m: FloatArray
@@ -189,36 +191,40 @@ def observe_space(tracer: Tracer, header: SceneHeader, shown: NDArray[Any], voxe
     frames = [frame for frame in training.get("frames", ()) if frame in drive.time_s] or list(drive.frames)
     frames = frames[:: -(-len(frames) // MOST_FRAMES)]
     outlines = outlines_from_json(training.get("own_vehicle"))
-    looks: list[tuple[Callable[[], Rays], bool]] = []
+    looks: list[tuple[Callable[[int], Rays], int, bool]] = []
     for name in training.get("cameras", ()):
-        camera = drive.cameras.get(name)
-        if camera is None:
-            continue
-        u, v = (x.reshape(1, -1) for x in pixel_grid(camera.model, max(1, camera.model.width // COLUMNS)))
-        if name in outlines:
-            outside = shows_scene(*outlines[name], u, v, (camera.model.width, camera.model.height))
-            u, v = u[outside][None], v[outside][None]
-        looks += [
-            (lambda c=camera, f=frame, u=u, v=v: camera_rays(c, f, u, v), True) for frame in frames if frame in camera.time_s
-        ]  # type: ignore[misc]
+        if (camera := drive.cameras.get(name)) is not None:
+            looks += [(_image_rays(camera, outlines.get(name)), frame, True) for frame in frames if frame in camera.time_s]
     for name in training.get("lidars", ()):
-        lidar = drive.lidars.get(name)
-        if lidar is not None and lidar.model.beams:
-            looks += [(lambda s=lidar, f=frame: _thinned(lidar_rays(s, f)), False) for frame in frames if frame in lidar.time_s]  # type: ignore[misc]
-    for done, (rays_of, images) in enumerate(looks):
+        if (lidar := drive.lidars.get(name)) is not None and lidar.model.beams:
+            looks += [(_sweep_rays(lidar), frame, False) for frame in frames if frame in lidar.time_s]
+    for done, (rays_of, frame, images) in enumerate(looks):
         yield done / len(looks)
-        rays = rays_of().flat().sound()
+        rays = rays_of(frame).flat().sound()
         made.add(rays, tracer.trace(rays, {"depth"}, images, None, RenderStats()).maps["depth"], images)
     yield ObservedSpace(
         made.volume_from_world, made.size_m, voxel_m, np.asarray(shown) > 0, closed(made.passed), spread(made.background)
     )
 
 
-def _thinned(rays: Rays) -> Rays:
-    """Some of a sweep's beams (beams, columns)."""
-    beams, columns = rays.time_s.shape
-    every, beside = max(1, beams // BEAMS), max(1, columns // 720)
-    return Rays(*(x[::every, ::beside] for x in (rays.origins, rays.directions, rays.time_s)))
+def _image_rays(camera: Camera, outline: tuple[Outline, int] | None) -> Callable[[int], Rays]:
+    """What gives some of the rays of a camera's image of a frame, the recording vehicle's own body left out."""
+    u, v = pixel_grid(camera.model, max(1, camera.model.width // COLUMNS))
+    if outline is not None:
+        outside = shows_scene(*outline, u, v, (camera.model.width, camera.model.height))
+        u, v = u[outside], v[outside]
+    return lambda frame: camera_rays(camera, frame, u.reshape(1, -1), v.reshape(1, -1))
+
+
+def _sweep_rays(lidar: Lidar) -> Callable[[int], Rays]:
+    """What gives some of the beams of a LiDAR's sweep of a frame."""
+    every, beside = max(1, lidar.model.beams // BEAMS), max(1, lidar.model.columns // 720)
+
+    def rays_of(frame: int) -> Rays:
+        rays = lidar_rays(lidar, frame)
+        return Rays(*(x[::every, ::beside] for x in (rays.origins, rays.directions, rays.time_s)))
+
+    return rays_of
 
 
 class _Observing:

@@ -127,9 +127,9 @@ class Renderer:
         coarse: Sequence[int] = (),
         band: int | None = None,
     ) -> Iterator[Part]:
-        """The same in parts: colours (and, where asked for, what is unsupported) of it all, coarse by the strides in ``coarse``, then finished bands of about ``band`` rows
-        from the top, which together are the bits of the whole. Pixels of coarse parts are pixels of the finished ones, where a
-        pixel's colour hangs on its own ray alone."""
+        """The same in parts: colours of it all, and what is unsupported where that was asked for, coarse by the strides in
+        ``coarse``; then finished bands of about ``band`` rows from the top, which together are the bits of the whole. Pixels of
+        coarse parts are pixels of the finished ones, where a pixel's colour hangs on its own ray alone."""
         begun = time.perf_counter()
         camera = self.sized(camera_id, width)
         model = camera.model
@@ -141,12 +141,8 @@ class Renderer:
             yield from self._grow_lattice(shot, region, size, coarse, band)
             return
         for stride in coarse if region == whole else ():
-            picture = self.camera(
-                camera_id,
-                frame,
-                [name for name in ("rgb", "support") if name in ("rgb", *passes)],
-                max(LEAST_WIDTH, model.width // stride),
-            )
+            early = ("rgb", "support") if "support" in passes else ("rgb",)
+            picture = self.camera(camera_id, frame, early, max(LEAST_WIDTH, model.width // stride))
             height, across = picture.rgb.shape[:2]
             y, x = model.height / height, model.width / across
             yield Part(picture, whole, (y, x), (y / 2 - 0.5, x / 2 - 0.5))
@@ -213,11 +209,9 @@ class Renderer:
             values = {name: x.reshape(*shape, *x.shape[1:]) for name, x in picture.values.items() if name != CROWDED}
             if stride > 1:
                 pose = camera.world_from_camera.at(camera.time_s[shot.frame])
-                rgb, unsupported = (values[name][::stride, ::stride] if name in values else None for name in ("rgb", "support"))
-                assert rgb is not None
-                yield Part(
-                    CameraFrame(model, pose, rgb, unsupported=unsupported), region, (stride, stride), (rows.start, columns.start)
-                )
+                few = {name: values[name][::stride, ::stride] for name in ("rgb", "support") if name in values}
+                image = CameraFrame(model, pose, few["rgb"], unsupported=few.get("support"))
+                yield Part(image, region, (stride, stride), (rows.start, columns.start))
                 continue
             part = region._replace(
                 top=max(region.top, rows.start + done.start), bottom=min(region.bottom, rows.start + done.stop)

@@ -140,8 +140,9 @@ class CompiledTracer:
             address(found.mesh_opacity),
             address(samples),
         )
+        scene = self.scene.observed_struct if self.clipped else self.scene.struct
         library.unisim_trace(
-            ctypes.byref(self.scene.observed_struct if self.clipped else self.scene.struct), ctypes.byref(cast), ctypes.byref(struct),
+            ctypes.byref(scene), ctypes.byref(cast), ctypes.byref(struct),
             None if meshes is None else ctypes.byref(meshes.struct), ctypes.byref(self._sampling(sky)), ctypes.byref(out),
             native.threads(),
         )  # fmt: skip

@@ -60,9 +60,10 @@ class Jobs:
         ``passes``, ``quality``, ``device``; ``rows`` and ``columns`` (first, past the last) where not all are wanted, and
         ``touched``, whether these are only what an edit can have touched directly; ``coarse``, strides at which it is shown
         first; ``shadows``; ``clip``, whether nothing is shown but what the recording observed (see `observed_space`): what else
-        there would be is ``unsupported``, and its colours mean nothing. Events have arrays of rgb and the passes, the ``rows`` and ``columns`` that they cover, and where in
-        these they have pixels: at ``origin`` and every ``stride`` from there, both as (row, column). Before them, ``warning``
-        says what the scene's method cannot show, and ``progress`` how far something is that has to be made first.
+        there would be is ``unsupported``, and its colours mean nothing. Events have arrays of rgb and the passes, coarse ones of
+        rgb and ``unsupported`` alone; the ``rows`` and ``columns`` that they cover, and where in these they have pixels: at
+        ``origin`` and every ``stride`` from there, both as (row, column). Before them, ``warning`` says what the scene's method
+        cannot show, and ``progress`` how far something is that has to be made first.
         """
         scenario, drive = self._drive(request)
         yield from self._warnings(scenario, drive, sweeps=False)
