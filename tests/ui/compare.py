@@ -8,13 +8,12 @@ from pathlib import Path
 from typing import Any
 
 import bpy
-import hands
 import numpy as np
 from mathutils import Euler, Vector
 from numpy.typing import NDArray
 
 sys.path.insert(0, str(Path(__file__).parent))
-from hands import click, drop, event, key, middle, mouse, sidebar, to
+from hands import click, drop, event, key, middle, sidebar, to
 from session import ARCHIVE, MODULE, OUT, SCENE, area, results, screenshot, start, until, view, wait_for_picture
 from tasks import bare_view, begin, task
 
@@ -22,6 +21,8 @@ SAME_BYTES = 2.0
 MODES = ("RENDERED", "SPLIT", "DIFFERENCE", "FLICKER", "RECORDED")
 """In the order in which the header's menu has them."""
 FRAME = 9
+SHOW_PX, SWITCH_PX = 198, {"unsupported": 52, "clip": 73}
+"""How far below the sidebar's upper edge the panel Show is, and how far below that its switches are, while a view is rendered."""
 
 
 def shown() -> Any:
@@ -48,10 +49,13 @@ def screen(name: str) -> NDArray[np.float32]:
     region = next(r for r in view()[0].regions if r.type == "WINDOW")
     rows, columns = inner()
     left, bottom, _, _ = shown().rectangle
-    return 255 * pixels[
-        region.y + bottom + rows.start : region.y + bottom + rows.stop,
-        region.x + left + columns.start : region.x + left + columns.stop,
-    ]
+    return (
+        255
+        * pixels[
+            region.y + bottom + rows.start : region.y + bottom + rows.stop,
+            region.x + left + columns.start : region.x + left + columns.stop,
+        ]
+    )
 
 
 def inner() -> tuple[slice, slice]:
@@ -96,21 +100,18 @@ def apart(a: NDArray[np.float32], b: NDArray[np.float32]) -> float:
 
 
 def header_field() -> tuple[float, float]:
-    """Where the header has the field that says which images are shown: found by hovering from the right; Quality is beside it."""
-    found, _, _ = view()
-    header = next(r for r in found.regions if r.type == "HEADER")
-    return header.x, header.y + header.height / 2
+    """Where the header has the field that says which images are shown: the last one."""
+    header = next(r for r in view()[0].regions if r.type == "HEADER")
+    return header.x + header.width - 60, header.y + header.height / 2
 
 
 def choose_mode(mode: str) -> Iterator[float]:
-    """Open the header's menu of images with the mouse, and choose by mouse: arrow keys move, Enter takes."""
-    x, y = results["field"]  # type: ignore[misc]
-    yield from to(x, y)
+    """Open the header's menu of images with a click, and choose with arrow keys and Enter."""
+    yield from to(*header_field())
     yield 0.2
     yield from click()
     yield 0.4
     screenshot("menu_of_images")
-    # the menu opens with the mouse on what is chosen; entries lie below or above in order
     steps = MODES.index(mode) - MODES.index(options().mode)
     for _ in range(abs(steps)):
         yield from key("DOWN_ARROW" if steps > 0 else "UP_ARROW")
@@ -134,19 +135,6 @@ def first_import() -> Iterator[float]:
     space.show_gizmo = True
     yield from wait_for_picture()
     yield 0.5
-
-
-def found_field() -> Iterator[float]:
-    """Find the field in the header: where a click and Down, Enter changes the mode."""
-    found, _, _ = view()
-    header = next(r for r in found.regions if r.type == "HEADER")
-    for right in range(100, 1100, 30):
-        x, y = header.x + right, header.y + header.height / 2
-        if x > header.x + header.width - 10:
-            break
-    results["header"] = [header.x, header.width]
-    yield 0.1
-    screenshot("header")
 
 
 def split() -> Iterator[float]:
@@ -272,6 +260,7 @@ def from_above(distance_m: float = 45.0, tilt: float = 35.0, turn: float = -90.0
 
 def unsupported() -> Iterator[float]:
     """Hatching over unsupported pixels, switched on in the panel; the picture below stays."""
+    yield from opened_show()
     from_above()
     options().clip = False
     yield from wait_for_picture()
@@ -286,20 +275,29 @@ def unsupported() -> Iterator[float]:
     rows, columns = inner()
     mask = shown().unsupported[rows, columns]
     changed = np.abs(on - plain).max(-1) > 8
-    results["unsupported"] = {"share": float(mask.mean()), "hatched": float(changed[mask].mean()), "beside": float(changed[~mask].mean())}
+    results["unsupported"] = [float(share) for share in (mask.mean(), changed[mask].mean(), changed[~mask].mean())]
     assert 0.2 < mask.mean() < 0.95
     assert 0.35 < changed[mask].mean() < 0.65 and changed[~mask].mean() < 0.01, results["unsupported"]
     options().unsupported = False
 
 
+def opened_show() -> Iterator[float]:
+    """Open the panel Show with the mouse."""
+    tabs = next(r for r in view()[0].regions if r.type == "UI")
+    yield from to(tabs.x + 60, tabs.y + tabs.height - SHOW_PX)
+    yield 0.2
+    yield from click()
+    yield 0.6
+    screenshot("show_panel")
+
+
 def pressed(name: str) -> Iterator[float]:
-    """Switch one of the view's options: the panel's line is found by its property, and set as its click would."""
-    window = bpy.context.window_manager.windows[0]
-    found = view()[0]
-    region = next(r for r in found.regions if r.type == "WINDOW")
-    with bpy.context.temp_override(window=window, area=found, region=region):
-        holder = bpy.context.window_manager.unisim_view
-        setattr(holder, name, not getattr(holder, name))
+    """Click one of the view's switches in the panel Show."""
+    tabs = next(r for r in view()[0].regions if r.type == "UI")
+    yield from to(tabs.x + tabs.width * 0.55, tabs.y + tabs.height - SHOW_PX - SWITCH_PX[name])
+    yield 0.2
+    yield from click()
+    yield from to(*middle(view()[0]))
     yield 0.2
 
 
@@ -337,7 +335,6 @@ def steps() -> Iterator[float]:
     begin()
     yield from task("compare_import", first_import)
     yield from sidebar()
-    yield from task("find_field", found_field)
     for name, todo in (
         ("split", split),
         ("recorded_mode", recorded_mode),
@@ -349,8 +346,6 @@ def steps() -> Iterator[float]:
     ):
         yield from task(name, todo)
 
-
-_ = (hands, mouse)
 
 if __name__ == "__main__":
     start(steps(), "compare")

@@ -21,7 +21,12 @@ FIRST_DISPLAY = 93
 SLOTS = 8
 """How many runs there may be at once, each with a display and a work folder of its own."""
 BLENDER = ["blender", "--factory-startup", "--no-window-focus", "-p", "0", "0", "1600", "900"]
-SESSIONS = {"person": ["--enable-event-simulate"], "window": [], "hands": ["--enable-event-simulate"], "compare": ["--enable-event-simulate"]}
+SESSIONS = {
+    "person": ["--enable-event-simulate"],
+    "window": [],
+    "hands": ["--enable-event-simulate"],
+    "compare": ["--enable-event-simulate"],
+}
 """What each file's Blender is started with besides; the one with simulated events hears no others."""
 ESC_S = 3.0
 """How long a render job may go on after Esc, in seconds: half a second where nothing else runs."""
