@@ -11,7 +11,7 @@ import bpy
 
 from .bridge.comparing import HATCH_ALPHA
 from .bridge.windows import areas
-from .comparison import IMAGES, TURN_S, recorded_turn
+from .comparison import IMAGES, TURN_S, difference_of, recorded_turn
 from .core.colour import srgb_from_linear
 from .registering import Drawing, add, take_away
 from .view_options import options_of
@@ -70,8 +70,10 @@ def draw() -> None:
         _label("rendered", x + GAP_PX * scale, at_y, scale)
     elif mode != "RENDERED":
         shown = {"FLICKER": "recorded" if recorded_turn() else "rendered", "RECORDED": "recorded"}
-        text = shown.get(mode, f"|recorded - rendered| x{options.gain:g}")
+        text = shown.get(mode) or view.comparison.figures or difference_of(options.gain)
         _label(text, (left + right) / 2, at_y, scale, centred=True)
+    elif options.mode != "RENDERED" and not view.problem:
+        _label(view.comparison.lacks, (left + right) / 2, at_y, scale, centred=True)
     if options.unsupported and view.comparison.mode in ("RENDERED", "SPLIT", "FLICKER"):
         y = at_y + 2.5 * TEXT_PX * scale
         colour = (float(srgb_from_linear(1.0)), 0.1, 0.1, HATCH_ALPHA)

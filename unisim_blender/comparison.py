@@ -141,7 +141,7 @@ class Comparison:
         found = errors(shown.srgb[seen], shown.covered[seen], srgb[seen])
         if found is None:
             return ""
-        return f"Difference x{self.options.gain:g}: mean absolute error {found[0]:.1f} of 255, PSNR {found[1]:.1f} dB"
+        return f"{difference_of(self.options.gain)}: mean absolute error {found[0]:.1f} of 255, PSNR {found[1]:.1f} dB"
 
     def _put(self, name: str, image: NDArray[np.float32], key: object) -> None:
         """Have an image (H, W, 4) as a texture; ``key`` says which it is."""
@@ -150,6 +150,11 @@ class Comparison:
         buffer = gpu.types.Buffer("FLOAT", image.size, np.ascontiguousarray(image).ravel())
         self._textures[name] = gpu.types.GPUTexture((image.shape[1], image.shape[0]), format="RGBA16F", data=buffer)
         self._made_of[name] = key
+
+
+def difference_of(gain: float) -> str:
+    """Return what a difference is called in a view."""
+    return f"|recorded - rendered| x{gain:g}"
 
 
 def fetch_next(wanted: Wanted) -> None:

@@ -129,10 +129,12 @@ class UniSimEngine(bpy.types.RenderEngine):
         picture.indices = values.pop("indices")
         height = size[1]
         left, bottom, right, top = picture.border
+        clip = scene.unisim.clip_render and not (view.kind == "CAMERA" and view.uid in source.drive.cameras)
         request = worker.ask(
             "camera",
             **values,
-            passes=["rgb", *(PASSES[name][-1] for name in names)],
+            passes=["rgb", *(PASSES[name][-1] for name in names), *(["support"] if clip else [])],
+            clip=clip,
             quality=scene.unisim.quality,
             shadows=scene.unisim.contact_shadows,
             device=device(),
@@ -210,6 +212,8 @@ class Picture:
         rows = slice(height - last - bottom, height - first - bottom)
         self.buffers["Combined"][rows, :, :3] = linear_from_srgb(np.clip(arrays["rgb"], 0, 1))[::-1]
         self.buffers["Combined"][rows, :, 3] = 1.0
+        if "unsupported" in arrays:  # asked for where it is left out
+            self.buffers["Combined"][rows][arrays["unsupported"][::-1]] = 0.0
         for name, buffer in self.buffers.items():
             if name != "Combined":
                 buffer[rows] = self._values(name, event, arrays)[::-1].reshape(last - first, *buffer.shape[1:])

@@ -108,6 +108,11 @@ class UniSimScene(bpy.types.PropertyGroup):
         description="How far to the vehicle's left recorded LiDAR points are drawn, to be compared with simulated ones",
         unit="LENGTH",
     )
+    clip_render: BoolProperty(
+        name="Clip to Observed",
+        description="F12 through a camera that the log does not have shows nothing but what the recording observed, "
+        "on transparent ground",
+    )
     opacity_pass: BoolProperty(name="Opacity pass", description="How much of each pixel is nearer than the far field")
     passes: EnumProperty(
         name="Passes", description="What a sequence holds beside colours", items=PASSES, options={"ENUM_FLAG"}, default={"depth"}

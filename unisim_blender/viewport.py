@@ -299,7 +299,9 @@ class View:
         """What the view says of itself, in one line."""
         if self.problem:
             return self.problem
-        parts = (self.comparison.sentence, self.outside, self.progress or ("Rendering" if self.pending else self.warning))
+        work = self.progress or ("Rendering" if self.pending else self.warning)
+        clipped = "Clipped to what was observed" if self.wanted is not None and self.wanted["clip"] else ""
+        parts = (self.comparison.sentence, self.outside, work, clipped)
         return ". ".join(part for part in parts if part)
 
 

@@ -1,4 +1,4 @@
-"""Recorded beside rendered images: where an image lies in a view, its pixels, differences, what a view lacks, options of views."""
+"""Recorded beside rendered images: where an image lies in a view, its pixels, differences, views without one, views' options."""
 
 from __future__ import annotations
 

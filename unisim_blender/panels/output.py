@@ -39,6 +39,7 @@ class UNISIM_PT_output(DrivePanel, bpy.types.Panel):
         column.column().prop(about, "passes")
         column.prop(about, "opacity_pass")
         column.prop(about, "contact_shadows")
+        column.prop(about, "clip_render")
         layout.operator("unisim.render_sequence", icon="RENDER_ANIMATION")
         layout.progress(factor=manager.unisim_progress, text=manager.unisim_task or "Nothing runs")
         layout.operator("unisim.cancel_task", icon="CANCEL")
