@@ -9,17 +9,15 @@ from typing import Any
 import blf
 import bpy
 
-from .bridge.comparing import HATCH_ALPHA
 from .bridge.windows import areas
-from .comparison import IMAGES, TURN_S, difference_of, recorded_turn
-from .core.colour import srgb_from_linear
+from .comparison import IMAGES, TURN_S, difference_of
 from .registering import Drawing, add, take_away
 from .view_options import options_of
 
 NEAR_PX = 8
 """So near to the split's line the mouse takes hold of it."""
 TEXT_PX, GAP_PX = 13, 8
-LINE, TEXT, SHADE = (1.0, 1.0, 1.0, 0.9), (1.0, 1.0, 1.0, 1.0), (0.0, 0.0, 0.0, 0.55)
+LINE, TEXT, SHADE, HATCH = (1.0, 1.0, 1.0, 0.9), (1.0, 1.0, 1.0, 1.0), (0.0, 0.0, 0.0, 0.55), (1.0, 0.15, 0.15, 1.0)
 UNSUPPORTED = "Unsupported: nothing recorded shows this"
 
 
@@ -69,20 +67,25 @@ def draw() -> None:
         _label("recorded", x - GAP_PX * scale, at_y, scale, from_right=True)
         _label("rendered", x + GAP_PX * scale, at_y, scale)
     elif mode != "RENDERED":
-        shown = {"FLICKER": "recorded" if recorded_turn() else "rendered", "RECORDED": "recorded"}
+        shown = {"FLICKER": "recorded" if view.comparison.turn else "rendered", "RECORDED": "recorded"}
         text = shown.get(mode) or view.comparison.figures or difference_of(options.gain)
         _label(text, (left + right) / 2, at_y, scale, centred=True)
     elif options.mode != "RENDERED" and not view.problem:
         _label(view.comparison.lacks, (left + right) / 2, at_y, scale, centred=True)
-    if options.unsupported and view.comparison.mode in ("RENDERED", "SPLIT", "FLICKER"):
-        y = at_y + 2.5 * TEXT_PX * scale
-        colour = (float(srgb_from_linear(1.0)), 0.1, 0.1, HATCH_ALPHA)
-        x = left + GAP_PX * scale
-        size = TEXT_PX * scale
-        _rectangle(x, y, x + size, y + size, SHADE)
-        for i in range(3):
-            _rectangle(x + (i + 0.15) * size / 3, y, x + (i + 0.65) * size / 3, y + size, (*colour[:3], 1.0))
-        _label(UNSUPPORTED, x + size + GAP_PX * scale, y, scale)
+    if options.unsupported and mode in ("RENDERED", "SPLIT", "FLICKER"):
+        labelled = mode != "RENDERED" or options.mode != "RENDERED"
+        _legend((left + right) / 2, at_y + (2 * TEXT_PX * scale if labelled else 0.0), scale)
+
+
+def _legend(x: float, y: float, scale: float) -> None:
+    """Say what hatching means, with the middle at x."""
+    size, gap = TEXT_PX * scale, GAP_PX * scale
+    blf.size(0, size)
+    begin = x - (blf.dimensions(0, UNSUPPORTED)[0] + size + gap) / 2
+    _rectangle(begin - gap, y - 4 * scale, begin + size + gap, y + size + 2 * scale, SHADE)
+    for i in range(3):
+        _rectangle(begin + (i + 0.15) * size / 3, y, begin + (i + 0.65) * size / 3, y + size, HATCH)
+    _label(UNSUPPORTED, begin + size + gap, y, scale)
 
 
 def _rectangle(x0: float, y0: float, x1: float, y1: float, colour: tuple[float, ...]) -> None:

@@ -37,6 +37,8 @@ class Comparison:
         """Why the view has no recorded image."""
         self.figures = ""
         """How far the images are apart, where the difference is shown."""
+        self.turn = False
+        """Whether the recorded image was drawn last, where images flicker."""
         self._wanted: Wanted | None = None
         self._shown: Shown | None = None
         self._textures: dict[str, Any] = {}
@@ -114,7 +116,8 @@ class Comparison:
         """
         mode, size = self.mode, (rectangle[3], rectangle[2])
         shown = self._shown if self._shown is not None and self._shown.linear.shape[:2] == size else None
-        split = {"RENDERED": 0.0, "RECORDED": 1.0, "SPLIT": self.options.split}.get(mode, float(recorded_turn()))
+        self.turn = recorded_turn()
+        split = {"RENDERED": 0.0, "RECORDED": 1.0, "SPLIT": self.options.split}.get(mode, float(self.turn))
         there = rendered.size > 0 and rendered.shape[:2] == size
         if mode == "DIFFERENCE":
             if shown is None or not there:

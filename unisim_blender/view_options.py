@@ -1,7 +1,7 @@
 """What each 3D view shows of a rendered image: beside the recorded one, with what is unsupported, clipped to what was observed.
 
 Every view has options of its own, so one can show the recorded image beside another that shows the rendered one. Blender keeps
-no properties of extensions with its views, so they are kept here, as long as Blender runs.
+no properties of extensions with its views, so they are kept here, until another file is opened.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import bpy
+from bpy.app.handlers import persistent
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, PointerProperty
 
 from .registering import add, take_away
@@ -114,6 +115,12 @@ class UniSimView(bpy.types.PropertyGroup):
     )
 
 
+@persistent
+def forget(*_: object) -> None:
+    """Forget all views: another file has others, perhaps at the same addresses."""
+    _options.clear()
+
+
 CLASSES = (UniSimView,)
 
 
@@ -121,10 +128,12 @@ def register() -> None:
     """Add the options to the window manager, which says nothing of its own about them."""
     add(CLASSES)
     bpy.types.WindowManager.unisim_view = PointerProperty(type=UniSimView)
+    bpy.app.handlers.load_post.append(forget)
 
 
 def unregister() -> None:
     """Take them away, and forget all views."""
+    bpy.app.handlers.load_post.remove(forget)
     del bpy.types.WindowManager.unisim_view
     take_away(CLASSES)
     _options.clear()

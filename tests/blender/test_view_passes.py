@@ -7,9 +7,11 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+import bpy
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from PIL import Image
 
 from unisim_blender.bridge.clock import Clock
 from unisim_blender.bridge.poses import optical
@@ -119,3 +121,28 @@ def test_it_is_read_again_by_the_next_worker(jobs: Jobs, above: dict[str, Any], 
     assert [event["event"] for event, _ in first].count("progress") > 3
     assert "progress" not in [event["event"] for event, _ in second]
     np.testing.assert_array_equal(joined(first, "rgb"), joined(second, "rgb"))
+
+
+@pytest.mark.parametrize("clip", (False, True))
+def test_f12_is_clipped_where_that_is_asked_for(street: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, clip: bool) -> None:
+    """Through a camera that the log does not have alone."""
+    monkeypatch.setenv("UNISIM_CACHE", str(tmp_path / "cache"))
+    street.render.engine, street.render.resolution_percentage = "UNISIM", 20
+    street.render.image_settings.file_format, street.render.image_settings.color_mode = "PNG", "RGBA"
+    street.render.filepath, street.unisim.clip_render = str(tmp_path / "f12.png"), clip
+    street.frame_set(int(FRAME))
+
+    def clear() -> float:
+        bpy.ops.render.render(write_still=True)
+        alpha = np.asarray(Image.open(tmp_path / "f12.png"))[..., 3]
+        assert set(np.unique(alpha)) <= {0, 255}
+        return float((alpha == 0).mean())
+
+    assert clear() == 0.0
+    camera = bpy.data.objects.new("above", bpy.data.cameras.new("above"))
+    street.collection.objects.link(camera)
+    camera.location = street.camera.matrix_world.translation
+    camera.location.z += 120.0
+    street.camera = camera
+    bpy.context.view_layer.update()
+    assert 0.2 < clear() < 0.9 if clip else clear() == 0.0
