@@ -36,7 +36,7 @@ extern "C" int UNISIM_NAME(unisim_clearance)(const uint8_t *voxels, const int32_
 }
 
 // Metres (n) along rays to the first voxel whose clearance is 0, infinity where there is none; rays (n, 3) in the voxels'
-// coordinates, from `near` on, inside a box of `size` (3). `ObservedSpace.starts_reference` is the same in numpy.
+// coordinates, from `near` on, inside a box of `size` (3). `ObservedSpace.first_reference` is the same in numpy.
 extern "C" int UNISIM_NAME(unisim_first_marked)(const double *origins, const double *directions, int64_t n, double near,
                                                 const double *size, const uint8_t *clearance, const int32_t *shape,
                                                 double voxel_m, float *out, int threads) {

@@ -30,6 +30,7 @@ from unisim_blender.core.observed_space import (
 )
 from unisim_blender.core.render import Region, Renderer
 from unisim_blender.core.sensors.rays import Rays
+from unisim_blender.core.tracer import NEAR_M
 
 SAMPLE = Path(__file__).parents[2] / "sample" / "scene"
 FRAME = 9
@@ -104,15 +105,20 @@ def test_the_kernel_finds_what_numpy_finds(tmp_path: Path) -> None:
     origins, directions = rng.uniform(-25, 25, (4000, 3)), rng.normal(size=(4000, 3)) * [1, 1, 0.2]
     directions[0] = [0, 0, 1]
     rays = Rays(origins, directions / np.linalg.norm(directions, axis=1, keepdims=True), np.zeros(4000))
-    found, expected = space.starts(rays), space.starts_reference(*space._into(rays))
+    o, d = space._into(rays)
+    found, expected = space._first(o, d), space.first_reference(o, d)
     # rounding may put a place on a voxel's border into the next one
     assert (np.isclose(found, expected, rtol=1e-6) | (found == expected)).mean() > 0.998
     there = np.isfinite(found)
     assert 0.1 < there.mean() < 0.9
-    o, d = space._into(rays)
     cells = ((o[there] + found[there, None] * d[there]) / space.voxel_m + 1e-5).astype(int)
     cells = np.clip(cells, 0, np.array(space.passed.shape) - 1)
-    assert space.passed[tuple(cells.T)].mean() > 0.99
+    assert (space.passed & ~space.shown)[tuple(cells.T)].mean() > 0.99
+    starts, at = space.starts(rays), np.floor(o / space.voxel_m).astype(int)
+    within = ((at >= 0) & (at < space.passed.shape)).all(1)
+    amid = within & space.passed[tuple(np.where(within[:, None], at, 0).T)]
+    assert amid.mean() > 0.01 and (starts[amid] == np.float32(NEAR_M)).all(), "a view from amid the street loses what is near"
+    np.testing.assert_array_equal(starts[~amid], found[~amid])
 
 
 def test_without_kernels_the_clearance_is_no_larger(monkeypatch: pytest.MonkeyPatch) -> None:

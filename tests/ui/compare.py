@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -136,6 +137,21 @@ def first_import() -> Iterator[float]:
     space.show_gizmo = space.overlay.show_text = True
     yield from wait_for_picture()
     yield 0.5
+
+
+def measured() -> None:
+    """Note, from now on, the longest that one drawing of the view took of the main thread's time, in seconds."""
+    view_class: Any = sys.modules[f"{MODULE}.viewport"].View
+    for name in ("follow", "gather", "draw"):
+
+        def timed(self: Any, *arguments: Any, name: str = name, todo: Any = getattr(view_class, name)) -> Any:
+            begun = time.thread_time()
+            try:
+                return todo(self, *arguments)
+            finally:
+                results[f"longest_{name}_s"] = max(results.get(f"longest_{name}_s", 0.0), round(time.thread_time() - begun, 3))  # type: ignore[call-overload]
+
+        setattr(view_class, name, timed)
 
 
 def split() -> Iterator[float]:
@@ -337,6 +353,7 @@ def steps() -> Iterator[float]:
     yield 1.0
     begin()
     yield from task("compare_import", first_import)
+    measured()
     yield from sidebar()
     for name, todo in (
         ("split", split),

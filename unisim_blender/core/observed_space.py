@@ -80,15 +80,28 @@ class ObservedSpace:
 
     @cached_property
     def _clearance(self) -> NDArray[np.uint8]:
-        """Chessboard distances (X, Y, Z), in voxels, to the nearest that was passed, or less."""
-        return clearance(self.passed)
+        """Chessboard distances (X, Y, Z), in voxels, to the nearest that was passed and is clear of what is shown, or less."""
+        return clearance(self.passed & ~self.shown)
 
     def starts(self, rays: Rays) -> NDArray[np.float32]:
-        """Metres (N,) along rays (N,) to the first voxel that a recorded ray passed through; inf where there is none."""
+        """Metres (N,) along rays (N,) to the first voxel that a recorded ray passed through; inf where there is none.
+
+        Where a ray comes from a place that none passed, what it meets first has to be clear of surfaces, too: beside these, where
+        rays went a little too far into a wall, its back would be seen.
+        """
         o, d = (np.ascontiguousarray(x, np.float64) for x in self._into(rays))
+        first = self._first(o, d)
+        cell = np.floor(o / self.voxel_m).astype(np.int64)
+        inside = ((cell >= 0) & (cell < self.passed.shape)).all(1)
+        i, j, k = cell[inside].T
+        first[np.flatnonzero(inside)[self.passed[i, j, k]]] = NEAR_M
+        return first
+
+    def _first(self, o: FloatArray, d: FloatArray) -> NDArray[np.float32]:
+        """Metres along rays (N, 3), volume coordinates, to the first voxel of no clearance, by the kernel where it applies."""
         library = native.library()
         if library is None:
-            return self.starts_reference(o, d)
+            return self.first_reference(o, d)
         out, size = np.empty(len(o), np.float32), np.ascontiguousarray(self.size_m, np.float64)
         shape, clear = np.array(self.passed.shape, np.int32), self._clearance
         library.unisim_first_marked(
@@ -101,8 +114,8 @@ class ObservedSpace:
         """Origins and directions (N, 3) in the volume's coordinates."""
         return transform_points(self.volume_from_world, rays.origins), rays.directions @ self.volume_from_world[:3, :3].T
 
-    def starts_reference(self, o: FloatArray, d: FloatArray) -> NDArray[np.float32]:
-        """`starts` in numpy, of rays (N, 3) in the volume's coordinates."""
+    def first_reference(self, o: FloatArray, d: FloatArray) -> NDArray[np.float32]:
+        """The same in numpy."""
         safe = np.where(np.abs(d) < 1e-9, 1e-9, d)
         a, b = -o / safe, (self.size_m - o) / safe
         t, far = np.minimum(a, b).max(1).clip(NEAR_M), np.maximum(a, b).min(1)
