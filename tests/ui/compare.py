@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +26,10 @@ ENTRY_PX = 52, 23
 """How far below the header's field its menu's first entry is, and how far apart entries are."""
 SHOW_PX, SWITCH_PX = 171, {"unsupported": 52, "clip": 73}
 """How far below the sidebar's upper edge the panel Show is, and how far below that its switches are, while a view is rendered."""
+
+
+LONGEST: dict[str, float] = {}
+"""Seconds of the main thread's own time, by what took it."""
 
 
 def shown() -> Any:
@@ -143,15 +147,22 @@ def measured() -> None:
     """Note, from now on, the longest that one drawing of the view took of the main thread's time, in seconds."""
     view_class: Any = sys.modules[f"{MODULE}.viewport"].View
     for name in ("follow", "gather", "draw"):
+        setattr(view_class, name, timed(name, getattr(view_class, name)))
 
-        def timed(self: Any, *arguments: Any, name: str = name, todo: Any = getattr(view_class, name)) -> Any:
-            begun = time.thread_time()
-            try:
-                return todo(self, *arguments)
-            finally:
-                results[f"longest_{name}_s"] = max(results.get(f"longest_{name}_s", 0.0), round(time.thread_time() - begun, 3))  # type: ignore[call-overload]
 
-        setattr(view_class, name, timed)
+def timed(name: str, todo: Callable[..., Any]) -> Callable[..., Any]:
+    """The same method, which notes its longest time."""
+
+    def noted(*arguments: Any) -> Any:
+        begun = time.thread_time()
+        try:
+            return todo(*arguments)
+        finally:
+            took = round(time.thread_time() - begun, 3)
+            LONGEST[name] = max(LONGEST.get(name, 0.0), took)
+            results["longest_s"] = LONGEST
+
+    return noted
 
 
 def split() -> Iterator[float]:
