@@ -78,6 +78,9 @@ class Comparison:
         self.options, self.lacks, wanted = options, "", None
         if options.mode == "RENDERED":
             self._wanted = self._shown = None
+            for name in ("recorded", "difference"):
+                self._textures.pop(name, None)
+                self._made_of.pop(name, None)
             return
         self.lacks = lacks_recorded(view, scenario, source.drive, source.log, frame)
         if not self.lacks:
@@ -108,11 +111,13 @@ class Comparison:
         unsupported: NDArray[np.bool_] | None,
         stamp: object,
         finished: bool,
+        stale: bool,
     ) -> None:
         """Draw what the options ask for into ``rectangle`` of a region of that size (width, height).
 
         ``rendered`` (H, W, 4) is linear, ``srgb`` (H, W, 3) the same in eight bits, both with their lowest row first; ``stamp``
-        is another one whenever these are. ``finished``: whether no more of the rendered image is to come.
+        is another one whenever these are. ``finished``: whether no more of the rendered image is to come; ``stale``: whether
+        nothing has come of it. A stale image stands beside the recorded one that it was rendered for, and not beside the next.
         """
         mode, size = self.mode, (rectangle[3], rectangle[2])
         shown = self._shown if self._shown is not None and self._shown.linear.shape[:2] == size else None
@@ -123,7 +128,7 @@ class Comparison:
             if shown is None or not there:
                 return
             key = stamp, shown, self.options.gain
-            if self._made_of.get("difference") != key:
+            if self._made_of.get("difference") != key and not (stale and "difference" in self._textures):
                 self._put("difference", difference(shown.srgb, shown.covered, srgb, self.options.gain), key)
             told = (*key, rectangle, region, finished)
             if self._made_of.get("figures") != told:
@@ -131,8 +136,9 @@ class Comparison:
                 self._made_of["figures"] = told
             draw_part(self._textures["difference"], rectangle, 0.0, 1.0)
             return
-        if shown is not None and split > 0.0:
+        if shown is not None and not (stale and "recorded" in self._textures):
             self._put("recorded", shown.linear, shown)
+        if "recorded" in self._textures and (shown is not None or stale) and split > 0.0:
             draw_part(self._textures["recorded"], rectangle, 0.0, split)
         if there and split < 1.0:
             over = unsupported if self.options.unsupported else None

@@ -146,6 +146,7 @@ class View:
             if not self.comparison.needs_render:
                 self.drop()
                 self.wanted, self.problem = None, ""
+                self.linear = np.zeros((0, 0, 4), np.float32)  # it may be another frame's by the time it is wanted
                 return
             values = self._with_passes(values)
             # much that Blender calls a change, a selection say, shows nowhere
@@ -290,7 +291,8 @@ class View:
         engine.bind_display_space_shader(scene)
         size = region.width, region.height
         finished = not self.pending and not self.problem
-        self.comparison.draw(self.rectangle, size, self.linear, self.srgb, self.unsupported, self.revision, finished)
+        stale = self.pending and self.fresh
+        self.comparison.draw(self.rectangle, size, self.linear, self.srgb, self.unsupported, self.revision, finished, stale)
         engine.unbind_display_space_shader()
         gpu.state.blend_set("NONE")
 
