@@ -1,6 +1,9 @@
 // How far the voxels of a scene are from the nearest that can stop a ray: what free space is jumped by.
 #include "variant.h"
 
+#include <cmath>
+#include <limits>
+
 // Chessboard distances (X, Y, Z), in voxels and at most 255, to the nearest voxel that is not free.
 extern "C" int UNISIM_NAME(unisim_clearance)(const uint8_t *voxels, const int32_t *shape, uint8_t *out) {
     const int64_t nx = shape[0], ny = shape[1], nz = shape[2];
@@ -29,5 +32,40 @@ extern "C" int UNISIM_NAME(unisim_clearance)(const uint8_t *voxels, const int32_
     };
     sweep(1);
     sweep(-1);
+    return 0;
+}
+
+// Metres (n) along rays to the first voxel whose clearance is 0, infinity where there is none; rays (n, 3) in the voxels'
+// coordinates, from `near` on, inside a box of `size` (3). `ObservedSpace.first_reference` is the same in numpy.
+extern "C" int UNISIM_NAME(unisim_first_marked)(const double *origins, const double *directions, int64_t n, double near,
+                                                const double *size, const uint8_t *clearance, const int32_t *shape,
+                                                double voxel_m, float *out, int threads) {
+    parallel_blocks(n, 4096, threads, [&](int64_t begin, int64_t end) {
+        for (int64_t r = begin; r < end; ++r) {
+            const double *o = origins + 3 * r, *d = directions + 3 * r;
+            double t = near, far = std::numeric_limits<double>::infinity(), fastest = 0;
+            for (int a = 0; a < 3; ++a) {
+                const double along = std::fabs(d[a]) < 1e-9 ? 1e-9 : d[a];
+                const double first = -o[a] / along, second = (size[a] - o[a]) / along;
+                t = std::max(t, std::min(first, second));
+                far = std::min(far, std::max(first, second));
+                fastest = std::max(fastest, std::fabs(d[a]));
+            }
+            out[r] = std::numeric_limits<float>::infinity();
+            while (t < far) {
+                int64_t cell = 0;
+                for (int a = 0; a < 3; ++a) {
+                    const double x = std::max((o[a] + t * d[a]) / voxel_m, 0.0);
+                    cell = cell * shape[a] + std::min<int64_t>(static_cast<int64_t>(x), shape[a] - 1);
+                }
+                if (!clearance[cell]) {
+                    out[r] = static_cast<float>(t);
+                    break;
+                }
+                // within a voxel less than the distance there is none; beside one the way goes on in half voxels
+                t += std::max((clearance[cell] - 1.0) / fastest, 0.5) * voxel_m;
+            }
+        }
+    });
     return 0;
 }

@@ -76,6 +76,10 @@
         (const unisim_scene *scene, const float *sizes, int32_t actors, uint8_t *kinds, int threads), \
         (scene, sizes, actors, kinds, threads)) \
     KERNEL(int, clearance, (const uint8_t *voxels, const int32_t *shape, uint8_t *out), (voxels, shape, out)) \
+    KERNEL(int, first_marked, \
+        (const double *origins, const double *directions, int64_t n, double near, const double *size, const uint8_t *clearance, \
+         const int32_t *shape, double voxel_m, float *out, int threads), \
+        (origins, directions, n, near, size, clearance, shape, voxel_m, out, threads)) \
     KERNEL(int32_t, bvh_build, \
         (const float *vertices, const int32_t *faces, int32_t n, unisim_bvh_node *nodes, int32_t *order), \
         (vertices, faces, n, nodes, order)) \

@@ -128,6 +128,7 @@ struct unisim_rays {
     int64_t n;
     const double *origins, *directions, *times;
     const int64_t *order;
+    const float *starts; // (n): metres before which nothing of the static field is met; null: everywhere it is
 };
 
 // Where rays meet meshes: ray (count) rising, distance, optical depth, and the mesh's number.

@@ -7,6 +7,7 @@ import bpy
 from . import (
     client,
     clouds,
+    compare_view,
     documentation,
     edit_properties,
     edit_watch,
@@ -27,6 +28,7 @@ from . import (
     thumbnails,
     timeline,
     translations,
+    view_options,
     view_types,
 )
 from .bridge import neighbours
@@ -36,6 +38,7 @@ ROOMS = (
     translations,
     properties,
     edit_properties,
+    view_options,
     preferences,
     neighbours,
     following,
@@ -53,6 +56,7 @@ ROOMS = (
     notice_text,
     timeline,
     view_types,
+    compare_view,
     engine,
     documentation,
 )

@@ -83,11 +83,9 @@ class UniSimEngine(bpy.types.RenderEngine):
         view = self._view()
         view.follow(context, depsgraph)
         view.gather()
-        view.draw(self, depsgraph.scene)
-        self.update_stats(
-            "UniSim", view.problem or view.outside or view.progress or (interface("Rendering") if view.pending else view.warning)
-        )
-        if view.pending or view.waits:
+        view.draw(self, depsgraph.scene, context.region)
+        self.update_stats("UniSim", view.sentence)
+        if view.expects:
             redraw_soon()
 
     def _view(self) -> Any:
@@ -132,10 +130,12 @@ class UniSimEngine(bpy.types.RenderEngine):
         picture.indices = values.pop("indices")
         height = size[1]
         left, bottom, right, top = picture.border
+        clip = scene.unisim.clip_render and not (view.kind == "CAMERA" and view.uid in source.drive.cameras)
         request = worker.ask(
             "camera",
             **values,
-            passes=["rgb", *(PASSES[name][-1] for name in names)],
+            passes=["rgb", *(PASSES[name][-1] for name in names), *(["support"] if clip else [])],
+            clip=clip,
             quality=scene.unisim.quality,
             shadows=scene.unisim.contact_shadows,
             device=device(),
@@ -213,6 +213,8 @@ class Picture:
         rows = slice(height - last - bottom, height - first - bottom)
         self.buffers["Combined"][rows, :, :3] = linear_from_srgb(np.clip(arrays["rgb"], 0, 1))[::-1]
         self.buffers["Combined"][rows, :, 3] = 1.0
+        if "unsupported" in arrays:  # asked for where it is left out
+            self.buffers["Combined"][rows][arrays["unsupported"][::-1]] = 0.0
         for name, buffer in self.buffers.items():
             if name != "Combined":
                 buffer[rows] = self._values(name, event, arrays)[::-1].reshape(last - first, *buffer.shape[1:])
@@ -261,7 +263,7 @@ def _look() -> float | None:
                 for region in area.regions:
                     if region.type == "WINDOW":  # its panels show nothing of this
                         region.tag_redraw()
-    return LOOK_S if any(view.pending or view.waits for view in views) else None
+    return LOOK_S if any(view.expects for view in views) else None
 
 
 CLASSES = (UniSimEngine,)

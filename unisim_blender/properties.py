@@ -167,6 +167,11 @@ class UniSimScene(bpy.types.PropertyGroup):
         description="Offset of the recorded LiDAR points to the left of the vehicle, for comparison with simulated points",
         unit="LENGTH",
     )
+    clip_render: BoolProperty(
+        name="Clip to Observed",
+        description="F12 through a camera that the log does not have shows nothing but what the recording observed, "
+        "on transparent ground",
+    )
     opacity_pass: BoolProperty(name="Opacity pass", description="Opacity of everything nearer than the background model")
     passes: EnumProperty(
         name="Passes",

@@ -22,10 +22,13 @@ from .bridge.snapshot import camera_request
 from .bridge.source import source_of
 from .bridge.touched import Rectangle, is_empty, joined, touched
 from .client import Client, Request, client, progress_line
-from .core.colour import linear_from_srgb
+from .comparison import Comparison
+from .core.colour import bytes_from_srgb, linear_from_srgb
 from .core.drive import CameraModel
 from .core.errors import UnisimError
 from .preferences import device, interpreter
+from .translations import interface
+from .view_options import options_of
 
 COARSE = (8, 4)
 """The view is shown with one in so many pixels each way before it is finished."""
@@ -52,7 +55,6 @@ class View:
     worker: Client | None = None
     rectangle: tuple[int, int, int, int] = (0, 0, 0, 0)
     linear: NDArray[np.float32] = field(default_factory=lambda: np.zeros((0, 0, 4), np.float32))
-    texture: Any = None
     problem: str = ""
     progress: str = ""
     """How far something is that has to be made before there is a picture."""
@@ -65,6 +67,15 @@ class View:
     """Whether a render job goes first."""
     fresh: bool = False
     """Whether nothing was drawn yet of what was asked for last."""
+    srgb: NDArray[np.uint8] = field(default_factory=lambda: np.zeros((0, 0, 3), np.uint8))
+    """The picture in eight bits."""
+    unsupported: NDArray[np.bool_] | None = None
+    """Which of its pixels nothing recorded supports, where that was asked for; like the picture, its lowest row first."""
+    revision: int = 0
+    """Another one whenever the picture is."""
+    comparison: Comparison = field(default_factory=Comparison)
+    region: int = 0
+    """The address of the region that it is drawn into."""
 
     def __post_init__(self) -> None:
         VIEWS.add(self)
@@ -74,8 +85,15 @@ class View:
         """Whether more of the picture is to come."""
         return self.request is not None
 
+    @property
+    def expects(self) -> bool:
+        """Whether something is to come that is not drawn yet."""
+        return self.pending or self.waits or self.comparison.waits
+
     def news(self, late: bool) -> bool:
         """Whether there is something to draw; ``late``: whether the last drawing is long ago."""
+        if self.comparison.arrived:
+            return True
         if self.waits or self.request is None or self.request.events.empty():
             return self.waits and late
         return late or self.fresh or self.request.ended
@@ -102,6 +120,8 @@ class View:
         if self.waits:
             return
         scene, region, space = depsgraph.scene, context.region, context.region_data
+        options, self.region = options_of(context.space_data), region.as_pointer()
+        self.comparison.gather()
         looks = tuple(tuple(row) for row in space.perspective_matrix)
         key = (
             looks,
@@ -111,6 +131,10 @@ class View:
             self.changes,
             scene.unisim.quality,
             scene.unisim.contact_shadows,
+            options.mode,
+            options.unsupported,
+            options.clip,
+            self.comparison.lacks,
         )
         if key == self.key:
             return
@@ -121,6 +145,12 @@ class View:
                 self.key = None  # once that is known, the view is drawn again
                 return
             values, sampled, view = found
+            if not self.comparison.needs_render:
+                self.drop()
+                self.wanted, self.problem = None, ""
+                self.linear = np.zeros((0, 0, 4), np.float32)  # it may be another frame's by the time it is wanted
+                return
+            values = self._with_passes(values)
             # much that Blender calls a change, a selection say, shows nowhere
             if values != self.wanted or self.problem:
                 self.gather()
@@ -136,6 +166,7 @@ class View:
         scene, space = depsgraph.scene, context.region_data
         source = source_of(scene)
         if not space.is_perspective:
+            self.comparison.lacks = ""
             raise UnisimError(
                 "the neural scene cannot be rendered in an orthographic view: press Numpad 5 or look through a camera"
             )
@@ -157,17 +188,25 @@ class View:
         aspect = scene.render.pixel_aspect_y / scene.render.pixel_aspect_x
         values = camera_request(sampled, view, source, frame, self.rectangle[2:], aspect)
         del values["indices"]
-        return (
-            {**values, "quality": scene.unisim.quality, "shadows": scene.unisim.contact_shadows, "device": device()},
-            sampled,
-            view,
-        )
+        options = options_of(context.space_data)
+        self.comparison.follow(options, source, view, values["scenario"], CameraModel.from_dict(values["model"]), frame)
+        clip = options.clip and through is None
+        passes = ["rgb", "support"] if clip or options.unsupported else ["rgb"]
+        set_up = {"quality": scene.unisim.quality, "shadows": scene.unisim.contact_shadows, "device": device()}
+        return {**values, **set_up, "clip": clip, "passes": passes}, sampled, view
+
+    def _with_passes(self, values: dict[str, Any]) -> dict[str, Any]:
+        """The same request with the pass that the finished picture has already, where nothing else is to be rendered."""
+        if self.wanted is None or self.pending or set(values["passes"]) >= set(self.wanted["passes"]):
+            return values
+        kept = {**values, "passes": self.wanted["passes"]}
+        return kept if kept == self.wanted else values
 
     def _part(self, values: dict[str, Any], sampled: Sampled, view: Thing) -> Rectangle | None:
         """The part of a finished picture that has to be rendered again; None for all."""
         if self.wanted is None or self.sampled is None or self.problem:
             return None
-        elsewhere = ("camera", "time_s", "model", "quality", "shadows", "device")
+        elsewhere = ("camera", "time_s", "model", "quality", "shadows", "device", "clip", "passes")
         if any(values[name] != self.wanted[name] for name in elsewhere) or self.linear.shape[:2] != self.rectangle[:1:-1]:
             return None
         model = CameraModel.from_dict(values["model"])
@@ -185,7 +224,6 @@ class View:
         self.request = self.worker.ask(
             "camera",
             **values,
-            passes=["rgb"],
             coarse=[] if small else COARSE,
             rows=[top, bottom],
             columns=[left, right],
@@ -194,7 +232,12 @@ class View:
         self.fresh = True
         if self.linear.shape[:2] != (height, width):
             self.linear = np.zeros((height, width, 4), np.float32)
-            self.texture = None
+            self.srgb = np.zeros((height, width, 3), np.uint8)
+            self.unsupported, self.revision = None, self.revision + 1
+        if "support" not in values["passes"]:
+            self.unsupported = None
+        elif self.unsupported is None:
+            self.unsupported = np.zeros((height, width), bool)
 
     def gather(self) -> None:
         """Take in what has come of the picture."""
@@ -211,17 +254,18 @@ class View:
                 continue
             self.progress = ""
             if event["event"] == "arrays":
-                self._put(event, self.worker.arrays(event)["rgb"])
+                self._put(event, self.worker.arrays(event))
             else:
                 self.problem = event.get("text", "")
                 self.request = None
                 if event["event"] == "done":
                     self.unfinished = 0, 0, 0, 0
 
-    def _put(self, event: dict[str, Any], rgb: NDArray[np.float32]) -> None:
+    def _put(self, event: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> None:
         height = len(self.linear)
         (top, bottom), (left, right) = event["rows"], event["columns"]
-        linear = linear_from_srgb(np.clip(rgb, 0, 1))
+        srgb, unsupported = np.clip(arrays["rgb"], 0, 1), arrays.get("unsupported")
+        linear, bytes_ = linear_from_srgb(srgb), bytes_from_srgb(srgb)
         if event["stride"] == [1, 1]:
             if bottom > self.unfinished[1]:
                 self.unfinished = self.unfinished[0], bottom, *self.unfinished[2:]
@@ -231,30 +275,43 @@ class View:
                 np.clip(np.rint((np.arange(*span) - first) / stride).astype(int), 0, count - 1)
                 for span, (first, stride, count) in zip(spans, places, strict=True)
             )
-            linear = linear[rows[:, None], across]
-        band = self.linear[height - bottom : height - top, left:right]
+            linear, bytes_ = linear[rows[:, None], across], bytes_[rows[:, None], across]
+            unsupported = None if unsupported is None else unsupported[rows[:, None], across]
+        here = slice(height - bottom, height - top), slice(left, right)
+        band = self.linear[here]
         band[..., :3] = linear[::-1]
         band[..., 3] = 1.0
-        self.texture, self.fresh = None, False
+        self.srgb[here] = bytes_[::-1]
+        if unsupported is not None and self.unsupported is not None and self.wanted is not None:
+            self.unsupported[here] = unsupported[::-1]
+            if self.wanted["clip"]:
+                band[unsupported[::-1]] = 0.0  # transparent: what is behind the view shows
+        self.revision, self.fresh = self.revision + 1, False
 
-    def draw(self, engine: bpy.types.RenderEngine, scene: bpy.types.Scene) -> None:
-        """Show the picture."""
-        from gpu_extras.presets import draw_texture_2d
-
-        left, bottom, width, height = self.rectangle
-        if not self.linear.size:
-            return
-        if self.texture is None:
-            buffer = gpu.types.Buffer("FLOAT", self.linear.size, self.linear.ravel())
-            self.texture = gpu.types.GPUTexture((width, height), format="RGBA16F", data=buffer)
+    def draw(self, engine: bpy.types.RenderEngine, scene: bpy.types.Scene, region: bpy.types.Region) -> None:
+        """Show the picture, and the recorded one where that is wanted."""
+        self.comparison.gather()
         gpu.state.blend_set("ALPHA_PREMULT")
         engine.bind_display_space_shader(scene)
+        size = region.width, region.height
+        finished = not self.pending and not self.problem
+        stale = self.pending and self.fresh
         with gpu.matrix.push_pop(), gpu.matrix.push_pop_projection():
             gpu.matrix.load_identity()
             gpu.matrix.load_projection_matrix(exact_pixels(*gpu.state.viewport_get()[2:]))
-            draw_texture_2d(self.texture, (left, bottom), width, height)
+            self.comparison.draw(self.rectangle, size, self.linear, self.srgb, self.unsupported, self.revision, finished, stale)
         engine.unbind_display_space_shader()
         gpu.state.blend_set("NONE")
+
+    @property
+    def sentence(self) -> str:
+        """What the view says of itself, in one line."""
+        if self.problem:
+            return self.problem
+        work = self.progress or (interface("Rendering") if self.pending else self.warning)
+        clipped = "Clipped to what was observed" if self.wanted is not None and self.wanted["clip"] else ""
+        parts = (self.comparison.sentence, self.outside, work, clipped)
+        return ". ".join(part for part in parts if part)
 
 
 def exact_pixels(width: int, height: int) -> Matrix:

@@ -49,6 +49,7 @@ class Gathering {
             float near = 0, far = 0;
             if (!span_of_box(o, d, zero, scene.size, tile_.task.sampling.near_m, near, far)) far = near;
             tile_.far[r] = far;
+            near = std::min(std::max(near, tile_.near[r]), far);
             const size_t p = static_cast<size_t>(still.count);
             if (tile_.marches(scene)) {
                 // added first, to be looked for like what follows

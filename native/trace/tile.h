@@ -16,6 +16,7 @@ struct Tile {
     TileRays rays;
     int64_t number[TILE];              // of a ray, among all that are traced
     float o[TILE][3], d[TILE][3];      // in the volume's coordinates, metres
+    float near[TILE];                  // from where on a ray meets the static field
     float far[TILE];                   // where a ray leaves the volume
     std::vector<Batch> batches;        // what stands still, the troupes, copies, meshes
     std::vector<Strand> strands[TILE]; // of all batches, by ray
@@ -53,6 +54,7 @@ struct Tile {
             rays.origin[r] = all.origins + 3 * i;
             rays.direction[r] = all.directions + 3 * i;
             rays.time[r] = all.times[i];
+            near[r] = all.starts ? std::max(task.sampling.near_m, all.starts[i]) : task.sampling.near_m;
             transform(scene.volume_from_world, rays.origin[r], o[r]);
             turn(scene.volume_from_world, rays.direction[r], d[r]);
         }

@@ -45,6 +45,7 @@ SESSIONS = {
     "actors": ["--enable-event-simulate"],
     "finish": ["--enable-event-simulate"],
     "rigs": ["--enable-event-simulate"],
+    "compare": ["--enable-event-simulate"],
 }
 """What each file's Blender is started with besides; the one with simulated events hears no others."""
 CI_SESSIONS = ("person", "displaced", "retimed", "sequences", "panel", "points", "window", "hands")

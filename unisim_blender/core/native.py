@@ -131,6 +131,7 @@ def library() -> ctypes.CDLL | None:
     lib.unisim_trace.argtypes = [p, p, p, p, p, p, i32]
     lib.unisim_march.argtypes = [p, i32, p, p, p, p, p, i64, p, p, i32, p, p, p]
     lib.unisim_clearance.argtypes = [p, p, p]
+    lib.unisim_first_marked.argtypes = [p, p, i64, f64, p, p, p, f64, p, i32]
     lib.unisim_cells.argtypes = [p, p, i64, p, i32]
     lib.unisim_box_cells.argtypes = [p, p, i32, p, i32]
     lib.unisim_blocks_differ.argtypes = [p, i32, p, i64, i64, i32, p, p, i32]

@@ -98,12 +98,20 @@ class _Shot:
 class Renderer:
     """Renders a drive by a tracer of a trained scene and this drive. ``draw`` seeds the draw of the beams that return, which
     without it are those whose probability is half or more. ``shadows`` puts contact shadows under actors that the recording does
-    not have. ``own_width`` is how wide the camera's own images are, where the drive has the camera at another size."""
+    not have. ``own_width`` is how wide the camera's own images are, where the drive has the camera at another size. ``lighting``
+    traces the ground that meshes are lit like, where ``tracer`` leaves some of it out."""
 
     def __init__(
-        self, tracer: Tracer, drive: Drive, draw: int | None = None, shadows: bool = False, own_width: int | None = None
+        self,
+        tracer: Tracer,
+        drive: Drive,
+        draw: int | None = None,
+        shadows: bool = False,
+        own_width: int | None = None,
+        lighting: Tracer | None = None,
     ) -> None:
         self.tracer, self.drive, self.draw, self.own_width = tracer, drive, draw, own_width
+        self.lighting = tracer if lighting is None else lighting
         self.shaders = [actor for actor in drive.actors.values() if actor.inserted] if shadows else []
 
     def camera(
@@ -128,9 +136,9 @@ class Renderer:
         coarse: Sequence[int] = (),
         band: int | None = None,
     ) -> Iterator[Part]:
-        """The same in parts: colours of it all, coarse by the strides in ``coarse``, then finished bands of about ``band`` rows
-        from the top, which together are the bits of the whole. Pixels of coarse parts are pixels of the finished ones, where a
-        pixel's colour hangs on its own ray alone."""
+        """The same in parts: colours of it all, and what is unsupported where that was asked for, coarse by the strides in
+        ``coarse``; then finished bands of about ``band`` rows from the top, which together are the bits of the whole. Pixels of
+        coarse parts are pixels of the finished ones, where a pixel's colour hangs on its own ray alone."""
         begun = time.perf_counter()
         camera = self.sized(camera_id, width)
         model = camera.model
@@ -144,7 +152,8 @@ class Renderer:
             yield from self._grow_lattice(shot, region, size, coarse, band)
             return
         for stride in coarse if region == whole else ():
-            picture = self.camera(camera_id, frame, ("rgb",), max(LEAST_WIDTH, model.width // stride))
+            early = ("rgb", "support") if "support" in passes else ("rgb",)
+            picture = self.camera(camera_id, frame, early, max(LEAST_WIDTH, model.width // stride))
             height, across = picture.rgb.shape[:2]
             y, x = model.height / height, model.width / across
             yield Part(picture, whole, (y, x), (y / 2 - 0.5, x / 2 - 0.5))
@@ -216,8 +225,9 @@ class Renderer:
             values = {name: x.reshape(*shape, *x.shape[1:]) for name, x in picture.values.items() if name != CROWDED}
             if stride > 1:
                 pose = camera.world_from_camera.at(camera.time_s[shot.frame])
-                rgb = values["rgb"][::stride, ::stride]
-                yield Part(CameraFrame(model, pose, rgb), region, (stride, stride), (rows.start, columns.start))
+                few = {name: values[name][::stride, ::stride] for name in ("rgb", "support") if name in values}
+                image = CameraFrame(model, pose, few["rgb"], unsupported=few.get("support"))
+                yield Part(image, region, (stride, stride), (rows.start, columns.start))
                 continue
             part = region._replace(
                 top=max(region.top, rows.start + done.start), bottom=min(region.bottom, rows.start + done.stop)
@@ -289,9 +299,9 @@ class Renderer:
         distance = np.linalg.norm(to, axis=1, keepdims=True)
         directions = to / distance
         rays = Rays(points - directions * np.minimum(distance, PROBE_M), directions, np.full(len(points), time_s))
-        found = self.tracer.trace(rays, {"instance", "depth"}, True, None, RenderStats())
+        found = self.lighting.trace(rays, {"instance", "depth"}, True, None, RenderStats())
         # one row of cells: a decoder that looks aside sees ground on both sides
-        rgb = self.tracer.image(found, directions, camera.sensor_id, (1, len(points)))[0, :: self.tracer.upsample]
+        rgb = self.lighting.image(found, directions, camera.sensor_id, (1, len(points)))[0, :: self.tracer.upsample]
         return level_of(rgb[(found.maps["instance"] == 0) & (found.maps["depth"] < 2 * PROBE_M)])
 
     def _shaded(

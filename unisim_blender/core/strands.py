@@ -20,6 +20,8 @@ class RayBatch:
     origins: Tensor
     directions: Tensor
     time_s: Tensor
+    starts: Tensor | None = None
+    """Metres (N,) before which a ray meets nothing of the static field; None where there is no such bound."""
 
     def __len__(self) -> int:
         return len(self.origins)

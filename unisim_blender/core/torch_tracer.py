@@ -8,7 +8,9 @@ lidar_head                 features to intensity and returns       decode.py
 
 from __future__ import annotations
 
+import copy
 from contextlib import nullcontext
+from dataclasses import replace
 
 import numpy as np
 import torch
@@ -21,11 +23,13 @@ from .cast_tensors import cast_tensors
 from .devices import tensor_to
 from .drive import Drive
 from .fields.checkpoint import Scene
+from .fields.frozen import shallow
 from .fields.scene import SceneModel
 from .fields.volume_frame import VolumeFrame
 from .frames import RenderStats
 from .geometry import FloatArray
 from .meshes.meeting import Met
+from .observed_space import Observed, ObservedSpace
 from .quality import quality_named
 from .ray_passes import ray_passes
 from .sensors.rays import Rays, sound_directions
@@ -54,12 +58,37 @@ class TorchTracer:
         alone = all(model.camera_decoder.reach == 0 and model.config.upsample == 1 for model in models)
         self.edge = 0 if alone else EDGE_CELLS
         self.reach = scene.model.camera_decoder.reach + (self.edge if self.cast.guests else 0)
+        self.space: ObservedSpace | None = None
+        self.clipped = False
+
+    @property
+    def observed(self) -> Observed:
+        """See `observed_space.Observing`."""
+        model = self.scene.model
+        return self.scene.header, model.observed.cpu().numpy(), model.config.voxel_m
+
+    def within(self, space: ObservedSpace, clip: bool) -> TorchTracer:
+        """See `observed_space.Observing`."""
+        other = copy.copy(self)
+        other.space, other.clipped = space, clip
+        if clip:
+            model, occupancy = shallow(self.scene.model), shallow(self.scene.model.occupancy)
+            values = torch.where(self.scene.model.observed > 0, occupancy.values, 0)
+            occupancy._buffers = {**occupancy._buffers, "values": values}
+            model._modules["occupancy"] = occupancy
+            other.scene = replace(self.scene, model=model)
+        return other
 
     @torch.no_grad()
     def trace(self, rays: Rays, passes: set[str], sky: bool, met: Met | None, stats: RenderStats) -> Found:
         """All rays in chunks; features joined, and for each pass one array (N, ...)."""
         rays = rays.flat().sound()
         batch = to_batch(rays, self.scene.model.frame)
+        starts = None
+        if self.space is not None and self.clipped:
+            starts = torch.as_tensor(self.space.starts(rays)).to(batch.origins)
+        told, asked = self.space is not None and "support" in passes, passes
+        passes = passes - {"support"} | {"depth", "instance"} if told else passes
         near = self.bounds.in_reach(rays)
         stats.actors_skipped += len(self.cast.own.actors) - len(near)
         among = torch.tensor(near, dtype=torch.long, device=self.device)
@@ -67,6 +96,8 @@ class TorchTracer:
         pieces, maps = [], []
         for begin in range(0, len(batch), CHUNK_RAYS):
             part = RayBatch(*(x[begin : begin + CHUNK_RAYS] for x in (batch.origins, batch.directions, batch.time_s)))
+            if starts is not None:
+                part = replace(part, starts=starts[begin : begin + CHUNK_RAYS])
             surfaces = None if met is None else met.between(begin, begin + CHUNK_RAYS)
             traced = trace(self.scene.model, self.tensors, part, sampling, among, surfaces)
             self._count(part, traced, stats)
@@ -74,11 +105,16 @@ class TorchTracer:
             traced.strands = []
             pieces.append(traced)
         covered = _joined([p.mesh_opacity for p in pieces])
+        joined = {name: np.concatenate([m[name] for m in maps]) for name in maps[0]}
+        if told:
+            assert self.space is not None
+            joined["support"] = ~self.space.supported(rays, joined["depth"], joined["instance"], self.clipped)
+            joined = {name: x for name, x in joined.items() if name in asked or (name == "depth" and "normal" in asked)}
         return Found(
             feature=torch.cat([p.feature for p in pieces]),
             depth_m=torch.cat([p.depth_m for p in pieces]),
             opacity=torch.cat([p.opacity for p in pieces]),
-            maps={name: np.concatenate([m[name] for m in maps]) for name in maps[0]},
+            maps=joined,
             guest_features=[torch.cat(parts) for parts in zip(*(p.guest_features for p in pieces), strict=True)],
             guest_opacity=[torch.cat(parts) for parts in zip(*(p.guest_opacity for p in pieces), strict=True)],
             without_guests=_joined([p.without_guests for p in pieces]),

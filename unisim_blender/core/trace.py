@@ -123,6 +123,8 @@ def _count(n: int, sampling: Sampling) -> int:
 def _static_strands(scene: SceneModel, cast: CastTensors, rays: RayBatch, sampling: Sampling, actors: list[Strands]) -> Strands:
     o, d = scene.frame.points(rays.origins), scene.frame.vectors(rays.directions)
     t_near, t_far = scene.frame.span(o, d, NEAR_M)
+    if rays.starts is not None:
+        t_near = torch.minimum(torch.maximum(t_near, rays.starts), t_far)
     n, samples = len(rays), scene.config.samples
     u = stratified(n, _count(samples.static_proposals, sampling), sampling.jitter, o, sampling.generator)
     with torch.no_grad():

@@ -5,6 +5,7 @@ from pathlib import Path
 import bpy
 
 from ..bridge.things import things
+from ..compare_view import draw_options
 from ..translations import interface
 from .sidebar import Sidebar, row_of
 
@@ -56,6 +57,7 @@ class UNISIM_PT_show(Sidebar, bpy.types.Panel):
         """Draw switches, and how LiDAR points are drawn; what does not apply is grey."""
         layout, about = self.layout, context.scene.unisim
         layout.use_property_split, layout.use_property_decorate = True, False
+        draw_options(layout, context)
         layout.prop(about, "show_ways")
         layout.prop(about, "show_sensors")
         layout.prop(about, "show_timeline")

@@ -67,6 +67,7 @@ class UNISIM_PT_output(Sidebar, bpy.types.Panel):
         column.column().prop(about, "passes")
         column.prop(about, "opacity_pass")
         column.prop(about, "contact_shadows")
+        column.prop(about, "clip_render")
         layout.operator("unisim.render_sequence", icon="RENDER_ANIMATION")
         draw_task(layout, context.window_manager)
         draw_results(layout, context)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -58,7 +59,7 @@ class CompiledScene:
         size = volume.size_m
         extent = (float(size[0]), float(size[1]), float(size[2]))
         shape = tuple(int(np.ceil(s / config.voxel_m)) for s in size)
-        voxels = self._keep(weights.voxels("occupancy.values", shape))
+        voxels = self._voxels = self._keep(weights.voxels("occupancy.values", shape))
         self.observed = weights.voxels("observed", shape)
         clearance = self._keep(np.empty_like(voxels))
         ground = tuple(int(np.ceil(s / GROUND_CELL_M)) for s in size[:2])
@@ -107,6 +108,7 @@ class CompiledScene:
             self.cells = stored(weights, self.header, len(occupied)) or kept(self.header, len(occupied), work_out)
         cells, box_cells = self._keep(np.zeros(shape, np.uint16)), self._keep(np.ascontiguousarray(self.cells.boxes))
         cells.reshape(-1)[occupied] = self.cells.kinds
+        self._cells = cells
         self.struct.cells, self.struct.box_cells = address(cells), address(box_cells)
         closed, counts = (cells > 0).view(np.uint8), np.array(shape, np.int32)
         library.unisim_clearance(address(closed), address(counts), address(clearance))
@@ -119,6 +121,20 @@ class CompiledScene:
         boxes = np.empty((len(self.looks), BOX_CELLS, BOX_CELLS, BOX_CELLS), np.uint8)
         library.unisim_box_cells(ctypes.byref(self.struct), address(sizes), len(sizes), address(boxes), native.threads())
         return Cells(cells.reshape(-1)[occupied], boxes)
+
+    @cached_property
+    def observed_struct(self) -> SceneStruct:
+        """The same scene with the voxels alone that the recording shows."""
+        shown = self.observed > 0
+        voxels, cells = (self._keep(np.where(shown, array, np.zeros_like(array))) for array in (self._voxels, self._cells))
+        clearance = self._keep(np.empty_like(voxels))
+        closed, counts = (cells > 0).view(np.uint8), np.array(shown.shape, np.int32)
+        library = native.library()
+        assert library is not None
+        library.unisim_clearance(address(closed), address(counts), address(clearance))
+        struct = SceneStruct.from_buffer_copy(self.struct)
+        struct.voxels, struct.cells, struct.clearance = address(voxels), address(cells), address(clearance)
+        return struct
 
     def into_volume(self, points: FloatArray) -> FloatArray:
         """World points (N, 3) in volume coordinates."""

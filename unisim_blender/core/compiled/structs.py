@@ -81,7 +81,7 @@ class CastStruct(ctypes.Structure):
 class RaysStruct(ctypes.Structure):
     """`unisim_rays`."""
 
-    _fields_ = [("n", _I64), ("origins", _P), ("directions", _P), ("times", _P), ("order", _P)]
+    _fields_ = [("n", _I64), ("origins", _P), ("directions", _P), ("times", _P), ("order", _P), ("starts", _P)]
 
 
 class MeshHitsStruct(ctypes.Structure):

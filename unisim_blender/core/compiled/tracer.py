@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import ctypes
 from typing import Any
 
@@ -15,6 +16,7 @@ from ..drive import Drive
 from ..frames import RenderStats
 from ..geometry import FloatArray
 from ..meshes.meeting import Met
+from ..observed_space import Observed, ObservedSpace
 from ..quality import quality_named
 from ..sensors.rays import Rays, sound_directions
 from ..tracer import EDGE_CELLS, NEAR_M, UNIFORM_STEP_M, Array, Found, Maps, tiled
@@ -53,9 +55,23 @@ class CompiledTracer:
         alone = all(s.decoder.reach == 0 and s.config.upsample == 1 for s in (scene, *self._guests))
         self._edge = 0 if alone else EDGE_CELLS
         self.reach = scene.decoder.reach + (self._edge if self._guests else 0)
+        self.space: ObservedSpace | None = None
+        self.clipped = False
+
+    @property
+    def observed(self) -> Observed:
+        """See `observed_space.Observing`."""
+        return self.scene.header, self.scene.observed, self.scene.config.voxel_m
+
+    def within(self, space: ObservedSpace, clip: bool) -> CompiledTracer:
+        """See `observed_space.Observing`."""
+        other = copy.copy(self)
+        other.space, other.clipped = space, clip
+        return other
 
     def trace(self, rays: Rays, passes: set[str], sky: bool, met: Met | None, stats: RenderStats) -> Found:
         """See `tracer.Tracer`."""
+        asked, passes = passes, passes | {"depth", "instance"} if self.space is not None and "support" in passes else passes
         order = tiled(rays.time_s.shape)
         # of a list the order is its own, and its parts need no copies
         listed, flat = rays.time_s.ndim < 2, rays.flat().sound()
@@ -68,6 +84,7 @@ class CompiledTracer:
             found.without_guests = np.empty_like(found.feature)
         if met is not None:
             found.mesh_opacity = np.empty(n, np.float32)
+        starts = self.space.starts(flat) if self.space is not None and self.clipped else None
         maps: Maps = {}
         if passes & {"depth", "normal", "support"}:
             maps["depth"] = np.empty(n, np.float32)
@@ -79,13 +96,16 @@ class CompiledTracer:
             part = order[begin : begin + CHUNK_RAYS]
             at = slice(begin, begin + CHUNK_RAYS) if listed else part
             some = Rays(rays.origins[at], rays.directions[at], rays.time_s[at])
-            self._run(rays, part, some, sky, met, found, maps, stats)
+            self._run(rays, part, some, sky, met, found, maps, stats, starts)
         solid = found.opacity > 0.5
         if "depth" in maps:
             maps["depth"][~solid] = np.inf
         if "opacity" in passes:
             maps["opacity"] = found.opacity
-        if "support" in passes:
+        if self.space is not None and "support" in passes:
+            maps["support"] = ~self.space.supported(flat, maps["depth"], maps["instance"], self.clipped)
+            maps = {name: values for name, values in maps.items() if name in asked or (name == "depth" and "normal" in asked)}
+        elif "support" in passes:
             ends = rays.origins + rays.directions * np.nan_to_num(maps["depth"], posinf=1e6)[:, None].astype(np.float64)
             maps["support"] = ~(self.scene.supported(ends) | (maps["instance"] > 0))
         found.maps = maps
@@ -101,11 +121,12 @@ class CompiledTracer:
         found: Found,
         maps: Maps,
         stats: RenderStats,
+        starts: Array | None = None,
     ) -> None:
         """Traces the rays of these numbers, which are ``some``, into the arrays of ``found`` and ``maps``."""
         library = native.library()
         assert library is not None
-        struct = RaysStruct(len(order), *map(address, (rays.origins, rays.directions, rays.time_s, order)))
+        struct = RaysStruct(len(order), *map(address, (rays.origins, rays.directions, rays.time_s, order, starts)))
         cast, _kept, skipped = self._cast.struct(some)
         meshes = None if met is None else _MeshHits(met)
         samples = np.zeros(1, np.int64)
@@ -119,8 +140,9 @@ class CompiledTracer:
             address(found.mesh_opacity),
             address(samples),
         )
+        scene = self.scene.observed_struct if self.clipped else self.scene.struct
         library.unisim_trace(
-            ctypes.byref(self.scene.struct), ctypes.byref(cast), ctypes.byref(struct),
+            ctypes.byref(scene), ctypes.byref(cast), ctypes.byref(struct),
             None if meshes is None else ctypes.byref(meshes.struct), ctypes.byref(self._sampling(sky)), ctypes.byref(out),
             native.threads(),
         )  # fmt: skip

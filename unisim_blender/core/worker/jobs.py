@@ -16,6 +16,7 @@ from ..edits import apply_scenario
 from ..frames import CameraFrame
 from ..log import Log
 from ..logs import open_log
+from ..observed_space import ObservedSpace, Observing, keep_space, kept_space, observe_space
 from ..prepare.cannot import warnings
 from ..prepare.renderers import UNTRAINED, UNTRAINED_DEFAULT, make_tracer, pick_device, stamp, untrained_tracer
 from ..prepare.scenario import recorded_drive, scene_actors
@@ -44,6 +45,7 @@ class Jobs:
         self.recorded: dict[object, Drive] = {}
         self.log: Log | None = None
         self.surfels: SurfelScene | None = None
+        self.spaces: dict[object, ObservedSpace] = {}
         self.build: Iterator[Step | SurfelScene] | None = None
         self.numbers = itertools.count()
 
@@ -57,9 +59,11 @@ class Jobs:
         Of the request: ``scenario`` (its document), ``path`` (what its paths are relative to), ``camera``, ``time_s``, ``model``,
         ``passes``, ``quality``, ``device``; ``rows`` and ``columns`` (first, past the last) where not all are wanted, and
         ``touched``, whether these are only what an edit can have touched directly; ``coarse``, strides at which it is shown
-        first; ``shadows``. Events have arrays of rgb and the passes, the ``rows`` and ``columns`` that they cover, and where in
-        these they have pixels: at ``origin`` and every ``stride`` from there, both as (row, column). Before them, ``warning``
-        says what the scene's method cannot show, and ``progress`` how far something is that has to be made first.
+        first; ``shadows``; ``clip``, whether nothing is shown but what the recording observed (see `observed_space`): what else
+        there would be is ``unsupported``, and its colours mean nothing. Events have arrays of rgb and the passes, coarse ones of
+        rgb and ``unsupported`` alone; the ``rows`` and ``columns`` that they cover, and where in these they have pixels: at
+        ``origin`` and every ``stride`` from there, both as (row, column). Before them, ``warning`` says what the scene's method
+        cannot show, and ``progress`` how far something is that has to be made first.
         """
         scenario, drive = self._drive(request)
         yield from self._warnings(scenario, drive, sweeps=False)
@@ -114,12 +118,33 @@ class Jobs:
     ) -> Generator[Message, None, Renderer]:
         """The renderer of a request: of its trained scene, or of the log's surfels where it has none."""
         device, quality = pick_device(str(request.get("device", "cpu"))), str(request.get("quality", "balanced"))
+        shadows = bool(request.get("shadows"))
         if scenario.scene_path is not None:
             tracer = make_tracer(scenario.scene_path, drive, quality, device, self.scenes)
+            clip = bool(request.get("clip"))
+            if (clip or "support" in request.get("passes", ())) and isinstance(tracer, Observing):
+                space = yield from self._space(tracer, stamp(scenario.scene_path))
+                return Renderer(tracer.within(space, clip), drive, shadows=shadows, own_width=own_width, lighting=tracer)
         else:
             log, surfels = yield from self._surfels(scenario.log_path)
             tracer = untrained_tracer(UNTRAINED_DEFAULT, surfels, drive, log, quality=quality)
-        return Renderer(tracer, drive, shadows=bool(request.get("shadows")), own_width=own_width)
+        return Renderer(tracer, drive, shadows=shadows, own_width=own_width)
+
+    def _space(self, tracer: Observing, key: object) -> Generator[Message, None, ObservedSpace]:
+        """What a trained scene's recording observed, and events of how far that is worked out."""
+        if key not in self.spaces:
+            header, shown, voxel_m = tracer.observed
+            space = kept_space(header, shown, voxel_m)
+            if space is None:
+                for step in observe_space(tracer, header, shown, voxel_m):
+                    if isinstance(step, ObservedSpace):
+                        space = step
+                    else:
+                        yield {"event": "progress", "text": "Working out what was observed", "share": step}
+                assert space is not None
+                keep_space(header, space)
+            self.spaces = {key: space}
+        return self.spaces[key]
 
     def _surfels(self, path: Path) -> Generator[Message, None, tuple[Log, SurfelScene]]:
         """A log's surfels, and events of how far they are. A build that is not wanted any more stays where it was: the next
