@@ -53,7 +53,10 @@ def retimed(name: str, retime: Callable[[], Iterator[float]]) -> Iterator[float]
     car = bpy.context.view_layer.objects.active.name
     yield from to(*middle(area("VIEW_3D")))
     yield 0.5
-    stood, before, at_once, anew = thing(car).matrix_world.translation.copy(), [], [], []
+    stood = thing(car).matrix_world.translation.copy()
+    before: list[Any] = []
+    at_once: list[Any] = []
+    anew: list[Any] = []
     yield from settled(before)
     yield from retime()
     away = lambda: (thing(car).matrix_world.translation - stood).length  # noqa: E731
