@@ -190,7 +190,7 @@ def _lidar_to_json(lidar: Lidar) -> dict[str, Any]:
         "elevation_rad": lidar.model.elevation_rad.tolist(),
         "azimuth_offset_rad": lidar.model.azimuth_offset_rad.tolist(),
     }
-    result = {
+    result: dict[str, Any] = {
         "model": model,
         "world_from_lidar": trajectory_to_json(lidar.world_from_lidar),
         "time_s": _times_to_json(lidar.time_s),
