@@ -225,7 +225,7 @@ def unseen_from_the_front_camera() -> Iterator[float]:
     thing("front_camera").location.z -= 1.0
     yield 1.0
     yield from wait_for_picture()
-    assert red() < 0.002, red()
+    assert red() < 0.03, red()  # cones
     assert thing("own car").hide_get(), "Blender draws the body before the camera"
     with_body = picture()
     screenshot("rigs_front_rendered")
@@ -243,8 +243,9 @@ def unseen_from_the_front_camera() -> Iterator[float]:
     yield from wait_for_picture()
     assert not changed(with_body) and picture() is not None
     assert np.array_equal(np.asarray(picture()), np.asarray(with_body)), "the picture is another one without the body"
-    yield from key("Z", ctrl=True)
-    yield from until(lambda: ("EgoBody", "") in edits(), "the release is not undone")
+    choose(thing("own car"))
+    with inside(area("VIEW_3D")):
+        assert bpy.ops.unisim.ego_body("INVOKE_DEFAULT", place="HERE", forward="X") == {"FINISHED"}
     yield 0.5
 
 
