@@ -93,6 +93,16 @@ def test_pictures_show_what_lidar_meets(street: Street, workshop: Workshop, pain
     check_against_the_tracer(street, street.drive, positions(painter, workshop, street.drive, tmp_path))
 
 
+def test_so_do_pictures_of_a_scaled_car(street: Street, workshop: Workshop, painter: Painter, tmp_path: Path) -> None:
+    lead, factors = street.drive.actors["car-01"], (1.2, 1.5, 1.4)
+    larger = replace(lead, size_m=lead.size_m * np.array(factors), scale=factors)
+    drive = replace(street.drive, actors={**street.drive.actors, "car-01": larger})
+    check_against_the_tracer(street, drive, positions(painter, workshop, drive, tmp_path))
+    # and the next picture, of which it is no part, has it as large as it was
+    painter.set_up_stage(workshop.stage(street.drive, CAMERA, 2), 0)
+    assert tuple(painter._objects["car-01"].scale) == (1.0, 1.0, 1.0)
+
+
 def test_so_do_pictures_of_an_edited_drive(street: Street, workshop: Workshop, painter: Painter, tmp_path: Path) -> None:
     skip = max(street.static.parts, key=lambda part: part.shape.high[0] == pytest.approx(1.8) and part.shape.high[1] < 1)
     assert skip.asset_from_part is not None

@@ -186,7 +186,8 @@ def same_pixels() -> Iterator[float]:
 
 def as_large_as(width: int, height: int) -> Iterator[float]:
     """Zoom the view until the camera's frame has the size of the camera's own images."""
-    found, _, looks = view()
+    found, space, looks = view()
+    space.shading.type = "SOLID"  # nothing is rendered until the size is found
     viewport = sys.modules[f"{MODULE}.viewport"]
 
     def size() -> tuple[int, int]:
@@ -197,11 +198,13 @@ def as_large_as(width: int, height: int) -> Iterator[float]:
     zoom = (np.sqrt(2) + looks.view_camera_zoom / 50) * np.sqrt(width / size()[0])
     for try_zoom in zoom * (1 + np.array([0, *(k * sign for k in np.arange(1, 40) / 4000 for sign in (1, -1))])):
         looks.view_camera_zoom = float(50 * (try_zoom - np.sqrt(2)))
+        looks.update()
         redraw()
         yield 0.1
         if size() == (width, height):
             break
     assert size() == (width, height), size()
+    space.shading.type = "RENDERED"
     yield from wait_for_picture()
 
 
