@@ -89,7 +89,7 @@ def press(operator: str, across: float = 0.3, **values: Any) -> Iterator[float]:
 
 
 def toggled(begins: str, across: float, *wanted: tuple[str, bool]) -> Iterator[float]:
-    """Click the check mark of the line that begins so, again where a busy window lost the click; then the list shows ``wanted``."""
+    """Click the check mark of a line, again where a busy window lost the click; then the list shows ``wanted``."""
     for _ in range(3):
         line = next(line for line in lines() if line.what.startswith(begins))
         yield from press("unisim.mute_edit", across, **line_of(begins))
