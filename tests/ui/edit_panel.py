@@ -73,8 +73,9 @@ def button(operator: str, across: float = 0.3, **values: Any) -> Iterator[float]
         met.add(here.bl_rna.identifier)
         if here.bl_rna.identifier == identifier and all(getattr(here, name) == value for name, value in values.items()):
             last[0] = down
-            for aside in (2, 0):  # after a menu, a button hears of a mouse that moves
-                yield from to(tabs.x + tabs.width * across - aside, tabs.y + tabs.height - down)
+            yield 0.3  # until the menu is gone; after it, a button hears of a mouse that leaves and comes back
+            for aside in (30, 2):
+                yield from to(tabs.x + tabs.width * across, tabs.y + tabs.height - down - aside)
                 yield 0.1
             return
     raise AssertionError(f"{operator} {values} is not in the sidebar, only {sorted(met)}")
@@ -85,6 +86,21 @@ def press(operator: str, across: float = 0.3, **values: Any) -> Iterator[float]:
     yield from button(operator, across, **values)
     yield from click()
     yield 0.3
+
+
+def toggled(begins: str, across: float, *wanted: tuple[str, bool]) -> Iterator[float]:
+    """Click the check mark of a line, again where a busy window lost the click; then the list shows ``wanted``."""
+    for _ in range(3):
+        line = next(line for line in lines() if line.what.startswith(begins))
+        yield from press("unisim.mute_edit", across, **line_of(begins))
+        last_s = time.monotonic() + 15.0
+        while time.monotonic() < last_s:
+            now = [one for one in lines() if one.what.startswith(begins)]
+            if now and (now[0].muted >= 0) != (line.muted >= 0):
+                yield from listed(*wanted)
+                return
+            yield 0.1
+    yield from listed(*wanted)
 
 
 def line_of(begins: str) -> dict[str, Any]:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 sys.path.insert(0, str(Path(__file__).parent))
 import hands
-from edit_panel import apart, line_of, listed, moved_along, opened, picked, press, rendered, shown_pixels
+from edit_panel import apart, line_of, listed, moved_along, opened, picked, press, rendered, shown_pixels, toggled
 from hands import key, middle, thing, to
 from session import area, results, screenshot, start, until, view, wait_for_picture
 from tasks import bare_view, begin, seen, task
@@ -76,27 +76,23 @@ def muted_edits() -> Iterator[float]:
     images["edited"] = shown_pixels("edits_edited")
     results["edited_differs"] = apart(images["edited"], images["recorded"])
     assert apart(images["edited"], images["recorded"]) > BACK, "the edits do not show"
-    yield from press("unisim.mute_edit", across=COUNTS, **line_of("Moved"))
-    yield from listed(("Moved 3.0 m", True), ("Removed", False), ("Copied", False))
+    yield from toggled("Moved", COUNTS, ("Moved 3.0 m", True), ("Removed", False), ("Copied", False))
     assert thing(names["moved"]).location.length < 1e-4
     yield from wait_for_picture()
     yield 0.5
     one = shown_pixels("edits_one_muted")
     assert apart(one, images["edited"]) > 0.001, "muting a move does not show"
-    for begins in ("Removed", "Copied"):
-        yield from press("unisim.mute_edit", across=COUNTS, **line_of(begins))
-        yield 0.5
-    yield from listed(("Moved 3.0 m", True), ("Removed", True), ("Copied", True))
+    yield from toggled("Removed", COUNTS, ("Moved 3.0 m", True), ("Removed", True), ("Copied", False))
+    yield from toggled("Copied", COUNTS, ("Moved 3.0 m", True), ("Removed", True), ("Copied", True))
     assert not hands.edits()
     yield from wait_for_picture()
     yield 0.5
     images["muted"] = shown_pixels("edits_muted")
     results["muted_differs"] = apart(images["muted"], images["recorded"])
     assert apart(images["muted"], images["recorded"]) < BACK, "muted edits show"
-    for begins in ("Moved", "Removed", "Copied"):
-        yield from press("unisim.mute_edit", across=COUNTS, **line_of(begins))
-        yield 0.5
-    yield from listed(("Moved 3.0 m", False), ("Removed", False), ("Copied", False))
+    yield from toggled("Moved", COUNTS, ("Moved 3.0 m", False), ("Removed", True), ("Copied", True))
+    yield from toggled("Removed", COUNTS, ("Moved 3.0 m", False), ("Removed", False), ("Copied", True))
+    yield from toggled("Copied", COUNTS, ("Moved 3.0 m", False), ("Removed", False), ("Copied", False))
     yield from wait_for_picture()
     yield 0.5
     results["unmuted_differs"] = apart(shown_pixels("edits_unmuted"), images["edited"])
@@ -105,8 +101,7 @@ def muted_edits() -> Iterator[float]:
 
 def undone_mute() -> Iterator[float]:
     """A mute is one undo step."""
-    yield from press("unisim.mute_edit", across=COUNTS, **line_of("Moved"))
-    yield from listed(("Moved 3.0 m", True), ("Removed", False), ("Copied", False))
+    yield from toggled("Moved", COUNTS, ("Moved 3.0 m", True), ("Removed", False), ("Copied", False))
     yield from to(*middle(area("VIEW_3D")))
     yield from key("Z", ctrl=True)
     yield from listed(("Moved 3.0 m", False), ("Removed", False), ("Copied", False))

@@ -110,7 +110,8 @@ class UNISIM_OT_delete_variant(bpy.types.Operator):
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Ask first."""
-        return context.window_manager.invoke_confirm(self, event)
+        question = f"Delete {context.scene.name} with its objects and keys?"
+        return context.window_manager.invoke_confirm(self, event, message=question)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Delete it."""

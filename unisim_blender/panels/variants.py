@@ -96,8 +96,8 @@ def draw_difference(layout: Any, found: Difference, here: str, there: str) -> No
             continue
         row = layout.row()
         row.alignment = "LEFT"
-        text = f"{line.what}, {line.start_s:.1f} to {line.end_s:.1f} s"
-        text = f"{name}: {text}" if found.here and found.there else text
+        times = f"{line.what}, {line.start_s:.1f} to {line.end_s:.1f} s"
+        text = f"{name}: {line.what}" if found.here and found.there else times
         if name == here:
             pressed(row.operator("unisim.go_to_edit", text=text, icon="BLANK1", emboss=False), line)
         else:
