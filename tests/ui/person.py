@@ -10,7 +10,7 @@ import bpy
 
 sys.path.insert(0, str(Path(__file__).parent))
 from hands import click, drop, edits, key, middle, place, thing, to
-from session import ARCHIVE, OUT, SCENE, area, inside, picture, screenshot, start, until, view, wait_for_picture
+from session import ARCHIVE, OUT, SCENE, area, inside, named, picture, screenshot, start, until, view, wait_for_picture
 from tasks import bare_view, begin, changed, differing, seen, task
 
 
@@ -21,6 +21,7 @@ def first_import() -> Iterator[float]:
     scene = bpy.context.scene
     yield from until(lambda: scene.render.engine == "UNISIM" and scene.camera.unisim.kind == "CAMERA", "the import does not end")
     yield 0.5
+    yield from named()
     assert "Cube" not in bpy.context.view_layer.objects and "Cube" in bpy.data.objects
     assert view()[2].view_perspective == "CAMERA"
     assert not edits()
