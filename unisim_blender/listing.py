@@ -27,8 +27,8 @@ from .core.geometry import FloatArray
 
 BUSY_S = 0.02
 """How long a turn of the timer works on tracks."""
-REST_S = 0.02
-"""How long the window has for itself between two turns."""
+REST_S, WAIT_S = 0.02, 0.1
+"""How long the window has for itself between two turns, and until the next look while it has other work."""
 
 KINDS = ("ACTOR", "TRAJECTORY", "EGO")
 
@@ -168,9 +168,15 @@ def refresh_soon(scene: bpy.types.Scene) -> None:
         bpy.app.timers.register(_turn, first_interval=0.0)
 
 
+def importing() -> bool:
+    """Return whether a drive is being imported: it shall not take longer for the list's sake."""
+    windows = bpy.context.window_manager.windows if bpy.context.window_manager is not None else ()
+    return any(operator.bl_idname.startswith("UNISIM_OT_import") for window in windows for operator in window.modal_operators)
+
+
 def _turn() -> float | None:
-    if bpy.app.is_job_running("RENDER"):
-        return REST_S
+    if bpy.app.is_job_running("RENDER") or importing():
+        return WAIT_S
     for scene in bpy.data.scenes:
         if scene.session_uid in _changed:
             if not _bring_up(scene, table_of(scene), BUSY_S):

@@ -16,6 +16,7 @@ from unisim_blender import listing
 from unisim_blender.bridge import card
 from unisim_blender.bridge.actor_filter import Entry, Wanted, chosen_entries, natural, nearest_present
 from unisim_blender.bridge.actor_table import poses_of, steps_of
+from unisim_blender.bridge.animation import curves_of
 from unisim_blender.bridge.clock import Clock
 from unisim_blender.bridge.source import source_of
 from unisim_blender.bridge.things import things
@@ -128,6 +129,19 @@ def test_a_copy_stands_for_a_deleted_original(street: Any) -> None:
     bpy.data.objects.remove(own)
     bpy.context.view_layer.update()
     assert not entries(street)[copy.name].edited and not read(street).edits
+
+
+def test_another_state_of_the_file_is_read_anew(street: Any) -> None:
+    one = next(o for o in things(street, "ACTOR") if o.parent is not None)
+    before = entries(street)[one.name].distance_m
+    for curve in curves_of(one.parent):  # writing keys so tells the depsgraph nothing
+        if curve.data_path == "location" and curve.array_index == 0:
+            points = np.empty(2 * len(curve.keyframe_points), np.float32)
+            curve.keyframe_points.foreach_get("co", points)
+            points[1::2] += 40.0
+            curve.keyframe_points.foreach_set("co", points)
+    listing.look_again()
+    assert abs(entries(street)[one.name].distance_m - before) > 10.0
 
 
 def test_changes_reach_the_list_through_the_depsgraph(street: Any) -> None:

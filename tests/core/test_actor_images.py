@@ -172,6 +172,8 @@ def test_paint_lies_on_the_faces_that_the_camera_sees() -> None:
     assert (paint_pixels(image, model, "Car", actor.size_m, view) == 200).all()
     asphalt, ground = ground_pixels(image, model, actor.size_m, view)
     assert len(asphalt) and len(ground) and max((asphalt > 0).mean(), (ground > 0).mean()) < 0.03  # but for the edge
+    ahead = view_of(standing("ahead", 16.0, 0.96))[0]  # its side is seen at a grazing angle only
+    assert np.allclose(transform_points(invert_pose(ahead.pose), paint_points("Car", actor.size_m, ahead))[:, 0], -2.25)
     covered, _ = view_of(actor, ((0.0, 0.0, 320.0, 180.0),))
     assert not len(paint_pixels(image, model, "Car", actor.size_m, covered))
 

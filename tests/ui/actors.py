@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 sys.path.insert(0, str(Path(__file__).parent))
 from hands import click, drop, edits, key, middle, mouse, sidebar, thing, to, write
-from session import ARCHIVE, MODULE, OUT, SCENE, area, inside, picture, screenshot, start, until, view, wait_for_picture
+from session import ARCHIVE, MODULE, OUT, SCENE, area, inside, named, picture, screenshot, start, until, view, wait_for_picture
 from tasks import begin, changed, task
 
 BLUE = np.array([0x47, 0x72, 0xB3])
@@ -93,10 +93,7 @@ def first_import() -> Iterator[float]:
 
 def thumbnails_come() -> Iterator[float]:
     """Thumbnails and words for colours come in by themselves; nothing counts as edited."""
-    thumbnails = module("thumbnails")
-    log = thumbnails.log_of(bpy.context.scene)
-    yield from until(lambda: log in thumbnails._complete or log in thumbnails._problems, "no thumbnails come", 240)
-    assert not thumbnails._problems, thumbnails._problems
+    yield from named()
     yield from until(lambda: any(o.name == "Car 12, white" for o in bpy.context.scene.objects), "no name has a colour", 10)
     yield from until(lambda: any(entry.name == "Car 12, white" for entry in shown()), "the list has the old names", 10)
     assert not edits() and not any(entry.edited for entry in shown())

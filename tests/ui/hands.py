@@ -23,6 +23,7 @@ from session import (
     choose,
     from_behind,
     inside,
+    named,
     screenshot,
     start,
     until,
@@ -172,6 +173,7 @@ def dropped_scene() -> Iterator[float]:
     """A trained scene's file, imported to its end."""
     drop(SCENE)
     yield from until(lambda: bpy.context.scene.camera, "the import does not end")
+    yield from named()
     assert not edits()
     yield from key("HOME")
     screenshot("dropped")

@@ -15,7 +15,7 @@ from browser import choose_path, menu_entry
 from buttons import open_panel, press, redo_panel, reports
 from hands import click, edits, key, middle, place, thing, to
 from pixels import Image, apart, as_rendered, part, region_rectangle, settled
-from session import SCENE, area, from_behind, picture, start, until, view
+from session import SCENE, area, from_behind, named, picture, start, until, view
 from tasks import bare_view, changed, click_car, drives, fresh, imported, install, keys, seen, task, through_camera
 
 SENSORS = ("CAMERA", "LIDAR", "EGO")
@@ -29,7 +29,7 @@ def first_import() -> Iterator[float]:
     yield from choose_path(SCENE)
     scene = bpy.context.scene
     yield from until(lambda: scene.camera is not None and scene.camera.unisim.kind == "CAMERA", "the import does not end")
-    yield 0.5
+    yield from named()
     assert (scene.render.resolution_x, scene.render.resolution_y) == (480, 270), "images have another size than the camera's"
     assert (scene.frame_start, scene.frame_end, scene.frame_current) == (0, 19, 0), "the frame range is not the drive's"
     assert scene.render.engine == "UNISIM", "the engine stays another one"

@@ -85,6 +85,18 @@ def until(holds: Callable[[], object], what: str, limit_s: float = 120.0) -> Ite
         yield 0.05
 
 
+def named() -> Iterator[float]:
+    """Let the window go on until actors have the words for their colours: names stay as they are from then on."""
+    thumbnails = sys.modules.get(f"{MODULE}.thumbnails")
+    if thumbnails is None:
+        return  # earlier versions have no such words
+    log = thumbnails.log_of(bpy.context.scene)
+    done = lambda: log in thumbnails._complete or log in thumbnails._problems  # noqa: E731
+    yield from until(done, "no thumbnails come", 300)
+    assert log in thumbnails._complete, thumbnails._problems
+    yield 0.5
+
+
 def redraw() -> None:
     """Draw the window again."""
     for found in bpy.context.window_manager.windows[0].screen.areas:

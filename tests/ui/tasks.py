@@ -16,7 +16,7 @@ import numpy as np
 from bpy_extras.view3d_utils import location_3d_to_region_2d
 from heart import heart, uncounted
 from numpy.typing import NDArray
-from session import ARCHIVE, MODULE, OUT, SCENE, area, picture, redraw, results, screenshot, until, view
+from session import ARCHIVE, MODULE, OUT, SCENE, area, named, picture, redraw, results, screenshot, until, view
 
 IMPORTED = OUT.parent / "imported.blend"
 """The sample's trained scene, imported and nothing else."""
@@ -106,7 +106,7 @@ def imported(installed: bool = False) -> Iterator[float]:
         scene.camera = next(one for one in scene.objects if one.unisim.kind == "CAMERA")
         scene.render.engine = "UNISIM"
         scene.frame_set(scene.frame_start)
-    yield 0.5
+    yield from named()
     yield from hands.sidebar()
     view()[2].view_perspective = "CAMERA"
     bpy.ops.wm.save_as_mainfile(filepath=str(IMPORTED))
