@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import queue
+import time
 from dataclasses import dataclass, field
 from typing import Any
 from weakref import WeakSet
@@ -34,6 +35,9 @@ COARSE = (8, 4)
 """The view is shown with one in so many pixels each way before it is finished."""
 PART = 0.1
 """A smaller share of the picture is shown when it is finished."""
+
+GATHER_S = 0.05
+"""For so long a drawing takes in what has come."""
 
 BOX_M, SHADOW_M = 0.1, 2.0
 """How far beside an actor's box a picture may change, without and with contact shadows."""
@@ -240,8 +244,9 @@ class View:
             self.unsupported = np.zeros((height, width), bool)
 
     def gather(self) -> None:
-        """Take in what has come of the picture."""
-        while self.request is not None and self.worker is not None:
+        """Take in what has come of the picture; where that is much, the rest with the next drawing."""
+        until = time.perf_counter() + GATHER_S
+        while self.request is not None and self.worker is not None and time.perf_counter() < until:
             try:
                 event = self.request.events.get_nowait()
             except queue.Empty:
