@@ -108,8 +108,8 @@ class UniSimView(bpy.types.PropertyGroup):
     )
     clip: BoolProperty(
         name="Clip to Observed",
-        description="Through no camera, show what the recording observed alone, and leave out what lies before it. "
-        "A camera's view is never clipped",
+        description="Show only what the recording observed, without what lies in front of it, in views that do not look "
+        "through a camera",
         get=_getter("clip"),
         set=_setter("clip"),
     )
