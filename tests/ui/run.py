@@ -48,7 +48,7 @@ SESSIONS = {
     "compare": ["--enable-event-simulate"],
 }
 """What each file's Blender is started with besides; the one with simulated events hears no others."""
-CI_SESSIONS = ("person", "displaced", "retimed", "sequences", "panel", "points", "window", "hands")
+CI_SESSIONS = ("person", "displaced", "panel", "points", "window", "hands")
 """What `make test-ui` runs; `make test-ui-all` runs all."""
 ESC_S = 3.0
 """How long a render job may go on after Esc, in seconds: half a second where nothing else runs."""
