@@ -196,8 +196,11 @@ def as_large_as(width: int, height: int) -> Iterator[float]:
         return wide, high
 
     zoom = (np.sqrt(2) + looks.view_camera_zoom / 50) * np.sqrt(width / size()[0])
-    for try_zoom in zoom * (1 + np.array([0, *(k * sign for k in np.arange(1, 40) / 4000 for sign in (1, -1))])):
-        looks.view_camera_zoom = float(50 * (try_zoom - np.sqrt(2)))
+    near = [0, *(k * sign for k in range(1, 9) for sign in (1, -1))]
+    # a frame about the middle of a pixel has even sizes at one zoom alone: it is moved by parts of a pixel, too
+    for aside, by in ((aside, by) for aside in (0.0, 0.0004, 0.0008, 0.0012) for by in near):
+        looks.view_camera_zoom = float(50 * (zoom * (1 + by / 4000) - np.sqrt(2)))
+        looks.view_camera_offset = (aside, aside)
         looks.update()
         redraw()
         yield 0.1
