@@ -27,7 +27,7 @@ $(VENV)/.installed: $(VENV)/.created pyproject.toml constraints.txt
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt --no-build-isolation --editable '.[torch,dev]'
 	touch $@
 
-$(VENV)/.built: $(VENV)/.installed CMakeLists.txt $(wildcard native/*)
+$(VENV)/.built: $(VENV)/.installed CMakeLists.txt $(wildcard native/* native/*/*)
 	$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation --editable .
 	touch $@
 

@@ -7,6 +7,7 @@ import sys
 from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import bpy
 import numpy as np
@@ -53,7 +54,10 @@ def retimed(name: str, retime: Callable[[], Iterator[float]]) -> Iterator[float]
     car = bpy.context.view_layer.objects.active.name
     yield from to(*middle(area("VIEW_3D")))
     yield 0.5
-    stood, before, at_once, anew = thing(car).matrix_world.translation.copy(), [], [], []
+    stood = thing(car).matrix_world.translation.copy()
+    before: list[Any] = []
+    at_once: list[Any] = []
+    anew: list[Any] = []
     yield from settled(before)
     yield from retime()
     away = lambda: (thing(car).matrix_world.translation - stood).length  # noqa: E731

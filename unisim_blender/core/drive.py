@@ -206,7 +206,7 @@ class Drive:
     @property
     def labelled_actors(self) -> list[Actor]:
         """The actors that labels have: all that some sensor of the drive can see."""
-        sensors = [*self.cameras.values(), *self.lidars.values()]
+        sensors: list[Camera | Lidar] = [*self.cameras.values(), *self.lidars.values()]
         return [
             actor
             for actor in self.actors.values()
