@@ -7,6 +7,7 @@ import sys
 from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import bpy
 import numpy as np
@@ -28,7 +29,7 @@ said: list[str] = []
 
 def listen() -> None:
     """Note what the status bar is told, beside showing it."""
-    following = sys.modules.get(f"{MODULE}.following")
+    following: Any = sys.modules.get(f"{MODULE}.following")
     if following is None:
         return
     say = following.say

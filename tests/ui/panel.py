@@ -56,9 +56,10 @@ def steady_panel() -> Iterator[float]:
         yield from until(lambda: "frames" in bpy.context.window_manager.unisim_task, "no sequence begins")
 
     def ended() -> Iterator[float]:
-        with bpy.context.temp_override(area=area("VIEW_3D")):
+        told = lambda: bpy.context.window_manager.unisim_task  # noqa: E731
+        if bpy.ops.unisim.cancel_task.poll():
             bpy.ops.unisim.cancel_task()
-        yield from until(lambda: "Stopped" in bpy.context.window_manager.unisim_task, "the sequence is not cancelled", 60)
+        yield from until(lambda: told().startswith(("Stopped", "Done")), "the sequence does not end", 60)
 
     for change in (actor, next_frame, sensor, running, nothing, ended):
         yield from to(*middle(area("VIEW_3D")))

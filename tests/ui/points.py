@@ -27,6 +27,11 @@ def shown() -> bool:
     return any(one.unisim.kind == "POINTS" and len(one.data.vertices) for one in bpy.context.scene.objects)
 
 
+def stamp() -> str:
+    """What tells the points of one frame from those of the next."""
+    return next(str(one.unisim.stamp) for one in bpy.context.scene.objects if one.unisim.kind == "POINTS")
+
+
 def first_points() -> Iterator[float]:
     """Drive > Show > Recorded, measured beside redrawing the window with and without points."""
     measured = []
@@ -57,7 +62,6 @@ def first_points() -> Iterator[float]:
 def next_points() -> Iterator[float]:
     """The arrow key: the points of the next frames, with the window going on."""
     yield from to(*middle(area("VIEW_3D")))
-    stamp = lambda: next(one.unisim.stamp for one in bpy.context.scene.objects if one.unisim.kind == "POINTS")  # noqa: E731
     before = stamp()
     yield from key("RIGHT_ARROW")
     yield from until(lambda: stamp() != before, "the points stay those of the frame before", 10)

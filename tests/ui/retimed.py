@@ -17,7 +17,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 from browser import choose_path, header_menu
 from buttons import menu_button, press, redo_panel, reports
 from hands import key, middle, thing, to
-from pixels import HEADLESS, STATUS_HIGH, apart, as_rendered, export, part, region_rectangle, settled
+from pixels import HEADLESS, STATUS_HIGH, Image, apart, as_rendered, export, part, region_rectangle, settled
 from session import area, picture, redraw, screenshot, start, until, view
 from tasks import bare_view, changed, click_car, fresh, imported, task, through_camera
 
@@ -55,13 +55,12 @@ def retimed(name: str, retime: Callable[[], Iterator[float]]) -> Iterator[float]
     yield from to(*middle(area("VIEW_3D")))
     yield 0.5
     stood = thing(car).matrix_world.translation.copy()
-    before: list[Any] = []
-    at_once: list[Any] = []
-    anew: list[Any] = []
+    before: list[Image] = []
+    at_once: list[Image] = []
+    anew: list[Image] = []
     yield from settled(before)
     yield from retime()
-    away = lambda: (thing(car).matrix_world.translation - stood).length  # noqa: E731
-    yield from until(lambda: away() > 1.0, "the box does not follow", 5)
+    yield from until(lambda: (thing(car).matrix_world.translation - stood).length > 1.0, "the box does not follow", 5)
     yield from to(*middle(area("VIEW_3D")))
     yield 0.5
     yield from settled(at_once)
