@@ -56,10 +56,11 @@ def steady_panel() -> Iterator[float]:
         yield from until(lambda: "frames" in bpy.context.window_manager.unisim_task, "no sequence begins")
 
     def ended() -> Iterator[float]:
-        told = lambda: bpy.context.window_manager.unisim_task  # noqa: E731
         if bpy.ops.unisim.cancel_task.poll():
             bpy.ops.unisim.cancel_task()
-        yield from until(lambda: told().startswith(("Stopped", "Done")), "the sequence does not end", 60)
+        yield from until(
+            lambda: bpy.context.window_manager.unisim_task.startswith(("Stopped", "Done")), "the sequence does not end", 60
+        )
 
     for change in (actor, next_frame, sensor, running, nothing, ended):
         yield from to(*middle(area("VIEW_3D")))
