@@ -58,8 +58,9 @@ def steady_panel() -> Iterator[float]:
     def ended() -> Iterator[float]:
         if bpy.ops.unisim.cancel_task.poll():
             bpy.ops.unisim.cancel_task()
-        stopped = ("Stopped", "Done")
-        yield from until(lambda: bpy.context.window_manager.unisim_task.startswith(stopped), "the sequence does not end", 60)
+        yield from until(
+            lambda: bpy.context.window_manager.unisim_task.startswith(("Stopped", "Done")), "the sequence does not end", 60
+        )
 
     for change in (actor, next_frame, sensor, running, nothing, ended):
         yield from to(*middle(area("VIEW_3D")))
