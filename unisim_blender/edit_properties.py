@@ -5,6 +5,7 @@ from bpy.props import (
     BoolProperty,
     CollectionProperty,
     FloatProperty,
+    FloatVectorProperty,
     IntProperty,
     PointerProperty,
     StringProperty,
@@ -16,7 +17,7 @@ from .registering import add, take_away
 class UniSimMuted(bpy.types.PropertyGroup):
     """A muted edit. ``parked`` is the object with the edit, in no scene; none where the edit is that an object is
     missing, or where
-    ``look`` is all there is to it. ``collection`` is where it stood, ``at_root``: in the scene's own. ``name`` and
+    ``look`` or ``scale`` is all there is to it. ``collection`` is where it stood, ``at_root``: in the scene's own. ``name`` and
     the rest are the line in the list."""
 
     kind: StringProperty()
@@ -33,6 +34,7 @@ class UniSimMuted(bpy.types.PropertyGroup):
     at_root: BoolProperty()
     look: StringProperty()
     look_scene: StringProperty()
+    scale: FloatVectorProperty(size=3, default=(1.0, 1.0, 1.0))
 
 
 class UniSimEdits(bpy.types.PropertyGroup):

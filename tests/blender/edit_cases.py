@@ -73,6 +73,16 @@ def retimed(scene: Any) -> None:
     bpy.ops.unisim.retime_actor(way="DELAY", seconds=0.6)
 
 
+def scaled(scene: Any) -> None:
+    driving(scene).scale = (1.3, 1.3, 1.3)
+
+
+def body(scene: Any) -> None:
+    bpy.ops.mesh.primitive_cube_add(size=1.5)
+    select(bpy.context.active_object)
+    assert bpy.ops.unisim.ego_body() == {"FINISHED"}
+
+
 def removed(scene: Any) -> None:
     select(driving(scene))
     bpy.ops.unisim.delete_actor()
@@ -185,6 +195,8 @@ CASES: dict[str, tuple[Callable[[Any], None], str, str]] = {
     "inserted": (inserted, "INSERT", "Inserted"),
     "mesh": (mesh, "MESH", "Mesh inserted"),
     "swapped": (swapped, "APPEARANCE", "Appearance of Medium-sized Truck 1"),
+    "scaled": (scaled, "SCALE", "Scaled by 1.3"),
+    "body": (body, "BODY", "Body of the ego vehicle"),
     "ego": (ego, "EGO", "Moved 2.0 m left"),
     "camera moved": (camera_moved, "SENSOR", "Camera: "),
     "camera lens": (camera_lens, "SENSOR", "Camera: another lens"),

@@ -98,6 +98,21 @@ def test_one_edit_of_two_is_reverted_alone(street: Any) -> None:
     assert line.part == "APPEARANCE"
 
 
+@pytest.mark.parametrize("first", ["MOVE", "SCALE"])
+def test_a_move_and_a_scale_are_reverted_and_muted_apart(street: Any, first: str) -> None:
+    driving(street).location.y = 3.0
+    driving(street).scale = (1.3, 1.3, 1.3)
+    whole = read(street)
+    found = {line.part: line for line in lines(street)}
+    assert set(found) == {"MOVE", "SCALE"}
+    press(bpy.ops.unisim.mute_edit, found[first])
+    assert [line.part for line in lines(street) if line.muted < 0] == [part for part in found if part != first]
+    press(bpy.ops.unisim.mute_edit, next(line for line in lines(street) if line.muted >= 0))
+    assert read(street).edits == whole.edits
+    press(bpy.ops.unisim.revert_edit, next(line for line in lines(street) if line.part == first))
+    assert [line.part for line in lines(street)] == [part for part in found if part != first]
+
+
 def test_a_click_selects_the_object_and_goes_to_its_frames(street: Any) -> None:
     one = driving(street)
     for frame, left in ((0, 0.0), (10, 0.0), (15, 1.0), (19, 0.0)):

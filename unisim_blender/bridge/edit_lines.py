@@ -34,6 +34,7 @@ from .clock import Clock
 from .edit_words import degrees, displaced_words, joined, moved_words, presence_words, trajectory_words
 from .poses import same
 from .read_actors import actor_edits, look_size_m, original, recorded_poses, recorded_there
+from .read_body import body_edits
 from .read_rig import ego_edits, sensors_of
 from .read_static import static_edits
 from .sampling import Sampled, Thing
@@ -41,10 +42,11 @@ from .scaling import scale_text
 
 ICONS = {
     "REMOVE": "TRASH", "APPEARANCE": "SHADING_TEXTURE", "MOVE": "ORIENTATION_GLOBAL", "COPY": "DUPLICATE", "INSERT": "ADD",
-    "MESH": "MESH_MONKEY", "SCALE": "FULLSCREEN_ENTER", "SENSOR": "CAMERA_DATA", "EGO": "AUTO", "PROBLEM": "ERROR",
+    "MESH": "MESH_MONKEY", "SCALE": "FULLSCREEN_ENTER", "BODY": "AUTO", "SENSOR": "CAMERA_DATA", "EGO": "AUTO",
+    "PROBLEM": "ERROR",
 }  # fmt: skip
 """By the part of an object that an edit changes."""
-ADDED = ("COPY", "INSERT", "MESH")
+ADDED = ("COPY", "INSERT", "MESH", "BODY")
 """Parts that are an object of their own: without the edit there is none."""
 RETIMED_FRAMES = 0.02
 """Trajectories whose first or last key is this far from the recorded one are retimed."""
@@ -177,6 +179,9 @@ def rig_lines(sampled: Sampled, drive: Drive) -> Iterator[Line]:
         else:
             words = trajectory_words(clock, ego.poses, base, None, False)
         yield _line("EGO", "ego", "EGO", words or "Moved", ego.title, ego.name, ~same(ego.poses, base), clock, edit)
+    bodies = [thing for thing in sampled.of("BODY") if thing.there.any()]
+    for body, thing in zip(body_edits(sampled, set(), str), bodies, strict=True):
+        yield _line("BODY", thing.uid, "BODY", "Body of the ego vehicle", thing.title, thing.name, thing.there, clock, body)
     sensors = sensors_of(sampled, drive)
     listed: dict[str, tuple[CameraSpec | LidarSpec, ...] | None] = {
         "CAMERA": sensors.cameras if sensors else None,

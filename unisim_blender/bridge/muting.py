@@ -19,7 +19,7 @@ from .edit_lines import ADDED, Line
 from .importing import fit_resolution, front_camera
 from .meshes import size_of
 from .refresh import refresh
-from .reverting import delete, lift, restore, set_appearance
+from .reverting import delete, lift, restore, set_appearance, unscaled
 from .source import Source
 from .things import collection_of, original_of
 from .trajectories import remove, trajectory_of
@@ -38,6 +38,11 @@ def mute(scene: bpy.types.Scene, source: Source, line: Line) -> None:
         set_appearance(thing, source.drive, "", "")
         refresh([thing])
         return
+    if line.part == "SCALE":
+        item.scale = thing.scale
+        unscaled(thing)
+        refresh([thing])
+        return
     if thing is not None:
         item.parked = parked_copy(thing, f"{thing.name} muted")
         note_collection(scene, item, thing)
@@ -51,6 +56,7 @@ def unmute(scene: bpy.types.Scene, source: Source, number: int, rivals: Iterable
         mute(scene, source, rival)
     item = scene.unisim_edits.muted[number]
     parked, kind, uid, part = item.parked, item.kind, item.uid, item.part
+    scale = tuple(item.scale)
     look, look_scene, collection = item.look, item.look_scene, scene.collection if item.at_root else item.collection
     scene.unisim_edits.muted.remove(number)
     now = original_of(scene, kind, uid)
@@ -61,6 +67,9 @@ def unmute(scene: bpy.types.Scene, source: Source, number: int, rivals: Iterable
         refresh([parked])
     elif part == "APPEARANCE":
         set_appearance(now, source.drive, look, look_scene)
+        refresh([now])
+    elif part == "SCALE":
+        now.scale = scale
         refresh([now])
     elif parked is None:
         delete(scene, now)
@@ -78,9 +87,10 @@ def rivals_of(line: Line, lines: Iterable[Line]) -> list[Line]:
         for one in lines
         if one.muted < 0 and one.part not in (*ADDED, "PROBLEM") and (one.kind, one.uid) == (line.kind, line.uid)
     ]
-    apart = {"APPEARANCE"} if line.part not in ("APPEARANCE", "REMOVE") else set()
-    if line.part == "APPEARANCE":
-        return [one for one in own if one.part in ("APPEARANCE", "REMOVE")]
+    alone = ("APPEARANCE", "SCALE")
+    apart = set(alone) if line.part != "REMOVE" else set()
+    if line.part in alone:
+        return [one for one in own if one.part in (line.part, "REMOVE")]
     return [one for one in own if one.part not in apart]
 
 
@@ -193,7 +203,9 @@ def _take_place(
 
 
 def _keep_appearance(now: bpy.types.Object, parked: bpy.types.Object) -> None:
-    """An appearance is an edit of its own: a parked actor gets the one that the actor has now."""
+    """An appearance and a scale are edits of their own: a parked actor gets those that the actor has now."""
+    if now.unisim.kind == "ACTOR":
+        parked.scale = now.scale
     if now.unisim.kind != "ACTOR" or (now.unisim.look, now.unisim.look_scene) == (parked.unisim.look, parked.unisim.look_scene):
         return
     rise = (float(size_of(now)[2]) - float(size_of(parked)[2])) / 2

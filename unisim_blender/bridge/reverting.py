@@ -11,6 +11,7 @@ from mathutils import Matrix
 
 from ..core.drive import Drive
 from ..core.prepare.scenario import scene_actors
+from .animation import remove_curves
 from .clock import Clock
 from .edit_lines import ADDED, Line
 from .importing import animate, fit_resolution, front_camera, go, import_one
@@ -36,6 +37,9 @@ def revert(scene: bpy.types.Scene, source: Source, line: Line) -> None:
     elif line.part == "APPEARANCE":
         set_appearance(thing, source.drive, "", "")
         refresh([thing])
+    elif line.part == "SCALE":
+        unscaled(thing)
+        refresh([thing])
     else:
         thing = restore(scene, source, line.kind, line.uid, thing)
         if line.part == "REMOVE" and thing.unisim.look:
@@ -48,7 +52,10 @@ def restore(scene: bpy.types.Scene, source: Source, kind: str, uid: str, thing: 
     its appearance. Return the object."""
     drive = source.drive
     if thing is not None:
+        scale = tuple(thing.scale)
         unmoved(thing)
+        if kind == "ACTOR":  # a scale is an edit of its own
+            thing.scale = scale
     if kind == "STATIC":
         thing = _item(scene, uid, thing)
     elif kind == "EGO":
@@ -82,6 +89,12 @@ def unmoved(thing: bpy.types.Object) -> None:
     thing.delta_location = thing.delta_rotation_euler = (0.0, 0.0, 0.0)
     thing.delta_rotation_quaternion = (1.0, 0.0, 0.0, 0.0)
     thing.hide_render = thing.hide_viewport = False
+
+
+def unscaled(thing: bpy.types.Object) -> None:
+    """Give an object the size that it was imported with."""
+    remove_curves(thing, "scale", "delta_scale")
+    thing.scale = thing.delta_scale = (1.0, 1.0, 1.0)
 
 
 def show(scene: bpy.types.Scene, thing: bpy.types.Object) -> None:
