@@ -33,11 +33,15 @@ def frames_told() -> int:
 
 
 def finished(folder: Path) -> int:
-    """How many frames have every sensor's file in a folder."""
+    """How many frames a folder has a record of; each has to have every sensor's file. One that was being written when the
+    sequence was cancelled has files and no record: it is rendered again."""
     folders = [one for kind in ("camera", "lidar") for one in (folder / kind).glob("*") if one.is_dir()]
     kinds = {"camera": ".png", "lidar": ".ply"}
     there = [{path.stem for path in one.glob(f"*{kinds[one.parent.name]}")} for one in folders]
-    return len(set.intersection(*there)) if len(there) == 2 else 0
+    recorded = {f"{int(path.stem):02d}" for path in (folder / ".state").glob("*.json")}
+    whole = {f"{int(stem):02d}" for stem in set.intersection(*there)} if len(there) == 2 else set()
+    assert recorded <= whole, f"frames {sorted(recorded - whole)} are said to be finished and are not whole"
+    return len(recorded)
 
 
 def new_file() -> Iterator[float]:
