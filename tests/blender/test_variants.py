@@ -281,9 +281,9 @@ def test_variants_are_exported_into_a_folder(street: Any, tmp_path: Path) -> Non
 
 def test_nothing_is_exported_where_one_variant_cannot_be_read(street: Any, tmp_path: Path) -> None:
     variant = new("Bad")
-    standing(variant).scale = (2.0, 1.0, 1.0)
+    standing(variant).scale = (-1.0, 1.0, 1.0)
     show(street)
-    with pytest.raises(RuntimeError, match="is scaled by"):
+    with pytest.raises(RuntimeError, match="is mirrored by"):
         bpy.ops.unisim.export_variants(directory=str(tmp_path / "out"))
     assert not (tmp_path / "out").exists()
 
