@@ -69,6 +69,7 @@ def unmute(scene: bpy.types.Scene, source: Source, number: int, rivals: Iterable
         set_appearance(now, source.drive, look, look_scene)
         refresh([now])
     elif part == "SCALE":
+        assert now is not None  # a removal is a rival, and muted by now
         now.scale = scale
         refresh([now])
     elif parked is None:
