@@ -15,6 +15,7 @@ import bpy
 
 from .bridge.backgrounds import sees_recorded_image
 from .bridge.ego_bodies import show_bodies, shown_as, to_follow
+from .bridge.frustums import drawn_tiny, resize_frustums, to_resize
 from .bridge.source import source_of
 from .bridge.windows import areas
 from .core.errors import UnisimError
@@ -84,19 +85,25 @@ def draw() -> None:
         getattr(space, switch) for switch in off
     ):
         follow_soon()
-    elif to_follow(bpy.context.scene, bodies_shown_as(bpy.context.scene)):
+    elif lagging(bpy.context.scene):
         follow_soon()
 
 
-def bodies_shown_as(scene: bpy.types.Scene) -> str:
-    """Return how all 3D views of a scene draw the ego vehicle's body, by the cameras that they look through."""
+def lagging(scene: bpy.types.Scene) -> bool:
+    """Return whether bodies or frustums are not drawn as the views of a scene look at them."""
+    through = cameras_looked_through(scene)
+    return to_follow(scene, shown_as(scene, through)) or to_resize(scene, drawn_tiny(scene, through))
+
+
+def cameras_looked_through(scene: bpy.types.Scene) -> list[bpy.types.Object | None]:
+    """Return the camera that each 3D view of a scene looks through, None for a view through none."""
     through = []
     for window in bpy.context.window_manager.windows:
         for area in window.screen.areas if window.scene == scene else ():
             region = area.spaces.active.region_3d if area.type == "VIEW_3D" else None
             if region is not None:
                 through.append(scene.camera if region.view_perspective == "CAMERA" else None)
-    return shown_as(scene, through)
+    return through
 
 
 def follow_soon(*_: object) -> None:
@@ -119,9 +126,10 @@ def _follow() -> None:
             noted[index] = off
         window.screen[NOTED] = {str(index): " ".join(sorted(off)) for index, off in noted.items() if off}
     for scene in {window.scene for window in bpy.context.window_manager.windows}:
-        drawn = bodies_shown_as(scene)
-        if to_follow(scene, drawn):
+        through = cameras_looked_through(scene)
+        if to_follow(scene, drawn := shown_as(scene, through)):
             show_bodies(scene, drawn, scene.view_layers)
+        resize_frustums(scene, drawn_tiny(scene, through))
     for area in areas("VIEW_3D"):
         area.tag_redraw()
 

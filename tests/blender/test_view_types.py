@@ -7,6 +7,7 @@ from typing import Any
 
 import bpy
 
+from unisim_blender.bridge.frustums import drawn_tiny, resize_frustums, to_resize
 from unisim_blender.view_types import CAMERAS, EMPTIES, SWITCHES, turned_off, wanted
 
 
@@ -52,3 +53,16 @@ def test_another_camera_shows_all_but_its_background(scene: Any) -> None:
     assert turned_off("RIG", True, True, chosen=True) == turned_off("RIG", True, True)
     assert not turned_off("OTHER", False, True)
     assert not wanted(scene, view("CAMERA", "RENDERED"))
+
+
+def test_frustums_are_tiny_while_a_view_looks_through_a_camera(street: Any) -> None:
+    camera = street.camera.data
+    camera.display_size = size = 0.25
+    assert not drawn_tiny(street, [None]) and drawn_tiny(street, [None, street.camera])
+    for _ in range(2):
+        resize_frustums(street, True)
+        assert camera.display_size < 0.02 and not to_resize(street, True) and to_resize(street, False)
+    for _ in range(2):
+        resize_frustums(street, False)
+        assert camera.display_size == size and not to_resize(street, False)
+    assert "unisim_display_size" not in camera

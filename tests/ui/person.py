@@ -183,7 +183,7 @@ def shifted_ego() -> Iterator[float]:
     yield from through_camera()
     yield from until(lambda: picture() is not None, "no picture comes")
     before = picture()
-    yield from open_panel("unisim.replace_look()", 88, "unisim.shift_ego")
+    yield from open_panel("unisim.export_variants()", 38, "unisim.shift_ego")
     yield from press("unisim.shift_ego")
     yield from to(600, 500)
     yield from redo_panel("1", "2")

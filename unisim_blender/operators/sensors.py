@@ -9,7 +9,7 @@ import numpy as np
 from bpy.props import EnumProperty, FloatProperty, FloatVectorProperty, IntProperty, StringProperty
 
 from ..bridge.cameras import set_model
-from ..bridge.importing import fit_resolution
+from ..bridge.importing import DISPLAY_M, fit_resolution
 from ..bridge.refresh import refresh
 from ..bridge.rig import lidar_json
 from ..bridge.rig_presets import free_name, look_ahead, show_sensor
@@ -138,6 +138,7 @@ class UNISIM_OT_add_camera(_OnVehicle, bpy.types.Operator):
         """Square pixels, the principal point in the middle, a global shutter."""
         focal = self.width / 2 / np.tan(np.radians(self.fov_deg) / 2)
         camera = bpy.data.objects.new("camera", bpy.data.cameras.new("UniSim camera"))
+        camera.data.display_size = DISPLAY_M
         set_model(camera, CameraModel(self.width, self.height, focal, focal, self.width / 2, self.height / 2))
         ride(context, camera, "CAMERA", tuple(self.mount))
         # a Blender camera looks down; upright and turned by -90 degrees it looks along x

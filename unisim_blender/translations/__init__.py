@@ -26,7 +26,7 @@ def tooltip(text: str, **values: object) -> str:
     return bpy.app.translations.pgettext_tip(text).format(**values)
 
 
-def message(text: str, **values: object) -> str:
+def message(text: str, /, **values: object) -> str:
     """Return a report or a line of status in the user's language, with ``values`` in its braces."""
     return bpy.app.translations.pgettext_rpt(text).format(**values)
 
