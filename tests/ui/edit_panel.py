@@ -9,6 +9,7 @@ from typing import Any
 
 import bpy
 import numpy as np
+from buttons import scroll
 from hands import click, drop, key, middle, place, sidebar, thing, to
 from numpy.typing import NDArray
 from session import ARCHIVE, MODULE, OUT, SCENE, area, inside, results, screenshot, until, view, wait_for_picture
@@ -51,33 +52,36 @@ def note_button(self: Any, context: Any) -> None:
 
 
 def button(operator: str, across: float = 0.3, **values: Any) -> Iterator[float]:
-    """Put the mouse on a button of the sidebar: that of an operator, with some of its properties.
+    """Put the mouse on a button of the sidebar: that of an operator, with some of its properties; scroll to it if need be.
 
     ``across`` says where in the row. The context menu of what is under the mouse tells whose button it is.
     """
     tabs = next(r for r in area("VIEW_3D").regions if r.type == "UI")
     identifier, met = "{}_OT_{}".format(*operator.split(".")).replace("unisim", "UNISIM"), set()
-    rows = list(range(40, tabs.height - 4, STEP))
-    for down in sorted(rows, key=lambda row: abs(row - last[0])):
-        yield from to(tabs.x + tabs.width * across, tabs.y + tabs.height - down)
-        yield 0.01
-        found.clear()
-        yield from key("RIGHTMOUSE")
-        yield 0.04
-        here = found[0] if found else None
-        if found:
-            yield from key("ESC")
-            yield 0.02
-        if here is None:
-            continue
-        met.add(here.bl_rna.identifier)
-        if here.bl_rna.identifier == identifier and all(getattr(here, name) == value for name, value in values.items()):
-            last[0] = down
-            yield 0.3  # until the menu is gone; after it, a button hears of a mouse that leaves and comes back
-            for aside in (30, 2):
-                yield from to(tabs.x + tabs.width * across, tabs.y + tabs.height - down - aside)
-                yield 0.1
-            return
+    for scrolled in range(6):
+        rows = list(range(40, tabs.height - 4, STEP))
+        for down in sorted(rows, key=lambda row: abs(row - last[0])):
+            yield from to(tabs.x + tabs.width * across, tabs.y + tabs.height - down)
+            yield 0.01
+            found.clear()
+            yield from key("RIGHTMOUSE")
+            yield 0.04
+            here = found[0] if found else None
+            if found:
+                yield from key("ESC")
+                yield 0.02
+            if here is None:
+                continue
+            met.add(here.bl_rna.identifier)
+            if here.bl_rna.identifier == identifier and all(getattr(here, name) == value for name, value in values.items()):
+                last[0] = down
+                yield 0.3  # until the menu is gone; after it, a button hears of a mouse that leaves and comes back
+                for aside in (30, 2):
+                    yield from to(tabs.x + tabs.width * across, tabs.y + tabs.height - down - aside)
+                    yield 0.1
+                return
+        yield from to(tabs.x + tabs.width * 0.05, tabs.y + tabs.height / 2)  # beside lists, which would scroll themselves
+        yield from scroll("HOME" if scrolled == 0 else "")
     raise AssertionError(f"{operator} {values} is not in the sidebar, only {sorted(met)}")
 
 
