@@ -12,7 +12,7 @@ import numpy as np
 from buttons import scroll
 from hands import click, drop, key, middle, place, sidebar, thing, to
 from numpy.typing import NDArray
-from session import ARCHIVE, MODULE, OUT, SCENE, area, inside, results, screenshot, until, view, wait_for_picture
+from session import ARCHIVE, MODULE, OUT, SCENE, area, inside, named, results, screenshot, until, view, wait_for_picture
 
 STEP = 8
 """Pixels between two looks for a button."""
@@ -172,7 +172,7 @@ def opened() -> Iterator[float]:
     drop(SCENE)
     scene = bpy.context.scene
     yield from until(lambda: scene.render.engine == "UNISIM" and scene.camera.unisim.kind == "CAMERA", "the import does not end")
-    yield 0.5
+    yield from named()
     yield from sidebar()
     with inside(area("VIEW_3D")):
         bpy.ops.screen.screen_full_area()

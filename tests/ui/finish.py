@@ -18,7 +18,7 @@ import bpy
 sys.path.insert(0, str(Path(__file__).parent))
 from buttons import found_at, place_of
 from hands import click, drop, key, middle, sidebar, thing, to
-from session import ARCHIVE, MODULE, OUT, SCENE, area, inside, results, screenshot, start, until
+from session import ARCHIVE, MODULE, OUT, SCENE, area, inside, named, results, screenshot, start, until
 from tasks import begin, task
 
 OPENINGS = 20
@@ -57,6 +57,7 @@ def first_import() -> Iterator[float]:
     drop(SCENE)
     scene = bpy.context.scene
     yield from until(lambda: scene.render.engine == "UNISIM" and scene.camera.unisim.kind == "CAMERA", "the import does not end")
+    yield from named()
     yield 0.5
     yield from sidebar()
     yield 0.3

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 sys.path.insert(0, str(Path(__file__).parent))
 import hands
 from hands import click, drop, edits, key, look_at, middle, place, scenario, sidebar, thing, to
-from session import ARCHIVE, MODULE, OUT, SCENE, area, choose, from_behind, inside, results, screenshot, start, until, view
+from session import ARCHIVE, MODULE, OUT, SCENE, area, choose, from_behind, inside, named, results, screenshot, start, until, view
 from tasks import begin, task
 
 ARROW_PX = 75
@@ -86,6 +86,7 @@ def first_import() -> Iterator[float]:
     drop(SCENE)
     scene = bpy.context.scene
     yield from until(lambda: scene.render.engine == "UNISIM" and scene.camera.unisim.kind == "CAMERA", "the import does not end")
+    yield from named()
     yield 0.5
     assert view()[2].view_perspective == "CAMERA"
     screenshot("through_camera")

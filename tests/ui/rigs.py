@@ -21,6 +21,7 @@ from session import (
     choose,
     from_behind,
     inside,
+    named,
     picture,
     results,
     screenshot,
@@ -56,6 +57,7 @@ def imported() -> Iterator[float]:
     drop(SCENE)
     scene = bpy.context.scene
     yield from until(lambda: scene.render.engine == "UNISIM" and scene.camera.unisim.kind == "CAMERA", "the import does not end")
+    yield from named()
     yield 0.5
 
 

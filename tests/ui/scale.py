@@ -20,6 +20,7 @@ from session import (
     SCENE,
     area,
     inside,
+    named,
     picture,
     redraw,
     results,
@@ -78,6 +79,7 @@ def begun() -> Iterator[float]:
     drop(SCENE)
     scene = bpy.context.scene
     yield from until(lambda: scene.render.engine == "UNISIM" and scene.camera.unisim.kind == "CAMERA", "the import does not end")
+    yield from named()
     scene.frame_set(7)
     view()[1].shading.type = "RENDERED"
     yield from wait_for_picture()
