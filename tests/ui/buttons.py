@@ -129,7 +129,10 @@ def redo_panel(value: str, new: str) -> Iterator[float]:
     yield from write(new)
     yield from key("RET")
     yield 0.3
-    yield from to(x - 300, y)  # a popup closes when the mouse leaves it
+    yield from to(x - 300, y)  # a popup closes when the mouse leaves it, in 5.2 by Esc
+    yield 0.2
+    yield from key("ESC")
+    yield 0.2
 
 
 def same_number(text: str, value: str) -> bool:
