@@ -3,7 +3,8 @@
 # make test    lint, types, import rules, tests
 # make test-ui   a real Blender window driven by scripts, mouse and keys (root, debootstrap); a part of the sessions
 # make test-ui-all   all of its sessions, in Blender 4.3 and 5.2
-# make screenshots   the documentation's pictures of Blender, by way of test-ui
+# make test-ui-all   every session of the window, in Blender 4.3 and 5.2
+# make screenshots   the documentation's pictures of Blender, by two sessions of the window
 # make extension   the Blender extension as a .zip, in dist/
 # make clean   removes what the others made, .venv included
 PYTHON ?= python3.11
@@ -56,7 +57,8 @@ test-ui-all: $(VENV)/.blender
 	$(BIN)/python tests/ui/run.py $(BLENDER_ROOT)-trixie trixie out/ui
 	$(BIN)/python tests/ui/run.py $(BLENDER_ROOT)-sid sid out/ui-sid
 
-screenshots: test-ui
+screenshots: $(VENV)/.blender
+	$(BIN)/python tests/ui/run.py $(BLENDER_ROOT)-trixie trixie out/ui window compare
 	$(BIN)/python tools/screenshots.py out/ui docs/images
 
 extension: $(VENV)/.blender
