@@ -3,7 +3,6 @@
 # make test    lint, types, import rules, tests
 # make test-ui   a real Blender window driven by scripts, mouse and keys (root, debootstrap); a part of the sessions
 # make test-ui-all   all of its sessions, in Blender 4.3 and 5.2
-# make test-ui-all   every session of the window, in Blender 4.3 and 5.2
 # make screenshots   the documentation's pictures of Blender, by two sessions of the window
 # make extension   the Blender extension as a .zip, in dist/
 # make clean   removes what the others made, .venv included
