@@ -92,7 +92,7 @@ def draw() -> None:
 def lagging(scene: bpy.types.Scene) -> bool:
     """Return whether bodies or frustums are not drawn as the views of a scene look at them."""
     through = cameras_looked_through(scene)
-    return to_follow(scene, shown_as(scene, through)) or to_resize(scene, drawn_tiny(scene, through))
+    return to_follow(scene, shown_as(scene, through)) or to_resize(scene, drawn_tiny(through))
 
 
 def cameras_looked_through(scene: bpy.types.Scene) -> list[bpy.types.Object | None]:
@@ -129,7 +129,7 @@ def _follow() -> None:
         through = cameras_looked_through(scene)
         if to_follow(scene, drawn := shown_as(scene, through)):
             show_bodies(scene, drawn, scene.view_layers)
-        resize_frustums(scene, drawn_tiny(scene, through))
+        resize_frustums(scene, drawn_tiny(through))
     for area in areas("VIEW_3D"):
         area.tag_redraw()
 

@@ -44,6 +44,19 @@ def select(*objects: Any) -> None:
         bpy.context.view_layer.objects.active = one
 
 
+def driving_car(scene: Any) -> Any:
+    """A car that drives, present throughout, made the active one."""
+    drive = source_of(scene).drive
+    first, last = min(drive.time_s.values()), max(drive.time_s.values())
+    one = next(
+        thing(scene, "ACTOR", uid)
+        for uid, a in sorted(drive.actors.items())
+        if a.is_moving and "Car" in a.label and a.start_s <= first and a.end_s >= last
+    )
+    select(one)
+    return one
+
+
 def drawn(scene: Any, places: list[tuple[float, float, float]]) -> Any:
     """A curve of straight lines through places."""
     curve = bpy.data.curves.new("way", "CURVE")

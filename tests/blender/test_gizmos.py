@@ -8,7 +8,7 @@ from typing import Any
 import bpy
 import numpy as np
 import pytest
-from helpers import edited, read, select, thing
+from helpers import driving_car, edited, read, select
 from mathutils import Matrix, Vector
 
 from unisim_blender import gizmos, pie
@@ -25,19 +25,6 @@ from unisim_blender.core.scenario.types import Ego, Move
 from unisim_blender.operators.drag import TARGET_M, along_line, on_plane, stepped, target_of
 
 RIG, FREE = "CAMERA", "PERSP"
-
-
-def driving(scene: Any) -> Any:
-    """A car that drives, present throughout, made the active one."""
-    drive = source_of(scene).drive
-    first, last = min(drive.time_s.values()), max(drive.time_s.values())
-    one = next(
-        thing(scene, "ACTOR", uid)
-        for uid, a in sorted(drive.actors.items())
-        if a.is_moving and "Car" in a.label and a.start_s <= first and a.end_s >= last
-    )
-    select(one)
-    return one
 
 
 def clock_of(scene: Any) -> Clock:
@@ -70,7 +57,7 @@ def test_which_are_shown(street: Any) -> None:
     select()
     bpy.context.view_layer.objects.active = None
     assert shown(street) == ["Ego Lane"]
-    driving(street)
+    driving_car(street)
     assert shown(street) == ["Ego Lane", "Trajectory"]
     select(street.camera)
     assert shown(street) == ["Ego Lane", "Sensor Direction"]
@@ -82,7 +69,7 @@ def test_which_are_shown(street: Any) -> None:
 
 
 def test_off_through_a_recorded_camera(street: Any) -> None:
-    driving(street)
+    driving_car(street)
     assert shown(street, perspective=RIG) == []
     street.unisim_motion.gizmos_in_cameras = True
     assert shown(street, perspective=RIG) == ["Ego Lane", "Trajectory"]
@@ -91,7 +78,7 @@ def test_off_through_a_recorded_camera(street: Any) -> None:
 
 
 def test_switches(street: Any) -> None:
-    driving(street)
+    driving_car(street)
     assert shown(street, show_gizmo=False) == []
     assert shown(street, show_object_viewport_empty=False) == ["Trajectory"]
     street.unisim.show_ways = False
@@ -114,7 +101,7 @@ def test_the_lane_that_a_drag_writes(street: Any) -> None:
 
 
 def test_handles_are_on_the_trajectory(street: Any) -> None:
-    one, clock = driving(street), clock_of(street)
+    one, clock = driving_car(street), clock_of(street)
     found = handles_of(one, clock)
     assert [handle.time_s for handle in found] == [0.0, 1.0] and not any(handle.is_key for handle in found)
     street.frame_set(int(clock.frame(np.array(1.0))))
@@ -126,7 +113,7 @@ def test_handles_are_on_the_trajectory(street: Any) -> None:
 
 
 def test_a_drag_that_begins_in_the_middle_of_an_actor_is_for_the_actor(street: Any) -> None:
-    one, clock = driving(street), clock_of(street)
+    one, clock = driving_car(street), clock_of(street)
     street.frame_set(10)
 
     def times() -> list[float]:
@@ -138,13 +125,13 @@ def test_a_drag_that_begins_in_the_middle_of_an_actor_is_for_the_actor(street: A
 
 
 def test_a_long_drive_has_few_handles(street: Any) -> None:
-    one = driving(street)
+    one = driving_car(street)
     clock = Clock(np.arange(801.0), np.arange(801.0) / 10)
     assert 8 <= len(handles_of(one, clock)) <= MOST
 
 
 def test_a_drag_displaces_at_its_time_and_blends(street: Any) -> None:
-    one, clock = driving(street), clock_of(street)
+    one, clock = driving_car(street), clock_of(street)
     before = way_of(one, clock)
     street.frame_set(3)
     assert bpy.ops.unisim.drag_trajectory(time_s=1.0, offset_m=(0.5, 1.0, 0.0)) == {"FINISHED"}
@@ -167,7 +154,7 @@ def test_a_drag_displaces_at_its_time_and_blends(street: Any) -> None:
 
 
 def test_the_same_handle_again_is_the_same_key(street: Any) -> None:
-    one, clock = driving(street), clock_of(street)
+    one, clock = driving_car(street), clock_of(street)
     before = way_of(one, clock)
     for _ in range(3):
         displace_at(one, 1.0, np.array([0.0, 0.5, 0.0]), clock)
@@ -177,7 +164,7 @@ def test_the_same_handle_again_is_the_same_key(street: Any) -> None:
 
 
 def test_another_handle_leaves_the_first_where_it_is(street: Any) -> None:
-    one, clock = driving(street), clock_of(street)
+    one, clock = driving_car(street), clock_of(street)
     before = way_of(one, clock)
     displace_at(one, 0.5, np.array([0.0, 1.0, 0.0]), clock)
     displace_at(one, 1.5, np.array([0.0, -1.0, 0.0]), clock)
@@ -190,7 +177,7 @@ def test_another_handle_leaves_the_first_where_it_is(street: Any) -> None:
 
 
 def test_a_displacement_of_the_whole_is_where_it_starts(street: Any) -> None:
-    one, clock = driving(street), clock_of(street)
+    one, clock = driving_car(street), clock_of(street)
     one.location = (0.0, 2.0, 0.0)
     bpy.context.view_layer.update()
     displace_at(one, 1.0, np.array([0.0, 1.0, 0.0]), clock)
@@ -204,7 +191,7 @@ def keys_of_place(one: Any) -> list[Any]:
 
 
 def test_esc_puts_everything_back(street: Any) -> None:
-    one, clock = driving(street), clock_of(street)
+    one, clock = driving_car(street), clock_of(street)
     kept = Kept.of(one)
     displace_at(one, 1.0, np.array([0.0, 1.0, 0.0]), clock)
     kept.restore(one)
@@ -304,7 +291,7 @@ def test_the_pie_has_eight_slots_for_each_kind(street: Any) -> None:
             if slot is not None:
                 group, name = slot.operator.split(".")
                 assert getattr(getattr(bpy.ops, group), name).get_rna_type()
-    driving(street)
+    driving_car(street)
     assert pie.kind_of_active(bpy.context) == "ACTOR"
     select(next(things(street, "EGO")))
     assert pie.kind_of_active(bpy.context) == "EGO"

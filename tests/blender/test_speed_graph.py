@@ -7,7 +7,7 @@ from typing import Any
 import bpy
 import numpy as np
 import pytest
-from helpers import select, thing
+from helpers import driving_car, select
 
 from unisim_blender.bridge import motions
 from unisim_blender.bridge.clock import Clock
@@ -19,19 +19,6 @@ from unisim_blender.bridge.sampling import sample_all
 from unisim_blender.bridge.source import source_of
 from unisim_blender.bridge.things import things
 from unisim_blender.operators.motion_settings import graph_of, limits_of
-
-
-def driving(scene: Any) -> Any:
-    """A car that drives, present throughout, made the active one."""
-    drive = source_of(scene).drive
-    first, last = min(drive.time_s.values()), max(drive.time_s.values())
-    one = next(
-        thing(scene, "ACTOR", uid)
-        for uid, a in sorted(drive.actors.items())
-        if a.is_moving and "Car" in a.label and a.start_s <= first and a.end_s >= last
-    )
-    select(one)
-    return one
 
 
 def graph() -> Compared:
@@ -55,7 +42,7 @@ def colours(shapes: Shapes) -> set[tuple[float, ...]]:
 
 
 def test_recorded_speeds_are_the_logs(street: Any) -> None:
-    one = driving(street)
+    one = driving_car(street)
     found, drive = graph(), source_of(street).drive
     assert not found.is_edited and not found.anywhere.any()
     way = drive.actors[one.unisim.uid].world_from_actor
@@ -67,7 +54,7 @@ def test_recorded_speeds_are_the_logs(street: Any) -> None:
 
 
 def test_what_drives_faster(street: Any) -> None:
-    one = driving(street)
+    one = driving_car(street)
     before = graph().now.speed_m_s
     street.frame_set(0)
     bpy.ops.unisim.retime_actor(way="SPEED", speed=1.2)
@@ -79,7 +66,7 @@ def test_what_drives_faster(street: Any) -> None:
 
 
 def test_a_swerve_is_marked_and_checked_alike(street: Any) -> None:
-    one = driving(street)
+    one = driving_car(street)
     swerve(one, 3.0)
     found, drive = graph(), source_of(street).drive
     assert found.exceeded["lateral_m_s2"].any() and OVER in colours(curves(found))
@@ -93,7 +80,7 @@ def test_a_swerve_is_marked_and_checked_alike(street: Any) -> None:
 
 
 def test_limits_are_properties_that_both_heed(street: Any) -> None:
-    one = driving(street)
+    one = driving_car(street)
     swerve(one, 3.0)
     limits = street.unisim_motion
     limits.lateral_m_s2, limits.acceleration_m_s2, limits.curvature_1_m = 50.0, 50.0, 5.0
@@ -113,7 +100,7 @@ def test_defaults_are_exactly_those_of_the_functions(street: Any) -> None:
 
 def test_pedestrians_have_no_such_limits(street: Any) -> None:
     drive = source_of(street).drive
-    one = driving(street)
+    one = driving_car(street)
     swerve(one, 3.0)
     clock = Clock.of(drive)
     track = motions.track_of(one, drive, clock)
@@ -134,7 +121,7 @@ def test_the_ego_vehicle_too(street: Any) -> None:
 
 
 def test_it_is_computed_again_only_when_the_motion_changes(street: Any, monkeypatch: Any) -> None:
-    one = driving(street)
+    one = driving_car(street)
     first = graph()
     computed = []
     real = motions.compared
@@ -155,7 +142,7 @@ def test_it_is_computed_again_only_when_the_motion_changes(street: Any, monkeypa
 
 @pytest.mark.parametrize("way", ["DELAY", "STOP", "STRETCH"])
 def test_it_is_of_the_motion_that_is_exported(street: Any, way: str) -> None:
-    one, drive = driving(street), source_of(street).drive
+    one, drive = driving_car(street), source_of(street).drive
     street.frame_set(6)
     bpy.ops.unisim.retime_actor(way=way, seconds=0.5, speed=0.5, first_s=0.3, last_s=0.9)
     bpy.ops.unisim.drag_trajectory(time_s=1.0, offset_m=(0.0, 2.0, 0.0))
@@ -172,7 +159,7 @@ def test_nothing_without_an_actor(street: Any) -> None:
 
 
 def test_the_line_and_the_values_are_those_of_the_frame(street: Any) -> None:
-    one = driving(street)
+    one = driving_car(street)
     found = graph()
     shapes, axes = moment(found, 7.0), axes_of(found)
     assert NOW in colours(shapes)
@@ -187,7 +174,7 @@ def test_the_line_and_the_values_are_those_of_the_frame(street: Any) -> None:
 
 
 def test_absence_is_said(street: Any) -> None:
-    one = driving(street)
+    one = driving_car(street)
     bpy.ops.unisim.shift_actor(left_m=0.0, ahead_m=0.0, later_s=1.0)
     drive = source_of(street).drive
     one.hide_viewport = True

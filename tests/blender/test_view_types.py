@@ -58,7 +58,7 @@ def test_another_camera_shows_all_but_its_background(scene: Any) -> None:
 def test_frustums_are_tiny_while_a_view_looks_through_a_camera(street: Any) -> None:
     camera = street.camera.data
     camera.display_size = size = 0.25
-    assert not drawn_tiny(street, [None]) and drawn_tiny(street, [None, street.camera])
+    assert not drawn_tiny([None]) and drawn_tiny([None, street.camera])
     for _ in range(2):
         resize_frustums(street, True)
         assert camera.display_size < 0.02 and not to_resize(street, True) and to_resize(street, False)

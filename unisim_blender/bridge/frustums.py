@@ -18,7 +18,7 @@ NOTED = "unisim_display_size"
 """A camera's custom property: the size to go back to, in metres."""
 
 
-def drawn_tiny(scene: bpy.types.Scene, through: Iterable[bpy.types.Object | None]) -> bool:
+def drawn_tiny(through: Iterable[bpy.types.Object | None]) -> bool:
     """Return whether frustums are to be drawn tiny, by the cameras that the views look through (None for no camera)."""
     return any(camera is not None and camera.unisim.kind == "CAMERA" for camera in through)
 
