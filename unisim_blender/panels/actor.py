@@ -51,7 +51,7 @@ class UNISIM_PT_actor(DrivePanel, bpy.types.Panel):
     """The active actor, and what can be done with the selected ones"""
 
     bl_label = "Actor"
-    bl_order = 1
+    bl_order = 0
 
     def draw(self, context: bpy.types.Context) -> None:
         """Draw the card and the operators; rows stay in place whatever is selected."""

@@ -116,6 +116,7 @@ class UNISIM_PT_actors(DrivePanel, bpy.types.Panel):
 
     bl_label = "Actors"
     bl_order = 1
+    bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, context: bpy.types.Context) -> None:
         """Draw the filter, the list, and what a click does."""

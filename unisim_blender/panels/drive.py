@@ -16,7 +16,7 @@ class UNISIM_PT_drive(Sidebar, bpy.types.Panel):
     """The drive that the scene was imported from"""
 
     bl_label = "Drive"
-    bl_order = 0
+    bl_order = 4
 
     def draw(self, context: bpy.types.Context) -> None:
         """Draw log, trained scene, what is there, and what is shown."""

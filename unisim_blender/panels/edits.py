@@ -27,7 +27,7 @@ class UNISIM_PT_edits(DrivePanel, bpy.types.Panel):
     """What of the drive is edited"""
 
     bl_label = "Edits"
-    bl_order = 1
+    bl_order = 3
 
     def draw(self, context: bpy.types.Context) -> None:
         """Draw a line for each edit; while they are read again, the old ones are grey."""

@@ -19,7 +19,7 @@ class UNISIM_PT_warnings(DrivePanel, bpy.types.Panel):
     """What is not plausible about the edits"""
 
     bl_label = "Check"
-    bl_order = 4
+    bl_order = 7
 
     def draw(self, context: bpy.types.Context) -> None:
         """Draw a line for each finding, which jumps to the place."""
@@ -45,7 +45,7 @@ class UNISIM_PT_output(Sidebar, bpy.types.Panel):
     """Images and sweeps of the whole drive"""
 
     bl_label = "Output"
-    bl_order = 5
+    bl_order = 8
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:

@@ -9,7 +9,7 @@ class UNISIM_PT_ego(DrivePanel, bpy.types.Panel):
     """The vehicle that recorded the drive"""
 
     bl_label = "Ego"
-    bl_order = 2
+    bl_order = 5
     bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, context: bpy.types.Context) -> None:

@@ -23,7 +23,8 @@ class UNISIM_PT_variants(DrivePanel, bpy.types.Panel):
     """Scenarios of this drive in this file"""
 
     bl_label = "Variants"
-    bl_order = 1
+    bl_order = 2
+    bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, context: bpy.types.Context) -> None:
         """Draw a row for each variant, what can be done with them, and a comparison."""
