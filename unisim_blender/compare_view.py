@@ -185,7 +185,7 @@ def draw_options(layout: Any, context: bpy.types.Context) -> None:
     column.prop(view, "unsupported")
     column.prop(view, "clip")
     if not is_rendered(context):
-        layout.label(text="For Rendered shading with the engine UniSim", icon="INFO")
+        layout.label(text="For Rendered shading by UniSim", icon="INFO")
 
 
 def _turn() -> float | None:

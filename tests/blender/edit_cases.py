@@ -7,20 +7,12 @@ from typing import Any
 
 import bpy
 import numpy as np
-from helpers import SAMPLE, select, thing
+from helpers import SAMPLE, driving, select, thing
 
 from unisim_blender.bridge.copies import copy_of
 from unisim_blender.bridge.source import source_of
 from unisim_blender.bridge.static_items import mark
 from unisim_blender.bridge.things import things
-
-
-def driving(scene: Any) -> Any:
-    """An actor that drives and is there throughout."""
-    drive = source_of(scene).drive
-    first, last = min(drive.time_s.values()), max(drive.time_s.values())
-    uid = next(u for u, a in sorted(drive.actors.items()) if a.is_moving and a.start_s <= first and a.end_s >= last)
-    return thing(scene, "ACTOR", uid)
 
 
 def passing(scene: Any) -> Any:

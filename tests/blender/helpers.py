@@ -44,15 +44,19 @@ def select(*objects: Any) -> None:
         bpy.context.view_layer.objects.active = one
 
 
-def driving_car(scene: Any) -> Any:
-    """A car that drives, present throughout, made the active one."""
+def driving(scene: Any, label: str = "") -> Any:
+    """The first actor by id that drives, is there throughout, and has ``label`` in its class."""
     drive = source_of(scene).drive
     first, last = min(drive.time_s.values()), max(drive.time_s.values())
-    one = next(
-        thing(scene, "ACTOR", uid)
-        for uid, a in sorted(drive.actors.items())
-        if a.is_moving and "Car" in a.label and a.start_s <= first and a.end_s >= last
+    uids = (
+        u for u, a in sorted(drive.actors.items()) if a.is_moving and a.start_s <= first and a.end_s >= last and label in a.label
     )
+    return thing(scene, "ACTOR", next(uids))
+
+
+def driving_car(scene: Any) -> Any:
+    """A car that drives, present throughout, made the active one."""
+    one = driving(scene, "Car")
     select(one)
     return one
 

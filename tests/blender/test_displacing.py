@@ -8,7 +8,7 @@ from typing import Any
 import bpy
 import numpy as np
 import pytest
-from helpers import edited, read, select, thing
+from helpers import driving, edited, read, select, thing
 from mathutils import Quaternion, Vector
 
 from unisim_blender import following
@@ -21,13 +21,6 @@ from unisim_blender.bridge.things import things
 from unisim_blender.bridge.trajectories import convert, remove, trajectory_of
 from unisim_blender.core.geometry import invert_pose
 from unisim_blender.core.scenario.types import Duplicate, Ego, Move
-
-
-def driving(scene: Any) -> str:
-    """The id of an actor that drives and is there throughout."""
-    drive = source_of(scene).drive
-    first, last = min(drive.time_s.values()), max(drive.time_s.values())
-    return next(u for u, a in sorted(drive.actors.items()) if a.is_moving and a.start_s <= first and a.end_s >= last)
 
 
 def let_go() -> list[str]:
@@ -58,7 +51,7 @@ def displacement(scene: Any, uid: str) -> Any:
 
 
 def test_g_displaces_the_whole_trajectory(street: Any) -> None:
-    uid = driving(street)
+    uid = driving(street).unisim.uid
     one = thing(street, "ACTOR", uid)
     street.frame_set(8)
     (said,) = drag(one, (0.0, 3.0, 0.0))
@@ -73,7 +66,7 @@ def test_g_displaces_the_whole_trajectory(street: Any) -> None:
 
 
 def test_r_turns_it_at_every_frame(street: Any) -> None:
-    uid = driving(street)
+    uid = driving(street).unisim.uid
     one = thing(street, "ACTOR", uid)
     select(one)
     one.rotation_quaternion = Quaternion((0.0, 0.0, 1.0), 0.4)
@@ -96,7 +89,7 @@ def test_the_vehicle_too(street: Any) -> None:
 
 
 def test_with_auto_key_a_change_blends_in(street: Any) -> None:
-    uid = driving(street)
+    uid = driving(street).unisim.uid
     one = thing(street, "ACTOR", uid)
     street.frame_set(10)
     street.tool_settings.use_keyframe_insert_auto = True
@@ -118,7 +111,7 @@ def test_with_auto_key_a_change_blends_in(street: Any) -> None:
 
 
 def test_auto_key_starts_from_the_displacement_before(street: Any) -> None:
-    uid = driving(street)
+    uid = driving(street).unisim.uid
     one = thing(street, "ACTOR", uid)
     drag(one, (0.0, 2.0, 0.0))
     before = np.array(one.location)
@@ -132,7 +125,7 @@ def test_auto_key_starts_from_the_displacement_before(street: Any) -> None:
 
 
 def test_a_change_without_a_key_is_kept_at_the_next_frame(street: Any) -> None:
-    one = thing(street, "ACTOR", driving(street))
+    one = driving(street)
     street.frame_set(5)
     for frame, left in ((0, 0.0), (19, 1.0)):
         one.location.y = left
@@ -150,7 +143,7 @@ def test_a_change_without_a_key_is_kept_at_the_next_frame(street: Any) -> None:
 
 
 def test_undo_and_a_saved_file_keep_it(street: Any, tmp_path: Path) -> None:
-    uid = driving(street)
+    uid = driving(street).unisim.uid
     drag(thing(street, "ACTOR", uid), (0.0, 3.0, 0.0))
     before = read(street)
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "drive.blend"))
@@ -159,7 +152,7 @@ def test_undo_and_a_saved_file_keep_it(street: Any, tmp_path: Path) -> None:
 
 
 def test_a_copy_rides_on_the_same_trajectory_until_it_is_retimed(street: Any) -> None:
-    uid = driving(street)
+    uid = driving(street).unisim.uid
     one = thing(street, "ACTOR", uid)
     select(one)
     bpy.ops.object.duplicate()
@@ -177,7 +170,7 @@ def test_a_copy_rides_on_the_same_trajectory_until_it_is_retimed(street: Any) ->
 
 
 def test_what_nothing_rides_on_is_deleted(street: Any) -> None:
-    one = thing(street, "ACTOR", driving(street))
+    one = driving(street)
     above = trajectory_of(one)
     assert above is not None
     name = above.name
@@ -186,7 +179,7 @@ def test_what_nothing_rides_on_is_deleted(street: Any) -> None:
 
 
 def test_files_of_earlier_versions_are_brought_up_to_date(street: Any) -> None:
-    uid = driving(street)
+    uid = driving(street).unisim.uid
     one, ego = thing(street, "ACTOR", uid), next(things(street, "EGO"))
     for old in (one, ego):  # as it was: keys on the object itself
         above = trajectory_of(old)
@@ -209,7 +202,7 @@ def test_a_trajectory_is_neither_seen_nor_picked(street: Any) -> None:
 
 
 def test_what_stands_still_does_not_slide(street: Any) -> None:
-    one = thing(street, "ACTOR", driving(street))
+    one = driving(street)
     for frame, left in ((2, 0.0), (12, 3.0)):
         one.location = (0.0, left, 0.0)
         one.keyframe_insert("location", frame=frame)

@@ -9,8 +9,8 @@ from typing import Any
 import bpy
 import numpy as np
 import pytest
-from edit_cases import CASES, driving, standing, update
-from helpers import read, select
+from edit_cases import CASES, standing, update
+from helpers import driving, read, select
 
 from unisim_blender import edit_watch
 from unisim_blender.bridge import edit_reading, quick_sample

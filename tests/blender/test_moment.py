@@ -8,7 +8,7 @@ from typing import Any
 import bpy
 import numpy as np
 import pytest
-from helpers import drawn, thing
+from helpers import drawn, driving, thing
 from numpy.typing import NDArray
 from PIL import Image
 
@@ -49,14 +49,6 @@ def test_the_moment_is_what_stepping_finds(street: Any, frame: int) -> None:
     for a, b in zip(now.things, stepped.things, strict=True):
         assert same(a.poses, b.poses).all(), a.name
         assert (a.there == b.there).all(), a.name
-
-
-def driving(scene: Any) -> Any:
-    """A box that moves and is there throughout."""
-    drive = source_of(scene).drive
-    first, last = min(drive.time_s.values()), max(drive.time_s.values())
-    uid = next(u for u, a in sorted(drive.actors.items()) if a.is_moving and a.start_s <= first and a.end_s >= last)
-    return thing(scene, "ACTOR", uid)
 
 
 def above_of(one: Any) -> Any:

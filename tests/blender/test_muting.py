@@ -9,8 +9,8 @@ from typing import Any
 import bpy
 import numpy as np
 import pytest
-from edit_cases import CASES, driving, standing, update
-from helpers import read, select
+from edit_cases import CASES, standing, update
+from helpers import driving, read, select
 from test_edits_list import lines, press
 
 from unisim_blender.bridge.clock import Clock

@@ -8,7 +8,7 @@ from typing import Any
 import bpy
 import numpy as np
 import pytest
-from helpers import edited, read, select, thing
+from helpers import driving, edited, read, select, thing
 
 from unisim_blender.bridge.clock import Clock
 from unisim_blender.bridge.poses import same
@@ -22,13 +22,6 @@ from unisim_blender.core.scenario.types import CopyStatic, Duplicate, Ego, Move,
 def standing(scene: Any) -> str:
     """The id of an actor that stands still."""
     return next(uid for uid, actor in sorted(source_of(scene).drive.actors.items()) if not actor.is_moving)
-
-
-def driving(scene: Any) -> str:
-    """The id of an actor that drives and is there throughout."""
-    drive = source_of(scene).drive
-    first, last = drive.time_s[drive.frames[0]], drive.time_s[drive.frames[-1]]
-    return next(u for u, a in sorted(drive.actors.items()) if a.is_moving and a.start_s <= first and a.end_s >= last)
 
 
 def agree(scene: Any) -> None:
@@ -47,7 +40,7 @@ def agree(scene: Any) -> None:
 
 
 def test_x_removes(street: Any) -> None:
-    uid = driving(street)
+    uid = driving(street).unisim.uid
     bpy.data.objects.remove(thing(street, "ACTOR", uid))
     assert read(street).edits == (Remove(uid),)
 
@@ -81,7 +74,7 @@ def test_g_moves_what_stands(street: Any) -> None:
 
 
 def test_keys_are_a_trajectory(street: Any) -> None:
-    uid = driving(street)
+    uid = driving(street).unisim.uid
     one = trajectory_of(thing(street, "ACTOR", uid))
     assert one is not None
     from unisim_blender.bridge.animation import keys_of, write_keys
@@ -102,7 +95,7 @@ def test_keys_are_a_trajectory(street: Any) -> None:
 
 
 def test_shift_d_is_a_new_actor_of_the_same_look(street: Any) -> None:
-    uid = driving(street)
+    uid = driving(street).unisim.uid
     select(thing(street, "ACTOR", uid))
     bpy.ops.object.duplicate()
     copy = bpy.context.active_object
@@ -124,7 +117,7 @@ def test_alt_d_is_one_too(street: Any) -> None:
 
 
 def test_a_parent_counts(street: Any) -> None:
-    uid = driving(street)
+    uid = driving(street).unisim.uid
     empty = bpy.data.objects.new("parent", None)
     street.collection.objects.link(empty)
     one = thing(street, "ACTOR", uid)
@@ -149,7 +142,7 @@ def test_undo_brings_back(street: Any) -> None:
 
 
 def test_next_lane(street: Any) -> None:
-    uid = driving(street)
+    uid = driving(street).unisim.uid
     select(thing(street, "ACTOR", uid))
     assert bpy.ops.unisim.duplicate_actor(where="LANE_LEFT") == {"FINISHED"}
     (edit,) = read(street).edits
@@ -163,7 +156,7 @@ def test_next_lane(street: Any) -> None:
 
 @pytest.mark.parametrize("way", ["DELAY", "SPEED", "STOP", "STRETCH"])
 def test_retimed_actors_stay_on_their_path(street: Any, way: str) -> None:
-    uid = driving(street)
+    uid = driving(street).unisim.uid
     one = thing(street, "ACTOR", uid)
     select(one)
     street.frame_set(8)
@@ -209,7 +202,7 @@ def test_static_items(street: Any) -> None:
 
 
 def test_the_scenario_survives_its_file(street: Any, tmp_path: Path) -> None:
-    select(thing(street, "ACTOR", driving(street)))
+    select(driving(street))
     bpy.ops.unisim.duplicate_actor(where="RIGHT")
     bpy.ops.unisim.shift_ego(left_m=-0.5)
     path = tmp_path / "scenario.json"

@@ -8,7 +8,7 @@ from typing import Any
 import bpy
 import numpy as np
 import pytest
-from helpers import read, select, thing
+from helpers import driving, read, select, thing
 
 from unisim_blender.bridge.clock import Clock
 from unisim_blender.bridge.importing import set_colours
@@ -20,15 +20,8 @@ from unisim_blender.operators.render_sequence import UNISIM_OT_render_sequence
 from unisim_blender.tasks import SequenceTask
 
 
-def driving(scene: Any) -> str:
-    """The id of an actor that drives and is there throughout."""
-    drive = source_of(scene).drive
-    first, last = min(drive.time_s.values()), max(drive.time_s.values())
-    return next(u for u, a in sorted(drive.actors.items()) if a.is_moving and a.start_s <= first and a.end_s >= last)
-
-
 def test_a_retimed_box_stands_where_it_is_now(street: Any) -> None:
-    uid = driving(street)
+    uid = driving(street).unisim.uid
     one = thing(street, "ACTOR", uid)
     select(one)
     street.frame_set(10)
@@ -44,7 +37,7 @@ def test_a_retimed_box_stands_where_it_is_now(street: Any) -> None:
 def test_a_delay_is_in_seconds_of_the_log_at_any_frame_rate(street: Any, fps: int) -> None:
     street.render.fps, street.render.fps_base = fps, 1.0
     street.frame_step = 3
-    uid = driving(street)
+    uid = driving(street).unisim.uid
     select(thing(street, "ACTOR", uid))
     bpy.ops.unisim.retime_actor(way="DELAY", seconds=0.4)
     (edit,) = read(street).edits

@@ -11,8 +11,8 @@ from typing import Any
 import bpy
 import numpy as np
 import pytest
-from edit_cases import CASES, driving, standing, update
-from helpers import SAMPLE, read, select
+from edit_cases import CASES, standing, update
+from helpers import SAMPLE, driving, read, select
 from test_edits_list import lines, press
 from test_muting import content
 

@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 sys.path.insert(0, str(Path(__file__).parent))
-from hands import click, drop, edits, key, middle, mouse, sidebar, thing, to, write
-from session import ARCHIVE, MODULE, OUT, SCENE, area, inside, named, picture, screenshot, start, until, view, wait_for_picture
+from buttons import open_panel
+from hands import click, edits, import_dropped, key, middle, mouse, sidebar, thing, to, write
+from session import ARCHIVE, MODULE, OUT, area, inside, named, picture, screenshot, start, until, view, wait_for_picture
 from tasks import begin, changed, task
 
 BLUE = np.array([0x47, 0x72, 0xB3])
@@ -83,11 +84,9 @@ def first_row() -> Iterator[float]:
 
 def first_import() -> Iterator[float]:
     """A trained scene dropped onto Blender's default file."""
-    yield from to(*middle(area("VIEW_3D")))
-    drop(SCENE)
-    scene = bpy.context.scene
-    yield from until(lambda: scene.render.engine == "UNISIM" and scene.camera.unisim.kind == "CAMERA", "the import does not end")
+    yield from import_dropped(names=False)
     yield from sidebar()
+    yield from open_panel("Actors", "unisim_actors")
     assert not edits()
 
 

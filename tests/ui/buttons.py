@@ -8,7 +8,7 @@ behind Ctrl-C copies the Python command of an operator's button, the one behind 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 
 import bpy
 from hands import click, key, mouse, to, write
@@ -65,22 +65,95 @@ def buttons(
         into[name] = [places[len(places) // 2] for places in by_column.values() if one_row or len(places) > 1]
 
 
-def place_of(name: str, kind: str = "UI", columns: tuple[float, ...] = (0.5,), where: str = "VIEW_3D") -> Iterator[float]:
-    """Find a button by a part of its command or path, scrolling the sidebar where it is out of sight.
+def place_of(
+    name: str, kind: str = "UI", columns: tuple[float, ...] = (0.5,), where: str = "VIEW_3D", every: bool = False
+) -> Iterator[float]:
+    """Find the first button with ``name`` in its command or path, scrolling the sidebar where it is out of sight.
 
-    ``kind``: in which region of the area ``where``. The places go to `found_at`."""
+    ``kind``: in which region of the area ``where``; ``every``: find all such buttons. The places go to `found_at`."""
     area = next(a for a in bpy.context.window_manager.windows[0].screen.areas if a.type == where)
     region = region_of(area, kind)
-    found: dict[str, list[Place]] = {}
+    met: dict[str, list[Place]] = {}
     found_at.clear()
-    for scrolled in range(6):
-        yield from buttons(area, kind, found, columns)
-        found_at.extend(place for known, places in found.items() if name in known for place in places)
+    if not every:
+        yield from where_it_was(area, kind, (name, kind, where))
+    for scrolled in range(8):
+        if found_at:
+            break
+        if every:
+            yield from buttons(area, kind, met, columns)
+            found_at.extend(place for known, places in met.items() if name in known for place in places)
+        else:
+            yield from first_of(area, kind, name, columns, met)
         if found_at or kind != "UI":
             break
         yield from to(region.x + region.width / 2, region.y + region.height / 2)
-        yield from scroll("HOME" if scrolled == 0 else "")
-    assert found_at, f"there is no button {name}; there are {', '.join(found)}"
+        yield from scroll("HOME" if scrolled == 0 and not at_top(region) else "")
+    assert found_at, f"there is no button {name}; there are {', '.join(met)}"
+    if not every:
+        KNOWN[name, kind, where] = found_at[0]
+
+
+KNOWN: dict[tuple[str, str, str], Place] = {}
+"""Where buttons were found the last time, by name, region and area."""
+COARSE = 12
+"""Distance of two looks for one button, in pixels: less than a button is high."""
+INNER = 4
+"""How far from its place a button has to be under the mouse, too, for the place to be well inside it, in pixels."""
+
+
+def held(found: bpy.types.Area, region: bpy.types.Region, x: float, y: float, into: list[str]) -> Iterator[float]:
+    """Move the mouse to a place; the name of the button that it is over then is ``into[0]``."""
+    yield from to(x, y)
+    yield 0.0  # the button hears of the mouse in the next round
+    into[:] = [under_mouse(found, region)]
+
+
+def where_it_was(found: bpy.types.Area, kind: str, wanted: tuple[str, str, str]) -> Iterator[float]:
+    """Look for a button where it was the last time; where it still is, `found_at` is that place."""
+    if wanted not in KNOWN:
+        return
+    (x, y), region, here = KNOWN[wanted], region_of(found, kind), [""]
+    names = set()
+    for aside in (0,) if region.height < 2 * HEADER_HIGH else (-INNER, INNER, 0):
+        yield from held(found, region, x, y + aside, here)
+        names |= set(here)
+    if len(names) == 1 and wanted[0] in here[0]:
+        found_at[:] = [(x, y)]
+
+
+def first_of(
+    found: bpy.types.Area, kind: str, name: str, columns: tuple[float, ...], met: dict[str, list[Place]]
+) -> Iterator[float]:
+    """Look for the first button with ``name`` in its command or path, column by column from the top; `found_at` is its middle
+    then, else it stays empty. All buttons that were met go to ``met``."""
+    region, here = region_of(found, kind), [""]
+    one_row = region.height < 2 * HEADER_HIGH
+    top = region.y + region.height
+    downs = (region.height // 2,) if one_row else range(COARSE // 2, region.height, COARSE)
+    for share in columns:
+        x = round(region.x + share * region.width)
+        for down in downs:
+            yield from held(found, region, x, top - down, here)
+            if here[0]:
+                met.setdefault(here[0], []).append((x, top - down))
+            if not here[0] or name not in here[0]:
+                continue
+            ends, full = [top - down, top - down], here[0]
+            for end, step in ((0, -INNER), (1, INNER)):
+                while not one_row and region.y < ends[end] + step < top:
+                    yield from held(found, region, x, ends[end] + step, here)
+                    if here[0] != full:
+                        break
+                    ends[end] += step
+            if one_row or ends[1] - ends[0] >= 2 * INNER:  # what is cut off by the region's edge is scrolled to
+                found_at[:] = [(x, (ends[0] + ends[1]) // 2)]
+                return
+
+
+def at_top(region: bpy.types.Region) -> bool:
+    """Return whether a region is scrolled to its top."""
+    return abs(region.view2d.region_to_view(0, region.height)[1]) < 2
 
 
 def scroll(where: str = "") -> Iterator[float]:
@@ -97,7 +170,7 @@ def press(
     name: str, kind: str = "UI", last: bool = False, columns: tuple[float, ...] = (0.5,), where: str = "VIEW_3D"
 ) -> Iterator[float]:
     """Click on the button whose command or path has ``name`` in it; ``last``: of several, that on the right."""
-    yield from place_of(name, kind, columns, where)
+    yield from place_of(name, kind, columns, where, every=last)
     yield from to(*(max(found_at) if last else found_at[0]))
     yield from click()
     yield 0.2
@@ -172,15 +245,66 @@ def reports() -> list[str]:
         found.ui_type = kind
 
 
-def open_panel(below: str, down: int, holds: str) -> Iterator[float]:
-    """Open a closed panel by a click on its header, ``down`` pixels below the button ``below``, unless ``holds`` is in sight."""
-    area, _, _ = view()
-    found: dict[str, list[Place]] = {}
-    yield from buttons(area, "UI", found)
-    if any(holds in name for name in found):
-        return
-    yield from place_of(below)
-    x, y = found_at[0]
-    yield from to(x, y - down)
-    yield from click()
-    yield 0.5
+HEADERS = {
+    "Insert": ("unisim.replace_look", 33),
+    "Static Items": ("unisim.replace_look", 59),
+    "Motion": ("unisim.replace_look", 85),
+    "Actors": ("unisim.replace_look", 113),
+    "Variants": ("unisim.replace_look", 141),
+    "Show": ("unisim.recorded_colours", 32),
+    "Ego": ("unisim.recorded_colours", 60),
+    "Sensors": ("unisim.recorded_colours", 88),
+}
+"""Where the header of each panel is that is closed at first: the button above it and how far below that, in pixels, while those
+between are closed."""
+BELOW = 220
+"""How far below its header a button of a panel is looked for, in pixels."""
+
+
+def open_panel(title: str, holds: str, column: float = 0.5) -> Iterator[float]:
+    """Open a panel of the sidebar that is closed at first, by a click on its header, and scroll it up; one that is open already
+    stays open.
+
+    ``holds``: a part of the command or path of one of its upper buttons, which is in sight then; ``column``: where that is
+    looked for, as a share of the sidebar's width."""
+    region = region_of(view()[0], "UI")
+    above, down = HEADERS[title]
+    yield from place_of(above)
+    x, y = found_at[0][0], found_at[0][1] - down
+    y = yield from raised(y, region.y + BELOW)
+    yield from look_below(y, holds, column)
+    if not found_at:
+        yield from to(x, y)
+        yield from click()
+        yield 0.6
+    y = yield from raised(y, region.y + 3 * region.height // 4)
+    yield from look_below(y, holds, column)
+    assert found_at, f"a click on the header of {title} does not show {holds}"
+
+
+def raised(y: int, least: int) -> Generator[float, None, int]:
+    """Scroll the sidebar down until what is at the height ``y`` is at ``least`` or above, or to the sidebar's end; return its
+    height then."""
+    region = region_of(view()[0], "UI")
+    while y < least:
+        before = region.view2d.region_to_view(0, 0)[1]
+        yield from to(region.x + 0.04 * region.width, region.y + region.height / 2)  # beside lists, which would scroll themselves
+        yield from key("WHEELDOWNMOUSE")
+        yield 0.3
+        moved = round(before - region.view2d.region_to_view(0, 0)[1])
+        if not moved:
+            break
+        y += moved
+    return y
+
+
+def look_below(y: int, name: str, column: float) -> Iterator[float]:
+    """Look for a button in the sidebar below a height; `found_at` is where it is met, or empty."""
+    area, here = view()[0], [""]
+    region = region_of(area, "UI")
+    found_at.clear()
+    for below in range(y - COARSE, max(y - BELOW, region.y), -COARSE):
+        yield from held(area, region, region.x + column * region.width, below, here)
+        if name in here[0]:
+            found_at[:] = [(mouse[0], mouse[1])]
+            return

@@ -14,8 +14,9 @@ from mathutils import Euler, Vector
 from numpy.typing import NDArray
 
 sys.path.insert(0, str(Path(__file__).parent))
-from hands import click, drop, event, key, middle, sidebar, to
-from session import ARCHIVE, MODULE, OUT, SCENE, area, results, screenshot, start, until, view, wait_for_picture
+from buttons import open_panel, press
+from hands import click, event, import_dropped, key, middle, sidebar, to
+from session import ARCHIVE, MODULE, OUT, results, screenshot, start, until, view, wait_for_picture
 from tasks import bare_view, begin, task
 
 SAME_BYTES = 2.0
@@ -24,10 +25,6 @@ MODES = ("RENDERED", "SPLIT", "DIFFERENCE", "FLICKER", "RECORDED")
 FRAME = 9
 ENTRY_PX = 52, 23
 """How far below the header's field its menu's first entry is, and how far apart entries are."""
-SHOW_PX, SWITCH_PX = 171, {"unsupported": 52, "clip": 73}
-"""How far below the sidebar's upper edge the panel Show is, and how far below that its switches are, while a view is rendered."""
-
-
 LONGEST: dict[str, float] = {}
 """Seconds of the main thread's own time, by what took it."""
 
@@ -130,11 +127,8 @@ def choose_mode(mode: str) -> Iterator[float]:
 
 def first_import() -> Iterator[float]:
     """A trained scene dropped onto Blender's default file, Rendered shading through its camera."""
-    yield from to(*middle(area("VIEW_3D")))
-    drop(SCENE)
-    scene = bpy.context.scene
-    yield from until(lambda: scene.render.engine == "UNISIM" and scene.camera.unisim.kind == "CAMERA", "the import does not end")
-    scene.frame_set(FRAME)
+    yield from import_dropped()
+    bpy.context.scene.frame_set(FRAME)
     _, space, _ = view()
     space.shading.type = "RENDERED"
     bare_view(space)
@@ -290,14 +284,16 @@ def from_above(distance_m: float = 45.0, tilt: float = 35.0, turn: float = -90.0
 
 def unsupported() -> Iterator[float]:
     """Hatching over unsupported pixels, switched on in the panel; the picture below stays."""
-    yield from opened_show()
+    yield from open_panel("Show", "unsupported")
+    screenshot("show_panel")
     from_above()
     options().clip = False
     yield from wait_for_picture()
     yield 0.3
     plain = screen("outside_unclipped")
     assert shown().unsupported is None, "a pass that nobody asked for"
-    yield from pressed("unsupported")
+    yield from press("unsupported")
+    yield from to(*middle(view()[0]))
     yield from until(lambda: options().unsupported, "the switch does not answer", 10)
     yield from wait_for_picture()
     yield 0.5
@@ -309,26 +305,6 @@ def unsupported() -> Iterator[float]:
     assert 0.2 < mask.mean() < 0.95
     assert 0.35 < changed[mask].mean() < 0.65 and changed[~mask].mean() < 0.01, results["unsupported"]
     options().unsupported = False
-
-
-def opened_show() -> Iterator[float]:
-    """Open the panel Show with the mouse."""
-    tabs = next(r for r in view()[0].regions if r.type == "UI")
-    yield from to(tabs.x + 60, tabs.y + tabs.height - SHOW_PX)
-    yield 0.2
-    yield from click()
-    yield 0.6
-    screenshot("show_panel")
-
-
-def pressed(name: str) -> Iterator[float]:
-    """Click one of the view's switches in the panel Show."""
-    tabs = next(r for r in view()[0].regions if r.type == "UI")
-    yield from to(tabs.x + tabs.width * 0.55, tabs.y + tabs.height - SHOW_PX - SWITCH_PX[name])
-    yield 0.2
-    yield from click()
-    yield from to(*middle(view()[0]))
-    yield 0.2
 
 
 def clipped() -> Iterator[float]:

@@ -10,9 +10,9 @@ from typing import Any
 import bpy
 import numpy as np
 from buttons import scroll
-from hands import click, drop, key, middle, place, sidebar, thing, to
+from hands import click, import_dropped, key, place, sidebar, thing, to
 from numpy.typing import NDArray
-from session import ARCHIVE, MODULE, OUT, SCENE, area, inside, named, results, screenshot, until, view, wait_for_picture
+from session import ARCHIVE, MODULE, OUT, area, inside, results, screenshot, until, view, wait_for_picture
 
 STEP = 8
 """Pixels between two looks for a button."""
@@ -168,11 +168,7 @@ def opened() -> Iterator[float]:
     yield 1.0
     bpy.types.UI_MT_button_context_menu.append(note_button)
     timed_reading()
-    yield from to(*middle(area("VIEW_3D")))
-    drop(SCENE)
-    scene = bpy.context.scene
-    yield from until(lambda: scene.render.engine == "UNISIM" and scene.camera.unisim.kind == "CAMERA", "the import does not end")
-    yield from named()
+    yield from import_dropped()
     yield from sidebar()
     with inside(area("VIEW_3D")):
         bpy.ops.screen.screen_full_area()

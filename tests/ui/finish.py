@@ -17,8 +17,8 @@ import bpy
 
 sys.path.insert(0, str(Path(__file__).parent))
 from buttons import found_at, place_of
-from hands import click, drop, key, middle, sidebar, thing, to
-from session import ARCHIVE, MODULE, OUT, SCENE, area, inside, named, results, screenshot, start, until
+from hands import click, import_dropped, key, middle, sidebar, thing, to
+from session import ARCHIVE, MODULE, OUT, area, inside, results, screenshot, start, until
 from tasks import begin, task
 
 OPENINGS = 20
@@ -53,11 +53,7 @@ def point(operator: str, across: float = 0.5) -> Iterator[float]:
 
 def first_import() -> Iterator[float]:
     """The sample's drive, and the tab UniSim."""
-    yield from to(*middle(area("VIEW_3D")))
-    drop(SCENE)
-    scene = bpy.context.scene
-    yield from until(lambda: scene.render.engine == "UNISIM" and scene.camera.unisim.kind == "CAMERA", "the import does not end")
-    yield from named()
+    yield from import_dropped()
     yield 0.5
     yield from sidebar()
     yield 0.3

@@ -13,8 +13,8 @@ from pathlib import Path
 import bpy
 
 sys.path.insert(0, str(Path(__file__).parent))
-from hands import click, drop, edits, key, middle, mouse, place, thing, to, write
-from session import ARCHIVE, OUT, SCENE, area, inside, results, screenshot, start, until, view, wait_for_picture
+from hands import click, edits, import_dropped, key, middle, mouse, place, thing, to, write
+from session import ARCHIVE, OUT, area, inside, results, screenshot, start, until, view, wait_for_picture
 from tasks import begin, seen, task
 
 FRAMES = int(os.environ.get("UNISIM_UI_FRAMES", "3"))
@@ -24,10 +24,7 @@ SEQUENCE_S = 540.0
 
 def imported() -> Iterator[float]:
     """Drop a trained scene onto Blender's default file."""
-    yield from to(*middle(area("VIEW_3D")))
-    drop(SCENE)
-    scene = bpy.context.scene
-    yield from until(lambda: scene.render.engine == "UNISIM" and scene.camera.unisim.kind == "CAMERA", "the import does not end")
+    yield from import_dropped(names=False)
     yield 1.0
 
 

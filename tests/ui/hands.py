@@ -155,6 +155,17 @@ def drop(path: Path) -> None:
         getattr(getattr(bpy.ops, group), name)("INVOKE_DEFAULT", filepath=str(path))
 
 
+def import_dropped(names: bool = True) -> Iterator[float]:
+    """Drop a trained scene onto Blender's default file and let the window go on until it is imported; with ``names``, until
+    actors have the words for their colours, too."""
+    yield from to(*middle(area("VIEW_3D")))
+    drop(SCENE)
+    scene = bpy.context.scene
+    yield from until(lambda: scene.render.engine == "UNISIM" and scene.camera.unisim.kind == "CAMERA", "the import does not end")
+    if names:
+        yield from named()
+
+
 def stopped_import() -> Iterator[float]:
     """Esc while things are imported one at a time."""
     importing: Any = sys.modules[f"{MODULE}.operators.import_drive"]

@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 
 sys.path.insert(0, str(Path(__file__).parent))
 import hands
-from hands import click, drop, edits, key, look_at, middle, place, scenario, sidebar, thing, to
-from session import ARCHIVE, MODULE, OUT, SCENE, area, choose, from_behind, inside, named, results, screenshot, start, until, view
+from buttons import open_panel
+from hands import click, edits, import_dropped, key, look_at, middle, place, scenario, sidebar, thing, to
+from session import ARCHIVE, MODULE, OUT, area, choose, from_behind, inside, results, screenshot, start, until, view
 from tasks import begin, task
 
 ARROW_PX = 75
@@ -82,11 +83,7 @@ def ray_at(x: float, y: float) -> tuple[Any, Any]:
 
 def first_import() -> Iterator[float]:
     """The sample, seen from behind and above."""
-    yield from to(*middle(area("VIEW_3D")))
-    drop(SCENE)
-    scene = bpy.context.scene
-    yield from until(lambda: scene.render.engine == "UNISIM" and scene.camera.unisim.kind == "CAMERA", "the import does not end")
-    yield from named()
+    yield from import_dropped()
     yield 0.5
     assert view()[2].view_perspective == "CAMERA"
     screenshot("through_camera")
@@ -372,10 +369,7 @@ def graph() -> Iterator[float]:
     yield from sidebar()
     yield 0.5
     screenshot("graph_beside_sidebar")
-    panel = next(r for r in area("VIEW_3D").regions if r.type == "UI")
-    yield from to(panel.x + 60, panel.y + panel.height - 560)  # the header of Motion, where Actor is open
-    yield from click()
-    yield 0.7
+    yield from open_panel("Motion", "show_graph")
     screenshot("motion_panel")
     bpy.context.scene.unisim_motion.show_graph = False
 

@@ -14,16 +14,27 @@ from buttons import Place, buttons, press, reports
 from displaced import select
 from hands import edits, key, middle, thing, to, write
 from pixels import HEADLESS, apart, grab, part, region_rectangle
-from session import MODULE, OUT, area, choose, picture, screenshot, start, until, view
+from session import MODULE, OUT, area, choose, picture, results, screenshot, start, until, view
 from tasks import click_car, fresh, imported, keys, task, through_camera
 
 
 def button_places(into: dict[str, Place]) -> Iterator[float]:
-    """Note where the sidebar's buttons are, by name without arguments."""
+    """Note where the sidebar's buttons are, by name without arguments: on its first screen and, with "end " before the name, on
+    its last one."""
     found: dict[str, list[Place]] = {}
-    yield from buttons(area("VIEW_3D"), "UI", found)
+    tabs = next(region for region in area("VIEW_3D").regions if region.type == "UI")
     into.clear()
-    into.update({name.split("(")[0]: places[0] for name, places in found.items() if places})
+    for end in ("", "end "):
+        yield from to(tabs.x + tabs.width / 2, tabs.y + tabs.height / 2)
+        yield from key("HOME")
+        for _ in range(40 if end else 0):
+            yield from key("WHEELDOWNMOUSE")
+        yield 0.3
+        if end:
+            results["sidebar_px"] = {"all": -round(tabs.view2d.region_to_view(0, 0)[1]), "seen_at_once": tabs.height}
+        yield from buttons(area("VIEW_3D"), "UI", found)
+        into.update({end + name.split("(")[0]: places[0] for name, places in found.items() if places})
+    yield from key("HOME")
 
 
 def steady_panel() -> Iterator[float]:
@@ -35,7 +46,7 @@ def steady_panel() -> Iterator[float]:
     first: dict[str, Place] = {}
     now: dict[str, Place] = {}
     yield from button_places(first)
-    assert len(first) >= 6, first
+    assert {"unisim.replace_look", "end unisim.render_sequence", "end unisim.cancel_task"} <= set(first), first
 
     def nothing() -> Iterator[float]:
         yield from key("A", alt=True)

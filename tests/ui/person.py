@@ -114,7 +114,7 @@ def hidden_sensors() -> Iterator[float]:
     from_behind(view()[2])
     yield from sensors_drawn(pixels)
     assert pixels[0] > 50, "from outside no sensor is drawn"
-    yield from open_panel("unisim.recorded_colours()", 32, "show_sensors")
+    yield from open_panel("Show", "show_sensors")
     yield from press("show_sensors")
     yield from to(*middle(area("VIEW_3D")))
     yield from sensors_drawn(pixels)
@@ -183,7 +183,7 @@ def shifted_ego() -> Iterator[float]:
     yield from through_camera()
     yield from until(lambda: picture() is not None, "no picture comes")
     before = picture()
-    yield from open_panel("unisim.export_variants()", 38, "unisim.shift_ego")
+    yield from open_panel("Ego", "unisim.shift_ego")
     yield from press("unisim.shift_ego")
     yield from to(600, 500)
     yield from redo_panel("1", "2")

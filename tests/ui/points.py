@@ -37,7 +37,7 @@ def first_points() -> Iterator[float]:
     measured = []
     for _ in range(TIMES):
         yield from fresh()
-        yield from open_panel("unisim.recorded_colours()", 32, "unisim.show_points(recorded=True, simulated=False)")
+        yield from open_panel("Show", "show_ways")
         before = part(grab(), region_rectangle("WINDOW")).copy()
         yield from redraw_alone()
         without = heart.longest

@@ -5,23 +5,21 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import bpy
 import numpy as np
 from mathutils import Euler, Vector
 
 sys.path.insert(0, str(Path(__file__).parent))
-from hands import click, drop, edits, key, middle, scenario, sidebar, thing, to
+from buttons import found_at, open_panel, place_of
+from hands import click, edits, import_dropped, key, middle, scenario, sidebar, thing, to
 from session import (
     ARCHIVE,
     MODULE,
-    SCENE,
     area,
     choose,
     from_behind,
     inside,
-    named,
     picture,
     results,
     screenshot,
@@ -33,6 +31,8 @@ from session import (
 from tasks import begin, changed, task
 
 OWN = "ours"
+RENDERED = 0.86
+"""Where in its row of the list the button is that says whether a sensor is rendered, as a share of the sidebar's width."""
 
 
 def sensors() -> list[str]:
@@ -53,21 +53,14 @@ def region_of(kind: str) -> bpy.types.Region:
 
 def imported() -> Iterator[float]:
     """The sample's trained scene, dropped."""
-    yield from to(*middle(area("VIEW_3D")))
-    drop(SCENE)
-    scene = bpy.context.scene
-    yield from until(lambda: scene.render.engine == "UNISIM" and scene.camera.unisim.kind == "CAMERA", "the import does not end")
-    yield from named()
+    yield from import_dropped()
     yield 0.5
 
 
 def panel() -> Iterator[float]:
-    """The sidebar's panel Sensors, opened and at the top, as a person who works with sensors has it."""
-    cls: Any = bpy.types.UNISIM_PT_sensors
-    bpy.utils.unregister_class(cls)
-    cls.bl_options, cls.bl_order = set(), -1
-    bpy.utils.register_class(cls)
+    """The sidebar's panel Sensors, opened."""
     yield from sidebar()
+    yield from open_panel("Sensors", "unisim.show_sensor(", RENDERED)
     choose(thing("front_camera"))
     yield 0.5
 
@@ -120,17 +113,12 @@ def clicked_row() -> Iterator[float]:
     """A click on a row of the list selects that sensor."""
     choose(thing("CAM_BACK"))
     yield 0.3
-    tabs = region_of("UI")
-    names = [o.name for o in bpy.context.scene.objects if o.unisim.kind in ("CAMERA", "LIDAR")]
-    for down in range(232, 330, 8):  # below the panel Drive
-        yield from to(tabs.x + 70, tabs.y + tabs.height - down)
-        yield from click()
-        yield 0.15
-        active = bpy.context.view_layer.objects.active
-        if active is not None and active.name in names and active.name != "CAM_BACK":
-            break
-    assert bpy.context.view_layer.objects.active.name != "CAM_BACK", "no row was met"
-    results["clicked_row"] = bpy.context.view_layer.objects.active.name
+    wanted = "CAM_BACK_RIGHT"
+    yield from place_of(f'unisim.show_sensor(name="{wanted}")', columns=(RENDERED,))
+    yield from to(region_of("UI").x + 90, found_at[0][1])
+    yield from click()
+    yield from until(lambda: bpy.context.view_layer.objects.active == thing(wanted), "a click on its row does not select it", 5)
+    assert bpy.context.selected_objects == [thing(wanted)]
 
 
 def saved_rig() -> Iterator[float]:

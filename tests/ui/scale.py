@@ -12,15 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 sys.path.insert(0, str(Path(__file__).parent))
-from hands import click, drop, edits, key, middle, place, scenario, thing, to
+from hands import click, edits, import_dropped, key, middle, place, scenario, thing, to
 from session import (
     ARCHIVE,
     MODULE,
     OUT,
-    SCENE,
     area,
     inside,
-    named,
     picture,
     redraw,
     results,
@@ -75,12 +73,8 @@ def follows(change: Callable[[], Iterator[float]], what: str) -> Iterator[float]
 
 def begun() -> Iterator[float]:
     """A trained scene dropped onto the view, rendered shading, boxes shown over it."""
-    yield from to(*middle(area("VIEW_3D")))
-    drop(SCENE)
-    scene = bpy.context.scene
-    yield from until(lambda: scene.render.engine == "UNISIM" and scene.camera.unisim.kind == "CAMERA", "the import does not end")
-    yield from named()
-    scene.frame_set(7)
+    yield from import_dropped()
+    bpy.context.scene.frame_set(7)
     view()[1].shading.type = "RENDERED"
     yield from wait_for_picture()
     chosen["stands"], chosen["drives"] = seen(driving=False), seen(driving=True)

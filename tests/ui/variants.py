@@ -10,6 +10,7 @@ import bpy
 
 sys.path.insert(0, str(Path(__file__).parent))
 import hands
+from buttons import open_panel
 from edit_panel import apart, listed, module, moved_along, opened, picked, press, rendered, shown_pixels
 from hands import key, middle, thing, to
 from session import OUT, area, screenshot, start, until, view, wait_for_picture
@@ -135,6 +136,7 @@ def rendered_variants() -> Iterator[float]:
 def steps() -> Iterator[float]:
     """The session."""
     yield from opened()
+    yield from open_panel("Variants", "unisim.new_variant", 0.2)
     begin()
     for name, todo in (
         ("variants_first_edit", first_edit),
