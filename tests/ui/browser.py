@@ -53,8 +53,9 @@ def choose_path(path: Path, folder: bool = False) -> Iterator[float]:
             yield from key("RET")
             yield 0.3
         screenshot(f"browser_{path.stem}")
-        yield from to(listed.x + listed.width / 2, listed.y + listed.height / 2)
-        yield from key("RET")
+        if len(bpy.context.window_manager.windows) > 1:  # Enter in the field of the name may have accepted it
+            yield from to(listed.x + listed.width / 2, listed.y + listed.height / 2)
+            yield from key("RET")
     finally:
         window[0] = 0
     yield from until(lambda: len(bpy.context.window_manager.windows) == 1, "the file browser stays open", 10)

@@ -66,13 +66,19 @@ def buttons(
 
 
 def place_of(
-    name: str, kind: str = "UI", columns: tuple[float, ...] = (0.5,), where: str = "VIEW_3D", every: bool = False
+    name: str | tuple[str, ...],
+    kind: str = "UI",
+    columns: tuple[float, ...] = (0.5,),
+    where: str = "VIEW_3D",
+    every: bool = False,
 ) -> Iterator[float]:
-    """Find the first button with ``name`` in its command or path, scrolling the sidebar where it is out of sight.
+    """Find the first button with ``name``, or all of several texts, in its command or path, scrolling the sidebar where it is out
+    of sight.
 
     ``kind``: in which region of the area ``where``; ``every``: find all such buttons. The places go to `found_at`."""
     area = next(a for a in bpy.context.window_manager.windows[0].screen.areas if a.type == where)
     region = region_of(area, kind)
+    name = (name,) if isinstance(name, str) else name
     met: dict[str, list[Place]] = {}
     found_at.clear()
     if not every:
@@ -82,19 +88,25 @@ def place_of(
             break
         if every:
             yield from buttons(area, kind, met, columns)
-            found_at.extend(place for known, places in met.items() if name in known for place in places)
+            found_at.extend(place for known, places in met.items() if is_named(known, name) for place in places)
         else:
             yield from first_of(area, kind, name, columns, met)
         if found_at or kind != "UI":
             break
-        yield from to(region.x + region.width / 2, region.y + region.height / 2)
+        yield from to(region.x + 0.04 * region.width, region.y + region.height / 2)  # beside lists, which would scroll themselves
         yield from scroll("HOME" if scrolled == 0 and not at_top(region) else "")
-    assert found_at, f"there is no button {name}; there are {', '.join(met)}"
+    assert found_at, f"there is no button {' '.join(name)}; there are {', '.join(met)}"
     if not every:
         KNOWN[name, kind, where] = found_at[0]
 
 
-KNOWN: dict[tuple[str, str, str], Place] = {}
+def is_named(known: str, name: tuple[str, ...]) -> bool:
+    """Return whether a button's command or path has all of some texts in it."""
+    return all(text in known for text in name)
+
+
+Wanted = tuple[tuple[str, ...], str, str]
+KNOWN: dict[Wanted, Place] = {}
 """Where buttons were found the last time, by name, region and area."""
 COARSE = 12
 """Distance of two looks for one button, in pixels: less than a button is high."""
@@ -109,7 +121,7 @@ def held(found: bpy.types.Area, region: bpy.types.Region, x: float, y: float, in
     into[:] = [under_mouse(found, region)]
 
 
-def where_it_was(found: bpy.types.Area, kind: str, wanted: tuple[str, str, str]) -> Iterator[float]:
+def where_it_was(found: bpy.types.Area, kind: str, wanted: Wanted) -> Iterator[float]:
     """Look for a button where it was the last time; where it still is, `found_at` is that place."""
     if wanted not in KNOWN:
         return
@@ -118,15 +130,15 @@ def where_it_was(found: bpy.types.Area, kind: str, wanted: tuple[str, str, str])
     for aside in (0,) if region.height < 2 * HEADER_HIGH else (-INNER, INNER, 0):
         yield from held(found, region, x, y + aside, here)
         names |= set(here)
-    if len(names) == 1 and wanted[0] in here[0]:
+    if len(names) == 1 and is_named(here[0], wanted[0]):
         found_at[:] = [(x, y)]
 
 
 def first_of(
-    found: bpy.types.Area, kind: str, name: str, columns: tuple[float, ...], met: dict[str, list[Place]]
+    found: bpy.types.Area, kind: str, name: tuple[str, ...], columns: tuple[float, ...], met: dict[str, list[Place]]
 ) -> Iterator[float]:
-    """Look for the first button with ``name`` in its command or path, column by column from the top; `found_at` is its middle
-    then, else it stays empty. All buttons that were met go to ``met``."""
+    """Look for the first button with all of ``name`` in its command or path, column by column from the top; `found_at` is its
+    middle then, else it stays empty. All buttons that were met go to ``met``."""
     region, here = region_of(found, kind), [""]
     one_row = region.height < 2 * HEADER_HIGH
     top = region.y + region.height
@@ -137,7 +149,7 @@ def first_of(
             yield from held(found, region, x, top - down, here)
             if here[0]:
                 met.setdefault(here[0], []).append((x, top - down))
-            if not here[0] or name not in here[0]:
+            if not here[0] or not is_named(here[0], name):
                 continue
             ends, full = [top - down, top - down], here[0]
             for end, step in ((0, -INNER), (1, INNER)):
@@ -167,9 +179,9 @@ def scroll(where: str = "") -> Iterator[float]:
 
 
 def press(
-    name: str, kind: str = "UI", last: bool = False, columns: tuple[float, ...] = (0.5,), where: str = "VIEW_3D"
+    name: str | tuple[str, ...], kind: str = "UI", last: bool = False, columns: tuple[float, ...] = (0.5,), where: str = "VIEW_3D"
 ) -> Iterator[float]:
-    """Click on the button whose command or path has ``name`` in it; ``last``: of several, that on the right."""
+    """Click on the button that `place_of` finds; ``last``: of several, that on the right."""
     yield from place_of(name, kind, columns, where, every=last)
     yield from to(*(max(found_at) if last else found_at[0]))
     yield from click()

@@ -8,18 +8,11 @@ from collections.abc import Iterator
 from typing import Any
 
 import bpy
+import buttons
 import numpy as np
-from buttons import scroll
 from hands import click, import_dropped, key, place, sidebar, thing, to
 from numpy.typing import NDArray
 from session import ARCHIVE, MODULE, OUT, area, inside, results, screenshot, until, view, wait_for_picture
-
-STEP = 8
-"""Pixels between two looks for a button."""
-found: list[Any] = []
-"""The operator of the button under the mouse, as its context menu was told of it."""
-last: list[int] = [48]
-"""How far down the button was that was found last."""
 
 
 def module(name: str) -> Any:
@@ -46,49 +39,15 @@ def listed(*wanted: tuple[str, bool]) -> Iterator[float]:
     yield 0.3
 
 
-def note_button(self: Any, context: Any) -> None:
-    """Part of a button's context menu: note whose it is."""
-    found[:] = [getattr(context, "button_operator", None)]
-
-
-def button(operator: str, across: float = 0.3, **values: Any) -> Iterator[float]:
-    """Put the mouse on a button of the sidebar: that of an operator, with some of its properties; scroll to it if need be.
-
-    ``across`` says where in the row. The context menu of what is under the mouse tells whose button it is.
-    """
-    tabs = next(r for r in area("VIEW_3D").regions if r.type == "UI")
-    identifier, met = "{}_OT_{}".format(*operator.split(".")).replace("unisim", "UNISIM"), set()
-    for scrolled in range(6):
-        rows = list(range(40, tabs.height - 4, STEP))
-        for down in sorted(rows, key=lambda row: abs(row - last[0])):
-            yield from to(tabs.x + tabs.width * across, tabs.y + tabs.height - down)
-            yield 0.01
-            found.clear()
-            yield from key("RIGHTMOUSE")
-            yield 0.04
-            here = found[0] if found else None
-            if found:
-                yield from key("ESC")
-                yield 0.02
-            if here is None:
-                continue
-            met.add(here.bl_rna.identifier)
-            if here.bl_rna.identifier == identifier and all(getattr(here, name) == value for name, value in values.items()):
-                last[0] = down
-                yield 0.3  # until the menu is gone; after it, a button hears of a mouse that leaves and comes back
-                for aside in (30, 2):
-                    yield from to(tabs.x + tabs.width * across, tabs.y + tabs.height - down - aside)
-                    yield 0.1
-                return
-        yield from to(tabs.x + tabs.width * 0.05, tabs.y + tabs.height / 2)  # beside lists, which would scroll themselves
-        yield from scroll("HOME" if scrolled == 0 else "")
-    raise AssertionError(f"{operator} {values} is not in the sidebar, only {sorted(met)}")
+def shown_as(value: str | int) -> str:
+    """Return how Blender writes an argument of a button's command."""
+    return '"' + value.replace("\\", "\\\\").replace('"', '\\"') + '"' if isinstance(value, str) else str(value)
 
 
 def press(operator: str, across: float = 0.3, **values: Any) -> Iterator[float]:
-    """Find a button and click it."""
-    yield from button(operator, across, **values)
-    yield from click()
+    """Click on the button of an operator, with some of its properties; ``across`` says where in the row."""
+    name = (f"{operator}(", *(f"{argument}={shown_as(value)}" for argument, value in values.items()))
+    yield from buttons.press(name, columns=(across,))
     yield 0.3
 
 
@@ -166,7 +125,6 @@ def opened() -> Iterator[float]:
     """Install the extension, drop the sample's scene onto the window, and open the sidebar in a view as large as the window."""
     bpy.ops.extensions.package_install_files(filepath=str(ARCHIVE), repo="user_default", enable_on_install=True, overwrite=True)
     yield 1.0
-    bpy.types.UI_MT_button_context_menu.append(note_button)
     timed_reading()
     yield from import_dropped()
     yield from sidebar()

@@ -42,7 +42,9 @@ KEYS = {" ": "SPACE", "/": "SLASH", ".": "PERIOD", "-": "MINUS", "_": "MINUS"} |
 
 def event(kind: str, value: str, **more: Any) -> None:
     """One event where the mouse is."""
-    bpy.context.window_manager.windows[window[0]].event_simulate(type=kind, value=value, x=mouse[0], y=mouse[1], **more)
+    windows = bpy.context.window_manager.windows
+    heard = windows[min(window[0], len(windows) - 1)]  # a key's press may have closed the window that was to hear its release
+    heard.event_simulate(type=kind, value=value, x=mouse[0], y=mouse[1], **more)
 
 
 def to(x: float, y: float) -> Iterator[float]:
