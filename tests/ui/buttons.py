@@ -263,11 +263,11 @@ HEADERS = {
     "Motion": ("unisim.replace_look", 85),
     "Actors": ("unisim.replace_look", 113),
     "Variants": ("unisim.replace_look", 141),
-    "Show": ("unisim.recorded_colours", 32),
-    "Ego": ("unisim.recorded_colours", 60),
-    "Sensors": ("unisim.recorded_colours", 88),
+    "Show": ("unisim.check()", -115),
+    "Ego": ("unisim.check()", -87),
+    "Sensors": ("unisim.check()", -59),
 }
-"""Where the header of each panel is that is closed at first: the button above it and how far below that, in pixels, while those
+"""Where the header of each panel is that is closed at first: a button near it and how far below that, in pixels, while the panels
 between are closed."""
 BELOW = 220
 """How far below its header a button of a panel is looked for, in pixels."""
@@ -280,8 +280,8 @@ def open_panel(title: str, holds: str, column: float = 0.5) -> Iterator[float]:
     ``holds``: a part of the command or path of one of its upper buttons, which is in sight then; ``column``: where that is
     looked for, as a share of the sidebar's width."""
     region = region_of(view()[0], "UI")
-    above, down = HEADERS[title]
-    yield from place_of(above)
+    near, down = HEADERS[title]
+    yield from place_of(near)
     x, y = found_at[0][0], found_at[0][1] - down
     y = yield from raised(y, region.y + BELOW)
     yield from look_below(y, holds, column)
@@ -295,18 +295,19 @@ def open_panel(title: str, holds: str, column: float = 0.5) -> Iterator[float]:
 
 
 def raised(y: int, least: int) -> Generator[float, None, int]:
-    """Scroll the sidebar down until what is at the height ``y`` is at ``least`` or above, or to the sidebar's end; return its
-    height then."""
+    """Scroll the sidebar until what is at the height ``y`` is in sight and at ``least`` or above, or to the sidebar's end; return
+    its height then."""
     region = region_of(view()[0], "UI")
-    while y < least:
-        before = region.view2d.region_to_view(0, 0)[1]
-        yield from to(region.x + 0.04 * region.width, region.y + region.height / 2)  # beside lists, which would scroll themselves
-        yield from key("WHEELDOWNMOUSE")
-        yield 0.3
-        moved = round(before - region.view2d.region_to_view(0, 0)[1])
-        if not moved:
-            break
-        y += moved
+    for wheel in ("WHEELUPMOUSE", "WHEELDOWNMOUSE"):
+        while y > region.y + region.height - HEADER_HIGH if wheel == "WHEELUPMOUSE" else y < least:
+            before = region.view2d.region_to_view(0, 0)[1]
+            yield from to(region.x + 0.04 * region.width, region.y + region.height / 2)  # beside lists, which scroll themselves
+            yield from key(wheel)
+            yield 0.3
+            moved = round(before - region.view2d.region_to_view(0, 0)[1])
+            if not moved:
+                break
+            y += moved
     return y
 
 

@@ -10,7 +10,7 @@ import bpy
 
 sys.path.insert(0, str(Path(__file__).parent))
 from browser import choose_path
-from buttons import Place, buttons, press, reports
+from buttons import Place, buttons, press, raised, reports
 from displaced import select
 from hands import edits, key, middle, thing, to, write
 from pixels import HEADLESS, apart, grab, part, region_rectangle
@@ -27,10 +27,8 @@ def button_places(into: dict[str, Place]) -> Iterator[float]:
     for end in ("", "end "):
         yield from to(tabs.x + tabs.width / 2, tabs.y + tabs.height / 2)
         yield from key("HOME")
-        for _ in range(40 if end else 0):
-            yield from key("WHEELDOWNMOUSE")
-        yield 0.3
         if end:
+            yield from raised(tabs.y, tabs.y + 10 * tabs.height)
             results["sidebar_px"] = {"all": -round(tabs.view2d.region_to_view(0, 0)[1]), "seen_at_once": tabs.height}
         yield from buttons(area("VIEW_3D"), "UI", found)
         into.update({end + name.split("(")[0]: places[0] for name, places in found.items() if places})

@@ -37,8 +37,8 @@ class UNISIM_PT_drive(Sidebar, bpy.types.Panel):
             interface("Actors: {actors}, sensors: {sensors}", actors=actors, sensors=sensors),
             "OUTLINER_OB_GROUP_INSTANCE",
         )
-        layout.operator("unisim.import_scene", text="Import Trained Scene", icon="IMPORT")
-        layout.operator("unisim.recorded_colours", icon="COLOR")
+        if not about.scene:
+            layout.operator("unisim.import_scene", text="Import Trained Scene", icon="IMPORT")
 
 
 class UNISIM_PT_show(Sidebar, bpy.types.Panel):
@@ -61,6 +61,7 @@ class UNISIM_PT_show(Sidebar, bpy.types.Panel):
         layout.prop(about, "show_ways")
         layout.prop(about, "show_sensors")
         layout.prop(about, "show_timeline")
+        layout.operator("unisim.recorded_colours", icon="COLOR")
         layout.label(text="LiDAR Points", icon="POINTCLOUD_DATA")
         row = layout.row(align=True)
         for name, recorded, simulated in POINTS:

@@ -64,14 +64,39 @@ class UNISIM_PT_output(Sidebar, bpy.types.Panel):
         column.prop(about, "sequence_sensors")
         column.prop(about, "sequence_width")
         column.prop(about, "quality")
-        column.column().prop(about, "passes")
-        column.prop(about, "opacity_pass")
-        column.prop(about, "contact_shadows")
-        column.prop(about, "clip_render")
         layout.operator("unisim.render_sequence", icon="RENDER_ANIMATION")
         draw_task(layout, context.window_manager)
         draw_results(layout, context)
         layout.operator("unisim.export_scenario", icon="EXPORT")
+
+
+class UNISIM_PT_passes(DrivePanel, bpy.types.Panel):
+    """What images contain besides colours, and what is done to them"""
+
+    bl_label = "Passes and Effects"
+    bl_parent_id = "UNISIM_PT_output"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw the settings."""
+        about, column = context.scene.unisim, self.layout.column()
+        column.use_property_split, column.use_property_decorate = True, False
+        column.column().prop(about, "passes")
+        column.prop(about, "opacity_pass")
+        column.prop(about, "contact_shadows")
+        column.prop(about, "clip_render")
+
+
+class UNISIM_PT_training(DrivePanel, bpy.types.Panel):
+    """What is made of the whole drive once"""
+
+    bl_label = "Training and Assets"
+    bl_parent_id = "UNISIM_PT_output"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw the operators, and how a training goes."""
+        layout = self.layout
         layout.operator("unisim.train", icon="MODIFIER")
         layout.operator("unisim.make_library", icon="ASSET_MANAGER")
         curve = curve_icon()
@@ -128,7 +153,7 @@ def draw_quality(self: bpy.types.Header, context: bpy.types.Context) -> None:
         self.layout.prop(context.scene.unisim, "quality", text="")
 
 
-CLASSES = (UNISIM_PT_warnings, UNISIM_PT_output, UNISIM_PT_render)
+CLASSES = (UNISIM_PT_warnings, UNISIM_PT_output, UNISIM_PT_passes, UNISIM_PT_training, UNISIM_PT_render)
 
 
 def register() -> None:

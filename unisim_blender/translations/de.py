@@ -249,6 +249,7 @@ GERMAN: dict[str, str] = {
     "Output": "Ausgabe",
     "Output folder of sequences": "Ausgabeordner von Sequenzen",
     "Passes": "Passes",
+    "Passes and Effects": "Passes und Effekte",
     "Passes that a sequence contains in addition to colours": "Passes, die eine Sequenz außer den Farben enthält",
     "Path of the .blend file, in a folder listed in Preferences > File Paths > Asset Libraries": (
         "Pfad der .blend-Datei, in einem Ordner aus Einstellungen > Dateipfade > Asset-Bibliotheken"
@@ -400,6 +401,7 @@ GERMAN: dict[str, str] = {
     ),
     "Trained Neural Scene (scene.json)": "Trainierte neuronale Szene (scene.json)",
     "Trained scene": "Trainierte Szene",
+    "Training and Assets": "Training und Assets",
     "Training time in minutes": "Trainingszeit in Minuten",
     "Trajectories": "Trajektorien",
     "Turn the selected mesh actors back into ordinary objects, which no sensor sees": (
