@@ -60,7 +60,8 @@ def opened_file() -> Iterator[float]:
     yield from fresh()
     out = OUT.parent / "sequence"
     about = bpy.context.scene.unisim
-    about.out, about.quality = str(out), "fine"  # slow enough to be cancelled
+    # slow enough to be cancelled, on a busy machine, too, where the window is slower than what renders
+    about.out, about.quality, about.sequence_width = str(out), "fine", 1440
     yield from press("unisim.render_sequence()")
     yield from until(lambda: "frames" in told(), "no progress is shown")
     yield from to(*middle(area("VIEW_3D")))
