@@ -123,7 +123,7 @@ def grey_buttons() -> Iterator[float]:
         here: dict[str, list[Place]] = {}
         yield from buttons(found, "UI", here)
         for name, places in here.items():
-            if not name.startswith("unisim.") or "(" not in name or name in grey:
+            if not name.startswith("unisim.") or "(" not in name or name in grey or not places:  # one at the edge has no place
                 continue
             operator = getattr(bpy.ops.unisim, name.split("(")[0].removeprefix("unisim."))
             window = bpy.context.window_manager.windows[0]
