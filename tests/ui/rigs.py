@@ -31,8 +31,9 @@ from session import (
 from tasks import begin, changed, task
 
 OWN = "ours"
-RENDERED = 0.86
-"""Where in its row of the list the button is that says whether a sensor is rendered, as a share of the sidebar's width."""
+RENDERED = 0.8, 0.735
+"""Where in its row of the list the button is that says whether a sensor is rendered, as a share of the sidebar's width: without
+and with a scroll bar beside it."""
 
 
 def sensors() -> list[str]:
@@ -60,7 +61,7 @@ def imported() -> Iterator[float]:
 def panel() -> Iterator[float]:
     """The sidebar's panel Sensors, opened."""
     yield from sidebar()
-    yield from open_panel("Sensors", "unisim.show_sensor(", RENDERED)
+    yield from open_panel("Sensors", "unisim.show_sensor(", RENDERED[0])
     choose(thing("front_camera"))
     yield 0.5
 
@@ -114,7 +115,7 @@ def clicked_row() -> Iterator[float]:
     choose(thing("CAM_BACK"))
     yield 0.3
     wanted = "CAM_BACK_RIGHT"
-    yield from place_of(f'unisim.show_sensor(name="{wanted}")', columns=(RENDERED,))
+    yield from place_of(f'unisim.show_sensor(name="{wanted}")', columns=RENDERED)
     yield from to(region_of("UI").x + 90, found_at[0][1])
     yield from click()
     yield from until(lambda: bpy.context.view_layer.objects.active == thing(wanted), "a click on its row does not select it", 5)
