@@ -53,7 +53,7 @@ def choose_path(path: Path, folder: bool = False) -> Iterator[float]:
             yield from key("RET")
             yield 0.3
         screenshot(f"browser_{path.stem}")
-        if len(bpy.context.window_manager.windows) > 1:  # Enter in the field of the name may have accepted it
+        if len(bpy.context.window_manager.windows) > 1:  # in Blender 5.2, Enter in the field of the name accepts it
             yield from to(listed.x + listed.width / 2, listed.y + listed.height / 2)
             yield from key("RET")
     finally:

@@ -101,7 +101,8 @@ def sensors_drawn(into: list[int]) -> Iterator[float]:
     for one in sensors:
         one.hide_set(False)
     yield 0.3
-    rectangle = region_rectangle("WINDOW")
+    left, bottom, _, height = region_rectangle("WINDOW")
+    rectangle = left, bottom, region_rectangle("UI")[0] - left, height  # the sidebar says meanwhile that edits are read
     into[:] = [int((apart(part(shown[0], rectangle), part(hidden[0], rectangle)) > 2).sum())]
 
 
