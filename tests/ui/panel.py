@@ -10,7 +10,7 @@ import bpy
 
 sys.path.insert(0, str(Path(__file__).parent))
 from browser import choose_path
-from buttons import Place, buttons, press, raised, reports
+from buttons import INNER, Place, buttons, held, press, raised, region_of, reports
 from displaced import select
 from hands import edits, key, middle, thing, to, write
 from pixels import HEADLESS, apart, grab, part, region_rectangle
@@ -18,21 +18,43 @@ from session import MODULE, OUT, area, choose, picture, results, screenshot, sta
 from tasks import click_car, fresh, imported, keys, task, through_camera
 
 
+def tabs() -> bpy.types.Region:
+    """The sidebar."""
+    return region_of(area("VIEW_3D"), "UI")
+
+
+def scrolled(end: str) -> Iterator[float]:
+    """Scroll the sidebar to its top, or with "end " to its end."""
+    yield from to(tabs().x + tabs().width / 2, tabs().y + tabs().height / 2)
+    yield from key("HOME")
+    yield 0.3
+    if end:
+        yield from raised(tabs().y, tabs().y + 10 * tabs().height)
+
+
 def button_places(into: dict[str, Place]) -> Iterator[float]:
     """Note where the sidebar's buttons are, by name without arguments: on its first screen and, with "end " before the name, on
     its last one."""
     found: dict[str, list[Place]] = {}
-    tabs = next(region for region in area("VIEW_3D").regions if region.type == "UI")
-    into.clear()
     for end in ("", "end "):
-        yield from to(tabs.x + tabs.width / 2, tabs.y + tabs.height / 2)
-        yield from key("HOME")
-        if end:
-            yield from raised(tabs.y, tabs.y + 10 * tabs.height)
-            results["sidebar_px"] = {"all": -round(tabs.view2d.region_to_view(0, 0)[1]), "seen_at_once": tabs.height}
+        yield from scrolled(end)
         yield from buttons(area("VIEW_3D"), "UI", found)
         into.update({end + name.split("(")[0]: places[0] for name, places in found.items() if places})
-    yield from key("HOME")
+    results["sidebar_px"] = {"all": -round(tabs().view2d.region_to_view(0, 0)[1]), "seen_at_once": tabs().height}
+
+
+def elsewhere(first: dict[str, Place], into: list[str]) -> Iterator[float]:
+    """Note which buttons are no longer where they were, by what is there now."""
+    here = [""]
+    for end in ("", "end "):
+        yield from scrolled(end)
+        for name, (x, y) in first.items():
+            if name.startswith("end ") != bool(end):
+                continue
+            for aside in (-INNER, INNER):
+                yield from held(area("VIEW_3D"), tabs(), x, y + aside, here)
+                if end + here[0].split("(")[0] != name:
+                    into.append(f"where {name} was is {here[0] or 'none'}")
 
 
 def steady_panel() -> Iterator[float]:
@@ -42,7 +64,7 @@ def steady_panel() -> Iterator[float]:
     scene = bpy.context.scene
     scene.unisim.out = str(OUT.parent / "steady")
     first: dict[str, Place] = {}
-    now: dict[str, Place] = {}
+    moved: list[str] = []
     yield from button_places(first)
     assert {"unisim.replace_look", "end unisim.render_sequence", "end unisim.cancel_task"} <= set(first), first
 
@@ -75,8 +97,7 @@ def steady_panel() -> Iterator[float]:
         yield from to(*middle(area("VIEW_3D")))
         yield from change()
         yield 0.5
-        yield from button_places(now)
-        moved = {name: (first[name], now.get(name)) for name in first if now.get(name) != first[name]}
+        yield from elsewhere(first, moved)
         assert not moved, f"after {change.__name__}, buttons are elsewhere: {moved}"
 
 

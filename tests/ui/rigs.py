@@ -119,7 +119,8 @@ def clicked_row() -> Iterator[float]:
     yield from to(region_of("UI").x + 90, found_at[0][1])
     yield from click()
     yield from until(lambda: bpy.context.view_layer.objects.active == thing(wanted), "a click on its row does not select it", 5)
-    assert bpy.context.selected_objects == [thing(wanted)]
+    selected = list(bpy.context.view_layer.objects.selected)
+    assert selected == [thing(wanted)], f"selected are {selected}"
 
 
 def saved_rig() -> Iterator[float]:

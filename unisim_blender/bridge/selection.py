@@ -11,8 +11,8 @@ def chosen(context: bpy.types.Context, *kinds: str) -> list[bpy.types.Object]:
 
 
 def choose(context: bpy.types.Context, *things: bpy.types.Object) -> None:
-    """Select these and nothing else; the last becomes active."""
-    for other in context.selected_objects:
+    """Select these and nothing else, also in views that do not show what was selected; the last becomes active."""
+    for other in list(context.view_layer.objects.selected):
         other.select_set(False)
     for thing in things:
         thing.select_set(True)
