@@ -10,7 +10,7 @@ import bpy
 
 sys.path.insert(0, str(Path(__file__).parent))
 from browser import choose_path
-from buttons import INNER, Place, buttons, held, press, raised, region_of, reports
+from buttons import INNER, Place, buttons, held, press, region_of, reports, scroll
 from displaced import select
 from hands import edits, key, middle, thing, to, write
 from pixels import HEADLESS, apart, grab, part, region_rectangle
@@ -28,8 +28,8 @@ def scrolled(end: str) -> Iterator[float]:
     yield from to(tabs().x + tabs().width / 2, tabs().y + tabs().height / 2)
     yield from key("HOME")
     yield 0.3
-    if end:
-        yield from raised(tabs().y, tabs().y + 10 * tabs().height)
+    for _ in range(3 if end else 0):
+        yield from scroll()
 
 
 def button_places(into: dict[str, Place]) -> Iterator[float]:
