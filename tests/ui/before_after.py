@@ -8,8 +8,10 @@ pictures of two versions beside each other.
 from __future__ import annotations
 
 import json
+import subprocess
 import sys
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -46,8 +48,12 @@ WIDE = 640
 """How wide the camera's frame is in pictures of the Rendered view, in pixels."""
 SMALL_LOG = OUT.parent / "small"
 """A log of three small frames that no scene is trained on, which `run.py` makes."""
+ALONE = OUT.parent / "alone.blend"
+"""That log, imported."""
 TOOLTIP_S = 2.0
 """After how long Blender shows a button's tooltip, with time to spare."""
+spots: dict[str, Place] = {}
+"""Where buttons are whose tooltips are shown."""
 
 
 def note(name: str, **values: Any) -> None:
@@ -83,7 +89,7 @@ def first_import() -> Iterator[float]:
 
 
 def clicked() -> Iterator[float]:
-    """Clicks on a grid of places all over the car ahead, through the camera: what each of them selects."""
+    """Clicks on two rows of places across the car ahead, three pixels apart, through the camera: what each of them selects."""
     yield from fresh()
     yield from framed("SOLID", width=960)
     car = seen(driving=True)
@@ -91,8 +97,8 @@ def clicked() -> Iterator[float]:
     low, high = np.min(box, axis=0), np.max(box, axis=0)
     kinds: dict[str, int] = {}
     aside = None
-    for up in (0.3, 0.5, 0.7):
-        for across in np.linspace(0.15, 0.85, 9):
+    for up in (0.35, 0.65):
+        for across in np.arange(0.1, 0.9, 3 / (high - low)[0]):
             yield from key("A", alt=True)
             yield from to(*(low + (high - low) * (across, up)))
             yield from click()
@@ -107,6 +113,13 @@ def clicked() -> Iterator[float]:
     yield from to(*(aside or (low + high) / 2))
     yield from click()
     yield 1.0
+    screenshot("clicked_once")
+    yield from key("A")
+    yield 0.5
+    kinds = {}
+    for one in bpy.context.selected_objects:
+        kinds[one.unisim.kind] = kinds.get(one.unisim.kind, 0) + 1
+    note("clicked", select_all=kinds)
 
 
 def beside_render(name: str) -> Iterator[float]:
@@ -174,7 +187,7 @@ def moved() -> Iterator[float]:
     note("moved", next_frame=edits(), next_y=thing(car).matrix_world.translation.y)
 
 
-def retimed() -> Iterator[float]:
+def retimed(shading: str) -> Iterator[float]:
     """A delay from the panel's menu; nothing is done afterwards that would draw the window again."""
     yield from fresh()
     bpy.context.scene.frame_set(5)
@@ -184,14 +197,17 @@ def retimed() -> Iterator[float]:
     above = "unisim.delete_actor()" if drives_on_parent(car) else "unisim.insert_actor"
     yield from place_of(above)
     yield from to(*middle(area("VIEW_3D")))
+    view()[1].shading.type = shading
+    if shading == "RENDERED":
+        yield from wait_for_picture()
     yield 0.5
-    screenshot("retimed_recorded")
+    name = f"retimed_{shading.lower()}"
+    screenshot(f"{name}_recorded")
     stood = thing(car).matrix_world.translation.copy()
     yield from menu_button(above, 0)
-    yield 3.0
-    note("retimed", actor=thing(car).unisim.uid, box_moved_m=(thing(car).matrix_world.translation - stood).length)
-    screenshot("retimed_at_once")
-    note("retimed", edits=edits())
+    yield 5.0
+    screenshot(f"{name}_at_once")
+    note(name, actor=thing(car).unisim.uid, box_moved_m=(thing(car).matrix_world.translation - stood).length, edits=edits())
 
 
 def drives_on_parent(car: str) -> bool:
@@ -259,16 +275,7 @@ def opened_file() -> Iterator[float]:
     background: Any = sys.modules[f"{MODULE}.operators.background"]
     for running in list(background.running):
         running.cancel()
-
-
-def hover(name: str) -> Iterator[float]:
-    """Keep the mouse over a button until its tooltip is there."""
-    yield from place_of(name)
-    x, y = found_at[0]
-    for away in (9, 6, 3, 0):  # Blender waits for a tooltip after a move both across and down
-        yield from to(x - away, y - away / 3)
-        yield 0.1
-    yield TOOLTIP_S
+    background.running.clear()  # with earlier versions nothing else does
 
 
 def log_alone() -> Iterator[float]:
@@ -282,8 +289,10 @@ def log_alone() -> Iterator[float]:
     yield from sidebar()
     scene = bpy.context.scene
     scene.unisim.out = str(OUT.parent / "surfels")
-    yield from hover("unisim.render_sequence()")
-    screenshot("log_alone_tooltip")
+    yield from place_of("unisim.render_sequence()")
+    spots["log_alone"] = found_at[0]
+    bpy.ops.wm.save_as_mainfile(filepath=str(ALONE))
+    yield from to(*found_at[0])
     yield from click()
     yield 1.0
     if told():
@@ -293,11 +302,31 @@ def log_alone() -> Iterator[float]:
     note("log_alone", told=told())
 
 
-def grey_button() -> Iterator[float]:
-    """Nothing selected, the mouse over Snap to Ground."""
+def tooltips() -> Iterator[float]:
+    """Tooltips of Snap to Ground with nothing selected, and of Render Sequence in a log without a trained scene.
+
+    Blender shows none for simulated events, so from here on the real mouse is moved and simulated ones are heard no more."""
     yield from fresh()
+    yield from place_of("unisim.snap_to_ground()")
+    spots["snap"] = found_at[0]
     yield from key("A", alt=True)
-    yield from hover("unisim.snap_to_ground()")
+    yield 0.3
+    bpy.app.use_event_simulate = False
+    yield from hovered("snap")
+    bpy.ops.wm.open_mainfile(filepath=str(ALONE))
+    yield 1.0
+    yield from hovered("log_alone")
+
+
+def hovered(name: str) -> Iterator[float]:
+    """Hold the real mouse over a button for a while and take a picture."""
+    x, y = spots[name]
+    height = bpy.context.window_manager.windows[0].height
+    for away in (40, 20, 10, 5, 2, 0):
+        subprocess.run(["xdotool", "mousemove", str(x - away), str(height - y + away // 4)], check=True)
+        yield 0.2
+    yield TOOLTIP_S
+    screenshot(f"tooltip_{name}")
 
 
 def panels() -> Iterator[float]:
@@ -411,7 +440,6 @@ def steps() -> Iterator[float]:
         edited,
         shifted,
         moved,
-        retimed,
         followed,
         scaled,
         outside,
@@ -419,11 +447,13 @@ def steps() -> Iterator[float]:
         aside,
         deleted_ego,
         points,
-        grey_button,
         log_alone,
         opened_file,
     ):
         yield from task(todo.__name__, todo)
+    for shading in ("SOLID", "RENDERED"):
+        yield from task(f"retimed_{shading.lower()}", partial(retimed, shading))
+    yield from task("tooltips", tooltips)  # after it no simulated event is heard
 
 
 if __name__ == "__main__":
