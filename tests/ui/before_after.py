@@ -21,7 +21,20 @@ from mathutils import Vector
 
 sys.path.insert(0, str(Path(__file__).parent))
 from browser import choose_path, menu_entry
-from buttons import Place, buttons, found_at, menu_button, open_panel, place_of, press, redo_panel, reports
+from buttons import (
+    ROW,
+    Place,
+    buttons,
+    found_at,
+    menu_button,
+    open_panel,
+    place_of,
+    press,
+    redo_panel,
+    region_of,
+    reports,
+    under_mouse,
+)
 from displaced import select
 from first_drive import searched
 from hands import click, edits, key, look_at, middle, mouse, place, sidebar, thing, to
@@ -250,6 +263,26 @@ def followed() -> Iterator[float]:
             note("followed", actor=uid, speed_m_s=float(np.median(speeds[1:10])))
 
 
+def at_the_end(name: str) -> Iterator[float]:
+    """Scroll the sidebar to its end and find a button there, from below; its place goes to `found_at`."""
+    found = area("VIEW_3D")
+    region = region_of(found, "UI")
+    yield from to(region.x + region.width / 2, region.y + region.height / 2)
+    for _ in range(3):
+        yield from key("PAGE_DOWN")
+        yield 0.2
+    places: list[Place] = []
+    for up in range(ROW // 2, region.height, ROW):
+        yield from to(region.x + region.width / 2, region.y + up)
+        yield 0.0
+        if name in under_mouse(found, region):
+            places.append((mouse[0], mouse[1]))
+        elif places:
+            break
+    assert places, f"there is no button {name} at the end of the sidebar"
+    found_at[:] = [places[len(places) // 2]]
+
+
 def told() -> str:
     """What the panel says of the task that runs."""
     return str(bpy.context.window_manager.unisim_task)
@@ -262,13 +295,15 @@ def opened_file() -> Iterator[float]:
     bpy.ops.wm.save_as_mainfile(filepath=str(other), copy=True)
     about = bpy.context.scene.unisim
     about.out, about.quality = str(OUT.parent / "sequence"), "reference"  # which goes on for minutes
-    yield from press("unisim.render_sequence()")
+    yield from at_the_end("unisim.render_sequence()")
+    yield from to(*found_at[0])
+    yield from click()
     yield from until(lambda: "frames" in told(), "no progress is shown", 60)
     yield from to(*middle(area("VIEW_3D")))
     yield from key("O", ctrl=True)
     yield from choose_path(other)
     yield from until(lambda: Path(bpy.data.filepath) == other, "not opened", 10)
-    yield from place_of("unisim.render_sequence()")
+    yield from at_the_end("unisim.render_sequence()")
     yield from to(*middle(area("VIEW_3D")))
     yield 1.0
     note("opened_file", told=told(), can_cancel=bpy.ops.unisim.cancel_task.poll())
@@ -289,7 +324,7 @@ def log_alone() -> Iterator[float]:
     yield from sidebar()
     scene = bpy.context.scene
     scene.unisim.out = str(OUT.parent / "surfels")
-    yield from place_of("unisim.render_sequence()")
+    yield from at_the_end("unisim.render_sequence()")
     spots["log_alone"] = found_at[0]
     bpy.ops.wm.save_as_mainfile(filepath=str(ALONE))
     can_render = bpy.ops.unisim.render_sequence.poll()
@@ -398,7 +433,9 @@ def deleted_ego() -> Iterator[float]:
     yield 0.5
     path = HEADLESS / "without_ego.json"
     HEADLESS.mkdir(exist_ok=True)
-    yield from press("unisim.export_scenario()")
+    yield from at_the_end("unisim.export_scenario()")
+    yield from to(*found_at[0])
+    yield from click()
     yield from choose_path(path)
     yield 0.7
     screenshot("deleted_ego_at_once")
