@@ -42,6 +42,13 @@ def test_a_moved_camera_says_that_its_image_is_not_shown(scene: Any, street_log:
     assert said(scene) == [f"{scene.camera.name} was moved: its recorded image is not shown"]
 
 
+def test_without_the_ego_vehicle_it_is_said_that_it_was_deleted(scene: Any, street_log: Path) -> None:
+    assert bpy.ops.unisim.import_log(filepath=str(street_log)) == {"FINISHED"}
+    bpy.data.objects.remove(next(one for one in scene.objects if one.unisim.kind == "EGO"))
+    camera = scene.camera.name
+    assert said(scene) == [f"The ego vehicle was deleted: the recorded image of {camera} is not shown"]
+
+
 def test_a_log_that_is_gone_is_said(street: Any) -> None:
     street.unisim.show_recorded = True
     source = source_of(street)

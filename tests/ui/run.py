@@ -46,6 +46,7 @@ SESSIONS = {
     "finish": ["--enable-event-simulate"],
     "rigs": ["--enable-event-simulate"],
     "compare": ["--enable-event-simulate"],
+    "before_after": ["--enable-event-simulate"],
 }
 """What each file's Blender is started with besides; the one with simulated events hears no others."""
 CI_SESSIONS = ("person", "displaced", "panel", "points", "window", "hands")
@@ -74,7 +75,7 @@ def main(root: Path, release: str, out: Path, only: Sequence[str] = (), extensio
     for script in HERE.glob("*.py"):
         shutil.copy(script, work)
     place_scene(root, inner)
-    if "sequences" in chosen:
+    if {"sequences", "before_after"} & set(chosen):
         shutil.copytree(synthetic("small", "3", "96", "54"), work / "small")
     (root / "tmp" / ".X11-unix").mkdir(mode=0o1777, exist_ok=True)
     screen = subprocess.Popen([*inside(root), "Xvfb", display, "-screen", "0", "1600x900x24", "-nolisten", "tcp"])

@@ -94,11 +94,7 @@ def imported(installed: bool = False) -> Iterator[float]:
         yield from install()
     yield from hands.to(*hands.middle(area("VIEW_3D")))
     hands.drop(SCENE)
-    counts = [0]
-    while counts[-1] < 20 or counts[-3:] != counts[-1:] * 3:  # until no more objects come
-        counts.append(len(bpy.data.objects))
-        assert len(counts) < 200, "the import does not end"
-        yield 0.7
+    yield from arrived()
     scene = bpy.context.scene
     if scene.camera.unisim.kind != "CAMERA":  # earlier versions left that, and what follows from it, to the person
         for name in ("Cube", "Light", "Camera"):
@@ -110,6 +106,15 @@ def imported(installed: bool = False) -> Iterator[float]:
     yield from hands.sidebar()
     view()[2].view_perspective = "CAMERA"
     bpy.ops.wm.save_as_mainfile(filepath=str(IMPORTED))
+
+
+def arrived(least: int = 20) -> Iterator[float]:
+    """Let the window go on until there are that many objects and no more come."""
+    counts = [0]
+    while counts[-1] < least or counts[-3:] != counts[-1:] * 3:
+        counts.append(len(bpy.data.objects))
+        assert len(counts) < 200, "the import does not end"
+        yield 0.7
 
 
 def fresh() -> Iterator[float]:

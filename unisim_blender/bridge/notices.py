@@ -26,7 +26,10 @@ def notices(scene: bpy.types.Scene, source: Source, camera: bpy.types.Object | N
         if int(frame) not in log.image_frames(camera.unisim.uid):
             found.append(f"Frame {int(frame)}: {camera.name} recorded no image")
         elif not sees_recorded_image(scene, camera, source.drive):
-            found.append(f"{camera.name} was moved: its recorded image is not shown")
+            if next(things(scene, "EGO"), None) is None:  # cameras stand where they were mounted on it
+                found.append(f"The ego vehicle was deleted: the recorded image of {camera.name} is not shown")
+            else:
+                found.append(f"{camera.name} was moved: its recorded image is not shown")
     if scene.unisim.show_recorded:
         if log is None:
             found.append(f"{source.log_path.name}: the log is not at hand, so no recorded points are shown")
