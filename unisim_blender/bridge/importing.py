@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 
 import bpy
 
@@ -19,7 +19,7 @@ from .naming import names_at_import
 from .poses import optical, same
 from .reading import edited_ids
 from .rig import lag, lidar_json, recorded_mount
-from .sampling import sample_all
+from .sample_steps import sample_steps
 from .source import Source, source_of
 from .things import box_mesh, collection_of, has_drive, make, things
 from .trajectories import free, local_matrix, ride, set_on_trajectory, settle_on
@@ -40,15 +40,13 @@ def import_source(scene: bpy.types.Scene, source: Source) -> Iterator[Step]:
     """Put a source's drive into a scene. What is returned does it step by step: whoever runs it may stop, and say how far it is.
 
     Where the scene holds the drive already, what was edited stays as it is, and the rest is brought up to date. Raises
-    `UnisimError` where it holds another drive.
+    `UnisimError` in the first step where it holds another drive.
     """
-    return _steps(scene, source, _edited(scene, source) if has_drive(scene) else set())
-
-
-def _steps(scene: bpy.types.Scene, source: Source, kept: set[str]) -> Iterator[Step]:
-    """The import of all but what is ``kept`` as it stands, by id."""
-    drive, about = source.drive, scene.unisim
+    kept: set[str] = set()
     first = not has_drive(scene)
+    if not first:
+        kept = yield from _edited(scene, source)
+    drive, about = source.drive, scene.unisim
     actors = [drive.actors[uid] for uid in sorted(set(drive.actors) - kept)]
     cameras = [camera for name, camera in drive.cameras.items() if name not in kept]
     lidars = [lidar for name, lidar in drive.lidars.items() if name not in kept]
@@ -147,14 +145,20 @@ def counted(number: int, what: str) -> str:
     return f"{number} {what}" if number == 1 else f"{number} {what}s"
 
 
-def _edited(scene: bpy.types.Scene, source: Source) -> set[str]:
-    """What of the drive in a scene does not stand as it was imported, by id."""
+def _edited(scene: bpy.types.Scene, source: Source) -> Generator[Step, None, set[str]]:
+    """Return, after some steps, what of the drive in a scene does not stand as it was imported, by id."""
     before = source_of(scene)
     if before.log_path != source.log_path:
         raise UnisimError(
             f'scene "{scene.name}": holds the drive {before.log_path} already; import {source.log_path} into a new scene'
         )
-    return edited_ids(sample_all(scene, Clock.of(before.drive)), before.drive)
+    steps = sample_steps(scene, Clock.of(before.drive))
+    while True:
+        try:
+            done, total = next(steps)
+        except StopIteration as end:
+            return edited_ids(end.value, before.drive)
+        yield done, 2 * total, "edits"
 
 
 def fit_resolution(scene: bpy.types.Scene) -> None:
