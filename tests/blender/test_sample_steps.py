@@ -191,7 +191,7 @@ def test_importing_again_keeps_edits_in_steps(street: Any) -> None:
     one = driving(street)
     one.location.y = 3.0
     update()
-    said = [what for _, _, what in import_source(street, open_source(street.unisim.log, street.unisim.scene))]
+    said = [step.what for step in import_source(street, open_source(street.unisim.log, street.unisim.scene))]
     assert "edits" in said and one.unisim.home not in said
     assert tuple(one.location) == (0.0, 3.0, 0.0)
 

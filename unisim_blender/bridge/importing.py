@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections import Counter
 from collections.abc import Generator, Iterator
+from typing import NamedTuple
 
 import bpy
 
@@ -32,8 +33,16 @@ ASIDE = "Not in the drive"
 DEFAULTS = {"Cube": (0.0, 0.0, 0.0), "Light": (4.0762, 1.0055, 5.9039), "Camera": (7.3589, -6.9258, 4.9583)}
 """Names and places of Blender's default objects."""
 
-Step = tuple[int, int, str]
-"""Steps done, all steps, what is being done."""
+
+class Step(NamedTuple):
+    """Steps ``done``, steps in all, ``what`` is being done. ``draw``: whether the window is best drawn before the next one.
+
+    Blender compiles shaders where it first draws a kind of object; so they are not all compiled in one redraw."""
+
+    done: int
+    total: int
+    what: str
+    draw: bool = False
 
 
 def import_source(scene: bpy.types.Scene, source: Source) -> Iterator[Step]:
@@ -62,18 +71,19 @@ def import_source(scene: bpy.types.Scene, source: Source) -> Iterator[Step]:
         for kind in ("EGO", "ACTOR", "CAMERA", "TRAJECTORY"):  # in the outliner, what people use comes first
             collection_of(scene, kind)
     set_colours(scene)
-    yield (done := done + 1), total, "time"
+    yield Step(done := done + 1, total, "time")
     ego = _ego(scene, drive, clock) if "ego" not in kept else next(things(scene, "EGO"))
-    yield (done := done + 1), total, "ego vehicle"
+    yield Step(done := done + 1, total, "ego vehicle")
     for camera in cameras:
         _camera(scene, source, camera, ego, clock)
-        yield (done := done + 1), total, camera.sensor_id
+        yield Step(done := done + 1, total, camera.sensor_id, draw=camera is cameras[-1])
     for lidar in lidars:
         _lidar(scene, drive, lidar, ego, clock)
-        yield (done := done + 1), total, lidar.sensor_id
+        yield Step(done := done + 1, total, lidar.sensor_id, draw=lidar is lidars[-1])
     for actor in actors:
         _actor(scene, drive, actor, clock, names[actor.uid]).pass_index = 1 + sorted(drive.actors).index(actor.uid)
-        yield (done := done + 1), total, actor.label
+        yield Step(done := done + 1, total, actor.label)
+    yield Step(total, total, "actors", draw=True)
     if first:
         set_aside(scene)
         scene.render.engine = "UNISIM"
@@ -158,7 +168,7 @@ def _edited(scene: bpy.types.Scene, source: Source) -> Generator[Step, None, set
             done, total = next(steps)
         except StopIteration as end:
             return edited_ids(end.value, before.drive)
-        yield done, 2 * total, "edits"
+        yield Step(done, 2 * total, "edits")
 
 
 def fit_resolution(scene: bpy.types.Scene) -> None:

@@ -59,11 +59,14 @@ class _ImportDrive(InSteps, ImportHelper):
         first, manager = not has_drive(context.scene), context.window_manager
         if self.timer is not None:
             manager.progress_begin(0, 100)
-        for done, total, what in import_source(context.scene, source):
+        for step in import_source(context.scene, source):
             self.begun = True
             if self.timer is not None:
-                manager.progress_update(100 * done / total)
-            yield message("Importing {what}: {done} of {total} (Esc to cancel)", what=what, done=done, total=total)
+                manager.progress_update(100 * step.done / step.total)
+            told = {"what": step.what, "done": step.done, "total": step.total}
+            yield message("Importing {what}: {done} of {total} (Esc to cancel)", **told)
+            if step.draw:
+                yield None
         if first:
             look_through_camera()
 
