@@ -13,6 +13,7 @@ import subprocess
 import tempfile
 import threading
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, BinaryIO, cast
@@ -23,13 +24,20 @@ from numpy.typing import NDArray
 from . import interpreters
 from .core.worker.protocol import ENDS, Message, read_message, write_message
 
+Prepare = Callable[[Message, dict[str, NDArray[Any]]], object]
+"""Makes something of an ``arrays`` event and its arrays, in a thread."""
+
 
 @dataclass
 class Request:
-    """A job that was asked for; ``events`` come in as the worker sends them, the last one of `ENDS`."""
+    """A job that was asked for; ``events`` come in as the worker sends them, the last one of `ENDS`.
+
+    Where there is ``prepare``, an ``arrays`` event has what that returned as its "prepared", and its file is gone.
+    """
 
     number: int
     message: Message
+    prepare: Prepare | None = None
     events: queue.SimpleQueue[Message] = field(default_factory=queue.SimpleQueue)
     ended: bool = False
 
@@ -51,11 +59,11 @@ class Client:
         self._running = False
         self._closed = False
 
-    def ask(self, do: str, **values: Any) -> Request:
-        """Ask for a job; a worker that is not there is started for it."""
+    def ask(self, do: str, prepare: Prepare | None = None, **values: Any) -> Request:
+        """Ask for a job; a worker that is not there is started for it. ``prepare`` gets its arrays."""
         with self._lock:
             number = next(self._numbers)
-            request = self._requests[number] = Request(number, {**values, "do": do, "id": number})
+            request = self._requests[number] = Request(number, {**values, "do": do, "id": number}, prepare)
             if not self._running:
                 self._running, self._outgoing = True, queue.SimpleQueue()
                 threading.Thread(target=self._run, args=(self._outgoing,), daemon=True).start()
@@ -147,6 +155,13 @@ class Client:
                 continue
             if event["event"] in ENDS:
                 self._end(request, event)
+            elif event["event"] == "arrays" and request.prepare is not None:
+                try:
+                    event["prepared"] = request.prepare(event, self.arrays(event))
+                except Exception as fault:  # the thread goes on for other requests
+                    self._end(request, {"event": "error", "text": f"what was rendered cannot be read: {fault}"})
+                else:
+                    request.events.put(event)
             else:
                 request.events.put(event)
 

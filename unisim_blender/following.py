@@ -16,6 +16,8 @@ LOOK_S = 0.05
 """Until the next look whether a person has let go of what is dragged."""
 DRAGGING = ("TRANSFORM_OT", "UNISIM_OT_drag")
 """How the names of operators begin that move things while a mouse button or a key is held."""
+READING = ("UNISIM_OT_export", "UNISIM_OT_render", "UNISIM_OT_check")
+"""How the names of operators begin that read whole scenes in steps, between which nothing may change."""
 SAID_S = 6.0
 """How long the status bar shows a sentence."""
 
@@ -30,9 +32,9 @@ _frames: dict[str, float] = {}
 
 
 def dragging() -> bool:
-    """Return whether some window is in the middle of moving something."""
+    """Return whether some window is in the middle of moving something, or of reading a scene."""
     windows = bpy.context.window_manager.windows if bpy.context.window_manager is not None else ()
-    return any(operator.bl_idname.startswith(DRAGGING) for window in windows for operator in window.modal_operators)
+    return any(operator.bl_idname.startswith(DRAGGING + READING) for window in windows for operator in window.modal_operators)
 
 
 def say(sentence: str) -> None:

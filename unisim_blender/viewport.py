@@ -5,6 +5,7 @@ from __future__ import annotations
 import queue
 import time
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 from weakref import WeakSet
 
@@ -22,9 +23,9 @@ from .bridge.sampling import Sampled, Thing, frame_of
 from .bridge.snapshot import camera_request
 from .bridge.source import source_of
 from .bridge.touched import Rectangle, is_empty, joined, touched
+from .bridge.view_parts import ViewPart, view_part
 from .client import Client, Request, client, progress_line
 from .comparison import Comparison
-from .core.colour import bytes_from_srgb, linear_from_srgb
 from .core.drive import CameraModel
 from .core.errors import UnisimError
 from .preferences import device, interpreter
@@ -227,6 +228,7 @@ class View:
         small = (right - left) * (bottom - top) < PART * width * height
         self.request = self.worker.ask(
             "camera",
+            prepare=partial(view_part, size=(height, width), clip=values["clip"]),
             **values,
             coarse=[] if small else COARSE,
             rows=[top, bottom],
@@ -259,38 +261,20 @@ class View:
                 continue
             self.progress = ""
             if event["event"] == "arrays":
-                self._put(event, self.worker.arrays(event))
+                self._put(event["prepared"])
             else:
                 self.problem = event.get("text", "")
                 self.request = None
                 if event["event"] == "done":
                     self.unfinished = 0, 0, 0, 0
 
-    def _put(self, event: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> None:
-        height = len(self.linear)
-        (top, bottom), (left, right) = event["rows"], event["columns"]
-        srgb, unsupported = np.clip(arrays["rgb"], 0, 1), arrays.get("unsupported")
-        linear, bytes_ = linear_from_srgb(srgb), bytes_from_srgb(srgb)
-        if event["stride"] == [1, 1]:
-            if bottom > self.unfinished[1]:
-                self.unfinished = self.unfinished[0], bottom, *self.unfinished[2:]
-        else:  # each of a coarse picture's pixels stands for those about it
-            spans, places = ((top, bottom), (left, right)), zip(event["origin"], event["stride"], linear.shape, strict=False)
-            rows, across = (
-                np.clip(np.rint((np.arange(*span) - first) / stride).astype(int), 0, count - 1)
-                for span, (first, stride, count) in zip(spans, places, strict=True)
-            )
-            linear, bytes_ = linear[rows[:, None], across], bytes_[rows[:, None], across]
-            unsupported = None if unsupported is None else unsupported[rows[:, None], across]
-        here = slice(height - bottom, height - top), slice(left, right)
-        band = self.linear[here]
-        band[..., :3] = linear[::-1]
-        band[..., 3] = 1.0
-        self.srgb[here] = bytes_[::-1]
-        if unsupported is not None and self.unsupported is not None and self.wanted is not None:
-            self.unsupported[here] = unsupported[::-1]
-            if self.wanted["clip"]:
-                band[unsupported[::-1]] = 0.0  # transparent: what is behind the view shows
+    def _put(self, part: ViewPart) -> None:
+        if part.bottom is not None and part.bottom > self.unfinished[1]:
+            self.unfinished = self.unfinished[0], part.bottom, *self.unfinished[2:]
+        here = part.rows, part.columns
+        self.linear[here], self.srgb[here] = part.linear, part.srgb
+        if part.unsupported is not None and self.unsupported is not None:
+            self.unsupported[here] = part.unsupported
         self.revision, self.fresh = self.revision + 1, False
 
     def draw(self, engine: bpy.types.RenderEngine, scene: bpy.types.Scene, region: bpy.types.Region) -> None:

@@ -132,6 +132,16 @@ def test_hatching_lies_over_unsupported_pixels_alone() -> None:
     assert np.diff(np.flatnonzero(np.diff(row.astype(int)))).max() == STRIPE_PX, "stripes, diagonal"
 
 
+def test_hatching_is_what_each_pixel_says() -> None:
+    draw = np.random.default_rng(4)
+    image, unsupported = draw.random((23, 31, 4), np.float32), draw.random((23, 31)) < 0.5
+    wanted = image.copy()
+    for y, x in np.argwhere(unsupported):
+        if (y + x) // STRIPE_PX % 2 == 0:
+            wanted[y, x] = 0.6 * image[y, x] + 0.4 * np.array([1.0, 0.02, 0.02, 1.0])
+    np.testing.assert_allclose(hatched(image, unsupported), wanted, atol=1e-6)
+
+
 def request(street: Any, view: Any, frame: float = 9.0) -> tuple[Thing, dict[str, Any], Source]:
     source = source_of(street)
     sampled = sample_all(street, Clock.of(source.drive).around(frame))

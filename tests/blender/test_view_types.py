@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
 import bpy
+import numpy as np
 
+from unisim_blender.bridge.backgrounds import recorded_pose
 from unisim_blender.bridge.frustums import drawn_tiny, resize_frustums, to_resize
+from unisim_blender.bridge.source import source_of
 from unisim_blender.view_types import CAMERAS, EMPTIES, SWITCHES, turned_off, wanted
 
 
@@ -38,6 +42,16 @@ def test_a_moved_camera_shows_no_image_that_was_recorded_from_elsewhere(street: 
     assert "show_object_viewport_camera" not in wanted(street, view("CAMERA", "SOLID"))
     street.camera.data.lens *= 1.5
     assert "show_object_viewport_camera" in wanted(street, view("CAMERA", "SOLID"))
+
+
+def test_the_recorded_pose_is_that_of_the_frame_and_drive_asked_for(street: Any) -> None:
+    drive, uid = source_of(street).drive, street.camera.unisim.uid
+    way = drive.cameras[uid].world_from_camera
+    moved = replace(way, positions=way.positions + 1.0)
+    other = replace(drive, cameras={**drive.cameras, uid: replace(drive.cameras[uid], world_from_camera=moved)})
+    for asked, frame, apart in ((drive, 3, 0.0), (drive, 7, 0.0), (other, 7, 1.0), (drive, 7, 0.0), (drive, 7, 0.0)):
+        recorded = way.at(np.array([drive.cameras[uid].time_s[frame]]))[0, :3, 3]
+        np.testing.assert_allclose(recorded_pose(asked, uid, float(frame))[:3, 3], recorded + apart, atol=1e-9)
 
 
 def test_from_outside_all_is_seen_unless_sensors_are_hidden(street: Any) -> None:

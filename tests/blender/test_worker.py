@@ -8,10 +8,12 @@ import queue
 import signal
 import sys
 import sysconfig
+import threading
 import time
 from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -165,24 +167,59 @@ def test_a_gpu_without_torch_is_a_sentence(bare: Path, tmp_path: Path, monkeypat
     assert text.startswith("this needs torch") and str(bare) in text
 
 
+def sample_request(**more: Any) -> dict[str, Any]:
+    """A request for an image of the sample's camera at twice its own width."""
+    scene = SAMPLE / "scene"
+    camera = read_scene_header(scene).drive.cameras["front_camera"]
+    paths = {"log": str(scene / "none"), "scene": str(scene)}
+    return {
+        "scenario": {"format": "unisim-scenario", "version": 1, "name": "x", "edits": [], **paths},
+        "path": str(scene / "x.json"), "camera": "front_camera", "time_s": camera.time_s[0],
+        "model": asdict(camera.model.resized(2 * camera.model.width)), "passes": ["rgb"], "quality": "balanced", "device": "cpu",
+        **more,
+    }  # fmt: skip
+
+
+def test_arrays_are_prepared_in_a_thread(worker: Client) -> None:
+    """What the thread makes of an image's arrays is what can be made of them here, and their file is gone."""
+    rows, columns, threads = [256, 320], [400, 560], []
+
+    def prepare(event: dict[str, Any], arrays: dict[str, Any]) -> float:
+        threads.append(threading.get_ident())
+        return float(arrays["rgb"].sum())
+
+    asked = sample_request(rows=rows, columns=columns)
+    plain = worker.ask("camera", **asked)
+    event = plain.events.get(timeout=LIMIT_S)
+    total = float(worker.arrays(event)["rgb"].sum())
+    last(plain)
+    made = worker.ask("camera", prepare=prepare, **asked)
+    event = made.events.get(timeout=LIMIT_S)
+    assert event["prepared"] == total and threads and threads[0] != threading.get_ident()
+    assert not list(worker.folder.iterdir())
+    assert last(made)["event"] == "done"
+
+
+def test_a_fault_while_preparing_ends_that_request_alone(worker: Client) -> None:
+    def prepare(event: dict[str, Any], arrays: dict[str, Any]) -> object:
+        raise ValueError("no such pass")
+
+    ended = last(worker.ask("camera", prepare=prepare, **sample_request(rows=[256, 320], columns=[400, 560])))
+    assert ended["event"] == "error" and "no such pass" in str(ended["text"])
+    assert last(worker.ask("about"))["event"] == "done"
+
+
 def test_an_image_of_another_size_is_that_of_the_command_line(worker: Client) -> None:
     """The view and F12 at twice a camera's own width: pixels are traced as far apart as `unisim render --width` traces them."""
     scene = SAMPLE / "scene"
     drive = read_scene_header(scene).drive
-    camera = drive.cameras["front_camera"]
-    model = camera.model.resized(2 * camera.model.width)
     rows, columns = [256, 320], [400, 560]
-    paths = {"log": str(scene / "none"), "scene": str(scene)}
-    request = worker.ask(
-        "camera", scenario={"format": "unisim-scenario", "version": 1, "name": "x", "edits": [], **paths},
-        path=str(scene / "x.json"), camera="front_camera", time_s=camera.time_s[0], model=asdict(model), passes=["rgb"],
-        quality="balanced", device="cpu", rows=rows, columns=columns,
-    )  # fmt: skip
+    request = worker.ask("camera", **sample_request(rows=rows, columns=columns))
     event = request.events.get(timeout=LIMIT_S)
     assert event["event"] == "arrays", event
     made = worker.arrays(event)["rgb"]
     last(request)
     renderer = Renderer(make_tracer(scene, drive, "balanced"), drive)
     region = Region(columns[0], rows[0], columns[1], rows[1])
-    wanted = renderer.camera("front_camera", 0, width=model.width, region=region).rgb
+    wanted = renderer.camera("front_camera", 0, width=2 * drive.cameras["front_camera"].model.width, region=region).rgb
     assert np.abs(made - wanted).max() < 0.004

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 sys.path.insert(0, str(Path(__file__).parent))
 from buttons import open_panel, press
 from hands import click, event, import_dropped, key, middle, sidebar, to
+from heart import uncounted
 from session import ARCHIVE, MODULE, OUT, results, screenshot, start, until, view, wait_for_picture
 from tasks import bare_view, begin, task
 
@@ -41,6 +42,7 @@ def options() -> Any:
     return sys.modules[f"{MODULE}.view_options"].options_of(view()[1])
 
 
+@uncounted
 def screen(name: str) -> NDArray[np.float32]:
     """What the screen shows of the view's image: (H, W, 3) in steps of eight bits, lowest row first, clear of labels and of what
     lies at the view's edges; and where that begins in the image."""
@@ -71,6 +73,7 @@ def inner() -> tuple[slice, slice]:
     return slice(max(bottom + 80, 80) - bottom, min(bottom + height, region.height - 110) - bottom), columns
 
 
+@uncounted
 def recorded() -> NDArray[np.float32]:
     """The recorded image at the view's size, from its file by Blender's own reader and a plain bilinear or mean: (H, W, 3) in
     steps of eight bits, lowest row first."""
@@ -97,6 +100,7 @@ def rendered() -> NDArray[np.float32]:
     return shown().srgb.astype(np.float32)
 
 
+@uncounted
 def apart(a: NDArray[np.float32], b: NDArray[np.float32]) -> float:
     """The share of pixels that are more than two steps apart."""
     assert a.shape == b.shape and a.size > 10000, (a.shape, b.shape)
@@ -329,6 +333,7 @@ def clipped() -> Iterator[float]:
     assert shown().wanted["clip"] is False and shown().wanted["passes"] == ["rgb"]
 
 
+@uncounted
 def apart_where(a: NDArray[np.float32], b: NDArray[np.float32], where: NDArray[np.bool_]) -> float:
     """`apart` of some pixels."""
     return float((np.abs(a - b).max(-1)[where] > SAME_BYTES).mean())

@@ -119,7 +119,7 @@ def begin_sequence(name: str, last: int, quality: str, sensors: str, width: int)
     scene.unisim.out, scene.frame_start, scene.frame_end = str(OUT.parent / name), 0, last
     scene.unisim.quality, scene.unisim.sequence_sensors, scene.unisim.sequence_width = quality, sensors, width
     with inside(area("VIEW_3D")):
-        assert bpy.ops.unisim.render_sequence("INVOKE_DEFAULT") == {"FINISHED"}
+        assert bpy.ops.unisim.render_sequence() == {"FINISHED"}
 
 
 def played() -> Iterator[float]:

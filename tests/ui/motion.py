@@ -363,7 +363,7 @@ def graph() -> Iterator[float]:
     results["graph_pixels"] = marked
     assert marked["blue"] + marked["red"] > 100 and marked["red"] > 50, marked
     with inside(area("VIEW_3D")):
-        bpy.ops.unisim.check("INVOKE_DEFAULT")
+        bpy.ops.unisim.check()
     found = [w.text for w in bpy.context.scene.unisim_check.warnings if w.name == car]
     assert any("m/s²" in text for text in found), found
     yield from sidebar()

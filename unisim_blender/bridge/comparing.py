@@ -120,8 +120,11 @@ def errors(recorded: NDArray[np.uint8], covered: NDArray[np.bool_], rendered: ND
 
 def hatched(image: NDArray[np.float32], unsupported: NDArray[np.bool_]) -> NDArray[np.float32]:
     """Return a linear premultiplied image (H, W, 4) with diagonal red stripes over unsupported pixels (H, W)."""
-    rows, columns = np.ogrid[: image.shape[0], : image.shape[1]]
-    over = unsupported & (((rows + columns) // STRIPE_PX) % 2 == 0)
+    height, width = unsupported.shape
+    stripes = (np.arange(height + width) // STRIPE_PX) % 2 == 0
+    diagonal = np.lib.stride_tricks.sliding_window_view(stripes, width)[:height]  # pixel (y, x) is of stripe y + x
+    over = np.flatnonzero(unsupported & diagonal)
     out = image.copy()
-    out[over] = (1 - HATCH_ALPHA) * out[over] + HATCH_ALPHA * np.array([*HATCH_RGB, 1.0], np.float32)
+    pixels = out.reshape(-1, 4)
+    pixels[over] = (1 - HATCH_ALPHA) * pixels[over] + HATCH_ALPHA * np.array([*HATCH_RGB, 1.0], np.float32)
     return out

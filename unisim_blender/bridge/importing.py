@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
+from typing import NamedTuple
 
 import bpy
 
@@ -19,7 +20,7 @@ from .naming import names_at_import
 from .poses import optical, same
 from .reading import edited_ids
 from .rig import lag, lidar_json, recorded_mount
-from .sampling import sample_all
+from .sample_steps import sample_steps
 from .source import Source, source_of
 from .things import box_mesh, collection_of, has_drive, make, things
 from .trajectories import free, local_matrix, ride, set_on_trajectory, settle_on
@@ -32,23 +33,29 @@ ASIDE = "Not in the drive"
 DEFAULTS = {"Cube": (0.0, 0.0, 0.0), "Light": (4.0762, 1.0055, 5.9039), "Camera": (7.3589, -6.9258, 4.9583)}
 """Names and places of Blender's default objects."""
 
-Step = tuple[int, int, str]
-"""Steps done, all steps, what is being done."""
+
+class Step(NamedTuple):
+    """Steps ``done``, steps in all, ``what`` is being done. ``draw``: whether the window is best drawn before the next one.
+
+    Blender compiles shaders where it first draws a kind of object; so they are not all compiled in one redraw."""
+
+    done: int
+    total: int
+    what: str
+    draw: bool = False
 
 
 def import_source(scene: bpy.types.Scene, source: Source) -> Iterator[Step]:
     """Put a source's drive into a scene. What is returned does it step by step: whoever runs it may stop, and say how far it is.
 
     Where the scene holds the drive already, what was edited stays as it is, and the rest is brought up to date. Raises
-    `UnisimError` where it holds another drive.
+    `UnisimError` in the first step where it holds another drive.
     """
-    return _steps(scene, source, _edited(scene, source) if has_drive(scene) else set())
-
-
-def _steps(scene: bpy.types.Scene, source: Source, kept: set[str]) -> Iterator[Step]:
-    """The import of all but what is ``kept`` as it stands, by id."""
-    drive, about = source.drive, scene.unisim
+    kept: set[str] = set()
     first = not has_drive(scene)
+    if not first:
+        kept = yield from _edited(scene, source)
+    drive, about = source.drive, scene.unisim
     actors = [drive.actors[uid] for uid in sorted(set(drive.actors) - kept)]
     cameras = [camera for name, camera in drive.cameras.items() if name not in kept]
     lidars = [lidar for name, lidar in drive.lidars.items() if name not in kept]
@@ -64,18 +71,19 @@ def _steps(scene: bpy.types.Scene, source: Source, kept: set[str]) -> Iterator[S
         for kind in ("EGO", "ACTOR", "CAMERA", "TRAJECTORY"):  # in the outliner, what people use comes first
             collection_of(scene, kind)
     set_colours(scene)
-    yield (done := done + 1), total, "time"
+    yield Step(done := done + 1, total, "time")
     ego = _ego(scene, drive, clock) if "ego" not in kept else next(things(scene, "EGO"))
-    yield (done := done + 1), total, "ego vehicle"
+    yield Step(done := done + 1, total, "ego vehicle")
     for camera in cameras:
         _camera(scene, source, camera, ego, clock)
-        yield (done := done + 1), total, camera.sensor_id
+        yield Step(done := done + 1, total, camera.sensor_id, draw=camera is cameras[-1])
     for lidar in lidars:
         _lidar(scene, drive, lidar, ego, clock)
-        yield (done := done + 1), total, lidar.sensor_id
+        yield Step(done := done + 1, total, lidar.sensor_id, draw=lidar is lidars[-1])
     for actor in actors:
         _actor(scene, drive, actor, clock, names[actor.uid]).pass_index = 1 + sorted(drive.actors).index(actor.uid)
-        yield (done := done + 1), total, actor.label
+        yield Step(done := done + 1, total, actor.label)
+    yield Step(total, total, "actors", draw=True)
     if first:
         set_aside(scene)
         scene.render.engine = "UNISIM"
@@ -147,14 +155,20 @@ def counted(number: int, what: str) -> str:
     return f"{number} {what}" if number == 1 else f"{number} {what}s"
 
 
-def _edited(scene: bpy.types.Scene, source: Source) -> set[str]:
-    """What of the drive in a scene does not stand as it was imported, by id."""
+def _edited(scene: bpy.types.Scene, source: Source) -> Generator[Step, None, set[str]]:
+    """Return, after some steps, what of the drive in a scene does not stand as it was imported, by id."""
     before = source_of(scene)
     if before.log_path != source.log_path:
         raise UnisimError(
             f'scene "{scene.name}": holds the drive {before.log_path} already; import {source.log_path} into a new scene'
         )
-    return edited_ids(sample_all(scene, Clock.of(before.drive)), before.drive)
+    steps = sample_steps(scene, Clock.of(before.drive))
+    while True:
+        try:
+            done, total = next(steps)
+        except StopIteration as end:
+            return edited_ids(end.value, before.drive)
+        yield Step(done, 2 * total, "edits")
 
 
 def fit_resolution(scene: bpy.types.Scene) -> None:

@@ -27,6 +27,7 @@ from .things import sees_body, title_of
 from .trajectories import trajectory_of
 
 PATHS = ("location", "rotation_quaternion", "rotation_euler", "scale")
+HIDING = ("hide_viewport", "hide_render")
 STATE = ("name", "type", "parent_type", "rotation_mode", "hide_render", "hide_viewport", "pass_index")
 ABOUT = ("kind", "uid", "home", "look", "look_scene", "mesh", "label", "model", "called", "called_as")
 NUMBERS = ("location", "rotation_quaternion", "rotation_euler", "scale")
@@ -84,13 +85,9 @@ class Sampler:
 
     def there(self, thing: bpy.types.Object) -> BoolArray:
         """Return whether keys and switches show an object (N,), whatever its collections do."""
-        hidden = np.full(len(self.clock.frames), thing.hide_render)
-        for curve in curves_of(thing):
-            if curve.data_path == "hide_viewport":
-                hidden |= self._values(curve) > 0.5
-            elif curve.data_path == "hide_render":
-                hidden = self._values(curve) > 0.5
-        return ~hidden
+        keyed = {curve.data_path: self._values(curve) > 0.5 for curve in curves_of(thing) if curve.data_path in HIDING}
+        for_renders = np.full(len(self.clock.frames), thing.hide_render)
+        return ~(keyed.get("hide_render", for_renders) | keyed.get("hide_viewport", np.zeros_like(for_renders)))
 
     def signature(self, thing: bpy.types.Object) -> tuple[object, ...]:
         """Return what an object's samples depend on, parents included; what moves it beside keys is not part of it."""

@@ -13,7 +13,8 @@ from .clock import Clock
 
 def sensor_times(clock: Clock, time_s: dict[int, float]) -> FloatArray:
     """A sensor's own times (N,) at the clock's frames; of frames that it lacks, the frame's time and the sensor's usual delay."""
-    delay = np.median([time - clock.time_s(np.array(float(frame))) for frame, time in time_s.items()]) if time_s else 0.0
+    own = np.array(list(time_s.values()), float)
+    delay = np.median(own - clock.time_s(np.array(list(time_s), float))) if time_s else 0.0
     return np.array([time_s.get(int(f), t + delay) for f, t in zip(clock.frames, clock.times_s, strict=True)])
 
 

@@ -107,12 +107,7 @@ def sample(
 ) -> Sampled:
     """The scene's things at each frame of ``clock``. ``set_frame`` takes the depsgraph to a frame; ``also`` are cameras that are
     no part of the rig."""
-    render = scene.render
-    if render.frame_map_old != render.frame_map_new:
-        raise UnisimError(
-            f'scene "{scene.name}": Output > Frame Range > Time Stretching takes frame {render.frame_map_old} to '
-            f"{render.frame_map_new}, so its frames are not the log's: set both alike, and retime actors instead"
-        )
+    refuse_stretching(scene)
     found = [*things(scene, *KINDS_OF_DRIVE)]
     found += [thing for thing in also if thing not in found]
     shown = shown_names(depsgraph.view_layer_eval.layer_collection)
@@ -167,6 +162,16 @@ def sample(
     )
 
 
+def refuse_stretching(scene: bpy.types.Scene) -> None:
+    """Raise `UnisimError` where a scene's frames are not the log's."""
+    render = scene.render
+    if render.frame_map_old != render.frame_map_new:
+        raise UnisimError(
+            f'scene "{scene.name}": Output > Frame Range > Time Stretching takes frame {render.frame_map_old} to '
+            f"{render.frame_map_new}, so its frames are not the log's: set both alike, and retime actors instead"
+        )
+
+
 def _scaling(thing: bpy.types.Object, matrices: FloatArray, poses: FloatArray, there: BoolArray) -> Scaling:
     scaling = Scaling() if thing.unisim.mesh else scaling_of(matrices, poses, there)
     # keys tell it whichever frames are looked at
@@ -182,12 +187,15 @@ def picture_size(render: bpy.types.RenderSettings) -> tuple[int, int]:
 def sample_all(scene: bpy.types.Scene, clock: Clock) -> Sampled:
     """The scene's things at all of the clock's frames; the frame that is shown stays."""
     with kept_frame(scene):
-        if scene == bpy.context.scene:
-            depsgraph = bpy.context.evaluated_depsgraph_get()
-        else:
-            scene.frame_set(scene.frame_current)  # makes the depsgraph of a scene that no window shows
-            depsgraph = scene.view_layers[0].depsgraph
-        return sample(scene, depsgraph, clock, scene.frame_set)
+        return sample(scene, depsgraph_of(scene), clock, scene.frame_set)
+
+
+def depsgraph_of(scene: bpy.types.Scene) -> bpy.types.Depsgraph:
+    """Return a scene's depsgraph, made where no window shows the scene."""
+    if scene == bpy.context.scene:
+        return bpy.context.evaluated_depsgraph_get()
+    scene.frame_set(scene.frame_current)
+    return scene.view_layers[0].depsgraph
 
 
 def shown_names(layer: bpy.types.LayerCollection) -> set[str]:

@@ -39,12 +39,13 @@ _newest: dict[tuple[object, ...], Source] = {}
 def open_source(log: str, scene: str) -> Source:
     """The drive of a log's folder, as the trained scene in folder ``scene`` replays it, where that is not "".
 
-    Raises `UnisimError`.
+    Knows nothing of Blender, so a thread may call it. Raises `UnisimError`.
     """
     log_path = Path(log)
     scene_path = Path(scene) if scene else None
     key = (log_path, scene_path, *(_changed(path) for path in (log_path, scene_path)))
-    if key not in _newest:
+    found = _newest.get(key)
+    if found is None:
         recorded = open_log(log_path) if log_path.is_dir() else None
         if scene_path is not None:
             header = read_scene_header(scene_path)
@@ -53,9 +54,10 @@ def open_source(log: str, scene: str) -> Source:
             drive = recorded.drive
         else:
             raise NotImported(f"{log_path}: there is no log")
+        found = Source(log_path, scene_path, drive, recorded)
         _newest.clear()
-        _newest[key] = Source(log_path, scene_path, drive, recorded)
-    return _newest[key]
+        _newest[key] = found
+    return found
 
 
 def source_of(scene: bpy.types.Scene) -> Source:

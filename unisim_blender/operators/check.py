@@ -1,6 +1,9 @@
 """What is not plausible about the edits, as a list that is saved with the scene."""
 
+from __future__ import annotations
+
 import time
+from collections.abc import Generator
 
 import bpy
 import numpy as np
@@ -14,10 +17,11 @@ from ..bridge.sampling import Sampled, sample_all
 from ..bridge.selection import choose
 from ..bridge.source import source_of
 from ..bridge.windows import areas
-from ..core.errors import UnisimError
 from ..following import dragging
 from ..registering import add, take_away
 from ..translations import message
+from .export_scenario import sampled_in_steps
+from .in_steps import InSteps, in_thread
 from .motion_settings import limits_of
 from .polling import allowed, drive
 
@@ -68,7 +72,7 @@ def place_of(found: Finding, sampled: Sampled) -> tuple[float, ...]:
     return tuple(thing.poses[at, :3, 3].tolist())
 
 
-class UNISIM_OT_check(bpy.types.Operator):
+class UNISIM_OT_check(InSteps, bpy.types.Operator):
     """List implausible edits: overlaps, sideways or too fast cars, actors off the ground, far or unseen camera views"""
 
     bl_idname = "unisim.check"
@@ -80,17 +84,21 @@ class UNISIM_OT_check(bpy.types.Operator):
         """A drive has to be there."""
         return allowed(cls, drive(context))
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        """Begin."""
+        return self.in_steps(context)
+
+    def work(self, context: bpy.types.Context) -> Generator[str | None, None, None]:
         """Sample the scene and list what is odd; nothing is kept from being rendered."""
         scene, check = context.scene, context.scene.unisim_check
-        try:
-            drive = source_of(scene).drive
-            clock = Clock.of(drive)
+        drive = source_of(scene).drive
+        clock, limits = Clock.of(drive), limits_of(scene)
+        if self.timer is None:
             sampled = sample_all(scene, clock)
-            warnings = list(warnings_of(sampled, drive, limits_of(scene)))
-        except (UnisimError, OSError) as fault:
-            self.report({"ERROR"}, str(fault))
-            return {"CANCELLED"}
+            warnings = list(warnings_of(sampled, drive, limits))
+        else:
+            sampled = yield from sampled_in_steps(scene, clock)
+            warnings = yield from in_thread(lambda: list(warnings_of(sampled, drive, limits)))
         check.warnings.clear()
         for warning in warnings:
             item = check.warnings.add()
@@ -99,7 +107,6 @@ class UNISIM_OT_check(bpy.types.Operator):
         check.state, check.checked = edit_state(scene), time.strftime("%Y-%m-%d %H:%M")
         _outdated[scene.session_uid] = False
         self.report({"INFO"}, message("Warnings: {count}", count=len(warnings)) if warnings else message("No warnings"))
-        return {"FINISHED"}
 
 
 class UNISIM_OT_go_to(bpy.types.Operator):

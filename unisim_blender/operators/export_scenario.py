@@ -1,5 +1,6 @@
 """File > Export > Scenario: what the scene stands for, as a file that renders headless."""
 
+from collections.abc import Generator
 from pathlib import Path
 
 import bpy
@@ -8,29 +9,64 @@ from bpy_extras.io_utils import ExportHelper
 
 from ..bridge.clock import Clock
 from ..bridge.reading import read_scenario
-from ..bridge.sampling import sample_all
+from ..bridge.sample_steps import sample_steps
+from ..bridge.sampling import Sampled, sample_all
 from ..bridge.source import source_of
 from ..bridge.writing import write_scenario
-from ..core.errors import UnisimError
 from ..core.scenario.types import FrameRange, Outputs, Scenario
 from ..registering import add, take_away
 from ..translations import message
+from .in_steps import InSteps, in_thread
 from .polling import allowed, drive
 
 
 def scenario_of(scene: bpy.types.Scene, path: Path) -> Scenario:
     """The scenario that a Blender scene stands for, as it would be written to ``path``. Raises `UnisimError`."""
     source = source_of(scene)
-    clock = Clock.of(source.drive)
-    settings = scene.unisim
+    frames, outputs = _settings(scene)
+    return read_scenario(sample_all(scene, Clock.of(source.drive)), source, path, frames, outputs)
+
+
+def scenario_steps(scene: bpy.types.Scene, path: Path) -> Generator[str | None, None, Scenario]:
+    """Return, after some steps, what `scenario_of` returns; each step yields what the status bar says. The scene must not change
+    between steps. Raises `UnisimError`."""
+    source = source_of(scene)
+    frames, outputs = _settings(scene)
+    sampled = yield from sampled_in_steps(scene, Clock.of(source.drive))
+    return (yield from in_thread(lambda: read_scenario(sampled, source, path, frames, outputs)))
+
+
+def sampled_in_steps(scene: bpy.types.Scene, clock: Clock) -> Generator[str | None, None, Sampled]:
+    """Return, after some steps, what `sample_all` returns."""
+    steps = sample_steps(scene, clock)
+    while True:
+        try:
+            done, total = next(steps)
+        except StopIteration as end:
+            return end.value
+        yield message("Reading {scene}: {done} of {total} (Esc to cancel)", scene=scene.name, done=done, total=total)
+
+
+def _settings(scene: bpy.types.Scene) -> tuple[FrameRange | None, Outputs]:
+    """The frames of a scenario, None for all of the log's, and its outputs."""
+    clock, settings = Clock.of(source_of(scene).drive), scene.unisim
     all_frames = scene.frame_start <= clock.frames[0] and scene.frame_end >= clock.frames[-1] and scene.frame_step == 1
     frames = None if all_frames else FrameRange(scene.frame_start, scene.frame_end + 1, scene.frame_step)
     passes = ("rgb", *(name for name in ("depth", "normal", "instance", "opacity", "support") if name in settings.passes))
-    outputs = Outputs(passes=passes, quality=settings.quality, contact_shadows=settings.contact_shadows or None)
-    return read_scenario(sample_all(scene, clock), source, path, frames, outputs)
+    return frames, Outputs(passes=passes, quality=settings.quality, contact_shadows=settings.contact_shadows or None)
 
 
-class UNISIM_OT_export_scenario(bpy.types.Operator, ExportHelper):
+class ReadsScenes(InSteps):
+    """An operator that reads whole scenes as scenarios."""
+
+    def scenario(self, scene: bpy.types.Scene, path: Path) -> Generator[str | None, None, Scenario]:
+        """Return a scene's scenario, in steps where the operator works in steps."""
+        if self.timer is None:
+            return scenario_of(scene, path)
+        return (yield from scenario_steps(scene, path))
+
+
+class UNISIM_OT_export_scenario(ReadsScenes, bpy.types.Operator, ExportHelper):
     """Write the edits of the scene to a scenario file for the command unisim render"""
 
     bl_idname = "unisim.export_scenario"
@@ -45,17 +81,17 @@ class UNISIM_OT_export_scenario(bpy.types.Operator, ExportHelper):
         """A drive has to be there."""
         return allowed(cls, drive(context))
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        """Ask for the file."""
+        self.by_hand = True
+        return ExportHelper.invoke(self, context, event)
+
+    def work(self, context: bpy.types.Context) -> Generator[str | None, None, None]:
         """Read the scene and write the file."""
         path = Path(self.filepath).absolute()
-        try:
-            scenario = scenario_of(context.scene, path)
-            write_scenario(scenario, path)
-        except (UnisimError, OSError) as fault:
-            self.report({"ERROR"}, str(fault))
-            return {"CANCELLED"}
+        scenario = yield from self.scenario(context.scene, path)
+        write_scenario(scenario, path)
         self.report({"INFO"}, message("Scenario written to {path} (edits: {count})", count=len(scenario.edits), path=path))
-        return {"FINISHED"}
 
 
 def draw_menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:

@@ -1,7 +1,10 @@
 """File > Import > Driving Log, and Trained Neural Scene."""
 
-import time
+from __future__ import annotations
+
+from collections.abc import Callable, Generator
 from pathlib import Path
+from typing import Any, TypeVar
 
 import bpy
 from bpy.props import StringProperty
@@ -9,9 +12,10 @@ from bpy_extras.io_utils import ImportHelper
 
 from ..bridge.applying import apply_edits
 from ..bridge.importing import import_source, recorded_colours, set_colours, summary
-from ..bridge.source import open_source
+from ..bridge.source import Source, open_source
 from ..bridge.things import has_drive
 from ..bridge.windows import areas
+from ..core.drive import Drive
 from ..core.edits import apply_scenario
 from ..core.errors import UnisimError
 from ..core.json_file import read_json
@@ -19,96 +23,78 @@ from ..core.logs import is_pandaset
 from ..core.prepare.scenario import scene_actors
 from ..core.rigs import FORMAT as RIG_FORMAT
 from ..core.scenario import FORMAT, load_scenario
+from ..core.scenario.types import Scenario
 from ..core.scene_file import HEADER_NAME, read_scene_header
 from ..registering import add, take_away
 from ..translations import message
 from ..view_types import follow_soon
+from .in_steps import InSteps, in_thread
 from .polling import allowed
 
 FAR_M = 2000.0
 """How far a view shows what there is, in metres: a drive is longer than Blender's 100 m."""
-BUSY_S = 0.05
-"""How long the import works before it lets the window breathe."""
+T = TypeVar("T")
 
 
-class _ImportDrive(ImportHelper):
-    """What both importers share: steps between redraws, a progress bar, Esc."""
+class _ImportDrive(InSteps, ImportHelper):
+    """What all importers share: a progress bar, and one undo step at the end. Esc takes back what was imported."""
 
-    bl_options = {"REGISTER", "UNDO"}
-
-    def paths(self) -> tuple[str, str]:
-        """The log's folder and the trained scene's, or ""."""
+    def opening(self) -> Callable[[], Source]:
+        """Return what opens the drive; it runs in a thread."""
         raise NotImplementedError
 
-    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+    def invoke(self: Any, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Ask for what to import, unless it was dropped onto the window."""
-        if self.filepath:
-            return self.run(context)
-        context.window_manager.fileselect_add(self)
-        return {"RUNNING_MODAL"}
+        return self.in_steps(context) if self.filepath else self.ask_for_path(context)
 
-    def begin(self, context: bpy.types.Context) -> bool:
-        """Open the drive; report and return False where that fails."""
-        try:
-            self.first = not has_drive(context.scene)
-            self.source = open_source(*self.paths())
-            self.steps = import_source(context.scene, self.source)
-        except (UnisimError, OSError) as fault:
-            self.report({"ERROR"}, str(fault))
-            return False
-        return True
+    def work(self: Any, context: bpy.types.Context) -> Generator[str | None, None, None]:
+        """Open the drive, import it, show it and say what came in."""
+        self.begun = False
+        source = yield from self.run(self.opening())
+        yield from self.bring_in(context, source)
+        self.report({"INFO"}, summary(source))
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
-        """All at once: from a script, or without a window."""
-        if not self.begin(context):
-            return {"CANCELLED"}
-        for _ in self.steps:
-            pass
-        return self.done()
-
-    def done(self) -> set[str]:
-        """Show the drive and say what came in."""
-        if self.first:
+    def bring_in(self: Any, context: bpy.types.Context, source: Source) -> Generator[str | None, None, None]:
+        """Import an opened drive, and look through its camera where it is the scene's first."""
+        first, manager = not has_drive(context.scene), context.window_manager
+        if self.timer is not None:
+            manager.progress_begin(0, 100)
+        for step in import_source(context.scene, source):
+            self.begun = True
+            if self.timer is not None:
+                manager.progress_update(100 * step.done / step.total)
+            told = {"what": step.what, "done": step.done, "total": step.total}
+            yield message("Importing {what}: {done} of {total} (Esc to cancel)", **told)
+            if step.draw:
+                yield None
+        if first:
             look_through_camera()
-        self.report({"INFO"}, summary(self.source))
-        return {"FINISHED"}
 
-    def run(self, context: bpy.types.Context) -> set[str]:
-        """Step by step, behind a progress bar."""
-        if context.window is None or bpy.app.background:
-            return self.execute(context)
-        if not self.begin(context):
-            return {"CANCELLED"}
-        context.window_manager.progress_begin(0, 100)
-        self.timer = context.window_manager.event_timer_add(0.01, window=context.window)
-        context.window_manager.modal_handler_add(self)
-        return {"RUNNING_MODAL"}
+    def run(self: Any, todo: Callable[[], T]) -> Generator[str | None, None, T]:
+        """Return what a function returns that knows nothing of Blender; in steps, a thread runs it."""
+        if self.timer is None:
+            return todo()
+        yield message("Opening the drive (Esc to cancel)")
+        return (yield from in_thread(todo))
 
-    def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Some steps at each tick of the timer."""
-        if event.type == "ESC" and context.preferences.edit.use_global_undo:
-            self.end(context)
-            take_back()
-            self.report({"WARNING"}, "Import cancelled: the scene is unchanged")
-            return {"CANCELLED"}
-        if event.type != "TIMER":
+    def modal(self: Any, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        """Some more steps. Without global undo nothing could take back what has come in, so that Esc is not heard."""
+        if event.type == "ESC" and not context.preferences.edit.use_global_undo:
             return {"RUNNING_MODAL"}
-        until = time.monotonic() + BUSY_S
-        for done, total, what in self.steps:
-            context.window_manager.progress_update(100 * done / total)
-            context.workspace.status_text_set(
-                message("Importing {what}: {done} of {total} (Esc to cancel)", what=what, done=done, total=total)
-            )
-            if time.monotonic() > until:
-                return {"RUNNING_MODAL"}
-        self.end(context)
-        return self.done()
+        return InSteps.modal(self, context, event)
 
-    def end(self, context: bpy.types.Context) -> None:
-        """Take progress and timer away."""
-        context.window_manager.event_timer_remove(self.timer)
+    def stopped(self: Any, context: bpy.types.Context, fault: bool) -> None:
+        """Put the scene back."""
         context.window_manager.progress_end()
-        context.workspace.status_text_set(None)
+        if self.begun and context.preferences.edit.use_global_undo:
+            take_back()
+        if not fault:
+            self.report({"WARNING"}, "Import cancelled: the scene is unchanged")
+
+    def finished(self: Any, context: bpy.types.Context) -> None:
+        """Add the undo step. Blender itself would add one as soon as the file browser is closed, before anything is imported."""
+        context.window_manager.progress_end()
+        bpy.ops.ed.undo_push(message=self.bl_label)
 
 
 def look_through_camera() -> None:
@@ -128,67 +114,65 @@ def take_back() -> None:
     bpy.ops.ed.undo_push(message="Import Stopped")  # nor can a redo bring the half back
 
 
-class UNISIM_OT_import_log(bpy.types.Operator, _ImportDrive):
+class UNISIM_OT_import_log(_ImportDrive, bpy.types.Operator):
     """Import the vehicle, sensors and actors of a recorded drive as animated objects"""
 
     bl_idname = "unisim.import_log"
     bl_label = "Import Driving Log"
-    bl_options = {"REGISTER", "UNDO"}
+    bl_options = {"REGISTER"}
 
     directory: StringProperty(subtype="DIR_PATH", options={"SKIP_SAVE"})
     filepath: StringProperty(subtype="FILE_PATH", options={"SKIP_SAVE"})
     filter_folder: bpy.props.BoolProperty(default=True, options={"HIDDEN"})
 
-    def paths(self) -> tuple[str, str]:
-        """The folder that was chosen."""
-        return str(Path(self.filepath or self.directory)), ""
+    def opening(self) -> Callable[[], Source]:
+        """Open the log in the folder that was chosen."""
+        chosen = str(Path(self.filepath or self.directory))
+        return lambda: open_source(chosen, "")
 
 
-class UNISIM_OT_import_scene(bpy.types.Operator, _ImportDrive):
+class UNISIM_OT_import_scene(_ImportDrive, bpy.types.Operator):
     """Import a trained neural scene and its drive, with refined tracklets"""
 
     bl_idname = "unisim.import_scene"
     bl_label = "Import Trained Neural Scene"
-    bl_options = {"REGISTER", "UNDO"}
+    bl_options = {"REGISTER"}
 
     filepath: StringProperty(subtype="FILE_PATH", options={"SKIP_SAVE"})
     filter_glob: StringProperty(default="*.json", options={"HIDDEN"})
 
-    def paths(self) -> tuple[str, str]:
-        """The scene's folder, and the log that its header names."""
+    def opening(self) -> Callable[[], Source]:
+        """Open the scene's folder, and the log that its header names."""
         chosen = Path(self.filepath)
         folder = chosen.parent if chosen.name == HEADER_NAME else chosen
-        header = read_scene_header(folder)
-        return str((folder / header.log_path).resolve()), str(folder)
+        return lambda: open_source(str((folder / read_scene_header(folder).log_path).resolve()), str(folder))
 
 
-class UNISIM_OT_import_scenario(bpy.types.Operator, ImportHelper):
+class UNISIM_OT_import_scenario(_ImportDrive, bpy.types.Operator):
     """Import the drive of a scenario with all its edits"""
 
     bl_idname = "unisim.import_scenario"
     bl_label = "Import Scenario"
-    bl_options = {"REGISTER", "UNDO"}
+    bl_options = {"REGISTER"}
 
     filter_glob: StringProperty(default="*.json", options={"HIDDEN"})
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def work(self: Any, context: bpy.types.Context) -> Generator[str | None, None, None]:
         """Import the drive, then edit it."""
-        try:
-            scenario = load_scenario(Path(self.filepath))
-            source = open_source(str(scenario.log_path), str(scenario.scene_path or ""))
-            edited = apply_scenario(scenario, source.drive, scene_actors)
-        except (UnisimError, OSError) as fault:
-            self.report({"ERROR"}, str(fault))
-            return {"CANCELLED"}
+        self.begun, path = False, Path(self.filepath)
+        scenario, source, edited = yield from self.run(lambda: opened_scenario(path))
         if has_drive(context.scene):
-            self.report({"ERROR"}, f'scene "{context.scene.name}": has a drive already; import the scenario into a new scene')
-            return {"CANCELLED"}
-        for _ in import_source(context.scene, source):
-            pass
+            raise UnisimError(f'scene "{context.scene.name}": has a drive already; import the scenario into a new scene')
+        yield from self.bring_in(context, source)
         apply_edits(context.scene, source, scenario, edited)
-        look_through_camera()
         self.report({"INFO"}, f"{summary(source)}; {len(scenario.edits)} edits")
-        return {"FINISHED"}
+
+
+def opened_scenario(path: Path) -> tuple[Scenario, Source, Drive]:
+    """Return a scenario, its drive as it was recorded, and as it is edited. Raises `UnisimError`."""
+    scenario = load_scenario(path)
+    source = open_source(str(scenario.log_path), str(scenario.scene_path or ""))
+    return scenario, source, apply_scenario(scenario, source.drive, scene_actors)
 
 
 class UNISIM_FH_json(bpy.types.FileHandler):
@@ -236,7 +220,7 @@ class UNISIM_OT_import_dropped(bpy.types.Operator):
         elif log is not None:
             operator, how, path = bpy.ops.unisim.import_log, "INVOKE_DEFAULT", log
         else:
-            operator, how = bpy.ops.unisim.import_scenario, "EXEC_DEFAULT"
+            operator, how = bpy.ops.unisim.import_scenario, "INVOKE_DEFAULT"
         try:
             answer = operator(how, filepath=str(path))
         except RuntimeError as fault:  # what the operator reports

@@ -1,5 +1,6 @@
 """All sensors over the frame range into a folder, in the background."""
 
+from collections.abc import Generator
 from pathlib import Path
 
 import bpy
@@ -12,7 +13,7 @@ from ..preferences import device, interpreter
 from ..tasks import SequenceTask
 from ..translations import message
 from .background import launch, running
-from .export_scenario import scenario_of
+from .export_scenario import ReadsScenes
 from .polling import allowed, drive, idle
 
 SCENARIO = "scenario.json"
@@ -38,7 +39,7 @@ def render_arguments(scene: bpy.types.Scene, folder: Path, sensors: list[str] | 
     return arguments + (["--width", str(max(MIN_WIDTH, width))] if width else [])
 
 
-class UNISIM_OT_render_sequence(bpy.types.Operator):
+class UNISIM_OT_render_sequence(ReadsScenes, bpy.types.Operator):
     """Render the sensors over the frame range into the output folder, in the background; finished frames are kept"""
 
     bl_idname = "unisim.render_sequence"
@@ -50,27 +51,24 @@ class UNISIM_OT_render_sequence(bpy.types.Operator):
         """A drive has to be there, and nothing else be running."""
         return allowed(cls, drive(context), idle(running))
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        """Begin."""
+        return self.in_steps(context)
+
+    def work(self, context: bpy.types.Context) -> Generator[str | None, None, None]:
         """Write the scenario beside the frames and start the command line on it."""
-        try:
-            folder = output_folder(context.scene)
-            sensors = output_sensors(context.scene, context.selected_objects, source_of(context.scene).drive)
-            folder.mkdir(parents=True, exist_ok=True)
-            scenario = scenario_of(context.scene, folder / SCENARIO)
-            write_scenario(scenario, folder / SCENARIO)
-        except (UnisimError, OSError) as fault:
-            self.report({"ERROR"}, str(fault))
-            return {"CANCELLED"}
         scene = context.scene
+        folder = output_folder(scene)
+        sensors = output_sensors(scene, context.selected_objects, source_of(scene).drive)
         wanted = range(scene.frame_start, scene.frame_end + 1, scene.frame_step)
-        arguments = render_arguments(scene, folder, sensors)
-        task = SequenceTask(arguments, folder, float(len(wanted)), interpreter())
+        folder.mkdir(parents=True, exist_ok=True)
+        scenario = yield from self.scenario(scene, folder / SCENARIO)
+        write_scenario(scenario, folder / SCENARIO)
+        task = SequenceTask(render_arguments(scene, folder, sensors), folder, float(len(wanted)), interpreter())
         task.wanted = wanted
         launch(task)
         if bpy.app.background and task.problem:
-            self.report({"ERROR"}, task.problem)
-            return {"CANCELLED"}
-        return {"FINISHED"}
+            raise UnisimError(task.problem)
 
 
 CLASSES = (UNISIM_OT_render_sequence,)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Generator
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +27,7 @@ from ..core.errors import UnisimError
 from ..preferences import interpreter
 from ..variant_task import Part, VariantsTask
 from .background import launch, running
-from .export_scenario import scenario_of
+from .export_scenario import ReadsScenes
 from .polling import allowed, drive, idle, object_mode
 from .render_sequence import SCENARIO, output_folder, render_arguments
 
@@ -171,52 +171,7 @@ class UNISIM_OT_compare_variant(bpy.types.Operator):
         return {"FINISHED"}
 
 
-class _InSteps:
-    """An operator that writes variants one at a time, with the window drawn in between."""
-
-    timer: Any = None
-
-    def begin(self: Any, context: bpy.types.Context) -> set[str]:
-        """Do all at once without a window, else one step at each tick of a timer."""
-        self.steps = self.work(context)
-        if bpy.app.background or context.window is None:
-            while (answer := self.step(context)) is None:
-                pass
-            return answer
-        self.timer = context.window_manager.event_timer_add(0.01, window=context.window)
-        context.window_manager.modal_handler_add(self)
-        return {"RUNNING_MODAL"}
-
-    def modal(self: Any, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """One more variant."""
-        if event.type == "ESC":
-            return self.ended(context, {"CANCELLED"})
-        if event.type != "TIMER":
-            return {"RUNNING_MODAL"}
-        answer = self.step(context)
-        return {"RUNNING_MODAL"} if answer is None else self.ended(context, answer)
-
-    def step(self: Any, context: bpy.types.Context) -> set[str] | None:
-        """Write the next variant; None while there are more."""
-        try:
-            said = next(self.steps)
-        except StopIteration:
-            return {"FINISHED"}
-        except (UnisimError, OSError) as fault:
-            self.report({"ERROR"}, str(fault))
-            return {"CANCELLED"}
-        if not bpy.app.background and context.workspace is not None:
-            context.workspace.status_text_set(said)
-        return None
-
-    def ended(self: Any, context: bpy.types.Context, answer: set[str]) -> set[str]:
-        """Take the timer away."""
-        context.window_manager.event_timer_remove(self.timer)
-        context.workspace.status_text_set(None)
-        return answer
-
-
-class UNISIM_OT_export_variants(_InSteps, bpy.types.Operator):
+class UNISIM_OT_export_variants(ReadsScenes, bpy.types.Operator):
     """Write every variant as a scenario file into a folder"""
 
     bl_idname = "unisim.export_variants"
@@ -233,29 +188,23 @@ class UNISIM_OT_export_variants(_InSteps, bpy.types.Operator):
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Ask for the folder."""
-        context.window_manager.fileselect_add(self)
-        return {"RUNNING_MODAL"}
+        return self.ask_for_path(context)
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
-        """Write them."""
-        return self.begin(context)
-
-    def work(self, context: bpy.types.Context) -> Iterator[str]:
+    def work(self, context: bpy.types.Context) -> Generator[str | None, None, None]:
         """Read all, then write all, so that no half of them is written where one cannot be read."""
         folder = Path(bpy.path.abspath(self.directory)).absolute()
         scenes = variants_of(context.scene)
         read = []
         for scene, name in zip(scenes, file_names(scene.name for scene in scenes), strict=True):
             path = folder / f"{name}.json"
-            yield f"Reading {scene.name}. Esc stops"
-            read.append((scenario_of(scene, path), path))
+            read.append(((yield from self.scenario(scene, path)), path))
         folder.mkdir(parents=True, exist_ok=True)
         for scenario, path in read:
             write_scenario(scenario, path)
         self.report({"INFO"}, f"{len(read)} scenarios written to {folder}")
 
 
-class UNISIM_OT_render_variants(_InSteps, bpy.types.Operator):
+class UNISIM_OT_render_variants(ReadsScenes, bpy.types.Operator):
     """Render the marked variants one after another, each into its own folder in the output folder; finished frames are kept"""
 
     bl_idname = "unisim.render_variants"
@@ -268,11 +217,11 @@ class UNISIM_OT_render_variants(_InSteps, bpy.types.Operator):
         marked = bool(context.scene.unisim.log) and any(scene.unisim_edits.rendered for scene in variants_of(context.scene))
         return allowed(cls, drive(context), (marked, "Mark a variant in the list first"), idle(running))
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
-        """Write their scenarios and start the command line on one after the other."""
-        return self.begin(context)
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        """Begin."""
+        return self.in_steps(context)
 
-    def work(self, context: bpy.types.Context) -> Iterator[str]:
+    def work(self, context: bpy.types.Context) -> Generator[str | None, None, None]:
         """Read and write each scenario, then start."""
         root = output_folder(context.scene)
         scenes = variants_of(context.scene)
@@ -281,10 +230,10 @@ class UNISIM_OT_render_variants(_InSteps, bpy.types.Operator):
         for scene in scenes:
             if not scene.unisim_edits.rendered:
                 continue
-            yield f"Reading {scene.name}. Esc stops"
             folder = root / names[scene.name]
             folder.mkdir(parents=True, exist_ok=True)
-            write_scenario(scenario_of(scene, folder / SCENARIO), folder / SCENARIO)
+            scenario = yield from self.scenario(scene, folder / SCENARIO)
+            write_scenario(scenario, folder / SCENARIO)
             selected = [thing for thing in scene.objects if thing.select_get(view_layer=scene.view_layers[0])]
             arguments = render_arguments(scene, folder, output_sensors(scene, selected, source_of(scene).drive))
             wanted = range(scene.frame_start, scene.frame_end + 1, scene.frame_step)

@@ -1,0 +1,120 @@
+"""Operators that work in steps, with the window drawn in between, so that the window never waits for a whole drive."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Generator, Iterator
+from typing import Any, TypeVar
+
+import bpy
+
+from ..core.errors import UnisimError
+
+BUSY_S = 0.05
+"""How long an operator works before it lets the window breathe."""
+JOIN_S = 0.002
+"""How long one look at a thread waits for its end."""
+T = TypeVar("T")
+
+
+class InSteps:
+    """What such operators share: `execute` does all at once, for scripts and without a window; `in_steps` does a step at each
+    tick of a timer. While it works, the window hears Esc and nothing else, so the scene stays as it was at the press."""
+
+    timer: Any = None
+    """Set while it works in steps."""
+
+    def work(self, context: bpy.types.Context) -> Iterator[str | None]:
+        """Yield after each step what the status bar says; None where nothing can be done but wait. Raises `UnisimError`."""
+        raise NotImplementedError
+
+    def stopped(self, context: bpy.types.Context, fault: bool) -> None:
+        """Called after a fault, and after Esc."""
+
+    def finished(self, context: bpy.types.Context) -> None:
+        """Called at the end of work that was done in steps."""
+
+    def execute(self: Any, context: bpy.types.Context) -> set[str]:
+        """Do all at once; what a file browser asked for is done in steps."""
+        if getattr(self, "by_hand", False):
+            return self.in_steps(context)
+        try:
+            for _ in self.work(context):
+                pass
+        except (UnisimError, OSError) as fault:
+            self.report({"ERROR"}, str(fault))
+            return {"CANCELLED"}
+        return {"FINISHED"}
+
+    def ask_for_path(self: Any, context: bpy.types.Context) -> set[str]:
+        """Open the file browser, which then has `execute` work in steps."""
+        self.by_hand = True
+        context.window_manager.fileselect_add(self)
+        return {"RUNNING_MODAL"}
+
+    def in_steps(self: Any, context: bpy.types.Context) -> set[str]:
+        """Do a step at each tick of a timer; all at once without a window."""
+        self.by_hand = False
+        if bpy.app.background or context.window is None:
+            return self.execute(context)
+        self.timer = context.window_manager.event_timer_add(0.01, window=context.window)
+        self.steps = self.work(context)
+        context.window_manager.modal_handler_add(self)
+        return {"RUNNING_MODAL"}
+
+    def modal(self: Any, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        """Some more steps."""
+        if event.type == "ESC" and event.value == "PRESS":
+            self.ended(context)
+            self.stopped(context, False)
+            return {"CANCELLED"}
+        if event.type != "TIMER":
+            return {"RUNNING_MODAL"}
+        until = time.monotonic() + BUSY_S
+        try:
+            for said in self.steps:
+                if said is not None and context.workspace is not None:
+                    context.workspace.status_text_set(said)
+                if said is None or time.monotonic() > until:
+                    return {"RUNNING_MODAL"}
+        except Exception as fault:
+            self.ended(context)
+            self.stopped(context, True)
+            if not isinstance(fault, UnisimError | OSError):
+                raise
+            self.report({"ERROR"}, str(fault))
+            return {"CANCELLED"}
+        self.ended(context)
+        self.finished(context)
+        return {"FINISHED"}
+
+    def ended(self: Any, context: bpy.types.Context) -> None:
+        """Take the timer away."""
+        self.steps.close()
+        context.window_manager.event_timer_remove(self.timer)
+        self.timer = None
+        if context.workspace is not None:
+            context.workspace.status_text_set(None)
+
+
+def in_thread(todo: Callable[[], T]) -> Generator[None, None, T]:
+    """Return what a function returns that a thread runs meanwhile; it must not touch Blender's data. Raises what it raises."""
+    found: list[T] = []
+    faults: list[BaseException] = []
+
+    def run() -> None:
+        try:
+            found.append(todo())
+        except BaseException as fault:
+            faults.append(fault)
+
+    thread = threading.Thread(target=run, daemon=True)
+    thread.start()
+    while thread.is_alive():
+        thread.join(JOIN_S)
+        if thread.is_alive():
+            yield None
+    if faults:
+        raise faults[0]
+    return found[0]
