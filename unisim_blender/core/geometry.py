@@ -171,6 +171,21 @@ class Trajectory:
         lower = np.clip(np.searchsorted(self.times_s, time, side="right") - 1, 0, len(self.times_s) - 2)
         return lower, (time - self.times_s[lower]) / (self.times_s[lower + 1] - self.times_s[lower])
 
+    def between(self, start_s: float, end_s: float) -> Trajectory:
+        """The keys alone that poses from ``start_s`` to ``end_s`` depend on: `at` returns the same bits for times between."""
+        last = len(self.times_s) - 2
+        if last < 1:
+            return self
+        first, end = np.searchsorted(self.times_s, (start_s, end_s), side="right").tolist()
+        first, end = min(max(first - 1, 0), last), min(max(end - 1, 0), last) + 2
+        if first == 0 and end == last + 2:
+            return self
+        # parts of a valid trajectory are valid: nothing is checked or copied again
+        part: Trajectory = object.__new__(Trajectory)
+        for name in ("times_s", "positions", "quaternions_wxyz"):
+            object.__setattr__(part, name, getattr(self, name)[first:end])
+        return part
+
     def transformed(self, left: FloatArray | None = None, right: FloatArray | None = None) -> Trajectory:
         """The trajectory ``left @ pose @ right`` with constant poses (4, 4), or one for each key (T, 4, 4)."""
         poses = self.poses

@@ -9,6 +9,7 @@ lidar_head                 features to intensity and returns       decode.py
 from __future__ import annotations
 
 import copy
+from collections.abc import Mapping
 from contextlib import nullcontext
 from dataclasses import replace
 
@@ -21,7 +22,7 @@ from .bounds import Bounds
 from .cast import gather_cast
 from .cast_tensors import cast_tensors
 from .devices import tensor_to
-from .drive import Drive
+from .drive import Box
 from .fields.checkpoint import Scene
 from .fields.frozen import shallow
 from .fields.scene import SceneModel
@@ -36,28 +37,23 @@ from .sensors.rays import Rays, sound_directions
 from .strands import RayBatch, Traced
 from .trace import Sampling, trace
 from .tracer import EDGE_CELLS, NEAR_M, UNIFORM_STEP_M, Array, Found
+from .world.replay import parked_boxes
+from .world.state import WorldState
 
 CHUNK_RAYS = 16384
 
 
-class TorchTracer:
-    """A `Tracer` on the scene's device. ``others`` are scenes by path, for actors that come from them."""
+class TorchBackend:
+    """Trained scenes on a device, loaded once: a `tracer.Backend`. ``others`` are scenes by path, for actors that come from
+    them."""
 
-    def __init__(self, scene: Scene, drive: Drive, quality: str = "balanced", others: dict[str, Scene] | None = None) -> None:
+    def __init__(self, scene: Scene, quality: str = "balanced", others: Mapping[str, Scene] | None = None) -> None:
         self.scene, self.device, self.quality = scene, scene.actor_tables.device, quality_named(quality)
         # a pixel's 8 bits need no more, where a device is faster so
         self.half = torch.device(self.device).type == "cuda" and quality != "reference"
-        scenes = {path: (s.model, s.actor_tables) for path, s in {"": scene, **(others or {})}.items()}
-        looks = {path: None if m.config.actors == "none" else tuple(m.actor_ids) for path, (m, _) in scenes.items()}
-        self.cast = gather_cast(drive, scene.header.drive, looks)
-        self.tensors = cast_tensors(self.cast, scenes, self.device)
-        self.bounds = Bounds(self.cast.own.actors)
-        self.upsample, self.trained_width = scene.model.config.upsample, scene.header.training.get("width")
-        models = [scene.model, *(troupe.scene for troupe in self.tensors.guests.values())]
-        # decoders that look aside see past a guest's edges
-        alone = all(model.camera_decoder.reach == 0 and model.config.upsample == 1 for model in models)
-        self.edge = 0 if alone else EDGE_CELLS
-        self.reach = scene.model.camera_decoder.reach + (self.edge if self.cast.guests else 0)
+        self.scenes = {path: (s.model, s.actor_tables) for path, s in {"": scene, **(others or {})}.items()}
+        self.looks = {path: None if m.config.actors == "none" else tuple(m.actor_ids) for path, (m, _) in self.scenes.items()}
+        self.parked: Mapping[str, Box] = {} if self.looks[""] is None else parked_boxes(scene.header.drive)
         self.space: ObservedSpace | None = None
         self.clipped = False
 
@@ -67,7 +63,7 @@ class TorchTracer:
         model = self.scene.model
         return self.scene.header, model.observed.cpu().numpy(), model.config.voxel_m
 
-    def within(self, space: ObservedSpace, clip: bool) -> TorchTracer:
+    def within(self, space: ObservedSpace, clip: bool) -> TorchBackend:
         """See `observed_space.Observing`."""
         other = copy.copy(self)
         other.space, other.clipped = space, clip
@@ -78,6 +74,28 @@ class TorchTracer:
             model._modules["occupancy"] = occupancy
             other.scene = replace(self.scene, model=model)
         return other
+
+    def bind(self, state: WorldState) -> TorchTracer:
+        """See `tracer.Backend`."""
+        return TorchTracer(self, state)
+
+
+class TorchTracer:
+    """A `tracer.Tracer` on the scene's device: a backend's scenes in a state of the world."""
+
+    def __init__(self, backend: TorchBackend, state: WorldState) -> None:
+        scene = backend.scene
+        self.scene, self.device, self.quality, self.half = scene, backend.device, backend.quality, backend.half
+        self.space, self.clipped = backend.space, backend.clipped
+        self.cast = gather_cast(state, backend.looks)
+        self.tensors = cast_tensors(self.cast, backend.scenes, self.device)
+        self.bounds = Bounds(self.cast.own.actors)
+        self.upsample, self.trained_width = scene.model.config.upsample, scene.header.training.get("width")
+        models = [scene.model, *(troupe.scene for troupe in self.tensors.guests.values())]
+        # decoders that look aside see past a guest's edges
+        alone = all(model.camera_decoder.reach == 0 and model.config.upsample == 1 for model in models)
+        self.edge = 0 if alone else EDGE_CELLS
+        self.reach = scene.model.camera_decoder.reach + (self.edge if self.cast.guests else 0)
 
     @torch.no_grad()
     def trace(self, rays: Rays, passes: set[str], sky: bool, met: Met | None, stats: RenderStats) -> Found:

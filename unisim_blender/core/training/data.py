@@ -105,7 +105,7 @@ class CameraData:
             x, y = (at[:, None, None] for at in self._corners(rng, number, camera, edge, n))
             centre, pixel = (np.arange(cells) + 0.5) * up, np.arange(edge)
             v, u = np.broadcast_arrays(y + centre[:, None], x + centre)
-            rays = camera_rays(camera, frame, u.ravel(), v.ravel())
+            rays = camera_rays(camera, camera.time_s[frame], u.ravel(), v.ravel())
             origins.append(rays.origins - self.corner)
             directions.append(rays.directions)
             times.append(rays.time_s)

@@ -27,9 +27,10 @@ from ..geometry import Trajectory
 from ..images import resize_image
 from ..log import Log
 from ..own_vehicle import outlines_to_json
-from ..render import Renderer
+from ..render.drive_renderer import DriveRenderer
+from ..render.renderer import Renderer
 from ..scene_file import SceneHeader
-from ..torch_tracer import TorchTracer
+from ..torch_tracer import TorchBackend
 from .config import TrainConfig
 from .disturb import disturbed, with_drive
 from .observed import observe
@@ -290,7 +291,7 @@ def preview(trainer: Trainer, file: Path) -> None:
     trainer.model.eval()
     scene = _as_scene(trainer, file.parent)
     drive = scene.header.drive
-    rendered = Renderer(TorchTracer(scene, drive, "fast"), drive).camera(name, frame, width=width)
+    rendered = DriveRenderer(Renderer(TorchBackend(scene, "fast")), drive).camera(name, frame, width=width)
     trainer.model.train()
     recorded = resize_image(trainer.log.image(name, frame), rendered.model)
     both = np.concatenate([recorded, np.round(rendered.rgb * 255).astype(np.uint8)], 1)

@@ -16,7 +16,6 @@ import torch.nn.functional as F
 from torch import Tensor
 
 from .. import native
-from ..cast import on_stage
 from ..cast_tensors import CastTensors, TroupeTensors
 from ..constants import VEHICLES
 from ..devices import kernel_threads, module_to, tensor_to, torch_threads
@@ -32,6 +31,7 @@ from ..geometry import FloatArray, invert_pose, transform_points
 from ..log import Log
 from ..strands import RayBatch, Traced
 from ..trace import Sampling, trace
+from ..world.replay import with_windows
 from .adversarial import Adversary, shifted
 from .camera_poses import CameraPoses
 from .config import TrainConfig
@@ -108,7 +108,7 @@ class Trainer:
         self.known_ground = torch.as_tensor(np.argwhere(known)).float().to(config.device)
         self.model = model.to(config.device)
         self.occupancy = OccupancyTrainer(self.model.occupancy)
-        actors = on_stage(drive, looks.values())
+        actors = with_windows(drive, looks.values())
         self.tracklets = module_to(Tracklets(actors, refine=True, corner=self.volume.corner), config.device)
         self.rows = torch.arange(len(actors), device=config.device)
         mirrored = [self.recipe.mirrored * any(word in a.label.lower() for word in VEHICLES) for a in actors]
