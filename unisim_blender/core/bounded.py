@@ -147,8 +147,8 @@ class Patches:
     def __init__(self, renderer: DriveRenderer, camera_id: str, width: int | None) -> None:
         self.renderer, self.width = renderer, width
         self.camera = renderer.sized(camera_id, width)
-        first_s = min(self.camera.time_s.values())
-        alone = renderer.renderer.alone(renderer.state(self.camera, first_s), self.camera)
+        states = (renderer.state(self.camera, time_s) for time_s in self.camera.time_s.values())
+        alone = all(renderer.renderer.alone(state, self.camera) for state in states)
         self.side = 1 if alone else PATCH
         w, h = self.camera.model.width, self.camera.model.height
         self.pixels = h * w

@@ -47,6 +47,8 @@ class TorchBackend:
     """Trained scenes on a device, loaded once: a `tracer.Backend`. ``others`` are scenes by path, for actors that come from
     them."""
 
+    sees_all = False
+
     def __init__(self, scene: Scene, quality: str = "balanced", others: Mapping[str, Scene] | None = None) -> None:
         self.scene, self.device, self.quality = scene, scene.actor_tables.device, quality_named(quality)
         # a pixel's 8 bits need no more, where a device is faster so

@@ -64,6 +64,8 @@ class Backend(Protocol):
     """What may be saved, where nobody says otherwise."""
     parked: Mapping[str, Box]
     """Boxes of actors that stood still throughout the recording, by their ids: the static field does not hold them."""
+    sees_all: bool
+    """Whether a frame depends on actors out of its view."""
 
     def bind(self, state: WorldState) -> Tracer:
         """Return what traces rays through the scene in this state. Raises `SceneError` for actors that no scene holds."""

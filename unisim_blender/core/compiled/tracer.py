@@ -45,6 +45,8 @@ class CompiledBackend:
     """Trained scenes as the kernels read them, loaded once: a `tracer.Backend`. ``others`` are scenes by path, for actors that
     come from them."""
 
+    sees_all = False
+
     def __init__(
         self, scene: CompiledScene, quality: Quality | None = None, others: Mapping[str, CompiledScene] | None = None
     ) -> None:

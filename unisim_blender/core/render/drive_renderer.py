@@ -17,6 +17,7 @@ from ..sensors.lidar import lidar_rays
 from ..sensors.rays import Rays
 from ..world.replay import DriveStates
 from ..world.state import WorldState
+from ..world.visibility import seen_by
 from .regions import Region, Tile
 from .renderer import Renderer
 
@@ -78,8 +79,9 @@ class DriveRenderer:
         return self.renderer.beams(self.states.state(*window), Rays(origins, directions, time_s), lidar, stats)
 
     def state(self, sensor: Camera | Lidar, time_s: float) -> WorldState:
-        """Return the state of the world that a sensor's exposure at ``time_s`` needs."""
-        return self.states.state(*exposure_window(sensor, time_s))
+        """Return the state of the world that a sensor's frame at ``time_s`` depends on."""
+        state = self.states.state(*exposure_window(sensor, time_s))
+        return state if self.renderer.backend.sees_all else seen_by(state, sensor, self.renderer.reach)
 
     def sized(self, camera_id: str, width: int | None) -> Camera:
         """Return a camera of the drive, its images ``width`` pixels wide."""

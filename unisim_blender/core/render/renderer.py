@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from ..blocks import CROWDED, Picture
 from ..bounds import beside_boxes
-from ..contact_shadow import shaded
+from ..contact_shadow import NOTHING_M, shaded
 from ..drive import Actor, Camera, Lidar
 from ..errors import SceneError
 from ..frames import CameraFrame, LidarFrame, RenderStats
@@ -36,6 +36,7 @@ from ..sensors.lidar import lidar_rays
 from ..sensors.rays import Rays
 from ..tracer import NEAR_M, Array, Backend, Maps, Tracer
 from ..world.state import WorldState
+from ..world.visibility import Reach
 from .regions import Region, Tile
 
 LATTICE_PIXELS = 1.5
@@ -151,6 +152,11 @@ class Renderer:
         tracer = self._bound[1]
         tracer.quality = self.quality
         return tracer
+
+    @property
+    def reach(self) -> Reach:
+        """How far what a frame shows reaches beyond the rays of its pixels."""
+        return Reach(shadow_m=NOTHING_M if self.shadows else 0.0, light_m=PROBE_M + 1.0)
 
     def dilated(self, state: WorldState, region: Region) -> Region:
         """Return the region of an image that can change where rays of ``region`` see something else: the decoder carries it on,

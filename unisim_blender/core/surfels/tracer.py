@@ -32,6 +32,8 @@ NOWHERE = Trajectory(np.zeros(1), np.zeros((1, 3)), np.array([[1.0, 0, 0, 0]]))
 class SurfelBackend:
     """Surfels of a recorded drive, loaded once: a `tracer.Backend`. ``recorded`` is the drive that they were made of."""
 
+    sees_all = False
+
     def __init__(self, scene: SurfelScene, recorded: Drive, quality: str = "balanced") -> None:
         self.scene, self.recorded, self.quality = scene, recorded, quality_named(quality)
         self.parked: Mapping[str, Box] = parked_boxes(recorded)

@@ -33,6 +33,8 @@ FEATHER = 0.04
 class WarpBackend(SurfelBackend):
     """Surfels with the images that they were painted from, those of ``frames``; see `SurfelBackend`."""
 
+    sees_all = True  # recorded images show actors that are elsewhere now
+
     def __init__(self, scene: SurfelScene, log: Log, frames: Sequence[int], quality: str = "balanced") -> None:
         super().__init__(scene, log.drive, quality)
         self.log, self.frames = log, frames

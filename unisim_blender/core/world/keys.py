@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..drive import Actor
-from ..geometry import FloatArray
+from ..geometry import FloatArray, slerp
 
 
 @dataclass(frozen=True)
@@ -39,12 +39,21 @@ class PaddedKeys:
 
     def positions_at(self, times_s: FloatArray) -> FloatArray:
         """Return where the actors are (A, T, 3) at times (T,): `Trajectory.positions_at` of each."""
+        row, lower, upper, u = self._between(times_s)
+        start = self.positions[row, lower]
+        return np.asarray(start + u[..., None] * (self.positions[row, upper] - start))
+
+    def quaternions_at(self, times_s: FloatArray) -> FloatArray:
+        """Return how the actors are turned, quaternions wxyz (A, T, 4), at times (T,)."""
+        row, lower, upper, u = self._between(times_s)
+        return slerp(self.quaternions_wxyz[row, lower], self.quaternions_wxyz[row, upper], u)
+
+    def _between(self, times_s: FloatArray) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64], FloatArray]:
+        """Return rows (A, 1), the keys (A, T) before times (T,) and after, and how far each time is between them."""
         single = self.lengths[:, None] == 1
         before = (self.times_s[:, None] <= times_s[None, :, None]).sum(-1) - 1
         lower = np.clip(before, 0, np.maximum(self.lengths - 2, 0)[:, None])
         upper = np.where(single, 0, lower + 1)
         row = np.arange(len(self.lengths))[:, None]
         first, span = self.times_s[row, lower], np.where(single, 1.0, self.times_s[row, upper] - self.times_s[row, lower])
-        u = np.where(single, 0.0, (times_s - first) / span)
-        start = self.positions[row, lower]
-        return np.asarray(start + u[..., None] * (self.positions[row, upper] - start))
+        return row, lower, upper, np.where(single, 0.0, (times_s - first) / span)
