@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from .colour import lab_from_srgb
 from .frames import CameraFrame, LidarFrame
 from .geometry import FloatArray
-from .max_error import Bound, Check, Promise, depth_errors, drawn, mean_at_most, quantile_check
+from .max_error import Bound, Check, Promise, depth_errors, drawn, mean_at_most, quantile_check, sample_frames
 from .quality import LADDER, TRUTH, Quality
 from .render.drive_renderer import DriveRenderer
 from .render.regions import Region
@@ -30,8 +30,8 @@ from .tracer import tiled
 
 BEAMS = 512
 """Of a sweep that are held against the truth."""
-FRAMES, PIXELS = 16, 1024
-"""So many frames of a drive, and pixels of each, choose a camera's settings."""
+PIXELS = 1024
+"""So many pixels of each of `sample_frames` choose a camera's settings."""
 CHECKED = 900
 """Pixels of each picture that are checked."""
 PATCH, PATCHES, CHECKED_PATCHES = 16, 2, 16
@@ -198,8 +198,7 @@ class _DrivePixels:
 
     def __init__(self, patches: Patches, seed: int) -> None:
         self.patches = patches
-        there = sorted(patches.camera.time_s)
-        frames = [there[i] for i in sorted({round(x) for x in np.linspace(0, len(there) - 1, FRAMES)})]
+        frames = sample_frames(patches.camera.time_s)
         count = PIXELS if patches.side == 1 else PATCHES
         rng = np.random.default_rng([seed, *patches.camera.sensor_id.encode()])
         self._units = {frame: patches.order[drawn(np.ones(len(patches.order)), count, rng)] for frame in frames}

@@ -167,3 +167,8 @@ class Node:
 def _short(value: Any) -> str:
     text = json.dumps(value)
     return text if len(text) <= 60 else text[:57] + "..."
+
+
+def json_bytes(document: Any) -> bytes:
+    """A JSON document in one fixed form: indented, keys in their order, finite numbers only."""
+    return (json.dumps(document, indent=1, allow_nan=False) + "\n").encode()

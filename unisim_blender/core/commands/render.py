@@ -108,7 +108,8 @@ def command(
         sentence = f"{many} pictures and sweeps may not keep {wanted_errors}, though rendered at the finest settings"
         click.echo(f"Warning: {sentence}: {out / MANIFEST_NAME}", err=True)
     kept = f", {len(report.kept)} were there already" if report.kept else ""
-    click.echo(f"{len(report.rendered)} frames rendered in {report.seconds:.1f} s{kept}: {out}")
+    parts = f" ({report.captures} images and sweeps, {report.captures_kept} kept)" if report.captures_kept else ""
+    click.echo(f"{len(report.rendered)} frames rendered in {report.seconds:.1f} s{kept}{parts}: {out}")
 
 
 def default_jobs() -> int:

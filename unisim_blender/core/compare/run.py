@@ -13,9 +13,9 @@ from ..evaluate.fid import Inception
 from ..evaluate.recorded_runs import Progress, perceptual_metric
 from ..evaluate.tracklets import disturbance_taken_back
 from ..files import write_file
+from ..json_file import json_bytes
 from ..log import Log
 from ..logs import open_log
-from ..output.frame_files import json_bytes
 from ..prepare.selection import check_names
 from ..sequence.plan import code_identity
 from ..street.street import recipe_document

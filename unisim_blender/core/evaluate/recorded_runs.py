@@ -12,8 +12,8 @@ import numpy as np
 from ..drive import Drive
 from ..errors import UnisimError
 from ..files import write_file
+from ..json_file import json_bytes
 from ..logs import open_log
-from ..output.frame_files import json_bytes
 from ..own_vehicle import outlines_from_json
 from ..prepare.renderers import SceneSource, scene_hash
 from ..prepare.replay import replayed_drive

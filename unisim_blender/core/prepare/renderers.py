@@ -26,7 +26,7 @@ from ..logs import open_log
 from ..max_error import Bound
 from ..quality import quality_named
 from ..render.drive_renderer import DriveRenderer
-from ..render.renderer import Renderer
+from ..render.renderer import Renderer, reach_of
 from ..scene_file import HEADER_NAME, WEIGHTS_NAME, read_scene_header
 from ..surfels.build import Step, finished
 from ..surfels.cache import build_key, surfels_of
@@ -35,6 +35,8 @@ from ..surfels.tracer import SurfelBackend
 from ..tracer import Backend
 from ..warping.tracer import WarpBackend
 from ..weights import weights_hash
+from ..world.captures import CaptureStates
+from ..world.replay import DriveStates, parked_boxes
 
 
 def pick_device(name: str) -> str:
@@ -160,6 +162,12 @@ class SceneSource:
         """See `scene_hashes`."""
         return scene_hashes(self.scene, self.drive)
 
+    def captures(self) -> CaptureStates:
+        """See `Source.captures`."""
+        header = read_scene_header(self.scene)
+        one_field = ModelConfig.from_dict(header.model).actors == "none"
+        return CaptureStates(DriveStates(self.drive, {} if one_field else parked_boxes(header.drive)), reach_of(self.shadows))
+
     def steps(self) -> Iterator[Step]:
         """Nothing is to be made first."""
         return iter(())
@@ -218,6 +226,11 @@ class LogSource:
         backend = untrained_backend(self.name, scene, log, self.frames, self.quality)
         return DriveRenderer(Renderer(backend, self.shadows), self.drive, self.draw)
 
+    def captures(self) -> CaptureStates:
+        """See `Source.captures`."""
+        states = DriveStates(self.drive, parked_boxes(open_log(self.log).drive))
+        return CaptureStates(states, reach_of(self.shadows), sees_all=self.name == "warp")
+
     def hashes(self) -> dict[str, str]:
         """What stands for a trained scene's digest is that of log and settings."""
         return {"": build_key(open_log(self.log), UNTRAINED[self.name], self.frames), **mesh_hashes(self.drive)}
@@ -237,6 +250,10 @@ class Source(Protocol):
 
     def hashes(self) -> dict[str, str]:
         """Digests of what it renders, by the name that looks have for it, "" for the drive's own."""
+        ...
+
+    def captures(self) -> CaptureStates:
+        """What of the world each capture depends on; the renderer sees the same."""
         ...
 
     def steps(self) -> Iterator[Step]:

@@ -12,12 +12,11 @@ from ..drive import Camera, Drive, Lidar
 from ..errors import SceneError
 from ..frames import CameraFrame, LidarFrame, RenderStats
 from ..geometry import FloatArray
-from ..sensors.exposure import exposure_window
 from ..sensors.lidar import lidar_rays
 from ..sensors.rays import Rays
+from ..world.captures import CaptureStates
 from ..world.replay import DriveStates
 from ..world.state import WorldState
-from ..world.visibility import seen_by
 from .regions import Region, Tile
 from .renderer import Renderer
 
@@ -29,6 +28,7 @@ class DriveRenderer:
     def __init__(self, renderer: Renderer, drive: Drive, draw: int | None = None) -> None:
         self.renderer, self.drive, self.draw = renderer, drive, draw
         self.states = DriveStates(drive, renderer.backend.parked)
+        self.captures = CaptureStates(self.states, renderer.reach, renderer.backend.sees_all)
 
     def camera(
         self,
@@ -80,8 +80,7 @@ class DriveRenderer:
 
     def state(self, sensor: Camera | Lidar, time_s: float) -> WorldState:
         """Return the state of the world that a sensor's frame at ``time_s`` depends on."""
-        state = self.states.state(*exposure_window(sensor, time_s))
-        return state if self.renderer.backend.sees_all else seen_by(state, sensor, self.renderer.reach)
+        return self.captures.state(sensor, time_s)
 
     def sized(self, camera_id: str, width: int | None) -> Camera:
         """Return a camera of the drive, its images ``width`` pixels wide."""

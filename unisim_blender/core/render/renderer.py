@@ -155,8 +155,8 @@ class Renderer:
 
     @property
     def reach(self) -> Reach:
-        """How far what a frame shows reaches beyond the rays of its pixels."""
-        return Reach(shadow_m=NOTHING_M if self.shadows else 0.0, light_m=PROBE_M + 1.0)
+        """See `reach_of`."""
+        return reach_of(self.shadows)
 
     def dilated(self, state: WorldState, region: Region) -> Region:
         """Return the region of an image that can change where rays of ``region`` see something else: the decoder carries it on,
@@ -359,6 +359,11 @@ class Renderer:
             probability = _laid_over(probability, 1.0, found.mesh_opacity)
         depth = np.nan_to_num(found.maps["depth"], posinf=0.0)
         return depth, intensity, probability, found.maps["instance"].astype(np.int32)
+
+
+def reach_of(shadows: bool) -> Reach:
+    """Return how far what a frame shows reaches beyond the rays of its pixels, with contact shadows or without."""
+    return Reach(shadow_m=NOTHING_M if shadows else 0.0, light_m=PROBE_M + 1.0)
 
 
 def _thresholds(seed: Sequence[int] | None, shape: tuple[int, ...]) -> FloatArray | float:
