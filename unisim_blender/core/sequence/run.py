@@ -126,6 +126,8 @@ def keep_what_holds(plan: RenderPlan, out: Path, identities: CaptureIdentities) 
         holds = {
             name: record for name, record in captures.items() if wanted.get(name) == record.identity and record.is_whole(out)
         }
+        if frame not in plan.frames and wanted.keys() - holds.keys():
+            holds = {}  # nobody would finish it
         for name in captures.keys() - holds.keys():
             remove_files(out, captures[name])
         kept[frame] = holds

@@ -17,7 +17,7 @@ from ..geometry import BoolArray, FloatArray, make_pose
 from .keys import PaddedKeys
 from .state import WorldState
 
-PAD_PIXELS = 16
+PAD_PIXELS = 4
 """Cells of several pixels may reach so far beyond an image's edges."""
 MOMENTS = 5
 """Times of an exposure at which boxes are held against the frustum."""
