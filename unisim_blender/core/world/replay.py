@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..drive import Actor, Box, Drive
+from ..geometry import FloatArray, make_pose
 from .state import WorldState
 
 
@@ -60,9 +61,13 @@ def with_windows(drive: Drive, actors: Iterable[Actor]) -> list[Actor]:
 
 def parked_boxes(recorded: Drive) -> dict[str, Box]:
     """Return the boxes of actors that stood still throughout a recording, by their ids."""
-    return {
-        uid: Box(actor.world_from_actor.poses[0], actor.size_m) for uid, actor in recorded.actors.items() if not actor.is_moving
-    }
+    return {uid: Box(first_pose(actor), actor.size_m) for uid, actor in recorded.actors.items() if not actor.is_moving}
+
+
+def first_pose(actor: Actor) -> FloatArray:
+    """Return an actor's pose (4, 4) at its first key."""
+    way = actor.world_from_actor
+    return make_pose(way.positions[0], way.quaternions_wxyz[0])
 
 
 def _stands_in(actor: Actor | None, box: Box) -> bool:
@@ -71,5 +76,5 @@ def _stands_in(actor: Actor | None, box: Box) -> bool:
         actor is not None
         and not actor.is_moving
         and not actor.is_scaled
-        and np.array_equal(actor.world_from_actor.poses[0], box.world_from_box)
+        and np.array_equal(first_pose(actor), box.world_from_box)
     )
