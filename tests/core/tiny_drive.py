@@ -100,7 +100,7 @@ class FakeRenderer:
     def lidar(self, lidar_id: str, frame: int) -> LidarFrame:
         """A sweep of the table's rays with depths of noise; one cell in four is a drop."""
         lidar = self.drive.lidars[lidar_id]
-        rays = lidar_rays(lidar, frame)
+        rays = lidar_rays(lidar, lidar.time_s[frame])
         rng = np.random.default_rng(frame)
         shape = rays.time_s.shape
         return LidarFrame(
