@@ -238,6 +238,24 @@ def test_a_thing_that_nobody_annotated_is_moved(name: str, scenes: dict[str, Sur
 
 
 @pytest.mark.parametrize("name", list(UNTRAINED))
+def test_one_backend_renders_many_drives(name: str, scenes: dict[str, SurfelScene], log: Log) -> None:
+    """What a backend keeps of the last state, the static world and warped images, is not seen in another one's."""
+    moving = next(uid for uid, actor in sorted(log.drive.actors.items()) if actor.is_moving)
+    parked = next(uid for uid, actor in sorted(log.drive.actors.items()) if not actor.is_moving)
+    drives = [log.drive, *(edited(log, {"type": "remove", "actor": uid}) for uid in (moving, parked))]
+    kept = Renderer(untrained_backend(name, scenes[name], log, SOURCES))
+    fresh: dict[int, tuple[bytes, bytes]] = {}
+    for n in (0, 1, 2, 0, 2, 1, 1):
+        if n not in fresh:
+            one = renderer(name, scenes, log, drives[n])
+            fresh[n] = one.camera(CAMERA, FRAME, width=96).rgb.tobytes(), one.lidar(LIDAR, FRAME).depth_m.tobytes()
+        again = DriveRenderer(kept, drives[n])
+        assert again.camera(CAMERA, FRAME, width=96).rgb.tobytes() == fresh[n][0]
+        assert again.lidar(LIDAR, FRAME).depth_m.tobytes() == fresh[n][1]
+    assert len({sweep for _, sweep in fresh.values()}) == len(drives), "sweeps that are the same tell nothing"
+
+
+@pytest.mark.parametrize("name", list(UNTRAINED))
 def test_a_mesh_stands_in_the_street(name: str, scenes: dict[str, SurfelScene], log: Log, tmp_path: Path) -> None:
     box = trimesh.creation.box([1.5, 1.5, 1.5])
     box.visual.face_colors = [255, 64, 0, 255]
