@@ -12,31 +12,38 @@ from analytic_scene import still
 from instruction_sets import run_with
 from numpy.typing import NDArray
 from random_scene import CONFIGS, PASSES, TINY, edited, picture_rays, saved
+from whole_drive import bound_to
 
 from unisim_blender.core import native
 from unisim_blender.core.bench.methods import VARIANTS
 from unisim_blender.core.compiled import tracer as compiled_tracer
 from unisim_blender.core.compiled.scene import CompiledScene
-from unisim_blender.core.compiled.tracer import CompiledTracer
+from unisim_blender.core.compiled.tracer import CompiledBackend, CompiledTracer
 from unisim_blender.core.drive import Drive, Look
 from unisim_blender.core.errors import SceneError, UnisimError
 from unisim_blender.core.fields.checkpoint import load_scene
 from unisim_blender.core.frames import RenderStats
 from unisim_blender.core.meshes.meeting import Met
+from unisim_blender.core.quality import QUALITY
 from unisim_blender.core.sensors.lidar import lidar_rays
 from unisim_blender.core.sensors.rays import Rays
-from unisim_blender.core.torch_tracer import TorchTracer
+from unisim_blender.core.torch_tracer import TorchBackend, TorchTracer
 from unisim_blender.core.tracer import Found, tiled
 
 needs_library = pytest.mark.skipif(native.library() is None, reason="the compiled kernels were not built")
 
 
-def both(folder: Path, drive: Drive, quality: str = "reference", other: Path | None = None) -> tuple[CompiledTracer, TorchTracer]:
+def both_backends(folder: Path, quality: str = "reference", other: Path | None = None) -> tuple[CompiledBackend, TorchBackend]:
     others = {} if other is None else {"other": other}
     return (
-        CompiledTracer(CompiledScene(folder), drive, quality, {name: CompiledScene(path) for name, path in others.items()}),
-        TorchTracer(load_scene(folder), drive, quality, {name: load_scene(path) for name, path in others.items()}),
+        CompiledBackend(CompiledScene(folder), QUALITY[quality], {name: CompiledScene(path) for name, path in others.items()}),
+        TorchBackend(load_scene(folder), quality, {name: load_scene(path) for name, path in others.items()}),
     )
+
+
+def both(folder: Path, drive: Drive, quality: str = "reference", other: Path | None = None) -> tuple[CompiledTracer, TorchTracer]:
+    fast, slow = both_backends(folder, quality, other)
+    return bound_to(fast, drive), bound_to(slow, drive)
 
 
 def numbers(found: Any) -> NDArray[Any]:
@@ -75,7 +82,7 @@ def same_find(a: Found, b: Found, of: float = 0.985, within: float = 2e-3) -> No
 def test_everything_that_is_recorded(tmp_path: Path, name: str, sky: bool) -> None:
     drive = edited()
     fast, slow = both(saved(tmp_path / "scene", CONFIGS[name]), drive)
-    rays = picture_rays(drive) if sky else lidar_rays(drive.lidars["top"], 2)
+    rays = picture_rays(drive) if sky else lidar_rays(drive.lidars["top"], drive.lidars["top"].time_s[2])
     stats = RenderStats(), RenderStats()
     found = fast.trace(rays, PASSES, sky, None, stats[0])
     expected = slow.trace(rays, PASSES, sky, None, stats[1])
@@ -124,7 +131,7 @@ def bits(found: Found) -> dict[str, NDArray[Any]]:
 @needs_library
 def test_the_same_bits_with_any_threads_in_any_company(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     drive = edited()
-    tracer = CompiledTracer(CompiledScene(saved(tmp_path / "scene", TINY)), drive)
+    tracer = bound_to(CompiledBackend(CompiledScene(saved(tmp_path / "scene", TINY))), drive)
     rays = picture_rays(drive, up=1)
     whole = bits(tracer.trace(rays, PASSES, True, None, RenderStats()))
     monkeypatch.setenv("OMP_NUM_THREADS", "3")
@@ -141,7 +148,7 @@ def test_the_same_bits_with_any_threads_in_any_company(tmp_path: Path, monkeypat
 @needs_library
 @pytest.mark.parametrize("n", (0, 1, 16385))
 def test_any_number_of_rays(tmp_path: Path, n: int) -> None:
-    tracer = CompiledTracer(CompiledScene(saved(tmp_path / "scene", TINY)), edited())
+    tracer = bound_to(CompiledBackend(CompiledScene(saved(tmp_path / "scene", TINY))), edited())
     angle = np.linspace(0, 2 * np.pi, n)
     directions = np.stack([np.cos(angle), np.sin(angle), -0.1 + 0 * angle], -1)
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
@@ -153,7 +160,7 @@ def test_any_number_of_rays(tmp_path: Path, n: int) -> None:
 @needs_library
 def test_nothing_is_made_that_was_not_asked_for(tmp_path: Path) -> None:
     drive = edited()
-    tracer = CompiledTracer(CompiledScene(saved(tmp_path / "scene", TINY)), drive)
+    tracer = bound_to(CompiledBackend(CompiledScene(saved(tmp_path / "scene", TINY))), drive)
     assert tracer.trace(picture_rays(drive), set(), True, None, RenderStats()).maps == {}
     assert tracer.trace(picture_rays(drive), {"depth"}, True, None, RenderStats()).maps.keys() == {"depth"}
 

@@ -365,7 +365,7 @@ def test_of_two_returns_in_a_cell_the_nearer_stays_and_drops_near_the_seam_take_
     model = dataclasses.replace(pandar64(), columns=36)
     pose = Trajectory(np.array([0.0, 1.0]), np.array([[0.0, 0, 0], [10, 0, 0]]), quaternion_from_yaw(np.zeros(2)))
     lidar = Lidar("l", model, pose, {0: 0.5})
-    times = column_times(lidar, 0)
+    times = column_times(lidar, lidar.time_s[0])
     local = beam_directions(model)[10, [1, 3, 3]] * np.array([[10.0], [9.0], [4.0]])
     at = np.array([times[1] + model.sweep_s, times[3], times[3]])  # the first belongs to the end of the turn
     origins = pose.at(at)[:, :3, 3]

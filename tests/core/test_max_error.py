@@ -21,9 +21,10 @@ from unisim_blender.core.drive import Drive
 from unisim_blender.core.errors import UnisimError
 from unisim_blender.core.frames import CameraFrame, LidarFrame
 from unisim_blender.core.max_error import Bound, depth_errors, drawn, parse_bounds, quantile_check, quantile_rank
-from unisim_blender.core.prepare.renderers import make_tracer
+from unisim_blender.core.prepare.renderers import make_backend
 from unisim_blender.core.quality import LADDER, TRUTH
-from unisim_blender.core.render import Renderer
+from unisim_blender.core.render.drive_renderer import DriveRenderer
+from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.scene_file import read_scene_header
 
 SAMPLE = Path(__file__).parents[2] / "sample" / "scene"
@@ -109,16 +110,16 @@ def whole(frame: CameraFrame | LidarFrame, truth: CameraFrame | LidarFrame, boun
 
 
 @pytest.fixture(scope="module")
-def street() -> Renderer:
+def street() -> DriveRenderer:
     header = read_scene_header(SAMPLE)
     drive = narrowed(header.drive, 45)
-    return Renderer(make_tracer(SAMPLE, drive), drive)
+    return DriveRenderer(Renderer(make_backend(SAMPLE)), drive)
 
 
 @needs_library
-def test_the_samples_rays_have_the_frames_bits(street: Renderer) -> None:
+def test_the_samples_rays_have_the_frames_bits(street: DriveRenderer) -> None:
     """Of a sweep's beams alone, and of a picture's pixels alone: so a sample is rendered as its frame is."""
-    rays, sweep = street.beams("pandar64", 9)[1].flat(), street.lidar("pandar64", 9)
+    rays, sweep = street.sweep_rays("pandar64", 9)[1].flat(), street.lidar("pandar64", 9)
     some = np.random.default_rng(0).choice(len(rays.time_s), 300, False)
     depth = street.rays_lidar(rays.origins[some], rays.directions[some], rays.time_s[some])[0]
     assert np.array_equal(depth, sweep.depth_m.reshape(-1)[some])
@@ -130,7 +131,7 @@ def test_the_samples_rays_have_the_frames_bits(street: Renderer) -> None:
 
 
 @needs_library
-def test_the_sample_street_keeps_what_it_promises(street: Renderer) -> None:
+def test_the_sample_street_keeps_what_it_promises(street: DriveRenderer) -> None:
     """Every promise of a frame, held against the whole of it; what all settings keep is kept by the cheapest, and what none can
     keep is said not to be."""
     with at_quality(street, TRUTH):
@@ -156,8 +157,9 @@ def test_scenes_of_random_weights_keep_what_they_promise(seed: int, tmp_path: Pa
     """Their decoder looks aside, so pictures are judged by patches."""
     scene = saved(tmp_path / "scene", CONFIGS["tiny"], seed)
     drive = drive_of([*CARS, MOVING])
-    renderer = Renderer(make_tracer(scene, drive), drive)
-    assert not renderer.alone(drive.cameras["front"])
+    renderer = DriveRenderer(Renderer(make_backend(scene)), drive)
+    camera = drive.cameras["front"]
+    assert not renderer.renderer.alone(renderer.state(camera, camera.time_s[2]), camera)
     kept = 0
     with at_quality(renderer, TRUTH):
         truths = renderer.camera("front", 2), renderer.lidar("top", 2)
@@ -174,7 +176,7 @@ def test_scenes_of_random_weights_keep_what_they_promise(seed: int, tmp_path: Pa
     assert kept, "a test of promises needs some"
 
 
-def test_sensors_without_a_bound_are_rendered_as_ever(street: Renderer) -> None:
+def test_sensors_without_a_bound_are_rendered_as_ever(street: DriveRenderer) -> None:
     bounded = BoundedRenderer(street, parse_bounds(["40dB"]))
     sweep = bounded.lidar("pandar64", 3)
     assert sweep.promise is None

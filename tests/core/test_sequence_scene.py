@@ -27,9 +27,9 @@ from unisim_blender.core.fields.checkpoint import save_scene
 from unisim_blender.core.fields.config import preset
 from unisim_blender.core.fields.scene import SceneModel
 from unisim_blender.core.fields.volume import Volume
-from unisim_blender.core.prepare.renderers import make_tracer
+from unisim_blender.core.prepare.renderers import make_backend
 from unisim_blender.core.quality import LADDER
-from unisim_blender.core.scene_file import SceneHeader, read_scene_header
+from unisim_blender.core.scene_file import SceneHeader
 
 
 @pytest.fixture(scope="module")
@@ -245,7 +245,7 @@ def test_evaluation_refuses_what_is_not_there(arguments: list[str], sentence: st
 
 def test_contact_shadows_lie_under_new_actors_alone(scenario: Path) -> None:
     from unisim_blender.core.fields.checkpoint import load_scene
-    from unisim_blender.core.render import Region
+    from unisim_blender.core.render.regions import Region
 
     scene = load_scene(scenario.parent / "scene")
     drive = scene.header.drive
@@ -265,13 +265,13 @@ def test_contact_shadows_lie_under_new_actors_alone(scenario: Path) -> None:
 
 def test_scenes_are_loaded_once_until_they_change(scenario: Path, tmp_path: Path) -> None:
     folder = Path(shutil.copytree(scenario.parent / "scene", tmp_path / "scene"))
-    drive, kept = read_scene_header(folder).drive, dict[object, Any]()
-    make_tracer(folder, drive, kept=kept)
+    kept = dict[object, Any]()
+    make_backend(folder, kept=kept)
     (first,) = kept.values()
-    make_tracer(folder, drive, "fast", kept=kept)
+    make_backend(folder, (), "fast", kept=kept)
     (again,) = kept.values()
     assert again is first
     os.utime(folder / "weights.safetensors", ns=(1, 1))
-    make_tracer(folder, drive, kept=kept)
+    make_backend(folder, kept=kept)
     (changed,) = kept.values()
     assert changed is not first, "and the one before is forgotten"

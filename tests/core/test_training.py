@@ -18,6 +18,7 @@ import torch
 from PIL import Image
 from safetensors.torch import load_file, save_file
 from small_log import write_small_log
+from whole_drive import bound_to
 
 from unisim_blender.core.cli import run
 from unisim_blender.core.errors import LogError, SceneError
@@ -26,12 +27,13 @@ from unisim_blender.core.fields.config import PRESETS, preset
 from unisim_blender.core.log import Log
 from unisim_blender.core.logs import open_log
 from unisim_blender.core.logs.pandaset_writer import PandasetWriter
-from unisim_blender.core.render import Renderer
+from unisim_blender.core.render.drive_renderer import DriveRenderer
+from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.sensors.camera import camera_rays, pixel_grid
 from unisim_blender.core.strands import Traced
 from unisim_blender.core.street.street import build_street
 from unisim_blender.core.street.truth import truth_camera, truth_lidar
-from unisim_blender.core.torch_tracer import TorchTracer
+from unisim_blender.core.torch_tracer import TorchBackend
 from unisim_blender.core.trace import Sampling, trace
 from unisim_blender.core.training.config import TrainConfig
 from unisim_blender.core.training.data import CameraData, LidarData
@@ -119,11 +121,11 @@ def test_a_device_without_float64_trains_and_renders_alike(
     assert not any(b.dtype == torch.float64 for module in kept for b in module.buffers())
     train(log, SMALL, tmp_path, quiet=True)
     scene, wanted = load_scene(tmp_path), load_scene(whole)
-    tracer = TorchTracer(scene, scene.header.drive)
-    assert tracer.tensors.own.tracklets.times.dtype == torch.float32
-    got = Renderer(tracer, scene.header.drive).camera("front_camera", 1).rgb
+    backend = TorchBackend(scene)
+    assert bound_to(backend, scene.header.drive).tensors.own.tracklets.times.dtype == torch.float32
+    got = DriveRenderer(Renderer(backend), scene.header.drive).camera("front_camera", 1).rgb
     monkeypatch.undo()
-    expected = Renderer(TorchTracer(wanted, wanted.header.drive), wanted.header.drive).camera("front_camera", 1).rgb
+    expected = DriveRenderer(Renderer(TorchBackend(wanted)), wanted.header.drive).camera("front_camera", 1).rgb
     assert np.abs(got - expected).mean() < 0.01
 
 
@@ -163,7 +165,7 @@ def test_what_a_finished_training_leaves(log: Log, whole: Path) -> None:
     training = scene.header.training
     assert training["iterations"] == 6 and training["cameras"] == ["front_camera"] and training["preset"] == "tiny"
     assert (whole / scene.header.log_path).resolve() == log.path.resolve()
-    frame = Renderer(TorchTracer(scene, scene.header.drive), scene.header.drive).camera("front_camera", 1)
+    frame = DriveRenderer(Renderer(TorchBackend(scene)), scene.header.drive).camera("front_camera", 1)
     assert frame.rgb.shape == (32, 48, 3) and np.isfinite(frame.rgb).all()
     assert int(scene.model.observed.sum()) > 100
 
@@ -308,7 +310,7 @@ def test_patches_are_pixels_with_their_rays(log: Log) -> None:
     for _, camera, frame, image in data.views:
         u, v = pixel_grid(camera.model)
         # rays through the corners of pixels: the centres of cells of two
-        whole = camera_rays(camera, frame, u + 0.5, v + 0.5)
+        whole = camera_rays(camera, camera.time_s[frame], u + 0.5, v + 0.5)
         for y in range(image.shape[0]):
             for x in range(image.shape[1]):
                 rays[frame, whole.directions[y, x].astype(np.float32).tobytes()] = image, y, x

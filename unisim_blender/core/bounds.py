@@ -12,6 +12,8 @@ from .sensors.rays import Rays
 from .world.keys import PaddedKeys
 
 BIN_S = 0.05
+SLACK_S = 1e-4
+"""A time that lies on the edge of two bins may be rounded into either."""
 
 
 class Bounds:
@@ -30,7 +32,7 @@ class Bounds:
         at = PaddedKeys.of(actors).positions_at(edges).swapaxes(0, 1)
         step = np.linalg.norm(np.diff(at, axis=0), axis=-1)
         starts, ends = np.array(self.windows).reshape(-1, 2).T
-        present = (edges[1:, None] >= starts) & (edges[:-1, None] <= ends)
+        present = (edges[1:, None] >= starts - SLACK_S) & (edges[:-1, None] <= ends + SLACK_S)
         half = np.linalg.norm(np.array([actor.size_m for actor in actors]).reshape(-1, 3), axis=1) / 2
         centres = np.ascontiguousarray((at[1:] + at[:-1]) / 2)
         radii = np.where(present, half + step / 2 + 0.5, -1.0)
