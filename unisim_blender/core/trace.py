@@ -188,8 +188,10 @@ def _actor_strands(
         length = field_m(torch.diff(t, dim=1, prepend=hits.t_near[:, None])) if even is not None else None
     points = unit(t)
     s, feature = scene.actors(troupe.tables, points.reshape(-1, 3), row.repeat_interleave(t.shape[1]))
+    s = s.view(t.shape)
+    tau, share = _intervals(scene, s, field_m(t), length, actor=True)
     if sampling.sky and scene.light is not None:
-        middle = rays.origins[hits.ray] + t[:, t.shape[1] // 2, None] * rays.directions[hits.ray]
+        middle = rays.origins[hits.ray] + t.gather(1, _median(tau)) * rays.directions[hits.ray]
         place = scene.frame.points(middle) if guest < 0 else scene.light.home[row]
         feature = scene.lit(feature.view(*t.shape, -1), place).flatten(0, 1)
     # a scaled actor too is looked at along the ray as it is in the world, as heads do that see a ray's sum: what the direction
@@ -198,8 +200,6 @@ def _actor_strands(
     if flip is not None:
         directions = _mirrored(directions, hits.world_from_box[:, :, 1], flip)
     feature = scene.directed(feature, directions.repeat_interleave(t.shape[1], 0))
-    s = s.view(t.shape)
-    tau, share = _intervals(scene, s, field_m(t), length, actor=True)
     return [
         Strands(
             hits.ray,
@@ -217,6 +217,13 @@ def _actor_strands(
             float(scene.beta().detach()),
         )
     ]
+
+
+@torch.no_grad()
+def _median(tau: Tensor) -> Tensor:
+    """The sample (P, 1) at which a strand with optical depths tau (P, K) alone has stopped half of what it stops of its ray."""
+    stopped = -torch.expm1(-tau.cumsum(1))
+    return (stopped[:, :-1] < stopped[:, -1:] / 2).sum(1, keepdim=True)
 
 
 def _mirrored(directions: Tensor, across: Tensor, flip: Tensor) -> Tensor:
