@@ -143,7 +143,7 @@ class Renderer:
         camera = self.sized(camera_id, width)
         model = camera.model
         shaders = self._shaders(camera)
-        shot = _Shot(camera, frame, passes, {*passes, "depth", "instance"} if shaders else set(passes), begun, shaders)
+        shot = _Shot(camera, frame, passes, _needed(passes, bool(shaders)), begun, shaders)
         whole = Region(0, 0, model.width, model.height)
         region = whole if region is None else region
         if self.tracer.reach == 0 and self.tracer.upsample == 1:
@@ -276,12 +276,11 @@ class Renderer:
         if shot.shaders:
             assert rays is not None
             image = self._shaded(image, rays, maps, shot.shaders, time_s)
-            maps = {name: x for name, x in maps.items() if name in shot.passes or (name == "depth" and "normal" in shot.passes)}
         shot.stats.seconds["picture"] = time.perf_counter() - shot.begun
         pose = camera.world_from_camera.at(time_s)
         out = CameraFrame(camera.model, pose, image[inner], instances=self.tracer.cast.uids, stats=shot.stats)
         shape = -(-image.shape[0] // up), -(-image.shape[1] // up)
-        fill_passes(out, maps, along, shape, up, inner)
+        fill_passes(out, {name: x for name, x in maps.items() if name in shot.passes}, along, shape, up, inner)
         return out
 
     def pixels(self, camera: Camera, frame: int, u: FloatArray, v: FloatArray) -> NDArray[np.float32]:
@@ -376,6 +375,12 @@ class Renderer:
             probability = _laid_over(probability, 1.0, found.mesh_opacity)
         depth = np.nan_to_num(found.maps["depth"], posinf=0.0)
         return depth, intensity, probability, found.maps["instance"].astype(np.int32)
+
+
+def _needed(passes: Sequence[str], shades: bool) -> set[str]:
+    """The maps that a picture with these passes is made of: a lattice knows by the depths where a normal ends, and a contact
+    shadow lies on the ground."""
+    return {*passes, *(("depth",) if "normal" in passes else ()), *(("depth", "instance") if shades else ())} - {"rgb"}
 
 
 Sensor = TypeVar("Sensor")

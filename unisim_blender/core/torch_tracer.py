@@ -109,7 +109,7 @@ class TorchTracer:
         if told:
             assert self.space is not None
             joined["support"] = ~self.space.supported(rays, joined["depth"], joined["instance"], self.clipped)
-            joined = {name: x for name, x in joined.items() if name in asked or (name == "depth" and "normal" in asked)}
+            joined = {name: x for name, x in joined.items() if name in asked}
         return Found(
             feature=torch.cat([p.feature for p in pieces]),
             depth_m=torch.cat([p.depth_m for p in pieces]),

@@ -1,0 +1,81 @@
+"""A frame holds the passes that were asked for and no other, whatever traces it."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+from random_scene import CARS, CONFIGS, TINY, edited, saved
+
+from unisim_blender.core import native
+from unisim_blender.core.compiled.scene import CompiledScene
+from unisim_blender.core.compiled.tracer import CompiledTracer
+from unisim_blender.core.drive import Drive
+from unisim_blender.core.fields.checkpoint import load_scene
+from unisim_blender.core.frames import CAMERA_PASSES, CameraFrame
+from unisim_blender.core.output.exr import exr_channels
+from unisim_blender.core.render import Renderer
+from unisim_blender.core.torch_tracer import TorchTracer
+from unisim_blender.core.tracer import Tracer
+
+FIELDS = {
+    "depth": {"depth_m", "z_depth_m"}, "normal": {"normal"}, "instance": {"instance"}, "opacity": {"opacity"},
+    "support": {"unsupported"},
+}  # fmt: skip
+ASKED = [("rgb",), *(("rgb", name) for name in FIELDS), ("rgb", "normal", "support"), CAMERA_PASSES]
+TRACERS = ("torch", *(("compiled",) if native.library() is not None else ()))
+
+
+@pytest.fixture(scope="module")
+def folders(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """Scenes whose pictures are traced cell by cell, and from a lattice."""
+    folder = tmp_path_factory.mktemp("passes")
+    lattice = dataclasses.replace(TINY, upsample=1, decoder_kernel=1, decoder_blocks=1)
+    return {"cells": saved(folder / "cells", CONFIGS["tiny"]), "lattice": saved(folder / "lattice", lattice)}
+
+
+def tracer_of(name: str, folder: Path, drive: Drive) -> Tracer:
+    return CompiledTracer(CompiledScene(folder), drive) if name == "compiled" else TorchTracer(load_scene(folder), drive)
+
+
+def held(frame: CameraFrame) -> set[str]:
+    every: set[str] = set().union(*FIELDS.values())
+    return {name for name in every if getattr(frame, name) is not None}
+
+
+@pytest.mark.parametrize("shadows", (False, True))
+@pytest.mark.parametrize("kind", ("cells", "lattice"))
+@pytest.mark.parametrize("name", TRACERS)
+def test_a_frame_holds_what_was_asked_for(folders: dict[str, Path], name: str, kind: str, shadows: bool) -> None:
+    drive = edited(CARS)
+    if shadows:
+        drive = dataclasses.replace(drive, actors={u: dataclasses.replace(a, inserted=True) for u, a in drive.actors.items()})
+    renderer = Renderer(tracer_of(name, folders[kind], drive), drive, shadows=shadows)
+    channels: dict[str, set[str]] = {}
+    for passes in ASKED:
+        frame = renderer.camera("front", 2, passes)
+        assert held(frame) == set().union(*(FIELDS[one] for one in passes if one != "rgb")), passes
+        channels["+".join(passes)] = set(exr_channels(frame))
+    assert channels["rgb"] == {"R", "G", "B", "A"} and channels["rgb+support"] == {"R", "G", "B", "A", "unsupported"}
+
+
+@pytest.mark.parametrize("kind", ("cells", "lattice"))
+@pytest.mark.skipif(len(TRACERS) < 2, reason="the kernels were not built")
+def test_the_tracers_passes_are_alike(folders: dict[str, Path], kind: str) -> None:
+    """Every pass alone, by both: where kernels and torch differ, at silhouettes, they do in few pixels."""
+    drive = edited(CARS)
+    renderers = []
+    for name in TRACERS:
+        tracer = tracer_of(name, folders[kind], drive)
+        tracer.quality = dataclasses.replace(tracer.quality, samples=8.0, stride_m=0.0, lattice=1)
+        renderers.append(Renderer(tracer, drive))
+    for passes in ASKED[1:-1]:
+        a, b = (renderer.camera("front", 2, passes) for renderer in renderers)
+        assert np.abs(a.rgb - b.rgb).mean() < 1e-3
+        for one in passes[1:]:
+            for field in FIELDS[one]:
+                x, y = np.asarray(getattr(a, field), float), np.asarray(getattr(b, field), float)
+                same = np.isclose(x, y, rtol=2e-2, atol=2e-2)
+                assert same.mean() > 0.97, f"{field}: {same.mean():.4f}"
