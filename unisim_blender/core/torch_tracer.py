@@ -30,7 +30,7 @@ from .frames import RenderStats
 from .geometry import FloatArray
 from .meshes.meeting import Met
 from .observed_space import Observed, ObservedSpace
-from .quality import quality_named
+from .quality import QUALITY, quality_named
 from .ray_passes import ray_passes
 from .sensors.rays import Rays, sound_directions
 from .strands import RayBatch, Traced
@@ -38,6 +38,8 @@ from .trace import Sampling, trace
 from .tracer import EDGE_CELLS, NEAR_M, UNIFORM_STEP_M, Array, Found
 
 CHUNK_RAYS = 16384
+EXACT_SAMPLES = QUALITY["reference"].samples
+"""Qualities with so many samples are held against others."""
 
 
 class TorchTracer:
@@ -45,8 +47,6 @@ class TorchTracer:
 
     def __init__(self, scene: Scene, drive: Drive, quality: str = "balanced", others: dict[str, Scene] | None = None) -> None:
         self.scene, self.device, self.quality = scene, scene.actor_tables.device, quality_named(quality)
-        # a pixel's 8 bits need no more, where a device is faster so
-        self.half = torch.device(self.device).type == "cuda" and quality != "reference"
         scenes = {path: (s.model, s.actor_tables) for path, s in {"": scene, **(others or {})}.items()}
         looks = {path: None if m.config.actors == "none" else tuple(m.actor_ids) for path, (m, _) in scenes.items()}
         self.cast = gather_cast(drive, scene.header.drive, looks)
@@ -60,6 +60,12 @@ class TorchTracer:
         self.reach = scene.model.camera_decoder.reach + (self.edge if self.cast.guests else 0)
         self.space: ObservedSpace | None = None
         self.clipped = False
+
+    @property
+    def half(self) -> bool:
+        """Whether decoders work in half precision: a pixel's 8 bits need no more, where a device is faster so. The quality may
+        change from one picture to the next."""
+        return torch.device(self.device).type == "cuda" and self.quality.samples < EXACT_SAMPLES
 
     @property
     def observed(self) -> Observed:
@@ -92,7 +98,7 @@ class TorchTracer:
         near = self.bounds.in_reach(rays)
         stats.actors_skipped += len(self.cast.own.actors) - len(near)
         among = torch.tensor(near, dtype=torch.long, device=self.device)
-        sampling = Sampling(fine=self.quality.samples, sky=sky)
+        sampling = Sampling(fine=self.quality.samples, far_fine=self.quality.far, sky=sky)
         pieces, maps = [], []
         for begin in range(0, len(batch), CHUNK_RAYS):
             part = RayBatch(*(x[begin : begin + CHUNK_RAYS] for x in (batch.origins, batch.directions, batch.time_s)))
