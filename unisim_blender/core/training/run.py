@@ -237,9 +237,10 @@ def header_of(trainer: Trainer, out: Path) -> SceneHeader:
     config, log = trainer.config, trainer.log
     training = {
         "preset": config.preset, "method": trainer.model.config.method, "without": list(config.without),
-        "cameras": list(config.cameras), "lidars": list(config.lidars), "frames": list(config.frames),
-        "width": config.width, "iterations": trainer.iteration, "seconds": round(trainer.elapsed_s, 1), "seed": config.seed,
-        "device": config.device, "own_vehicle": outlines_to_json(trainer.cameras.outlines),
+        "cameras": list(config.cameras), "lidars": list(trainer.lidars), "frames": list(config.frames),
+        "width": config.width, "iterations": trainer.iteration, "minutes": config.minutes, "seconds": round(trainer.elapsed_s, 1),
+        "seed": config.seed, "adversarial": config.adversarial, "device": config.device,
+        "own_vehicle": outlines_to_json(trainer.cameras.outlines),
     }  # fmt: skip
     if config.noise is not None:
         training["disturbed"] = config.noise
