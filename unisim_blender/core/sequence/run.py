@@ -19,7 +19,7 @@ from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wai
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 from ..errors import OutputError
@@ -34,6 +34,7 @@ from .records import STATE_FOLDER
 MANIFEST_NAME = "manifest.json"
 TIMINGS_NAME = "timings.json"
 MANIFEST_VERSION = 1
+COUNTS = ("rays", "samples_spent", "samples_saved", "actors_skipped")
 
 
 @dataclass(frozen=True)
@@ -118,7 +119,7 @@ def render_frame(plan: RenderPlan, renderer: FrameRenderer, out: Path, key: str,
 
 
 def _counts(stats: RenderStats) -> dict[str, int]:
-    return {name: getattr(stats, name) for name in ("rays", "samples_spent", "samples_saved", "actors_skipped")}
+    return {name: getattr(stats, name) for name in COUNTS}
 
 
 def _record_path(out: Path, frame: int) -> Path:
@@ -126,17 +127,40 @@ def _record_path(out: Path, frame: int) -> Path:
 
 
 def _records(out: Path) -> dict[int, dict[str, Any]]:
-    """All frames' records in order; a record that does not parse counts as none."""
+    """All frames' records in order; a record that is broken counts as none."""
     found = {}
     for path in sorted((out / STATE_FOLDER).glob("*.json")):
         try:
-            record = json.loads(path.read_bytes())
-            found[int(path.stem)] = {
-                "key": record["key"], **{part: dict(record[part]) for part in ("files", "samples", "max_error")}
-            }  # fmt: skip
-        except (ValueError, KeyError, TypeError):
-            path.unlink()
+            found[int(path.stem)] = _record_of(json.loads(path.read_bytes()))
+        except (OSError, ValueError, KeyError, TypeError, RecursionError):
+            path.unlink(missing_ok=True)
     return found
+
+
+def _record_of(document: Any) -> dict[str, Any]:
+    """A record's parts. Raises ValueError, KeyError or TypeError for what `render_frame` does not write."""
+    record = {"key": document["key"], **{part: dict(document[part]) for part in ("files", "samples", "max_error")}}
+    if not all(_is_inside(name) and isinstance(digest, str) for name, digest in record["files"].items()):
+        raise ValueError("names a file elsewhere")
+    for counts in record["samples"].values():
+        if {type(counts[name]) for name in COUNTS} != {int}:
+            raise ValueError("counts no samples")
+    for promise in record["max_error"].values():
+        if type(promise["kept"]) is not bool or promise["settings"] not in LADDER:
+            raise ValueError("promises nothing")
+    return record
+
+
+def _is_inside(name: str) -> bool:
+    """Whether a record's file lies in the folder of frames: others are none of this program's to remove."""
+    path = PurePosixPath(name)
+    return (
+        bool(path.parts)
+        and not path.is_absolute()
+        and ".." not in path.parts
+        and name.isprintable()
+        and not {"\\", ":"} & set(name)
+    )
 
 
 def _is_whole(out: Path, record: dict[str, Any]) -> bool:
@@ -158,7 +182,7 @@ def _discard_stale(out: Path, key: str) -> set[int]:
 
 def _manifest(plan: RenderPlan, out: Path, key: str) -> dict[str, Any]:
     frames = {f"{frame:06d}": record for frame, record in _records(out).items()}
-    totals = dict.fromkeys(("rays", "samples_spent", "samples_saved", "actors_skipped"), 0)
+    totals = dict.fromkeys(COUNTS, 0)
     for record in frames.values():
         for counts in record["samples"].values():
             for name in totals:
@@ -200,8 +224,9 @@ def _other_scenes(plan: RenderPlan) -> list[str]:
 
 def _read_timings(out: Path) -> dict[str, dict[str, float]]:
     try:
-        return dict(json.loads((out / TIMINGS_NAME).read_bytes()))
-    except (OSError, ValueError, TypeError):
+        timings = dict(json.loads((out / TIMINGS_NAME).read_bytes()))
+        return {name: seconds for name, seconds in timings.items() if name.isdecimal() and isinstance(seconds, dict)}
+    except (OSError, ValueError, TypeError, RecursionError):
         return {}
 
 
