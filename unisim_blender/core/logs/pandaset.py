@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ..drive import Camera, CameraModel, Drive, Lidar
 from ..errors import LogError
-from ..geometry import FloatArray, Trajectory, make_pose, transform_points
+from ..geometry import FloatArray, Trajectory, TrajectoryError, make_pose, transform_points
 from ..log import Sweep, SweepGrid
 from . import pandaset_sensors as sensors
 from .pandaset_actors import read_actors
@@ -43,7 +43,7 @@ class PandasetLog:
         self._setup = setup
         self._is_pandasets_own = not setup_path(path).exists()
         turn = make_pose(np.zeros(3), sensors.PANDASET_EGO_FROM_EGO_WXYZ)
-        ego = Trajectory(times - setup.time_origin_s, positions - setup.world_origin, quaternions).transformed(right=turn)
+        ego = self._way("the vehicle", times, positions, quaternions).transformed(right=turn)
         time_s = {frame: float(times[frame] - setup.time_origin_s) for frame in setup.frames}
         self._sweeps = frame_files(path / "lidar", ".pkl.gz", len(times))
         self._semantics = frame_files(path / "annotations" / "semseg", ".pkl.gz", len(times))
@@ -155,7 +155,10 @@ class PandasetLog:
         classes = read_table(path, ("class",))["class"]
         if len(classes) != rows:
             raise LogError(f"{path}: holds {len(classes)} classes for the sweep's {rows} points")
-        return classes.astype(np.int32)
+        try:
+            return classes.astype(np.int32)
+        except (TypeError, ValueError, OverflowError) as error:
+            raise LogError(f"{path}: a class is no number ({error})") from error
 
     def _open_camera(self, name: str, missing: list[str]) -> Camera | None:
         folder = self.path / "camera" / name
@@ -176,9 +179,17 @@ class PandasetLog:
         return Camera(
             sensor_id=name,
             model=CameraModel(width, height, **intrinsics, shutter=self._setup.shutters[name]),
-            world_from_camera=Trajectory(times - start_s, positions - self._setup.world_origin, quaternions),
+            world_from_camera=self._way(name, times, positions, quaternions),
             time_s={frame: float(times[frame] - start_s) for frame in self._setup.frames if frame < len(times)},
         )
+
+    def _way(self, what: str, times: FloatArray, positions: FloatArray, quaternions: FloatArray) -> Trajectory:
+        """A trajectory of the log's times and places, by the drive's clock and from its origin."""
+        try:
+            with np.errstate(over="ignore"):
+                return Trajectory(times - self._setup.time_origin_s, positions - self._setup.world_origin, quaternions)
+        except TrajectoryError as error:
+            raise LogError(f"{self.path}: the way of {what}: {error}") from error
 
     def _lidar(self, name: str, world_from_ego: Trajectory, time_s: dict[int, float]) -> Lidar:
         setup = self._setup.lidars[name]

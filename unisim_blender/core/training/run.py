@@ -17,11 +17,12 @@ from PIL import Image
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 from torch import Tensor
+from torch.optim import Optimizer
 from tqdm import tqdm
 
 from ..compiled.scene import cells_to_store
 from ..drive import Drive
-from ..errors import SceneError
+from ..errors import SceneError, in_a_line
 from ..fields.checkpoint import Scene, save_scene
 from ..geometry import Trajectory
 from ..images import resize_image
@@ -188,7 +189,7 @@ def load_checkpoint(file: Path, trainer: Trainer) -> None:
             about = stored.metadata() or {}
             tensors = {name: stored.get_tensor(name) for name in stored.keys()}  # noqa: SIM118
     except (OSError, SafetensorError) as error:
-        raise SceneError(f"{file} cannot be read: {error}") from error
+        raise SceneError(f"{file} cannot be read: {in_a_line(error)}") from error
     if about.get("settings") != _settings(trainer.config):
         raise SceneError(f"{file} is of a training with other settings; give the same cameras, frames, width, preset and seed")
 
@@ -203,16 +204,24 @@ def load_checkpoint(file: Path, trainer: Trainer) -> None:
         trainer.camera_poses.load_state_dict(under("camera_poses."))
         trainer.choice.load_state(under("choice."))
         trainer.occupancy.load_state({k: v.to(trainer.occupancy.state()[k].dtype) for k, v in under("occupancy.").items()})
-    except (RuntimeError, KeyError) as error:
-        raise SceneError(f"{file} does not fit this log or version: {error}") from error
-    for prefix, optimiser in _optimisers(trainer):
-        state: dict[int, dict[str, Tensor]] = {}
-        for name, value in under(f"{prefix}.").items():
-            number, key = name.split(".", 1)
-            state.setdefault(int(number), {})[key] = value
-        optimiser.load_state_dict({"state": state, "param_groups": optimiser.state_dict()["param_groups"]})
-    trainer.hold_gradients(under("held."))
-    trainer.iteration, trainer.elapsed_s = int(about["iteration"]), float(about["elapsed_s"])
+        for prefix, optimiser in _optimisers(trainer):
+            _load_optimiser(optimiser, under(f"{prefix}."))
+        trainer.hold_gradients(under("held."))
+        trainer.iteration, trainer.elapsed_s = int(about["iteration"]), float(about["elapsed_s"])
+    except (RuntimeError, KeyError, ValueError, TypeError, IndexError, AttributeError) as error:
+        raise SceneError(f"{file} does not fit this log or version: {in_a_line(error)}") from error
+
+
+def _load_optimiser(optimiser: Optimizer, tensors: dict[str, Tensor]) -> None:
+    """Put what `_state` told of an optimiser into it. Raises ValueError for what is of no parameter of its own."""
+    parameters = [parameter for group in optimiser.param_groups for parameter in group["params"]]
+    state: dict[int, dict[str, Tensor]] = {}
+    for name, value in tensors.items():
+        number, key = name.split(".", 1)
+        if not 0 <= int(number) < len(parameters) or value.shape not in (parameters[int(number)].shape, ()):
+            raise ValueError(f"an optimiser has {name} of shape {tuple(value.shape)}")
+        state.setdefault(int(number), {})[key] = value
+    optimiser.load_state_dict({"state": state, "param_groups": optimiser.state_dict()["param_groups"]})
 
 
 def refined_drive(trainer: Trainer) -> Drive:

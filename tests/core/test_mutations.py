@@ -1,0 +1,28 @@
+"""A few files with random faults for every reader, in a process of its own with bounded memory.
+
+UNISIM_MUTATIONS=100000 runs so many in all. Figures of such a run are in `docs/development.md`.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+SCRIPT = Path(__file__).parent / "mutations" / "run.py"
+COUNT = int(os.environ.get("UNISIM_MUTATIONS", "480"))
+pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="no alarms and no bounds of memory there")
+
+
+def test_readers_read_or_refuse_in_one_sentence() -> None:
+    environment = {**os.environ, "OMP_NUM_THREADS": "1"}
+    command = [sys.executable, str(SCRIPT), "--count", str(COUNT)]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True)
+    assert done.returncode in (0, 1), f"{done.stdout[-2000:]}\n{done.stderr[-4000:]}"
+    figures = json.loads(done.stdout.splitlines()[-1])
+    assert len(figures) >= 15 and all(of["inputs"] >= COUNT / len(figures) for of in figures.values())
+    assert not {name: of["failures"] for name, of in figures.items() if of["failures"]}, done.stdout[-4000:]
