@@ -216,8 +216,9 @@ def test_pictures_decoded_in_half_precision(name: str) -> None:
     found = Found(torch.randn(n, width), nothing, nothing, {}, [], [], None, None)
     plain = tracer.image(found, ways, "front", (16, 24))
     assert not tracer.half and plain.std() > 0.02
-    tracer.half = True
-    half = tracer.image(found, ways, "front", (16, 24))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(TorchTracer, "half", True)
+        half = tracer.image(found, ways, "front", (16, 24))
     assert half.dtype == np.float32 and 0 < np.abs(half - plain).max() < 1.5 / 255
 
 

@@ -16,6 +16,7 @@ from unisim_blender.core.drive import Drive
 from unisim_blender.core.fields.checkpoint import load_scene
 from unisim_blender.core.frames import CAMERA_PASSES, CameraFrame
 from unisim_blender.core.output.exr import exr_channels
+from unisim_blender.core.quality import QUALITY
 from unisim_blender.core.render import Renderer
 from unisim_blender.core.torch_tracer import TorchTracer
 from unisim_blender.core.tracer import Tracer
@@ -69,13 +70,11 @@ def test_the_tracers_passes_are_alike(folders: dict[str, Path], kind: str) -> No
     renderers = []
     for name in TRACERS:
         tracer = tracer_of(name, folders[kind], drive)
-        tracer.quality = dataclasses.replace(tracer.quality, samples=8.0, stride_m=0.0, lattice=1)
+        tracer.quality = QUALITY["reference"]
         renderers.append(Renderer(tracer, drive))
-    for passes in ASKED[1:-1]:
-        a, b = (renderer.camera("front", 2, passes) for renderer in renderers)
-        assert np.abs(a.rgb - b.rgb).mean() < 1e-3
-        for one in passes[1:]:
-            for field in FIELDS[one]:
-                x, y = np.asarray(getattr(a, field), float), np.asarray(getattr(b, field), float)
-                same = np.isclose(x, y, rtol=2e-2, atol=2e-2)
-                assert same.mean() > 0.97, f"{field}: {same.mean():.4f}"
+    a, b = (renderer.camera("front", 2, CAMERA_PASSES) for renderer in renderers)
+    assert np.abs(a.rgb - b.rgb).mean() < 1e-3
+    for field in sorted(set().union(*FIELDS.values())):
+        x, y = np.asarray(getattr(a, field), float), np.asarray(getattr(b, field), float)
+        same = (np.isclose(x, y, rtol=2e-2, atol=2e-2) | (x == y)).reshape(*x.shape[:2], -1).all(-1)
+        assert (~same).sum() <= 2, f"{field}: {(~same).sum()} of {same.size} pixels differ"

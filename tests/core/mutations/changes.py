@@ -47,7 +47,8 @@ def changed_json(value: Any, rng: Random) -> Any:
             room = MOST_MEMBERS - len(places)
             size = 1 + len(_places(holder[key], [])) + len(json.dumps(holder[key])) // 20
             count = max(0, min(MANY[rng.integers(len(MANY))], room // size))
-            holder[key:key] = [holder[key]] * count  # shared, as they are only written out
+            # copies, for one that is shared would grow everywhere at once
+            holder[key:key] = [copy.deepcopy(holder[key]) for _ in range(count)]
         elif kind == 2 and isinstance(holder[key], int | float) and not isinstance(holder[key], bool):
             factor = (-1, 0.5, 2, 10, 1e3, 1e6, 1e12, 1 + 1e-12)[rng.integers(8)]
             holder[key] = type(holder[key])(holder[key] * factor)

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import trimesh
+from numpy.typing import NDArray
 from PIL import Image
 from random_scene import CARS, edited
 from small_log import write_small_log
@@ -156,7 +157,11 @@ def scene_for_torch(folder: Path) -> Reader:
 def weights(folder: Path) -> Reader:
     """A small safetensors file, every array of it looked at."""
     file = folder / WEIGHTS_NAME
-    arrays = {"a": np.arange(6, dtype=np.float32).reshape(2, 3), "b": np.zeros(3, np.float16), "c": np.ones((), np.int64)}
+    arrays: dict[str, NDArray[Any]] = {
+        "a": np.arange(6, dtype=np.float32).reshape(2, 3),
+        "b": np.zeros(3, np.float16),
+        "c": np.ones((), np.int64),
+    }
     listed, data = {}, b""
     for name, array in arrays.items():
         kind = {"float32": "F32", "float16": "F16", "int64": "I64"}[array.dtype.name]
@@ -366,8 +371,9 @@ def mesh_files(folder: Path) -> Reader:
     painted = box.copy()
     painted.visual.vertex_colors = np.full((8, 4), 200, np.uint8)
     textured = box.copy()
-    material = trimesh.visual.material.SimpleMaterial(image=Image.new("RGB", (2, 2)))
-    textured.visual = trimesh.visual.TextureVisuals(uv=np.zeros((8, 2)), material=material)
+    visual: Any = trimesh.visual
+    material = visual.material.SimpleMaterial(image=Image.new("RGB", (2, 2)))
+    textured.visual = visual.TextureVisuals(uv=np.zeros((8, 2)), material=material)
     whole: list[tuple[str, bytes]] = []
     for suffix, mesh, options in (
         ("ply", painted, {"encoding": "ascii"}), ("ply", painted, {}), ("obj", box, {}), ("stl", box, {}), ("off", box, {}),

@@ -70,6 +70,7 @@ def run_reader(name: str, count: int, seed: int, folder: Path) -> dict[str, Any]
     from mutations.readers import READERS
 
     reader = READERS[name](folder)
+    begun_all = time.process_time()
     failures: dict[str, list[int]] = {}
     slowest, slow_input = 0.0, 0
     for number in range(count):
@@ -86,7 +87,7 @@ def run_reader(name: str, count: int, seed: int, folder: Path) -> dict[str, Any]
             if len(known) == 1 and len(failures) <= SHOWN:
                 print(f"{name} {number}: {fault}", flush=True)
     return {
-        "inputs": count, "failures": {fault: [len(n), n[0]] for fault, n in failures.items()}, "slowest_s": round(slowest, 3),
+        "inputs": count, "failures": {fault: [len(n), n[0]] for fault, n in failures.items()}, "seconds": round(time.process_time() - begun_all, 1), "slowest_s": round(slowest, 3),
         "slowest_input": slow_input, "peak_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024,
     }  # fmt: skip
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..drive import Camera, CameraModel, Drive, Lidar
-from ..errors import LogError
+from ..errors import LogError, in_a_line
 from ..geometry import FloatArray, Trajectory, TrajectoryError, make_pose, transform_points
 from ..log import Sweep, SweepGrid
 from . import pandaset_sensors as sensors
@@ -108,10 +108,13 @@ class PandasetLog:
             raise LogError(f"{self.path}: {lidar} has no sweep of frame {frame}")
         table = read_table(path, SWEEP_COLUMNS)
         semantic = self._semantic(frame, len(table["x"]))
-        keep = table["d"] == self._setup.lidars[lidar].device
-        points = np.stack([table[axis][keep] for axis in "xyz"], -1).astype(np.float64) - self.drive.world_origin
-        time_s = table["t"][keep].astype(np.float64) - self._setup.time_origin_s
-        intensity = table["i"][keep].astype(np.float64)
+        keep = np.asarray(table["d"] == self._setup.lidars[lidar].device, bool)
+        try:
+            points = np.stack([table[axis][keep] for axis in "xyz"], -1).astype(np.float64) - self.drive.world_origin
+            time_s = table["t"][keep].astype(np.float64) - self._setup.time_origin_s
+            intensity = table["i"][keep].astype(np.float64)
+        except (TypeError, ValueError, OverflowError) as error:
+            raise LogError(f"{path}: a point's numbers are none ({in_a_line(error)})") from error
         if not (np.isfinite(points).all() and np.isfinite(time_s).all() and np.isfinite(intensity).all()):
             raise LogError(f"{path}: a point holds a value that is not finite")
         age = time_s - self.drive.time_s[frame]

@@ -207,7 +207,7 @@ class LidarData:
     def points(self) -> FloatArray:
         """Every return (N, 3), world frame."""
         h = self._hits
-        return self.corner + self.origins[h] + self.directions[h] * self.depth_m[h, None].astype(np.float64)
+        return np.asarray(self.corner + self.origins[h] + self.directions[h] * self.depth_m[h, None].astype(np.float64))
 
     def static_returns(self, actors: Iterable[Actor]) -> tuple[FloatArray, FloatArray]:
         """Origins and points (N, 3) of the returns that lie in none of the actors' boxes."""

@@ -18,7 +18,6 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 from torch import Tensor
 from torch.optim import Optimizer
-from tqdm import tqdm
 
 from ..compiled.scene import cells_to_store
 from ..drive import Drive
@@ -28,6 +27,7 @@ from ..geometry import Trajectory
 from ..images import resize_image
 from ..log import Log
 from ..own_vehicle import outlines_to_json
+from ..progress import Bar
 from ..render import Renderer
 from ..scene_file import SceneHeader
 from ..torch_tracer import TorchTracer
@@ -112,7 +112,7 @@ def _loop(trainer: Trainer, out: Path, stopped: list[int], quiet: bool) -> None:
     saved = time.monotonic()
     next_preview = saved + (config.preview_s or 0.0)
     smooth: dict[str, float] = {}
-    bar = tqdm(total=100, unit="%", disable=quiet, bar_format="{percentage:5.1f}% |{bar}| {elapsed} {postfix}")
+    bar = Bar(total=100, unit="%", disable=quiet, bar_format="{percentage:5.1f}% |{bar}| {elapsed} {postfix}")
     with bar, (out / "training.jsonl").open("a") as history:
         while trainer.progress < 1 and not stopped:
             figures = trainer.step()
