@@ -423,9 +423,10 @@ def test_a_class_that_is_no_number_and_a_broken_picture_are_refused(log_path: Pa
     write_table(file, classes)
     with pytest.raises(LogError, match=r"semseg/01\.pkl\.gz: a class is no number"):
         open_log(log_path).sweep("pandar64", 1)
-    edit = {name: values.astype(object) for name, values in read_table(log_path / SWEEP).items()}
-    edit["x"][0] = "far"
-    write_table(log_path / SWEEP, edit)
+    file.unlink()
+    points = {name: values.astype(object) for name, values in read_table(log_path / SWEEP).items()}
+    points["x"][0] = "far"
+    write_table(log_path / SWEEP, points)
     with pytest.raises(LogError, match=r"lidar/01\.pkl\.gz: a point's numbers are none"):
         open_log(log_path).sweep("pandar64", 1)
     picture = log_path / CAMERA / "00.jpg"

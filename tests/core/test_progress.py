@@ -23,7 +23,7 @@ class Terminal(io.StringIO):
 
 def test_many_steps_are_few_lines(monkeypatch: pytest.MonkeyPatch) -> None:
     clock = [0.0]
-    monkeypatch.setattr(progress.time, "monotonic", lambda: clock[0])
+    monkeypatch.setattr("unisim_blender.core.progress.time.monotonic", lambda: clock[0])
     file = io.StringIO()
     with Bar(total=1000, unit="frame", file=file, dynamic_ncols=True, bar_format="{percentage:5.1f}% |{bar}| {postfix}") as bar:
         for step in range(1000):

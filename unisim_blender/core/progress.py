@@ -12,13 +12,14 @@ EVERY_S = 30.0
 """So far apart are the lines."""
 
 
-class Bar(tqdm):  # type: ignore[type-arg]
+class Bar(tqdm):  # type: ignore[misc]
     """`tqdm`, which where nobody sees it redrawn writes a line every EVERY_S seconds and one at the end."""
 
     def __init__(self, *args: Any, **options: Any) -> None:
         file = options.get("file") or sys.stderr
         self.in_lines = not file.isatty()
         self._said_at = time.monotonic()
+        self.disable: bool
         if self.in_lines:
             options["dynamic_ncols"] = False
             if options.get("bar_format"):

@@ -87,9 +87,13 @@ def run_reader(name: str, count: int, seed: int, folder: Path) -> dict[str, Any]
             if len(known) == 1 and len(failures) <= SHOWN:
                 print(f"{name} {number}: {fault}", flush=True)
     return {
-        "inputs": count, "failures": {fault: [len(n), n[0]] for fault, n in failures.items()}, "seconds": round(time.process_time() - begun_all, 1), "slowest_s": round(slowest, 3),
-        "slowest_input": slow_input, "peak_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024,
-    }  # fmt: skip
+        "inputs": count,
+        "failures": {fault: [len(n), n[0]] for fault, n in failures.items()},
+        "seconds": round(time.process_time() - begun_all, 1),
+        "slowest_s": round(slowest, 3),
+        "slowest_input": slow_input,
+        "peak_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024,
+    }
 
 
 def main() -> int:
