@@ -1,6 +1,6 @@
 """A few files with random faults for every reader, in a process of its own with bounded memory.
 
-UNISIM_MUTATIONS=100000 runs so many in all. Figures of such a run are in `docs/development.md`.
+UNISIM_MUTATIONS=100000 runs so many in all.
 """
 
 from __future__ import annotations

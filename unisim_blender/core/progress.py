@@ -18,7 +18,7 @@ class Bar(tqdm):  # type: ignore[misc]
     def __init__(self, *args: Any, **options: Any) -> None:
         file = options.get("file") or sys.stderr
         self.in_lines = not file.isatty()
-        self._said_at = time.monotonic()
+        self._said_at, self._said_n = time.monotonic(), 0.0
         self.disable: bool
         if self.in_lines:
             options["dynamic_ncols"] = False
@@ -42,12 +42,12 @@ class Bar(tqdm):  # type: ignore[misc]
         if not self.in_lines:
             super().close()
         elif not self.disable:
-            if self.n:
+            if self.n != self._said_n:
                 self._say()
             self.disable = True
             self._decr_instances(self)
 
     def _say(self) -> None:
-        self._said_at = time.monotonic()
+        self._said_at, self._said_n = time.monotonic(), self.n
         self.fp.write(f"{str(self).strip()}\n")
         self.fp.flush()
