@@ -271,10 +271,13 @@ def test_surfels_are_kept_until_their_folder_goes(log: Log, scenes: dict[str, Su
     again = list(surfels_of(log, LIDARSIM, SOURCES))
     assert len(again) == 1 and isinstance(again[0], SurfelScene)
     np.testing.assert_array_equal(again[0].static.vertices, scenes["surfel"].static.vertices)
-    for folder in (cache_folder() / "surfels").iterdir():
-        (folder / "surfels.json").unlink()
-    steps = surfels_of(log, LIDARSIM, SOURCES)
-    assert isinstance(next(steps), Step), "what is not whole is made again"
+    folder = cache_folder() / "surfels" / build_key(log, LIDARSIM, SOURCES)
+    whole = {name: (folder / name).read_bytes() for name in ("surfels.json", "ground.npy")}
+    for name, broken in (("ground.npy", b""), ("surfels.json", b"["), ("surfels.json", b"[" * 100_000), ("surfels.json", b"[1]")):
+        (folder / name).write_bytes(broken)
+        assert isinstance(next(surfels_of(log, LIDARSIM, SOURCES)), Step), "what is not whole is made again"
+        (folder / name).write_bytes(whole[name])
+    assert isinstance(next(surfels_of(log, LIDARSIM, SOURCES)), SurfelScene)
 
 
 def test_the_worker_renders_a_log_without_a_scene(path: Path, tmp_path: Path) -> None:

@@ -67,7 +67,7 @@ def _forget_oldest(new: Path) -> None:
 def _kept(folder: Path) -> SurfelScene | None:
     try:
         return load_surfels(folder)
-    except (OSError, ValueError, KeyError, TypeError):
+    except (OSError, EOFError, ValueError, KeyError, IndexError, TypeError, AttributeError, RecursionError):
         return None
 
 
