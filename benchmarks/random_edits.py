@@ -1,5 +1,4 @@
-"""Random edits of a scenario, each rendered over the folder of the edit before and afresh: the bytes have to be the same, and what
-is rendered again has to be what can see the edit.
+"""Random edits of a scenario, each rendered over the folder of the edit before and afresh: the bytes have to be the same.
 
 python benchmarks/random_edits.py sample/scenario.json out/edits --count 200 --seed 0
 

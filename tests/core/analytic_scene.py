@@ -20,6 +20,7 @@ from unisim_blender.core.fields.config import ModelConfig, preset
 from unisim_blender.core.fields.scene import SceneModel
 from unisim_blender.core.fields.volume import Volume
 from unisim_blender.core.geometry import FloatArray, Trajectory, make_pose, quaternion_from_matrix, quaternion_from_yaw
+from unisim_blender.core.quality import QUALITY
 from unisim_blender.core.render.drive_renderer import DriveRenderer
 from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.scene_file import SceneHeader
@@ -214,4 +215,4 @@ def renderer_of(
     draw: int | None = None,
 ) -> DriveRenderer:
     """The renderer of a drive through a scene, traced by torch."""
-    return DriveRenderer(Renderer(TorchBackend(scene, quality, others), shadows), drive, draw)
+    return DriveRenderer(Renderer(TorchBackend(scene, QUALITY[quality], others), shadows), drive, draw)

@@ -37,7 +37,7 @@ def both_backends(folder: Path, quality: str = "reference", other: Path | None =
     others = {} if other is None else {"other": other}
     return (
         CompiledBackend(CompiledScene(folder), QUALITY[quality], {name: CompiledScene(path) for name, path in others.items()}),
-        TorchBackend(load_scene(folder), quality, {name: load_scene(path) for name, path in others.items()}),
+        TorchBackend(load_scene(folder), QUALITY[quality], {name: load_scene(path) for name, path in others.items()}),
     )
 
 
@@ -50,22 +50,29 @@ def numbers(found: Any) -> NDArray[Any]:
     return np.asarray(found)
 
 
-def close(a: Any, b: Any, of: float, within: float) -> None:
-    """Nearly all rays agree: a sample that rounding moves into the next voxel may differ."""
-    a, b = numbers(a).astype(float), numbers(b).astype(float)
-    assert a.shape == b.shape
-    same = np.isclose(a, b, rtol=within, atol=within) | (a == b)
-    same = same.reshape(len(same), -1).all(1)
-    assert same.mean() >= of, f"{same.mean():.4f} agree, the others by {np.abs(a - b)[~same].max()}"
+FEW = 2
+"""So many rays of a picture or a sweep may land in another voxel by rounding, or on the other side of a silhouette."""
 
 
-def same_find(a: Found, b: Found, of: float = 0.985, within: float = 2e-3) -> None:
-    close(a.feature, b.feature, of, within)
-    close(a.opacity, b.opacity, of, within)
-    close(a.depth_m, b.depth_m, of, 5 * within)
+def close(a: Any, b: Any, shape: tuple[int, ...], within: float) -> None:
+    """All rays (h, w) agree, but for FEW: these see what the reference sees through one of their neighbours."""
+    a, b = (numbers(x).astype(float).reshape(*shape, -1) for x in (a, b))
+    assert not np.isnan(a).any() and not np.isnan(b).any()
+    same = (np.isclose(a, b, rtol=within, atol=within) | (a == b)).all(-1)
+    assert (~same).sum() <= FEW, f"{(~same).sum()} rays of {same.size} differ, by {np.abs(a - b)[~same].max():.3g} at most"
+    for y, x in np.argwhere(~same):
+        beside = b[max(0, y - 1) : y + 2, max(0, x - 1) : x + 2].reshape(-1, b.shape[-1])
+        low, high = beside.min(0) - within, beside.max(0) + within
+        assert ((a[y, x] >= low) & (a[y, x] <= high)).all(), f"ray {y, x} is {a[y, x]}, its neighbours from {low} to {high}"
+
+
+def same_find(a: Found, b: Found, shape: tuple[int, ...], within: float = 2e-3) -> None:
+    close(a.feature, b.feature, shape, within)
+    close(a.opacity, b.opacity, shape, within)
+    close(a.depth_m, b.depth_m, shape, 5 * within)
     assert a.maps.keys() == b.maps.keys()
     for name in a.maps:
-        close(a.maps[name], b.maps[name], of - 0.005, 5 * within)
+        close(a.maps[name], b.maps[name], shape, 5 * within)
     for x, y in zip(
         (*a.guest_features, *a.guest_opacity, a.without_guests, a.mesh_opacity),
         (*b.guest_features, *b.guest_opacity, b.without_guests, b.mesh_opacity),
@@ -73,7 +80,28 @@ def same_find(a: Found, b: Found, of: float = 0.985, within: float = 2e-3) -> No
     ):
         assert (x is None) == (y is None)
         if x is not None:
-            close(x, y, of, within)
+            close(x, y, shape, within)
+
+
+def sweep_rays(drive: Drive) -> Rays:
+    """A sweep from a little higher up: of one at 1.6 m a beam runs along the boxes' tops, where rounding decides who is met."""
+    rays = lidar_rays(drive.lidars["top"], drive.lidars["top"].time_s[2])
+    return Rays(rays.origins + [0, 0, 0.013], rays.directions, rays.time_s)
+
+
+def test_what_does_not_agree_is_seen() -> None:
+    exact = np.arange(20.0).reshape(4, 5)
+    close(exact.reshape(-1), exact + 1e-4, (4, 5), 1e-3)
+    for place, value in (((1, 1), 7.5), ((1, 1), 5.0)):
+        near = exact.copy()
+        near[place] = value
+        close(near, exact, (4, 5), 1e-3)
+    for far in ({(1, 1): 13.0}, {(0, 0): 5.0, (1, 1): 7.0, (2, 2): 13.0}, {(3, 3): np.nan}, {(0, 0): -0.01}):
+        wrong = exact.copy()
+        for place, value in far.items():
+            wrong[place] = value
+        with pytest.raises(AssertionError):
+            close(wrong, exact, (4, 5), 1e-3)
 
 
 @needs_library
@@ -82,22 +110,22 @@ def same_find(a: Found, b: Found, of: float = 0.985, within: float = 2e-3) -> No
 def test_everything_that_is_recorded(tmp_path: Path, name: str, sky: bool) -> None:
     drive = edited()
     fast, slow = both(saved(tmp_path / "scene", CONFIGS[name]), drive)
-    rays = picture_rays(drive) if sky else lidar_rays(drive.lidars["top"], drive.lidars["top"].time_s[2])
+    rays = picture_rays(drive) if sky else sweep_rays(drive)
+    shape = rays.time_s.shape
     stats = RenderStats(), RenderStats()
     found = fast.trace(rays, PASSES, sky, None, stats[0])
     expected = slow.trace(rays, PASSES, sky, None, stats[1])
-    same_find(found, expected)
+    same_find(found, expected, shape)
     instances = np.unique(expected.maps["instance"])
     assert len(instances) > 2 and 0.1 < numbers(expected.opacity).mean() < 0.999
     assert stats[0].rays == stats[1].rays and stats[0].actors_skipped == stats[1].actors_skipped
     assert 0 < stats[0].samples_spent < 2 * stats[1].samples_spent
     if sky:
-        shape = rays.time_s.shape
         pictures = [t.image(f, rays.flat().directions, "front", shape) for t, f in ((fast, found), (slow, expected))]
-        assert -10 * np.log10(np.square(pictures[0] - pictures[1]).mean()) > 45
+        close(pictures[0], pictures[1], pictures[1].shape[:2], 5e-3)
     else:
         for a, b in zip(fast.returns(found, rays.flat().directions), slow.returns(expected, rays.flat().directions), strict=True):
-            close(a, b, 0.98, 2e-3)
+            close(a, b, shape, 5e-3)
 
 
 @needs_library
@@ -117,11 +145,13 @@ def test_guests_and_meshes(tmp_path: Path, meshes: bool) -> None:
     found = fast.trace(rays, PASSES, True, met, RenderStats())
     expected = slow.trace(rays, PASSES, True, met, RenderStats())
     assert numbers(expected.guest_opacity[0]).max() > 0.3
-    same_find(found, expected)
-    pictures = [t.image(f, rays.flat().directions, "front", rays.time_s.shape) for t, f in ((fast, found), (slow, expected))]
-    assert -10 * np.log10(np.square(pictures[0] - pictures[1]).mean()) > 40
+    shape = rays.time_s.shape
+    same_find(found, expected, shape)
+    pictures = [t.image(f, rays.flat().directions, "front", shape) for t, f in ((fast, found), (slow, expected))]
+    close(pictures[0], pictures[1], pictures[1].shape[:2], 5e-3)
     returns = [t.returns(f, rays.flat().directions) for t, f in ((fast, found), (slow, expected))]
-    close(returns[0][0], returns[1][0], 0.98, 5e-3)
+    close(returns[0][0], returns[1][0], shape, 5e-3)
+    close(returns[0][1], returns[1][1], shape, 5e-3)
 
 
 def bits(found: Found) -> dict[str, NDArray[Any]]:

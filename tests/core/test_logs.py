@@ -407,3 +407,29 @@ def test_splits() -> None:
     assert set(SPLITS["seed10"]) <= set(SPLITS["seed24-validation"]) <= set(PANDASET)
     with pytest.raises(LogError, match="there is no split 'seed11', only pandaset, seed10"):
         split_sequences("seed11")
+
+
+def test_a_pose_beyond_numbers_is_refused_by_file_and_value(log_path: Path) -> None:
+    edit_json(log_path / CAMERA / "poses.json", lambda poses: poses[1]["position"].update(x=1.5e308))
+    edit_json(log_path / "meta" / "unisim.json", lambda setup: setup.update(world_origin=[-1.5e308, 0, 0]))
+    with pytest.raises(LogError, match=r"bend.*: the way of front_camera: key 1 of a trajectory has positions .*inf"):
+        open_log(log_path)
+
+
+def test_a_class_that_is_no_number_and_a_broken_picture_are_refused(log_path: Path) -> None:
+    file = log_path / "annotations" / "semseg" / "01.pkl.gz"
+    classes = {name: values.astype(object) for name, values in read_table(file).items()}
+    classes["class"][0] = "tree"
+    write_table(file, classes)
+    with pytest.raises(LogError, match=r"semseg/01\.pkl\.gz: a class is no number"):
+        open_log(log_path).sweep("pandar64", 1)
+    file.unlink()
+    points = {name: values.astype(object) for name, values in read_table(log_path / SWEEP).items()}
+    points["x"][0] = "far"
+    write_table(log_path / SWEEP, points)
+    with pytest.raises(LogError, match=r"lidar/01\.pkl\.gz: a point's numbers are none"):
+        open_log(log_path).sweep("pandar64", 1)
+    picture = log_path / CAMERA / "00.jpg"
+    picture.write_bytes(b"\xff\xd8\xff\xe0\x00\x00" + picture.read_bytes()[6:])
+    with pytest.raises(LogError, match=r"00\.jpg: is a broken JPEG image"):
+        open_log(log_path)

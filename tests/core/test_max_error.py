@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import torch
 from analytic_scene import drive_of
 from random_scene import CARS, CONFIGS, MOVING, saved
 from scipy.stats import binom
@@ -19,13 +20,15 @@ from unisim_blender.core.bounded import BoundedRenderer, Patches, at_quality, co
 from unisim_blender.core.colour import lab_from_srgb
 from unisim_blender.core.drive import Drive
 from unisim_blender.core.errors import UnisimError
-from unisim_blender.core.frames import CameraFrame, LidarFrame
+from unisim_blender.core.fields.checkpoint import load_scene
+from unisim_blender.core.frames import CameraFrame, LidarFrame, RenderStats
 from unisim_blender.core.max_error import Bound, depth_errors, drawn, parse_bounds, quantile_check, quantile_rank
 from unisim_blender.core.prepare.renderers import make_backend
 from unisim_blender.core.quality import LADDER, TRUTH
 from unisim_blender.core.render.drive_renderer import DriveRenderer
 from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.scene_file import read_scene_header
+from unisim_blender.core.torch_tracer import TorchBackend, TorchTracer
 
 SAMPLE = Path(__file__).parents[2] / "sample" / "scene"
 needs_library = pytest.mark.skipif(native.library() is None, reason="the compiled kernels were not built")
@@ -181,3 +184,31 @@ def test_sensors_without_a_bound_are_rendered_as_ever(street: DriveRenderer) -> 
     sweep = bounded.lidar("pandar64", 3)
     assert sweep.promise is None
     assert np.array_equal(sweep.depth_m, street.lidar("pandar64", 3).depth_m)
+
+
+def test_torchs_truth_is_in_single_precision_and_samples_what_is_far(tmp_path: Path) -> None:
+    drive = drive_of(CARS)
+    renderer = DriveRenderer(Renderer(TorchBackend(load_scene(saved(tmp_path / "scene", CONFIGS["tiny"])))), drive)
+    lidar, rays = renderer.sweep_rays("top", 2)
+    state = renderer.state(lidar, lidar.time_s[2])
+
+    def tracer() -> TorchTracer:
+        found = renderer.renderer.tracer(state)
+        assert isinstance(found, TorchTracer)
+        return found
+
+    counts = {}
+    for name, quality in (("balanced", LADDER["balanced"]), ("truth", TRUTH), ("near", dataclasses.replace(TRUTH, far=1.0))):
+        stats = RenderStats()
+        with at_quality(renderer, quality):
+            tracer().trace(rays, set(), True, None, stats)
+        counts[name] = stats.samples_spent
+    assert counts["truth"] > counts["near"] > counts["balanced"], "samples beyond the volume follow the quality"
+    # a device that decodes in half precision may only where nothing is held against it
+    tracer().device = torch.device("cuda")
+    assert tracer().half
+    with at_quality(renderer, TRUTH):
+        assert not tracer().half
+    with at_quality(renderer, LADDER["8 times the samples"]):
+        assert not tracer().half
+    assert tracer().half

@@ -92,7 +92,7 @@ def test_kernels_and_torch_agree(tmp_path: Path, clip: bool) -> None:
     unclipped = bound_to(fast, drive).trace(rays, {"depth"}, True, None, RenderStats())
     found = bound_to(fast.within(space, clip), drive).trace(rays, PASSES, True, None, RenderStats())
     expected = bound_to(slow.within(space, clip), drive).trace(rays, PASSES, True, None, RenderStats())
-    same_find(found, expected)
+    same_find(found, expected, rays.time_s.shape)
     assert 0.05 < found.maps["support"].mean() < 0.95
     nearer = found.maps["depth"] < unclipped.maps["depth"] - 0.01
     assert nearer.mean() < 0.05, "something is met that was not there"

@@ -25,7 +25,7 @@ from unisim_blender.core.fields.networks import mlp, run_mlp
 from unisim_blender.core.fields.scene import SceneModel
 from unisim_blender.core.march import Segment, Voxels, propose, propose_reference
 from unisim_blender.core.strands import RayBatch, Strands
-from unisim_blender.core.torch_tracer import TorchBackend
+from unisim_blender.core.torch_tracer import TorchBackend, TorchTracer
 from unisim_blender.core.trace import Sampling, trace
 from unisim_blender.core.tracer import Found
 
@@ -217,8 +217,9 @@ def test_pictures_decoded_in_half_precision(name: str) -> None:
     found = Found(torch.randn(n, width), nothing, nothing, {}, [], [], None, None)
     plain = tracer.image(found, ways, "front", (16, 24))
     assert not tracer.half and plain.std() > 0.02
-    tracer.half = True
-    half = tracer.image(found, ways, "front", (16, 24))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(TorchTracer, "half", True)
+        half = tracer.image(found, ways, "front", (16, 24))
     assert half.dtype == np.float32 and 0 < np.abs(half - plain).max() < 1.5 / 255
 
 

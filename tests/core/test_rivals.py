@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -24,6 +25,7 @@ from unisim_blender.core.logs import open_log
 from unisim_blender.core.prepare.renderers import compiled, environment, make_backend
 from unisim_blender.core.render.drive_renderer import DriveRenderer
 from unisim_blender.core.render.renderer import Renderer
+from unisim_blender.core.scene_file import read_scene_header
 from unisim_blender.core.torch_tracer import TorchBackend
 from unisim_blender.core.training.config import TrainConfig
 from unisim_blender.core.training.recipe import recipe
@@ -337,3 +339,28 @@ def test_the_worker_says_what_one_field_cannot_show(path: Path, trained: dict[st
         request = {"scenario": json.loads(file.read_text()), "path": str(file), **moment}
         told[name] = [event["text"] for event in Jobs(tmp_path).camera(request) if event["event"] == "warning"]
     assert told["a"] == [] and len(told["b"]) == 1 and "edits of car-1 change labels" in told["b"][0]
+
+
+def test_without_lidar_sweeps_are_neither_needed_nor_read(path: Path, runs: dict[str, Run], tmp_path: Path) -> None:
+    bare = tmp_path / "log"
+    shutil.copytree(path, bare)
+    for file in (bare / "lidar").glob("*.pkl.gz"):
+        file.unlink()
+    trainer = Trainer(open_log(bare), config_of("ngp without lidar"))
+    [trainer.step() for _ in range(5)]
+    again = Trainer(open_log(path), config_of("ngp without lidar"))
+    [again.step() for _ in range(5)]
+    wanted = learnt(again)
+    for name, value in learnt(trainer).items():
+        assert torch.equal(value, wanted[name]), name
+    assert torch.equal(trainer.model.ground.heights, again.model.ground.heights)
+    assert len(trainer.lidar.points) == 0
+    # the ground goes on from where the vehicle drove, in the volume's own axes
+    drive = trainer.log.drive
+    below = np.asarray(trainer.model.ground.height(trainer.model.frame.points(trainer.model.frame.recentred(
+        drive.world_from_ego.positions
+    ))).cpu())  # fmt: skip
+    places = trainer.model.frame.points(trainer.model.frame.recentred(drive.world_from_ego.positions)).cpu().numpy()
+    assert np.abs(below - places[:, 2]).max() < 0.3
+    finish(trainer, tmp_path / "scene")
+    assert read_scene_header(tmp_path / "scene").training["lidars"] == []

@@ -204,7 +204,7 @@ def test_normals_go_through_the_inverse_of_the_scale() -> None:
     actor = scaled(still("car", [-13, 0, 1.6], [3.0, 3.0, 3.0], yaw=0.5), 1.5, 1.0, 0.6)
     scene = Stage(analytic_scene(empty, {"car": (sphere([0, 0, 0], 1.2), np.full(3, 3.0))}), drive_of([actor]))
     rays = picture_rays(scene.drive, up=1).flat()
-    tracer = bound_to(TorchBackend(scene.as_scene(), "reference"), scene.drive)
+    tracer = bound_to(TorchBackend(scene.as_scene(), QUALITY["reference"]), scene.drive)
     maps = tracer.trace(rays, PASSES, True, None, RenderStats()).maps
     mine = maps["instance"] == 1
     assert mine.sum() > 60
@@ -288,7 +288,7 @@ def test_the_kernels_say_what_torch_says(tmp_path: Path, name: str) -> None:
     rays = picture_rays(drive)
     compiled = bound_to(CompiledBackend(CompiledScene(folder), QUALITY["reference"]), drive)
     fast = compiled.trace(rays, PASSES, True, None, RenderStats())
-    slow = bound_to(TorchBackend(load_scene(folder), "reference"), drive).trace(rays, PASSES, True, None, RenderStats())
+    slow = bound_to(TorchBackend(load_scene(folder), QUALITY["reference"]), drive).trace(rays, PASSES, True, None, RenderStats())
     assert {1, 2, 3} <= set(np.unique(slow.maps["instance"]))
     assert share_alike(fast.feature, slow.feature, 2e-3) > 0.98
     assert share_alike(fast.opacity, slow.opacity, 2e-3) > 0.98
@@ -336,7 +336,7 @@ def test_marching_meets_the_surface_that_dense_samples_meet(tmp_path: Path, fact
     folder, centre = alone(tmp_path / "scene"), np.array([-8.0, 1, 0.8])
     actor = scaled(still("car", centre, SIZE, yaw=0.4), *factors)
     drive, rays = drive_of([actor]), towards(centre, centre + [-9.0, 2.0, 1.0], 0.4 * actor.size_m)
-    slow = bound_to(TorchBackend(load_scene(folder), "reference"), drive)
+    slow = bound_to(TorchBackend(load_scene(folder), QUALITY["reference"]), drive)
     slow.quality = replace(slow.quality, samples=8.0)
     fast = bound_to(CompiledBackend(CompiledScene(folder)), drive)
     ours, theirs = (tracer.trace(rays, {"depth", "instance"}, False, None, RenderStats()) for tracer in (fast, slow))

@@ -20,6 +20,7 @@ from tiny_drive import FakeSource, tiny_drive, tiny_plan
 
 from unisim_blender.core.errors import OutputError, UnisimError
 from unisim_blender.core.prepare.selection import select_frames
+from unisim_blender.core.sequence.records import STATE_FOLDER
 from unisim_blender.core.sequence.run import render_sequence
 from unisim_blender.core.world.replay import DriveStates
 
@@ -264,3 +265,26 @@ def test_frames_that_are_not_there_are_refused(text: str | None) -> None:
 
 def test_the_drive_used_here_is_what_it_says() -> None:
     assert tiny_drive().frames == (0, 1, 2, 3, 4, 5)
+
+
+@pytest.mark.parametrize("name", ("../precious", "/precious", "a/../../precious", "..\\precious"))
+def test_a_record_removes_no_file_beside_its_folder(name: str, tmp_path: Path) -> None:
+    out, precious = tmp_path / "out", tmp_path / "precious"
+    render_sequence(tiny_plan(), out)
+    precious.write_text("mine")
+    record = out / STATE_FOLDER / "000000.json"
+    document = json.loads(record.read_bytes())
+    document["captures"]["camera/front"]["files"][name if name != "/precious" else str(precious)] = "0"
+    record.write_text(json.dumps(document))
+    report = render_sequence(tiny_plan(), out, resume=True)
+    assert precious.read_text() == "mine" and report.rendered == (0,)
+
+
+@pytest.mark.parametrize("text", ("[" * 100000, '{"x": 1}', '{"0": []}', "\x00", "9" * 5000))
+def test_records_and_timings_that_are_broken_count_as_none(text: str, reference: dict[str, bytes], tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    render_sequence(tiny_plan(), out)
+    for file in (out / "timings.json", out / STATE_FOLDER / "000003.json"):
+        file.write_text(text)
+    assert render_sequence(tiny_plan(), out, resume=True).rendered == (3,)
+    assert contents(out) == reference

@@ -31,11 +31,12 @@ from unisim_blender.core.render.drive_renderer import DriveRenderer
 from unisim_blender.core.render.regions import Region
 from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.scenario import scenario_from_json
+from unisim_blender.core.sequence.plan import code_digest
 from unisim_blender.core.street.street import Street, build_street, load_street
 from unisim_blender.core.street.truth import truth_camera, truth_lidar
 from unisim_blender.core.street.write import write_log
 from unisim_blender.core.surfels.build import Step, build_surfels, finished
-from unisim_blender.core.surfels.cache import surfels_of
+from unisim_blender.core.surfels.cache import NOT_SURFELS, build_key, surfels_of
 from unisim_blender.core.surfels.exposure import Exposures
 from unisim_blender.core.surfels.model import LIDARSIM, SurfelScene
 from unisim_blender.core.surfels.stage import Stage
@@ -291,10 +292,13 @@ def test_surfels_are_kept_until_their_folder_goes(log: Log, scenes: dict[str, Su
     again = list(surfels_of(log, LIDARSIM, SOURCES))
     assert len(again) == 1 and isinstance(again[0], SurfelScene)
     np.testing.assert_array_equal(again[0].static.vertices, scenes["surfel"].static.vertices)
-    for folder in (cache_folder() / "surfels").iterdir():
-        (folder / "surfels.json").unlink()
-    steps = surfels_of(log, LIDARSIM, SOURCES)
-    assert isinstance(next(steps), Step), "what is not whole is made again"
+    folder = cache_folder() / "surfels" / build_key(log, LIDARSIM, SOURCES)
+    whole = {name: (folder / name).read_bytes() for name in ("surfels.json", "ground.npy")}
+    for name, broken in (("ground.npy", b""), ("surfels.json", b"["), ("surfels.json", b"[" * 100_000), ("surfels.json", b"[1]")):
+        (folder / name).write_bytes(broken)
+        assert isinstance(next(surfels_of(log, LIDARSIM, SOURCES)), Step), "what is not whole is made again"
+        (folder / name).write_bytes(whole[name])
+    assert isinstance(next(surfels_of(log, LIDARSIM, SOURCES)), SurfelScene)
 
 
 def test_the_worker_renders_a_log_without_a_scene(path: Path, tmp_path: Path) -> None:
@@ -386,3 +390,23 @@ def test_pictures_are_exposed_as_their_camera_was(name: str, scenes: dict[str, S
     else:
         # images that are said to be exposed like the picture give it what they show; surfels alone are darker
         assert np.median(np.abs(after - before)) < 1e-3 < np.abs(after - before).max()
+
+
+def test_surfels_of_other_code_are_not_taken(log: Log, monkeypatch: pytest.MonkeyPatch) -> None:
+    before = build_key(log, LIDARSIM, None)
+    assert build_key(log, LIDARSIM, None) == before
+    monkeypatch.setattr("unisim_blender.core.surfels.cache.code_digest", lambda left_out: "other")
+    assert build_key(log, LIDARSIM, None) != before
+
+
+def test_code_that_makes_surfels_is_in_their_digest(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    core = tmp_path / "core"
+    for name in ("surfels/build.py", "logs/pandaset.py", "training/run.py", "sequence/plan.py"):
+        (core / name).parent.mkdir(parents=True)
+        (core / name).write_text("a = 1\n")
+    monkeypatch.setattr("unisim_blender.core.sequence.plan.__file__", str(core / "sequence" / "plan.py"))
+    digests = [code_digest.__wrapped__(NOT_SURFELS)]
+    for name in ("training/run.py", "surfels/build.py", "logs/pandaset.py"):
+        (core / name).write_text("a = 2\n")
+        digests.append(code_digest.__wrapped__(NOT_SURFELS))
+    assert digests[0] == digests[1] and len(set(digests)) == 3

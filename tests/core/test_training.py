@@ -249,14 +249,16 @@ def test_a_kill_leaves_a_checkpoint(path: Path, trainer: Trainer, tmp_path: Path
 
 
 def test_the_loss_falls_on_a_street(street: Log) -> None:
-    config = replace(SMALL, frames=(0, 1), iterations=60, patches=4, lidar_rays=256, rate_tables=(3e-2, 3e-2))
+    """Over seeds 0 to 5 the last 15 steps of 120 are 0.9 to 2.2 dB better than the first, of depths 0.15 to 0.22 of the loss is
+    left, of intensities 0.11 to 0.16, and of the distance to LiDAR's returns 0.18 to 0.36."""
+    steps = 120
+    config = replace(SMALL, frames=(0, 1), iterations=steps, patches=4, lidar_rays=256, rate_tables=(3e-2, 3e-2))
     trainer = Trainer(street, config)
-    figures = []
-    for _ in range(60):
-        figures.append(trainer.step())
+    figures = [trainer.step() for _ in range(steps)]
     first, last = ({name: np.mean([f[name] for f in part]) for name in figures[0]} for part in (figures[:15], figures[-15:]))
-    assert last["depth"] < 0.7 * first["depth"], (first, last)
-    assert last["psnr"] > first["psnr"] + 0.2 and last["intensity"] < first["intensity"], (first, last)
+    assert last["psnr"] > first["psnr"] + 0.7, (first, last)
+    for name, left in (("depth", 0.3), ("intensity", 0.25), ("lidar_m", 0.5)):
+        assert last[name] < left * first[name], (name, first, last)
 
 
 def test_what_nobody_saw_is_free_in_the_end(street: Log, tmp_path: Path) -> None:

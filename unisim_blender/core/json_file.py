@@ -151,7 +151,8 @@ class Node:
         """The value as finite numbers of ``shape``; -1 stands for any length."""
         wanted = " x ".join("N" if n < 0 else str(n) for n in shape)
         try:
-            array = np.array(self.value)
+            # numpy makes room for the longest text of a list as often as it has members
+            array = np.array(self.value if _of_numbers(self.value) else None)
         except ValueError:
             array = np.array(None)
         if array.size == 0 and shape[0] == -1 and array.ndim == 1:
@@ -162,6 +163,13 @@ class Node:
         if not np.isfinite(array).all():
             self.fail(f"holds a number that is not finite: {array[~np.isfinite(array)][0]}")
         return np.asarray(array, np.float64)
+
+
+def _of_numbers(value: Any) -> bool:
+    """Whether a JSON value is a number, or lists of these at any depth."""
+    if isinstance(value, list):
+        return all(map(_of_numbers, value))
+    return isinstance(value, int | float) and not isinstance(value, bool)
 
 
 def _short(value: Any) -> str:

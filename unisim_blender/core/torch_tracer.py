@@ -31,7 +31,7 @@ from .frames import RenderStats
 from .geometry import FloatArray
 from .meshes.meeting import Met
 from .observed_space import Observed, ObservedSpace
-from .quality import quality_named
+from .quality import QUALITY, Quality
 from .ray_passes import ray_passes
 from .sensors.rays import Rays, sound_directions
 from .strands import RayBatch, Traced
@@ -41,6 +41,8 @@ from .world.replay import parked_boxes
 from .world.state import WorldState
 
 CHUNK_RAYS = 16384
+EXACT_SAMPLES = QUALITY["reference"].samples
+"""Qualities with so many samples are held against others."""
 
 
 class TorchBackend:
@@ -49,10 +51,8 @@ class TorchBackend:
 
     sees_all = False
 
-    def __init__(self, scene: Scene, quality: str = "balanced", others: Mapping[str, Scene] | None = None) -> None:
-        self.scene, self.device, self.quality = scene, scene.actor_tables.device, quality_named(quality)
-        # a pixel's 8 bits need no more, where a device is faster so
-        self.half = torch.device(self.device).type == "cuda" and quality != "reference"
+    def __init__(self, scene: Scene, quality: Quality = QUALITY["balanced"], others: Mapping[str, Scene] | None = None) -> None:
+        self.scene, self.device, self.quality = scene, scene.actor_tables.device, quality
         self.scenes = {path: (s.model, s.actor_tables) for path, s in {"": scene, **(others or {})}.items()}
         self.looks = {path: None if m.config.actors == "none" else tuple(m.actor_ids) for path, (m, _) in self.scenes.items()}
         self.parked: Mapping[str, Box] = {} if self.looks[""] is None else parked_boxes(scene.header.drive)
@@ -87,7 +87,7 @@ class TorchTracer:
 
     def __init__(self, backend: TorchBackend, state: WorldState) -> None:
         scene = backend.scene
-        self.scene, self.device, self.quality, self.half = scene, backend.device, backend.quality, backend.half
+        self.scene, self.device, self.quality = scene, backend.device, backend.quality
         self.space, self.clipped = backend.space, backend.clipped
         self.cast = gather_cast(state, backend.looks)
         self.tensors = cast_tensors(self.cast, backend.scenes, self.device)
@@ -98,6 +98,12 @@ class TorchTracer:
         alone = all(model.camera_decoder.reach == 0 and model.config.upsample == 1 for model in models)
         self.edge = 0 if alone else EDGE_CELLS
         self.reach = scene.model.camera_decoder.reach + (self.edge if self.cast.guests else 0)
+
+    @property
+    def half(self) -> bool:
+        """Whether decoders work in half precision: a pixel's 8 bits need no more, where a device is faster so. The quality may
+        change from one picture to the next."""
+        return torch.device(self.device).type == "cuda" and self.quality.samples < EXACT_SAMPLES
 
     @torch.no_grad()
     def trace(self, rays: Rays, passes: set[str], sky: bool, met: Met | None, stats: RenderStats) -> Found:
@@ -112,7 +118,7 @@ class TorchTracer:
         near = self.bounds.in_reach(rays)
         stats.actors_skipped += len(self.cast.own.actors) - len(near)
         among = torch.tensor(near, dtype=torch.long, device=self.device)
-        sampling = Sampling(fine=self.quality.samples, sky=sky)
+        sampling = Sampling(fine=self.quality.samples, far_fine=self.quality.far, sky=sky)
         pieces, maps = [], []
         for begin in range(0, len(batch), CHUNK_RAYS):
             part = RayBatch(*(x[begin : begin + CHUNK_RAYS] for x in (batch.origins, batch.directions, batch.time_s)))
@@ -129,7 +135,7 @@ class TorchTracer:
         if told:
             assert self.space is not None
             joined["support"] = ~self.space.supported(rays, joined["depth"], joined["instance"], self.clipped)
-            joined = {name: x for name, x in joined.items() if name in asked or (name == "depth" and "normal" in asked)}
+            joined = {name: x for name, x in joined.items() if name in asked}
         return Found(
             feature=torch.cat([p.feature for p in pieces]),
             depth_m=torch.cat([p.depth_m for p in pieces]),

@@ -86,8 +86,8 @@ class Tracer(Protocol):
     """Width in pixels of the images that the scene learnt from; None for the recorded one."""
 
     def trace(self, rays: Rays, passes: set[str], sky: bool, met: Met | None, stats: RenderStats) -> Found:
-        """What rays (h, w), or (N,), meet, as flat arrays. ``sky`` asks for what gives a camera its background, ``met`` is where
-        the rays meet meshes."""
+        """What rays (h, w), or (N,), meet, as flat arrays, with maps of these passes and no other. ``sky`` asks for what gives a
+        camera its background, ``met`` is where the rays meet meshes."""
 
     def image(self, found: Found, directions: FloatArray, camera_id: str, shape: tuple[int, ...]) -> Array:
         """The picture (h up, w up, 3) in 0..1, display-referred sRGB, of cells in ``shape`` (h, w), directions (h w, 3)."""

@@ -130,6 +130,8 @@ def test_an_image_that_comes_in_bands_survives_another_state(loaded: Mapping[str
 class Counting:
     """A backend that counts how often it is bound."""
 
+    sees_all = False
+
     def __init__(self, backend: Backend) -> None:
         self.backend, self.quality, self.parked = backend, backend.quality, backend.parked
         self.bound = 0

@@ -80,7 +80,7 @@ Tracers = dict[str, CompiledTracer | TorchTracer]
 
 def tracers(folder: Path, drive: Drive, quality: str = "balanced") -> Tracers:
     """The compiled tracer, where it was built, and torch's."""
-    out: Tracers = {"torch": bound_to(TorchBackend(load_scene(folder), quality), drive)}
+    out: Tracers = {"torch": bound_to(TorchBackend(load_scene(folder), QUALITY[quality]), drive)}
     if native.library() is not None:
         compiled = bound_to(CompiledBackend(CompiledScene(folder)), drive)
         # torch's very samples: a march has others

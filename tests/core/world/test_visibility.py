@@ -49,7 +49,8 @@ def test_no_actor_that_a_cameras_ray_meets_is_left_out(seed: int) -> None:
     """Cameras that drive, turn and expose their rows one after the other, downwards or upwards."""
     rng = np.random.default_rng(seed)
     shutter = RollingShutter(float(rng.uniform(-0.08, 0.08)), float(rng.uniform(0, 1)))
-    model = CameraModel(48, 32, *rng.uniform(15, 80, 2), *rng.uniform(10, 35, 2), shutter)
+    (fx, fy), (cx, cy) = rng.uniform(15, 80, 2), rng.uniform(10, 35, 2)
+    model = CameraModel(48, 32, fx, fy, cx, cy, shutter)
     camera = Camera("camera", model, random_trajectory(rng, 3.0, 20.0), {0: 0.5})
     window = exposure_window(camera, 0.5)
     actors = [random_actor(rng, f"a{i:02d}") for i in range(60)]

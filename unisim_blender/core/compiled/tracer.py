@@ -48,10 +48,10 @@ class CompiledBackend:
     sees_all = False
 
     def __init__(
-        self, scene: CompiledScene, quality: Quality | None = None, others: Mapping[str, CompiledScene] | None = None
+        self, scene: CompiledScene, quality: Quality = QUALITY["balanced"], others: Mapping[str, CompiledScene] | None = None
     ) -> None:
         self.scene, self.others = scene, dict(others or {})
-        self.quality = QUALITY["balanced"] if quality is None else quality
+        self.quality = quality
         self.parked: Mapping[str, Box] = parked_boxes(scene.header.drive)
         self.space: ObservedSpace | None = None
         self.clipped = False
@@ -90,7 +90,6 @@ class CompiledTracer:
 
     def trace(self, rays: Rays, passes: set[str], sky: bool, met: Met | None, stats: RenderStats) -> Found:
         """See `tracer.Tracer`."""
-        asked, passes = passes, passes | {"depth", "instance"} if self.space is not None and "support" in passes else passes
         order = tiled(rays.time_s.shape)
         # of a list the order is its own, and its parts need no copies
         listed, flat = rays.time_s.ndim < 2, rays.flat().sound()
@@ -105,7 +104,7 @@ class CompiledTracer:
             found.mesh_opacity = np.empty(n, np.float32)
         starts = self.space.starts(flat) if self.space is not None and self.clipped else None
         maps: Maps = {}
-        if passes & {"depth", "normal", "support"}:
+        if passes & {"depth", "support"}:
             maps["depth"] = np.empty(n, np.float32)
         if passes & {"instance", "support"}:
             maps["instance"] = np.empty(n, np.int32)
@@ -123,11 +122,10 @@ class CompiledTracer:
             maps["opacity"] = found.opacity
         if self.space is not None and "support" in passes:
             maps["support"] = ~self.space.supported(flat, maps["depth"], maps["instance"], self.clipped)
-            maps = {name: values for name, values in maps.items() if name in asked or (name == "depth" and "normal" in asked)}
         elif "support" in passes:
             ends = rays.origins + rays.directions * np.nan_to_num(maps["depth"], posinf=1e6)[:, None].astype(np.float64)
             maps["support"] = ~(self.scene.supported(ends) | (maps["instance"] > 0))
-        found.maps = maps
+        found.maps = {name: values for name, values in maps.items() if name in passes}
         return found
 
     def _run(

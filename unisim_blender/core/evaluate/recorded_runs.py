@@ -123,7 +123,7 @@ def _plan(header: SceneHeader, recorded: Drive, wishes: EvaluationWishes) -> Eva
     return EvaluationPlan(
         frames=frames,
         cameras=cameras,
-        lidars=tuple(name for name in header.training.get("lidars", header.drive.lidars) if name in recorded.lidars),
+        lidars=tuple(name for name in header.training.get("lidars") or header.drive.lidars if name in recorded.lidars),
         width=wishes.width or header.training.get("width"),
         trained=trained or tuple(frame for frame in recorded.frames if frame not in frames),
         perceptual=perceptual_metric(wishes.lpips_weights),

@@ -125,7 +125,7 @@ def make_backend(
     from ..torch_tracer import TorchBackend
 
     scenes = _loaded(partial(load_scene, device=device), paths, device, kept)
-    return TorchBackend(scenes.pop(""), quality, scenes)
+    return TorchBackend(scenes.pop(""), quality_named(quality), scenes)
 
 
 def _loaded(
@@ -202,8 +202,8 @@ def untrained_backend(
 ) -> Backend:
     """What traces rays over a log's surfels, which were made of ``frames`` (all where None)."""
     if name == "warp":
-        return WarpBackend(scene, log, log.drive.frames if frames is None else frames, quality)
-    return SurfelBackend(scene, log.drive, quality)
+        return WarpBackend(scene, log, log.drive.frames if frames is None else frames, quality_named(quality))
+    return SurfelBackend(scene, log.drive, quality_named(quality))
 
 
 @dataclass(frozen=True)

@@ -178,8 +178,7 @@ class Renderer:
 
     def _expose(self, state: WorldState, camera: Camera, time_s: float, passes: Sequence[str]) -> _Exposure:
         shadowing = self._shadowing(state, camera)
-        needed = {*passes, "depth", "instance"} if shadowing else set(passes)
-        return _Exposure(self.tracer(state), state, camera, time_s, passes, needed, shadowing)
+        return _Exposure(self.tracer(state), state, camera, time_s, passes, _needed(passes, bool(shadowing)), shadowing)
 
     def _shadowing(self, state: WorldState, camera: Camera) -> list[Actor]:
         """Return the actors under which a camera sees contact shadows."""
@@ -283,13 +282,11 @@ class Renderer:
         if exposure.shadowing:
             assert rays is not None
             image = self._shaded(exposure, image, rays, maps)
-            passes = exposure.passes
-            maps = {name: x for name, x in maps.items() if name in passes or (name == "depth" and "normal" in passes)}
         exposure.stats.seconds["picture"] = time.perf_counter() - exposure.begun
         pose = camera.world_from_camera.at(time_s)
         out = CameraFrame(camera.model, pose, image[inner], instances=exposure.tracer.cast.uids, stats=exposure.stats)
         shape = -(-image.shape[0] // up), -(-image.shape[1] // up)
-        fill_passes(out, maps, along, shape, up, inner)
+        fill_passes(out, {name: x for name, x in maps.items() if name in exposure.passes}, along, shape, up, inner)
         return out
 
     def _light(self, exposure: _Exposure, actor: Actor) -> FloatArray:
@@ -359,6 +356,12 @@ class Renderer:
             probability = _laid_over(probability, 1.0, found.mesh_opacity)
         depth = np.nan_to_num(found.maps["depth"], posinf=0.0)
         return depth, intensity, probability, found.maps["instance"].astype(np.int32)
+
+
+def _needed(passes: Sequence[str], shades: bool) -> set[str]:
+    """Return the maps that an image with these passes is made of: a lattice knows by the depths where a normal ends, and a
+    contact shadow lies on the ground."""
+    return {*passes, *(("depth",) if "normal" in passes else ()), *(("depth", "instance") if shades else ())} - {"rgb"}
 
 
 def reach_of(shadows: bool) -> Reach:

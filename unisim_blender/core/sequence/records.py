@@ -9,12 +9,13 @@ from __future__ import annotations
 import json
 from collections.abc import Container, Mapping
 from dataclasses import asdict, dataclass, field
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 from ..errors import OutputError
 from ..files import sha256_of_file, write_file
 from ..json_file import json_bytes
+from ..quality import LADDER
 
 STATE_FOLDER = ".state"
 
@@ -52,8 +53,8 @@ def read_records(out: Path) -> dict[int, Captures]:
         try:
             captures = json.loads(path.read_bytes())["captures"]
             found[int(path.stem)] = {name: _record(values) for name, values in captures.items()}
-        except (ValueError, KeyError, TypeError, AttributeError):
-            path.unlink()
+        except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
+            path.unlink(missing_ok=True)
     return dict(sorted(found.items()))
 
 
@@ -79,6 +80,24 @@ def remove_files(out: Path, record: CaptureRecord) -> None:
 
 
 def _record(values: dict[str, Any]) -> CaptureRecord:
-    return CaptureRecord(
-        str(values["identity"]), dict(values["files"]), tuple(values["sees"]), dict(values["samples"]), values["max_error"]
+    """Return a capture's record. Raises ValueError, KeyError or TypeError for what a sequence does not write."""
+    files, sees, samples, error = dict(values["files"]), tuple(values["sees"]), dict(values["samples"]), values["max_error"]
+    if not all(_is_inside(name) and isinstance(digest, str) for name, digest in files.items()):
+        raise ValueError("names a file elsewhere")
+    if not all(isinstance(uid, str) for uid in sees) or {type(count) for count in samples.values()} - {int}:
+        raise ValueError("counts no samples")
+    if error is not None and (type(error["kept"]) is not bool or error["settings"] not in LADDER):
+        raise ValueError("says nothing of its error")
+    return CaptureRecord(str(values["identity"]), files, sees, samples, error)
+
+
+def _is_inside(name: str) -> bool:
+    """Return whether a record's file lies in the folder of frames: others are none of this program's to remove."""
+    path = PurePosixPath(name)
+    return (
+        bool(path.parts)
+        and not path.is_absolute()
+        and ".." not in path.parts
+        and name.isprintable()
+        and not {"\\", ":"} & set(name)
     )

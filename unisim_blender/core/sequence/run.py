@@ -197,8 +197,9 @@ def _last_run(work: Sequence[Work], kept: Mapping[int, Captures], relabelled: Se
 
 def _read_timings(out: Path) -> dict[str, dict[str, float]]:
     try:
-        return dict(json.loads((out / TIMINGS_NAME).read_bytes()))
-    except (OSError, ValueError, TypeError):
+        timings = dict(json.loads((out / TIMINGS_NAME).read_bytes()))
+        return {name: seconds for name, seconds in timings.items() if name.isdecimal() and isinstance(seconds, dict)}
+    except (OSError, ValueError, TypeError, RecursionError):
         return {}
 
 

@@ -14,7 +14,7 @@ from ..errors import SceneError
 from ..frames import RenderStats
 from ..geometry import BoolArray, FloatArray, Trajectory, invert_pose, points_in_box, transform_points
 from ..meshes.meeting import Met
-from ..quality import quality_named
+from ..quality import QUALITY, Quality
 from ..sensors.rays import Rays
 from ..tracer import NEAR_M, Array, Found, Maps
 from ..world.replay import parked_boxes
@@ -34,8 +34,8 @@ class SurfelBackend:
 
     sees_all = False
 
-    def __init__(self, scene: SurfelScene, recorded: Drive, quality: str = "balanced") -> None:
-        self.scene, self.recorded, self.quality = scene, recorded, quality_named(quality)
+    def __init__(self, scene: SurfelScene, recorded: Drive, quality: Quality = QUALITY["balanced"]) -> None:
+        self.scene, self.recorded, self.quality = scene, recorded, quality
         self.parked: Mapping[str, Box] = parked_boxes(recorded)
         self._world: tuple[object, SurfelSet, list[SurfelSet]] | None = None
 

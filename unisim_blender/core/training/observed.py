@@ -13,6 +13,7 @@ from ..fields.scene import SceneModel
 from ..frames import RenderStats
 from ..geometry import FloatArray, invert_pose, transform_points
 from ..own_vehicle import outlines_from_json, shows_scene
+from ..quality import QUALITY
 from ..sensors.camera import camera_rays, pixel_grid
 from ..sensors.exposure import exposure_window
 from ..strands import RayBatch
@@ -32,7 +33,7 @@ def observe(scene: Scene, cameras: Sequence[str], frames: Sequence[int], points:
     into = invert_pose(model.volume.world_from_volume)
     seen[model.occupancy.cells(torch.as_tensor(transform_points(into, points)).float().to(seen.device))] = 1
     drive = scene.header.drive
-    backend = TorchBackend(scene, "fast")
+    backend = TorchBackend(scene, QUALITY["fast"])
     states = DriveStates(drive, backend.parked)
     outlines = outlines_from_json(scene.header.training.get("own_vehicle"))
     for camera in cameras:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from ..geometry import BoolArray, FloatArray
 from ..log import Log
+from ..quality import QUALITY, Quality
 from ..sensors.rays import Rays
 from ..surfels.model import SurfelScene
 from ..surfels.stage import NOBODY, STATIC, Meeting, carried
@@ -35,7 +36,7 @@ class WarpBackend(SurfelBackend):
 
     sees_all = True  # recorded images show actors that are elsewhere now
 
-    def __init__(self, scene: SurfelScene, log: Log, frames: Sequence[int], quality: str = "balanced") -> None:
+    def __init__(self, scene: SurfelScene, log: Log, frames: Sequence[int], quality: Quality = QUALITY["balanced"]) -> None:
         super().__init__(scene, log.drive, quality)
         self.log, self.frames = log, frames
         self.sources = Sources(log, scene, frames)
