@@ -15,9 +15,9 @@ from unisim_blender.core.drive import Actor, Camera, CameraModel, Drive, Lidar, 
 from unisim_blender.core.frames import CameraFrame, LidarFrame, RenderStats
 from unisim_blender.core.geometry import FloatArray, Trajectory, make_pose, quaternion_from_matrix
 from unisim_blender.core.log import Sweep, SweepGrid
+from unisim_blender.core.sensors.captures import CaptureStates
 from unisim_blender.core.sensors.lidar import lidar_rays
 from unisim_blender.core.sequence.plan import RenderPlan, SequenceSettings
-from unisim_blender.core.world.captures import CaptureStates
 from unisim_blender.core.world.replay import DriveStates
 from unisim_blender.core.world.visibility import Reach
 

@@ -28,6 +28,7 @@ from ..quality import quality_named
 from ..render.drive_renderer import DriveRenderer
 from ..render.renderer import Renderer, reach_of
 from ..scene_file import HEADER_NAME, WEIGHTS_NAME, read_scene_header
+from ..sensors.captures import CaptureStates
 from ..surfels.build import Step, finished
 from ..surfels.cache import build_key, surfels_of
 from ..surfels.model import LIDARSIM, PROXY, SurfelScene, SurfelSettings
@@ -35,7 +36,6 @@ from ..surfels.tracer import SurfelBackend
 from ..tracer import Backend
 from ..warping.tracer import WarpBackend
 from ..weights import weights_hash
-from ..world.captures import CaptureStates
 from ..world.replay import DriveStates, parked_boxes
 
 

@@ -12,9 +12,9 @@ from ..drive import Camera, Drive, Lidar
 from ..errors import SceneError
 from ..frames import CameraFrame, LidarFrame, RenderStats
 from ..geometry import FloatArray
+from ..sensors.captures import CaptureStates
 from ..sensors.lidar import lidar_rays
 from ..sensors.rays import Rays
-from ..world.captures import CaptureStates
 from ..world.replay import DriveStates
 from ..world.state import WorldState
 from .regions import Region, Tile

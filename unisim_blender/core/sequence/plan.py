@@ -13,7 +13,7 @@ from typing import Any, Protocol
 from ..drive import Drive
 from ..files import sha256_of_file
 from ..frames import CameraFrame, LidarFrame
-from ..world.captures import CaptureStates
+from ..sensors.captures import CaptureStates
 
 CODE_SUFFIXES = (".py", ".so", ".dll", ".dylib")
 NOT_RENDERING = ("bench", "commands", "compare", "evaluate", "metrics", "rigs", "street", "training")

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ..drive import Camera, Lidar
-from ..sensors.exposure import exposure_window
-from .state import StateSource, WorldState
-from .visibility import Reach, seen_by
+from ..world.state import StateSource, WorldState
+from ..world.visibility import Reach, seen_by
+from .exposure import exposure_window
 
 
 @dataclass(frozen=True)
