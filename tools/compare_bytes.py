@@ -7,12 +7,14 @@ native library, one thread each, beside each other: instruction sets, qualities,
 untrained renderers, edits, processes, error bounds, and trainings with a fixed seed. All files are compared, less seconds and
 digests of the code. Where files differ their numbers are compared, and the exit status is 1.
 
-`tools/intended_differences.json` lists differences that are meant: patterns of a case, of a file and of a part of it (a channel, an
-array, a place in a JSON file, as this tool prints them; "*" for all), and the reason.
+`tools/intended_differences.json` lists differences that are meant: patterns of a case, of a file and of a part of it (a channel,
+an array, a place in a JSON file, as this tool prints them; "*" for all), and the reason.
 """
 
 from __future__ import annotations
 
+import shutil
+import signal
 import sys
 import tempfile
 import time
@@ -26,7 +28,7 @@ import click
 sys.path.insert(0, str(Path(__file__).parent))
 
 from byte_checks.cases import CASES, Case, chosen
-from byte_checks.difference import Difference, Intended, differences, files_of, read_intended
+from byte_checks.difference import NOT_COMPARED, Difference, Intended, differences, files_of, read_intended
 from byte_checks.inputs import write_inputs
 from byte_checks.trees import Tree, TreeError, default_base, git, instruction_set, worktree
 
@@ -36,11 +38,13 @@ WIDTH = max(map(len, CASES))
 
 
 class Comparison:
-    """Cases run in two trees, and what differs."""
+    """Cases run in two trees, and what differs. ``inputs`` is the folder of scenarios; what the base makes that later cases read
+    is copied to ``made``."""
 
-    def __init__(self, base: Tree, head: Tree, inputs: Path, intended: list[Intended]) -> None:
-        self.base, self.head, self.inputs, self.intended = base, head, inputs, intended
+    def __init__(self, base: Tree, head: Tree, inputs: Path, made: Path, intended: list[Intended]) -> None:
+        self.base, self.head, self.inputs, self.made, self.intended = base, head, inputs, made, intended
         self.used: dict[Intended, int] = defaultdict(int)
+        self.reasons: dict[str, set[str]] = defaultdict(set)
         self.failed: list[str] = []
         self.skipped: set[str] = set()
 
@@ -49,10 +53,12 @@ class Comparison:
         if lacking := [name for name in (*case.after, case.same_as) if name in self.failed or name in self.skipped]:
             return self._row(case, 0, f"not run: {lacking[0]} has no files", failed=lacking[0] in self.failed)
         with ThreadPoolExecutor(2) as pool:
-            faults = list(pool.map(lambda tree: tree.run(case, self.inputs, self.base.out), (self.base, self.head)))
+            faults = list(pool.map(lambda tree: tree.run(case, self.inputs, self.made), (self.base, self.head)))
         if any(faults):
             return self._row(case, 0, "; ".join(filter(None, faults)), failed=True)
         before, after = (tree.out / case.name for tree in (self.base, self.head))
+        if any(case.name in other.after for other in CASES.values()):
+            shutil.copytree(before, self.made / case.name, ignore=shutil.ignore_patterns(*NOT_COMPARED))
         if case.instruction_set and (here := instruction_set(before)) != case.instruction_set:
             self.skipped.add(case.name)
             return self._row(case, 0, f"not run: this machine has {here}")
@@ -67,7 +73,8 @@ class Comparison:
             if found:
                 more = f" ({len(found) - 1} files more differ)" if len(found) > 1 else ""
                 return self._row(case, len(files), f"{words}{found[0]}{more}", failed=True)
-        return self._row(case, len(files), "identical" if not self._meant(case) else f"as intended: {self._meant(case)}")
+        reasons = "; ".join(sorted(self.reasons[case.name]))
+        return self._row(case, len(files), f"as intended: {reasons}" if reasons else "identical")
 
     def _unmeant(self, case: Case, found: list[Difference]) -> list[Difference]:
         left = []
@@ -77,17 +84,12 @@ class Comparison:
                 covering = [row for row in self.intended if row.covers(case.name, difference.file, part.name)]
                 for row in covering:
                     self.used[row] += 1
-                    self._reasons[case.name].add(row.reason)
+                    self.reasons[case.name].add(row.reason)
                 if not covering:
                     parts.append(part)
             if parts:
                 left.append(Difference(difference.file, tuple(parts)))
         return left
-
-    _reasons: dict[str, set[str]] = defaultdict(set)
-
-    def _meant(self, case: Case) -> str:
-        return "; ".join(sorted(self._reasons[case.name]))
 
     def _row(self, case: Case, files: int, result: str, failed: bool = False) -> None:
         if failed:
@@ -113,13 +115,16 @@ def main(base: str | None, only: tuple[str, ...], quick: bool, keep: Path | None
     if keep is not None and keep.exists() and any(keep.iterdir()):
         raise click.BadParameter(f"{keep}: is not empty")
     begun = time.monotonic()
+    signal.signal(signal.SIGTERM, lambda number, frame: sys.exit(128 + number))  # the worktree goes in this case, too
     try:
         with ExitStack() as stack:
             folder = keep or Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="compare-bytes-")))
             failed = _compare(base or default_base(ROOT), cases, folder.resolve(), stack)
     except (TreeError, OSError, ValueError) as fault:
         raise click.ClickException(str(fault)) from None
-    click.echo(f"\n{len(cases)} cases in {time.monotonic() - begun:.0f} s: {failed or 'no'} {'differs' if failed == 1 else 'differ'}")
+    click.echo(
+        f"\n{len(cases)} cases in {time.monotonic() - begun:.0f} s: {failed or 'no'} {'differs' if failed == 1 else 'differ'}"
+    )
     sys.exit(bool(failed))
 
 
@@ -133,10 +138,11 @@ def _compare(commit: str, cases: list[Case], folder: Path, stack: ExitStack) -> 
         root = ROOT if name == "head" else stack.enter_context(worktree(ROOT, commit, folder / "tree"))
         trees.append(Tree(name, root.resolve(), folder / name))
         trees[-1].check()
-    write_inputs(folder / "inputs", trees[0].root / "sample" / "scene", trees[0].out / "synth" / "log")
+    inputs, made = folder / "inputs", folder / "made"
+    write_inputs(inputs, trees[0].root / "sample" / "scene", made / "synth" / "log")
     click.echo(f"base: {git(ROOT, 'log', '-1', '--format=%h %s', commit)}\n")
     click.echo(f"{'case':{WIDTH}}  files  result")
-    comparison = Comparison(trees[0], trees[1], folder / "inputs", intended)
+    comparison = Comparison(trees[0], trees[1], inputs, made, intended)
     for case in cases:
         comparison.run(case)
     for row in intended:

@@ -115,6 +115,15 @@ def test_the_codes_own_digests_do_not_count(tmp_path: Path) -> None:
     ]
 
 
+def test_seconds_of_a_training_do_not_count(tmp_path: Path) -> None:
+    """Whatever other numbers are like them."""
+    for folder, seconds in (("a", 1.5), ("b", 2.0)):
+        (tmp_path / folder).mkdir()
+        document = {"training": {"seconds": seconds, "iterations": 2}, "beta": 2.0, "far": 1.5}
+        (tmp_path / folder / "scene.json").write_text(json.dumps(document))
+    assert differences(tmp_path / "a", tmp_path / "b") == []
+
+
 def test_a_file_that_differs_is_told_once(tmp_path: Path) -> None:
     """Not by its digests in records and the manifest, too."""
     _sequence(tmp_path / "a", 1.0, "one")
@@ -124,7 +133,9 @@ def test_a_file_that_differs_is_told_once(tmp_path: Path) -> None:
 
 def test_intended_differences_need_a_reason(tmp_path: Path) -> None:
     file = tmp_path / "intended.json"
-    file.write_text(json.dumps([{"case": "* busy", "file": "*.json", "part": "*.actors_skipped", "reason": "counts the present"}]))
+    file.write_text(
+        json.dumps([{"case": "* busy", "file": "*.json", "part": "*.actors_skipped", "reason": "counts the present"}])
+    )
     (row,) = read_intended(file)
     assert row == Intended("* busy", "*.json", "*.actors_skipped", "counts the present")
     assert row.covers("avx2 busy", "frames/manifest.json", "samples.actors_skipped")

@@ -1,7 +1,8 @@
-"""A frame's bytes hang on that frame: not on the frames beside it, the processes, the threads, nor on what is there at other times.
+"""A frame's bytes depend on that frame alone: not on the frames beside it, on processes or threads, nor on what is there at other
+times.
 
-Each commit is held against itself. Digests of outputs are not kept: numpy and its linear algebra choose their own instructions by
-the processor, so the same digests do not hold on two machines. Two commits are compared by `tools/compare_bytes.py`, with the
+Each commit is held against itself. Digests of outputs are not stored: numpy and its linear algebra choose their own instructions
+by the processor, so the same digests do not hold on two machines. `tools/compare_bytes.py` compares two commits, with the
 scenarios and the comparison that are used here.
 """
 
@@ -76,13 +77,14 @@ def test_frames_beside_it_change_no_byte(inputs: Path, alone: Path, tmp_path: Pa
 
 @pytest.mark.parametrize("name", ["portable", "avx2", "avx512"])
 def test_threads_change_no_byte(inputs: Path, tmp_path: Path, name: str) -> None:
-    """With the kernels of each instruction set, the processes' threads beside them."""
+    """With the kernels of each instruction set."""
+    some = ("--frames", FRAME, "--sensors", "front_camera,few", "--width", "48")
     script = f"""
 import os, sys
 from unisim_blender.core.cli import run
 for threads in ("1", "3"):
     os.environ["OMP_NUM_THREADS"] = threads
-    asked = ["render", sys.argv[1], "--out", sys.argv[2] + threads, "--jobs", "1", *{SMALL!r}, "--frames", {FRAME!r}]
+    asked = ["render", sys.argv[1], "--out", sys.argv[2] + threads, "--jobs", "1", *{SMALL!r}, *{some!r}]
     assert run(asked) == 0
 """
     run_with(name, script, inputs / "busy.json", tmp_path / "of")
@@ -130,7 +132,9 @@ def test_what_is_there_does_change_the_frame(inputs: Path, alone: Path, tmp_path
     """The same actor now: else the tests above could not fail."""
     edit = {"type": "duplicate", "actor": "cone-3", "id": "z-now", "world_offset_m": [0, 1.5, 0]}
     found = unlike(alone, render(edited(inputs, "now", edits=[edit]), tmp_path / "out", "--frames", FRAME))
-    assert {f"camera/front_camera/{FRAME.zfill(6)}.exr", f"lidar/few/{FRAME.zfill(6)}.npz"} <= {x.partition(":")[0] for x in found}
+    assert {f"camera/front_camera/{FRAME.zfill(6)}.exr", f"lidar/few/{FRAME.zfill(6)}.npz"} <= {
+        x.partition(":")[0] for x in found
+    }
 
 
 def channels(file: Path) -> dict[str, NDArray[Any]]:

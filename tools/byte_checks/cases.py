@@ -11,8 +11,8 @@ TORCH = {"UNISIM_NATIVE": "0"}
 
 @dataclass(frozen=True)
 class Case:
-    """Arguments of `unisim`, with ``{inputs}`` for the folder of scenarios, ``{made}`` for what the base made in cases before, and
-    ``{out}`` for the case's own folder. ``after`` are the cases whose files it reads.
+    """Arguments of `unisim`, with ``{inputs}`` for the folder of scenarios, ``{made}`` for that of what the base made in cases
+    before, and ``{out}`` for the case's own folder. ``after`` are the cases whose files it reads.
 
     ``same_as`` names a case whose files must be the same in each tree by itself. ``instruction_set`` is the one that the case is
     for: it is skipped where the machine has none. ``prints``: what it prints is compared, too.
@@ -119,7 +119,11 @@ def _trained() -> list[Case]:
         _render("tiny, a guest", "log-guest", *scene, after=after),
         _render("tiny, a guest, torch", "log-guest", *scene, environment=TORCH, after=after),
         _render("tiny, max error", "log", *scene, "--max-error", "15dB", after=after),
-        Case("eval", ("eval", "{made}/train tiny/scene", "{made}/synth/log", "--out", "{out}/figures", "--frames", "1"), after=after),
+        Case(
+            "eval",
+            ("eval", "{made}/train tiny/scene", "{made}/synth/log", "--out", "{out}/figures", "--frames", "1"),
+            after=after,
+        ),
         Case("info", ("info", "{made}/train tiny/scene", "--json"), after=after, prints=True),
     ]
     return cases
@@ -136,7 +140,21 @@ def _untrained() -> list[Case]:
             _render(f"{name} edited, 3 jobs", "log-edited", *size, jobs=3, after=after, same_as=f"{name} edited"),
             _render(f"{name} portable", "log-edited", *size, after=after, instruction_set="portable"),
         ]
-    cases.append(_render("surfel of two frames", "log", "--renderer", "surfel", "--width", "96", "--frames", "1", "--sources", "0,2", after=after))
+    cases.append(
+        _render(
+            "surfel of two frames",
+            "log",
+            "--renderer",
+            "surfel",
+            "--width",
+            "96",
+            "--frames",
+            "1",
+            "--sources",
+            "0,2",
+            after=after,
+        )
+    )
     return cases
 
 

@@ -181,7 +181,8 @@ def _shape(data: bytes, leaves: dict[str, Any], own: list[str]) -> bytes:
     """A document's text without the values at places of its own."""
     for place in own:
         if place in leaves:
-            data = re.sub(re.escape(json.dumps(leaves[place]).encode()), b"*", data)
+            name, value = (re.escape(json.dumps(x).encode()) for x in (place.rpartition(".")[2], leaves[place]))
+            data = re.sub(name + rb"(\s*:\s*)" + value, rb"\1*", data)
     return data
 
 
@@ -221,7 +222,17 @@ def _ply(data: bytes) -> Arrays:
 def _safetensors(data: bytes) -> Arrays:
     size = int.from_bytes(data[:8], "little")
     head, body = json.loads(data[8 : 8 + size]), data[8 + size :]
-    kinds = {"F64": "<f8", "F32": "<f4", "F16": "<f2", "I64": "<i8", "I32": "<i4", "I16": "<i2", "I8": "i1", "U8": "u1", "BOOL": "?"}
+    kinds = {
+        "F64": "<f8",
+        "F32": "<f4",
+        "F16": "<f2",
+        "I64": "<i8",
+        "I32": "<i4",
+        "I16": "<i2",
+        "I8": "i1",
+        "U8": "u1",
+        "BOOL": "?",
+    }
     arrays = {"metadata": np.array(json.dumps(head.pop("__metadata__", {})))}
     for name, about in head.items():
         begin, end = about["data_offsets"]

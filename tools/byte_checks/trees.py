@@ -39,7 +39,9 @@ class Tree:
         folder = self.out / case.name
         folder.mkdir(parents=True)
         places = {"inputs": str(inputs), "made": str(made), "out": str(folder)}
-        done = self._python("-m", "unisim_blender", *(part.format(**places) for part in case.arguments), environment=case.environment)
+        done = self._python(
+            "-m", "unisim_blender", *(part.format(**places) for part in case.arguments), environment=case.environment
+        )
         if done.returncode != 0:
             said = done.stderr.strip().splitlines() or ["nothing"]
             return f"{self.name} ends with {done.returncode}: {said[-1]}"
@@ -60,7 +62,6 @@ class Tree:
         variables = {name: value for name, value in os.environ.items() if not name.startswith("UNISIM_")}
         variables |= {
             "PYTHONPATH": os.pathsep.join([str(self.root), *packages]),
-            "PYTHONDONTWRITEBYTECODE": "1",
             "OMP_NUM_THREADS": "1",
             "UNISIM_CACHE": str(self.out / "cache"),
             **environment,
