@@ -46,11 +46,12 @@ class Comparison:
         self.used: dict[Intended, int] = defaultdict(int)
         self.reasons: dict[str, set[str]] = defaultdict(set)
         self.failed: list[str] = []
-        self.skipped: set[str] = set()
+        self.without: set[str] = set()
+        """Cases that wrote no files."""
 
     def run(self, case: Case) -> None:
         """Run a case in both trees, and print its row."""
-        if lacking := [name for name in (*case.after, case.same_as) if name in self.failed or name in self.skipped]:
+        if lacking := [name for name in (*case.after, case.same_as) if name in self.without]:
             return self._row(case, 0, f"not run: {lacking[0]} has no files", failed=lacking[0] in self.failed)
         with ThreadPoolExecutor(2) as pool:
             faults = list(pool.map(lambda tree: tree.run(case, self.inputs, self.made), (self.base, self.head)))
@@ -60,7 +61,6 @@ class Comparison:
         if any(case.name in other.after for other in CASES.values()):
             shutil.copytree(before, self.made / case.name, ignore=shutil.ignore_patterns(*NOT_COMPARED))
         if case.instruction_set and (here := instruction_set(before)) != case.instruction_set:
-            self.skipped.add(case.name)
             return self._row(case, 0, f"not run: this machine has {here}")
         files = files_of(before)
         if not files:
@@ -94,6 +94,8 @@ class Comparison:
     def _row(self, case: Case, files: int, result: str, failed: bool = False) -> None:
         if failed:
             self.failed.append(case.name)
+        if not files:
+            self.without.add(case.name)
         click.echo(f"{case.name:{WIDTH}}  {files:5}  {result}")
 
 
