@@ -76,10 +76,10 @@ def files_of(folder: Path) -> list[str]:
 
 
 def differences(base: Path, head: Path) -> list[Difference]:
-    """What differs between two folders' files, the first file's first."""
+    """What differs between two folders' files; records and manifests, which tell of the others, come last."""
     found = []
     before, after = files_of(base), files_of(head)
-    for file in sorted({*before, *after}):
+    for file in sorted({*before, *after}, key=lambda name: (".state/" in name or name.endswith("manifest.json"), name)):
         if file not in before or file not in after:
             found.append(Difference(file, (Part("", f"is in {'head' if file in after else 'base'} alone"),)))
         elif parts := _parts(file, base / file, head / file):

@@ -45,6 +45,8 @@ class Tree:
         if done.returncode != 0:
             said = done.stderr.strip().splitlines() or ["nothing"]
             return f"{self.name} ends with {done.returncode}: {said[-1]}"
+        for checkpoint in folder.rglob("checkpoint.safetensors"):  # hundreds of megabytes that no case reads
+            checkpoint.unlink()
         if case.prints:
             (folder / "printed.txt").write_text(done.stdout)
         return ""
