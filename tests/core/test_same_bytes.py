@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import json
 import sys
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -19,9 +20,13 @@ import pytest
 from click.testing import CliRunner
 from instruction_sets import run_with
 from numpy.typing import NDArray
+from PIL import Image
 
 from unisim_blender.core import native
 from unisim_blender.core.cli import unisim
+from unisim_blender.core.colour import bytes_from_srgb
+from unisim_blender.core.prepare.scenario import prepare_scenario
+from unisim_blender.core.worker.jobs import Jobs
 
 ROOT = Path(__file__).parents[2]
 sys.path.insert(0, str(ROOT / "tools"))
@@ -135,6 +140,41 @@ def test_what_is_there_does_change_the_frame(inputs: Path, alone: Path, tmp_path
     assert {f"camera/front_camera/{FRAME.zfill(6)}.exr", f"lidar/few/{FRAME.zfill(6)}.npz"} <= {
         x.partition(":")[0] for x in found
     }
+
+
+@pytest.mark.parametrize("region", [None, (20, 10, 70, 41)], ids=["bands", "region"])
+def test_the_workers_image_has_the_command_lines_bytes(
+    inputs: Path, alone: Path, tmp_path: Path, region: tuple[int, int, int, int] | None
+) -> None:
+    """Whole in bands, or the part of it that an edit touched; at the same time, without the frame's number."""
+    path, camera = inputs / "busy.json", "front_camera"
+    recorded = prepare_scenario(path).edited.cameras[camera]
+    model = recorded.model.resized(96)
+    left, top, right, bottom = region or (0, 0, model.width, model.height)
+    request = {
+        "scenario": json.loads(path.read_text()), "path": str(path), "camera": camera, "time_s": recorded.time_s[int(FRAME)],
+        "model": asdict(model), "passes": ["rgb", "depth", "instance"], "quality": "fast", "shadows": True,
+        "rows": [top, bottom], "columns": [left, right], "touched": region is not None, "coarse": [8] if region is None else [],
+    }  # fmt: skip
+    shown = {name: np.full((model.height, model.width), np.nan) for name in ("depth", "instance")}
+    shown["rgb"] = np.full((model.height, model.width, 3), np.nan)
+    for event in Jobs(tmp_path).camera(request):
+        assert event["event"] == "arrays"
+        if tuple(event["stride"]) != (1, 1):
+            continue
+        (first, last), (begin, end) = event["rows"], event["columns"]
+        data = (tmp_path / event["file"]).read_bytes()
+        for name, array in shown.items():
+            place = event["arrays"]["depth_m" if name == "depth" else name]
+            values = np.frombuffer(data, place["dtype"], int(np.prod(place["shape"])), place["offset"])
+            array[first:last, begin:end] = values.reshape(place["shape"])
+    inner = slice(top, bottom), slice(left, right)
+    file = alone / "camera" / camera / FRAME.zfill(6)
+    whole = channels(file.with_suffix(".exr"))
+    for name in ("depth", "instance"):
+        assert np.array_equal(shown[name][inner], whole[name][inner]), name
+    with Image.open(file.with_suffix(".png")) as image:
+        assert np.array_equal(bytes_from_srgb(shown["rgb"][inner].astype(np.float32)), np.asarray(image)[inner])
 
 
 def channels(file: Path) -> dict[str, NDArray[Any]]:
