@@ -45,10 +45,11 @@ def _render(
 
 
 def _made() -> list[Case]:
-    """Logs and scenes made anew by both trees; later cases read the base's."""
+    """Logs and scenes made anew by both trees; later cases read the base's. Of so few steps a scene has rough shapes and hardly any
+    colours."""
     street = ("synth", "{out}/log", "--frames", "4", "--width", "96", "--height", "54", "--jobs", "1", "--quiet")
     cases = [Case("synth", street, quick=True)]
-    for preset, steps in (("tiny", 60), ("ngp", 10), ("nsg", 10)):
+    for preset, steps in (("tiny", 200), ("ngp", 60), ("nsg", 60)):
         train = ("train", "{made}/synth/log", "--out", "{out}/scene", "--preset", preset, "--iterations", str(steps), "--quiet")
         cases.append(Case(f"train {preset}", (*train, "--frames", "::1"), after=("synth",)))
     return cases
