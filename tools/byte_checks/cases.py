@@ -45,8 +45,8 @@ def _render(
 
 
 def _made() -> list[Case]:
-    """Logs and scenes made anew by both trees; later cases read the base's. Of so few steps a scene has rough shapes and hardly any
-    colours."""
+    """Logs and scenes made anew by both trees; later cases read the base's. After so few steps a scene has rough shapes, and
+    hardly any colours."""
     street = ("synth", "{out}/log", "--frames", "4", "--width", "96", "--height", "54", "--jobs", "1", "--quiet")
     cases = [Case("synth", street, quick=True)]
     for preset, steps in (("tiny", 200), ("ngp", 60), ("nsg", 60)):
