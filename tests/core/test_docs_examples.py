@@ -139,7 +139,9 @@ def shell(words: list[str], where: str, run: bool) -> None:
     elif program == "pip":
         assert rest[0] == "install", where
     elif program in ("blender", "cmake"):
-        assert not [word for word in rest if word.startswith("--") and program == "blender" and word not in BLENDER_FLAGS | {"--out"}]
+        assert not [
+            word for word in rest if word.startswith("--") and program == "blender" and word not in BLENDER_FLAGS | {"--out"}
+        ]
     else:
         raise AssertionError(f"{where}: what is {program}?")
 
