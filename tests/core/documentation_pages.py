@@ -47,6 +47,18 @@ def prose(text: str) -> Iterator[tuple[int, str]]:
             yield number, line
 
 
+def paragraphs(text: str) -> Iterator[tuple[int, int]]:
+    """Yield the first line and the number of lines of each paragraph and list item."""
+    first, count = 0, 0
+    for number, line in [*prose(text), (0, "")]:
+        item = re.match(r"\s*([-*]|\d+\.) ", line)
+        if count and (item or not line.strip() or number != first + count):
+            yield first, count
+            count = 0
+        if line.strip():
+            first, count = (first, count + 1) if count else (number, 1)
+
+
 def anchors(text: str) -> set[str]:
     """Return the anchors of a page's headings, as code hosts and the website make them."""
     plain = "\n".join(line for line in _outside_code(text) if line.startswith("#"))

@@ -7,11 +7,13 @@ from pathlib import Path
 
 import click
 import pytest
-from documentation_pages import NAMES, PAGES, ROOT, anchors, blocks, links, prose
+from documentation_pages import NAMES, PAGES, ROOT, anchors, blocks, links, paragraphs, prose
 
 from unisim_blender.core.cli import unisim
 
 LONGEST_LINE = 120
+MOST_LINES = 4
+"""Of a paragraph, or of an item of a list."""
 LANGUAGES = {"sh", "python", "json", "text"}
 
 
@@ -37,9 +39,10 @@ def test_every_page_is_in_the_website_and_every_image_in_a_page() -> None:
 
 
 @pytest.mark.parametrize("page", PAGES, ids=NAMES)
-def test_prose_lines_are_short_and_blocks_have_a_language(page: Path) -> None:
+def test_lines_and_paragraphs_are_short_and_blocks_have_a_language(page: Path) -> None:
     text = page.read_text(encoding="utf-8")
     long = [f"{page.name}:{number}" for number, line in prose(text) if len(line) >= LONGEST_LINE]
+    long += [f"{page.name}:{first}: {count} lines" for first, count in paragraphs(text) if count > MOST_LINES]
     assert long == []
     assert [(block.line, block.language) for block in blocks(text) if block.language not in LANGUAGES] == []
 
