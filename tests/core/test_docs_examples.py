@@ -159,9 +159,8 @@ def ours(arguments: list[str], where: str, run: bool) -> None:
 
 
 def check(group: click.Command, name: str, arguments: list[str], where: str) -> None:
-    """Have click read a command's options, without running it."""
-    assert isinstance(group, click.Group)
-    command = group.get_command(click.Context(group), name)
+    """Have click read the options of a group's command, or of a command alone, without running it."""
+    command = group.get_command(click.Context(group), name) if isinstance(group, click.Group) else group
     assert command is not None, f"{where}: there is no command {name}"
     try:
         command.make_context(name, list(arguments))
@@ -170,13 +169,17 @@ def check(group: click.Command, name: str, arguments: list[str], where: str) -> 
 
 
 def of_python(arguments: list[str], where: str) -> None:
-    """Check that the module or script of a `python` command is there, and the options of click's."""
+    """Check that the module or script of a `python` command is there, and has the options."""
     if arguments[0] != "-m":
-        assert (ROOT / arguments[0]).is_file(), f"{where}: there is no {arguments[0]}"
+        script = ROOT / arguments[0]
+        assert script.is_file(), f"{where}: there is no {arguments[0]}"
+        options = {word for word in arguments[1:] if word.startswith("--")}
+        known = script.read_text(encoding="utf-8")
+        assert [option for option in options if f'"{option}"' not in known] == [], f"{where}: {arguments[0]}"
         return
-    module, rest = arguments[1], arguments[2:]
-    assert find_spec(module) is not None or (ROOT / module.replace(".", "/")).is_dir(), f"{where}: there is no module {module}"
-    if module == "benchmarks.detection":
+    name, rest = arguments[1], arguments[2:]
+    assert find_spec(name) is not None, f"{where}: there is no module {name}"
+    if name == "benchmarks.detection":
         check(import_module("benchmarks.detection.__main__").main, rest[0], rest[1:], where)
 
 
