@@ -44,6 +44,9 @@ def test_lines_and_paragraphs_are_short_and_blocks_have_a_language(page: Path) -
     long = [f"{page.name}:{number}" for number, line in prose(text) if len(line) >= LONGEST_LINE]
     long += [f"{page.name}:{first}: {count} lines" for first, count in paragraphs(text) if count > MOST_LINES]
     assert long == []
+    # a ">" that was wrapped to a line's begin would make a quotation
+    before = {number: line for number, line in enumerate(text.splitlines(), 2)}
+    assert [n for n, line in prose(text) if line.startswith(">") and before[n].strip() and before[n][0] != ">"] == []
     assert [(block.line, block.language) for block in blocks(text) if block.language not in LANGUAGES] == []
 
 
