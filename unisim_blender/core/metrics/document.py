@@ -1,4 +1,4 @@
-"""Outputs of an autonomy stack, and labels, as a JSON document; docs/metrics.md describes it."""
+"""Outputs of an autonomy stack, and labels, as a JSON document; docs/reference/metrics.md describes it."""
 
 from __future__ import annotations
 
