@@ -12,7 +12,7 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from .errors import UnisimError
+from .errors import UnisimError, short
 from .geometry import FloatArray
 
 MAX_INTEGER = 2**53
@@ -46,15 +46,21 @@ def read_json(path: Path, error: type[UnisimError]) -> Any:
 
 
 def check_finite(value: Any, place: str, error: type[UnisimError]) -> None:
-    """Raise ``error`` for the first number in a JSON value that float64 cannot hold; ``place`` is the value's own."""
+    """Raise ``error`` for the first number in a JSON value that float64 cannot hold, and for the first text that UTF-8 cannot
+    or that holds a NUL, which no path may; ``place`` is the value's own."""
     if isinstance(value, dict):
         for key, member in value.items():
+            check_finite(key, place, error)
             check_finite(member, f"{place}{key}" if place.endswith(": ") else f"{place}.{key}", error)
     elif isinstance(value, list):
         for index, member in enumerate(value):
             check_finite(member, f"{place}[{index}]", error)
     elif isinstance(value, float) and not math.isfinite(value):
         raise error(f"{place}: {value} is not a finite number")
+    elif isinstance(value, str) and (
+        "\0" in value or (not value.isascii() and any("\ud800" <= letter <= "\udfff" for letter in value))
+    ):
+        raise error(f"{place.removesuffix(': ')}: holds a text that is none: {short(value)}")
     elif isinstance(value, int) and abs(value) > MAX_INTEGER:
         raise error(f"{place}: is a whole number beyond 2^53")
 
