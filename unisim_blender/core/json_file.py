@@ -15,6 +15,8 @@ import numpy as np
 from .errors import UnisimError, short
 from .geometry import FloatArray
 
+RIGID = 1e-3
+"""How far from 1 and 0 the products of a rotation's axes may be."""
 MAX_INTEGER = 2**53
 """Whole numbers up to here are exact in float64."""
 
@@ -169,6 +171,20 @@ class Node:
         if not np.isfinite(array).all():
             self.fail(f"holds a number that is not finite: {array[~np.isfinite(array)][0]}")
         return np.asarray(array, np.float64)
+
+    def pose(self) -> FloatArray:
+        """The value as a rigid pose (4, 4): a rotation and a place."""
+        pose = self.array(4, 4)
+        if not _is_pose(pose):
+            self.fail(f"is no pose, a rotation and a place: {_short(self.value)}")
+        return pose
+
+
+def _is_pose(pose: FloatArray) -> bool:
+    rotation = pose[:3, :3]
+    with np.errstate(over="ignore", invalid="ignore"):
+        square = np.abs(rotation @ rotation.T - np.eye(3)).max()
+        return bool(square <= RIGID and np.linalg.det(rotation) > 0 and (pose[3] == [0, 0, 0, 1]).all())
 
 
 def _of_numbers(value: Any) -> bool:

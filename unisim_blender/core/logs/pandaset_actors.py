@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from ..drive import Actor, Lidar, Look
-from ..errors import LogError
+from ..errors import LogError, in_a_line
 from ..geometry import FloatArray, Trajectory, invert_pose, quaternion_from_yaw
 from .safe_pickle import read_table
 
@@ -65,7 +65,7 @@ def _add_frame(tracks: dict[str, _Track], path: Path, time_s: float, origin: Flo
         yaws = table["yaw"].astype(np.float64)
         twin = table["cuboids.sensor_id"].astype(np.int64) == 1 if "cuboids.sensor_id" in table else np.zeros(len(yaws), bool)
     except (TypeError, ValueError) as error:
-        raise LogError(f"{path}: a cuboid's numbers are none ({error})") from error
+        raise LogError(f"{path}: a cuboid's numbers are none ({in_a_line(error)})") from error
     for row in np.flatnonzero(~twin):
         uid = str(table["uuid"][row])
         if not (np.isfinite(positions[row]).all() and np.isfinite(sizes[row]).all() and np.isfinite(yaws[row])):

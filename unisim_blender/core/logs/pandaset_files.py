@@ -25,7 +25,7 @@ def read_json(path: Path) -> Any:
     except OSError as error:
         raise LogError(f"{path}: cannot be read ({error.strerror})") from error
     except (ValueError, RecursionError) as error:
-        raise LogError(f"{path}: is not valid JSON ({error})") from error
+        raise LogError(f"{path}: is not valid JSON ({in_a_line(error)})") from error
 
 
 def read_times(path: Path) -> FloatArray:
