@@ -452,3 +452,9 @@ def test_a_long_text_does_not_flood_a_sentence(log_path: Path) -> None:
     with pytest.raises(LogError, match=r"01\.pkl\.gz: a cuboid's numbers are none") as caught:
         open_log(log_path)
     assert len(str(caught.value)) < 600
+
+
+def test_frames_that_are_no_time_apart_are_refused(log_path: Path) -> None:
+    edit_json(log_path / "lidar" / "timestamps.json", lambda times: times.__setitem__(1, times[0] + 1e-7))
+    with pytest.raises(LogError, match=r"lidar/timestamps\.json: frame 1 at .* s is not later than frame 0"):
+        open_log(log_path)

@@ -14,7 +14,7 @@ import numpy as np
 
 from ..drive import Actor, Lidar, Look
 from ..errors import LogError, in_a_line
-from ..geometry import FloatArray, Trajectory, invert_pose, quaternion_from_yaw
+from ..geometry import FloatArray, Trajectory, TrajectoryError, invert_pose, quaternion_from_yaw
 from .safe_pickle import read_table
 
 _POSITION = ("position.x", "position.y", "position.z")
@@ -54,7 +54,14 @@ def read_actors(
     tracks: dict[str, _Track] = {}
     for frame in sorted(files):
         _add_frame(tracks, files[frame], time_s[frame], origin)
-    return {uid: _actor(uid, track, lidar) for uid, track in sorted(tracks.items())}
+    actors = {}
+    for uid, track in sorted(tracks.items()):
+        try:
+            with np.errstate(over="ignore", invalid="ignore"):
+                actors[uid] = _actor(uid, track, lidar)
+        except TrajectoryError as error:
+            raise LogError(f"{files[min(files)].parent}: the way of cuboid {uid}: {error}") from error
+    return actors
 
 
 def _add_frame(tracks: dict[str, _Track], path: Path, time_s: float, origin: FloatArray) -> None:
