@@ -433,3 +433,28 @@ def test_a_class_that_is_no_number_and_a_broken_picture_are_refused(log_path: Pa
     picture.write_bytes(b"\xff\xd8\xff\xe0\x00\x00" + picture.read_bytes()[6:])
     with pytest.raises(LogError, match=r"00\.jpg: is a broken JPEG image"):
         open_log(log_path)
+
+
+@pytest.mark.parametrize("row", (0, 3))
+def test_a_mount_that_is_no_pose_is_refused(log_path: Path, row: int) -> None:
+    def change(setup: Any) -> None:
+        setup["lidars"]["pandar64"]["ego_from_lidar"][row] = [0.0, 0.0, 0.0, 0.0]
+
+    edit_json(log_path / "meta" / "unisim.json", change)
+    with pytest.raises(LogError, match=r"unisim\.json: lidars\.pandar64\.ego_from_lidar: is no pose"):
+        open_log(log_path)
+
+
+def test_a_long_text_does_not_flood_a_sentence(log_path: Path) -> None:
+    edit = {name: values.astype(object) for name, values in read_table(log_path / CUBOIDS).items()}
+    edit["yaw"][0] = "y" * 5000
+    write_table(log_path / CUBOIDS, edit)
+    with pytest.raises(LogError, match=r"01\.pkl\.gz: a cuboid's numbers are none") as caught:
+        open_log(log_path)
+    assert len(str(caught.value)) < 600
+
+
+def test_frames_that_are_no_time_apart_are_refused(log_path: Path) -> None:
+    edit_json(log_path / "lidar" / "timestamps.json", lambda times: times.__setitem__(1, times[0] + 1e-7))
+    with pytest.raises(LogError, match=r"lidar/timestamps\.json: frame 1 at .* s is not later than frame 0"):
+        open_log(log_path)

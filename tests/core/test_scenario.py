@@ -322,3 +322,14 @@ def test_as_much_as_is_read_is_read() -> None:
     document = copy.deepcopy(EVERYTHING)
     document["edits"] = [{"type": "remove", "actor": "car"}] * MOST_MEMBERS["edits"]
     assert len(scenario_from_json(document).edits) == MOST_MEMBERS["edits"]
+
+
+@pytest.mark.parametrize("text", ("\\ud800", "a\\u0000b"))
+def test_a_text_that_is_no_path_is_refused(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "scenario.json"
+    path.write_text(json.dumps({**EVERYTHING, "log": "LOG"}).replace("LOG", text))
+    with pytest.raises(ScenarioError, match=r"scenario\.json: log: holds a text that is none: '"):
+        load_scenario(path)
+    path.write_text(json.dumps({**EVERYTHING, "boxes": {"LOG": EVERYTHING["boxes"]["bin"]}}).replace("LOG", text))
+    with pytest.raises(ScenarioError, match=r"scenario\.json: boxes: holds a text that is none: '"):
+        load_scenario(path)

@@ -308,7 +308,7 @@ def _box_to_json(box: Box) -> dict[str, Any]:
 
 
 def _read_box(node: Node) -> Box:
-    return Box(node.key("world_from_box").array(4, 4), _read_size(node.key("size_m")))
+    return Box(node.key("world_from_box").pose(), _read_size(node.key("size_m")))
 
 
 def _read_drive(node: Node) -> Drive:
@@ -326,7 +326,7 @@ def _read_drive(node: Node) -> Drive:
         lidars={key: _read_lidar(key, child) for key, child in node.key("lidars").members()},
         actors={key: _read_actor(key, child) for key, child in node.key("actors").members()},
         static_copies=tuple(
-            StaticCopy(child.key("uid").text(), _read_box(child.key("source")), child.key("world_from_target").array(4, 4))
+            StaticCopy(child.key("uid").text(), _read_box(child.key("source")), child.key("world_from_target").pose())
             for child in node.key("static_copies").elements()
         ),
         static_removals=tuple(_read_box(child) for child in node.key("static_removals").elements()),

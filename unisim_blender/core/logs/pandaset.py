@@ -99,7 +99,7 @@ class PandasetLog:
             with Image.open(path) as image:
                 return np.asarray(image.convert("RGB"))
         except (OSError, UnidentifiedImageError, Image.DecompressionBombError) as error:
-            raise LogError(f"{path}: cannot be decoded ({error})") from error
+            raise LogError(f"{path}: cannot be decoded ({in_a_line(error)})") from error
 
     def sweep(self, lidar: str, frame: int) -> Sweep:
         """The recorded returns, less those of the vehicle's own body."""
@@ -161,7 +161,7 @@ class PandasetLog:
         try:
             return classes.astype(np.int32)
         except (TypeError, ValueError, OverflowError) as error:
-            raise LogError(f"{path}: a class is no number ({error})") from error
+            raise LogError(f"{path}: a class is no number ({in_a_line(error)})") from error
 
     def _open_camera(self, name: str, missing: list[str]) -> Camera | None:
         folder = self.path / "camera" / name

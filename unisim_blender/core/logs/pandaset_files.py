@@ -12,6 +12,8 @@ from ..errors import LogError, in_a_line
 from ..geometry import FloatArray
 
 MAX_JSON_BYTES = 64 * 2**20
+CLOSEST_S = 1e-6
+"""Between two frames' times: between closer ones speeds are beyond numbers."""
 
 
 def read_json(path: Path) -> Any:
@@ -25,7 +27,7 @@ def read_json(path: Path) -> Any:
     except OSError as error:
         raise LogError(f"{path}: cannot be read ({error.strerror})") from error
     except (ValueError, RecursionError) as error:
-        raise LogError(f"{path}: is not valid JSON ({error})") from error
+        raise LogError(f"{path}: is not valid JSON ({in_a_line(error)})") from error
 
 
 def read_times(path: Path) -> FloatArray:
@@ -33,7 +35,7 @@ def read_times(path: Path) -> FloatArray:
     times = _numbers(path, read_json(path), "timestamps")
     if len(times) == 0:
         raise LogError(f"{path}: holds no timestamp")
-    late = np.flatnonzero(np.diff(times) <= 0)
+    late = np.flatnonzero(np.diff(times) < CLOSEST_S)
     if len(late):
         frame = int(late[0]) + 1
         raise LogError(f"{path}: frame {frame} at {times[frame]} s is not later than frame {frame - 1} at {times[frame - 1]} s")
