@@ -4,6 +4,7 @@
 # make test-ui   a real Blender window driven by scripts, mouse and keys (root, debootstrap); a part of the sessions
 # make test-ui-all   all of its sessions, in Blender 4.3 and 5.2
 # make screenshots   the documentation's pictures of Blender, by two sessions of the window
+# make docs    the documentation as a website, in out/site
 # make extension   the Blender extension as a .zip, in dist/
 # make clean   removes what the others made, .venv included
 PYTHON ?= python3.11
@@ -11,7 +12,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 BUILD_TOOLS := scikit-build-core cmake ninja
 
-.PHONY: setup demo test test-ui test-ui-all screenshots extension clean
+.PHONY: setup demo test test-ui test-ui-all screenshots docs extension clean
 
 setup: $(VENV)/.built
 
@@ -60,8 +61,19 @@ screenshots: $(VENV)/.blender
 	$(BIN)/python tests/ui/run.py $(BLENDER_ROOT)-trixie trixie out/ui window compare
 	$(BIN)/python tools/screenshots.py out/ui docs/images
 
+# an environment of its own: the website needs neither the package nor a compiler
+DOCS_VENV := .venv-docs
+DOCS_NEED := import tomllib; print(*tomllib.load(open('pyproject.toml', 'rb'))['project']['optional-dependencies']['docs'])
+$(DOCS_VENV)/.created: pyproject.toml constraints.txt
+	$(PYTHON) -m venv $(DOCS_VENV)
+	$(DOCS_VENV)/bin/python -m pip install --quiet --constraint constraints.txt $$($(PYTHON) -c "$(DOCS_NEED)")
+	touch $@
+
+docs: $(DOCS_VENV)/.created
+	NO_MKDOCS_2_WARNING=1 $(DOCS_VENV)/bin/mkdocs build --strict
+
 extension: $(VENV)/.blender
 	$(BIN)/python tools/build_extension.py dist
 
 clean:
-	rm -rf $(VENV) build dist out unisim_blender/core/_unisim_native.*
+	rm -rf $(VENV) $(DOCS_VENV) build dist out unisim_blender/core/_unisim_native.*

@@ -24,10 +24,11 @@ from unisim_blender.core.bounded import BoundedRenderer, at_quality, colour_erro
 from unisim_blender.core.frames import CameraFrame, LidarFrame
 from unisim_blender.core.geometry import FloatArray
 from unisim_blender.core.max_error import Bound, depth_errors, parse_bounds
-from unisim_blender.core.prepare.renderers import make_tracer
+from unisim_blender.core.prepare.renderers import make_backend
 from unisim_blender.core.prepare.selection import select_frames
 from unisim_blender.core.quality import LADDER, TRUTH
-from unisim_blender.core.render import Renderer
+from unisim_blender.core.render.drive_renderer import DriveRenderer
+from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.scene_file import read_scene_header
 
 Frame = CameraFrame | LidarFrame
@@ -52,11 +53,11 @@ def true_error(bound: Bound, errors: dict[str, FloatArray]) -> float:
 class Sensor:
     """A camera or a LiDAR of a scene, rendered in several ways."""
 
-    def __init__(self, renderer: Renderer, name: str, width: int | None, bounds: list[Bound], seeds: int) -> None:
+    def __init__(self, renderer: DriveRenderer, name: str, width: int | None, bounds: list[Bound], seeds: int) -> None:
         self.renderer, self.name, self.width = renderer, name, width
         self.bounds, self.seeds = bounds, [BoundedRenderer(renderer, bounds, seed) for seed in range(seeds)]
 
-    def render(self, by: Renderer | BoundedRenderer, frame: int) -> tuple[Frame, float]:
+    def render(self, by: DriveRenderer | BoundedRenderer, frame: int) -> tuple[Frame, float]:
         """A frame, and its seconds."""
         begun = time.process_time()
         out: Frame = by.camera(self.name, frame, width=self.width) if self.width else by.lidar(self.name, frame)
@@ -130,7 +131,7 @@ def main(file: Path, scene: Path | None, width: int, frames: str | None, texts: 
     header = read_scene_header(scene)
     bounds = [bound for bound in parse_bounds(texts) if (bound.unit == "mm") == (width == 0)]
     name = header.training["cameras"][0] if width else next(n for n, x in header.drive.lidars.items() if x.model.beams)
-    sensor = Sensor(Renderer(make_tracer(scene, header.drive), header.drive), name, width, bounds, seeds)
+    sensor = Sensor(DriveRenderer(Renderer(make_backend(scene)), header.drive), name, width, bounds, seeds)
     done = {(row["scene"], row["sensor"], row["width"], row["frame"]) for row in rows}
     for frame in select_frames(frames, header.drive.frames):
         about = {"scene": scene.name, "sensor": name, "width": width, "frame": frame}

@@ -1,4 +1,5 @@
-"""Make the manual inside the extension: docs/blender.md as one HTML page, and a small file for each section that leads to it.
+"""Make the manual inside the extension: docs/reference/blender.md as one HTML page, and a small file for each section that leads
+to it.
 
 python tools/build_manual.py OUT      (OUT: the folder `manual`)
 """
@@ -13,7 +14,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
-SOURCE = ROOT / "docs" / "blender.md"
+SOURCE = ROOT / "docs" / "reference" / "blender.md"
 TITLE = "UniSim in Blender"
 STYLE = (
     "body{font:16px/1.55 system-ui,sans-serif;max-width:48rem;margin:2rem auto;padding:0 1rem;color:#222;background:#fff}"
@@ -151,9 +152,11 @@ def build(out: Path, source: Path = SOURCE) -> Path:
     """Write the manual into a folder; return its page."""
     out.mkdir(parents=True, exist_ok=True)
     text = page(source.read_text(encoding="utf-8"))
-    for name in re.findall(r'<img src="([^"]+)"', text):
-        (out / name).parent.mkdir(parents=True, exist_ok=True)
-        shutil.copy(source.parent / name, out / name)
+    for name in set(re.findall(r'<img src="([^"]+)"', text)):
+        image = f"images/{Path(name).name}"
+        (out / image).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy(source.parent / name, out / image)
+        text = text.replace(f'<img src="{name}"', f'<img src="{image}"')
     for anchor in anchors(text):
         leads = f'<!DOCTYPE html>\n<meta charset="utf-8"><meta http-equiv="refresh" content="0; url=index.html#{anchor}">'
         (out / f"{anchor}.html").write_text(f'{leads}\n<a href="index.html#{anchor}">{TITLE}</a>\n', encoding="utf-8")

@@ -12,7 +12,7 @@ from unisim_blender.core.logs import open_log
 from unisim_blender.core.logs.pandaset_sensors import PANDAR64
 from unisim_blender.core.prepare.renderers import SceneSource
 from unisim_blender.core.prepare.replay import replayed_drive
-from unisim_blender.core.render import Renderer
+from unisim_blender.core.render.drive_renderer import DriveRenderer
 from unisim_blender.core.street.write import write_log
 from unisim_blender.core.training.config import TrainConfig
 from unisim_blender.core.training.learnt import learnt
@@ -39,7 +39,7 @@ class SimulatedSet:
 
 
 @lru_cache(maxsize=1)  # frames come street by street
-def _renderer(simulated: SimulatedSet, seed: int) -> tuple[Drive, Renderer]:
+def _renderer(simulated: SimulatedSet, seed: int) -> tuple[Drive, DriveRenderer]:
     folder, street = simulated.work / f"street-{seed}", simulated.streets.street(seed)
     write_log(street, folder / "log", os.cpu_count() or 1, progress=False)
     log = open_log(folder / "log")

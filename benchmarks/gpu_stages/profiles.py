@@ -12,8 +12,9 @@ from torch.profiler import ProfilerActivity
 from torch.profiler import profile as torch_profile
 
 from unisim_blender.core.fields.checkpoint import load_scene
-from unisim_blender.core.render import Renderer
-from unisim_blender.core.torch_tracer import TorchTracer
+from unisim_blender.core.render.drive_renderer import DriveRenderer
+from unisim_blender.core.render.renderer import Renderer
+from unisim_blender.core.torch_tracer import TorchBackend
 from unisim_blender.core.training.trainer import Trainer
 
 from .scenes import config_of, held_out, opened, peak_memory, scene_of
@@ -65,7 +66,7 @@ def profile_scene(settings: Settings, found: Findings, preset: str) -> None:
 
     def image() -> Callable[[], object]:
         scene = load_scene(scene_of(settings, preset), settings.device)
-        renderer = Renderer(TorchTracer(scene, scene.header.drive), scene.header.drive)
+        renderer = DriveRenderer(Renderer(TorchBackend(scene)), scene.header.drive)
         return lambda: renderer.camera(CAMERA, held_out(log))
 
     for name, made in (("steps", steps), ("image", image)):

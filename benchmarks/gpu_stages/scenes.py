@@ -64,8 +64,9 @@ def train_scene(settings: Settings, found: Findings, preset: str) -> None:
     """Train a preset for the time given; note steps, losses, and how well a frame that was held out is rendered."""
     from unisim_blender.core.evaluate.recorded import recorded_picture
     from unisim_blender.core.fields.checkpoint import load_scene
-    from unisim_blender.core.render import Renderer
-    from unisim_blender.core.torch_tracer import TorchTracer
+    from unisim_blender.core.render.drive_renderer import DriveRenderer
+    from unisim_blender.core.render.renderer import Renderer
+    from unisim_blender.core.torch_tracer import TorchBackend
     from unisim_blender.core.training.run import train
     from unisim_blender.core.training.trainer import Trainer
 
@@ -94,7 +95,7 @@ def train_scene(settings: Settings, found: Findings, preset: str) -> None:
     )  # fmt: skip
     scene, frame = load_scene(scene_of(settings, preset), settings.device), held_out(log)
     drive = scene.header.drive
-    picture = Renderer(TorchTracer(scene, drive), drive).camera(CAMERA, frame).rgb
+    picture = DriveRenderer(Renderer(TorchBackend(scene)), drive).camera(CAMERA, frame).rgb
     error = float(np.mean((np.clip(picture, 0, 1) - recorded_picture(log, CAMERA, frame, None)) ** 2))
     found.note(
         held_out_frame=frame, psnr_db=round(-10 * float(np.log10(max(error, 1e-10))), 2), peak=peak_memory(settings.device)

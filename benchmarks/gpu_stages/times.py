@@ -19,8 +19,9 @@ from unisim_blender.core import native
 from unisim_blender.core.fields.checkpoint import load_scene
 from unisim_blender.core.frames import CameraFrame
 from unisim_blender.core.quality import QUALITY
-from unisim_blender.core.render import Renderer
-from unisim_blender.core.torch_tracer import TorchTracer
+from unisim_blender.core.render.drive_renderer import DriveRenderer
+from unisim_blender.core.render.renderer import Renderer
+from unisim_blender.core.torch_tracer import TorchBackend
 from unisim_blender.core.training.trainer import Trainer
 
 from .kernels import READY
@@ -98,11 +99,11 @@ def time_scene(settings: Settings, found: Findings, preset: str) -> None:
     drive = scene.header.drive
 
     def image(quality: str) -> Callable[[], CameraFrame]:
-        of_quality = Renderer(TorchTracer(scene, drive, quality), drive)
+        of_quality = DriveRenderer(Renderer(TorchBackend(scene, quality)), drive)
         return lambda: of_quality.camera(CAMERA, frame)
 
     def sweep(quality: str) -> Callable[[], object]:
-        of_quality = Renderer(TorchTracer(scene, drive, quality), drive)
+        of_quality = DriveRenderer(Renderer(TorchBackend(scene, quality)), drive)
         return lambda: of_quality.lidar(beam_lidars(log)[0], frame)
 
     def steps() -> Callable[[], object]:

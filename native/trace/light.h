@@ -29,7 +29,7 @@ class Light {
             const int n = static_cast<int>(std::min<size_t>(PLACES, heavy_.size() - first));
             for (int i = 0; i < filled(4 * n); ++i) {
                 const int p = heavy_[first + std::min(i / 4, n - 1)], r = b.ray[p];
-                const int k = tile_.marches(scene) ? heaviest(b, p) : b.samples / 2;
+                const int k = median(b, p);
                 const float t = b.t[static_cast<size_t>(k * b.stride + p)];
                 const float *home = scene.light_home + 3 * tile_.task.cast.troupes[b.troupe].rows[b.box[p]];
                 const float reach = i & 1 ? -scene.light_reach_m : scene.light_reach_m;
@@ -61,6 +61,18 @@ class Light {
     }
 
   private:
+    // The sample at which a strand alone has stopped half of what it stops of the ray.
+    static int median(const Batch &b, int p) {
+        float all = 0, depth = 0;
+        for (int k = 0; k < b.samples; ++k) all += b.tau[static_cast<size_t>(k * b.stride + p)];
+        const float half = -0.5f * std::expm1(-all);
+        for (int k = 0; k + 1 < b.samples; ++k) {
+            depth += b.tau[static_cast<size_t>(k * b.stride + p)];
+            if (-std::expm1(-depth) >= half) return k;
+        }
+        return b.samples - 1;
+    }
+
     Tile &tile_;
     std::vector<int> heavy_;
     std::vector<float> units_, looks_;

@@ -73,7 +73,7 @@ def check_against_the_tracer(street: Street, drive: Drive, found: FloatArray, fr
     assert len(solid) > 0.7 * len(points)
     points = points[solid]
     v, u = (side + 0.5 for side in np.divmod(solid, WIDTH))
-    times = row_times(camera, frame, v)
+    times = row_times(camera, camera.time_s[frame], v)
     world = make_world(street, drive)
     poses = world.street_from_world @ camera.world_from_camera.at(times)
     to = points - poses[:, :3, 3]

@@ -21,8 +21,10 @@ from helpers import SAMPLE
 
 from unisim_blender import interpreters
 from unisim_blender.client import Client, Request
-from unisim_blender.core.prepare.renderers import make_tracer
-from unisim_blender.core.render import Region, Renderer
+from unisim_blender.core.prepare.renderers import make_backend
+from unisim_blender.core.render.drive_renderer import DriveRenderer
+from unisim_blender.core.render.regions import Region
+from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.scene_file import read_scene_header
 
 LIMIT_S = 120
@@ -219,7 +221,7 @@ def test_an_image_of_another_size_is_that_of_the_command_line(worker: Client) ->
     assert event["event"] == "arrays", event
     made = worker.arrays(event)["rgb"]
     last(request)
-    renderer = Renderer(make_tracer(scene, drive, "balanced"), drive)
+    renderer = DriveRenderer(Renderer(make_backend(scene)), drive)
     region = Region(columns[0], rows[0], columns[1], rows[1])
     wanted = renderer.camera("front_camera", 0, width=2 * drive.cameras["front_camera"].model.width, region=region).rgb
     assert np.abs(made - wanted).max() < 0.004

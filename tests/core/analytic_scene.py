@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import torch
 from torch import Tensor
+from whole_drive import whole_state
 
 from unisim_blender.core.cast import gather_cast
 from unisim_blender.core.cast_tensors import CastTensors, cast_tensors
@@ -19,10 +20,12 @@ from unisim_blender.core.fields.config import ModelConfig, preset
 from unisim_blender.core.fields.scene import SceneModel
 from unisim_blender.core.fields.volume import Volume
 from unisim_blender.core.geometry import FloatArray, Trajectory, make_pose, quaternion_from_matrix, quaternion_from_yaw
-from unisim_blender.core.render import Renderer
+from unisim_blender.core.quality import QUALITY
+from unisim_blender.core.render.drive_renderer import DriveRenderer
+from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.scene_file import SceneHeader
 from unisim_blender.core.strands import RayBatch, Traced
-from unisim_blender.core.torch_tracer import TorchTracer
+from unisim_blender.core.torch_tracer import TorchBackend
 from unisim_blender.core.trace import Sampling, trace
 
 GROUND_M = 0.0
@@ -162,7 +165,7 @@ class Stage:
     def cast(self) -> CastTensors:
         scenes = {path: (scene, tables(scene)) for path, scene in {"": self.scene, **self.others}.items()}
         looks = {path: tuple(scene.actor_ids) for path, (scene, _) in scenes.items()}
-        return cast_tensors(gather_cast(self.drive, self.drive, looks), scenes)
+        return cast_tensors(gather_cast(whole_state(self.drive), looks), scenes)
 
     def trace(
         self, origins: Any, directions: Any, time_s: Any = 0.0, fine: float = 4.0, far: bool = False, among: Tensor | None = None
@@ -204,7 +207,12 @@ def header_of(scene: SceneModel, drive: Drive, path: Path) -> SceneHeader:
 
 
 def renderer_of(
-    scene: Scene, drive: Drive, quality: str = "balanced", others: dict[str, Scene] | None = None, **how: Any
-) -> Renderer:
-    """The renderer of a scene, traced by torch."""
-    return Renderer(TorchTracer(scene, drive, quality, others), drive, **how)
+    scene: Scene,
+    drive: Drive,
+    quality: str = "balanced",
+    others: dict[str, Scene] | None = None,
+    shadows: bool = False,
+    draw: int | None = None,
+) -> DriveRenderer:
+    """The renderer of a drive through a scene, traced by torch."""
+    return DriveRenderer(Renderer(TorchBackend(scene, QUALITY[quality], others), shadows), drive, draw)

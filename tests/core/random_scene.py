@@ -91,4 +91,4 @@ def saved(folder: Path, config: ModelConfig, seed: int = 0) -> Path:
 
 def picture_rays(drive: Drive, up: int = 2) -> Rays:
     camera = drive.cameras["front"]
-    return camera_rays(camera, 2, *pixel_grid(camera.model, up))
+    return camera_rays(camera, camera.time_s[2], *pixel_grid(camera.model, up))

@@ -59,7 +59,7 @@ def small_image(frame: int) -> NDArray[np.uint8]:
 def small_sweep(drive: Drive, frame: int) -> Sweep:
     """Returns of all beams but for every seventh column, at depths that grow with the column."""
     lidar = drive.lidars["pandar64"]
-    rays = lidar_rays(lidar, frame)
+    rays = lidar_rays(lidar, lidar.time_s[frame])
     ring, column = np.nonzero(np.broadcast_to(np.arange(LIDAR.columns) % 7 != 0, (LIDAR.beams, LIDAR.columns)))
     depth = 5.0 + 0.1 * column + ring
     origins, directions = rays.origins[ring, column], rays.directions[ring, column]

@@ -35,9 +35,11 @@ from unisim_blender.core.commands import bench as command_module
 from unisim_blender.core.drive import Drive
 from unisim_blender.core.errors import SceneError, UnisimError
 from unisim_blender.core.geometry import FloatArray, invert_pose, transform_points
-from unisim_blender.core.prepare.renderers import make_tracer
+from unisim_blender.core.prepare.renderers import make_backend
 from unisim_blender.core.quality import QUALITY
-from unisim_blender.core.render import Region, Renderer
+from unisim_blender.core.render.drive_renderer import DriveRenderer
+from unisim_blender.core.render.regions import Region
+from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.scene_file import read_scene_header
 
 needs_library = pytest.mark.skipif(native.library() is None, reason="the compiled kernels were not built")
@@ -166,7 +168,7 @@ def test_faults_of_a_process_come_back(scene: Path) -> None:
 @needs_library
 def test_a_shot_is_what_the_renderer_gives(scene: Path) -> None:
     drive = read_scene_header(scene).drive
-    renderer = Renderer(make_tracer(scene, drive, "fine"), drive)
+    renderer = DriveRenderer(Renderer(make_backend(scene, quality="fine")), drive)
     region = Region(5, 3, 21, 13)
     shot = Shot(Stage(scene, "front", 2), "front", QUALITY["fine"], 48, (region,))
     studio = Studio()

@@ -29,7 +29,7 @@ def test_the_finished_camera_sees_along_the_rays_that_training_saw_along() -> No
     after = poses.corrected(camera, 0)
     for frame in frames:
         u, v = np.array([0.5, 3.5, 7.5]), np.array([0.5, 2.5, 1.5])
-        before, wanted = camera_rays(camera, frame, u, v), camera_rays(after, frame, u, v)
+        before, wanted = (camera_rays(one, camera.time_s[frame], u, v) for one in (camera, after))
         rotation = camera.world_from_camera.at(camera.time_s[frame])[:3, :3]
         rays = ray_batch(before.origins, before.directions, before.time_s)
         got = poses(rays, torch.zeros(1, dtype=torch.long), torch.as_tensor(rotation)[None], learn=True)
@@ -66,22 +66,22 @@ def test_no_gradient_where_cameras_do_not_learn() -> None:
 def test_rays_are_pixels_directions_turned_by_their_rows_poses(shutter: RollingShutter) -> None:
     recorded = turning_drive().cameras["front"]
     camera = replace(recorded, model=replace(recorded.model, shutter=shutter))
-    frame = sorted(camera.time_s)[1]
+    time_s = sorted(camera.time_s.values())[1]
     u, v = pixel_grid(camera.model)
-    rays = camera_rays(camera, frame, u, v)
+    rays = camera_rays(camera, time_s, u, v)
     local = np.stack([(u - camera.model.cx) / camera.model.fx, (v - camera.model.cy) / camera.model.fy, np.ones_like(u)], -1)
     local /= np.linalg.norm(local, axis=-1, keepdims=True)
-    times = camera.time_s[frame] + shutter.duration_s * (v / camera.model.height - shutter.reference)
+    times = time_s + shutter.duration_s * (v / camera.model.height - shutter.reference)
     poses = camera.world_from_camera.at(times.reshape(-1)).reshape(*v.shape, 4, 4)
     assert np.abs(poses[0, 0] - poses[-1, 0]).max() > 1e-3 or not shutter.duration_s
     assert np.array_equal(rays.time_s, times) and np.array_equal(rays.origins, poses[..., :3, 3])
     assert np.abs(rays.directions - np.einsum("...ij,...j->...i", poses[..., :3, :3], local)).max() < 1e-15
     # rays drawn one by one are the grid's, to the bit
     some = np.random.default_rng(0).integers(0, v.size, 50)
-    alone = camera_rays(camera, frame, u.reshape(-1)[some], v.reshape(-1)[some])
+    alone = camera_rays(camera, time_s, u.reshape(-1)[some], v.reshape(-1)[some])
     assert np.array_equal(alone.directions, rays.directions.reshape(-1, 3)[some])
-    axis = camera.world_from_camera.at(camera.time_s[frame])[:3, 2]
-    assert np.abs(along_axis(camera, frame, u[:1], v[:, :1]) - rays.directions @ axis).max() < 1e-15
+    axis = camera.world_from_camera.at(time_s)[:3, 2]
+    assert np.abs(along_axis(camera, time_s, u[:1], v[:, :1]) - rays.directions @ axis).max() < 1e-15
 
 
 @pytest.mark.parametrize(

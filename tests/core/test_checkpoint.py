@@ -273,3 +273,26 @@ def test_a_folder_that_cannot_be_written(tmp_path: Path) -> None:
     with pytest.raises(SceneError, match=r"weights\.safetensors cannot be written"):
         save_scene(tmp_path, header_of(scene, drive, tmp_path), scene)
     assert [p.name for p in tmp_path.iterdir()] == ["weights.safetensors"]
+
+
+@pytest.mark.parametrize(
+    ("change", "problem"),
+    [
+        (lambda d: d["model"].update(hidden=1 << 20), "model.hidden is 1048576, not a whole number from 1 to 1024"),
+        (lambda d: d["model"].update(voxel_m=0.002), r"model.voxel_m asks for \d+ numbers in all"),
+        (lambda d: d["model"]["static_grid"].update(log2_table=28, features=64), "model.static_grid asks for .* numbers in all"),
+        (lambda d: d["model"]["actor_grid"].update(coarsest=0.5), "model.actor_grid has 0.5 cells along an axis"),
+        (lambda d: d["training"].update(cameras=3), "training.cameras: must be an array, not 3"),
+        (lambda d: d["training"].update(own_vehicle={"front": {}}), 'training.own_vehicle.front: "height" is missing'),
+    ],
+)
+def test_a_header_that_would_fill_the_memory_or_break_a_renderer_is_refused(
+    saved: Path, tmp_path: Path, change: Callable[[dict[str, Any]], None], problem: str
+) -> None:
+    folder = copy_of(saved, tmp_path / "scene")
+    document = json.loads((folder / "scene.json").read_text())
+    change(document)
+    (folder / "scene.json").write_text(json.dumps(document))
+    with pytest.raises(SceneError, match=problem) as caught:
+        load_scene(folder)
+    assert str(caught.value).startswith(str(folder / "scene.json"))

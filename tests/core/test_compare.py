@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 import shutil
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -125,6 +126,20 @@ def test_a_training_that_was_cut_off_goes_on(log: Path, tmp_path: Path, monkeypa
         make("unisim", TINY, recorded, folder, Wishes(iterations=3, width=32), quiet=True)
     with pytest.raises(SceneError, match="with disturbed None, not .*0.3"):
         make("unisim", TINY, recorded, folder, Wishes(iterations=3, width=64, disturb=(0.3, 3.0)), quiet=True)
+
+
+def test_another_budget_density_or_loss_is_another_training(log: Path, tmp_path: Path) -> None:
+    recorded, folder, wishes = open_log(log), tmp_path / "scene", Wishes(iterations=2, width=64)
+    made = make("unisim", TINY, recorded, folder, wishes, quiet=True)
+    assert make("unisim", TINY, recorded, folder, wishes, quiet=True).key == made.key
+    for method, wished, problem in (
+        (TINY, Wishes(iterations=4, width=64), "with iterations 2, not 4"),
+        (TINY, Wishes(minutes=5.0, width=64), "with minutes None, not 5.0"),
+        (replace(TINY, density="unisim"), wishes, "with density logistic, not unisim"),
+        (replace(TINY, adversarial=True), wishes, "with adversarial False, not True"),
+    ):
+        with pytest.raises(SceneError, match=problem):
+            make("unisim", method, recorded, folder, wished, quiet=True)
 
 
 def test_the_truth_is_kept_and_a_broken_file_is_made_again(log: Path, tmp_path: Path) -> None:

@@ -12,53 +12,67 @@ from analytic_scene import still
 from instruction_sets import run_with
 from numpy.typing import NDArray
 from random_scene import CONFIGS, PASSES, TINY, edited, picture_rays, saved
+from whole_drive import bound_to
 
 from unisim_blender.core import native
 from unisim_blender.core.bench.methods import VARIANTS
 from unisim_blender.core.compiled import tracer as compiled_tracer
 from unisim_blender.core.compiled.scene import CompiledScene
-from unisim_blender.core.compiled.tracer import CompiledTracer
+from unisim_blender.core.compiled.tracer import CompiledBackend, CompiledTracer
 from unisim_blender.core.drive import Drive, Look
 from unisim_blender.core.errors import SceneError, UnisimError
 from unisim_blender.core.fields.checkpoint import load_scene
 from unisim_blender.core.frames import RenderStats
 from unisim_blender.core.meshes.meeting import Met
+from unisim_blender.core.quality import QUALITY
 from unisim_blender.core.sensors.lidar import lidar_rays
 from unisim_blender.core.sensors.rays import Rays
-from unisim_blender.core.torch_tracer import TorchTracer
+from unisim_blender.core.torch_tracer import TorchBackend, TorchTracer
 from unisim_blender.core.tracer import Found, tiled
 
 needs_library = pytest.mark.skipif(native.library() is None, reason="the compiled kernels were not built")
 
 
-def both(folder: Path, drive: Drive, quality: str = "reference", other: Path | None = None) -> tuple[CompiledTracer, TorchTracer]:
+def both_backends(folder: Path, quality: str = "reference", other: Path | None = None) -> tuple[CompiledBackend, TorchBackend]:
     others = {} if other is None else {"other": other}
     return (
-        CompiledTracer(CompiledScene(folder), drive, quality, {name: CompiledScene(path) for name, path in others.items()}),
-        TorchTracer(load_scene(folder), drive, quality, {name: load_scene(path) for name, path in others.items()}),
+        CompiledBackend(CompiledScene(folder), QUALITY[quality], {name: CompiledScene(path) for name, path in others.items()}),
+        TorchBackend(load_scene(folder), QUALITY[quality], {name: load_scene(path) for name, path in others.items()}),
     )
+
+
+def both(folder: Path, drive: Drive, quality: str = "reference", other: Path | None = None) -> tuple[CompiledTracer, TorchTracer]:
+    fast, slow = both_backends(folder, quality, other)
+    return bound_to(fast, drive), bound_to(slow, drive)
 
 
 def numbers(found: Any) -> NDArray[Any]:
     return np.asarray(found)
 
 
-def close(a: Any, b: Any, of: float, within: float) -> None:
-    """Nearly all rays agree: a sample that rounding moves into the next voxel may differ."""
-    a, b = numbers(a).astype(float), numbers(b).astype(float)
-    assert a.shape == b.shape
-    same = np.isclose(a, b, rtol=within, atol=within) | (a == b)
-    same = same.reshape(len(same), -1).all(1)
-    assert same.mean() >= of, f"{same.mean():.4f} agree, the others by {np.abs(a - b)[~same].max()}"
+FEW = 2
+"""So many rays of a picture or a sweep may land in another voxel by rounding, or on the other side of a silhouette."""
 
 
-def same_find(a: Found, b: Found, of: float = 0.985, within: float = 2e-3) -> None:
-    close(a.feature, b.feature, of, within)
-    close(a.opacity, b.opacity, of, within)
-    close(a.depth_m, b.depth_m, of, 5 * within)
+def close(a: Any, b: Any, shape: tuple[int, ...], within: float) -> None:
+    """All rays (h, w) agree, but for FEW: these see what the reference sees through one of their neighbours."""
+    a, b = (numbers(x).astype(float).reshape(*shape, -1) for x in (a, b))
+    assert not np.isnan(a).any() and not np.isnan(b).any()
+    same = (np.isclose(a, b, rtol=within, atol=within) | (a == b)).all(-1)
+    assert (~same).sum() <= FEW, f"{(~same).sum()} rays of {same.size} differ, by {np.abs(a - b)[~same].max():.3g} at most"
+    for y, x in np.argwhere(~same):
+        beside = b[max(0, y - 1) : y + 2, max(0, x - 1) : x + 2].reshape(-1, b.shape[-1])
+        low, high = beside.min(0) - within, beside.max(0) + within
+        assert ((a[y, x] >= low) & (a[y, x] <= high)).all(), f"ray {y, x} is {a[y, x]}, its neighbours from {low} to {high}"
+
+
+def same_find(a: Found, b: Found, shape: tuple[int, ...], within: float = 2e-3) -> None:
+    close(a.feature, b.feature, shape, within)
+    close(a.opacity, b.opacity, shape, within)
+    close(a.depth_m, b.depth_m, shape, 5 * within)
     assert a.maps.keys() == b.maps.keys()
     for name in a.maps:
-        close(a.maps[name], b.maps[name], of - 0.005, 5 * within)
+        close(a.maps[name], b.maps[name], shape, 5 * within)
     for x, y in zip(
         (*a.guest_features, *a.guest_opacity, a.without_guests, a.mesh_opacity),
         (*b.guest_features, *b.guest_opacity, b.without_guests, b.mesh_opacity),
@@ -66,7 +80,28 @@ def same_find(a: Found, b: Found, of: float = 0.985, within: float = 2e-3) -> No
     ):
         assert (x is None) == (y is None)
         if x is not None:
-            close(x, y, of, within)
+            close(x, y, shape, within)
+
+
+def sweep_rays(drive: Drive) -> Rays:
+    """A sweep from a little higher up: of one at 1.6 m a beam runs along the boxes' tops, where rounding decides who is met."""
+    rays = lidar_rays(drive.lidars["top"], drive.lidars["top"].time_s[2])
+    return Rays(rays.origins + [0, 0, 0.013], rays.directions, rays.time_s)
+
+
+def test_what_does_not_agree_is_seen() -> None:
+    exact = np.arange(20.0).reshape(4, 5)
+    close(exact.reshape(-1), exact + 1e-4, (4, 5), 1e-3)
+    for place, value in (((1, 1), 7.5), ((1, 1), 5.0)):
+        near = exact.copy()
+        near[place] = value
+        close(near, exact, (4, 5), 1e-3)
+    for far in ({(1, 1): 13.0}, {(0, 0): 5.0, (1, 1): 7.0, (2, 2): 13.0}, {(3, 3): np.nan}, {(0, 0): -0.01}):
+        wrong = exact.copy()
+        for place, value in far.items():
+            wrong[place] = value
+        with pytest.raises(AssertionError):
+            close(wrong, exact, (4, 5), 1e-3)
 
 
 @needs_library
@@ -75,22 +110,22 @@ def same_find(a: Found, b: Found, of: float = 0.985, within: float = 2e-3) -> No
 def test_everything_that_is_recorded(tmp_path: Path, name: str, sky: bool) -> None:
     drive = edited()
     fast, slow = both(saved(tmp_path / "scene", CONFIGS[name]), drive)
-    rays = picture_rays(drive) if sky else lidar_rays(drive.lidars["top"], 2)
+    rays = picture_rays(drive) if sky else sweep_rays(drive)
+    shape = rays.time_s.shape
     stats = RenderStats(), RenderStats()
     found = fast.trace(rays, PASSES, sky, None, stats[0])
     expected = slow.trace(rays, PASSES, sky, None, stats[1])
-    same_find(found, expected)
+    same_find(found, expected, shape)
     instances = np.unique(expected.maps["instance"])
     assert len(instances) > 2 and 0.1 < numbers(expected.opacity).mean() < 0.999
     assert stats[0].rays == stats[1].rays and stats[0].actors_skipped == stats[1].actors_skipped
     assert 0 < stats[0].samples_spent < 2 * stats[1].samples_spent
     if sky:
-        shape = rays.time_s.shape
         pictures = [t.image(f, rays.flat().directions, "front", shape) for t, f in ((fast, found), (slow, expected))]
-        assert -10 * np.log10(np.square(pictures[0] - pictures[1]).mean()) > 45
+        close(pictures[0], pictures[1], pictures[1].shape[:2], 5e-3)
     else:
         for a, b in zip(fast.returns(found, rays.flat().directions), slow.returns(expected, rays.flat().directions), strict=True):
-            close(a, b, 0.98, 2e-3)
+            close(a, b, shape, 5e-3)
 
 
 @needs_library
@@ -110,11 +145,13 @@ def test_guests_and_meshes(tmp_path: Path, meshes: bool) -> None:
     found = fast.trace(rays, PASSES, True, met, RenderStats())
     expected = slow.trace(rays, PASSES, True, met, RenderStats())
     assert numbers(expected.guest_opacity[0]).max() > 0.3
-    same_find(found, expected)
-    pictures = [t.image(f, rays.flat().directions, "front", rays.time_s.shape) for t, f in ((fast, found), (slow, expected))]
-    assert -10 * np.log10(np.square(pictures[0] - pictures[1]).mean()) > 40
+    shape = rays.time_s.shape
+    same_find(found, expected, shape)
+    pictures = [t.image(f, rays.flat().directions, "front", shape) for t, f in ((fast, found), (slow, expected))]
+    close(pictures[0], pictures[1], pictures[1].shape[:2], 5e-3)
     returns = [t.returns(f, rays.flat().directions) for t, f in ((fast, found), (slow, expected))]
-    close(returns[0][0], returns[1][0], 0.98, 5e-3)
+    close(returns[0][0], returns[1][0], shape, 5e-3)
+    close(returns[0][1], returns[1][1], shape, 5e-3)
 
 
 def bits(found: Found) -> dict[str, NDArray[Any]]:
@@ -124,7 +161,7 @@ def bits(found: Found) -> dict[str, NDArray[Any]]:
 @needs_library
 def test_the_same_bits_with_any_threads_in_any_company(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     drive = edited()
-    tracer = CompiledTracer(CompiledScene(saved(tmp_path / "scene", TINY)), drive)
+    tracer = bound_to(CompiledBackend(CompiledScene(saved(tmp_path / "scene", TINY))), drive)
     rays = picture_rays(drive, up=1)
     whole = bits(tracer.trace(rays, PASSES, True, None, RenderStats()))
     monkeypatch.setenv("OMP_NUM_THREADS", "3")
@@ -141,7 +178,7 @@ def test_the_same_bits_with_any_threads_in_any_company(tmp_path: Path, monkeypat
 @needs_library
 @pytest.mark.parametrize("n", (0, 1, 16385))
 def test_any_number_of_rays(tmp_path: Path, n: int) -> None:
-    tracer = CompiledTracer(CompiledScene(saved(tmp_path / "scene", TINY)), edited())
+    tracer = bound_to(CompiledBackend(CompiledScene(saved(tmp_path / "scene", TINY))), edited())
     angle = np.linspace(0, 2 * np.pi, n)
     directions = np.stack([np.cos(angle), np.sin(angle), -0.1 + 0 * angle], -1)
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
@@ -153,7 +190,7 @@ def test_any_number_of_rays(tmp_path: Path, n: int) -> None:
 @needs_library
 def test_nothing_is_made_that_was_not_asked_for(tmp_path: Path) -> None:
     drive = edited()
-    tracer = CompiledTracer(CompiledScene(saved(tmp_path / "scene", TINY)), drive)
+    tracer = bound_to(CompiledBackend(CompiledScene(saved(tmp_path / "scene", TINY))), drive)
     assert tracer.trace(picture_rays(drive), set(), True, None, RenderStats()).maps == {}
     assert tracer.trace(picture_rays(drive), {"depth"}, True, None, RenderStats()).maps.keys() == {"depth"}
 

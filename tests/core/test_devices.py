@@ -13,6 +13,7 @@ from analytic_scene import still
 from pretend_device import DEVICE, Pretended, pretended_gpu
 from random_scene import CONFIGS, PASSES, TINY, edited, picture_rays, saved
 from small_log import write_small_log
+from whole_drive import bound_to
 
 from unisim_blender.core import native
 from unisim_blender.core.devices import kernel_threads, torch_threads
@@ -22,7 +23,7 @@ from unisim_blender.core.frames import RenderStats
 from unisim_blender.core.logs import open_log
 from unisim_blender.core.meshes.meeting import Met
 from unisim_blender.core.sensors.lidar import lidar_rays
-from unisim_blender.core.torch_tracer import TorchTracer
+from unisim_blender.core.torch_tracer import TorchBackend
 from unisim_blender.core.training.config import TrainConfig
 from unisim_blender.core.training.run import finish, load_checkpoint, save_checkpoint
 from unisim_blender.core.training.trainer import Trainer
@@ -102,9 +103,12 @@ def test_a_render_keeps_to_its_device(tmp_path: Path, plain: pytest.MonkeyPatch,
     other = saved(tmp_path / "other", dataclasses.replace(TINY, features=7, upsample=CONFIGS[name].upsample), seed=1)
 
     def rendered(device: str) -> list[Any]:
-        tracer = TorchTracer(load_scene(folder, device), drive, "balanced", {"other": load_scene(other, device)})
+        tracer = bound_to(TorchBackend(load_scene(folder, device), others={"other": load_scene(other, device)}), drive)
         out: list[Any] = []
-        for rays, sky in ((picture_rays(drive, 4), True), (lidar_rays(drive.lidars["top"], 2), False)):
+        for rays, sky in (
+            (picture_rays(drive, 4), True),
+            (lidar_rays(drive.lidars["top"], drive.lidars["top"].time_s[2]), False),
+        ):
             few = np.arange(0, rays.time_s.size, 37)
             met = Met(few, np.full(len(few), 3.0), np.full(len(few), 0.5), np.zeros((len(few), 3)) + 0.5, few % 2)
             found = tracer.trace(rays, PASSES, sky, met, RenderStats())

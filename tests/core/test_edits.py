@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -458,3 +459,35 @@ def test_an_actor_with_one_key_stays_one_key() -> None:
     assert len(copy.world_from_actor.times_s) == 1
     assert trajectory_to_json(copy.world_from_actor)["positions"] == [[30.0, -3.0, 1.25]]
     assert isinstance(copy.world_from_actor, Trajectory)
+
+
+def test_keys_that_coincide_after_an_edit_are_refused() -> None:
+    """float64 tells these times apart, but not once they are a day later."""
+    close = [{"time_s": 0.5, "position": [0, 0, 0]}, {"time_s": 0.5 + 1e-12, "position": [1, 0, 0]}]
+    edits = {"type": "move", "actor": "car", "trajectory": close}, {"type": "retime", "actor": "car", "offset_s": 86400.0}
+    assert refusal(*edits).startswith("s.json: edits[1]: key ")
+    assert "is not later than the one before" in refusal(*edits)
+
+
+def test_a_path_that_turns_too_fast_for_where_it_is_is_refused_soon() -> None:
+    far = [{"time_s": 0.01 * i, "position": [9e5 * (-1) ** i, 9e5, 0], "yaw_deg": 179.0 * i} for i in range(100)]
+    edits = [{"type": "ego", "trajectory": far}] * 3
+    begun = time.process_time()
+    assert "takes more than 100000 keys to follow" in refusal(*edits)
+    assert time.process_time() - begun < 10
+
+
+@pytest.mark.parametrize(
+    ("edit", "message"),
+    [
+        ({"type": "ego", "shift_left_m": 2e6}, "edits[1].shift_left_m: 2e+06 is not within 1e+06 m"),
+        ({"type": "retime", "actor": "car", "speed": 1e-9}, "edits[1].speed: 1e-09 is not from 0.001 to 1000"),
+        ({"type": "retime", "actor": "car", "offset_s": -1e308}, "edits[1].offset_s: -1e+308 is not within 1e+06 s"),
+        (
+            {"type": "duplicate", "actor": "car", "id": "b", "turn_deg": 1e300},
+            "edits[1].turn_deg: 1e+300 is not within 1e+06 degrees",
+        ),
+    ],
+)
+def test_numbers_beyond_limits_are_refused(edit: dict[str, Any], message: str) -> None:
+    assert refusal({"type": "remove", "actor": "van"}, edit) == f"s.json: {message}"

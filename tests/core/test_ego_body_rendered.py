@@ -20,8 +20,9 @@ from unisim_blender.core.errors import ScenarioError
 from unisim_blender.core.frames import CAMERA_PASSES
 from unisim_blender.core.geometry import invert_pose
 from unisim_blender.core.output.labels import frame_labels
-from unisim_blender.core.prepare.renderers import make_tracer
-from unisim_blender.core.render import Renderer
+from unisim_blender.core.prepare.renderers import make_backend, other_scenes
+from unisim_blender.core.render.drive_renderer import DriveRenderer
+from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.scenario import scenario_from_json, scenario_to_json
 from unisim_blender.core.scene_file import drive_to_json, read_scene_header
 
@@ -135,6 +136,12 @@ ROUND = {"type": "ego_body", "mesh": "body.ply", "id": "body", "mount": {"positi
 TRACERS = [pytest.param("cpu", marks=pytest.mark.skipif(native.library() is None, reason="no compiled kernels")), "torch"]
 
 
+def alone(renderer: DriveRenderer, camera_id: str) -> bool:
+    """Whether a pixel's colour depends on its own ray and on nothing else."""
+    camera = renderer.drive.cameras[camera_id]
+    return renderer.renderer.alone(renderer.state(camera, min(camera.time_s.values())), camera)
+
+
 @pytest.mark.parametrize("device", TRACERS)
 @pytest.mark.parametrize("quality", ["reference", "fast"])
 def test_own_sensors_render_the_same_bytes_and_others_see_it(
@@ -146,11 +153,11 @@ def test_own_sensors_render_the_same_bytes_and_others_see_it(
 
         monkeypatch.setattr(renderers, "compiled", lambda *_: False)
 
-    def renderer(*edits: dict[str, Any]) -> Renderer:
+    def renderer(*edits: dict[str, Any]) -> DriveRenderer:
         drive = standing(folder, *edits)
-        made = Renderer(make_tracer(scene, drive, quality), drive, shadows=True)
-        assert type(made.tracer).__name__ == ("TorchTracer" if device == "torch" else "CompiledTracer")
-        return made
+        backend = make_backend(scene, other_scenes(drive), quality)
+        assert type(backend).__name__ == ("TorchBackend" if device == "torch" else "CompiledBackend")
+        return DriveRenderer(Renderer(backend, shadows=True), drive)
 
     bare, there = renderer(CUBE), renderer(CUBE, ROUND)
     for name, same in (("front", True), ("beside", False)):
@@ -169,7 +176,7 @@ def test_own_sensors_render_the_same_bytes_and_others_see_it(
             assert after.z_depth_m is not None and seen.sum() > 20
             np.testing.assert_allclose(np.median(after.z_depth_m[seen]), 6.2, atol=0.01)
             assert np.median(after.rgb[seen][:, 0]) > 2 * np.median(after.rgb[seen][:, 2])
-        assert there.alone(there.drive.cameras[name]) == bare.alone(bare.drive.cameras[name])
+        assert alone(there, name) == alone(bare, name)
     for name, same in (("top", True), ("pole", False)):
         sweep, swept = bare.lidar(name, 2), there.lidar(name, 2)
         alike = [
@@ -205,12 +212,12 @@ def test_images_that_are_traced_on_a_lattice_are_the_same(folder: Path) -> None:
     sensors = {"cameras": [{"id": "front_camera"}, {"id": "beside", "like": "front_camera", "trajectory": beside}]}
     body = {**BODY, "mount": {"position": [1.5, 0, 0.8]}}  # the camera is above its bonnet
 
-    def renderer(*edits: dict[str, Any]) -> Renderer:
+    def renderer(*edits: dict[str, Any]) -> DriveRenderer:
         drive = edited(folder, *edits, drive=recorded, sensors=sensors)
-        return Renderer(make_tracer(path, drive, "balanced"), drive, shadows=True)
+        return DriveRenderer(Renderer(make_backend(path), shadows=True), drive)
 
     bare, there = renderer(), renderer(body)
-    assert there.alone(there.drive.cameras["front_camera"]) and not there.alone(there.drive.cameras["beside"])
+    assert alone(there, "front_camera") and not alone(there, "beside")
     passes = ("rgb", "depth", "instance")
     before, after = (made.camera("front_camera", 10, passes, width=960) for made in (bare, there))
     for name in ("rgb", "depth_m", "instance"):

@@ -82,7 +82,7 @@ def test_actor_mask_against_marching(duration: float) -> None:
     camera = replace(camera, model=replace(camera.model, shutter=RollingShutter(duration, 0.5)))
     car = drive.actors["car"]
     mask = actor_mask(camera, 2, [car])
-    rays = camera_rays(camera, 2, *pixel_grid(camera.model))
+    rays = camera_rays(camera, camera.time_s[2], *pixel_grid(camera.model))
     depths = np.arange(0.0, 30.0, 0.01)
     inside = np.zeros(mask.shape, bool)
     for row in range(mask.shape[0]):

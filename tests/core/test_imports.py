@@ -90,13 +90,15 @@ RENDER = """
 from pathlib import Path
 import numpy as np
 from unisim_blender.core.frames import CAMERA_PASSES
-from unisim_blender.core.prepare.renderers import make_tracer
-from unisim_blender.core.render import Region, Renderer
+from unisim_blender.core.prepare.renderers import make_backend
+from unisim_blender.core.render.drive_renderer import DriveRenderer
+from unisim_blender.core.render.regions import Region
+from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.scene_file import read_scene_header
 
 scene = Path({scene!r})
 drive = read_scene_header(scene).drive
-renderer = Renderer(make_tracer(scene, drive), drive, shadows=True)
+renderer = DriveRenderer(Renderer(make_backend(scene), shadows=True), drive)
 camera, lidar, frame = next(iter(drive.cameras)), next(iter(drive.lidars)), drive.frames[1]
 whole = renderer.camera(camera, frame, CAMERA_PASSES, width=64)
 part = renderer.camera(camera, frame, CAMERA_PASSES, width=64, region=Region(2, 3, 19, 8))

@@ -14,11 +14,13 @@ from numpy.typing import NDArray
 
 from unisim_blender.core import native
 from unisim_blender.core.compiled.scene import CompiledScene
-from unisim_blender.core.compiled.tracer import CompiledTracer
+from unisim_blender.core.compiled.tracer import CompiledBackend
 from unisim_blender.core.drive import Drive, Look
 from unisim_blender.core.frames import CAMERA_PASSES, CameraFrame
 from unisim_blender.core.quality import QUALITY
-from unisim_blender.core.render import Region, Renderer
+from unisim_blender.core.render.drive_renderer import DriveRenderer
+from unisim_blender.core.render.regions import Region
+from unisim_blender.core.render.renderer import Renderer
 
 pytestmark = pytest.mark.skipif(native.library() is None, reason="the kernels were not built")
 SAMPLE = Path(__file__).parents[2] / "sample" / "scene"
@@ -56,10 +58,9 @@ def busy(scene: CompiledScene, tmp_path_factory: pytest.TempPathFactory) -> Driv
     return replace(drive, actors={**drive.actors, **{actor.uid: actor for actor in new}})
 
 
-def renderer(scene: CompiledScene, drive: Drive, lattice: int, shadows: bool = False) -> Renderer:
-    tracer = CompiledTracer(scene, drive, "balanced", {"other": scene})
-    tracer.quality = replace(QUALITY["balanced"], lattice=lattice)
-    return Renderer(tracer, drive, shadows=shadows)
+def renderer(scene: CompiledScene, drive: Drive, lattice: int, shadows: bool = False) -> DriveRenderer:
+    backend = CompiledBackend(scene, replace(QUALITY["balanced"], lattice=lattice), {"other": scene})
+    return DriveRenderer(Renderer(backend, shadows), drive)
 
 
 def arrays(frame: CameraFrame) -> dict[str, NDArray[np.generic]]:
@@ -113,7 +114,7 @@ def test_a_picture_that_grows_is_the_picture(scene: CompiledScene, busy: Drive, 
     one = renderer(scene, busy, lattice)
     at_once = one.camera(CAMERA, FRAME, ("rgb", "depth"), WIDTH, region)
     whole = one.camera(CAMERA, FRAME, ("rgb",), WIDTH)
-    parts = list(one.grow(CAMERA, FRAME, ("rgb", "depth"), WIDTH, region, coarse=(8, 4), band=37))
+    parts = list(one.progressive(CAMERA, FRAME, ("rgb", "depth"), WIDTH, region, coarse=(8, 4), band=37))
     assert [part.stride for part in parts[:3]] == [(8, 8), (4, 4), (1, 1)]
     for part in parts[:2]:
         row, column, stride = int(part.origin[0]), int(part.origin[1]), int(part.stride[0])

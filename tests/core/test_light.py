@@ -2,13 +2,27 @@
 
 from __future__ import annotations
 
-import numpy as np
-import torch
+from pathlib import Path
+from typing import Any
 
+import numpy as np
+import pytest
+import torch
+from analytic_scene import drive_of, still
+from stress.scenes import make_scene, picture_rays
+from whole_drive import bound_to
+
+from unisim_blender.core import native
+from unisim_blender.core.compiled.scene import CompiledScene
+from unisim_blender.core.compiled.tracer import CompiledBackend
+from unisim_blender.core.fields.checkpoint import load_scene
 from unisim_blender.core.fields.config import preset
 from unisim_blender.core.fields.scene import SceneModel
 from unisim_blender.core.fields.volume import Volume
-from unisim_blender.core.trace import _mirrored
+from unisim_blender.core.frames import RenderStats
+from unisim_blender.core.quality import QUALITY
+from unisim_blender.core.torch_tracer import TorchBackend
+from unisim_blender.core.trace import _median, _mirrored
 
 
 def scene() -> SceneModel:
@@ -51,3 +65,44 @@ def test_mirrored_directions_flip_across_the_box_alone() -> None:
     across = torch.tensor([[0.0, 1, 0], [0, 1, 0]])
     out = _mirrored(d, across, torch.tensor([-1.0, 1.0]))
     assert torch.allclose(out[0], d[0] * torch.tensor([1.0, -1, 1])) and torch.equal(out[1], d[1])
+
+
+def test_the_light_is_that_of_the_median_sample() -> None:
+    """Of a strand that stops 1 - e^-2 of its ray, half is stopped at depth ln(2 / (1 + e^-2)) = 0.566."""
+    tau = torch.tensor([
+        [0.5, 0.5, 0.5, 0.5],
+        [0.0, 0.0, 0.0, 9.0],
+        [9.0, 0.0, 0.0, 0.0],
+        [0.0, 0.0, 0.0, 0.0],
+        [0.1, 0.1, 1.8, 0.0],
+    ])  # fmt: skip
+    assert _median(tau)[:, 0].tolist() == [1, 3, 0, 0, 2]
+
+
+@pytest.mark.skipif(native.library() is None, reason="the kernels were not built")
+@pytest.mark.parametrize("quality", ("reference", "balanced"))
+def test_kernels_and_torch_light_an_actor_from_one_place(tmp_path: Path, quality: str) -> None:
+    """A long box that stops rays little by little over ground whose look changes from metre to metre: wherever else the light
+    were taken, features would be others."""
+    long = still("car", (-8, 0, 0.8), (12.0, 6.0, 3.0), yaw=0.3)
+
+    def lit_a_lot(model: SceneModel) -> None:
+        scene: Any = model
+        scene.light.network[-1].weight.normal_(0, 1.0)
+        scene.log_beta.fill_(float(np.log(4.0)))
+        scene.occupancy.values.zero_()
+
+    folder = make_scene(tmp_path / "scene", drive_of([long]), lit_a_lot)
+    drive = drive_of([long])
+    rays = picture_rays(drive)
+    fast = bound_to(CompiledBackend(CompiledScene(folder), QUALITY[quality]), drive)
+    slow = bound_to(TorchBackend(load_scene(folder), QUALITY["reference"]), drive)
+    found, wanted = (t.trace(rays, {"instance"}, True, None, RenderStats()) for t in (fast, slow))
+    actor = (found.maps["instance"] == 1) & (wanted.maps["instance"] == 1)
+    assert actor.sum() > 100
+    scale = np.asarray(wanted.feature)[actor].std()
+    wrong = np.abs(np.asarray(found.feature)[actor] - np.asarray(wanted.feature)[actor]).max(1) / scale
+    # the march's own samples are others than torch's: what is left of the difference at `balanced` is theirs
+    half, most = (1e-4, 1e-2) if quality == "reference" else (0.04, 3.0)
+    assert np.quantile(wrong, 0.5) < half and wrong.max() < most
+    assert np.quantile(wrong, 0.9) < 4 * half

@@ -365,7 +365,7 @@ def test_of_two_returns_in_a_cell_the_nearer_stays_and_drops_near_the_seam_take_
     model = dataclasses.replace(pandar64(), columns=36)
     pose = Trajectory(np.array([0.0, 1.0]), np.array([[0.0, 0, 0], [10, 0, 0]]), quaternion_from_yaw(np.zeros(2)))
     lidar = Lidar("l", model, pose, {0: 0.5})
-    times = column_times(lidar, 0)
+    times = column_times(lidar, lidar.time_s[0])
     local = beam_directions(model)[10, [1, 3, 3]] * np.array([[10.0], [9.0], [4.0]])
     at = np.array([times[1] + model.sweep_s, times[3], times[3]])  # the first belongs to the end of the turn
     origins = pose.at(at)[:, :3, 3]
@@ -407,3 +407,54 @@ def test_splits() -> None:
     assert set(SPLITS["seed10"]) <= set(SPLITS["seed24-validation"]) <= set(PANDASET)
     with pytest.raises(LogError, match="there is no split 'seed11', only pandaset, seed10"):
         split_sequences("seed11")
+
+
+def test_a_pose_beyond_numbers_is_refused_by_file_and_value(log_path: Path) -> None:
+    edit_json(log_path / CAMERA / "poses.json", lambda poses: poses[1]["position"].update(x=1.5e308))
+    edit_json(log_path / "meta" / "unisim.json", lambda setup: setup.update(world_origin=[-1.5e308, 0, 0]))
+    with pytest.raises(LogError, match=r"bend.*: the way of front_camera: key 1 of a trajectory has positions .*inf"):
+        open_log(log_path)
+
+
+def test_a_class_that_is_no_number_and_a_broken_picture_are_refused(log_path: Path) -> None:
+    file = log_path / "annotations" / "semseg" / "01.pkl.gz"
+    classes = {name: values.astype(object) for name, values in read_table(file).items()}
+    classes["class"][0] = "tree"
+    write_table(file, classes)
+    with pytest.raises(LogError, match=r"semseg/01\.pkl\.gz: a class is no number"):
+        open_log(log_path).sweep("pandar64", 1)
+    file.unlink()
+    points = {name: values.astype(object) for name, values in read_table(log_path / SWEEP).items()}
+    points["x"][0] = "far"
+    write_table(log_path / SWEEP, points)
+    with pytest.raises(LogError, match=r"lidar/01\.pkl\.gz: a point's numbers are none"):
+        open_log(log_path).sweep("pandar64", 1)
+    picture = log_path / CAMERA / "00.jpg"
+    picture.write_bytes(b"\xff\xd8\xff\xe0\x00\x00" + picture.read_bytes()[6:])
+    with pytest.raises(LogError, match=r"00\.jpg: is a broken JPEG image"):
+        open_log(log_path)
+
+
+@pytest.mark.parametrize("row", (0, 3))
+def test_a_mount_that_is_no_pose_is_refused(log_path: Path, row: int) -> None:
+    def change(setup: Any) -> None:
+        setup["lidars"]["pandar64"]["ego_from_lidar"][row] = [0.0, 0.0, 0.0, 0.0]
+
+    edit_json(log_path / "meta" / "unisim.json", change)
+    with pytest.raises(LogError, match=r"unisim\.json: lidars\.pandar64\.ego_from_lidar: is no pose"):
+        open_log(log_path)
+
+
+def test_a_long_text_does_not_flood_a_sentence(log_path: Path) -> None:
+    edit = {name: values.astype(object) for name, values in read_table(log_path / CUBOIDS).items()}
+    edit["yaw"][0] = "y" * 5000
+    write_table(log_path / CUBOIDS, edit)
+    with pytest.raises(LogError, match=r"01\.pkl\.gz: a cuboid's numbers are none") as caught:
+        open_log(log_path)
+    assert len(str(caught.value)) < 600
+
+
+def test_frames_that_are_no_time_apart_are_refused(log_path: Path) -> None:
+    edit_json(log_path / "lidar" / "timestamps.json", lambda times: times.__setitem__(1, times[0] + 1e-7))
+    with pytest.raises(LogError, match=r"lidar/timestamps\.json: frame 1 at .* s is not later than frame 0"):
+        open_log(log_path)

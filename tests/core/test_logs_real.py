@@ -93,7 +93,7 @@ def test_undone_motion_puts_points_on_the_beams(log: Log, sweep: Sweep) -> None:
 def test_cells_hold_one_return_each_and_their_own_time(log: Log, sweep: Sweep) -> None:
     cells = sweep.ring.astype(np.int64) * 1800 + sweep.column
     assert len(np.unique(cells)) / len(cells) > 0.995
-    rays = lidar_rays(log.drive.lidars["pandar64"], DRIVING)
+    rays = lidar_rays(log.drive.lidars["pandar64"], log.drive.lidars["pandar64"].time_s[DRIVING])
     late = sweep.time_s - rays.time_s[sweep.ring, sweep.column]
     late -= 0.1 * np.rint(late / 0.1)  # near the sweep's seam the cell belongs to the turn before or after
     assert np.abs(late).max() < 0.5e-3
@@ -105,7 +105,7 @@ def test_grid_has_few_drops_among_cells_that_look_down(log: Log) -> None:
     assert 0.005 < grid.blocked.mean() < 0.03 and not (grid.blocked & grid.returned).any()
     down = grid.model.elevation_rad < np.radians(-10)
     assert (grid.returned | grid.blocked)[down].mean() > 0.97
-    table = lidar_rays(log.drive.lidars["pandar64"], DRIVING)
+    table = lidar_rays(log.drive.lidars["pandar64"], log.drive.lidars["pandar64"].time_s[DRIVING])
     cosine = np.sum(table.directions * grid.directions, -1)[grid.returned]
     assert np.degrees(np.arccos(np.minimum(np.median(cosine), 1))) < 0.1
 
@@ -176,7 +176,7 @@ def _contrast_at_edges(log: Log, camera: Camera, frame: int, shift_s: float) -> 
     gradient = np.abs(np.gradient(log.image(camera.sensor_id, frame).mean(-1), axis=1))
     v = np.full(len(points), model.height / 2)
     for _ in range(3):
-        poses = camera.world_from_camera.at(row_times(camera, frame, v) + shift_s)
+        poses = camera.world_from_camera.at(row_times(camera, camera.time_s[frame], v) + shift_s)
         local = np.einsum("nji,nj->ni", poses[:, :3, :3], points - poses[:, :3, 3])
         z = np.where(local[:, 2] > 1, local[:, 2], np.nan)
         u, v = model.fx * local[:, 0] / z + model.cx, model.fy * local[:, 1] / z + model.cy

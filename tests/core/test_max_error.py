@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import torch
 from analytic_scene import drive_of
 from random_scene import CARS, CONFIGS, MOVING, saved
 from scipy.stats import binom
@@ -19,12 +20,15 @@ from unisim_blender.core.bounded import BoundedRenderer, Patches, at_quality, co
 from unisim_blender.core.colour import lab_from_srgb
 from unisim_blender.core.drive import Drive
 from unisim_blender.core.errors import UnisimError
-from unisim_blender.core.frames import CameraFrame, LidarFrame
+from unisim_blender.core.fields.checkpoint import load_scene
+from unisim_blender.core.frames import CameraFrame, LidarFrame, RenderStats
 from unisim_blender.core.max_error import Bound, depth_errors, drawn, parse_bounds, quantile_check, quantile_rank
-from unisim_blender.core.prepare.renderers import make_tracer
+from unisim_blender.core.prepare.renderers import make_backend
 from unisim_blender.core.quality import LADDER, TRUTH
-from unisim_blender.core.render import Renderer
+from unisim_blender.core.render.drive_renderer import DriveRenderer
+from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.scene_file import read_scene_header
+from unisim_blender.core.torch_tracer import TorchBackend, TorchTracer
 
 SAMPLE = Path(__file__).parents[2] / "sample" / "scene"
 needs_library = pytest.mark.skipif(native.library() is None, reason="the compiled kernels were not built")
@@ -109,16 +113,16 @@ def whole(frame: CameraFrame | LidarFrame, truth: CameraFrame | LidarFrame, boun
 
 
 @pytest.fixture(scope="module")
-def street() -> Renderer:
+def street() -> DriveRenderer:
     header = read_scene_header(SAMPLE)
     drive = narrowed(header.drive, 45)
-    return Renderer(make_tracer(SAMPLE, drive), drive)
+    return DriveRenderer(Renderer(make_backend(SAMPLE)), drive)
 
 
 @needs_library
-def test_the_samples_rays_have_the_frames_bits(street: Renderer) -> None:
+def test_the_samples_rays_have_the_frames_bits(street: DriveRenderer) -> None:
     """Of a sweep's beams alone, and of a picture's pixels alone: so a sample is rendered as its frame is."""
-    rays, sweep = street.beams("pandar64", 9)[1].flat(), street.lidar("pandar64", 9)
+    rays, sweep = street.sweep_rays("pandar64", 9)[1].flat(), street.lidar("pandar64", 9)
     some = np.random.default_rng(0).choice(len(rays.time_s), 300, False)
     depth = street.rays_lidar(rays.origins[some], rays.directions[some], rays.time_s[some])[0]
     assert np.array_equal(depth, sweep.depth_m.reshape(-1)[some])
@@ -130,7 +134,7 @@ def test_the_samples_rays_have_the_frames_bits(street: Renderer) -> None:
 
 
 @needs_library
-def test_the_sample_street_keeps_what_it_promises(street: Renderer) -> None:
+def test_the_sample_street_keeps_what_it_promises(street: DriveRenderer) -> None:
     """Every promise of a frame, held against the whole of it; what all settings keep is kept by the cheapest, and what none can
     keep is said not to be."""
     with at_quality(street, TRUTH):
@@ -156,8 +160,9 @@ def test_scenes_of_random_weights_keep_what_they_promise(seed: int, tmp_path: Pa
     """Their decoder looks aside, so pictures are judged by patches."""
     scene = saved(tmp_path / "scene", CONFIGS["tiny"], seed)
     drive = drive_of([*CARS, MOVING])
-    renderer = Renderer(make_tracer(scene, drive), drive)
-    assert not renderer.alone(drive.cameras["front"])
+    renderer = DriveRenderer(Renderer(make_backend(scene)), drive)
+    camera = drive.cameras["front"]
+    assert not renderer.renderer.alone(renderer.state(camera, camera.time_s[2]), camera)
     kept = 0
     with at_quality(renderer, TRUTH):
         truths = renderer.camera("front", 2), renderer.lidar("top", 2)
@@ -174,8 +179,36 @@ def test_scenes_of_random_weights_keep_what_they_promise(seed: int, tmp_path: Pa
     assert kept, "a test of promises needs some"
 
 
-def test_sensors_without_a_bound_are_rendered_as_ever(street: Renderer) -> None:
+def test_sensors_without_a_bound_are_rendered_as_ever(street: DriveRenderer) -> None:
     bounded = BoundedRenderer(street, parse_bounds(["40dB"]))
     sweep = bounded.lidar("pandar64", 3)
     assert sweep.promise is None
     assert np.array_equal(sweep.depth_m, street.lidar("pandar64", 3).depth_m)
+
+
+def test_torchs_truth_is_in_single_precision_and_samples_what_is_far(tmp_path: Path) -> None:
+    drive = drive_of(CARS)
+    renderer = DriveRenderer(Renderer(TorchBackend(load_scene(saved(tmp_path / "scene", CONFIGS["tiny"])))), drive)
+    lidar, rays = renderer.sweep_rays("top", 2)
+    state = renderer.state(lidar, lidar.time_s[2])
+
+    def tracer() -> TorchTracer:
+        found = renderer.renderer.tracer(state)
+        assert isinstance(found, TorchTracer)
+        return found
+
+    counts = {}
+    for name, quality in (("balanced", LADDER["balanced"]), ("truth", TRUTH), ("near", dataclasses.replace(TRUTH, far=1.0))):
+        stats = RenderStats()
+        with at_quality(renderer, quality):
+            tracer().trace(rays, set(), True, None, stats)
+        counts[name] = stats.samples_spent
+    assert counts["truth"] > counts["near"] > counts["balanced"], "samples beyond the volume follow the quality"
+    # a device that decodes in half precision may only where nothing is held against it
+    tracer().device = torch.device("cuda")
+    assert tracer().half
+    with at_quality(renderer, TRUTH):
+        assert not tracer().half
+    with at_quality(renderer, LADDER["8 times the samples"]):
+        assert not tracer().half
+    assert tracer().half

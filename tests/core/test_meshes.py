@@ -19,7 +19,7 @@ from unisim_blender.core.colour import linear_from_srgb, srgb_from_linear
 from unisim_blender.core.errors import ScenarioError
 from unisim_blender.core.geometry import FloatArray
 from unisim_blender.core.meshes.exposure import GROUND_ALBEDO, UNSEEN, beside, level_of
-from unisim_blender.core.meshes.intersect import FirstHits, Mesh, first_hits_reference
+from unisim_blender.core.meshes.intersect import FirstHits, Mesh, Triangles, first_hits_reference
 from unisim_blender.core.meshes.model import MeshModel, face_normals, read_model, write_model
 from unisim_blender.core.meshes.read import mesh_size_m, read_mesh
 from unisim_blender.core.meshes.surface import colours_at, lit, normals_at, reflectivity
@@ -191,3 +191,50 @@ def test_the_level_is_the_grounds() -> None:
     places = beside(car, 0.0) - car.world_from_actor.at(0.0)[:3, 3]
     assert (np.hypot(places[:, 0], places[:, 1]) > np.hypot(*car.size_m[:2]) / 2).all()
     np.testing.assert_allclose(places[:, 2], -car.size_m[2] / 2)
+
+
+def ply(faces: str, vertices: str = "0 0 0\n1 0 0\n0 1 0\n0 0 1") -> bytes:
+    head = "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n"
+    return f"{head}element face 1\nproperty list uchar int vertex_indices\nend_header\n{vertices}\n{faces}\n".encode()
+
+
+@pytest.mark.parametrize(
+    ("faces", "problem"), [("3 0 1 9", "face 0 is .0, 1, 9|index 9 is out"), ("3 0 1 -1", "face 0 is .0, 1, -1")]
+)
+def test_a_face_of_a_vertex_that_is_not_there_is_named(tmp_path: Path, faces: str, problem: str) -> None:
+    path = tmp_path / "a.ply"
+    path.write_bytes(ply(faces))
+    with pytest.raises(ScenarioError, match=problem) as caught:
+        read_mesh(path)
+    assert str(caught.value).startswith(f"{path}: ")
+
+
+@pytest.mark.parametrize(
+    ("vertices", "faces", "problem"),
+    [
+        (np.eye(3), np.array([[0, 1, 7]]), r"face 0 is \[0, 1, 7\] and names a vertex that is not there: there are 3"),
+        (np.eye(3), np.array([[0, 1, 2, 0]]), r"faces has shape \(1, 4\), .*: every face must be a triangle"),
+        (np.zeros(9), np.array([[0, 1, 2]]), r"vertices has shape \(9,\), not \(V, 3\)"),
+        (np.eye(3), np.array([0, 1, 2]), r"faces has shape \(3,\)"),
+    ],
+)
+def test_triangles_that_are_none_reach_no_kernel(vertices: NDArray[Any], faces: NDArray[Any], problem: str) -> None:
+    for use in (Triangles, face_normals):
+        with pytest.raises(ScenarioError, match=problem):
+            use(vertices.astype(np.float32), faces.astype(np.int32))
+
+
+@pytest.mark.parametrize("name", ("vertices", "faces", "normals", "colours", "uv", "texture"))
+@pytest.mark.parametrize("change", ("flat", "single", "quads"))
+def test_arrays_of_other_shapes_are_refused_by_name(tmp_path: Path, name: str, change: str) -> None:
+    model = model_of(np.eye(3), np.array([[0, 1, 2]]))
+    arrays = {key: np.asarray(getattr(model, key)) for key in ("vertices", "faces", "normals", "colours", "uv", "texture")}
+    one = arrays[name]
+    arrays[name] = {"flat": one.reshape(-1), "single": one.reshape(-1)[0], "quads": np.concatenate([one, one], -1)}[change]
+    path = tmp_path / "a.npz"
+    np.savez(path, **arrays)
+    if change == "flat" and name == "texture":
+        read_model(path)
+        return
+    with pytest.raises(ScenarioError, match=rf"a\.npz: {name} has shape"):
+        read_model(path)

@@ -16,7 +16,7 @@ from unisim_blender.core.edits import apply_scenario
 from unisim_blender.core.errors import ScenarioError
 from unisim_blender.core.frames import CAMERA_PASSES
 from unisim_blender.core.prepare.renderers import scene_hashes
-from unisim_blender.core.render import Region
+from unisim_blender.core.render.regions import Region
 from unisim_blender.core.scenario import load_scenario, save_scenario, scenario_from_json, scenario_to_json
 from unisim_blender.core.sensors.camera import camera_rays, pixel_grid
 
@@ -100,8 +100,10 @@ def test_edges_are_as_smooth_as_what_they_cover(cube: Path) -> None:
         camera = replace(drive.cameras["front"], model=CameraModel(48, 32, 40.0, 40.0, 24.0, 16.0))
         renderer = renderer_of(there.as_scene(), replace(drive, cameras={"front": camera}))
         cells = pixel_grid(camera.model, 2)
-        centres = camera_rays(camera, 0, *cells).flat()
-        met = renderer.tracer.cast.extras.met_by_camera(camera, 0, cells, centres, 2, 0.5, lambda actor: np.ones(3))
+        time_s = camera.time_s[0]
+        centres = camera_rays(camera, time_s, *cells).flat()
+        cast = renderer.renderer.tracer(renderer.state(camera, time_s)).cast
+        met = cast.extras.met_by_camera(camera, time_s, cells, centres, 2, 0.5, lambda actor: np.ones(3))
         assert met is not None and met.pixels is not None
         covered.append(float(met.pixels[..., 3].sum()))
         partly += int(((met.pixels[..., 3] > 0) & (met.pixels[..., 3] < 1)).sum())

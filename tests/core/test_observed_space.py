@@ -8,11 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from random_scene import PASSES, TINY, edited, picture_rays, saved
-from test_compiled_tracer import both, needs_library, numbers, same_find
+from test_compiled_tracer import both_backends, needs_library, numbers, same_find
+from whole_drive import bound_to
 
 from unisim_blender.core import native, observed_space
 from unisim_blender.core.compiled.scene import CompiledScene
-from unisim_blender.core.compiled.tracer import CompiledTracer
+from unisim_blender.core.compiled.tracer import CompiledBackend
 from unisim_blender.core.drive import Camera, CameraModel, Drive
 from unisim_blender.core.frames import RenderStats
 from unisim_blender.core.geometry import Trajectory, quaternion_from_matrix, transform_points
@@ -28,7 +29,9 @@ from unisim_blender.core.observed_space import (
     spread,
     widened,
 )
-from unisim_blender.core.render import Region, Renderer
+from unisim_blender.core.render.drive_renderer import DriveRenderer
+from unisim_blender.core.render.regions import Region
+from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.sensors.rays import Rays
 from unisim_blender.core.tracer import NEAR_M
 
@@ -37,16 +40,15 @@ FRAME = 9
 
 
 @pytest.fixture(scope="module")
-def tracer() -> CompiledTracer:
+def backend() -> CompiledBackend:
     if native.library() is None:
         pytest.skip("the compiled kernels were not built")
-    scene = CompiledScene(SAMPLE)
-    return CompiledTracer(scene, scene.header.drive)
+    return CompiledBackend(CompiledScene(SAMPLE))
 
 
 @pytest.fixture(scope="module")
-def space(tracer: CompiledTracer) -> ObservedSpace:
-    steps = list(observe_space(tracer, *tracer.observed))
+def space(backend: CompiledBackend) -> ObservedSpace:
+    steps = list(observe_space(backend, *backend.observed))
     shares = [step for step in steps if isinstance(step, float)]
     assert len(shares) == len(steps) - 1 and shares == sorted(shares) and shares[0] == 0 and 0.9 < shares[-1] < 1
     assert isinstance(steps[-1], ObservedSpace)
@@ -67,9 +69,9 @@ def seen_from(drive: Drive, ahead_m: float, left_m: float, up_m: float) -> Drive
     return replace(drive, cameras={"outside": camera}, lidars={})
 
 
-def random_space(tracer: Observing, seed: int = 0) -> ObservedSpace:
+def random_space(backend: Observing, seed: int = 0) -> ObservedSpace:
     """A space of which some was passed, whatever its scene is."""
-    header, shown, voxel_m = tracer.observed
+    header, shown, voxel_m = backend.observed
     rng = np.random.default_rng(seed)
     coarse = rng.random([-(-count // 4) for count in shown.shape]) < 0.05
     passed = coarse.repeat(4, 0).repeat(4, 1).repeat(4, 2)[: shown.shape[0], : shown.shape[1], : shown.shape[2]]
@@ -82,15 +84,15 @@ def random_space(tracer: Observing, seed: int = 0) -> ObservedSpace:
 @pytest.mark.parametrize("clip", (False, True))
 def test_kernels_and_torch_agree(tmp_path: Path, clip: bool) -> None:
     drive = edited()
-    fast, slow = both(saved(tmp_path / "scene", TINY), drive)
+    fast, slow = both_backends(saved(tmp_path / "scene", TINY))
     space = random_space(fast)
     rays = picture_rays(drive)
     starts = space.starts(rays.flat())
     assert 0.3 < np.isfinite(starts).mean() and np.median(starts[np.isfinite(starts)]) > 2, "the bound is none"
-    unclipped = fast.trace(rays, {"depth"}, True, None, RenderStats())
-    found = fast.within(space, clip).trace(rays, PASSES, True, None, RenderStats())
-    expected = slow.within(space, clip).trace(rays, PASSES, True, None, RenderStats())
-    same_find(found, expected)
+    unclipped = bound_to(fast, drive).trace(rays, {"depth"}, True, None, RenderStats())
+    found = bound_to(fast.within(space, clip), drive).trace(rays, PASSES, True, None, RenderStats())
+    expected = bound_to(slow.within(space, clip), drive).trace(rays, PASSES, True, None, RenderStats())
+    same_find(found, expected, rays.time_s.shape)
     assert 0.05 < found.maps["support"].mean() < 0.95
     nearer = found.maps["depth"] < unclipped.maps["depth"] - 0.01
     assert nearer.mean() < 0.05, "something is met that was not there"
@@ -99,7 +101,7 @@ def test_kernels_and_torch_agree(tmp_path: Path, clip: bool) -> None:
 
 @needs_library
 def test_the_kernel_finds_what_numpy_finds(tmp_path: Path) -> None:
-    fast, _ = both(saved(tmp_path / "scene", TINY), edited())
+    fast, _ = both_backends(saved(tmp_path / "scene", TINY))
     space = random_space(fast)
     rng = np.random.default_rng(1)
     origins, directions = rng.uniform(-25, 25, (4000, 3)), rng.normal(size=(4000, 3)) * [1, 1, 0.2]
@@ -132,10 +134,10 @@ def test_without_kernels_the_clearance_is_no_larger(monkeypatch: pytest.MonkeyPa
     assert (plain == np.minimum(exact, 8)).all() and plain.max() == 8 and (plain[marked] == 0).all()
 
 
-def test_a_recorded_view_is_supported_and_hardly_clipped(tracer: CompiledTracer, space: ObservedSpace) -> None:
-    drive = tracer.scene.header.drive
-    whole = Renderer(tracer, drive).camera("front_camera", FRAME, width=240)
-    clipped = Renderer(tracer.within(space, True), drive).camera("front_camera", FRAME, ("rgb", "support"), 240)
+def test_a_recorded_view_is_supported_and_hardly_clipped(backend: CompiledBackend, space: ObservedSpace) -> None:
+    drive = backend.scene.header.drive
+    whole = DriveRenderer(Renderer(backend), drive).camera("front_camera", FRAME, width=240)
+    clipped = DriveRenderer(Renderer(backend.within(space, True)), drive).camera("front_camera", FRAME, ("rgb", "support"), 240)
     assert clipped.unsupported is not None and clipped.unsupported.mean() < 0.02
     same = (np.abs(clipped.rgb - whole.rgb) < 0.02).all(-1) | clipped.unsupported
     assert same.mean() > 0.97
@@ -143,11 +145,13 @@ def test_a_recorded_view_is_supported_and_hardly_clipped(tracer: CompiledTracer,
 
 @pytest.mark.parametrize("place", ((-22.0, 0.0, 18.0), (14.0, 0.0, 60.0), (15.0, 45.0, 25.0)), ids=("behind", "above", "side"))
 def test_from_outside_nothing_unobserved_is_shown(
-    tracer: CompiledTracer, space: ObservedSpace, place: tuple[float, float, float]
+    backend: CompiledBackend, space: ObservedSpace, place: tuple[float, float, float]
 ) -> None:
-    drive = seen_from(tracer.scene.header.drive, *place)
-    told = Renderer(tracer.within(space, False), drive).camera("outside", 0, ("rgb", "support"))
-    clipped = Renderer(tracer.within(space, True), drive).camera("outside", 0, ("rgb", "support", "depth", "instance"))
+    drive = seen_from(backend.scene.header.drive, *place)
+    told = DriveRenderer(Renderer(backend.within(space, False)), drive).camera("outside", 0, ("rgb", "support"))
+    clipped = DriveRenderer(Renderer(backend.within(space, True)), drive).camera(
+        "outside", 0, ("rgb", "support", "depth", "instance")
+    )
     assert told.unsupported is not None and clipped.unsupported is not None and clipped.depth_m is not None
     assert 0.3 < told.unsupported.mean() < 0.9, "noise all round"
     assert 0.1 < (~clipped.unsupported).mean() < 0.8, "the street, and nothing round it"
@@ -162,38 +166,38 @@ def test_from_outside_nothing_unobserved_is_shown(
     assert space.shown[tuple(cells[inside].T)].mean() > 0.96, "voxels that images do not show"
 
 
-def test_what_stands_before_the_street_is_left_out(tracer: CompiledTracer, space: ObservedSpace) -> None:
+def test_what_stands_before_the_street_is_left_out(backend: CompiledBackend, space: ObservedSpace) -> None:
     """From behind a row of houses, the middle of the road is met, and not the back of their fronts."""
-    drive = seen_from(tracer.scene.header.drive, 15.0, 45.0, 25.0)
+    drive = seen_from(backend.scene.header.drive, 15.0, 45.0, 25.0)
     away_m = float(np.hypot(45.0, 25.0))
     whole, clipped = (
-        Renderer(one, drive).camera("outside", 0, ("rgb", "depth"), region=Region(76, 46, 84, 54)).depth_m
-        for one in (tracer, tracer.within(space, True))
+        DriveRenderer(Renderer(one), drive).camera("outside", 0, ("rgb", "depth"), region=Region(76, 46, 84, 54)).depth_m
+        for one in (backend, backend.within(space, True))
     )
     assert whole is not None and clipped is not None
     assert np.median(whole) < away_m - 10
     assert abs(np.median(clipped) - away_m) < 3
 
 
-def test_actors_are_never_clipped(tracer: CompiledTracer, space: ObservedSpace) -> None:
-    drive = seen_from(tracer.scene.header.drive, 15.0, 45.0, 25.0)
+def test_actors_are_never_clipped(backend: CompiledBackend, space: ObservedSpace) -> None:
+    drive = seen_from(backend.scene.header.drive, 15.0, 45.0, 25.0)
     ego = drive.world_from_ego.at(drive.time_s[FRAME])
     car = next(actor for actor in drive.actors.values() if actor.label == "Car" and not actor.is_moving)
     yard = ego[:3, :3] @ [15.0, 30.0, 8.0] + ego[:3, 3]
     moved = replace(car, uid="moved", world_from_actor=Trajectory(np.zeros(1), yard[None], np.array([[1.0, 0, 0, 0]])))
     drive = replace(drive, actors={"moved": replace(moved, start_s=-10.0, end_s=100.0)})
-    one = CompiledTracer(tracer.scene, drive).within(space, True)
+    one = backend.within(space, True)
     assert not np.isfinite(space.starts(Rays(yard[None], np.array([[0.0, 0, 1]]), np.zeros(1)))).any()
-    frame = Renderer(one, drive).camera("outside", 0, ("rgb", "support", "instance"))
+    frame = DriveRenderer(Renderer(one), drive).camera("outside", 0, ("rgb", "support", "instance"))
     assert frame.instance is not None and frame.unsupported is not None
     assert (frame.instance > 0).sum() > 50 and not frame.unsupported[frame.instance > 0].any()
 
 
 @pytest.mark.parametrize("clip", (False, True))
-def test_coarse_images_and_parts_have_it_too(tracer: CompiledTracer, space: ObservedSpace, clip: bool) -> None:
-    drive = seen_from(tracer.scene.header.drive, -22.0, 0.0, 18.0)
-    renderer = Renderer(tracer.within(space, clip), drive)
-    parts = list(renderer.grow("outside", 0, ("rgb", "support"), coarse=(8, 4), band=40))
+def test_coarse_images_and_parts_have_it_too(backend: CompiledBackend, space: ObservedSpace, clip: bool) -> None:
+    drive = seen_from(backend.scene.header.drive, -22.0, 0.0, 18.0)
+    renderer = DriveRenderer(Renderer(backend.within(space, clip)), drive)
+    parts = list(renderer.progressive("outside", 0, ("rgb", "support"), coarse=(8, 4), band=40))
     assert [part.stride for part in parts[:2]] == [(8, 8), (4, 4)] and len(parts) > 3
     whole = renderer.camera("outside", 0, ("rgb", "support")).unsupported
     assert whole is not None
@@ -212,18 +216,18 @@ def test_coarse_images_and_parts_have_it_too(tracer: CompiledTracer, space: Obse
 
 
 def test_it_is_kept_for_the_next_time(
-    tracer: CompiledTracer, space: ObservedSpace, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    backend: CompiledBackend, space: ObservedSpace, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("UNISIM_CACHE", str(tmp_path))
-    assert kept_space(*tracer.observed) is None
-    keep_space(tracer.scene.header, space)
-    found = kept_space(*tracer.observed)
+    assert kept_space(*backend.observed) is None
+    keep_space(backend.scene.header, space)
+    found = kept_space(*backend.observed)
     assert found is not None
     for name in ("volume_from_world", "size_m", "shown", "passed", "background"):
         np.testing.assert_array_equal(getattr(found, name), getattr(space, name))
     (file,) = (tmp_path / "observed").iterdir()
     file.write_bytes(file.read_bytes()[:-100])
-    assert kept_space(*tracer.observed) is None, "a broken file counts"
+    assert kept_space(*backend.observed) is None, "a broken file counts"
 
 
 def test_gaps_between_rays_are_closed_and_no_more() -> None:
@@ -247,11 +251,12 @@ def test_directions_go_round() -> None:
 @needs_library
 def test_opacity_and_colours_are_those_of_the_recording(tmp_path: Path) -> None:
     """A space that was passed and shown everywhere clips nothing."""
-    fast, _ = both(saved(tmp_path / "scene", TINY), edited())
+    fast, _ = both_backends(saved(tmp_path / "scene", TINY))
     space = random_space(fast)
     everywhere = replace(space, shown=np.ones_like(space.shown), passed=np.ones_like(space.passed))
-    rays = picture_rays(edited())
+    drive = edited()
+    rays = picture_rays(drive)
     fast.scene.observed = np.ones_like(fast.scene.observed)
-    found = fast.within(everywhere, True).trace(rays, {"depth"}, True, None, RenderStats())
-    expected = fast.trace(rays, {"depth"}, True, None, RenderStats())
+    found = bound_to(fast.within(everywhere, True), drive).trace(rays, {"depth"}, True, None, RenderStats())
+    expected = bound_to(fast, drive).trace(rays, {"depth"}, True, None, RenderStats())
     np.testing.assert_allclose(numbers(found.feature), numbers(expected.feature), atol=1e-5)

@@ -12,6 +12,7 @@ import pytest
 import torch
 from analytic_scene import Stage, analytic_scene, drive_of, empty, ground, still
 from torch import Tensor
+from whole_drive import bound_to, whole_state
 
 from unisim_blender.core.cast import gather_cast
 from unisim_blender.core.cast_tensors import cast_tensors
@@ -24,7 +25,7 @@ from unisim_blender.core.fields.networks import mlp, run_mlp
 from unisim_blender.core.fields.scene import SceneModel
 from unisim_blender.core.march import Segment, Voxels, propose, propose_reference
 from unisim_blender.core.strands import RayBatch, Strands
-from unisim_blender.core.torch_tracer import TorchTracer
+from unisim_blender.core.torch_tracer import TorchBackend, TorchTracer
 from unisim_blender.core.trace import Sampling, trace
 from unisim_blender.core.tracer import Found
 
@@ -174,7 +175,7 @@ def traced(seed: int) -> list[Tensor]:
         scene.occupancy.values.copy_((torch.rand(scene.occupancy.values.shape) < 0.3) * 255)
     way = torch.nn.functional.normalize(torch.randn(48, 3) * 0.2 + torch.tensor([1.0, 0.0, 0.0]), dim=-1)
     eye = scene.frame.recentred(np.tile([-20.0, 0.0, 1.6], (48, 1)))
-    cast = cast_tensors(gather_cast(drive, drive, {"": ("car",)}), {"": (scene, scene.actors.tables())})
+    cast = cast_tensors(gather_cast(whole_state(drive), {"": ("car",)}), {"": (scene, scene.actors.tables())})
     rays = RayBatch(eye, way, torch.zeros(48).double())
     found = trace(scene, cast, rays, Sampling(jitter=True, generator=torch.Generator().manual_seed(2)))
     assert len(found.strands) == 2
@@ -209,15 +210,16 @@ def test_pictures_decoded_in_half_precision(name: str) -> None:
         stage.scene.get_parameter("ray_head.codes").normal_()
         for p in stage.scene.camera_decoder.parameters():
             p.mul_(2.0)
-    tracer = TorchTracer(stage.as_scene(), stage.drive)
+    tracer = bound_to(TorchBackend(stage.as_scene()), stage.drive)
     n, ways = 24 * 16, np.tile([1.0, 0.0, 0.0], (24 * 16, 1))
     width = stage.scene.config.features
     nothing = torch.zeros(n)
     found = Found(torch.randn(n, width), nothing, nothing, {}, [], [], None, None)
     plain = tracer.image(found, ways, "front", (16, 24))
     assert not tracer.half and plain.std() > 0.02
-    tracer.half = True
-    half = tracer.image(found, ways, "front", (16, 24))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(TorchTracer, "half", True)
+        half = tracer.image(found, ways, "front", (16, 24))
     assert half.dtype == np.float32 and 0 < np.abs(half - plain).max() < 1.5 / 255
 
 

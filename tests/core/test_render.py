@@ -10,6 +10,7 @@ import pytest
 import torch
 from analytic_scene import FRONT, Stage, analytic_scene, block, drive_of, empty, ground, renderer_of, sphere, still, union, wall
 from numpy.typing import NDArray
+from whole_drive import bound_to
 
 from unisim_blender.core import torch_tracer
 from unisim_blender.core.bounds import Bounds
@@ -47,7 +48,7 @@ def stage() -> Stage:
 
 def rays_of(drive: Drive, up: int = 2) -> Rays:
     camera = drive.cameras["front"]
-    return camera_rays(camera, 0, *pixel_grid(camera.model, up))
+    return camera_rays(camera, camera.time_s[0], *pixel_grid(camera.model, up))
 
 
 def test_every_pass_of_a_picture(stage: Stage) -> None:
@@ -175,10 +176,10 @@ def test_no_actor_is_skipped_that_a_ray_meets() -> None:
         poses = np.stack([pose, pose])
         poses[:, :3, 3] = start, start + rng.normal(0, 5, 3)
         camera = Camera("front", model, Trajectory.from_poses(np.array([0.0, 0.5]), poses), drive.time_s)
-        bundles = [camera_rays(camera, int(rng.integers(6)), *pixel_grid(model)).flat()]
+        bundles = [camera_rays(camera, camera.time_s[int(rng.integers(6))], *pixel_grid(model)).flat()]
         lidar = replace(drive.lidars["top"], world_from_lidar=Trajectory.from_poses(np.array([0.0, 0.5]), poses))
-        bundles.append(lidar_rays(lidar, int(rng.integers(6))).flat())
-        tracer = torch_tracer.TorchTracer(Stage(scene, drive).as_scene(), drive)
+        bundles.append(lidar_rays(lidar, lidar.time_s[int(rng.integers(6))]).flat())
+        tracer = bound_to(torch_tracer.TorchBackend(Stage(scene, drive).as_scene()), drive)
         for rays in bundles:
             among = tracer.bounds.in_reach(rays)
             tracer.trace(rays, set(), True, None, stats := RenderStats())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -21,9 +22,11 @@ from unisim_blender.core.fields.config import PRESETS, ModelConfig, SampleConfig
 from unisim_blender.core.frames import CameraFrame
 from unisim_blender.core.log import Log
 from unisim_blender.core.logs import open_log
-from unisim_blender.core.prepare.renderers import compiled, environment, make_tracer
-from unisim_blender.core.render import Renderer
-from unisim_blender.core.torch_tracer import TorchTracer
+from unisim_blender.core.prepare.renderers import compiled, environment, make_backend
+from unisim_blender.core.render.drive_renderer import DriveRenderer
+from unisim_blender.core.render.renderer import Renderer
+from unisim_blender.core.scene_file import read_scene_header
+from unisim_blender.core.torch_tracer import TorchBackend
 from unisim_blender.core.training.config import TrainConfig
 from unisim_blender.core.training.recipe import recipe
 from unisim_blender.core.training.run import CHECKPOINT, finish, save_checkpoint, train
@@ -111,7 +114,7 @@ def trained(runs: dict[str, Run], tmp_path_factory: pytest.TempPathFactory) -> d
 
 def picture(scene_path: Path, frame: int = 1) -> CameraFrame:
     scene = load_scene(scene_path)
-    renderer = Renderer(TorchTracer(scene, scene.header.drive), scene.header.drive)
+    renderer = DriveRenderer(Renderer(TorchBackend(scene)), scene.header.drive)
     return renderer.camera("front_camera", frame, ("rgb", "depth", "instance", "normal"))
 
 
@@ -185,7 +188,7 @@ def test_a_picture_is_the_colours_of_its_samples(trained: dict[str, Path]) -> No
         last.bias.copy_(torch.logit(torch.tensor([0.25, 0.5, 0.75])))
     scene = load_scene(trained["ngp"])
     scene.model.load_state_dict(model.state_dict())
-    rgb = Renderer(TorchTracer(scene, scene.header.drive), scene.header.drive).camera("front_camera", 1).rgb
+    rgb = DriveRenderer(Renderer(TorchBackend(scene)), scene.header.drive).camera("front_camera", 1).rgb
     np.testing.assert_allclose(rgb, np.broadcast_to([0.25, 0.5, 0.75], rgb.shape), atol=2e-3)
 
 
@@ -262,12 +265,13 @@ def test_sweeps_without_lidar_are_warned_of(
 def test_what_the_kernels_do_not_take_is_torchs(trained: dict[str, Path], kind: str) -> None:
     taken = kind in ("no actor prior", "no refinement")
     drive = load_scene(trained[kind]).header.drive
-    tracer = make_tracer(trained[kind], drive)
+    backend = make_backend(trained[kind])
     assert compiled("cpu", [trained[kind]]) == taken == ("kernels" in environment("cpu", [trained[kind]]))
-    assert isinstance(tracer, TorchTracer) != taken
+    assert isinstance(backend, TorchBackend) != taken
     if taken:
         wanted, got = (
-            Renderer(t, drive).camera("front_camera", 1).rgb for t in (TorchTracer(load_scene(trained[kind]), drive), tracer)
+            DriveRenderer(Renderer(one), drive).camera("front_camera", 1).rgb
+            for one in (TorchBackend(load_scene(trained[kind])), backend)
         )
         assert np.abs(wanted - got).mean() < 0.02
     else:
@@ -335,3 +339,28 @@ def test_the_worker_says_what_one_field_cannot_show(path: Path, trained: dict[st
         request = {"scenario": json.loads(file.read_text()), "path": str(file), **moment}
         told[name] = [event["text"] for event in Jobs(tmp_path).camera(request) if event["event"] == "warning"]
     assert told["a"] == [] and len(told["b"]) == 1 and "edits of car-1 change labels" in told["b"][0]
+
+
+def test_without_lidar_sweeps_are_neither_needed_nor_read(path: Path, runs: dict[str, Run], tmp_path: Path) -> None:
+    bare = tmp_path / "log"
+    shutil.copytree(path, bare)
+    for file in (bare / "lidar").glob("*.pkl.gz"):
+        file.unlink()
+    trainer = Trainer(open_log(bare), config_of("ngp without lidar"))
+    [trainer.step() for _ in range(5)]
+    again = Trainer(open_log(path), config_of("ngp without lidar"))
+    [again.step() for _ in range(5)]
+    wanted = learnt(again)
+    for name, value in learnt(trainer).items():
+        assert torch.equal(value, wanted[name]), name
+    assert torch.equal(trainer.model.ground.heights, again.model.ground.heights)
+    assert len(trainer.lidar.points) == 0
+    # the ground goes on from where the vehicle drove, in the volume's own axes
+    drive = trainer.log.drive
+    below = np.asarray(trainer.model.ground.height(trainer.model.frame.points(trainer.model.frame.recentred(
+        drive.world_from_ego.positions
+    ))).cpu())  # fmt: skip
+    places = trainer.model.frame.points(trainer.model.frame.recentred(drive.world_from_ego.positions)).cpu().numpy()
+    assert np.abs(below - places[:, 2]).max() < 0.3
+    finish(trainer, tmp_path / "scene")
+    assert read_scene_header(tmp_path / "scene").training["lidars"] == []

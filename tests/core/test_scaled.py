@@ -15,11 +15,11 @@ from analytic_scene import Stage, analytic_scene, block, drive_of, empty, header
 from random_scene import CONFIGS, PASSES, picture_rays, rough, saved
 from tiny_drive import tiny_drive
 from turning_drive import turning_drive
+from whole_drive import bound_to, whole_state
 
 from unisim_blender.core import native
-from unisim_blender.core.cast import vacated
 from unisim_blender.core.compiled.scene import CompiledScene
-from unisim_blender.core.compiled.tracer import CompiledTracer
+from unisim_blender.core.compiled.tracer import CompiledBackend
 from unisim_blender.core.drive import Actor, Drive, Look
 from unisim_blender.core.edits import apply_scenario
 from unisim_blender.core.errors import ScenarioError
@@ -31,6 +31,7 @@ from unisim_blender.core.frames import RenderStats
 from unisim_blender.core.geometry import FloatArray, Trajectory, intersect_boxes, invert_pose, make_pose, quaternion_from_yaw
 from unisim_blender.core.meshes.meeting import Extras
 from unisim_blender.core.output.labels import frame_labels
+from unisim_blender.core.quality import QUALITY
 from unisim_blender.core.scenario import scenario_from_json
 from unisim_blender.core.scene_file import drive_from_json, drive_to_json
 from unisim_blender.core.sensors.rays import Rays
@@ -46,7 +47,7 @@ from unisim_blender.core.street.truth import truth_camera, truth_lidar
 from unisim_blender.core.surfels.model import SurfelSet
 from unisim_blender.core.surfels.stage import Stage as SurfelStage
 from unisim_blender.core.surfels.stage import carried
-from unisim_blender.core.torch_tracer import TorchTracer
+from unisim_blender.core.torch_tracer import TorchBackend
 
 needs_library = pytest.mark.skipif(native.library() is None, reason="the compiled kernels were not built")
 EYE = np.array([-20.0, 0.0, 1.6])
@@ -146,8 +147,9 @@ def test_labels_and_the_drives_document_have_the_size() -> None:
 
 def test_what_a_smaller_box_leaves_is_empty() -> None:
     drive = turning_drive()
-    assert [box.size_m.tolist() for box in vacated(drive, edited(by(0.5, 0.5, 0.5, actor="van")))] == [[6.0, 2.2, 2.5]]
-    assert vacated(drive, edited(by(0.5, 0.5, 0.5))) == vacated(drive, drive) == ()
+    (box,) = whole_state(edited(by(0.5, 0.5, 0.5, actor="van")), drive).removed_boxes
+    assert box.size_m.tolist() == [6.0, 2.2, 2.5]
+    assert whole_state(edited(by(0.5, 0.5, 0.5)), drive).removed_boxes == whole_state(drive).removed_boxes == ()
 
 
 # fields, by torch
@@ -202,7 +204,8 @@ def test_normals_go_through_the_inverse_of_the_scale() -> None:
     actor = scaled(still("car", [-13, 0, 1.6], [3.0, 3.0, 3.0], yaw=0.5), 1.5, 1.0, 0.6)
     scene = Stage(analytic_scene(empty, {"car": (sphere([0, 0, 0], 1.2), np.full(3, 3.0))}), drive_of([actor]))
     rays = picture_rays(scene.drive, up=1).flat()
-    maps = TorchTracer(scene.as_scene(), scene.drive, "reference").trace(rays, PASSES, True, None, RenderStats()).maps
+    tracer = bound_to(TorchBackend(scene.as_scene(), QUALITY["reference"]), scene.drive)
+    maps = tracer.trace(rays, PASSES, True, None, RenderStats()).maps
     mine = maps["instance"] == 1
     assert mine.sum() > 60
     pose = actor.world_from_actor.at(0.0)
@@ -283,8 +286,9 @@ def test_the_kernels_say_what_torch_says(tmp_path: Path, name: str) -> None:
     drive = drive_of(CARS)
     folder = saved(tmp_path / "scene", CONFIGS[name])
     rays = picture_rays(drive)
-    fast = CompiledTracer(CompiledScene(folder), drive, "reference").trace(rays, PASSES, True, None, RenderStats())
-    slow = TorchTracer(load_scene(folder), drive, "reference").trace(rays, PASSES, True, None, RenderStats())
+    compiled = bound_to(CompiledBackend(CompiledScene(folder), QUALITY["reference"]), drive)
+    fast = compiled.trace(rays, PASSES, True, None, RenderStats())
+    slow = bound_to(TorchBackend(load_scene(folder), QUALITY["reference"]), drive).trace(rays, PASSES, True, None, RenderStats())
     assert {1, 2, 3} <= set(np.unique(slow.maps["instance"]))
     assert share_alike(fast.feature, slow.feature, 2e-3) > 0.98
     assert share_alike(fast.opacity, slow.opacity, 2e-3) > 0.98
@@ -316,9 +320,8 @@ def test_surfaces_are_followed_alike_whatever_the_scale(tmp_path: Path, quality:
     found, spent = [], []
     for actor, k in ((near, 1.0), (scaled(near, 2.0, 2.0, 2.0), 2.0)):
         rays, stats = towards(centre, centre + k * np.array([-5.0, 1.5, 1.0]), k * np.array([1.8, 0.9, 0.7])), RenderStats()
-        found.append(
-            CompiledTracer(scene, drive_of([actor]), quality).trace(rays, {"depth", "instance", "normal"}, False, None, stats)
-        )
+        tracer = bound_to(CompiledBackend(scene, QUALITY[quality]), drive_of([actor]))
+        found.append(tracer.trace(rays, {"depth", "instance", "normal"}, False, None, stats))
         spent.append(stats.samples_spent)
     mine = (found[0].maps["instance"] == 1) & (found[1].maps["instance"] == 1)
     assert mine.mean() > 0.3
@@ -333,9 +336,9 @@ def test_marching_meets_the_surface_that_dense_samples_meet(tmp_path: Path, fact
     folder, centre = alone(tmp_path / "scene"), np.array([-8.0, 1, 0.8])
     actor = scaled(still("car", centre, SIZE, yaw=0.4), *factors)
     drive, rays = drive_of([actor]), towards(centre, centre + [-9.0, 2.0, 1.0], 0.4 * actor.size_m)
-    slow = TorchTracer(load_scene(folder), drive, "reference")
+    slow = bound_to(TorchBackend(load_scene(folder), QUALITY["reference"]), drive)
     slow.quality = replace(slow.quality, samples=8.0)
-    fast = CompiledTracer(CompiledScene(folder), drive, "balanced")
+    fast = bound_to(CompiledBackend(CompiledScene(folder)), drive)
     ours, theirs = (tracer.trace(rays, {"depth", "instance"}, False, None, RenderStats()) for tracer in (fast, slow))
     both = (ours.maps["instance"] == 1) & (theirs.maps["instance"] == 1)
     assert both.mean() > 0.3
@@ -350,7 +353,9 @@ def test_the_kernels_leave_who_is_not_scaled(tmp_path: Path) -> None:
     plain = [*CARS[:2], CARS[2]]
     drives = drive_of([scaled(actor, 1.0, 1.0, 1.0) for actor in plain]), drive_of([scaled(plain[0], 1.0, 1.0, 1.0), *plain[1:]])
     found = [
-        CompiledTracer(CompiledScene(folder), drive, quality).trace(picture_rays(drive), PASSES, True, None, RenderStats())
+        bound_to(CompiledBackend(CompiledScene(folder), QUALITY[quality]), drive).trace(
+            picture_rays(drive), PASSES, True, None, RenderStats()
+        )
         for quality in ("balanced", "reference")
         for drive in drives
     ]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import json
 import re
+import time
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ import pytest
 from unisim_blender.core.errors import ScenarioError
 from unisim_blender.core.scenario import load_scenario, save_scenario, scenario_from_json, scenario_to_json
 from unisim_blender.core.scenario.checks import scenario_schema
+from unisim_blender.core.scenario.limits import MOST_MEMBERS, MOST_VALUES
 from unisim_blender.core.scenario.types import EDIT_TYPES
 
 KEYS = [
@@ -261,7 +263,7 @@ def test_a_bad_scenario_is_not_written(tmp_path: Path) -> None:
 
 def documented_examples() -> list[dict[str, Any]]:
     """The JSON blocks of the format's page, each completed to a document."""
-    page = (Path(__file__).parents[2] / "docs" / "scenario.md").read_text(encoding="utf-8")
+    page = (Path(__file__).parents[2] / "docs" / "reference" / "scenario.md").read_text(encoding="utf-8")
     decoder, examples = json.JSONDecoder(), []
     for block in re.findall(r"```json\n(.*?)```", page, re.S):
         if block.startswith("{\n"):
@@ -285,3 +287,49 @@ def test_the_pages_examples_are_valid_and_show_every_edit() -> None:
     for example in examples:
         assert same_json(scenario_to_json(scenario_from_json(example)), example)
     assert {edit["type"] for example in examples for edit in example["edits"]} == set(EDIT_TYPES)
+
+
+@pytest.mark.parametrize("name", ("edits", "frames", "trajectory", "cameras"))
+def test_more_than_is_read_is_refused_soon(name: str) -> None:
+    document = copy.deepcopy(EVERYTHING)
+    count = MOST_MEMBERS[name] + 1
+    if name == "edits":
+        document["edits"] = [{"type": "remove", "actor": "car"}] * count
+    elif name == "frames":
+        document["frames"] = list(range(count))
+    elif name == "cameras":
+        document["sensors"]["cameras"] = [document["sensors"]["cameras"][0]] * count
+    else:
+        keys = [{"time_s": i / count, "position": [0, 0, 0]} for i in range(count)]
+        document["edits"] = [{"type": "move", "actor": "car", "trajectory": keys}]
+    begun = time.process_time()
+    with pytest.raises(ScenarioError, match=f"{name}: has {count} members, more than the {count - 1} that are read"):
+        scenario_from_json(document)
+    assert time.process_time() - begun < 5
+
+
+def test_many_long_lists_are_refused_soon() -> None:
+    keys = [{"time_s": i / 20000, "position": [0, 0, 0]} for i in range(MOST_MEMBERS["trajectory"])]
+    document = copy.deepcopy(EVERYTHING)
+    document["edits"] = [{"type": "move", "actor": "car", "trajectory": keys}] * 30
+    begun = time.process_time()
+    with pytest.raises(ScenarioError, match=f"holds more than {MOST_VALUES} values"):
+        scenario_from_json(document)
+    assert time.process_time() - begun < 10
+
+
+def test_as_much_as_is_read_is_read() -> None:
+    document = copy.deepcopy(EVERYTHING)
+    document["edits"] = [{"type": "remove", "actor": "car"}] * MOST_MEMBERS["edits"]
+    assert len(scenario_from_json(document).edits) == MOST_MEMBERS["edits"]
+
+
+@pytest.mark.parametrize("text", ("\\ud800", "a\\u0000b"))
+def test_a_text_that_is_no_path_is_refused(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "scenario.json"
+    path.write_text(json.dumps({**EVERYTHING, "log": "LOG"}).replace("LOG", text))
+    with pytest.raises(ScenarioError, match=r"scenario\.json: log: holds a text that is none: '"):
+        load_scenario(path)
+    path.write_text(json.dumps({**EVERYTHING, "boxes": {"LOG": EVERYTHING["boxes"]["bin"]}}).replace("LOG", text))
+    with pytest.raises(ScenarioError, match=r"scenario\.json: boxes: holds a text that is none: '"):
+        load_scenario(path)

@@ -142,7 +142,11 @@ def edit(folder: Path, *place: Any, value: Any = None) -> None:
         (("drive", "actors", "car-1", "size_m"), [1, 0, 1], r"drive.actors.car-1.size_m: must be above 0, not \[1.0, 0.0, 1.0\]"),
         (("drive", "actors", "car-1", "size_m", 1), float("nan"), r"car-1.size_m\[1\]: nan is not a finite number"),
         (("drive", "actors", "car-1", "is_moving"), 1, "is_moving: must be true or false, not 1"),
-        (("drive", "world_from_ego", "times_s", 1), 0.0, "drive.world_from_ego: a trajectory's times must increase strictly"),
+        (
+            ("drive", "world_from_ego", "times_s", 1),
+            0.0,
+            "drive.world_from_ego: key 1 of a trajectory at 0.0 s is not later than the one before",
+        ),
         (("drive", "world_from_ego", "positions"), [], "drive.world_from_ego: a trajectory needs"),
         (("drive", "time_s", 2), None, "drive.time_s: has no time of frame 3"),
         (("drive", "lidars", "top", "blocked"), "AA=", "blocked: is not base64"),

@@ -17,6 +17,7 @@ import torch
 from analytic_scene import renderer_of
 from click.testing import CliRunner
 from PIL import Image
+from rendered_folder import contents
 from tiny_drive import tiny_drive
 
 from unisim_blender.core import native
@@ -26,9 +27,9 @@ from unisim_blender.core.fields.checkpoint import save_scene
 from unisim_blender.core.fields.config import preset
 from unisim_blender.core.fields.scene import SceneModel
 from unisim_blender.core.fields.volume import Volume
-from unisim_blender.core.prepare.renderers import make_tracer
+from unisim_blender.core.prepare.renderers import make_backend
 from unisim_blender.core.quality import LADDER
-from unisim_blender.core.scene_file import SceneHeader, read_scene_header
+from unisim_blender.core.scene_file import SceneHeader
 
 
 @pytest.fixture(scope="module")
@@ -76,14 +77,6 @@ def output_layer(network: torch.nn.Module) -> torch.Tensor:
     return next(
         part.bias for part in reversed(list(network.modules())) if isinstance(part, torch.nn.Linear) and part.bias is not None
     )
-
-
-def contents(folder: Path) -> dict[str, bytes]:
-    return {
-        str(path.relative_to(folder)): path.read_bytes()
-        for path in sorted(folder.rglob("*"))
-        if path.is_file() and path.name != "timings.json"
-    }
 
 
 def render(*arguments: object) -> str:
@@ -185,13 +178,14 @@ def test_unknown_names_are_refused_before_anything_is_written(
 
 def test_edits_change_the_key_and_paths_do_not(scenario: Path) -> None:
     from unisim_blender.core.prepare.scenario_plan import Wishes, plan_scenario
-    from unisim_blender.core.sequence.plan import plan_key
+    from unisim_blender.core.sequence.identity import CaptureIdentities
 
     plan, _ = plan_scenario(scenario, Wishes())
     other, _ = plan_scenario(scenario, Wishes(frames="0:2"))
-    assert plan_key(plan) == plan_key(other), "which frames are asked for changes none of them"
-    assert plan_key(replace(plan, drive=tiny_drive())) != plan_key(plan)
-    assert plan_key(replace(plan, scenes={"": "0" * 64})) != plan_key(plan)
+    identities = CaptureIdentities(plan).of_frame(1)
+    assert CaptureIdentities(other).of_frame(1) == identities, "which frames are asked for changes none of them"
+    rescened = CaptureIdentities(replace(plan, scenes={"": "0" * 64})).of_frame(1)
+    assert all(rescened[name][0] != identity for name, (identity, _) in identities.items())
 
 
 def test_plain_points_without_a_beam_table_are_no_sensor(scenario: Path, tmp_path: Path) -> None:
@@ -251,7 +245,7 @@ def test_evaluation_refuses_what_is_not_there(arguments: list[str], sentence: st
 
 def test_contact_shadows_lie_under_new_actors_alone(scenario: Path) -> None:
     from unisim_blender.core.fields.checkpoint import load_scene
-    from unisim_blender.core.render import Region
+    from unisim_blender.core.render.regions import Region
 
     scene = load_scene(scenario.parent / "scene")
     drive = scene.header.drive
@@ -271,13 +265,13 @@ def test_contact_shadows_lie_under_new_actors_alone(scenario: Path) -> None:
 
 def test_scenes_are_loaded_once_until_they_change(scenario: Path, tmp_path: Path) -> None:
     folder = Path(shutil.copytree(scenario.parent / "scene", tmp_path / "scene"))
-    drive, kept = read_scene_header(folder).drive, dict[object, Any]()
-    make_tracer(folder, drive, kept=kept)
+    kept = dict[object, Any]()
+    make_backend(folder, kept=kept)
     (first,) = kept.values()
-    make_tracer(folder, drive, "fast", kept=kept)
+    make_backend(folder, (), "fast", kept=kept)
     (again,) = kept.values()
     assert again is first
     os.utime(folder / "weights.safetensors", ns=(1, 1))
-    make_tracer(folder, drive, kept=kept)
+    make_backend(folder, kept=kept)
     (changed,) = kept.values()
     assert changed is not first, "and the one before is forgotten"

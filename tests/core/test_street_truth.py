@@ -127,7 +127,9 @@ def test_depth_is_along_the_ray_and_z_depth_along_the_axis(image: CameraFrame) -
 def test_culling_loses_no_hit(street: Street) -> None:
     world = make_world(street, street.drive)
     u, v = np.meshgrid(np.arange(0.5, 160, 7), np.arange(0.5, 90, 7))
-    rays = camera_rays(street.drive.cameras[CAMERA], 2, u.reshape(-1)[:256], v.reshape(-1)[:256])
+    rays = camera_rays(
+        street.drive.cameras[CAMERA], street.drive.cameras[CAMERA].time_s[2], u.reshape(-1)[:256], v.reshape(-1)[:256]
+    )
     origins = rays.origins + street.drive.world_origin
     tight = make_bundles(origins[:, None], rays.directions[:, None], rays.time_s[:, None])
     everything = np.zeros_like(tight.planes)
@@ -182,7 +184,7 @@ def test_ego_shift_gives_the_parallax_of_the_depths(street: Street, image: Camer
     after = truth_camera(street, replace(street.drive, cameras={CAMERA: aside}), CAMERA, 3)
     assert after.depth_m is not None and image.depth_m is not None and after.instance is not None
     u, v = pixel_grid(camera.model)
-    rays = camera_rays(aside, 3, u + 0.25, v + 0.25)
+    rays = camera_rays(aside, aside.time_s[3], u + 0.25, v + 0.25)
     static = np.isfinite(after.depth_m) & (after.instance == 0)
     points = rays.origins[static] + rays.directions[static] * after.depth_m[static, None]
     local = transform_points(invert_pose(camera.world_from_camera.at(camera.time_s[3])), points)
@@ -249,7 +251,7 @@ def test_a_removal_box_cuts_through_what_it_does_not_hold(street: Street) -> Non
 def test_actors_are_there_in_their_time_alone(street: Street, image: CameraFrame) -> None:
     actor = street.drive.actors[LEAD]
     camera = street.drive.cameras[CAMERA]
-    time = float(row_times(camera, 3, np.array(57.0)))
+    time = float(row_times(camera, camera.time_s[3], np.array(57.0)))
     gone = replace(actor, end_s=time - 0.1)
     half = replace(actor, end_s=time)  # the rows down to 57 are exposed before, those below after
     frames = [

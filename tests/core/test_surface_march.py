@@ -14,11 +14,12 @@ import pytest
 import torch
 from numpy.typing import NDArray
 from random_scene import CONFIGS, edited, picture_rays, saved
+from whole_drive import bound_to
 
 from unisim_blender.core import native
 from unisim_blender.core.compiled.scene import CompiledScene
 from unisim_blender.core.compiled.structs import SamplingStruct, SceneStruct, address, floats
-from unisim_blender.core.compiled.tracer import LEAST_SLOPE, LEAST_STEP_M, SPLIT_WEIGHT, WIDENING, CompiledTracer
+from unisim_blender.core.compiled.tracer import LEAST_SLOPE, LEAST_STEP_M, SPLIT_WEIGHT, WIDENING, CompiledBackend, CompiledTracer
 from unisim_blender.core.density import logistic_intervals, weights_from_tau
 from unisim_blender.core.fields.checkpoint import load_scene
 from unisim_blender.core.frames import RenderStats
@@ -476,12 +477,12 @@ class Look:
 def looks() -> dict[str, Look]:
     scene = CompiledScene(SAMPLE)
     drive = scene.header.drive
-    tracer, camera = CompiledTracer(scene, drive), drive.cameras["front_camera"]
+    tracer, camera = bound_to(CompiledBackend(scene), drive), drive.cameras["front_camera"]
     camera = dataclasses.replace(camera, model=camera.model.resized(96))
-    sweep = lidar_rays(drive.lidars["pandar64"], 4)
+    sweep = lidar_rays(drive.lidars["pandar64"], drive.lidars["pandar64"].time_s[4])
     some = slice(None, None, 60)
     columns = Rays(sweep.origins[:, some], sweep.directions[:, some], sweep.time_s[:, some])
-    picture = camera_rays(camera, 4, *pixel_grid(camera.model, scene.config.upsample))
+    picture = camera_rays(camera, camera.time_s[4], *pixel_grid(camera.model, scene.config.upsample))
     return {"camera": Look(tracer, picture, True), "lidar": Look(tracer, columns, False)}
 
 
@@ -530,7 +531,7 @@ def test_qualities_beside_the_truth(looks: dict[str, Look], sensor: str) -> None
 def test_every_medium_beside_the_quantiles(tmp_path: Path) -> None:
     """Actors that overlap, an emptied box and a copy, on fields of random weights, which are rougher than any trained one."""
     drive = edited()
-    tracer = CompiledTracer(CompiledScene(saved(tmp_path / "scene", CONFIGS["tiny"])), drive)
+    tracer = bound_to(CompiledBackend(CompiledScene(saved(tmp_path / "scene", CONFIGS["tiny"]))), drive)
     rays = picture_rays(drive)
     found = {}
     for name, quality in (("truth", dataclasses.replace(QUALITY["reference"], samples=16.0)), ("fine", QUALITY["fine"])):

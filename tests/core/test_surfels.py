@@ -14,6 +14,7 @@ import pytest
 import trimesh
 from numpy.typing import NDArray
 from PIL import Image
+from whole_drive import bound_to
 
 from unisim_blender.core import native
 from unisim_blender.core.cli import run
@@ -25,18 +26,21 @@ from unisim_blender.core.files import cache_folder
 from unisim_blender.core.frames import CameraFrame
 from unisim_blender.core.log import Log
 from unisim_blender.core.logs import open_log
-from unisim_blender.core.prepare.renderers import UNTRAINED, untrained_tracer
-from unisim_blender.core.render import Region, Renderer
+from unisim_blender.core.prepare.renderers import UNTRAINED, untrained_backend
+from unisim_blender.core.render.drive_renderer import DriveRenderer
+from unisim_blender.core.render.regions import Region
+from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.scenario import scenario_from_json
+from unisim_blender.core.sequence.plan import code_digest
 from unisim_blender.core.street.street import Street, build_street, load_street
 from unisim_blender.core.street.truth import truth_camera, truth_lidar
 from unisim_blender.core.street.write import write_log
 from unisim_blender.core.surfels.build import Step, build_surfels, finished
-from unisim_blender.core.surfels.cache import surfels_of
+from unisim_blender.core.surfels.cache import NOT_SURFELS, build_key, surfels_of
 from unisim_blender.core.surfels.exposure import Exposures
 from unisim_blender.core.surfels.model import LIDARSIM, SurfelScene
 from unisim_blender.core.surfels.stage import Stage
-from unisim_blender.core.surfels.tracer import SurfelTracer
+from unisim_blender.core.surfels.tracer import SurfelBackend
 from unisim_blender.core.surfels.views import open_view
 from unisim_blender.core.warping.tracer import WarpTracer
 from unisim_blender.core.worker.jobs import Jobs
@@ -80,9 +84,8 @@ def scenes(log: Log) -> dict[str, SurfelScene]:
     return {name: finished(surfels_of(log, settings, SOURCES)) for name, settings in UNTRAINED.items()}
 
 
-def renderer(name: str, scenes: dict[str, SurfelScene], log: Log, drive: Drive | None = None) -> Renderer:
-    drive = log.drive if drive is None else drive
-    return Renderer(untrained_tracer(name, scenes[name], drive, log, SOURCES), drive)
+def renderer(name: str, scenes: dict[str, SurfelScene], log: Log, drive: Drive | None = None) -> DriveRenderer:
+    return DriveRenderer(Renderer(untrained_backend(name, scenes[name], log, SOURCES)), log.drive if drive is None else drive)
 
 
 def edited(log: Log, *edits: dict[str, Any], of: Drive | None = None, **more: Any) -> Drive:
@@ -195,12 +198,13 @@ def test_a_scaled_actor_is_as_near_the_truth_as_it_was(
 
 def test_a_scaled_actor_is_looked_up_in_images_from_its_own_side(scenes: dict[str, SurfelScene], log: Log) -> None:
     uid = next(uid for uid, actor in sorted(log.drive.actors.items()) if actor.is_moving)
-    tracer = renderer("warp", scenes, log, edited(log, {"type": "scale", "actor": uid, "factors": [1.4, 1, 1]})).tracer
+    drive = edited(log, {"type": "scale", "actor": uid, "factors": [1.4, 1, 1]})
+    tracer = bound_to(untrained_backend("warp", scenes["warp"], log, SOURCES), drive)
     assert isinstance(tracer, WarpTracer)
     number = tracer.cast.own.uids.index(uid)
     assert tracer.edited == [i == number for i in range(len(tracer.edited))]
     # what its recorded box hid shows nothing of what is behind it now
-    assert [actor.uid for actor in tracer.sources.elsewhere] == [uid]
+    assert tracer.elsewhere == (uid,)
 
 
 @pytest.mark.parametrize("name", list(UNTRAINED))
@@ -232,6 +236,24 @@ def test_a_thing_that_nobody_annotated_is_moved(name: str, scenes: dict[str, Sur
     sweeps = [renderer(name, scenes, log, d).lidar(LIDAR, FRAME) for d in (log.drive, drive)]
     nearer = sweeps[1].returned & (sweeps[1].depth_m < sweeps[0].depth_m - 1.0)
     assert nearer.sum() > 20
+
+
+@pytest.mark.parametrize("name", list(UNTRAINED))
+def test_one_backend_renders_many_drives(name: str, scenes: dict[str, SurfelScene], log: Log) -> None:
+    """What a backend keeps of the last state, the static world and warped images, is not seen in another one's."""
+    moving = next(uid for uid, actor in sorted(log.drive.actors.items()) if actor.is_moving)
+    parked = next(uid for uid, actor in sorted(log.drive.actors.items()) if not actor.is_moving)
+    drives = [log.drive, *(edited(log, {"type": "remove", "actor": uid}) for uid in (moving, parked))]
+    kept = Renderer(untrained_backend(name, scenes[name], log, SOURCES))
+    fresh: dict[int, tuple[bytes, bytes]] = {}
+    for n in (0, 1, 2, 0, 2, 1, 1):
+        if n not in fresh:
+            one = renderer(name, scenes, log, drives[n])
+            fresh[n] = one.camera(CAMERA, FRAME, width=96).rgb.tobytes(), one.lidar(LIDAR, FRAME).depth_m.tobytes()
+        again = DriveRenderer(kept, drives[n])
+        assert again.camera(CAMERA, FRAME, width=96).rgb.tobytes() == fresh[n][0]
+        assert again.lidar(LIDAR, FRAME).depth_m.tobytes() == fresh[n][1]
+    assert len({sweep for _, sweep in fresh.values()}) == len(drives), "sweeps that are the same tell nothing"
 
 
 @pytest.mark.parametrize("name", list(UNTRAINED))
@@ -270,10 +292,13 @@ def test_surfels_are_kept_until_their_folder_goes(log: Log, scenes: dict[str, Su
     again = list(surfels_of(log, LIDARSIM, SOURCES))
     assert len(again) == 1 and isinstance(again[0], SurfelScene)
     np.testing.assert_array_equal(again[0].static.vertices, scenes["surfel"].static.vertices)
-    for folder in (cache_folder() / "surfels").iterdir():
-        (folder / "surfels.json").unlink()
-    steps = surfels_of(log, LIDARSIM, SOURCES)
-    assert isinstance(next(steps), Step), "what is not whole is made again"
+    folder = cache_folder() / "surfels" / build_key(log, LIDARSIM, SOURCES)
+    whole = {name: (folder / name).read_bytes() for name in ("surfels.json", "ground.npy")}
+    for name, broken in (("ground.npy", b""), ("surfels.json", b"["), ("surfels.json", b"[" * 100_000), ("surfels.json", b"[1]")):
+        (folder / name).write_bytes(broken)
+        assert isinstance(next(surfels_of(log, LIDARSIM, SOURCES)), Step), "what is not whole is made again"
+        (folder / name).write_bytes(whole[name])
+    assert isinstance(next(surfels_of(log, LIDARSIM, SOURCES)), SurfelScene)
 
 
 def test_the_worker_renders_a_log_without_a_scene(path: Path, tmp_path: Path) -> None:
@@ -333,7 +358,7 @@ def test_an_actor_of_another_scene_is_a_sentence(log: Log, scenes: dict[str, Sur
     uid, actor = next(iter(log.drive.actors.items()))
     drive = replace(log.drive, actors={uid: replace(actor, look=replace(actor.look, scene="/elsewhere"))})
     with pytest.raises(SceneError, match="/elsewhere"):
-        SurfelTracer(scenes["surfel"], drive, log.drive)
+        bound_to(SurfelBackend(scenes["surfel"], log.drive), drive)
 
 
 def test_what_shows_the_vehicle_itself_colours_nothing(scenes: dict[str, SurfelScene], log: Log) -> None:
@@ -365,3 +390,23 @@ def test_pictures_are_exposed_as_their_camera_was(name: str, scenes: dict[str, S
     else:
         # images that are said to be exposed like the picture give it what they show; surfels alone are darker
         assert np.median(np.abs(after - before)) < 1e-3 < np.abs(after - before).max()
+
+
+def test_surfels_of_other_code_are_not_taken(log: Log, monkeypatch: pytest.MonkeyPatch) -> None:
+    before = build_key(log, LIDARSIM, None)
+    assert build_key(log, LIDARSIM, None) == before
+    monkeypatch.setattr("unisim_blender.core.surfels.cache.code_digest", lambda left_out: "other")
+    assert build_key(log, LIDARSIM, None) != before
+
+
+def test_code_that_makes_surfels_is_in_their_digest(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    core = tmp_path / "core"
+    for name in ("surfels/build.py", "logs/pandaset.py", "training/run.py", "sequence/plan.py"):
+        (core / name).parent.mkdir(parents=True)
+        (core / name).write_text("a = 1\n")
+    monkeypatch.setattr("unisim_blender.core.sequence.plan.__file__", str(core / "sequence" / "plan.py"))
+    digests = [code_digest.__wrapped__(NOT_SURFELS)]
+    for name in ("training/run.py", "surfels/build.py", "logs/pandaset.py"):
+        (core / name).write_text("a = 2\n")
+        digests.append(code_digest.__wrapped__(NOT_SURFELS))
+    assert digests[0] == digests[1] and len(set(digests)) == 3

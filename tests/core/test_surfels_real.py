@@ -11,10 +11,11 @@ import pytest
 
 from unisim_blender.core import native
 from unisim_blender.core.logs.pandaset import PandasetLog
-from unisim_blender.core.render import Renderer
+from unisim_blender.core.render.drive_renderer import DriveRenderer
+from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.surfels.build import build_surfels, finished
 from unisim_blender.core.surfels.model import LIDARSIM
-from unisim_blender.core.surfels.tracer import SurfelTracer
+from unisim_blender.core.surfels.tracer import SurfelBackend
 
 ROOT = Path(os.environ.get("UNISIM_PANDASET", Path(__file__).parents[3] / "shared/data/pandaset/002"))
 pytestmark = [
@@ -28,7 +29,7 @@ def test_a_held_out_sweep_is_that_which_was_recorded() -> None:
     log = PandasetLog(ROOT)
     log.drive = replace(log.drive, cameras={"front_camera": log.drive.cameras["front_camera"]})
     scene = finished(build_surfels(log, LIDARSIM, (HELD_OUT - 3, HELD_OUT - 1, HELD_OUT + 1, HELD_OUT + 3)))
-    renderer = Renderer(SurfelTracer(scene, log.drive, log.drive), log.drive)
+    renderer = DriveRenderer(Renderer(SurfelBackend(scene, log.drive)), log.drive)
     grid = log.sweep_grid("pandar64", HELD_OUT)
     at = grid.returned
     depth, intensity, probability, _ = renderer.rays_lidar(grid.origins[at], grid.directions[at], grid.time_s[at])

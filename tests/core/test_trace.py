@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 import torch
 from analytic_scene import Stage, analytic_scene, block, drive_of, empty, ground, sphere, still, union, wall
+from whole_drive import whole_state
 
-from unisim_blender.core.cast import gather_cast, vacated
+from unisim_blender.core.cast import gather_cast
 from unisim_blender.core.cast_tensors import cast_tensors
 from unisim_blender.core.drive import Box, Look, StaticCopy
 from unisim_blender.core.errors import SceneError
@@ -421,7 +422,7 @@ def test_gradients_reach_every_medium() -> None:
     scene.occupancy.values.fill_(255)
     drawn = fan(64, spread=0.1)
     batch = RayBatch(scene.frame.recentred(np.tile(EYE, (64, 1))), torch.tensor(drawn).float(), torch.zeros(64).double())
-    cast = cast_tensors(gather_cast(drive, drive, {"": ("car",)}), {"": (scene, scene.actors.tables())})
+    cast = cast_tensors(gather_cast(whole_state(drive), {"": ("car",)}), {"": (scene, scene.actors.tables())})
     traced = trace(scene, cast, batch, Sampling(jitter=True, generator=torch.Generator().manual_seed(2)))
     (traced.feature.sum() + traced.depth_m.sum() + traced.behind.sum()).backward()
     for name in (
@@ -439,11 +440,12 @@ def test_what_stood_still_leaves_an_empty_box() -> None:
     parked = still("car", (0.0, 0.0, 1.0), (4.0, 2.0, 2.0))
     assert not parked.is_moving
     recorded, gone = drive_of([parked]), drive_of([])
-    (box,) = vacated(recorded, gone)
+    (box,) = whole_state(gone, recorded).removed_boxes
     np.testing.assert_array_equal(box.size_m, parked.size_m)
-    assert vacated(recorded, recorded) == ()
+    assert whole_state(recorded).removed_boxes == ()
     away = np.eye(4)
     away[0, 3] = 3.0
     moved = replace(parked, world_from_actor=parked.world_from_actor.transformed(away))
-    assert len(vacated(recorded, drive_of([moved]))) == 1
-    assert vacated(drive_of([replace(parked, is_moving=True)]), gone) == (), "the road under a moving car was seen"
+    assert len(whole_state(drive_of([moved]), recorded).removed_boxes) == 1
+    driven = drive_of([replace(parked, is_moving=True)])
+    assert whole_state(gone, driven).removed_boxes == (), "the road under a moving car was seen"

@@ -12,7 +12,6 @@ from torch import Tensor
 
 from unisim_blender.core import native
 from unisim_blender.core.bounds import Bounds
-from unisim_blender.core.cast import on_stage
 from unisim_blender.core.drive import Actor, Look
 from unisim_blender.core.fields.tracklets import (
     SMOOTH_S,
@@ -32,6 +31,7 @@ from unisim_blender.core.geometry import (
     matrix_from_quaternion,
     quaternion_from_yaw,
 )
+from unisim_blender.core.world.replay import with_windows
 
 
 def unit_quaternions(n: int, seed: int) -> FloatArray:
@@ -232,7 +232,7 @@ def test_an_actor_that_was_always_there_has_bounds() -> None:
     always = replace(random_actors(2, 3)[1], start_s=-np.inf, end_s=np.inf)
     gone = replace(always, uid="gone", start_s=-9.0, end_s=-8.0)
     drive = drive_of([always, gone])
-    actors = on_stage(drive, drive.actors.values())
+    actors = with_windows(drive, drive.actors.values())
     bounds, index = Bounds(actors), [a.uid for a in actors].index(always.uid)
     assert bounds.between(index, 0.0, 0.5) is not None
     assert bounds.between(1 - index, 0.0, 0.5) is None

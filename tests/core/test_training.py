@@ -18,6 +18,7 @@ import torch
 from PIL import Image
 from safetensors.torch import load_file, save_file
 from small_log import write_small_log
+from whole_drive import bound_to
 
 from unisim_blender.core.cli import run
 from unisim_blender.core.errors import LogError, SceneError
@@ -26,12 +27,13 @@ from unisim_blender.core.fields.config import PRESETS, preset
 from unisim_blender.core.log import Log
 from unisim_blender.core.logs import open_log
 from unisim_blender.core.logs.pandaset_writer import PandasetWriter
-from unisim_blender.core.render import Renderer
+from unisim_blender.core.render.drive_renderer import DriveRenderer
+from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.sensors.camera import camera_rays, pixel_grid
 from unisim_blender.core.strands import Traced
 from unisim_blender.core.street.street import build_street
 from unisim_blender.core.street.truth import truth_camera, truth_lidar
-from unisim_blender.core.torch_tracer import TorchTracer
+from unisim_blender.core.torch_tracer import TorchBackend
 from unisim_blender.core.trace import Sampling, trace
 from unisim_blender.core.training.config import TrainConfig
 from unisim_blender.core.training.data import CameraData, LidarData
@@ -119,11 +121,11 @@ def test_a_device_without_float64_trains_and_renders_alike(
     assert not any(b.dtype == torch.float64 for module in kept for b in module.buffers())
     train(log, SMALL, tmp_path, quiet=True)
     scene, wanted = load_scene(tmp_path), load_scene(whole)
-    tracer = TorchTracer(scene, scene.header.drive)
-    assert tracer.tensors.own.tracklets.times.dtype == torch.float32
-    got = Renderer(tracer, scene.header.drive).camera("front_camera", 1).rgb
+    backend = TorchBackend(scene)
+    assert bound_to(backend, scene.header.drive).tensors.own.tracklets.times.dtype == torch.float32
+    got = DriveRenderer(Renderer(backend), scene.header.drive).camera("front_camera", 1).rgb
     monkeypatch.undo()
-    expected = Renderer(TorchTracer(wanted, wanted.header.drive), wanted.header.drive).camera("front_camera", 1).rgb
+    expected = DriveRenderer(Renderer(TorchBackend(wanted)), wanted.header.drive).camera("front_camera", 1).rgb
     assert np.abs(got - expected).mean() < 0.01
 
 
@@ -163,7 +165,7 @@ def test_what_a_finished_training_leaves(log: Log, whole: Path) -> None:
     training = scene.header.training
     assert training["iterations"] == 6 and training["cameras"] == ["front_camera"] and training["preset"] == "tiny"
     assert (whole / scene.header.log_path).resolve() == log.path.resolve()
-    frame = Renderer(TorchTracer(scene, scene.header.drive), scene.header.drive).camera("front_camera", 1)
+    frame = DriveRenderer(Renderer(TorchBackend(scene)), scene.header.drive).camera("front_camera", 1)
     assert frame.rgb.shape == (32, 48, 3) and np.isfinite(frame.rgb).all()
     assert int(scene.model.observed.sum()) > 100
 
@@ -247,14 +249,16 @@ def test_a_kill_leaves_a_checkpoint(path: Path, trainer: Trainer, tmp_path: Path
 
 
 def test_the_loss_falls_on_a_street(street: Log) -> None:
-    config = replace(SMALL, frames=(0, 1), iterations=60, patches=4, lidar_rays=256, rate_tables=(3e-2, 3e-2))
+    """Over seeds 0 to 5 the last 15 steps of 120 are 0.9 to 2.2 dB better than the first, of depths 0.15 to 0.22 of the loss is
+    left, of intensities 0.11 to 0.16, and of the distance to LiDAR's returns 0.18 to 0.36."""
+    steps = 120
+    config = replace(SMALL, frames=(0, 1), iterations=steps, patches=4, lidar_rays=256, rate_tables=(3e-2, 3e-2))
     trainer = Trainer(street, config)
-    figures = []
-    for _ in range(60):
-        figures.append(trainer.step())
+    figures = [trainer.step() for _ in range(steps)]
     first, last = ({name: np.mean([f[name] for f in part]) for name in figures[0]} for part in (figures[:15], figures[-15:]))
-    assert last["depth"] < 0.7 * first["depth"], (first, last)
-    assert last["psnr"] > first["psnr"] + 0.2 and last["intensity"] < first["intensity"], (first, last)
+    assert last["psnr"] > first["psnr"] + 0.7, (first, last)
+    for name, left in (("depth", 0.3), ("intensity", 0.25), ("lidar_m", 0.5)):
+        assert last[name] < left * first[name], (name, first, last)
 
 
 def test_what_nobody_saw_is_free_in_the_end(street: Log, tmp_path: Path) -> None:
@@ -308,7 +312,7 @@ def test_patches_are_pixels_with_their_rays(log: Log) -> None:
     for _, camera, frame, image in data.views:
         u, v = pixel_grid(camera.model)
         # rays through the corners of pixels: the centres of cells of two
-        whole = camera_rays(camera, frame, u + 0.5, v + 0.5)
+        whole = camera_rays(camera, camera.time_s[frame], u + 0.5, v + 0.5)
         for y in range(image.shape[0]):
             for x in range(image.shape[1]):
                 rays[frame, whole.directions[y, x].astype(np.float32).tobytes()] = image, y, x

@@ -10,8 +10,8 @@ import torch
 import torch.nn.functional as F
 from analytic_scene import Stage, analytic_scene, drive_of, still
 from torch import Tensor
+from whole_drive import whole_state
 
-from unisim_blender.core.cast import vacated
 from unisim_blender.core.constants import EMPTY_M
 from unisim_blender.core.density import volume_intervals
 from unisim_blender.core.drive import Box
@@ -89,7 +89,7 @@ def test_an_actors_density_fills_its_box_and_clears_it_of_the_scenes() -> None:
     car = still("car", [0, 0, 2.0], size)
     stage = staged(fog(0.3, (-1.5, 1.5)), {"car": (fog(0.5, (-9.0, 9.0)), size)}, drive_of([car]))
     np.testing.assert_allclose(stage.trace(EYE, [1.0, 0, 0], fine=16.0).behind, np.exp(-0.5 * 3), rtol=0.03)
-    gone = replace(stage, drive=drive_of([], removals=vacated(drive_of([car]), drive_of([]))))
+    gone = replace(stage, drive=drive_of([], removals=whole_state(drive_of([]), drive_of([car])).removed_boxes))
     np.testing.assert_allclose(gone.trace(EYE, [1.0, 0, 0], fine=16.0).behind, 1, atol=1e-3)
     beside = replace(stage, drive=drive_of([], removals=(Box(make_pose(np.array([0, 9.0, 2]), np.array([1.0, 0, 0, 0])), size),)))
     np.testing.assert_allclose(-beside.trace(STARTS, [1.0, 0, 0], fine=16.0).behind.log().mean(), 0.3 * 3, rtol=0.08)

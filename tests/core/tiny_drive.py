@@ -15,8 +15,11 @@ from unisim_blender.core.drive import Actor, Camera, CameraModel, Drive, Lidar, 
 from unisim_blender.core.frames import CameraFrame, LidarFrame, RenderStats
 from unisim_blender.core.geometry import FloatArray, Trajectory, make_pose, quaternion_from_matrix
 from unisim_blender.core.log import Sweep, SweepGrid
+from unisim_blender.core.sensors.captures import CaptureStates
 from unisim_blender.core.sensors.lidar import lidar_rays
 from unisim_blender.core.sequence.plan import RenderPlan, SequenceSettings
+from unisim_blender.core.world.replay import DriveStates
+from unisim_blender.core.world.visibility import Reach
 
 IDENTITY = np.array([1.0, 0, 0, 0])
 FRONT = quaternion_from_matrix(np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]]))
@@ -100,7 +103,7 @@ class FakeRenderer:
     def lidar(self, lidar_id: str, frame: int) -> LidarFrame:
         """A sweep of the table's rays with depths of noise; one cell in four is a drop."""
         lidar = self.drive.lidars[lidar_id]
-        rays = lidar_rays(lidar, frame)
+        rays = lidar_rays(lidar, lidar.time_s[frame])
         rng = np.random.default_rng(frame)
         shape = rays.time_s.shape
         return LidarFrame(
@@ -141,7 +144,8 @@ def tiny_plan(log_path: Path | None = None, delay_s: float = 0.0, frames: int = 
     settings = SequenceSettings(("front",), ("top",), ALL_PASSES, width=width)
     about = {"scenario": {"sha256": "0" * 64}}
     source, environment = FakeSource(drive, log_path, delay_s), {"numpy": np.__version__}
-    return RenderPlan(drive, drive.frames[:frames], settings, source, {"": "1" * 64}, environment, about)
+    captures = CaptureStates(DriveStates(drive, {}), Reach())
+    return RenderPlan(drive, drive.frames[:frames], settings, source, {"": "1" * 64}, environment, about, captures)
 
 
 def world_pose(x: float, y: float, z: float) -> FloatArray:

@@ -21,16 +21,17 @@ from numpy.typing import NDArray
 from .colour import lab_from_srgb
 from .frames import CameraFrame, LidarFrame
 from .geometry import FloatArray
-from .max_error import Bound, Check, Promise, depth_errors, drawn, mean_at_most, quantile_check
+from .max_error import Bound, Check, Promise, depth_errors, drawn, mean_at_most, quantile_check, sample_frames
 from .quality import LADDER, TRUTH, Quality
-from .render import Region, Renderer
+from .render.drive_renderer import DriveRenderer
+from .render.regions import Region
 from .sensors.camera import pixel_grid
 from .tracer import tiled
 
 BEAMS = 512
 """Of a sweep that are held against the truth."""
-FRAMES, PIXELS = 16, 1024
-"""So many frames of a drive, and pixels of each, choose a camera's settings."""
+PIXELS = 1024
+"""So many pixels of each of `sample_frames` choose a camera's settings."""
 CHECKED = 900
 """Pixels of each picture that are checked."""
 PATCH, PATCHES, CHECKED_PATCHES = 16, 2, 16
@@ -51,7 +52,7 @@ class BoundedRenderer:
     """Renders a drive so that ``bounds`` are kept; sensors that none is for at the renderer's own quality. ``seed`` is of the
     samples."""
 
-    def __init__(self, renderer: Renderer, bounds: Sequence[Bound], seed: int = 0) -> None:
+    def __init__(self, renderer: DriveRenderer, bounds: Sequence[Bound], seed: int = 0) -> None:
         self.renderer, self.seed = renderer, seed
         self.of_depth = tuple(bound for bound in bounds if bound.unit == "mm")
         self.of_colour = tuple(bound for bound in bounds if bound.unit != "mm")
@@ -61,7 +62,7 @@ class BoundedRenderer:
         """One sweep. Settings are tried on the sample alone, the cheapest first."""
         if not self.of_depth:
             return self.renderer.lidar(lidar_id, frame)
-        lidar, rays = self.renderer.beams(lidar_id, frame)
+        lidar, rays = self.renderer.sweep_rays(lidar_id, frame)
         rays = rays.flat()
         rng = np.random.default_rng([self.seed, frame, *lidar_id.encode()])
         some = drawn(np.ones(len(rays.time_s)), BEAMS, rng)
@@ -106,14 +107,14 @@ class BoundedRenderer:
 
 
 @contextmanager
-def at_quality(renderer: Renderer, quality: Quality) -> Iterator[None]:
+def at_quality(renderer: DriveRenderer, quality: Quality) -> Iterator[None]:
     """Let a renderer have a quality."""
-    before = renderer.tracer.quality
-    renderer.tracer.quality = quality
+    before = renderer.renderer.quality
+    renderer.renderer.quality = quality
     try:
         yield
     finally:
-        renderer.tracer.quality = before
+        renderer.renderer.quality = before
 
 
 def colour_errors(rgb: Colours, truth: Colours) -> dict[str, FloatArray]:
@@ -143,10 +144,12 @@ class _Errors:
 class Patches:
     """A camera's pictures as squares of ``side`` pixels: single pixels, where each hangs on its own ray alone."""
 
-    def __init__(self, renderer: Renderer, camera_id: str, width: int | None) -> None:
+    def __init__(self, renderer: DriveRenderer, camera_id: str, width: int | None) -> None:
         self.renderer, self.width = renderer, width
         self.camera = renderer.sized(camera_id, width)
-        self.side = 1 if renderer.alone(self.camera) else PATCH
+        states = (renderer.state(self.camera, time_s) for time_s in self.camera.time_s.values())
+        alone = all(renderer.renderer.alone(state, self.camera) for state in states)
+        self.side = 1 if alone else PATCH
         w, h = self.camera.model.width, self.camera.model.height
         self.pixels = h * w
         self.rows, self.columns = -(-h // self.side), -(-w // self.side)
@@ -180,7 +183,9 @@ class Patches:
         with at_quality(renderer, replace(quality, lattice=1)):
             if self.side == 1:
                 u, v = (x.reshape(-1)[units] for x in pixel_grid(camera.model))
-                return np.clip(renderer.pixels(camera, frame, u, v), 0, 1).astype(np.float64)
+                time_s = camera.time_s[frame]
+                colours = renderer.renderer.pixels(renderer.state(camera, time_s), camera, time_s, u, v)
+                return np.clip(colours, 0, 1).astype(np.float64)
             parts = [
                 renderer.camera(camera.sensor_id, frame, width=self.width, region=region).rgb.reshape(-1, 3)
                 for region in map(self.region, units)
@@ -193,8 +198,7 @@ class _DrivePixels:
 
     def __init__(self, patches: Patches, seed: int) -> None:
         self.patches = patches
-        there = sorted(patches.camera.time_s)
-        frames = [there[i] for i in sorted({round(x) for x in np.linspace(0, len(there) - 1, FRAMES)})]
+        frames = sample_frames(patches.camera.time_s)
         count = PIXELS if patches.side == 1 else PATCHES
         rng = np.random.default_rng([seed, *patches.camera.sensor_id.encode()])
         self._units = {frame: patches.order[drawn(np.ones(len(patches.order)), count, rng)] for frame in frames}

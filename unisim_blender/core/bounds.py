@@ -9,8 +9,11 @@ import numpy as np
 from .drive import Actor
 from .geometry import BoolArray, FloatArray
 from .sensors.rays import Rays
+from .world.keys import PaddedKeys
 
 BIN_S = 0.05
+SLACK_S = 1e-4
+"""A time that lies on the edge of two bins may be rounded into either."""
 
 
 class Bounds:
@@ -25,14 +28,14 @@ class Bounds:
         self.first_s = min((start for start, _ in self.windows), default=0.0)
         last = max((end for _, end in self.windows), default=0.0)
         bins = max(1, int(np.ceil((last - self.first_s) / BIN_S)) + 1)
-        centres, radii = np.zeros((bins, len(actors), 3)), np.full((bins, len(actors)), -1.0)
         edges = self.first_s + BIN_S * np.arange(bins + 1)
-        for i, actor in enumerate(actors):
-            at = actor.world_from_actor.at(edges)[:, :3, 3]
-            step = np.linalg.norm(np.diff(at, axis=0), axis=1)
-            present = (edges[1:] >= actor.start_s) & (edges[:-1] <= actor.end_s)
-            centres[:, i] = (at[1:] + at[:-1]) / 2
-            radii[:, i] = np.where(present, np.linalg.norm(actor.size_m) / 2 + step / 2 + 0.5, -1.0)
+        at = PaddedKeys.of(actors).positions_at(edges).swapaxes(0, 1)
+        step = np.linalg.norm(np.diff(at, axis=0), axis=-1)
+        starts, ends = np.array(self.windows).reshape(-1, 2).T
+        present = (edges[1:, None] >= starts - SLACK_S) & (edges[:-1, None] <= ends + SLACK_S)
+        half = np.linalg.norm(np.array([actor.size_m for actor in actors]).reshape(-1, 3), axis=1) / 2
+        centres = np.ascontiguousarray((at[1:] + at[:-1]) / 2)
+        radii = np.where(present, half + step / 2 + 0.5, -1.0)
         self.centres, self.radii = centres, radii
 
     def between(self, actor: int, first_s: float, last_s: float) -> tuple[FloatArray, FloatArray] | None:

@@ -1,22 +1,22 @@
-"""Who is on: a drive's actors, copied and removed boxes of space, and whose looks they have. A tracer makes its tables of it."""
+"""Who is on: a state's actors, copied and removed boxes of space, and whose looks they have. A tracer makes its tables of it."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from .drive import FRAME_MARGIN_S, Actor, Box, Drive, Look, StaticCopy
+from .drive import Actor, Box, Look, StaticCopy
 from .errors import SceneError
 from .geometry import Trajectory
 from .meshes.meeting import Extras
+from .world.state import WorldState
 
 
 @dataclass(frozen=True)
 class Troupe:
-    """Actors whose looks come from one scene, with their windows as `on_stage` gives them, and each one's row of that scene's
-    tables."""
+    """Actors whose looks come from one scene, and each one's row of that scene's tables."""
 
     actors: tuple[Actor, ...]
     rows: tuple[int, ...]
@@ -46,47 +46,25 @@ class Cast:
         return self.own.uids + tuple(uid for troupe in self.guests.values() for uid in troupe.uids) + self.extras.uids
 
 
-def on_stage(drive: Drive, actors: Iterable[Actor]) -> list[Actor]:
-    """Actors in the order of their ids, so that overlapping ones composite alike in any list, present in their windows."""
-    windows = ((actor, drive.window(actor)) for actor in sorted(actors, key=lambda a: a.uid))
-    return [replace(actor, start_s=start, end_s=end) for actor, (start, end) in windows]
-
-
-def vacated(recorded: Drive, drive: Drive) -> tuple[Box, ...]:
-    """Boxes of actors that stood still throughout the recording and are not there any more.
-
-    Whatever stood in such a box was the actor: behind its surface nobody saw anything, so the static field is empty there.
-    """
-    boxes = []
-    for uid, actor in recorded.actors.items():
-        now = drive.actors.get(uid)
-        stays = now is not None and not now.is_moving and np.array_equal(now.world_from_actor.poses, actor.world_from_actor.poses)
-        # what a smaller box leaves of the recorded one is empty too
-        stays = stays and now is not None and not now.is_scaled
-        if not actor.is_moving and not stays:
-            boxes.append(Box(actor.world_from_actor.poses[0], actor.size_m))
-    return tuple(boxes)
-
-
-def gather_cast(drive: Drive, recorded: Drive, looks: Mapping[str, Sequence[str] | None]) -> Cast:
-    """The cast of a drive. ``recorded`` is the drive that the scene was trained on; ``looks`` are the actors that the rows of
-    each scene's tables belong to, the scene's own under "", others' under their paths, None for a scene that is one field: it has
-    no own actors, and what a drive says of them is left out. Raises `SceneError`."""
+def gather_cast(state: WorldState, looks: Mapping[str, Sequence[str] | None]) -> Cast:
+    """The cast of a state. ``looks`` are the actors that the rows of each scene's tables belong to, the scene's own under "",
+    others' under their paths, None for a scene that is one field: it has no own actors, and what a state says of them is left
+    out. Raises `SceneError`."""
     one_field = looks[""] is None
-    actors = [a for a in drive.actors.values() if not one_field or a.look.scene or a.look.mesh]
+    actors = [a for a in state.actors if not one_field or a.look.scene or a.look.mesh]
     guests = {}
     for path in sorted({a.look.scene for a in actors if a.look.scene}):
         if path not in looks:
             raise SceneError(f"{path}: this trained scene is needed for an inserted actor and was not loaded")
-        guests[path] = _troupe(looks[path], on_stage(drive, (a for a in actors if a.look.scene == path)))
+        guests[path] = _troupe(looks[path], [a for a in actors if a.look.scene == path])
     return Cast(
-        own=_troupe(looks[""], on_stage(drive, (a for a in actors if not a.look.scene and not a.look.mesh))),
+        own=_troupe(looks[""], [a for a in actors if not a.look.scene and not a.look.mesh]),
         guests=guests,
-        removals=drive.static_removals + (() if one_field else vacated(recorded, drive)),
-        targets=tuple(_target(drive, copy) for copy in drive.static_copies),
-        sources=tuple(copy.source for copy in drive.static_copies),
+        removals=state.removed_boxes,
+        targets=tuple(_target(state, copy) for copy in state.static_copies),
+        sources=tuple(copy.source for copy in state.static_copies),
         # ego bodies last: the numbers of other meshes are the same for sensors that do not see them
-        extras=Extras(sorted(on_stage(drive, (a for a in actors if a.look.mesh)), key=lambda a: a.is_ego_body)),
+        extras=Extras(sorted((a for a in actors if a.look.mesh), key=lambda a: a.is_ego_body)),
     )
 
 
@@ -101,8 +79,7 @@ def _troupe(looks: Sequence[str] | None, actors: list[Actor]) -> Troupe:
     return Troupe(tuple(actors), tuple(rows[actor.look.actor] for actor in actors))
 
 
-def _target(drive: Drive, copy: StaticCopy) -> Actor:
-    """A copy's box as an actor that stands still throughout the drive."""
+def _target(state: WorldState, copy: StaticCopy) -> Actor:
+    """A copy's box as an actor that stands still throughout."""
     way = Trajectory.from_poses(np.zeros(1), copy.world_from_target[None])
-    start, end = drive.time_s[drive.frames[0]] - FRAME_MARGIN_S, drive.time_s[drive.frames[-1]] + FRAME_MARGIN_S
-    return Actor(copy.uid, "Static", copy.source.size_m, way, start, end, False, Look(copy.uid))
+    return Actor(copy.uid, "Static", copy.source.size_m, way, state.start_s, state.end_s, False, Look(copy.uid))

@@ -87,6 +87,7 @@ class Camera:
     """A camera on its way: ``time_s[frame]`` is the image's timestamp, ``world_from_camera`` its pose at any time.
 
     ``sees_ego_body``: whether meshes that are the ego vehicle's body are visible to it, as they are to a camera at the roadside.
+    ``full_width``: how wide its own images are, where ``model`` is for smaller or larger ones.
     """
 
     sensor_id: str
@@ -94,6 +95,11 @@ class Camera:
     world_from_camera: Trajectory
     time_s: dict[int, float]
     sees_ego_body: bool = False
+    full_width: int | None = None
+
+    def resized(self, width: int) -> Camera:
+        """Return the camera with images ``width`` pixels wide; see `CameraModel.resized`."""
+        return replace(self, model=self.model.resized(width), full_width=self.full_width or self.model.width)
 
 
 @dataclass(frozen=True)

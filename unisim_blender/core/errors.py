@@ -25,6 +25,21 @@ class OutputError(UnisimError):
     """Output that cannot be written."""
 
 
+MOST_LETTERS = 300
+
+
+def in_a_line(fault: Exception) -> str:
+    """What a library says of a broken file, in one line of at most MOST_LETTERS letters."""
+    text = " ".join(str(fault).split()) or type(fault).__name__
+    return text if len(text) <= MOST_LETTERS else f"{text[:MOST_LETTERS]} …"
+
+
+def short(value: object) -> str:
+    """A value of a file as a sentence names it: its end is left out where it is long."""
+    text = repr(value)
+    return text if len(text) <= 80 else f"{text[:77]}..."
+
+
 EXTRA = "unisim_blender[torch]"
 OPTIONAL = {
     **dict.fromkeys(("torch", "safetensors", "scipy", "skimage"), EXTRA),

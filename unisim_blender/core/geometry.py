@@ -105,6 +105,10 @@ def rotate_vectors(pose: FloatArray, vectors: FloatArray) -> FloatArray:
     return vectors @ np.swapaxes(pose[..., :3, :3], -1, -2)
 
 
+class TrajectoryError(ValueError):
+    """Keys that are no trajectory: too few, not finite, not in order, or too many to be worked with."""
+
+
 @dataclass(frozen=True)
 class Trajectory:
     """A moving pose: linear in position, slerp in rotation, carried on at its end velocity outside its times.
@@ -121,18 +125,26 @@ class Trajectory:
             object.__setattr__(self, name, np.ascontiguousarray(getattr(self, name), np.float64))
         n = len(self.times_s)
         if n == 0 or self.times_s.shape != (n,) or self.positions.shape != (n, 3) or self.quaternions_wxyz.shape != (n, 4):
-            raise ValueError(
+            raise TrajectoryError(
                 f"a trajectory needs (T,), (T, 3) and (T, 4) with T >= 1, not {self.times_s.shape}, "
                 f"{self.positions.shape} and {self.quaternions_wxyz.shape}"
             )
         for name in ("times_s", "positions", "quaternions_wxyz"):
-            if not np.isfinite(getattr(self, name)).all():
-                raise ValueError(f"a trajectory's {name} holds a value that is not finite")
-        if (np.diff(self.times_s) <= 0).any():
-            raise ValueError("a trajectory's times must increase strictly")
+            finite = np.isfinite(getattr(self, name)).reshape(n, -1).all(1)
+            if not finite.all():
+                key = int(finite.argmin())
+                raise TrajectoryError(f"key {key} of a trajectory has {name} that are not finite: {getattr(self, name)[key]}")
+        late = np.flatnonzero(np.diff(self.times_s) <= 0)
+        if len(late):
+            before, time = self.times_s[late[0]], self.times_s[late[0] + 1]
+            raise TrajectoryError(
+                f"key {late[0] + 1} of a trajectory at {time} s is not later than the one before, at {before} s"
+            )
         norms = np.linalg.norm(self.quaternions_wxyz, axis=1, keepdims=True)
-        if (np.abs(norms - 1) > 1e-3).any():
-            raise ValueError("a trajectory's quaternions must have length 1")
+        long = np.abs(norms[:, 0] - 1) > 1e-3
+        if long.any():
+            key = int(long.argmax())
+            raise TrajectoryError(f"key {key} of a trajectory has a quaternion of length {norms[key, 0]:.6g}, not 1")
         # re-normalising would change the last bit of what is unit length already
         quaternions = np.where(np.abs(norms - 1) > 1e-9, self.quaternions_wxyz / norms, self.quaternions_wxyz)
         object.__setattr__(self, "quaternions_wxyz", quaternions)
@@ -170,6 +182,21 @@ class Trajectory:
         """The keys before times (...), and how far (...) each time is on the way to the next."""
         lower = np.clip(np.searchsorted(self.times_s, time, side="right") - 1, 0, len(self.times_s) - 2)
         return lower, (time - self.times_s[lower]) / (self.times_s[lower + 1] - self.times_s[lower])
+
+    def between(self, start_s: float, end_s: float) -> Trajectory:
+        """The keys alone that poses from ``start_s`` to ``end_s`` depend on: `at` returns the same bits for times between."""
+        last = len(self.times_s) - 2
+        if last < 1:
+            return self
+        first, end = np.searchsorted(self.times_s, (start_s, end_s), side="right").tolist()
+        first, end = min(max(first - 1, 0), last), min(max(end - 1, 0), last) + 2
+        if first == 0 and end == last + 2:
+            return self
+        # parts of a valid trajectory are valid: nothing is checked or copied again
+        part: Trajectory = object.__new__(Trajectory)
+        for name in ("times_s", "positions", "quaternions_wxyz"):
+            object.__setattr__(part, name, getattr(self, name)[first:end])
+        return part
 
     def transformed(self, left: FloatArray | None = None, right: FloatArray | None = None) -> Trajectory:
         """The trajectory ``left @ pose @ right`` with constant poses (4, 4), or one for each key (T, 4, 4)."""

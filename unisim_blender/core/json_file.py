@@ -12,9 +12,11 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from .errors import UnisimError
+from .errors import UnisimError, short
 from .geometry import FloatArray
 
+RIGID = 1e-3
+"""How far from 1 and 0 the products of a rotation's axes may be."""
 MAX_INTEGER = 2**53
 """Whole numbers up to here are exact in float64."""
 
@@ -46,15 +48,21 @@ def read_json(path: Path, error: type[UnisimError]) -> Any:
 
 
 def check_finite(value: Any, place: str, error: type[UnisimError]) -> None:
-    """Raise ``error`` for the first number in a JSON value that float64 cannot hold; ``place`` is the value's own."""
+    """Raise ``error`` for the first number in a JSON value that float64 cannot hold, and for the first text that UTF-8 cannot
+    or that holds a NUL, which no path may; ``place`` is the value's own."""
     if isinstance(value, dict):
         for key, member in value.items():
+            check_finite(key, place, error)
             check_finite(member, f"{place}{key}" if place.endswith(": ") else f"{place}.{key}", error)
     elif isinstance(value, list):
         for index, member in enumerate(value):
             check_finite(member, f"{place}[{index}]", error)
     elif isinstance(value, float) and not math.isfinite(value):
         raise error(f"{place}: {value} is not a finite number")
+    elif isinstance(value, str) and (
+        "\0" in value or (not value.isascii() and any("\ud800" <= letter <= "\udfff" for letter in value))
+    ):
+        raise error(f"{place.removesuffix(': ')}: holds a text that is none: {short(value)}")
     elif isinstance(value, int) and abs(value) > MAX_INTEGER:
         raise error(f"{place}: is a whole number beyond 2^53")
 
@@ -151,7 +159,8 @@ class Node:
         """The value as finite numbers of ``shape``; -1 stands for any length."""
         wanted = " x ".join("N" if n < 0 else str(n) for n in shape)
         try:
-            array = np.array(self.value)
+            # numpy makes room for the longest text of a list as often as it has members
+            array = np.array(self.value if _of_numbers(self.value) else None)
         except ValueError:
             array = np.array(None)
         if array.size == 0 and shape[0] == -1 and array.ndim == 1:
@@ -163,7 +172,33 @@ class Node:
             self.fail(f"holds a number that is not finite: {array[~np.isfinite(array)][0]}")
         return np.asarray(array, np.float64)
 
+    def pose(self) -> FloatArray:
+        """The value as a rigid pose (4, 4): a rotation and a place."""
+        pose = self.array(4, 4)
+        if not _is_pose(pose):
+            self.fail(f"is no pose, a rotation and a place: {_short(self.value)}")
+        return pose
+
+
+def _is_pose(pose: FloatArray) -> bool:
+    rotation = pose[:3, :3]
+    with np.errstate(over="ignore", invalid="ignore"):
+        square = np.abs(rotation @ rotation.T - np.eye(3)).max()
+        return bool(square <= RIGID and np.linalg.det(rotation) > 0 and (pose[3] == [0, 0, 0, 1]).all())
+
+
+def _of_numbers(value: Any) -> bool:
+    """Whether a JSON value is a number, or lists of these at any depth."""
+    if isinstance(value, list):
+        return all(map(_of_numbers, value))
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
 
 def _short(value: Any) -> str:
     text = json.dumps(value)
     return text if len(text) <= 60 else text[:57] + "..."
+
+
+def json_bytes(document: Any) -> bytes:
+    """A JSON document in one fixed form: indented, keys in their order, finite numbers only."""
+    return (json.dumps(document, indent=1, allow_nan=False) + "\n").encode()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -17,6 +17,8 @@ BOUND = re.compile(r"(?:p(\d+(?:\.\d+)?):)?(\d+(?:\.\d+)?)\s*(mm|dB|dE)", re.IGN
 UNITS = {"mm": "mm", "db": "dB", "de": "dE"}
 DOUBT = 0.002
 """How often a bound on a quantile may be wrong."""
+SAMPLE_FRAMES = 16
+"""So many frames of a drive choose a camera's settings."""
 
 
 @dataclass(frozen=True)
@@ -77,6 +79,12 @@ class Promise:
             for c in self.checks
         }
         return {"settings": self.settings, "sample": self.sample, "errors": errors, "kept": self.kept}
+
+
+def sample_frames(time_s: Collection[int]) -> list[int]:
+    """Return the frames, of those that a camera has, by whose pixels its settings are chosen."""
+    there = sorted(time_s)
+    return [there[i] for i in sorted({round(x) for x in np.linspace(0, len(there) - 1, SAMPLE_FRAMES)})]
 
 
 def parse_bounds(texts: Sequence[str]) -> tuple[Bound, ...]:

@@ -28,10 +28,12 @@ from .geometry import BoolArray, FloatArray, invert_pose, transform_points
 from .own_vehicle import Outline, outlines_from_json, shows_scene
 from .scene_file import SceneHeader
 from .sensors.camera import camera_rays, pixel_grid
+from .sensors.exposure import exposure_window
 from .sensors.lidar import lidar_rays
 from .sensors.rays import Rays
-from .tracer import NEAR_M, Tracer
+from .tracer import NEAR_M, Backend
 from .weights import weights_hash
+from .world.replay import DriveStates
 
 VERSION = 1
 """Another one whenever the same scene gives another space."""
@@ -52,16 +54,16 @@ Observed = tuple[SceneHeader, NDArray[Any], float]
 
 
 @runtime_checkable
-class Observing(Tracer, Protocol):
-    """A tracer of a trained scene, which notes what its recording shows."""
+class Observing(Backend, Protocol):
+    """A backend of a trained scene, which notes what its recording shows."""
 
     @property
     def observed(self) -> Observed:
         """What an observed space is made from."""
         ...
 
-    def within(self, space: ObservedSpace, clip: bool) -> Tracer:
-        """The same tracer that tells by an observed space what is supported and, where ``clip``, shows nothing beside it."""
+    def within(self, space: ObservedSpace, clip: bool) -> Backend:
+        """The same backend that tells by an observed space what is supported and, where ``clip``, shows nothing beside it."""
         ...
 
 
@@ -194,7 +196,7 @@ def widened(marked: BoolArray) -> BoolArray:
     return marked
 
 
-def observe_space(tracer: Tracer, header: SceneHeader, shown: NDArray[Any], voxel_m: float) -> Iterator[float | ObservedSpace]:
+def observe_space(backend: Backend, header: SceneHeader, shown: NDArray[Any], voxel_m: float) -> Iterator[float | ObservedSpace]:
     """Follow rays of the recorded sensors through a trained scene: shares of the work done, and last the observed space.
 
     ``shown`` (X, Y, Z) are the voxels that training noted as shown. Rays are a part of those that the scene was trained on.
@@ -204,40 +206,43 @@ def observe_space(tracer: Tracer, header: SceneHeader, shown: NDArray[Any], voxe
     frames = [frame for frame in training.get("frames", ()) if frame in drive.time_s] or list(drive.frames)
     frames = frames[:: -(-len(frames) // MOST_FRAMES)]
     outlines = outlines_from_json(training.get("own_vehicle"))
-    looks: list[tuple[Callable[[int], Rays], int, bool]] = []
+    states = DriveStates(drive, backend.parked)
+    looks: list[tuple[Camera | Lidar, Callable[[float], Rays], float]] = []
     for name in training.get("cameras", ()):
         if (camera := drive.cameras.get(name)) is not None:
-            looks += [(_image_rays(camera, outlines.get(name)), frame, True) for frame in frames if frame in camera.time_s]
+            rays_at = _image_rays(camera, outlines.get(name))
+            looks += [(camera, rays_at, camera.time_s[frame]) for frame in frames if frame in camera.time_s]
     for name in training.get("lidars", ()):
         if (lidar := drive.lidars.get(name)) is not None and lidar.model.beams:
-            looks += [(_sweep_rays(lidar), frame, False) for frame in frames if frame in lidar.time_s]
-    for done, (rays_of, frame, images) in enumerate(looks):
+            looks += [(lidar, _sweep_rays(lidar), lidar.time_s[frame]) for frame in frames if frame in lidar.time_s]
+    for done, (sensor, rays_at, time_s) in enumerate(looks):
         yield done / len(looks)
-        rays = rays_of(frame).flat().sound()
+        rays, images = rays_at(time_s).flat().sound(), isinstance(sensor, Camera)
+        tracer = backend.bind(states.state(*exposure_window(sensor, time_s)))
         made.add(rays, tracer.trace(rays, {"depth"}, images, None, RenderStats()).maps["depth"], images)
     yield ObservedSpace(
         made.volume_from_world, made.size_m, voxel_m, np.asarray(shown) > 0, closed(made.passed), spread(made.background)
     )
 
 
-def _image_rays(camera: Camera, outline: tuple[Outline, int] | None) -> Callable[[int], Rays]:
-    """What gives some of the rays of a camera's image of a frame, the recording vehicle's own body left out."""
+def _image_rays(camera: Camera, outline: tuple[Outline, int] | None) -> Callable[[float], Rays]:
+    """What gives some of the rays of a camera's image at a time, the recording vehicle's own body left out."""
     u, v = pixel_grid(camera.model, max(1, camera.model.width // COLUMNS))
     if outline is not None:
         outside = shows_scene(*outline, u, v, (camera.model.width, camera.model.height))
         u, v = u[outside], v[outside]
-    return lambda frame: camera_rays(camera, frame, u.reshape(1, -1), v.reshape(1, -1))
+    return lambda time_s: camera_rays(camera, time_s, u.reshape(1, -1), v.reshape(1, -1))
 
 
-def _sweep_rays(lidar: Lidar) -> Callable[[int], Rays]:
-    """What gives some of the beams of a LiDAR's sweep of a frame."""
+def _sweep_rays(lidar: Lidar) -> Callable[[float], Rays]:
+    """What gives some of the beams of a LiDAR's sweep at a time."""
     every, beside = max(1, lidar.model.beams // BEAMS), max(1, lidar.model.columns // 720)
 
-    def rays_of(frame: int) -> Rays:
-        rays = lidar_rays(lidar, frame)
+    def rays_at(time_s: float) -> Rays:
+        rays = lidar_rays(lidar, time_s)
         return Rays(*(x[::every, ::beside] for x in (rays.origins, rays.directions, rays.time_s)))
 
-    return rays_of
+    return rays_at
 
 
 class _Observing:

@@ -18,11 +18,12 @@ from .tracer import Maps
 
 
 def ray_passes(scene: Scene, cast: CastTensors, part: RayBatch, traced: Traced, passes: set[str]) -> Maps:
-    """One array (N, ...) for each pass asked for, of rays that were traced; ``depth`` comes with those that need it."""
+    """One array (N, ...) for each pass asked for, of rays that were traced."""
     maps: Maps = {}
     solid = traced.opacity > 0.5
-    if passes & {"depth", "normal", "support"}:
+    if passes & {"depth", "support"}:
         depth = torch.where(solid, median_depth(scene.model, traced), torch.inf)
+    if "depth" in passes:
         maps["depth"] = depth.cpu().numpy()
     if "opacity" in passes:
         maps["opacity"] = traced.opacity.cpu().numpy()

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .drive import Actor, Box, Camera, CameraModel, Drive, Lidar, LidarModel, Look, RollingShutter, StaticCopy
-from .errors import SceneError
+from .errors import SceneError, short
 from .geometry import FloatArray, Trajectory
 from .json_file import Node, read_json, write_text
 
@@ -57,7 +57,7 @@ def read_scene_header(path: Path) -> SceneHeader:
     file = header_path(path)
     document = Node(read_json(file, SceneError), f"{file}: ", SceneError)
     if document.object().get("format") != FORMAT:
-        raise SceneError(f'{file}: is no trained scene: its format is {document.value.get("format")!r}, not "{FORMAT}"')
+        raise SceneError(f'{file}: is no trained scene: its format is {short(document.value.get("format"))}, not "{FORMAT}"')
     version = document.key("version").integer(at_least=1)
     if version > VERSION:
         raise SceneError(f"{file}: has version {version}, newer than the {VERSION} that this program reads")
@@ -71,9 +71,31 @@ def read_scene_header(path: Path) -> SceneHeader:
         model=document.key("model").object(),
         volume=document.key("volume").object(),
         drive=_read_drive(document.key("drive")),
-        training=document.key("training").object(),
+        training=_read_training(document.key("training")),
         weights=document.key("weights").text() if "weights" in document.object() else "",
     )
+
+
+def _read_training(node: Node) -> dict[str, Any]:
+    """A trainer's dictionary, whose members that a renderer reads are what they should be where they are there."""
+    there = node.object()
+    for name in ("cameras", "lidars", "without"):
+        for child in node.key(name).elements() if name in there else ():
+            child.text()
+    for child in node.key("frames").elements() if "frames" in there else ():
+        child.integer()
+    if there.get("width") is not None:
+        node.key("width").integer(at_least=1)
+    for name in ("iterations", "seed"):
+        if name in there:
+            node.key(name).integer()
+    if "seconds" in there:
+        node.key("seconds").number()
+    for _, outline in node.key("own_vehicle").members() if there.get("own_vehicle") is not None else ():
+        outline.key("height").integer(at_least=1)
+        if not len(outline.key("rows").array(-1)):
+            outline.key("rows").fail("is empty")
+    return there
 
 
 def write_scene_header(path: Path, header: SceneHeader) -> None:
@@ -286,7 +308,7 @@ def _box_to_json(box: Box) -> dict[str, Any]:
 
 
 def _read_box(node: Node) -> Box:
-    return Box(node.key("world_from_box").array(4, 4), _read_size(node.key("size_m")))
+    return Box(node.key("world_from_box").pose(), _read_size(node.key("size_m")))
 
 
 def _read_drive(node: Node) -> Drive:
@@ -304,7 +326,7 @@ def _read_drive(node: Node) -> Drive:
         lidars={key: _read_lidar(key, child) for key, child in node.key("lidars").members()},
         actors={key: _read_actor(key, child) for key, child in node.key("actors").members()},
         static_copies=tuple(
-            StaticCopy(child.key("uid").text(), _read_box(child.key("source")), child.key("world_from_target").array(4, 4))
+            StaticCopy(child.key("uid").text(), _read_box(child.key("source")), child.key("world_from_target").pose())
             for child in node.key("static_copies").elements()
         ),
         static_removals=tuple(_read_box(child) for child in node.key("static_removals").elements()),

@@ -9,6 +9,7 @@ lidar_head                 features to intensity and returns       decode.py
 from __future__ import annotations
 
 import copy
+from collections.abc import Mapping
 from contextlib import nullcontext
 from dataclasses import replace
 
@@ -21,7 +22,7 @@ from .bounds import Bounds
 from .cast import gather_cast
 from .cast_tensors import cast_tensors
 from .devices import tensor_to
-from .drive import Drive
+from .drive import Box
 from .fields.checkpoint import Scene
 from .fields.frozen import shallow
 from .fields.scene import SceneModel
@@ -30,34 +31,31 @@ from .frames import RenderStats
 from .geometry import FloatArray
 from .meshes.meeting import Met
 from .observed_space import Observed, ObservedSpace
-from .quality import quality_named
+from .quality import QUALITY, Quality
 from .ray_passes import ray_passes
 from .sensors.rays import Rays, sound_directions
 from .strands import RayBatch, Traced
 from .trace import Sampling, trace
 from .tracer import EDGE_CELLS, NEAR_M, UNIFORM_STEP_M, Array, Found
+from .world.replay import parked_boxes
+from .world.state import WorldState
 
 CHUNK_RAYS = 16384
+EXACT_SAMPLES = QUALITY["reference"].samples
+"""Qualities with so many samples are held against others."""
 
 
-class TorchTracer:
-    """A `Tracer` on the scene's device. ``others`` are scenes by path, for actors that come from them."""
+class TorchBackend:
+    """Trained scenes on a device, loaded once: a `tracer.Backend`. ``others`` are scenes by path, for actors that come from
+    them."""
 
-    def __init__(self, scene: Scene, drive: Drive, quality: str = "balanced", others: dict[str, Scene] | None = None) -> None:
-        self.scene, self.device, self.quality = scene, scene.actor_tables.device, quality_named(quality)
-        # a pixel's 8 bits need no more, where a device is faster so
-        self.half = torch.device(self.device).type == "cuda" and quality != "reference"
-        scenes = {path: (s.model, s.actor_tables) for path, s in {"": scene, **(others or {})}.items()}
-        looks = {path: None if m.config.actors == "none" else tuple(m.actor_ids) for path, (m, _) in scenes.items()}
-        self.cast = gather_cast(drive, scene.header.drive, looks)
-        self.tensors = cast_tensors(self.cast, scenes, self.device)
-        self.bounds = Bounds(self.cast.own.actors)
-        self.upsample, self.trained_width = scene.model.config.upsample, scene.header.training.get("width")
-        models = [scene.model, *(troupe.scene for troupe in self.tensors.guests.values())]
-        # decoders that look aside see past a guest's edges
-        alone = all(model.camera_decoder.reach == 0 and model.config.upsample == 1 for model in models)
-        self.edge = 0 if alone else EDGE_CELLS
-        self.reach = scene.model.camera_decoder.reach + (self.edge if self.cast.guests else 0)
+    sees_all = False
+
+    def __init__(self, scene: Scene, quality: Quality = QUALITY["balanced"], others: Mapping[str, Scene] | None = None) -> None:
+        self.scene, self.device, self.quality = scene, scene.actor_tables.device, quality
+        self.scenes = {path: (s.model, s.actor_tables) for path, s in {"": scene, **(others or {})}.items()}
+        self.looks = {path: None if m.config.actors == "none" else tuple(m.actor_ids) for path, (m, _) in self.scenes.items()}
+        self.parked: Mapping[str, Box] = {} if self.looks[""] is None else parked_boxes(scene.header.drive)
         self.space: ObservedSpace | None = None
         self.clipped = False
 
@@ -67,7 +65,7 @@ class TorchTracer:
         model = self.scene.model
         return self.scene.header, model.observed.cpu().numpy(), model.config.voxel_m
 
-    def within(self, space: ObservedSpace, clip: bool) -> TorchTracer:
+    def within(self, space: ObservedSpace, clip: bool) -> TorchBackend:
         """See `observed_space.Observing`."""
         other = copy.copy(self)
         other.space, other.clipped = space, clip
@@ -78,6 +76,34 @@ class TorchTracer:
             model._modules["occupancy"] = occupancy
             other.scene = replace(self.scene, model=model)
         return other
+
+    def bind(self, state: WorldState) -> TorchTracer:
+        """See `tracer.Backend`."""
+        return TorchTracer(self, state)
+
+
+class TorchTracer:
+    """A `tracer.Tracer` on the scene's device: a backend's scenes in a state of the world."""
+
+    def __init__(self, backend: TorchBackend, state: WorldState) -> None:
+        scene = backend.scene
+        self.scene, self.device, self.quality = scene, backend.device, backend.quality
+        self.space, self.clipped = backend.space, backend.clipped
+        self.cast = gather_cast(state, backend.looks)
+        self.tensors = cast_tensors(self.cast, backend.scenes, self.device)
+        self.bounds = Bounds(self.cast.own.actors)
+        self.upsample, self.trained_width = scene.model.config.upsample, scene.header.training.get("width")
+        models = [scene.model, *(troupe.scene for troupe in self.tensors.guests.values())]
+        # decoders that look aside see past a guest's edges
+        alone = all(model.camera_decoder.reach == 0 and model.config.upsample == 1 for model in models)
+        self.edge = 0 if alone else EDGE_CELLS
+        self.reach = scene.model.camera_decoder.reach + (self.edge if self.cast.guests else 0)
+
+    @property
+    def half(self) -> bool:
+        """Whether decoders work in half precision: a pixel's 8 bits need no more, where a device is faster so. The quality may
+        change from one picture to the next."""
+        return torch.device(self.device).type == "cuda" and self.quality.samples < EXACT_SAMPLES
 
     @torch.no_grad()
     def trace(self, rays: Rays, passes: set[str], sky: bool, met: Met | None, stats: RenderStats) -> Found:
@@ -92,7 +118,7 @@ class TorchTracer:
         near = self.bounds.in_reach(rays)
         stats.actors_skipped += len(self.cast.own.actors) - len(near)
         among = torch.tensor(near, dtype=torch.long, device=self.device)
-        sampling = Sampling(fine=self.quality.samples, sky=sky)
+        sampling = Sampling(fine=self.quality.samples, far_fine=self.quality.far, sky=sky)
         pieces, maps = [], []
         for begin in range(0, len(batch), CHUNK_RAYS):
             part = RayBatch(*(x[begin : begin + CHUNK_RAYS] for x in (batch.origins, batch.directions, batch.time_s)))
@@ -109,7 +135,7 @@ class TorchTracer:
         if told:
             assert self.space is not None
             joined["support"] = ~self.space.supported(rays, joined["depth"], joined["instance"], self.clipped)
-            joined = {name: x for name, x in joined.items() if name in asked or (name == "depth" and "normal" in asked)}
+            joined = {name: x for name, x in joined.items() if name in asked}
         return Found(
             feature=torch.cat([p.feature for p in pieces]),
             depth_m=torch.cat([p.depth_m for p in pieces]),

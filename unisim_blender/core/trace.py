@@ -30,11 +30,13 @@ _LOOKS = 3
 
 @dataclass(frozen=True)
 class Sampling:
-    """``jitter`` draws samples at random in their strata; ``fine`` multiplies their number; ``far`` asks for the far field,
-    ``sky`` for what lies behind that and for the light it gives: a camera sees them, a LiDAR does not."""
+    """``jitter`` draws samples at random in their strata; ``fine`` multiplies their number in the volume, ``far_fine`` beyond it;
+    ``far`` asks for the far field, ``sky`` for what lies behind that and for the light it gives: a camera sees them, a LiDAR does
+    not."""
 
     jitter: bool = False
     fine: float = 1.0
+    far_fine: float = 1.0
     far: bool = True
     sky: bool = True
     mirror: Tensor | None = None
@@ -120,6 +122,10 @@ def _count(n: int, sampling: Sampling) -> int:
     return max(2, round(n * sampling.fine))
 
 
+def _far_count(n: int, sampling: Sampling) -> int:
+    return max(2, round(n * sampling.far_fine))
+
+
 def _static_strands(scene: SceneModel, cast: CastTensors, rays: RayBatch, sampling: Sampling, actors: list[Strands]) -> Strands:
     o, d = scene.frame.points(rays.origins), scene.frame.vectors(rays.directions)
     t_near, t_far = scene.frame.span(o, d, NEAR_M)
@@ -188,8 +194,10 @@ def _actor_strands(
         length = field_m(torch.diff(t, dim=1, prepend=hits.t_near[:, None])) if even is not None else None
     points = unit(t)
     s, feature = scene.actors(troupe.tables, points.reshape(-1, 3), row.repeat_interleave(t.shape[1]))
+    s = s.view(t.shape)
+    tau, share = _intervals(scene, s, field_m(t), length, actor=True)
     if sampling.sky and scene.light is not None:
-        middle = rays.origins[hits.ray] + t[:, t.shape[1] // 2, None] * rays.directions[hits.ray]
+        middle = rays.origins[hits.ray] + t.gather(1, _median(tau)) * rays.directions[hits.ray]
         place = scene.frame.points(middle) if guest < 0 else scene.light.home[row]
         feature = scene.lit(feature.view(*t.shape, -1), place).flatten(0, 1)
     # a scaled actor too is looked at along the ray as it is in the world, as heads do that see a ray's sum: what the direction
@@ -198,8 +206,6 @@ def _actor_strands(
     if flip is not None:
         directions = _mirrored(directions, hits.world_from_box[:, :, 1], flip)
     feature = scene.directed(feature, directions.repeat_interleave(t.shape[1], 0))
-    s = s.view(t.shape)
-    tau, share = _intervals(scene, s, field_m(t), length, actor=True)
     return [
         Strands(
             hits.ray,
@@ -217,6 +223,13 @@ def _actor_strands(
             float(scene.beta().detach()),
         )
     ]
+
+
+@torch.no_grad()
+def _median(tau: Tensor) -> Tensor:
+    """The sample (P, 1) at which a strand with optical depths tau (P, K) alone has stopped half of what it stops of its ray."""
+    stopped = -torch.expm1(-tau.cumsum(1))
+    return (stopped[:, :-1] < stopped[:, -1:] / 2).sum(1, keepdim=True)
 
 
 def _mirrored(directions: Tensor, across: Tensor, flip: Tensor) -> Tensor:
@@ -318,19 +331,20 @@ def _far_places(scene: SceneModel, o: Tensor, d: Tensor, t0: Tensor, sampling: S
     """Where behind the volume, whose end is t0 (N, 1), the far field is asked, as shares of disparity (N, K), and the lengths
     (N, K) of the intervals round the places: most where a first, even set of densities says that something is."""
     samples = scene.config.samples
-    u = stratified(len(o), samples.far_proposals, sampling.jitter, o, sampling.generator)
+    proposals, count = _far_count(samples.far_proposals, sampling), _far_count(samples.far, sampling)
+    u = stratified(len(o), proposals, sampling.jitter, o, sampling.generator)
     x = _along(o, d, _disparity(u, t0, scene.config.far_m))
-    tau = scene.far.density(x.reshape(-1, 3)).view(u.shape) / samples.far_proposals
+    tau = scene.far.density(x.reshape(-1, 3)).view(u.shape) / proposals
     weight = weights_from_tau(tau)[0] * -torch.expm1(-tau) + 1e-3
-    cdf = F.pad((0.8 * weight / weight.sum(-1, keepdim=True) + 0.2 / samples.far_proposals).cumsum(-1), (1, 0))
+    cdf = F.pad((0.8 * weight / weight.sum(-1, keepdim=True) + 0.2 / proposals).cumsum(-1), (1, 0))
     cdf = cdf / cdf[:, -1:]
-    ends = torch.linspace(0, 1, samples.far + 1, device=o.device, dtype=o.dtype).expand(len(o), -1).contiguous()
-    j = torch.searchsorted(cdf, ends, right=True).clamp(1, samples.far_proposals)
+    ends = torch.linspace(0, 1, count + 1, device=o.device, dtype=o.dtype).expand(len(o), -1).contiguous()
+    j = torch.searchsorted(cdf, ends, right=True).clamp(1, proposals)
     c0, c1 = cdf.gather(1, j - 1), cdf.gather(1, j)
-    edges = (j - 1 + (ends - c0) / (c1 - c0)) / samples.far_proposals
+    edges = (j - 1 + (ends - c0) / (c1 - c0)) / proposals
     width = torch.diff(edges, dim=-1)
-    inside = stratified(len(o), samples.far, sampling.jitter, o, sampling.generator) * samples.far
-    inside = inside - torch.arange(samples.far, device=o.device)
+    inside = stratified(len(o), count, sampling.jitter, o, sampling.generator) * count
+    inside = inside - torch.arange(count, device=o.device)
     return edges[:, :-1] + inside * width, width
 
 

@@ -6,6 +6,7 @@ computes.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
@@ -13,11 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .cast import Cast
+from .drive import Box
 from .frames import RenderStats
 from .geometry import FloatArray
 from .meshes.meeting import Met
 from .quality import Quality
 from .sensors.rays import Rays
+from .world.state import WorldState
 
 Array = NDArray[np.float32]
 Own = Any
@@ -53,23 +56,38 @@ class Found:
     """How much of each ray (N,) meshes stop; None where there are none."""
 
 
+class Backend(Protocol):
+    """Trained scenes, or what else rays are traced through, loaded once. It knows no drive: `bind` makes it ready for a state of
+    the world, in a few milliseconds."""
+
+    quality: Quality
+    """What may be saved, where nobody says otherwise."""
+    parked: Mapping[str, Box]
+    """Boxes of actors that stood still throughout the recording, by their ids: the static field does not hold them."""
+    sees_all: bool
+    """Whether a frame depends on actors out of its view."""
+
+    def bind(self, state: WorldState) -> Tracer:
+        """Return what traces rays through the scene in this state. Raises `SceneError` for actors that no scene holds."""
+
+
 class Tracer(Protocol):
-    """A trained scene and a drive's cast, ready for rays."""
+    """A scene in a state of the world, ready for rays."""
 
     upsample: int
     """Image pixels along one edge of a cell of the feature map."""
     reach: int
     """How many cells away a pixel of `image` can depend on."""
     cast: Cast
-    """Who is on."""
+    """The actors of the state, by the scene that their looks come from."""
     quality: Quality
-    """What may be saved."""
+    """What may be saved; it may be changed between two calls."""
     trained_width: int | None
     """Width in pixels of the images that the scene learnt from; None for the recorded one."""
 
     def trace(self, rays: Rays, passes: set[str], sky: bool, met: Met | None, stats: RenderStats) -> Found:
-        """What rays (h, w), or (N,), meet, as flat arrays. ``sky`` asks for what gives a camera its background, ``met`` is where
-        the rays meet meshes."""
+        """What rays (h, w), or (N,), meet, as flat arrays, with maps of these passes and no other. ``sky`` asks for what gives a
+        camera its background, ``met`` is where the rays meet meshes."""
 
     def image(self, found: Found, directions: FloatArray, camera_id: str, shape: tuple[int, ...]) -> Array:
         """The picture (h up, w up, 3) in 0..1, display-referred sRGB, of cells in ``shape`` (h, w), directions (h w, 3)."""

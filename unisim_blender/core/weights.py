@@ -17,7 +17,7 @@ from typing import Any, NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
-from .errors import SceneError
+from .errors import SceneError, short
 from .files import sha256_of_file
 from .scene_file import HEADER_NAME, WEIGHTS_NAME, SceneHeader
 
@@ -83,7 +83,7 @@ def read_weights(file: Path) -> Weights:
     end = 0
     for name in sorted(arrays, key=lambda name: (begins[name], arrays[name].nbytes)):
         if begins[name] != end:
-            _fail(file, f"{_short(name)} begins at byte {begins[name]}, where the one before it ends at {end}")
+            _fail(file, f"{short(name)} begins at byte {begins[name]}, where the one before it ends at {end}")
         end += arrays[name].nbytes
     if end != len(data):
         _fail(file, f"its arrays take {end} bytes, of {len(data)} that are there")
@@ -94,24 +94,19 @@ def _fail(file: Path, reason: str) -> NoReturn:
     raise SceneError(f"{file} cannot be read: {reason}")
 
 
-def _short(value: object) -> str:
-    text = repr(value)
-    return text if len(text) <= 80 else f"{text[:77]}..."
-
-
 def _header(file: Path, text: bytes) -> dict[str, Any]:
     def unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
         found: dict[str, Any] = {}
         for name, value in pairs:
             if name in found:
-                _fail(file, f"its header has {_short(name)} twice")
+                _fail(file, f"its header has {short(name)} twice")
             found[name] = value
         return found
 
     try:
         header = json.loads(text.decode(), object_pairs_hook=unique)
     except (ValueError, RecursionError) as fault:
-        _fail(file, f"its header is no JSON: {_short(str(fault))}")
+        _fail(file, f"its header is no JSON: {short(str(fault))}")
     if not isinstance(header, dict):
         _fail(file, "its header is no JSON object")
     return header
@@ -122,21 +117,21 @@ def _array(file: Path, name: str, entry: Any, data: NDArray[np.uint8]) -> tuple[
     entry = entry if isinstance(entry, dict) else {}
     kind, shape, place = entry.get("dtype"), entry.get("shape"), entry.get("data_offsets")
     if not isinstance(kind, str) or kind not in DTYPES:
-        _fail(file, f"{_short(name)} has dtype {_short(kind)}, not one of {', '.join(DTYPES)}")
+        _fail(file, f"{short(name)} has dtype {short(kind)}, not one of {', '.join(DTYPES)}")
     if not _counts(shape):
-        _fail(file, f"{_short(name)} has shape {_short(shape)}, which is no list of sizes")
+        _fail(file, f"{short(name)} has shape {short(shape)}, which is no list of sizes")
     if not _counts(place) or len(place) != 2 or not place[0] <= place[1] <= len(data):
-        _fail(file, f"{_short(name)} lies at {_short(place)}, which is no place in {len(data)} bytes")
+        _fail(file, f"{short(name)} lies at {short(place)}, which is no place in {len(data)} bytes")
     dtype, (begin, end) = np.dtype(DTYPES[kind]).newbyteorder("<"), place
     if math.prod(shape) * dtype.itemsize != end - begin:
-        _fail(file, f"{_short(name)} has {end - begin} bytes, which are no {kind} of shape {_short(shape)}")
+        _fail(file, f"{short(name)} has {end - begin} bytes, which are no {kind} of shape {short(shape)}")
     part = data[begin:end].view(np.ndarray)
     if kind == "BOOL" and part.max(initial=0) > 1:
-        _fail(file, f"{_short(name)} holds {part.max()}, which is no BOOL")
+        _fail(file, f"{short(name)} holds {part.max()}, which is no BOOL")
     try:
         array: NDArray[Any] = part.view(dtype).reshape(shape)
     except (ValueError, OverflowError) as fault:  # more axes, or longer ones beside one of length 0, than numpy has
-        _fail(file, f"{_short(name)} has shape {_short(shape)}: {fault}")
+        _fail(file, f"{short(name)} has shape {short(shape)}: {fault}")
     if not array.flags.aligned:  # kernels read whole words
         array = array.copy().view()
     array.flags.writeable = False

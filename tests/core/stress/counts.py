@@ -49,7 +49,7 @@ def odd_images(bench: Bench) -> Iterator[Measure]:
     for width, height in ((1, 1), (1, 7), (13, 1), (47, 31)):
         model = dataclasses.replace(camera.model, width=width, height=height)
         u, v = pixel_grid(model, TINY.upsample)
-        rays = camera_rays(dataclasses.replace(camera, model=model), 2, u, v)
+        rays = camera_rays(dataclasses.replace(camera, model=model), camera.time_s[2], u, v)
         pictures = {}
         for name, tracer in tracers(folder, drive).items():
             found = tracer.trace(rays, set(), True, None, RenderStats())

@@ -106,7 +106,7 @@ def picture_rays(drive: Drive, full: int = 1) -> Rays:
     """The front camera's, a ray for every two pixels of 48 x 32, or more."""
     recorded = drive.cameras["front"]
     camera = dataclasses.replace(recorded, model=recorded.model.resized(recorded.model.width * full))
-    return camera_rays(camera, 2, *pixel_grid(camera.model, 2)).flat()
+    return camera_rays(camera, camera.time_s[2], *pixel_grid(camera.model, 2)).flat()
 
 
 def moved_rays(rays: Rays, motion: FloatArray) -> Rays:

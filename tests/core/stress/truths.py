@@ -11,12 +11,13 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from random_scene import CARS, PASSES, edited
+from whole_drive import bound_to, whole_state
 
 from unisim_blender.core import native
 from unisim_blender.core.cast import gather_cast
 from unisim_blender.core.cast_tensors import CastTensors, cast_tensors
 from unisim_blender.core.compiled.scene import CompiledScene
-from unisim_blender.core.compiled.tracer import CompiledTracer
+from unisim_blender.core.compiled.tracer import CompiledBackend, CompiledTracer
 from unisim_blender.core.drive import Actor, Drive
 from unisim_blender.core.fields.checkpoint import load_scene
 from unisim_blender.core.fields.tracklets import Tracklets
@@ -29,7 +30,7 @@ from unisim_blender.core.median import median_depth
 from unisim_blender.core.quality import QUALITY, quality_named
 from unisim_blender.core.sensors.rays import Rays
 from unisim_blender.core.strands import RayBatch, Traced
-from unisim_blender.core.torch_tracer import TorchTracer
+from unisim_blender.core.torch_tracer import TorchBackend, TorchTracer
 from unisim_blender.core.trace import Sampling, trace
 from unisim_blender.core.tracer import Found
 
@@ -53,7 +54,7 @@ def truth(folder: Path, drive: Drive, rays: Rays, quality: str = "balanced", sky
     scene = load_scene(folder)
     model, tables = scene.model.double(), scene.actor_tables.double()
     model.frame.rotation.copy_(torch.as_tensor(model.volume.world_from_volume[:3, :3].T))
-    cast = gather_cast(drive, scene.header.drive, {"": tuple(model.actor_ids)})
+    cast = gather_cast(whole_state(drive, scene.header.drive), {"": tuple(model.actor_ids)})
     tensors: CastTensors = cast_tensors(cast, {"": (model, tables)})
     exactly(tensors.own.tracklets, cast.own.actors)
     corner = model.volume.corner
@@ -79,9 +80,9 @@ Tracers = dict[str, CompiledTracer | TorchTracer]
 
 def tracers(folder: Path, drive: Drive, quality: str = "balanced") -> Tracers:
     """The compiled tracer, where it was built, and torch's."""
-    out: Tracers = {"torch": TorchTracer(load_scene(folder), drive, quality)}
+    out: Tracers = {"torch": bound_to(TorchBackend(load_scene(folder), QUALITY[quality]), drive)}
     if native.library() is not None:
-        compiled = CompiledTracer(CompiledScene(folder), drive)
+        compiled = bound_to(CompiledBackend(CompiledScene(folder)), drive)
         # torch's very samples: a march has others
         compiled.quality = dataclasses.replace(QUALITY["reference"], samples=quality_named(quality).samples)
         out["compiled"] = compiled

@@ -7,9 +7,10 @@ from collections.abc import Iterator
 import numpy as np
 from instruction_sets import run_with, sets_here
 from random_scene import CARS, PASSES, edited
+from whole_drive import bound_to
 
 from unisim_blender.core.compiled.scene import CompiledScene
-from unisim_blender.core.compiled.tracer import CompiledTracer
+from unisim_blender.core.compiled.tracer import CompiledBackend
 from unisim_blender.core.frames import RenderStats
 
 from .measures import Bench, Measure, most
@@ -25,7 +26,7 @@ write_found(*sys.argv[1:])
 def write_found(folder: str, out: str, full: str) -> None:
     """What the compiled tracer finds of a scene, and its picture, into a file: in a process of the instruction set asked for."""
     drive = edited(CARS)
-    tracer, rays = CompiledTracer(CompiledScene(folder), drive), picture_rays(drive, int(full))
+    tracer, rays = bound_to(CompiledBackend(CompiledScene(folder)), drive), picture_rays(drive, int(full))
     found = tracer.trace(rays, PASSES, True, None, RenderStats())
     rgb = tracer.image(found, rays.directions, "front", (16 * int(full), 24 * int(full)))
     np.savez(out, rgb=rgb.reshape(-1, 3), **{name: values.astype(np.float64) for name, values in arrays_of(found).items()})

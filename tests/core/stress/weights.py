@@ -10,11 +10,12 @@ import numpy as np
 import torch
 from analytic_scene import drive_of
 from random_scene import CARS, PASSES, edited
+from whole_drive import bound_to
 
 from unisim_blender.core import native
 from unisim_blender.core.compiled.scene import CompiledScene
 from unisim_blender.core.compiled.structs import address
-from unisim_blender.core.compiled.tracer import CompiledTracer
+from unisim_blender.core.compiled.tracer import CompiledBackend
 from unisim_blender.core.fields.scene import SceneModel
 from unisim_blender.core.frames import RenderStats
 
@@ -75,7 +76,7 @@ def not_numbers(bench: Bench) -> Iterator[Measure]:
     folder = make_scene(bench.folder / "scene", drive)
     rays = picture_rays(drive, bench.full)
     for bits in (0x7E00, 0x7C00, 0xFC00, 0xFFFF):
-        tracer = CompiledTracer(CompiledScene(folder), drive)
+        tracer = bound_to(CompiledBackend(CompiledScene(folder)), drive)
         kept = []
         struct = tracer.scene.struct
         for field, grids in ((struct.fixed, 1), (struct.far, 1), (struct.actors, len(tracer.scene.looks))):

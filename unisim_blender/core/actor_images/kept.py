@@ -61,7 +61,7 @@ def kept_images(log_path: Path) -> dict[str, ActorImage] | None:
             str(uid): ActorImage(str(uid), str(entry["word"]), folder / entry["picture"] if entry["picture"] else None)
             for uid, entry in document["actors"].items()
         }
-    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
         return None
     return entries if all(one.picture is None or one.picture.is_file() for one in entries.values()) else None
 

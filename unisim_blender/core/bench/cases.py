@@ -15,7 +15,7 @@ from ..errors import SceneError
 from ..evaluate.recorded import recorded_picture
 from ..log import Log
 from ..quality import QUALITY, TRUTH
-from ..render import Region
+from ..render.regions import Region
 from ..scene_file import WEIGHTS_NAME, SceneHeader, read_scene_header
 from .methods import DEFAULT, DOUBLED, TYPICAL, Method
 from .settings import Settings

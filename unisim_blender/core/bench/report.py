@@ -9,7 +9,7 @@ from typing import Any
 
 from ..evaluate.recorded import finite
 from ..files import write_file
-from ..output.frame_files import json_bytes
+from ..json_file import json_bytes
 from .cases import Case
 from .figures import figures_of
 from .settings import Settings

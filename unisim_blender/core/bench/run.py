@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from tqdm import tqdm
-
 from ..logs import open_log
+from ..progress import Bar
 from .cases import Case, all_cases, subject_of
 from .machine import machine
 from .measure import Processes, measure, turns
@@ -35,7 +34,7 @@ def run_bench(
         for what in left_out:
             say(f"Left out: {what}.")
         cases = all_cases(subjects, all_methods(variants, cores(), torch), settings)
-        with tqdm(total=turns(cases, settings.rounds), unit="render", dynamic_ncols=True, disable=quiet) as bar:
+        with Bar(total=turns(cases, settings.rounds), unit="render", dynamic_ncols=True, disable=quiet) as bar:
             measure(cases, processes, settings.rounds, bar.set_description, bar.update)
         complete = True
     finally:

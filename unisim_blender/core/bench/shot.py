@@ -14,13 +14,15 @@ from numpy.typing import NDArray
 from ..drive import Drive
 from ..frames import RenderStats
 from ..logs import open_log
-from ..prepare.renderers import make_tracer
+from ..prepare.renderers import make_backend, other_scenes
 from ..prepare.replay import replayed_drive
 from ..quality import Quality
-from ..render import Region, Renderer
+from ..render.drive_renderer import DriveRenderer
+from ..render.regions import Region
+from ..render.renderer import Renderer
 from ..scene_file import read_scene_header
-from ..sensors.lidar import lidar_rays
-from ..tracer import Tracer
+from ..tracer import Backend
+from ..world.replay import DriveStates
 from .copies import with_copies
 
 CORNER, WARM_COLUMNS = Region(0, 0, 8, 8), 64
@@ -75,56 +77,56 @@ class Studio:
     """Renders shots; keeps what it has loaded."""
 
     def __init__(self) -> None:
-        self._tracers: dict[Stage, tuple[Tracer, Drive]] = {}
+        self._backends: dict[Stage, tuple[Backend, Drive]] = {}
         self._scenes: dict[Any, dict[object, Any]] = {}
 
     def take(self, shot: Shot) -> Take:
         """Render it. Loading a scene, and what is read from disk by the first rays of all, are not timed. Raises `SceneError`."""
         stage = shot.stage
         os.environ["OMP_NUM_THREADS"] = str(stage.threads)
-        fresh = stage not in self._tracers
+        fresh = stage not in self._backends
         if fresh:
-            self._tracers[stage] = self._open(stage)
-        tracer, drive = self._tracers[stage]
+            self._backends[stage] = self._open(stage)
+        backend, drive = self._backends[stage]
         if stage.tracer == "torch":
             import torch
 
             torch.set_num_threads(stage.threads)
-        tracer.quality = shot.quality
-        renderer = Renderer(tracer, drive)
+        renderer = DriveRenderer(Renderer(backend), drive)
+        renderer.renderer.quality = shot.quality
         if fresh:
             _rendered(renderer, replace(shot, whole=False, regions=shot.regions[:1] or (CORNER,), column_step=WARM_COLUMNS))
         return _rendered(renderer, shot)
 
-    def _open(self, stage: Stage) -> tuple[Tracer, Drive]:
+    def _open(self, stage: Stage) -> tuple[Backend, Drive]:
         header = read_scene_header(stage.scene)
         drive = header.drive
         if stage.log is not None:
             drive = replayed_drive(header, open_log(stage.log).drive, stage.log)
-        make = _torch_tracer if stage.tracer == "torch" else _compiled_tracer
+        make = _torch_backend if stage.tracer == "torch" else _compiled_backend
         # a decoder keeps the threads that it was made with
         kept = self._scenes.setdefault((stage.scene, stage.tracer, stage.threads), {})
         if stage.copies:
-            drive = with_copies(
-                drive, make(stage.scene, drive, kept).heights, stage.view, stage.frame, stage.copies, stage.behind
-            )
+            backend, start_s = make(stage.scene, drive, kept), drive.time_s[drive.frames[0]]
+            heights = backend.bind(DriveStates(drive, backend.parked).state(start_s, start_s)).heights
+            drive = with_copies(drive, heights, stage.view, stage.frame, stage.copies, stage.behind)
         return make(stage.scene, drive, kept), drive
 
 
-def _compiled_tracer(scene: Path, drive: Drive, kept: dict[object, Any]) -> Tracer:
-    return make_tracer(scene, drive, kept=kept)
+def _compiled_backend(scene: Path, drive: Drive, kept: dict[object, Any]) -> Backend:
+    return make_backend(scene, other_scenes(drive), kept=kept)
 
 
-def _torch_tracer(scene: Path, drive: Drive, kept: dict[object, Any]) -> Tracer:
+def _torch_backend(scene: Path, drive: Drive, kept: dict[object, Any]) -> Backend:
     from ..fields.checkpoint import load_scene
-    from ..torch_tracer import TorchTracer
+    from ..torch_tracer import TorchBackend
 
     if scene not in kept:
         kept[scene] = load_scene(scene)
-    return TorchTracer(kept[scene], drive)
+    return TorchBackend(kept[scene])
 
 
-def _rendered(renderer: Renderer, shot: Shot) -> Take:
+def _rendered(renderer: DriveRenderer, shot: Shot) -> Take:
     stats = RenderStats()
     begun = time.perf_counter()
     if shot.width:
@@ -135,9 +137,10 @@ def _rendered(renderer: Renderer, shot: Shot) -> Take:
     return Take(seconds, sensor_rays, stats.rays, stats.samples_spent, stats.actors_skipped, peak_bytes(), pieces)
 
 
-def _picture(renderer: Renderer, shot: Shot, stats: RenderStats) -> tuple[list[NDArray[np.float32]], int]:
-    model = renderer.drive.cameras[shot.sensor].model.resized(shot.width)
-    up = renderer.tracer.upsample
+def _picture(renderer: DriveRenderer, shot: Shot, stats: RenderStats) -> tuple[list[NDArray[np.float32]], int]:
+    camera = renderer.sized(shot.sensor, shot.width)
+    model, state = camera.model, renderer.state(camera, camera.time_s[shot.stage.frame])
+    up = renderer.renderer.tracer(state).upsample
     cells = -(-model.width // up) * -(-model.height // up)
     regions = (None,) if shot.whole else shot.regions
     frames = [renderer.camera(shot.sensor, shot.stage.frame, width=shot.width, region=region) for region in regions]
@@ -148,12 +151,12 @@ def _picture(renderer: Renderer, shot: Shot, stats: RenderStats) -> tuple[list[N
     return [frames[0].rgb[r.top : r.bottom, r.left : r.right].copy() for r in shot.regions], cells
 
 
-def _sweep(renderer: Renderer, shot: Shot, stats: RenderStats) -> tuple[list[NDArray[np.float32]], int]:
+def _sweep(renderer: DriveRenderer, shot: Shot, stats: RenderStats) -> tuple[list[NDArray[np.float32]], int]:
     if shot.whole:
         frame = renderer.lidar(shot.sensor, shot.stage.frame)
         stats.add(frame.stats)
         return [frame.depth_m[:, :: shot.column_step].copy()], frame.depth_m.size
-    rays = lidar_rays(renderer.drive.lidars[shot.sensor], shot.stage.frame)
+    _, rays = renderer.sweep_rays(shot.sensor, shot.stage.frame)
     some = [x[:, :: shot.column_step] for x in (rays.origins, rays.directions, rays.time_s)]
     shape = some[2].shape
     depth = renderer.rays_lidar(some[0].reshape(-1, 3), some[1].reshape(-1, 3), some[2].reshape(-1), stats)[0]

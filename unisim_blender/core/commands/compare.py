@@ -6,9 +6,9 @@ from collections.abc import Iterable
 from pathlib import Path
 
 import click
-from tqdm import tqdm
 
 from ..prepare.selection import split_names
+from ..progress import Bar
 from ..quality import QUALITY
 
 
@@ -67,7 +67,7 @@ def command(  # noqa: PLR0913
     )  # fmt: skip
 
     def progress(items: Iterable[int], what: str) -> Iterable[int]:
-        return tqdm(items, desc=what, unit="frame", dynamic_ncols=True, disable=quiet)
+        return Bar(items, desc=what, unit="frame", dynamic_ncols=True, disable=quiet)
 
     click.echo(compare(log, out, wishes, lambda sentence: click.echo(sentence, err=True), progress, quiet))
     click.echo(f"Table: {out / 'comparison.md'}   page: {out / 'index.html'}")

@@ -6,9 +6,9 @@ from collections.abc import Iterable
 from pathlib import Path
 
 import click
-from tqdm import tqdm
 
 from ..errors import ScenarioError
+from ..progress import Bar
 from .render import default_jobs
 
 SAMPLE = Path("sample") / "scenario.json"
@@ -55,4 +55,4 @@ def _make_log(path: Path, options: dict[str, float | str]) -> None:
 
 
 def _progress(frames: Iterable[int], what: str) -> Iterable[int]:
-    return tqdm(frames, desc=what, unit="frame", dynamic_ncols=True)
+    return Bar(frames, desc=what, unit="frame", dynamic_ncols=True)

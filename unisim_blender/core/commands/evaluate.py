@@ -6,10 +6,10 @@ from pathlib import Path
 from typing import Any
 
 import click
-from tqdm import tqdm
 
 from ..logs.splits import SPLITS
 from ..prepare.selection import split_names
+from ..progress import Bar
 from ..quality import QUALITY
 
 HELD_OUT = "1::2"
@@ -84,4 +84,4 @@ def command(
 
 def _progress(frames: Any, what: str) -> Any:
     """The frames behind a bar with frames a second and the time left."""
-    return tqdm(frames, desc=what, unit="frame", dynamic_ncols=True)
+    return Bar(frames, desc=what, unit="frame", dynamic_ncols=True)

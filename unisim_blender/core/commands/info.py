@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ..drive import Camera, Drive, Lidar
-from ..errors import UnisimError
+from ..errors import UnisimError, short
 from ..json_file import read_json
 from ..log import Log
 
@@ -49,7 +49,7 @@ def describe(path: Path) -> dict[str, Any]:
         return describe_scene(read_scene_header(path))
     if kind == SCENARIO_FORMAT:
         return describe_scenario(load_scenario(path))
-    raise UnisimError(f"{path}: is neither a log, a trained scene nor a scenario (its format is {kind!r})")
+    raise UnisimError(f"{path}: is neither a log, a trained scene nor a scenario (its format is {short(kind)})")
 
 
 def describe_log(log: Log) -> dict[str, Any]:

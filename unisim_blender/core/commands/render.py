@@ -7,13 +7,13 @@ from pathlib import Path
 from typing import cast
 
 import click
-from tqdm import tqdm
 
 from ..errors import UnisimError
 from ..max_error import parse_bounds
 from ..output.frame_files import camera_path
 from ..prepare.scenario_plan import SEQUENCE_FORMATS, Wishes, plan_scenario, sequence_formats
 from ..prepare.selection import split_names
+from ..progress import Bar
 from ..quality import QUALITY
 from ..sequence.plan import RenderPlan
 from ..sequence.run import MANIFEST_NAME, render_sequence
@@ -91,12 +91,12 @@ def command(
     plan, prepared = plan_scenario(scenario, wishes)
     for sentence in plan.about.get("warnings", ()):
         click.echo(f"Warning: {sentence}", err=True)
-    with tqdm(total=1.0, bar_format="{desc}: {percentage:3.0f}%|{bar}| {elapsed}", dynamic_ncols=True, delay=0.5) as bar:
+    with Bar(total=1.0, bar_format="{desc}: {percentage:3.0f}%|{bar}| {elapsed}", dynamic_ncols=True, delay=0.5) as bar:
         for step in cast(Source, plan.make_renderer).steps():
             bar.set_description_str(step.text, refresh=False)
             bar.update(step.share - bar.n)
     wanted = {*sequence_formats(prepared.scenario), *formats, *(("video",) if video else ())}
-    with tqdm(total=len(plan.frames), unit="frame", dynamic_ncols=True, smoothing=0.1) as bar:
+    with Bar(total=len(plan.frames), unit="frame", dynamic_ncols=True, smoothing=0.1) as bar:
         report = render_sequence(
             plan, out, jobs or default_jobs(), resume, on_frame=lambda frame: bar.update(), on_kept=bar.update
         )
@@ -108,7 +108,8 @@ def command(
         sentence = f"{many} pictures and sweeps may not keep {wanted_errors}, though rendered at the finest settings"
         click.echo(f"Warning: {sentence}: {out / MANIFEST_NAME}", err=True)
     kept = f", {len(report.kept)} were there already" if report.kept else ""
-    click.echo(f"{len(report.rendered)} frames rendered in {report.seconds:.1f} s{kept}: {out}")
+    parts = f" ({report.captures} images and sweeps, {report.captures_kept} kept)" if report.captures_kept else ""
+    click.echo(f"{len(report.rendered)} frames rendered in {report.seconds:.1f} s{kept}{parts}: {out}")
 
 
 def default_jobs() -> int:

@@ -10,9 +10,10 @@ from typing import Any
 
 from ..drive import Drive
 from ..log import Log
-from ..prepare.renderers import UNTRAINED, SceneSource, scene_hash, untrained_tracer
+from ..prepare.renderers import UNTRAINED, SceneSource, scene_hash, untrained_backend
 from ..prepare.selection import beam_lidars
-from ..render import Renderer
+from ..render.drive_renderer import DriveRenderer
+from ..render.renderer import Renderer
 from ..scene_file import SceneHeader
 from ..surfels.build import Step, finished
 from ..surfels.cache import build_key, surfels_of
@@ -31,7 +32,7 @@ class Made:
     header: SceneHeader | None
     key: str
     about: dict[str, Any]
-    renderer: Callable[[Drive], Renderer]
+    renderer: Callable[[Drive], DriveRenderer]
 
 
 def make(name: str, method: Method, log: Log, folder: Path, wishes: Wishes, quiet: bool) -> Made:
@@ -43,7 +44,7 @@ def make(name: str, method: Method, log: Log, folder: Path, wishes: Wishes, quie
     seconds, steps = header.training["seconds"], header.training["iterations"]
     about = {"training_s": seconds, "iterations": steps}
 
-    def renderer(drive: Drive) -> Renderer:
+    def renderer(drive: Drive) -> DriveRenderer:
         return SceneSource(folder, drive, wishes.quality, wishes.device)()
 
     return Made(folder, header, scene_hash(folder), about, renderer)
@@ -66,7 +67,7 @@ def _untrained(renderer: str, log: Log, wishes: Wishes) -> Made:
     # surfels that were kept are there at once, which says nothing of how long they took
     about = {"training_s": round(time.perf_counter() - begun, 1)} if steps else {}
 
-    def make_renderer(drive: Drive) -> Renderer:
-        return Renderer(untrained_tracer(renderer, scene, drive, log, frames, wishes.quality), drive)
+    def make_renderer(drive: Drive) -> DriveRenderer:
+        return DriveRenderer(Renderer(untrained_backend(renderer, scene, log, frames, wishes.quality)), drive)
 
     return Made(None, None, build_key(log, UNTRAINED[renderer], frames), about, make_renderer)

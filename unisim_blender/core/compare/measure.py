@@ -21,8 +21,9 @@ from ..evaluate.truth import summarise_truth
 from ..evaluate.truth_runs import ScenarioRun, compare_frame
 from ..files import sha256_of_file, write_file
 from ..geometry import FloatArray
+from ..json_file import json_bytes
 from ..log import Log
-from ..output.frame_files import json_bytes, png_bytes
+from ..output.frame_files import png_bytes
 from ..own_vehicle import Outline
 from ..prepare.replay import replayed_drive
 from ..prepare.scenario import prepare_scenario
@@ -65,7 +66,7 @@ def measured(bench: Bench, name: str, made: Made, part: Part, progress: Progress
         document: dict[str, Any] = json.loads(path.read_text())
         if document["key"] == key:
             return document
-    except (OSError, ValueError, KeyError, TypeError):
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
         pass
     if part.name == REPLAY and bench.street is None:
         found = _recorded(bench, name, made, part, progress)

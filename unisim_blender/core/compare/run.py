@@ -8,14 +8,14 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from ..errors import UnisimError
+from ..errors import UnisimError, in_a_line
 from ..evaluate.fid import Inception
 from ..evaluate.recorded_runs import Progress, perceptual_metric
 from ..evaluate.tracklets import disturbance_taken_back
 from ..files import write_file
+from ..json_file import json_bytes
 from ..log import Log
 from ..logs import open_log
-from ..output.frame_files import json_bytes
 from ..prepare.selection import check_names
 from ..sequence.plan import code_identity
 from ..street.street import recipe_document
@@ -84,9 +84,9 @@ def _earlier(path: Path, about: dict[str, Any]) -> dict[str, dict[str, Any]]:
         return {}
     try:
         document = json.loads(path.read_text())
-        before, rows = document["about"], document["rows"]
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise UnisimError(f"{path}: is no comparison: {error}") from error
+        before, rows = dict(document["about"]), dict(document["rows"])
+    except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
+        raise UnisimError(f"{path}: is no comparison: {in_a_line(error)}") from error
     for name, value in about.items():
         if before.get(name) != value:
             raise UnisimError(

@@ -10,18 +10,18 @@ from numpy.typing import NDArray
 
 from ..frames import CameraFrame
 from ..geometry import FloatArray
-from ..render import Renderer
+from ..render.drive_renderer import DriveRenderer
 
 
 @dataclass
 class Timed:
     """A renderer whose camera frames and sweeps are timed."""
 
-    renderer: Renderer
+    renderer: DriveRenderer
     seconds: dict[str, list[float]] = field(default_factory=lambda: {"camera": [], "lidar": []})
 
     def camera(self, camera_id: str, frame: int, passes: tuple[str, ...] = ("rgb",), width: int | None = None) -> CameraFrame:
-        """See `Renderer.camera`."""
+        """See `DriveRenderer.camera`."""
         begun = time.perf_counter()
         picture = self.renderer.camera(camera_id, frame, passes, width)
         self.seconds["camera"].append(time.perf_counter() - begun)
@@ -30,7 +30,7 @@ class Timed:
     def rays_lidar(
         self, origins: FloatArray, directions: FloatArray, time_s: FloatArray
     ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], NDArray[np.int32]]:
-        """See `Renderer.rays_lidar`."""
+        """See `DriveRenderer.rays_lidar`."""
         begun = time.perf_counter()
         rays = self.renderer.rays_lidar(origins, directions, time_s)
         self.seconds["lidar"].append(time.perf_counter() - begun)

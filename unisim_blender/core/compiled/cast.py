@@ -7,12 +7,14 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..bounds import Bounds
 from ..cast import Cast
 from ..drive import Actor
 from ..geometry import invert_pose
 from ..sensors.rays import Rays
+from ..world.keys import PaddedKeys
 from .scene import CompiledScene
 from .structs import CastStruct, TroupeStruct, address, doubles, floats
 
@@ -23,19 +25,13 @@ class _Ways:
     def __init__(self, scene: CompiledScene, actors: Sequence[Actor], rows: Sequence[int]) -> None:
         self.scene, self.count = scene, len(actors)
         self.bounds = Bounds(actors)
-        keys = max((len(a.world_from_actor.times_s) for a in actors), default=1)
-        times, positions = np.full((self.count, keys), np.inf), np.zeros((self.count, keys, 3))
-        quaternions = np.tile([1.0, 0, 0, 0], (self.count, keys, 1))
-        for i, actor in enumerate(actors):
-            way = actor.world_from_actor
-            k = len(way.times_s)
-            times[i, :k], positions[i, :k], quaternions[i, :k] = way.times_s, way.positions, way.quaternions_wxyz
-        self.keys = keys
-        self.arrays = {
-            "times": times,
-            "lengths": np.array([len(a.world_from_actor.times_s) for a in actors], np.int32),
-            "positions": positions,
-            "quaternions": quaternions,
+        keys = PaddedKeys.of(actors)
+        self.keys = keys.times_s.shape[1]
+        self.arrays: dict[str, NDArray[Any]] = {
+            "times": keys.times_s,
+            "lengths": keys.lengths,
+            "positions": keys.positions,
+            "quaternions": keys.quaternions_wxyz,
             "sizes": floats(np.array([a.look_size_m for a in actors]).reshape(-1, 3)),
             "start": doubles([a.start_s for a in actors]),
             "end": doubles([a.end_s for a in actors]),

@@ -14,7 +14,7 @@ from .. import native
 from ..constants import CLEARANCE_M, DECAY_PER_M, GROUND_CELL_M, LIGHT_REACH_M
 from ..errors import SceneError, UnisimError
 from ..fields.config import GridConfig, ModelConfig
-from ..fields.config_check import check_config
+from ..fields.config_check import check_config, check_sizes
 from ..fields.grid_shape import GridArrays, GridShape
 from ..fields.volume import Volume
 from ..geometry import FloatArray, invert_pose, transform_points
@@ -50,6 +50,7 @@ class CompiledScene:
         if unknown := not_taken(config):
             raise SceneError(f"{self.path / HEADER_NAME}: model: the compiled kernels do not take {unknown}: torch's tracer does")
         self.volume = volume = Volume.from_dict(self.header.volume)
+        check_sizes(config, volume, f"{self.path / HEADER_NAME}: model")
         self.looks = tuple(sorted(self.header.drive.actors))
         self.cameras = tuple(str(name) for name in self.header.training.get("cameras", ()))
         self._weights = weights = read_weights(self.path / WEIGHTS_NAME) if new is None else new[1]

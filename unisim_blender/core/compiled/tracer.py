@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import ctypes
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -12,14 +13,16 @@ from numpy.typing import NDArray
 from .. import native
 from ..cast import gather_cast
 from ..constants import OPAQUE, WHOLE
-from ..drive import Drive
+from ..drive import Box
 from ..frames import RenderStats
 from ..geometry import FloatArray
 from ..meshes.meeting import Met
 from ..observed_space import Observed, ObservedSpace
-from ..quality import quality_named
+from ..quality import QUALITY, Quality
 from ..sensors.rays import Rays, sound_directions
 from ..tracer import EDGE_CELLS, NEAR_M, UNIFORM_STEP_M, Array, Found, Maps, tiled
+from ..world.replay import parked_boxes
+from ..world.state import WorldState
 from .cast import CompiledCast
 from .decoder import resized, sigmoid, spread_over_edges
 from .scene import CompiledScene
@@ -38,23 +41,18 @@ SPLIT_WEIGHT = 0.2
 """An interval that stops less of a ray than this is not halved."""
 
 
-class CompiledTracer:
-    """A scene and a drive's cast. ``others`` are scenes by path, for guests."""
+class CompiledBackend:
+    """Trained scenes as the kernels read them, loaded once: a `tracer.Backend`. ``others`` are scenes by path, for actors that
+    come from them."""
+
+    sees_all = False
 
     def __init__(
-        self, scene: CompiledScene, drive: Drive, quality: str = "balanced", others: dict[str, CompiledScene] | None = None
+        self, scene: CompiledScene, quality: Quality = QUALITY["balanced"], others: Mapping[str, CompiledScene] | None = None
     ) -> None:
-        self.scene, others = scene, others or {}
-        looks = {"": scene.looks, **{path: other.looks for path, other in others.items()}}
-        self.cast = gather_cast(drive, scene.header.drive, looks)
-        self._guests = [others[path] for path in self.cast.guests]
-        self._cast = CompiledCast(self.cast, scene, others)
-        self.quality = quality_named(quality)
-        self.upsample, self.trained_width = scene.config.upsample, scene.header.training.get("width")
-        # decoders that look aside see past a guest's edges
-        alone = all(s.decoder.reach == 0 and s.config.upsample == 1 for s in (scene, *self._guests))
-        self._edge = 0 if alone else EDGE_CELLS
-        self.reach = scene.decoder.reach + (self._edge if self._guests else 0)
+        self.scene, self.others = scene, dict(others or {})
+        self.quality = quality
+        self.parked: Mapping[str, Box] = parked_boxes(scene.header.drive)
         self.space: ObservedSpace | None = None
         self.clipped = False
 
@@ -63,15 +61,35 @@ class CompiledTracer:
         """See `observed_space.Observing`."""
         return self.scene.header, self.scene.observed, self.scene.config.voxel_m
 
-    def within(self, space: ObservedSpace, clip: bool) -> CompiledTracer:
+    def within(self, space: ObservedSpace, clip: bool) -> CompiledBackend:
         """See `observed_space.Observing`."""
         other = copy.copy(self)
         other.space, other.clipped = space, clip
         return other
 
+    def bind(self, state: WorldState) -> CompiledTracer:
+        """See `tracer.Backend`."""
+        return CompiledTracer(self, state)
+
+
+class CompiledTracer:
+    """A `tracer.Tracer`: a backend's scenes in a state of the world."""
+
+    def __init__(self, backend: CompiledBackend, state: WorldState) -> None:
+        scene, others = backend.scene, backend.others
+        self.scene, self.quality = scene, backend.quality
+        self.space, self.clipped = backend.space, backend.clipped
+        self.cast = gather_cast(state, {"": scene.looks, **{path: other.looks for path, other in others.items()}})
+        self._guests = [others[path] for path in self.cast.guests]
+        self._cast = CompiledCast(self.cast, scene, others)
+        self.upsample, self.trained_width = scene.config.upsample, scene.header.training.get("width")
+        # decoders that look aside see past a guest's edges
+        alone = all(s.decoder.reach == 0 and s.config.upsample == 1 for s in (scene, *self._guests))
+        self._edge = 0 if alone else EDGE_CELLS
+        self.reach = scene.decoder.reach + (self._edge if self._guests else 0)
+
     def trace(self, rays: Rays, passes: set[str], sky: bool, met: Met | None, stats: RenderStats) -> Found:
         """See `tracer.Tracer`."""
-        asked, passes = passes, passes | {"depth", "instance"} if self.space is not None and "support" in passes else passes
         order = tiled(rays.time_s.shape)
         # of a list the order is its own, and its parts need no copies
         listed, flat = rays.time_s.ndim < 2, rays.flat().sound()
@@ -86,7 +104,7 @@ class CompiledTracer:
             found.mesh_opacity = np.empty(n, np.float32)
         starts = self.space.starts(flat) if self.space is not None and self.clipped else None
         maps: Maps = {}
-        if passes & {"depth", "normal", "support"}:
+        if passes & {"depth", "support"}:
             maps["depth"] = np.empty(n, np.float32)
         if passes & {"instance", "support"}:
             maps["instance"] = np.empty(n, np.int32)
@@ -104,11 +122,10 @@ class CompiledTracer:
             maps["opacity"] = found.opacity
         if self.space is not None and "support" in passes:
             maps["support"] = ~self.space.supported(flat, maps["depth"], maps["instance"], self.clipped)
-            maps = {name: values for name, values in maps.items() if name in asked or (name == "depth" and "normal" in asked)}
         elif "support" in passes:
             ends = rays.origins + rays.directions * np.nan_to_num(maps["depth"], posinf=1e6)[:, None].astype(np.float64)
             maps["support"] = ~(self.scene.supported(ends) | (maps["instance"] > 0))
-        found.maps = maps
+        found.maps = {name: values for name, values in maps.items() if name in passes}
         return found
 
     def _run(

@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 from ..drive import Drive
+from ..geometry import TrajectoryError
 from ..scenario.types import (
     CopyStatic,
     Duplicate,
@@ -55,10 +56,15 @@ def apply_scenario(scenario: Scenario, base_drive: Drive, scene_actors: SceneAct
     for key in scenario.boxes or {}:
         if key in base_drive.actors:
             fail(f"{scenario.path}: boxes.{key}", "is an actor's id already")
-    drive = base_drive
-    for index, edit in enumerate(scenario.edits):
-        drive = EDITORS[type(edit)](drive, edit, f"{scenario.path}: edits[{index}]", context)
-    return select_sensors(_select_frames(drive, scenario), context)
+    drive, place = base_drive, ""
+    try:
+        for index, edit in enumerate(scenario.edits):
+            place = f"{scenario.path}: edits[{index}]"
+            drive = EDITORS[type(edit)](drive, edit, place, context)
+        place = f"{scenario.path}: sensors"
+        return select_sensors(_select_frames(drive, scenario), context)
+    except TrajectoryError as fault:
+        fail(place, str(fault))
 
 
 def _select_frames(drive: Drive, scenario: Scenario) -> Drive:

@@ -11,11 +11,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..geometry import BoolArray, FloatArray, Trajectory, quaternion_from_matrix, slerp
+from ..geometry import BoolArray, FloatArray, Trajectory, TrajectoryError, quaternion_from_matrix, slerp
 
 POSITION_TOLERANCE_M = 1e-6
 ROTATION_TOLERANCE_RAD = 1e-7
 MAX_HALVINGS = 12
+MOST_KEYS = 100_000
+"""What needs more keys to be drawn with lines turns too fast, too far from what it turns about."""
 SAME_TIME_S = 1e-9
 """Times closer than this are one key."""
 
@@ -54,6 +56,8 @@ def _halved(times: FloatArray, mismatch: Callable[[FloatArray], BoolArray]) -> F
         bad = mismatch(times)
         if not bad.any():
             break
+        if len(times) + np.count_nonzero(bad) > MOST_KEYS:
+            raise TrajectoryError(f"a path takes more than {MOST_KEYS} keys to follow: it turns too fast for where it is")
         times = np.sort(np.concatenate([times, ((times[:-1] + times[1:]) / 2)[bad]]))
     return times
 

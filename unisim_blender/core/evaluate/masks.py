@@ -14,7 +14,7 @@ from ..sensors.camera import camera_rays, pixel_grid
 def actor_mask(camera: Camera, frame: int, actors: Iterable[Actor]) -> BoolArray:
     """Pixels (H, W) whose ray meets the box of one of the actors where it is at the ray's own time, occluded or not."""
     u, v = pixel_grid(camera.model)
-    rays = camera_rays(camera, frame, u, v)
+    rays = camera_rays(camera, camera.time_s[frame], u, v)
     times = rays.time_s[:, 0]
     mask = np.zeros(u.shape, bool)
     for actor in actors:

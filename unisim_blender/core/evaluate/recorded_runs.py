@@ -12,8 +12,8 @@ import numpy as np
 from ..drive import Drive
 from ..errors import UnisimError
 from ..files import write_file
+from ..json_file import json_bytes
 from ..logs import open_log
-from ..output.frame_files import json_bytes
 from ..own_vehicle import outlines_from_json
 from ..prepare.renderers import SceneSource, scene_hash
 from ..prepare.replay import replayed_drive
@@ -123,7 +123,7 @@ def _plan(header: SceneHeader, recorded: Drive, wishes: EvaluationWishes) -> Eva
     return EvaluationPlan(
         frames=frames,
         cameras=cameras,
-        lidars=tuple(name for name in header.training.get("lidars", header.drive.lidars) if name in recorded.lidars),
+        lidars=tuple(name for name in header.training.get("lidars") or header.drive.lidars if name in recorded.lidars),
         width=wishes.width or header.training.get("width"),
         trained=trained or tuple(frame for frame in recorded.frames if frame not in frames),
         perceptual=perceptual_metric(wishes.lpips_weights),

@@ -12,7 +12,7 @@ from ..drive import Drive
 from ..errors import ScenarioError
 from ..files import write_file
 from ..frames import LidarFrame
-from ..output.frame_files import json_bytes
+from ..json_file import json_bytes
 from ..prepare.renderers import SceneSource, scene_hash
 from ..prepare.scenario import prepare_scenario
 from ..prepare.scenario_plan import scenario_hash

@@ -20,7 +20,7 @@ from ..errors import SceneError
 from ..scene_file import HEADER_NAME, WEIGHTS_NAME, SceneHeader, read_scene_header, write_scene_header
 from ..weights import Weights, check_belongs, read_weights, weights_hash
 from .config import ModelConfig
-from .config_check import check_config
+from .config_check import check_config, check_sizes
 from .scene import SceneModel
 from .volume import Volume
 
@@ -84,6 +84,7 @@ def load_scene(path: str | Path, device: str = "cpu") -> Scene:
     config = ModelConfig.from_dict(header.model)
     check_config(config, f"{path / HEADER_NAME}: model")
     volume = Volume.from_dict(header.volume)
+    check_sizes(config, volume, f"{path / HEADER_NAME}: model")
     file = path / WEIGHTS_NAME
     if not file.is_file():
         raise SceneError(f"{file}: the trained scene has no weights")

@@ -13,8 +13,9 @@ from .. import native
 from ..bounds import BIN_S, Bounds
 from ..devices import kernel_threads
 from ..drive import Actor
-from ..geometry import FloatArray
+from ..geometry import FloatArray, matrix_from_quaternion
 from ..kernel_choice import kernels_for
+from ..world.keys import PaddedKeys
 
 SMOOTH_S = 0.2
 """Corrections of poses change as slowly as this: what some frames teach holds for the ones between."""
@@ -141,22 +142,12 @@ class Tracklets(nn.Module):
     def __init__(self, actors: Sequence[Actor], refine: bool = False, corner: FloatArray | None = None) -> None:
         super().__init__()
         self.corner = np.zeros(3) if corner is None else corner
-        keys = max((len(a.world_from_actor.times_s) for a in actors), default=1)
-        n = len(actors)
-        times, positions = np.full((n, keys), np.inf), np.zeros((n, keys, 3))
-        quaternions, rotations = np.tile([1.0, 0, 0, 0], (n, keys, 1)), np.tile(np.eye(3), (n, keys, 1, 1))
-        for i, actor in enumerate(actors):
-            way = actor.world_from_actor
-            k = len(way.times_s)
-            times[i, :k], positions[i, :k], quaternions[i, :k] = way.times_s, way.positions, way.quaternions_wxyz
-            rotations[i, :k] = way.poses[:, :3, :3]
+        n, keys = len(actors), PaddedKeys.of(actors)
         self.count = n
-        self.register_buffer("times", torch.as_tensor(times), persistent=False)
-        self.register_buffer(
-            "lengths", torch.tensor([len(a.world_from_actor.times_s) for a in actors], dtype=torch.long), persistent=False
-        )
-        self.register_buffer("positions", torch.as_tensor(positions - self.corner).float(), persistent=False)
-        self.register_buffer("quaternions", torch.as_tensor(quaternions).float(), persistent=False)
+        self.register_buffer("times", torch.as_tensor(keys.times_s), persistent=False)
+        self.register_buffer("lengths", torch.as_tensor(keys.lengths).long(), persistent=False)
+        self.register_buffer("positions", torch.as_tensor(keys.positions - self.corner).float(), persistent=False)
+        self.register_buffer("quaternions", torch.as_tensor(keys.quaternions_wxyz).float(), persistent=False)
         self.register_buffer(
             "sizes_m", torch.as_tensor(np.array([a.look_size_m for a in actors]).reshape(-1, 3)).float(), persistent=False
         )
@@ -172,13 +163,15 @@ class Tracklets(nn.Module):
         self.register_buffer("bound_radii", torch.as_tensor(bounds.radii).float(), persistent=False)
         self.refine = refine
         if refine:
-            rot6 = torch.as_tensor(rotations[..., :, :2].swapaxes(-1, -2).reshape(n, keys, 6)).float()
+            length = keys.times_s.shape[1]
+            rotations = matrix_from_quaternion(keys.quaternions_wxyz)
+            rot6 = torch.as_tensor(rotations[..., :, :2].swapaxes(-1, -2).reshape(n, length, 6)).float()
             self.register_buffer("rotation_6d", rot6, persistent=False)
-            self.shift_m = nn.Parameter(torch.zeros(n, keys, 3))
-            self.turn_6d = nn.Parameter(torch.zeros(n, keys, 6))
+            self.shift_m = nn.Parameter(torch.zeros(n, length, 3))
+            self.turn_6d = nn.Parameter(torch.zeros(n, length, 6))
             still = torch.tensor([not a.is_moving for a in actors], dtype=torch.bool)
             self.register_buffer("still", still, persistent=False)
-            self.register_buffer("smoothing", _smoothing(torch.as_tensor(times)), persistent=False)
+            self.register_buffer("smoothing", _smoothing(torch.as_tensor(keys.times_s)), persistent=False)
 
     times: Tensor
     lengths: Tensor

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from ..errors import LogError
+from ..geometry import TrajectoryError
 from ..log import Log
 
 
@@ -21,5 +22,8 @@ def open_log(path: Path | str) -> Log:
     if is_pandaset(path):
         from .pandaset import PandasetLog
 
-        return PandasetLog(path)
+        try:
+            return PandasetLog(path)
+        except TrajectoryError as error:
+            raise LogError(f"{path}: {error}") from error
     raise LogError(f"{path}: is no recorded drive in a layout that is known (PandaSet: a folder with lidar/ and camera/)")

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..drive import Camera, CameraModel, Drive, Lidar
-from ..errors import LogError
-from ..geometry import FloatArray, Trajectory, make_pose, transform_points
+from ..errors import LogError, in_a_line
+from ..geometry import FloatArray, Trajectory, TrajectoryError, make_pose, transform_points
 from ..log import Sweep, SweepGrid
 from . import pandaset_sensors as sensors
 from .pandaset_actors import read_actors
@@ -43,7 +43,7 @@ class PandasetLog:
         self._setup = setup
         self._is_pandasets_own = not setup_path(path).exists()
         turn = make_pose(np.zeros(3), sensors.PANDASET_EGO_FROM_EGO_WXYZ)
-        ego = Trajectory(times - setup.time_origin_s, positions - setup.world_origin, quaternions).transformed(right=turn)
+        ego = self._way("the vehicle", times, positions, quaternions).transformed(right=turn)
         time_s = {frame: float(times[frame] - setup.time_origin_s) for frame in setup.frames}
         self._sweeps = frame_files(path / "lidar", ".pkl.gz", len(times))
         self._semantics = frame_files(path / "annotations" / "semseg", ".pkl.gz", len(times))
@@ -99,7 +99,7 @@ class PandasetLog:
             with Image.open(path) as image:
                 return np.asarray(image.convert("RGB"))
         except (OSError, UnidentifiedImageError, Image.DecompressionBombError) as error:
-            raise LogError(f"{path}: cannot be decoded ({error})") from error
+            raise LogError(f"{path}: cannot be decoded ({in_a_line(error)})") from error
 
     def sweep(self, lidar: str, frame: int) -> Sweep:
         """The recorded returns, less those of the vehicle's own body."""
@@ -108,10 +108,13 @@ class PandasetLog:
             raise LogError(f"{self.path}: {lidar} has no sweep of frame {frame}")
         table = read_table(path, SWEEP_COLUMNS)
         semantic = self._semantic(frame, len(table["x"]))
-        keep = table["d"] == self._setup.lidars[lidar].device
-        points = np.stack([table[axis][keep] for axis in "xyz"], -1).astype(np.float64) - self.drive.world_origin
-        time_s = table["t"][keep].astype(np.float64) - self._setup.time_origin_s
-        intensity = table["i"][keep].astype(np.float64)
+        keep = np.asarray(table["d"] == self._setup.lidars[lidar].device, bool)
+        try:
+            points = np.stack([table[axis][keep] for axis in "xyz"], -1).astype(np.float64) - self.drive.world_origin
+            time_s = table["t"][keep].astype(np.float64) - self._setup.time_origin_s
+            intensity = table["i"][keep].astype(np.float64)
+        except (TypeError, ValueError, OverflowError) as error:
+            raise LogError(f"{path}: a point's numbers are none ({in_a_line(error)})") from error
         if not (np.isfinite(points).all() and np.isfinite(time_s).all() and np.isfinite(intensity).all()):
             raise LogError(f"{path}: a point holds a value that is not finite")
         age = time_s - self.drive.time_s[frame]
@@ -155,7 +158,10 @@ class PandasetLog:
         classes = read_table(path, ("class",))["class"]
         if len(classes) != rows:
             raise LogError(f"{path}: holds {len(classes)} classes for the sweep's {rows} points")
-        return classes.astype(np.int32)
+        try:
+            return classes.astype(np.int32)
+        except (TypeError, ValueError, OverflowError) as error:
+            raise LogError(f"{path}: a class is no number ({in_a_line(error)})") from error
 
     def _open_camera(self, name: str, missing: list[str]) -> Camera | None:
         folder = self.path / "camera" / name
@@ -176,9 +182,17 @@ class PandasetLog:
         return Camera(
             sensor_id=name,
             model=CameraModel(width, height, **intrinsics, shutter=self._setup.shutters[name]),
-            world_from_camera=Trajectory(times - start_s, positions - self._setup.world_origin, quaternions),
+            world_from_camera=self._way(name, times, positions, quaternions),
             time_s={frame: float(times[frame] - start_s) for frame in self._setup.frames if frame < len(times)},
         )
+
+    def _way(self, what: str, times: FloatArray, positions: FloatArray, quaternions: FloatArray) -> Trajectory:
+        """A trajectory of the log's times and places, by the drive's clock and from its origin."""
+        try:
+            with np.errstate(over="ignore"):
+                return Trajectory(times - self._setup.time_origin_s, positions - self._setup.world_origin, quaternions)
+        except TrajectoryError as error:
+            raise LogError(f"{self.path}: the way of {what}: {error}") from error
 
     def _lidar(self, name: str, world_from_ego: Trajectory, time_s: dict[int, float]) -> Lidar:
         setup = self._setup.lidars[name]

@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 
 from ..drive import Actor, Lidar, Look
-from ..errors import LogError
-from ..geometry import FloatArray, Trajectory, invert_pose, quaternion_from_yaw
+from ..errors import LogError, in_a_line
+from ..geometry import FloatArray, Trajectory, TrajectoryError, invert_pose, quaternion_from_yaw
 from .safe_pickle import read_table
 
 _POSITION = ("position.x", "position.y", "position.z")
@@ -54,7 +54,14 @@ def read_actors(
     tracks: dict[str, _Track] = {}
     for frame in sorted(files):
         _add_frame(tracks, files[frame], time_s[frame], origin)
-    return {uid: _actor(uid, track, lidar) for uid, track in sorted(tracks.items())}
+    actors = {}
+    for uid, track in sorted(tracks.items()):
+        try:
+            with np.errstate(over="ignore", invalid="ignore"):
+                actors[uid] = _actor(uid, track, lidar)
+        except TrajectoryError as error:
+            raise LogError(f"{files[min(files)].parent}: the way of cuboid {uid}: {error}") from error
+    return actors
 
 
 def _add_frame(tracks: dict[str, _Track], path: Path, time_s: float, origin: FloatArray) -> None:
@@ -65,7 +72,7 @@ def _add_frame(tracks: dict[str, _Track], path: Path, time_s: float, origin: Flo
         yaws = table["yaw"].astype(np.float64)
         twin = table["cuboids.sensor_id"].astype(np.int64) == 1 if "cuboids.sensor_id" in table else np.zeros(len(yaws), bool)
     except (TypeError, ValueError) as error:
-        raise LogError(f"{path}: a cuboid's numbers are none ({error})") from error
+        raise LogError(f"{path}: a cuboid's numbers are none ({in_a_line(error)})") from error
     for row in np.flatnonzero(~twin):
         uid = str(table["uuid"][row])
         if not (np.isfinite(positions[row]).all() and np.isfinite(sizes[row]).all() and np.isfinite(yaws[row])):

@@ -8,10 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import LogError
+from ..errors import LogError, in_a_line
 from ..geometry import FloatArray
 
 MAX_JSON_BYTES = 64 * 2**20
+CLOSEST_S = 1e-6
+"""Between two frames' times: between closer ones speeds are beyond numbers."""
 
 
 def read_json(path: Path) -> Any:
@@ -25,7 +27,7 @@ def read_json(path: Path) -> Any:
     except OSError as error:
         raise LogError(f"{path}: cannot be read ({error.strerror})") from error
     except (ValueError, RecursionError) as error:
-        raise LogError(f"{path}: is not valid JSON ({error})") from error
+        raise LogError(f"{path}: is not valid JSON ({in_a_line(error)})") from error
 
 
 def read_times(path: Path) -> FloatArray:
@@ -33,7 +35,7 @@ def read_times(path: Path) -> FloatArray:
     times = _numbers(path, read_json(path), "timestamps")
     if len(times) == 0:
         raise LogError(f"{path}: holds no timestamp")
-    late = np.flatnonzero(np.diff(times) <= 0)
+    late = np.flatnonzero(np.diff(times) < CLOSEST_S)
     if len(late):
         frame = int(late[0]) + 1
         raise LogError(f"{path}: frame {frame} at {times[frame]} s is not later than frame {frame - 1} at {times[frame - 1]} s")
@@ -52,7 +54,7 @@ def read_poses(path: Path, count: int) -> tuple[FloatArray, FloatArray]:
             positions[frame] = [float(pose["position"][axis]) for axis in "xyz"]
             quaternions[frame] = [float(pose["heading"][axis]) for axis in "wxyz"]
         except (KeyError, TypeError, ValueError) as error:
-            raise LogError(f"{path}: the pose of frame {frame} is no position and heading ({error!r})") from error
+            raise LogError(f"{path}: the pose of frame {frame} is no position and heading ({in_a_line(error)})") from error
         values = [*positions[frame], *quaternions[frame]]
         if not np.isfinite(values).all():
             raise LogError(f"{path}: the pose of frame {frame} holds a value that is not finite")
@@ -70,7 +72,7 @@ def read_intrinsics(path: Path) -> dict[str, float]:
     try:
         intrinsics = {name: float(values[name]) for name in ("fx", "fy", "cx", "cy")}
     except (KeyError, TypeError, ValueError) as error:
-        raise LogError(f"{path}: does not hold the numbers fx, fy, cx and cy ({error!r})") from error
+        raise LogError(f"{path}: does not hold the numbers fx, fy, cx and cy ({in_a_line(error)})") from error
     for name, value in intrinsics.items():
         if not np.isfinite(value) or (name in ("fx", "fy") and value <= 0):
             raise LogError(f"{path}: {name} is {value}")
@@ -107,7 +109,10 @@ def image_size(path: Path) -> tuple[int, int]:
                     marker = marker[1:] + stream.read(1)
                 if len(marker) < 2 or marker[0] != 0xFF:
                     raise LogError(f"{path}: is a broken JPEG image")
-                segment = stream.read(int.from_bytes(stream.read(2), "big") - 2)
+                length = int.from_bytes(stream.read(2), "big") - 2
+                if length < 0:
+                    raise LogError(f"{path}: is a broken JPEG image")
+                segment = stream.read(length)
                 if 0xC0 <= marker[1] <= 0xCF and marker[1] not in (0xC4, 0xC8, 0xCC) and len(segment) >= 5:
                     return int.from_bytes(segment[3:5], "big"), int.from_bytes(segment[1:3], "big")
     except OSError as error:

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import LogError
+from ..errors import LogError, in_a_line
 
 MAX_BYTES = 256 * 2**20
 """Largest unpacked pickle that is read; a real sweep with both LiDARs has 10 MB."""
@@ -136,7 +136,7 @@ def read_table(path: Path, required: tuple[str, ...] = ()) -> Table:
         with gzip.open(path) as stream:
             data = stream.read(MAX_BYTES + 1)
     except (OSError, EOFError, zlib.error) as error:
-        raise LogError(f"{path}: cannot be unpacked ({error})") from error
+        raise LogError(f"{path}: cannot be unpacked ({in_a_line(error)})") from error
     if len(data) > MAX_BYTES:
         raise LogError(f"{path}: refused, it unpacks to more than {MAX_BYTES // 2**20} MiB")
     try:
@@ -144,7 +144,7 @@ def read_table(path: Path, required: tuple[str, ...] = ()) -> Table:
     except _RefusedError as error:
         raise LogError(f"{path}: refused, the pickle {error}") from error
     except (ValueError, TypeError, IndexError, KeyError, AttributeError, OverflowError, RecursionError, MemoryError) as error:
-        raise LogError(f"{path}: not a readable pickle of a table ({error})") from error
+        raise LogError(f"{path}: not a readable pickle of a table ({in_a_line(error)})") from error
     missing = [name for name in required if name not in table]
     if missing:
         raise LogError(f"{path}: the table has no column '{missing[0]}'")

@@ -97,7 +97,7 @@ def _read_shutter(node: Node) -> RollingShutter:
 
 
 def _read_lidar(node: Node) -> LidarSetup:
-    mount, model = node.key("ego_from_lidar").array(4, 4), node.key("model")
+    mount, model = node.key("ego_from_lidar").pose(), node.key("model")
     elevation = model.key("elevation_rad").array(-1)
     offset = model.key("azimuth_offset_rad").array(-1)
     if len(offset) != len(elevation):

@@ -32,7 +32,7 @@ def find_cells(local: FloatArray, model: LidarModel) -> tuple[NDArray[np.int32],
 def make_grid(sweep: Sweep, lidar: Lidar, frame: int, blocked: NDArray[np.bool_]) -> SweepGrid:
     """The sweep as beams x columns: a return's own exact ray, for other cells the beam table's; of two returns the nearer."""
     model = lidar.model
-    rays = lidar_rays(lidar, frame)
+    rays = lidar_rays(lidar, lidar.time_s[frame])
     directions, origins, time_s = rays.directions, rays.origins, rays.time_s
     depth, intensity = np.zeros(time_s.shape, np.float32), np.zeros(time_s.shape, np.float32)
     returned = np.zeros(time_s.shape, np.bool_)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from .. import native
 from ..geometry import FloatArray
-from .model import MeshModel
+from .model import MeshModel, check_faces
 
 NODE = np.dtype([("low", np.float32, 3), ("first", np.int32), ("high", np.float32, 3), ("faces", np.int32)])
 """`unisim_bvh_node` of native/unisim_native.h."""
@@ -29,13 +29,14 @@ class FirstHits(NamedTuple):
 
 class Triangles:
     """vertices (V, 3) float32 and faces (F, 3) int32, ready to be met by rays. ``boxes``, nodes and order, may be those that the
-    same triangles had before."""
+    same triangles had before. Raises `ScenarioError` for faces that are none."""
 
     def __init__(
         self, vertices: NDArray[np.float32], faces: NDArray[np.int32], boxes: tuple[NDArray[Any], NDArray[np.int32]] | None = None
     ) -> None:
         self.vertices = np.ascontiguousarray(vertices, np.float32)
         self.faces = np.ascontiguousarray(faces, np.int32)
+        check_faces(self.vertices, self.faces)  # kernels read wherever faces point
         self.boxes = boxes
         lib = native.library()
         if lib is not None and boxes is None and len(self.faces):

@@ -71,7 +71,7 @@ class Met:
 
 
 class Extras:
-    """Actors that are meshes, with their windows as `cast.on_stage` gives them; bodies of the ego vehicle come last."""
+    """Actors that are meshes; bodies of the ego vehicle come last."""
 
     def __init__(self, actors: Sequence[Actor]) -> None:
         self.actors = tuple(actors)
@@ -98,7 +98,7 @@ class Extras:
     def met_by_camera(
         self,
         camera: Camera,
-        frame: int,
+        time_s: float,
         cells: tuple[FloatArray, FloatArray],
         centres: Rays,
         up: int,
@@ -121,7 +121,7 @@ class Extras:
             shape = len(part), side, side
             us = np.broadcast_to(u.reshape(-1)[part, None, None] + offset, shape)
             vs = np.broadcast_to(v.reshape(-1)[part, None, None] + offset[:, None], shape)
-            rays = camera_rays(camera, frame, us, vs).flat()
+            rays = camera_rays(camera, time_s, us, vs).flat()
             t, actor, normals, colours = self._first(rays, near_m)
             hit = actor >= 0
             for i in set(actor[hit].tolist()) - set(levels):

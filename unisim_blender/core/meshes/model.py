@@ -5,18 +5,26 @@ Axes as an actor's box has them: x forward, y left, z up, metres, the origin in 
 
 from __future__ import annotations
 
+import struct
+import tokenize
 import zipfile
+import zlib
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import ScenarioError
+from ..errors import ScenarioError, in_a_line
 from ..files import partial_file
 from ..geometry import FloatArray
 
 SUFFIX = ".npz"
+BROKEN = (zipfile.BadZipFile, zlib.error, struct.error, SyntaxError, tokenize.TokenError)
+"""What zip files and numpy's headers raise beside, where they are broken."""
+MOST = 1e6
+"""No coordinate, colour or normal is larger."""
 FLAT = -1
 """The texture of a triangle that has none."""
 
@@ -49,7 +57,8 @@ def centred(model: MeshModel) -> tuple[MeshModel, FloatArray]:
 
 
 def face_normals(vertices: NDArray[np.float32], faces: NDArray[np.int32]) -> NDArray[np.float32]:
-    """Unit normals (F, 3) of triangles; those without area point up."""
+    """Unit normals (F, 3) of triangles; those without area point up. Raises `ScenarioError` for faces that are none."""
+    check_faces(vertices, faces)
     a, b, c = (vertices[faces[:, k]].astype(np.float64) for k in range(3))
     normal = np.cross(b - a, c - a)
     length = np.linalg.norm(normal, axis=1, keepdims=True)
@@ -69,17 +78,30 @@ def read_model(path: Path) -> MeshModel:
     try:
         with np.load(path, allow_pickle=False) as file:
             arrays = {name: file[name] for name in file.files}
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile) as fault:
-        raise ScenarioError(f"{path}: is no mesh file: {fault}") from fault
+    except (OSError, ValueError, EOFError, KeyError, NotImplementedError, RuntimeError, MemoryError, *BROKEN) as fault:
+        raise ScenarioError(f"{path}: is no mesh file: {in_a_line(fault)}") from fault
     textures = tuple(arrays[name] for name in sorted(arrays, key=lambda n: (len(n), n)) if name.startswith("texture_"))
     kinds = {"vertices": np.float32, "faces": np.int32, "normals": np.float32, "colours": np.float32, "uv": np.float32}
     try:
         known = {name: arrays[name].astype(kind, casting="same_kind") for name, kind in (*kinds.items(), ("texture", np.int32))}
         model = MeshModel(**known, textures=textures)
     except (KeyError, TypeError) as fault:
-        raise ScenarioError(f"{path}: is no mesh file: {fault}") from fault
+        raise ScenarioError(f"{path}: is no mesh file: {in_a_line(fault)}") from fault
     check_model(model, path)
     return model
+
+
+def check_faces(vertices: NDArray[Any], faces: NDArray[Any], place: Path | str = "a mesh") -> None:
+    """Raise `ScenarioError`, which names ``place``, unless faces (F, 3) are triangles of vertices (V, 3) that are there."""
+    for name, array in (("vertices", vertices), ("faces", faces)):
+        if array.ndim != 2 or array.shape[1] != 3:
+            wanted = "(V, 3)" if name == "vertices" else "(F, 3): every face must be a triangle"
+            raise ScenarioError(f"{place}: {name} has shape {array.shape}, not {wanted}")
+    if len(faces) and not 0 <= int(faces.min()) <= int(faces.max()) < len(vertices):
+        face = int(((faces < 0) | (faces >= len(vertices))).any(1).argmax())
+        raise ScenarioError(
+            f"{place}: face {face} is {faces[face].tolist()} and names a vertex that is not there: there are {len(vertices)}"
+        )
 
 
 def check_model(model: MeshModel, path: Path) -> None:
@@ -89,14 +111,16 @@ def check_model(model: MeshModel, path: Path) -> None:
         if not holds:
             raise ScenarioError(f"{path}: {problem}")
 
+    check_faces(model.vertices, model.faces, path)
     faces = len(model.faces)
-    shapes = {"vertices": (len(model.vertices), 3), "faces": (faces, 3), "normals": (faces, 3, 3), "colours": (faces, 3, 3)}
-    for name, shape in {**shapes, "uv": (faces, 3, 2), "texture": (faces,)}.items():
-        require(getattr(model, name).shape == shape, f"{name} has shape {getattr(model, name).shape}, not {shape}")
     require(faces > 0, "holds no triangle")
+    shapes = {"normals": (faces, 3, 3), "colours": (faces, 3, 3), "uv": (faces, 3, 2), "texture": (faces,)}
+    for name, shape in shapes.items():
+        require(getattr(model, name).shape == shape, f"{name} has shape {getattr(model, name).shape}, not {shape}")
     for name in ("vertices", "normals", "colours", "uv"):
-        require(bool(np.isfinite(getattr(model, name)).all()), f"{name} hold values that are not finite")
-    require(model.faces.min() >= 0 and model.faces.max() < len(model.vertices), "a triangle names a vertex that is not there")
+        values = getattr(model, name)
+        require(bool(np.isfinite(values).all()), f"{name} hold values that are not finite")
+        require(float(np.abs(values).max()) <= MOST, f"{name} hold values beyond {MOST:g}")
     require(model.texture.min() >= FLAT and model.texture.max() < len(model.textures), "a texture is named that is not there")
     for i, image in enumerate(model.textures):
         fits = image.ndim == 3 and image.shape[2] == 3 and image.size > 0 and image.dtype == np.uint8

@@ -10,12 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..colour import linear_from_srgb
-from ..errors import ScenarioError
+from ..errors import ScenarioError, in_a_line
 from ..geometry import FloatArray
-from .model import FLAT, SUFFIX, MeshModel, centred, check_model, face_normals, read_model
+from .model import FLAT, SUFFIX, MeshModel, centred, check_faces, check_model, face_normals, read_model
 
 GLTF = (".glb", ".gltf")
 """Formats whose z points forward, x left and y up, and whose colours are linear."""
+PLAIN = (".ply", ".off")
+"""Formats in which a face may name a vertex below 0, which trimesh takes for one counted from the end."""
 GREY = 0.5
 """What has no colour, sRGB."""
 
@@ -46,15 +48,26 @@ def _from_trimesh(path: Path) -> MeshModel:
     except ImportError as fault:
         raise ScenarioError(f"{path}: trimesh, which reads it, is not installed; only {SUFFIX} needs nothing") from fault
     try:
+        if path.suffix.lower() in PLAIN:
+            for part in trimesh.load_scene(path, process=False).dump():
+                if isinstance(part, trimesh.Trimesh):
+                    check_faces(np.asarray(part.vertices), np.asarray(part.faces), path)
         parts = trimesh.load_scene(path).dump()
+        meshes = [part for part in parts if isinstance(part, trimesh.Trimesh) and len(part.faces)]
+    except ScenarioError:
+        raise
     except Exception as fault:  # readers raise whatever they like at a broken file
-        raise ScenarioError(f"{path}: cannot be read as a mesh: {fault}") from fault
-    meshes = [part for part in parts if isinstance(part, trimesh.Trimesh) and len(part.faces)]
+        raise ScenarioError(f"{path}: cannot be read as a mesh: {in_a_line(fault)}") from fault
     if not meshes:
         raise ScenarioError(f"{path}: holds no triangle")
+    for mesh in meshes:
+        check_faces(np.asarray(mesh.vertices), np.asarray(mesh.faces), path)
     linear = path.suffix.lower() in GLTF
     textures: list[NDArray[np.uint8]] = []
-    pieces = [_piece(mesh, linear, textures) for mesh in meshes]
+    try:
+        pieces = [_piece(mesh, linear, textures) for mesh in meshes]
+    except Exception as fault:  # trimesh works colours and textures out when they are asked for
+        raise ScenarioError(f"{path}: its colours or textures cannot be read: {in_a_line(fault)}") from fault
     first = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
     axes = np.array([[0, 0, 1], [1, 0, 0], [0, 1, 0]]) if linear else np.eye(3)
     vertices = np.concatenate([mesh.vertices for mesh in meshes]) @ axes.T

@@ -1,4 +1,4 @@
-"""Outputs of an autonomy stack, and labels, as a JSON document; docs/metrics.md describes it."""
+"""Outputs of an autonomy stack, and labels, as a JSON document; docs/reference/metrics.md describes it."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import UnisimError
+from ..errors import UnisimError, short
 from ..geometry import BoolArray, FloatArray
 from ..json_file import Node, read_json, write_text
 from .boxes import bev_iou, image_iou
@@ -58,13 +58,13 @@ def read_outputs(path: Path) -> Outputs:
     """The document at ``path``. Raises `MetricsError`."""
     root = Node(read_json(path, MetricsError), f"{path}: ", MetricsError)
     if root.object().get("format") != FORMAT:
-        raise MetricsError(f'{path}: format: must be "{FORMAT}", not {root.value.get("format")!r}')
+        raise MetricsError(f'{path}: format: must be "{FORMAT}", not {short(root.value.get("format"))}')
     version = root.key("version").integer(at_least=1)
     if version > VERSION:
         raise MetricsError(f"{path}: has version {version}, newer than the {VERSION} that this program reads")
     kind = root.key("boxes").text()
     if kind not in KINDS:
-        root.key("boxes").fail(f"must be one of {', '.join(KINDS)}, not {kind!r}")
+        root.key("boxes").fail(f"must be one of {', '.join(KINDS)}, not {short(kind)}")
     frames: dict[tuple[str, int], FrameOutput] = {}
     scored = True
     for node in root.key("frames").elements():

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import io
-import json
 from collections.abc import Collection
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +16,7 @@ from ..drive import Drive
 from ..files import write_file
 from ..frames import CameraFrame, LidarFrame
 from ..geometry import invert_pose, transform_points
+from ..json_file import json_bytes
 from .exr import camera_metadata, write_exr
 from .labels import frame_labels
 
@@ -86,8 +85,13 @@ def write_lidar(
 def write_labels(out: Path, drive: Drive, frame: int) -> list[Path]:
     """Write the edited scene's boxes; the file's path. Raises `OutputError`."""
     path = labels_path(out, frame)
-    write_file(path, json_bytes(frame_labels(drive, frame)))
+    write_file(path, labels_bytes(drive, frame))
     return [path]
+
+
+def labels_bytes(drive: Drive, frame: int) -> bytes:
+    """The content of a frame's labels."""
+    return json_bytes(frame_labels(drive, frame))
 
 
 def sweep_points(sweep: LidarFrame) -> NDArray[np.void]:
@@ -134,8 +138,3 @@ def npz_bytes(points: NDArray[np.void], time_s: float, sweep: LidarFrame) -> byt
         instances=np.array(sweep.instances, dtype=np.str_),
     )
     return buffer.getvalue()
-
-
-def json_bytes(document: Any) -> bytes:
-    """A JSON document in one fixed form: indented, keys in their order, finite numbers only."""
-    return (json.dumps(document, indent=1, allow_nan=False) + "\n").encode()

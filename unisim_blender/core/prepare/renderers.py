@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import platform
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import lru_cache, partial
 from pathlib import Path
@@ -16,7 +16,7 @@ from .. import native
 from ..bounded import BoundedRenderer
 from ..compiled.scene import CompiledScene
 from ..compiled.support import not_taken
-from ..compiled.tracer import CompiledTracer
+from ..compiled.tracer import CompiledBackend
 from ..drive import Drive
 from ..errors import ScenarioError
 from ..fields.config import ModelConfig
@@ -24,15 +24,19 @@ from ..files import sha256_of_file
 from ..log import Log
 from ..logs import open_log
 from ..max_error import Bound
-from ..render import Renderer
+from ..quality import quality_named
+from ..render.drive_renderer import DriveRenderer
+from ..render.renderer import Renderer, reach_of
 from ..scene_file import HEADER_NAME, WEIGHTS_NAME, read_scene_header
+from ..sensors.captures import CaptureStates
 from ..surfels.build import Step, finished
 from ..surfels.cache import build_key, surfels_of
 from ..surfels.model import LIDARSIM, PROXY, SurfelScene, SurfelSettings
-from ..surfels.tracer import SurfelTracer
-from ..tracer import Tracer
-from ..warping.tracer import WarpTracer
+from ..surfels.tracer import SurfelBackend
+from ..tracer import Backend
+from ..warping.tracer import WarpBackend
 from ..weights import weights_hash
+from ..world.replay import DriveStates, parked_boxes
 
 
 def pick_device(name: str) -> str:
@@ -102,35 +106,40 @@ def stamp(scene: Path) -> tuple[Any, ...]:
     return scene, *((file.stat().st_mtime_ns, file.stat().st_size) if file.is_file() else None for file in files)
 
 
-def make_tracer(
-    scene_path: Path, drive: Drive, quality: str = "balanced", device: str = "cpu", kept: dict[object, Any] | None = None
-) -> Tracer:
-    """What traces a drive's rays on a device, of the scene in a folder and of those that actors were inserted from.
+def make_backend(
+    scene_path: Path,
+    others: Iterable[str] = (),
+    quality: str = "balanced",
+    device: str = "cpu",
+    kept: dict[object, Any] | None = None,
+) -> Backend:
+    """Load the scene in a folder onto a device, and by their folders those ``others`` that actors are inserted from.
 
     ``kept`` holds the scenes that an earlier call has loaded, and afterwards those of this one. Raises `SceneError`.
     """
-    if compiled(device, scene_paths(scene_path, drive)):
-        scene, others = _loaded(CompiledScene, scene_path, drive, device, kept)
-        return CompiledTracer(scene, drive, quality, others)
+    paths = {"": scene_path, **{name: Path(name) for name in others}}
+    if compiled(device, paths.values()):
+        scenes = _loaded(CompiledScene, paths, device, kept)
+        return CompiledBackend(scenes.pop(""), quality_named(quality), scenes)
     from ..fields.checkpoint import load_scene
-    from ..torch_tracer import TorchTracer
+    from ..torch_tracer import TorchBackend
 
-    scene, others = _loaded(partial(load_scene, device=device), scene_path, drive, device, kept)
-    return TorchTracer(scene, drive, quality, others)
+    scenes = _loaded(partial(load_scene, device=device), paths, device, kept)
+    return TorchBackend(scenes.pop(""), quality_named(quality), scenes)
 
 
 def _loaded(
-    load: Callable[[Path], Any], scene_path: Path, drive: Drive, device: str, kept: dict[object, Any] | None
-) -> tuple[Any, dict[str, Any]]:
-    """The scene in a folder, and by their paths those that actors were inserted from."""
+    load: Callable[[Path], Any], paths: Mapping[str, Path], device: str, kept: dict[object, Any] | None
+) -> dict[str, Any]:
+    """Return the scenes in folders, by the names that looks have for them."""
     before, now, loaded = kept or {}, {}, {}
-    for name, path in {"": scene_path, **{name: Path(name) for name in other_scenes(drive)}}.items():
+    for name, path in paths.items():
         key = device, stamp(path)
         loaded[name] = now[key] = before.get(key) or load(path)
     if kept is not None:
         kept.clear()
         kept.update(now)
-    return loaded.pop(""), loaded
+    return loaded
 
 
 @dataclass(frozen=True)
@@ -144,13 +153,20 @@ class SceneSource:
     draw: int | None = None
     shadows: bool = False
 
-    def __call__(self) -> Renderer:
+    def __call__(self) -> DriveRenderer:
         """Load the scene and those that actors were inserted from. Raises `SceneError`."""
-        return Renderer(make_tracer(self.scene, self.drive, self.quality, self.device), self.drive, self.draw, self.shadows)
+        backend = make_backend(self.scene, other_scenes(self.drive), self.quality, self.device)
+        return DriveRenderer(Renderer(backend, self.shadows), self.drive, self.draw)
 
     def hashes(self) -> dict[str, str]:
         """See `scene_hashes`."""
         return scene_hashes(self.scene, self.drive)
+
+    def captures(self) -> CaptureStates:
+        """See `Source.captures`."""
+        header = read_scene_header(self.scene)
+        one_field = ModelConfig.from_dict(header.model).actors == "none"
+        return CaptureStates(DriveStates(self.drive, {} if one_field else parked_boxes(header.drive)), reach_of(self.shadows))
 
     def steps(self) -> Iterator[Step]:
         """Nothing is to be made first."""
@@ -181,13 +197,13 @@ UNTRAINED_DEFAULT = "surfel"
 """What renders a log without a trained scene where nobody names another."""
 
 
-def untrained_tracer(
-    name: str, scene: SurfelScene, drive: Drive, log: Log, frames: tuple[int, ...] | None = None, quality: str = "balanced"
-) -> Tracer:
-    """What traces a drive's rays over a log's surfels, which were made of ``frames`` (all where None). Raises `SceneError`."""
+def untrained_backend(
+    name: str, scene: SurfelScene, log: Log, frames: tuple[int, ...] | None = None, quality: str = "balanced"
+) -> Backend:
+    """What traces rays over a log's surfels, which were made of ``frames`` (all where None)."""
     if name == "warp":
-        return WarpTracer(scene, drive, log, log.drive.frames if frames is None else frames, quality)
-    return SurfelTracer(scene, drive, log.drive, quality)
+        return WarpBackend(scene, log, log.drive.frames if frames is None else frames, quality_named(quality))
+    return SurfelBackend(scene, log.drive, quality_named(quality))
 
 
 @dataclass(frozen=True)
@@ -203,13 +219,17 @@ class LogSource:
     draw: int | None = None
     shadows: bool = False
 
-    def __call__(self) -> Renderer:
+    def __call__(self) -> DriveRenderer:
         """Load the log's surfels; they are made where they are not kept. Raises `UnisimError`."""
         log = open_log(self.log)
         scene = finished(surfels_of(log, UNTRAINED[self.name], self.frames))
-        return Renderer(
-            untrained_tracer(self.name, scene, self.drive, log, self.frames, self.quality), self.drive, self.draw, self.shadows
-        )
+        backend = untrained_backend(self.name, scene, log, self.frames, self.quality)
+        return DriveRenderer(Renderer(backend, self.shadows), self.drive, self.draw)
+
+    def captures(self) -> CaptureStates:
+        """See `Source.captures`."""
+        states = DriveStates(self.drive, parked_boxes(open_log(self.log).drive))
+        return CaptureStates(states, reach_of(self.shadows), sees_all=self.name == "warp")
 
     def hashes(self) -> dict[str, str]:
         """What stands for a trained scene's digest is that of log and settings."""
@@ -224,12 +244,16 @@ class LogSource:
 class Source(Protocol):
     """Makes a renderer in any process, and pickles."""
 
-    def __call__(self) -> Renderer:
+    def __call__(self) -> DriveRenderer:
         """The renderer."""
         ...
 
     def hashes(self) -> dict[str, str]:
         """Digests of what it renders, by the name that looks have for it, "" for the drive's own."""
+        ...
+
+    def captures(self) -> CaptureStates:
+        """What of the world each capture depends on; the renderer sees the same."""
         ...
 
     def steps(self) -> Iterator[Step]:

@@ -98,7 +98,8 @@ def plan_scenario(path: Path, wishes: Wishes) -> tuple[RenderPlan, PreparedScena
             make = BoundedSource(source, wishes.max_error)
     elif wishes.max_error:
         raise UnisimError(f"--max-error {wishes.max_error[0]}: holds for trained scenes, not for --renderer {name}")
-    return RenderPlan(drive, frames, settings, make, hashes, environment(wishes.device, scenes), about), prepared
+    plan = RenderPlan(drive, frames, settings, make, hashes, environment(wishes.device, scenes), about, source.captures())
+    return plan, prepared
 
 
 def sequence_formats(scenario: Scenario) -> tuple[str, ...]:

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import ScenarioError
+from .limits import check_limits, place_in
 from .types import (
     CameraSpec,
     CopyStatic,
@@ -60,17 +61,12 @@ def check_by_schema(document: Any, schema: dict[str, Any], path: Path) -> None:
         version = document.get("version")
         if isinstance(version, int) and version > 1:
             raise ScenarioError(f"{path}: has version {version}, newer than the 1 that this program reads")
+    check_limits(document, path)
     faults = Draft202012Validator(schema).iter_errors(document)
     first = min(faults, key=lambda fault: [str(step).zfill(8) for step in fault.absolute_path], default=None)
     if first is not None:
         message = first.message if len(first.message) <= 200 else f"{first.message[:120]} … {first.message[-60:]}"
-        raise ScenarioError(f"{place_in(path, first.absolute_path)}: {message}")
-
-
-def place_in(path: Path, steps: Iterable[str | int]) -> str:
-    """A file and a place in it: ``scenario.json: edits[3].actor``."""
-    text = "".join(f"[{step}]" if isinstance(step, int) else f".{step}" for step in steps).removeprefix(".")
-    return f"{path}: {text}" if text else str(path)
+        raise ScenarioError(f"{place_in(path, tuple(first.absolute_path))}: {message}")
 
 
 def check_scenario(scenario: Scenario) -> None:

@@ -1,6 +1,6 @@
 """What a scenario document holds, field by field as it stands in the file; None is a member that is not there.
 
-Units are the document's own: metres, seconds, degrees. `docs/scenario.md` says what each edit does.
+Units are the document's own: metres, seconds, degrees. `docs/reference/scenario.md` says what each edit does.
 """
 
 from __future__ import annotations

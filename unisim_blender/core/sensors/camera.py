@@ -22,24 +22,20 @@ def pixel_directions(model: CameraModel, u: FloatArray, v: FloatArray) -> FloatA
     return d
 
 
-def row_times(camera: Camera, frame: int, v: FloatArray) -> FloatArray:
-    """Exposure times (...) of image rows v (...), in pixels."""
-    return _row_times(camera, camera.time_s[frame], v)
-
-
-def _row_times(camera: Camera, time_s: float | FloatArray, v: FloatArray) -> FloatArray:
+def row_times(camera: Camera, time_s: float | FloatArray, v: FloatArray) -> FloatArray:
+    """Exposure times (...) of image rows v (...), in pixels, of an image taken at ``time_s``, or of one each (...)."""
     shutter = camera.model.shutter
     return time_s + shutter.duration_s * (v / camera.model.height - shutter.reference)
 
 
-def camera_rays(camera: Camera, frame: int, u: FloatArray, v: FloatArray) -> Rays:
-    """Rays through image points u, v (...), given in pixels; every ray leaves at its row's own time."""
+def camera_rays(camera: Camera, time_s: float, u: FloatArray, v: FloatArray) -> Rays:
+    """Rays through points u, v (...), in pixels, of an image taken at ``time_s``; every ray leaves at its row's own time."""
     if camera.model.shutter.duration_s == 0.0:
-        pose = camera.world_from_camera.at(camera.time_s[frame])
+        pose = camera.world_from_camera.at(time_s)
         local = pixel_directions(camera.model, u, v)
         directions = rotate_vectors(pose, local.reshape(-1, 3)).reshape(local.shape)
-        return Rays(np.broadcast_to(pose[:3, 3], local.shape).copy(), directions, row_times(camera, frame, v))
-    return rays_at_times(camera, camera.time_s[frame], u, v)
+        return Rays(np.broadcast_to(pose[:3, 3], local.shape).copy(), directions, row_times(camera, time_s, v))
+    return rays_at_times(camera, time_s, u, v)
 
 
 def rays_at_times(camera: Camera, time_s: float | FloatArray, u: FloatArray, v: FloatArray) -> Rays:
@@ -47,9 +43,9 @@ def rays_at_times(camera: Camera, time_s: float | FloatArray, u: FloatArray, v: 
     # a row's rays leave together: one pose for all of them
     if np.ndim(time_s) == 0:
         rows, which = distinct(v)
-        moments = _row_times(camera, time_s, rows)
+        moments = row_times(camera, time_s, rows)
     else:
-        moments, which = distinct(_row_times(camera, time_s, v))
+        moments, which = distinct(row_times(camera, time_s, v))
     pose = camera.world_from_camera.at(moments)
     local = pixel_directions(camera.model, u, v)
     directions = np.empty_like(local)
@@ -62,12 +58,12 @@ def rays_at_times(camera: Camera, time_s: float | FloatArray, u: FloatArray, v: 
     return Rays(pose[:, :3, 3][which], directions, moments[which])
 
 
-def along_axis(camera: Camera, frame: int, u: FloatArray, v: FloatArray) -> FloatArray:
-    """How far along the optical axis, as it is at the frame's time, a metre of each ray goes: `camera_rays`' directions times
+def along_axis(camera: Camera, time_s: float, u: FloatArray, v: FloatArray) -> FloatArray:
+    """How far along the optical axis, as it is at ``time_s``, a metre of each ray goes: `camera_rays`' directions times
     that axis. Image points u (1, W), v (H, 1) in pixels; the answer is (H, W)."""
-    model, time_s = camera.model, camera.time_s[frame]
+    model = camera.model
     axis = camera.world_from_camera.at(time_s)[:3, 2]
-    moments = _row_times(camera, time_s, v[:, 0])
+    moments = row_times(camera, time_s, v[:, 0])
     turned = camera.world_from_camera.at(moments)[:, :3, :3].swapaxes(1, 2) @ axis
     x, y = (u - model.cx) / model.fx, (v - model.cy) / model.fy
     along: FloatArray = x * turned[:, :1] + (y * turned[:, 1:2] + turned[:, 2:])

@@ -18,17 +18,17 @@ def beam_directions(model: LidarModel) -> FloatArray:
     return np.stack([cosine * np.cos(azimuth), cosine * np.sin(azimuth), np.sin(elevation)], -1)
 
 
-def column_times(lidar: Lidar, frame: int) -> FloatArray:
-    """When each column is fired (columns,)."""
+def column_times(lidar: Lidar, time_s: float) -> FloatArray:
+    """When each column of the sweep at ``time_s`` is fired (columns,)."""
     model = lidar.model
     fraction = (np.arange(model.columns) + 0.5) / model.columns
-    return lidar.time_s[frame] + model.time_offset_s + model.sweep_s * (fraction - 1)
+    return time_s + model.time_offset_s + model.sweep_s * (fraction - 1)
 
 
-def lidar_rays(lidar: Lidar, frame: int) -> Rays:
-    """Rays (beams, columns) of one sweep, in the world frame."""
+def lidar_rays(lidar: Lidar, time_s: float) -> Rays:
+    """Rays (beams, columns) of the sweep at ``time_s``, in the world frame."""
     local = beam_directions(lidar.model)
-    time = column_times(lidar, frame)
+    time = column_times(lidar, time_s)
     poses = lidar.world_from_lidar.at(time)
     directions = np.einsum("cij,bcj->bci", poses[:, :3, :3], local)
     origins = np.broadcast_to(poses[None, :, :3, 3], local.shape).copy()

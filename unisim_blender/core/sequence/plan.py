@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import hashlib
-import json
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -14,10 +13,10 @@ from typing import Any, Protocol
 from ..drive import Drive
 from ..files import sha256_of_file
 from ..frames import CameraFrame, LidarFrame
-from ..scene_file import drive_to_json
+from ..sensors.captures import CaptureStates
 
 CODE_SUFFIXES = (".py", ".so", ".dll", ".dylib")
-NOT_RENDERING = ("bench", "commands", "evaluate", "logs", "rigs", "street", "training")
+NOT_RENDERING = ("bench", "commands", "compare", "evaluate", "metrics", "rigs", "street", "training")
 """Folders of core that change no rendered frame."""
 
 
@@ -57,9 +56,9 @@ class RenderPlan:
     """A sequence to render.
 
     ``make_renderer`` is called once in every process and must pickle; ``scenes`` are the trained scenes' and meshes' hashes by
-    the name that looks have for them ("" is the drive's own), part of what decides whether a frame is up to date, as is
-    ``environment``: machine, instruction set, libraries that compute; ``about`` is what the manifest says besides (names and
-    hashes, no paths, so that it is the same wherever things lie).
+    the name that looks have for them ("" is the drive's own), part of what decides whether a capture is up to date, as is
+    ``environment``: machine, instruction set, libraries that compute; ``captures`` says what of the world each capture depends
+    on; ``about`` is what the manifest says besides (names and hashes, no paths, so that it is the same wherever things lie).
     """
 
     drive: Drive
@@ -69,35 +68,25 @@ class RenderPlan:
     scenes: dict[str, str]
     environment: dict[str, str]
     about: dict[str, Any]
-
-
-def plan_key(plan: RenderPlan) -> str:
-    """A digest of all that a frame's bytes depend on, save its number: edited drive, scenes, settings, code, environment."""
-    drive = drive_to_json(plan.drive)
-    del drive["frames"]
-    for actor in drive["actors"].values():
-        actor["look"] |= {kind: plan.scenes.get(name, name) for kind, name in actor["look"].items() if kind != "actor"}
-    document = {
-        "drive": drive,
-        "scene": plan.scenes.get(""),
-        "settings": asdict(plan.settings),
-        "code": code_identity(),
-        "environment": plan.environment,
-    }
-    return hashlib.sha256(json.dumps(document, sort_keys=True).encode()).hexdigest()
+    captures: CaptureStates
 
 
 @cache
 def code_identity() -> dict[str, str]:
     """The package's version, and a digest of core's sources and native libraries, less those that take no part in rendering."""
-    root = Path(__file__).parents[1]
-    digest = hashlib.sha256()
-    for path in sorted(p for p in root.rglob("*") if p.suffix in CODE_SUFFIXES and p.is_file()):
-        if path.relative_to(root).parts[0] in NOT_RENDERING:
-            continue
-        digest.update(f"{path.relative_to(root).as_posix()}\0{sha256_of_file(path)}\n".encode())
     try:
         release = version("unisim_blender")
     except PackageNotFoundError:  # run from its sources, or as an extension of Blender
         release = "source"
-    return {"version": release, "sha256": digest.hexdigest()}
+    return {"version": release, "sha256": code_digest(NOT_RENDERING)}
+
+
+@cache
+def code_digest(left_out: tuple[str, ...]) -> str:
+    """A digest of core's sources and native libraries, less folders and modules of these names."""
+    root = Path(__file__).parents[1]
+    digest = hashlib.sha256()
+    for path in sorted(p for p in root.rglob("*") if p.suffix in CODE_SUFFIXES and p.is_file()):
+        if path.relative_to(root).parts[0] not in left_out:
+            digest.update(f"{path.relative_to(root).as_posix()}\0{sha256_of_file(path)}\n".encode())
+    return digest.hexdigest()

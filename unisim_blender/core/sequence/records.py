@@ -1,14 +1,103 @@
-"""Where a sequence keeps the records of its finished frames, and how many there are."""
+"""Records of a sequence's finished captures: what each was rendered from, and the digests of its files.
+
+A frame's record is `.state/000042.json` once all its captures are finished; `.state/000042.kept` holds those that are left of a
+frame of which others are to be rendered again. A record is written after the files that it names.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Container
-from pathlib import Path
+import json
+from collections.abc import Container, Mapping
+from dataclasses import asdict, dataclass, field
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+from ..errors import OutputError
+from ..files import sha256_of_file, write_file
+from ..json_file import json_bytes
+from ..quality import LADDER
 
 STATE_FOLDER = ".state"
+
+
+@dataclass(frozen=True)
+class CaptureRecord:
+    """``identity`` is the digest of all that the capture depends on; ``sees`` are the ids of the actors that it can see;
+    ``files`` are digests by path below the output folder; ``samples`` are counts, ``max_error`` what is said of its error."""
+
+    identity: str
+    files: Mapping[str, str]
+    sees: tuple[str, ...] = ()
+    samples: Mapping[str, int] = field(default_factory=dict)
+    max_error: Mapping[str, Any] | None = None
+
+    def is_whole(self, out: Path) -> bool:
+        """Return whether all files are there as they were written."""
+        return all((out / name).is_file() and sha256_of_file(out / name) == digest for name, digest in self.files.items())
+
+
+Captures = dict[str, CaptureRecord]
+"""By name: "camera/front_camera", "lidar/pandar64", "labels"."""
 
 
 def finished_frames(out: Path, wanted: Container[int] | None = None) -> int:
     """Return how many frames of the sequence in folder ``out`` are finished, of those ``wanted`` or of all."""
     found = [path.stem for path in (out / STATE_FOLDER).glob("*.json")]
     return sum(1 for stem in found if wanted is None or (stem.lstrip("-").isdecimal() and int(stem) in wanted))
+
+
+def read_records(out: Path) -> dict[int, Captures]:
+    """Return the captures of all frames in order, finished or not; a record that does not parse counts as none, and goes."""
+    found: dict[int, Captures] = {}
+    for path in sorted([*(out / STATE_FOLDER).glob("*.json"), *(out / STATE_FOLDER).glob("*.kept")]):
+        try:
+            captures = json.loads(path.read_bytes())["captures"]
+            found[int(path.stem)] = {name: _record(values) for name, values in captures.items()}
+        except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
+            path.unlink(missing_ok=True)
+    return dict(sorted(found.items()))
+
+
+def write_record(out: Path, frame: int, captures: Captures, finished: bool) -> None:
+    """Write what is known of a frame in place of what was. Raises `OutputError`."""
+    record, kept = (out / STATE_FOLDER / f"{frame:06d}{suffix}" for suffix in (".json", ".kept"))
+    stale, path = (kept, record) if finished else (record, kept)
+    if captures:
+        document = {"frame": frame, "captures": {name: asdict(captures[name]) for name in sorted(captures)}}
+        write_file(path, json_bytes(document))
+    else:
+        path.unlink(missing_ok=True)
+    stale.unlink(missing_ok=True)
+
+
+def remove_files(out: Path, record: CaptureRecord) -> None:
+    """Remove the files of a capture. Raises `OutputError`."""
+    for name in record.files:
+        try:
+            (out / name).unlink(missing_ok=True)
+        except OSError as error:
+            raise OutputError(f"{out / name}: cannot be removed: {error.strerror}") from error
+
+
+def _record(values: dict[str, Any]) -> CaptureRecord:
+    """Return a capture's record. Raises ValueError, KeyError or TypeError for what a sequence does not write."""
+    files, sees, samples, error = dict(values["files"]), tuple(values["sees"]), dict(values["samples"]), values["max_error"]
+    if not all(_is_inside(name) and isinstance(digest, str) for name, digest in files.items()):
+        raise ValueError("names a file elsewhere")
+    if not all(isinstance(uid, str) for uid in sees) or {type(count) for count in samples.values()} - {int}:
+        raise ValueError("counts no samples")
+    if error is not None and (type(error["kept"]) is not bool or error["settings"] not in LADDER):
+        raise ValueError("says nothing of its error")
+    return CaptureRecord(str(values["identity"]), files, sees, samples, error)
+
+
+def _is_inside(name: str) -> bool:
+    """Return whether a record's file lies in the folder of frames: others are none of this program's to remove."""
+    path = PurePosixPath(name)
+    return (
+        bool(path.parts)
+        and not path.is_absolute()
+        and ".." not in path.parts
+        and name.isprintable()
+        and not {"\\", ":"} & set(name)
+    )

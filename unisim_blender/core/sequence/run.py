@@ -1,50 +1,54 @@
 """Frames of one drive rendered into a folder, by one or several processes, and taken up again where a run was cut off.
 
-Every finished frame leaves a record of what it was rendered from and of its files' hashes, written after the files. A frame whose
-record and files agree with what is asked for is not rendered again. The manifest is made of the records, so it does not depend on
-how often or where a run was interrupted. Every process renders with one thread of torch: where torch cuts an array among threads
-it changes the last bit of what lies at the cuts, and the bytes must not depend on threads.
+Every finished capture leaves a record of its identity and of its files' digests, written after the files. A capture whose record
+and files agree with what is asked for is not rendered again. The manifest is made of the records, so but for what it says of the
+last run it does not depend on how often or where a run was interrupted. Every process renders with one thread of torch: where
+torch cuts an array among threads it changes the last bit of what lies at the cuts, and the bytes must not depend on threads.
 """
 
 from __future__ import annotations
 
+import hashlib
 import json
 import multiprocessing
 import os
 import signal
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack, contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from ..errors import OutputError
 from ..files import remove_partial_files, sha256_of_file, write_file
-from ..frames import RenderStats
-from ..output.frame_files import json_bytes, write_camera, write_labels, write_lidar
+from ..frames import CameraFrame, LidarFrame, RenderStats
+from ..json_file import json_bytes
+from ..output.frame_files import labels_bytes, labels_path, write_camera, write_labels, write_lidar
 from ..processes import THREAD_VARIABLES, end_with_parent
-from ..quality import LADDER
-from .plan import FrameRenderer, RenderPlan, code_identity, plan_key
-from .records import STATE_FOLDER
+from .identity import CaptureIdentities, Identity
+from .manifest import COUNTS, LABELS, make_manifest
+from .plan import FrameRenderer, RenderPlan
+from .records import CaptureRecord, Captures, read_records, remove_files, write_record
 
 MANIFEST_NAME = "manifest.json"
 TIMINGS_NAME = "timings.json"
-MANIFEST_VERSION = 1
 
 
 @dataclass(frozen=True)
 class RenderReport:
-    """What a run did: frames rendered now, frames found finished, wall-clock seconds, and which sensors of which frames do not
-    keep the error that was asked for."""
+    """What a run did: frames of which something was rendered now, frames found finished, wall-clock seconds, and which sensors
+    of which frames do not keep the error that was asked for. ``captures`` are rendered now, ``captures_kept`` were there."""
 
     rendered: tuple[int, ...]
     kept: tuple[int, ...]
     seconds: float
     broken: tuple[str, ...] = ()
+    captures: int = 0
+    captures_kept: int = 0
 
 
 def render_sequence(
@@ -57,169 +61,163 @@ def render_sequence(
 ) -> RenderReport:
     """Render the plan's frames into folder ``out`` and write its manifest.
 
-    ``on_kept`` is called once with the number of frames that were finished before, ``on_frame`` after each frame.
+    What is there already and has the identity that is asked for stays (`identity.py`): after an edit, the captures alone that can
+    see it are rendered again. ``on_kept`` is called once with the number of frames that were finished before, ``on_frame`` after
+    each frame.
 
     Raises `OutputError` where ``out`` holds something already and ``resume`` is not set, or where it cannot be written; finished
-    frames stay in every case.
+    captures stay in every case.
     """
     started = time.monotonic()
     if not resume and out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise OutputError(f"{out}: is not empty; name another folder, or continue the render it holds with --resume")
-    key = plan_key(plan)
     remove_partial_files(out)
-    kept = _discard_stale(out, key)
-    to_do = [frame for frame in plan.frames if frame not in kept]
+    identities = CaptureIdentities(plan)
+    kept = keep_what_holds(plan, out, identities)
+    work = [Work(frame, identities.of_frame(frame), kept.get(frame, {})) for frame in plan.frames]
+    work = [one for one in work if one.to_render or not one.kept]
+    to_do = [one.frame for one in work]
     if to_do:
         (out / MANIFEST_NAME).unlink(missing_ok=True)
+    relabelled = _write_labels(plan, out, identities, kept)
     timings = _read_timings(out)
     on_kept(len(plan.frames) - len(to_do))
     try:
         run = _render_in_processes if jobs > 1 and len(to_do) > 1 else _render_here
-        for frame, seconds in run(plan, out, key, to_do, jobs):
-            timings[str(frame)] = seconds
+        for frame, seconds in run(plan, out, work, jobs):
+            timings[str(frame)] = {**timings.get(str(frame), {}), **seconds}
             on_frame(frame)
     finally:
         remove_partial_files(out)
         if out.is_dir():
             write_file(out / TIMINGS_NAME, json_bytes({name: timings[name] for name in sorted(timings, key=int)}))
-    manifest = _manifest(plan, out, key)
+    manifest = make_manifest(plan, out, _last_run(work, kept, relabelled))
     write_file(out / MANIFEST_NAME, json_bytes(manifest))
-    done = tuple(frame for frame in plan.frames if frame in kept)
+    done = tuple(frame for frame in plan.frames if frame not in to_do)
     broken = tuple(manifest.get("max_error", {}).get("not_kept", ()))
-    return RenderReport(tuple(to_do), done, time.monotonic() - started, broken)
+    captures = sum(len(one.to_render) for one in work)
+    there = sum(len(kept.get(frame, {}).keys() - {LABELS}) for frame in plan.frames)
+    return RenderReport(tuple(to_do), done, time.monotonic() - started, broken, captures, there)
 
 
-def render_frame(plan: RenderPlan, renderer: FrameRenderer, out: Path, key: str, frame: int) -> dict[str, float]:
-    """Render one frame's sensors, write its files and then its record; seconds taken by sensor."""
-    settings, files, samples, seconds = plan.settings, [], {}, {}
-    promises: dict[str, Any] = {}
-    for name in settings.cameras:
-        if frame not in plan.drive.cameras[name].time_s:
-            continue
+@dataclass(frozen=True)
+class Work:
+    """A frame of which captures are to be rendered: ``wanted`` identities and what each capture sees, by its name, and the
+    records of those that are ``kept``."""
+
+    frame: int
+    wanted: Mapping[str, Identity]
+    kept: Captures
+
+    @property
+    def to_render(self) -> list[str]:
+        """The captures that are not there, cameras first."""
+        return [name for name in self.wanted if name not in self.kept]
+
+
+def keep_what_holds(plan: RenderPlan, out: Path, identities: CaptureIdentities) -> dict[int, Captures]:
+    """Remove captures in a folder whose identity is another one than is asked for, or whose files are damaged; return the
+    records of those that stay, by frame."""
+    kept: dict[int, Captures] = {}
+    for frame, captures in read_records(out).items():
+        wanted = {name: identity for name, (identity, _) in identities.of_frame(frame).items()}
+        if "labels" in plan.settings.formats and frame in plan.drive.time_s:
+            wanted[LABELS] = labels_record(plan, frame).identity
+        holds = {
+            name: record for name, record in captures.items() if wanted.get(name) == record.identity and record.is_whole(out)
+        }
+        if frame not in plan.frames and wanted.keys() - holds.keys():
+            holds = {}  # nobody would finish it
+        for name in captures.keys() - holds.keys():
+            remove_files(out, captures[name])
+        kept[frame] = holds
+        if len(holds) < len(captures):
+            write_record(out, frame, holds, finished=not wanted.keys() - holds.keys())
+    return kept
+
+
+def _write_labels(plan: RenderPlan, out: Path, identities: CaptureIdentities, kept: Mapping[int, Captures]) -> list[int]:
+    """Write labels of frames of which nothing else is to be written; return these frames."""
+    changed = []
+    for frame in plan.frames if "labels" in plan.settings.formats else ():
+        captures = kept.get(frame, {})
+        if captures and LABELS not in captures and not identities.of_frame(frame).keys() - captures.keys():
+            write_labels(out, plan.drive, frame)
+            write_record(out, frame, {**captures, LABELS: labels_record(plan, frame)}, finished=True)
+            changed.append(frame)
+    return changed
+
+
+def labels_record(plan: RenderPlan, frame: int) -> CaptureRecord:
+    """Return the record of a frame's labels, whose identity is what they say."""
+    digest = hashlib.sha256(labels_bytes(plan.drive, frame)).hexdigest()
+    return CaptureRecord(digest, {labels_path(Path(), frame).as_posix(): digest})
+
+
+def render_frame(plan: RenderPlan, renderer: FrameRenderer, out: Path, work: Work) -> dict[str, float]:
+    """Render the captures of a frame that are not there, write their files and then the frame's record; seconds by capture."""
+    settings, frame, seconds = plan.settings, work.frame, {}
+    captures = {name: record for name, record in work.kept.items() if name in work.wanted}
+    for name in work.to_render:
         started = time.monotonic()
-        image = renderer.camera(name, frame, settings.passes, settings.width)
-        files += write_camera(out, name, frame, plan.drive.cameras[name].time_s[frame], image, settings.formats)
-        samples[f"camera/{name}"], seconds[f"camera/{name}"] = _counts(image.stats), time.monotonic() - started
-        promises |= {} if image.promise is None else {f"camera/{name}": image.promise.to_json()}
-    for name in settings.lidars:
-        if frame not in plan.drive.lidars[name].time_s:
-            continue
-        started = time.monotonic()
-        sweep = renderer.lidar(name, frame)
-        files += write_lidar(out, name, frame, plan.drive.lidars[name].time_s[frame], sweep, settings.formats)
-        samples[f"lidar/{name}"], seconds[f"lidar/{name}"] = _counts(sweep.stats), time.monotonic() - started
-        promises |= {} if sweep.promise is None else {f"lidar/{name}": sweep.promise.to_json()}
+        kind, sensor = name.split("/", 1)
+        shot: CameraFrame | LidarFrame
+        if kind == "camera":
+            shot = image = renderer.camera(sensor, frame, settings.passes, settings.width)
+            files = write_camera(out, sensor, frame, plan.drive.cameras[sensor].time_s[frame], image, settings.formats)
+        else:
+            shot = sweep = renderer.lidar(sensor, frame)
+            files = write_lidar(out, sensor, frame, plan.drive.lidars[sensor].time_s[frame], sweep, settings.formats)
+        identity, sees = work.wanted[name]
+        digests = {path.relative_to(out).as_posix(): sha256_of_file(path) for path in files}
+        error = None if shot.promise is None else shot.promise.to_json()
+        captures[name] = CaptureRecord(identity, digests, sees, _counts(shot.stats), error)
+        write_record(out, frame, captures, finished=False)
+        seconds[name] = time.monotonic() - started
     if "labels" in settings.formats:
-        files += write_labels(out, plan.drive, frame)
-    hashes = {path.relative_to(out).as_posix(): sha256_of_file(path) for path in files}
-    record = {"frame": frame, "key": key, "files": hashes, "samples": samples, "max_error": promises}
-    write_file(_record_path(out, frame), json_bytes(record))
+        write_labels(out, plan.drive, frame)
+        captures[LABELS] = labels_record(plan, frame)
+    write_record(out, frame, captures, finished=True)
     return seconds
 
 
 def _counts(stats: RenderStats) -> dict[str, int]:
-    return {name: getattr(stats, name) for name in ("rays", "samples_spent", "samples_saved", "actors_skipped")}
+    return {name: getattr(stats, name) for name in COUNTS}
 
 
-def _record_path(out: Path, frame: int) -> Path:
-    return out / STATE_FOLDER / f"{frame:06d}.json"
-
-
-def _records(out: Path) -> dict[int, dict[str, Any]]:
-    """All frames' records in order; a record that does not parse counts as none."""
-    found = {}
-    for path in sorted((out / STATE_FOLDER).glob("*.json")):
-        try:
-            record = json.loads(path.read_bytes())
-            found[int(path.stem)] = {
-                "key": record["key"], **{part: dict(record[part]) for part in ("files", "samples", "max_error")}
-            }  # fmt: skip
-        except (ValueError, KeyError, TypeError):
-            path.unlink()
-    return found
-
-
-def _is_whole(out: Path, record: dict[str, Any]) -> bool:
-    return all((out / name).is_file() and sha256_of_file(out / name) == digest for name, digest in record["files"].items())
-
-
-def _discard_stale(out: Path, key: str) -> set[int]:
-    """Remove frames that were rendered from other inputs or that are damaged; the frames that may stay."""
-    kept = set()
-    for frame, record in _records(out).items():
-        if record["key"] == key and _is_whole(out, record):
-            kept.add(frame)
-            continue
-        _record_path(out, frame).unlink()
-        for name in record["files"]:
-            (out / name).unlink(missing_ok=True)
-    return kept
-
-
-def _manifest(plan: RenderPlan, out: Path, key: str) -> dict[str, Any]:
-    frames = {f"{frame:06d}": record for frame, record in _records(out).items()}
-    totals = dict.fromkeys(("rays", "samples_spent", "samples_saved", "actors_skipped"), 0)
-    for record in frames.values():
-        for counts in record["samples"].values():
-            for name in totals:
-                totals[name] += counts[name]
+def _last_run(work: Sequence[Work], kept: Mapping[int, Captures], relabelled: Sequence[int]) -> dict[str, Any]:
+    """Return what the manifest says of the run that wrote it: what was rendered, what was kept, and why."""
     return {
-        "format": "unisim-render",
-        "version": MANIFEST_VERSION,
-        "code": code_identity(),
-        "environment": plan.environment,
-        "inputs": {**plan.about, "scenes": {"own": plan.scenes.get(""), "others": _other_scenes(plan)}, "key": key},
-        "settings": asdict(plan.settings),
-        "samples": totals,
-        **_promised(plan, frames),
-        "frames": {name: {"files": record["files"], "samples": record["samples"]} for name, record in frames.items()},
+        "rendered": {f"{one.frame:06d}": one.to_render for one in work},
+        "labels_alone": [f"{frame:06d}" for frame in relabelled],
+        "kept": {f"{frame:06d}": sorted(captures) for frame, captures in kept.items() if captures},
+        "kept_because": "their identities are those that are asked for, and their files are whole",
     }
-
-
-def _promised(plan: RenderPlan, frames: dict[str, dict[str, Any]]) -> dict[str, Any]:
-    """What the manifest says of the errors that were to be kept to; nothing where none were."""
-    if not plan.settings.max_error:
-        return {}
-    promises = {name: record["max_error"] for name, record in frames.items()}
-    broken = [f"{name}: {sensor}" for name, of in promises.items() for sensor, promise in of.items() if not promise["kept"]]
-    used = {promise["settings"] for of in promises.values() for promise in of.values()}
-    return {
-        "max_error": {
-            "bounds": list(plan.settings.max_error),
-            "kept": not broken,
-            "not_kept": broken,
-            "settings": {name: asdict(quality) for name, quality in LADDER.items() if name in used},
-            "frames": promises,
-        }
-    }
-
-
-def _other_scenes(plan: RenderPlan) -> list[str]:
-    return sorted(digest for name, digest in plan.scenes.items() if name)
 
 
 def _read_timings(out: Path) -> dict[str, dict[str, float]]:
     try:
-        return dict(json.loads((out / TIMINGS_NAME).read_bytes()))
-    except (OSError, ValueError, TypeError):
+        timings = dict(json.loads((out / TIMINGS_NAME).read_bytes()))
+        return {name: seconds for name, seconds in timings.items() if name.isdecimal() and isinstance(seconds, dict)}
+    except (OSError, ValueError, TypeError, RecursionError):
         return {}
 
 
 FrameSeconds = tuple[int, dict[str, float]]
 
 
-def _render_here(plan: RenderPlan, out: Path, key: str, frames: list[int], jobs: int) -> Iterator[FrameSeconds]:
-    if not frames:
+def _render_here(plan: RenderPlan, out: Path, work: Sequence[Work], jobs: int) -> Iterator[FrameSeconds]:
+    if not work:
         return
     with single_threaded():
         renderer = plan.make_renderer()
-        for frame in frames:
-            yield frame, render_frame(plan, renderer, out, key, frame)
+        for one in work:
+            yield one.frame, render_frame(plan, renderer, out, one)
 
 
-def _render_in_processes(plan: RenderPlan, out: Path, key: str, frames: list[int], jobs: int) -> Iterator[FrameSeconds]:
-    with _pool(min(jobs, len(frames)), (plan, out, key)) as pool:
-        waiting: set[Future[FrameSeconds]] = {pool.submit(_worker_frame, frame) for frame in frames}
+def _render_in_processes(plan: RenderPlan, out: Path, work: Sequence[Work], jobs: int) -> Iterator[FrameSeconds]:
+    with _pool(min(jobs, len(work)), (plan, out)) as pool:
+        waiting: set[Future[FrameSeconds]] = {pool.submit(_worker_frame, one) for one in work}
         while waiting:
             finished, waiting = wait(waiting, return_when=FIRST_COMPLETED)
             for future in finished:
@@ -233,7 +231,7 @@ def _render_in_processes(plan: RenderPlan, out: Path, key: str, frames: list[int
 
 
 @contextmanager
-def _pool(jobs: int, arguments: tuple[RenderPlan, Path, str]) -> Iterator[ProcessPoolExecutor]:
+def _pool(jobs: int, arguments: tuple[RenderPlan, Path]) -> Iterator[ProcessPoolExecutor]:
     """Worker processes; where the body fails or is interrupted they end at once, in the middle of their frames."""
     pool = ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn"), _start_worker, arguments)
     try:
@@ -247,24 +245,24 @@ def _pool(jobs: int, arguments: tuple[RenderPlan, Path, str]) -> Iterator[Proces
 
 
 _threads = ExitStack()
-_worker: tuple[RenderPlan, FrameRenderer, Path, str] | None = None
+_worker: tuple[RenderPlan, FrameRenderer, Path] | None = None
 """What a worker process renders with, made once when it starts."""
 
 
-def _start_worker(plan: RenderPlan, out: Path, key: str) -> None:
+def _start_worker(plan: RenderPlan, out: Path) -> None:
     global _worker
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the whole group; the parent decides
     end_with_parent()
     for name in THREAD_VARIABLES:
         os.environ[name] = "1"  # for libraries that are imported from here on
     _threads.enter_context(single_threaded())
-    _worker = plan, plan.make_renderer(), out, key
+    _worker = plan, plan.make_renderer(), out
 
 
-def _worker_frame(frame: int) -> FrameSeconds:
+def _worker_frame(work: Work) -> FrameSeconds:
     assert _worker is not None
-    plan, renderer, out, key = _worker
-    return frame, render_frame(plan, renderer, out, key, frame)
+    plan, renderer, out = _worker
+    return work.frame, render_frame(plan, renderer, out, work)
 
 
 @contextmanager

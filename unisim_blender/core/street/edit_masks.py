@@ -165,14 +165,14 @@ def _visible(world: World, camera: Camera, frame: int, targets: _Targets, chosen
         points = _where(world, targets, chosen, time)
         u, v, ahead = _project(world, camera, points, time)
         v = np.where(ahead, v, -1.0)
-        time = row_times(camera, frame, np.clip(v, 0, camera.model.height))
+        time = row_times(camera, camera.time_s[frame], np.clip(v, 0, camera.model.height))
     model = camera.model
     inside = np.flatnonzero(ahead & (u >= 0) & (u < model.width) & (v >= 0) & (v < model.height))
     if not len(inside):
         return out
     k = 256
     order = np.concatenate([inside, np.full(-len(inside) % k, inside[-1])])
-    rays = camera_rays(camera, frame, u[order], v[order])
+    rays = camera_rays(camera, camera.time_s[frame], u[order], v[order])
     o = transform_points(world.street_from_world, rays.origins)
     bundles = make_bundles(*(a.reshape(-1, k, *a.shape[1:]) for a in (o, rays.directions, rays.time_s)))
     hits = trace(world.placements, bundles)

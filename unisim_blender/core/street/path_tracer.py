@@ -9,9 +9,8 @@ from dataclasses import asdict, dataclass
 from importlib.util import find_spec
 from pathlib import Path
 
-from tqdm import tqdm
-
 from ..errors import OutputError
+from ..progress import Bar
 
 MODULE = "unisim_blender.cycles"
 
@@ -73,7 +72,7 @@ def _run(order: Order, what: str, progress: bool) -> None:
     command = [sys.executable, "-m", MODULE, order.text()]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, start_new_session=True) as process:
         assert process.stdout is not None
-        with tqdm(desc=what, unit="picture", disable=not progress) as bar:
+        with Bar(desc=what, unit="picture", disable=not progress) as bar:
             try:
                 for line in process.stdout:
                     event = json.loads(line)

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from ..drive import Camera, CameraModel, Drive, Lidar
-from ..errors import LogError
+from ..errors import LogError, in_a_line, short
 from ..geometry import FloatArray, Trajectory, make_pose, quaternion_from_matrix
 from ..logs.pandaset_sensors import CAMERAS, PANDAR64, ROLLING_SHUTTER, ego_from_lidar, pandar64
 from .layout import FRAME_S, ego_poses, lay_out
@@ -59,17 +59,15 @@ class Recipe:
         for name, low, high in wholes:
             value = getattr(self, name)
             if not isinstance(value, int) or isinstance(value, bool) or not low <= value <= high:
-                raise LogError(f"a street's {name} is a whole number from {low} to {high}, not {value!r}")
+                raise LogError(f"a street's {name} is a whole number from {low} to {high}, not {short(value)}")
         unknown = [camera for camera in self.cameras if camera not in MOUNTS]
         if unknown or not self.cameras or len(set(self.cameras)) != len(self.cameras):
-            raise LogError(
-                f"a street's cameras are some of {', '.join(CAMERAS)}, each once, not {', '.join(self.cameras) or 'none'}"
-            )
+            raise LogError(f"a street's cameras are some of {', '.join(CAMERAS)}, each once, not {short(self.cameras)}")
         noise = self.range_noise_m
         if not isinstance(noise, (int, float)) or not math.isfinite(noise) or not 0 <= noise <= 1:
-            raise LogError(f"a street's range_noise_m is from 0 to 1 m, not {noise!r}")
+            raise LogError(f"a street's range_noise_m is from 0 to 1 m, not {short(noise)}")
         if self.engine not in ENGINES:
-            raise LogError(f"a street's engine is {' or '.join(ENGINES)}, not {self.engine!r}")
+            raise LogError(f"a street's engine is {' or '.join(ENGINES)}, not {short(self.engine)}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,15 +168,15 @@ def load_street(path: Path | str) -> Street:
     except FileNotFoundError as error:
         raise LogError(f"{file}: is missing, so no street can be built from {path}") from error
     except (OSError, ValueError, RecursionError) as error:
-        raise LogError(f"{file}: is not a street's recipe ({error})") from error
+        raise LogError(f"{file}: is not a street's recipe ({in_a_line(error)})") from error
     if not isinstance(document, dict) or document.get("format") != RECIPE_FORMAT:
         raise LogError(f"{file}: is not a street's recipe, its format is not {RECIPE_FORMAT!r}")
     if document.get("version") != RECIPE_VERSION:
-        raise LogError(f"{file}: has the recipe version {document.get('version')!r}, this program reads {RECIPE_VERSION}")
+        raise LogError(f"{file}: has the recipe version {short(document.get('version'))}, this program reads {RECIPE_VERSION}")
     values = {name: document[name] for name in Recipe.__dataclass_fields__ if name in document}
     unknown = sorted(set(document) - set(values) - {"format", "version"})
     if unknown or not isinstance(values.get("cameras", []), list):
-        raise LogError(f"{file}: holds {unknown[0]!r}, which no recipe has" if unknown else f"{file}: cameras is no list")
+        raise LogError(f"{file}: holds {short(unknown[0])}, which no recipe has" if unknown else f"{file}: cameras is no list")
     if "cameras" in values:
         values["cameras"] = tuple(str(camera) for camera in values["cameras"])
     try:

@@ -58,7 +58,7 @@ def trace_view(world: World, camera: Camera, frame: int, samples: int, rows: tup
     model = camera.model
     height, width = (rows[1] - rows[0]) * samples, model.width * samples
     v, u = np.meshgrid(rows[0] + (np.arange(height) + 0.5) / samples, (np.arange(width) + 0.5) / samples, indexing="ij")
-    rays = camera_rays(camera, frame, u, v)
+    rays = camera_rays(camera, camera.time_s[frame], u, v)
     origins = transform_points(world.street_from_world, rays.origins.reshape(-1, 3)).reshape(rays.origins.shape)
     directions = rotate_vectors(world.street_from_world, rays.directions.reshape(-1, 3)).reshape(rays.directions.shape)
     bundles = make_bundles(tile_image(origins), tile_image(directions), tile_image(rays.time_s))
@@ -187,7 +187,7 @@ def truth_lidar(street: Street, drive: Drive, lidar_id: str, frame: int) -> Lida
     """A sweep with exact ranges. A ray returns where it hits within range and enough light comes back."""
     world = make_world(street, drive)
     lidar = drive.lidars[lidar_id]
-    rays = lidar_rays(lidar, frame)
+    rays = lidar_rays(lidar, lidar.time_s[frame])
     beams, columns = rays.time_s.shape
     origins = transform_points(world.street_from_world, rays.origins.reshape(-1, 3)).reshape(rays.origins.shape)
     directions = rotate_vectors(world.street_from_world, rays.directions.reshape(-1, 3)).reshape(rays.directions.shape)

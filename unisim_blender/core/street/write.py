@@ -12,7 +12,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from tqdm import tqdm
 
 from ..errors import LogError, OutputError
 from ..files import remove_partial_files, write_file
@@ -20,6 +19,7 @@ from ..frames import LidarFrame
 from ..logs.pandaset_sensors import PANDAR64
 from ..logs.pandaset_writer import PandasetWriter
 from ..processes import THREAD_VARIABLES, end_with_parent
+from ..progress import Bar
 from .path_tracer import check_blender, draw_log
 from .street import RECIPE_FILE, Street, load_street, recipe_document
 from .truth import truth_camera, truth_lidar
@@ -43,7 +43,7 @@ def write_log(street: Street, out: Path, jobs: int, progress: bool = True) -> No
             what = "frames" if street.recipe.engine == "exact" else "sweeps"
             tasks = [pool.submit(_write_frame, frame) for frame in street.drive.frames]
             try:
-                for task in tqdm(
+                for task in Bar(
                     as_completed(tasks),
                     total=len(tasks),
                     desc=what,

@@ -7,7 +7,6 @@ from typing import NamedTuple, TypeVar
 
 import numpy as np
 
-from ..cast import on_stage
 from ..constants import CLEARANCE_M, GROUND_CELL_M, VEHICLES
 from ..drive import Actor
 from ..errors import LogError
@@ -16,6 +15,7 @@ from ..log import Log, Sweep
 from ..own_vehicle import Outline
 from ..sensors.rays import Rays
 from ..tracer import NEAR_M
+from ..world.replay import with_windows
 from .cloud import Cloud, cube_keys, gather_sweep, part_of, summed
 from .colours import Painter
 from .drops import DropTable
@@ -70,7 +70,7 @@ def build_surfels(log: Log, settings: SurfelSettings, frames: Sequence[int] | No
     sweeps = [(name, frame) for name in drive.lidars for frame in log.sweep_frames(name) if frame in chosen]
     if not sweeps:
         raise LogError(f"{log.path}: has no LiDAR sweep to make surfels of")
-    actors = on_stage(drive, drive.actors.values())
+    actors = with_windows(drive, drive.actors.values())
     static, own = Cloud(), [Cloud() for _ in actors]
     feet: list[tuple[int, Sweep, FloatArray, FloatArray]] = []
     for number, (name, frame) in enumerate(sweeps):

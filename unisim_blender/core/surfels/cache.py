@@ -13,8 +13,14 @@ from pathlib import Path
 from ..errors import OutputError
 from ..files import CACHE_VARIABLE, cache_folder, sha256_of_file
 from ..log import Log
+from ..sequence.plan import code_digest
 from .build import Step, build_surfels
 from .model import FORMAT_VERSION, SurfelScene, SurfelSettings, load_surfels, save_surfels
+
+NOT_SURFELS = ("bench", "commands", "compare", "evaluate", "metrics", "rigs", "street", "training", "worker")
+"""What takes no part in making surfels of a log."""
+MOST_KEPT = 32
+"""So many logs' surfels stay in the cache folder."""
 
 
 def surfels_of(log: Log, settings: SurfelSettings, frames: Sequence[int] | None = None) -> Iterator[Step | SurfelScene]:
@@ -40,6 +46,7 @@ def surfels_of(log: Log, settings: SurfelSettings, frames: Sequence[int] | None 
                 if _kept(folder) is None:
                     shutil.rmtree(folder, ignore_errors=True)
                     temporary.rename(folder)
+                _forget_oldest(folder)
             finally:
                 shutil.rmtree(temporary, ignore_errors=True)
         except OSError as fault:
@@ -50,10 +57,17 @@ def surfels_of(log: Log, settings: SurfelSettings, frames: Sequence[int] | None 
         yield step if kept is None else kept
 
 
+def _forget_oldest(new: Path) -> None:
+    """Remove the surfels that were made the longest ago, of those beyond MOST_KEPT."""
+    others = [path for path in new.parent.iterdir() if path.is_dir() and path != new and not path.name.startswith(".")]
+    for old in sorted(others, key=lambda path: path.stat().st_mtime)[: max(0, len(others) + 1 - MOST_KEPT)]:
+        shutil.rmtree(old, ignore_errors=True)
+
+
 def _kept(folder: Path) -> SurfelScene | None:
     try:
         return load_surfels(folder)
-    except (OSError, ValueError, KeyError, TypeError):
+    except (OSError, EOFError, ValueError, KeyError, IndexError, TypeError, AttributeError, RecursionError):
         return None
 
 
@@ -61,6 +75,7 @@ def build_key(log: Log, settings: SurfelSettings, frames: Sequence[int] | None) 
     """A digest of all that surfels depend on."""
     document = {
         "version": FORMAT_VERSION,
+        "code": code_digest(NOT_SURFELS),
         "log": log_digest(log.path),
         "settings": asdict(settings),
         "frames": None if frames is None else sorted(frames),

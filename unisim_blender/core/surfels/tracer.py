@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -9,11 +12,13 @@ from ..cast import gather_cast
 from ..drive import Box, Drive
 from ..errors import SceneError
 from ..frames import RenderStats
-from ..geometry import BoolArray, FloatArray, invert_pose, points_in_box, transform_points
+from ..geometry import BoolArray, FloatArray, Trajectory, invert_pose, points_in_box, transform_points
 from ..meshes.meeting import Met
-from ..quality import quality_named
+from ..quality import QUALITY, Quality
 from ..sensors.rays import Rays
 from ..tracer import NEAR_M, Array, Found, Maps
+from ..world.replay import parked_boxes
+from ..world.state import WorldState
 from .cloud import MARGIN_M
 from .colours import dome_cell, dome_colours
 from .model import SurfelScene, SurfelSet
@@ -21,37 +26,66 @@ from .stage import NOBODY, Meeting, Stage
 
 CHUNK_RAYS = 1 << 18
 """So many at a time: between two chunks Python can be interrupted."""
+NOWHERE = Trajectory(np.zeros(1), np.zeros((1, 3)), np.array([[1.0, 0, 0, 0]]))
+
+
+class SurfelBackend:
+    """Surfels of a recorded drive, loaded once: a `tracer.Backend`. ``recorded`` is the drive that they were made of."""
+
+    sees_all = False
+
+    def __init__(self, scene: SurfelScene, recorded: Drive, quality: Quality = QUALITY["balanced"]) -> None:
+        self.scene, self.recorded, self.quality = scene, recorded, quality
+        self.parked: Mapping[str, Box] = parked_boxes(recorded)
+        self._world: tuple[object, SurfelSet, list[SurfelSet]] | None = None
+
+    def bind(self, state: WorldState) -> SurfelTracer:
+        """See `tracer.Backend`. Raises `SceneError` for actors that the log does not hold."""
+        return SurfelTracer(self, state)
+
+    def static_world(self, state: WorldState) -> tuple[SurfelSet, list[SurfelSet]]:
+        """Return what stands still, without what removed boxes hold, and what each of the static copies is. Those of the last
+        state are kept: sorting faces takes seconds."""
+        key = replace(state, start_s=0.0, end_s=0.0, world_from_ego=NOWHERE, actors=()).digest
+        if self._world is None or self._world[0] != key:
+            static, centres = self.scene.static, self.scene.static.centres
+            edited = state.removed_boxes or state.static_copies
+            upright = self.scene.upright if edited else np.zeros(0, bool)
+            gone = np.zeros(len(static), bool)
+            for box in state.removed_boxes:
+                gone |= upright & _inside(centres, box)
+            copies = [self._copied(upright, centres, copy.source) for copy in state.static_copies]
+            self._world = key, static.without(gone), copies
+        return self._world[1], self._world[2]
+
+    def _copied(self, upright: BoolArray, centres: FloatArray, box: Box) -> SurfelSet:
+        """Return what stands still above the ground in a box, in the box's axes."""
+        part = self.scene.static.of(upright & points_in_box(centres, box.world_from_box, box.size_m))
+        inward = invert_pose(box.world_from_box)
+        vertices = transform_points(inward, part.vertices.astype(np.float64)).astype(np.float32)
+        normals = (part.normals @ inward[:3, :3].T).astype(np.float32)
+        return SurfelSet(vertices, normals, part.intensity, part.colours, part.seen, part.painted)
 
 
 class SurfelTracer:
-    """Surfels of a recorded drive and an edited drive's cast. ``recorded`` is the drive that the surfels were made of. Raises
-    `SceneError` where the edited one has actors that the log does not hold."""
+    """A `tracer.Tracer`: a backend's surfels in a state of the world."""
 
     upsample = 1
     reach = 0
     trained_width: int | None = None
 
-    def __init__(self, scene: SurfelScene, drive: Drive, recorded: Drive, quality: str = "balanced") -> None:
-        for actor in drive.actors.values():
+    def __init__(self, backend: SurfelBackend, state: WorldState) -> None:
+        for actor in state.actors:
             if actor.look.scene:
                 raise SceneError(
                     f"actor {actor.uid!r} comes from another scene, {actor.look.scene}: without a trained scene a log's own "
                     "actors alone can be rendered, and meshes"
                 )
-        self.scene, self.recorded = scene, recorded
-        self.cast = gather_cast(drive, recorded, {"": tuple(scene.actors)})
-        self.quality = quality_named(quality)
-        static, centres = scene.static, scene.static.centres
-        upright = scene.upright if self.cast.removals or self.cast.sources else np.zeros(0, bool)
-        gone = np.zeros(len(static), bool)
-        for box in self.cast.removals:
-            gone |= upright & _inside(centres, box)
-        copies = [
-            (target, self._copied(upright, centres, box))
-            for target, box in zip(self.cast.targets, self.cast.sources, strict=True)
-        ]
-        own = [(actor, scene.actors[actor.look.actor]) for actor in self.cast.own.actors]
-        self.stage = Stage(static.without(gone), [*own, *copies])
+        self.scene, self.quality = backend.scene, backend.quality
+        self.cast = gather_cast(state, {"": tuple(self.scene.actors)})
+        static, copies = backend.static_world(state)
+        own = [(actor, self.scene.actors[actor.look.actor]) for actor in self.cast.own.actors]
+        self.stage = Stage(static, [*own, *zip(self.cast.targets, copies, strict=True)])
 
     def trace(self, rays: Rays, passes: set[str], sky: bool, met: Met | None, stats: RenderStats) -> Found:
         """See `tracer.Tracer`. A camera's feature is its colour, whatever the exposure, and the time, on which that depends; a
@@ -148,14 +182,6 @@ class SurfelTracer:
         for name, array in maps.items():
             array[met.ray[shown]] = values[name][shown]
         return stopped
-
-    def _copied(self, upright: BoolArray, centres: FloatArray, box: Box) -> SurfelSet:
-        """What stands still above the ground in a box, in the box's axes."""
-        part = self.scene.static.of(upright & points_in_box(centres, box.world_from_box, box.size_m))
-        inward = invert_pose(box.world_from_box)
-        vertices = transform_points(inward, part.vertices.astype(np.float64)).astype(np.float32)
-        normals = (part.normals @ inward[:3, :3].T).astype(np.float32)
-        return SurfelSet(vertices, normals, part.intensity, part.colours, part.seen, part.painted)
 
 
 def _inside(points: FloatArray, box: Box) -> BoolArray:

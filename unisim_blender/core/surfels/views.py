@@ -63,7 +63,7 @@ class View:
 
     def ends(self) -> tuple[float, float]:
         """When the first and the last row are exposed."""
-        times = row_times(self.camera, self.frame, np.array([0.0, self.camera.model.height]))
+        times = row_times(self.camera, self.camera.time_s[self.frame], np.array([0.0, self.camera.model.height]))
         return float(times[0]), float(times[1])
 
     def of_static(self, points: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
@@ -90,7 +90,7 @@ class View:
         rows, columns = np.nonzero(self.beyond)
         model = self.camera.model
         u, v = (columns + 0.5) * model.width / w, (rows + 0.5) * model.height / h
-        return u, v, camera_rays(self.camera, self.frame, u, v).directions
+        return u, v, camera_rays(self.camera, self.camera.time_s[self.frame], u, v).directions
 
     def inside(self, u: FloatArray, v: FloatArray, z: FloatArray, margin: float = 1.0) -> BoolArray:
         """Which places (N,) the image holds."""
@@ -163,7 +163,7 @@ def open_view(
     camera = resized(log.drive.cameras[camera_id], width)
     coarse = resized(camera, depth_width)
     u, v = pixel_grid(coarse.model)
-    rays = camera_rays(coarse, frame, u, v).flat()
+    rays = camera_rays(coarse, coarse.time_s[frame], u, v).flat()
     depth = stage.first(rays, NEAR_M).t.reshape(u.shape).astype(np.float32)
     padded = np.pad(depth, 1, mode="edge")
     clear = sliding_window_view(padded, (3, 3)).min((2, 3))

@@ -105,7 +105,7 @@ class CameraData:
             x, y = (at[:, None, None] for at in self._corners(rng, number, camera, edge, n))
             centre, pixel = (np.arange(cells) + 0.5) * up, np.arange(edge)
             v, u = np.broadcast_arrays(y + centre[:, None], x + centre)
-            rays = camera_rays(camera, frame, u.ravel(), v.ravel())
+            rays = camera_rays(camera, camera.time_s[frame], u.ravel(), v.ravel())
             origins.append(rays.origins - self.corner)
             directions.append(rays.directions)
             times.append(rays.time_s)
@@ -179,7 +179,7 @@ def _patch_batch(
 
 class LidarData:
     """All rays of some sweeps, drops included, the ego vehicle's own cells left out; origins are measured from ``corner`` (3,),
-    world frame."""
+    world frame. Without ``lidars`` there is none; with them LogError where the frames have no sweep."""
 
     def __init__(self, log: Log, lidars: list[str], frames: list[int], corner: FloatArray) -> None:
         self.corner = corner
@@ -195,9 +195,10 @@ class LidarData:
                 parts["depth"].append(grid.depth_m[keep])
                 parts["intensity"].append(grid.intensity[keep])
                 parts["returned"].append(grid.returned[keep])
-        if not parts["o"]:
+        if lidars and not parts["o"]:
             raise LogError(f"{log.path}: no sweep in the frames asked for")
-        whole = {k: np.concatenate(v) for k, v in parts.items()}
+        whole = {k: np.concatenate(v) if v else np.zeros((0, 3) if k in "od" else 0) for k, v in parts.items()}
+        whole["returned"] = whole["returned"].astype(bool)
         self.origins, self.directions, self.time_s = whole["o"], whole["d"], whole["t"]
         self.depth_m, self.intensity, self.returned = whole["depth"], whole["intensity"], whole["returned"]
         self._hits, self._drops = np.flatnonzero(self.returned), np.flatnonzero(~self.returned)
@@ -206,7 +207,7 @@ class LidarData:
     def points(self) -> FloatArray:
         """Every return (N, 3), world frame."""
         h = self._hits
-        return self.corner + self.origins[h] + self.directions[h] * self.depth_m[h, None].astype(np.float64)
+        return np.asarray(self.corner + self.origins[h] + self.directions[h] * self.depth_m[h, None].astype(np.float64))
 
     def static_returns(self, actors: Iterable[Actor]) -> tuple[FloatArray, FloatArray]:
         """Origins and points (N, 3) of the returns that lie in none of the actors' boxes."""

@@ -1,4 +1,4 @@
-"""The height of the ground under the drive, on a grid, from LiDAR returns."""
+"""The height of the ground under the drive, on a grid, from LiDAR returns, or from where the vehicle drove."""
 
 from __future__ import annotations
 
@@ -7,10 +7,22 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from ..constants import GROUND_CELL_M
+from ..drive import Drive
 from ..geometry import FloatArray
 
 KNOWN_M = 8.0
 """Up to this far from a cell that LiDAR saw, the ground is taken to go on."""
+
+
+DRIVEN_STEP_M = 0.5
+
+
+def driven_places(drive: Drive) -> FloatArray:
+    """Places (N, 3) of the ground that the vehicle drove over, world frame: its own origin is on the ground."""
+    way = drive.world_from_ego
+    ends = np.array([drive.time_s[frame] for frame in drive.frames])
+    length = np.linalg.norm(np.diff(way.positions_at(ends), axis=0), axis=1).sum()
+    return np.asarray(way.positions_at(np.linspace(ends[0], ends[-1], 2 + int(length / DRIVEN_STEP_M))))
 
 
 def ground_heights(points: FloatArray, size_m: FloatArray) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:

@@ -8,6 +8,7 @@ from ..errors import SceneError
 from ..log import Log
 from ..scene_file import HEADER_NAME, SceneHeader, read_scene_header
 from .config import TrainConfig
+from .recipe import recipe
 
 
 def learnt(log: Log, config: TrainConfig, folder: Path, quiet: bool = False) -> SceneHeader:
@@ -24,9 +25,14 @@ def learnt(log: Log, config: TrainConfig, folder: Path, quiet: bool = False) -> 
 
 
 def _check(header: SceneHeader, config: TrainConfig) -> None:
-    wanted = {name: getattr(config, name) for name in ("preset", "without", "cameras", "frames", "width", "seed")}
-    wanted["disturbed"] = config.noise
-    for name, asked in wanted.items():
-        asked, found = list(asked) if isinstance(asked, tuple) else asked, header.training.get(name)
-        if asked != found:
-            raise SceneError(f"{header.path}: was trained with {name} {found}, not {asked}: give another folder")
+    names = ("preset", "without", "cameras", "frames", "width", "seed", "adversarial")
+    asked = {name: getattr(config, name) for name in names} | {"disturbed": config.noise}
+    found = {name: header.training.get(name) for name in asked}
+    asked["density"], found["density"] = recipe(config).model.density, header.model.get("density")
+    # of a budget in minutes the steps follow, of one in steps the minutes
+    budget = "minutes" if config.iterations is None else "iterations"
+    asked[budget], found[budget] = getattr(config, budget), header.training.get(budget)
+    for name, value in asked.items():
+        wanted = list(value) if isinstance(value, tuple) else value
+        if wanted != found[name]:
+            raise SceneError(f"{header.path}: was trained with {name} {found[name]}, not {wanted}: give another folder")

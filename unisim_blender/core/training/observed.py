@@ -13,10 +13,13 @@ from ..fields.scene import SceneModel
 from ..frames import RenderStats
 from ..geometry import FloatArray, invert_pose, transform_points
 from ..own_vehicle import outlines_from_json, shows_scene
+from ..quality import QUALITY
 from ..sensors.camera import camera_rays, pixel_grid
+from ..sensors.exposure import exposure_window
 from ..strands import RayBatch
-from ..torch_tracer import TorchTracer, to_batch
+from ..torch_tracer import TorchBackend, to_batch
 from ..tracer import NEAR_M
+from ..world.replay import DriveStates
 
 
 def observe(scene: Scene, cameras: Sequence[str], frames: Sequence[int], points: FloatArray) -> Tensor:
@@ -30,7 +33,8 @@ def observe(scene: Scene, cameras: Sequence[str], frames: Sequence[int], points:
     into = invert_pose(model.volume.world_from_volume)
     seen[model.occupancy.cells(torch.as_tensor(transform_points(into, points)).float().to(seen.device))] = 1
     drive = scene.header.drive
-    tracer = TorchTracer(scene, drive, "fast")
+    backend = TorchBackend(scene, QUALITY["fast"])
+    states = DriveStates(drive, backend.parked)
     outlines = outlines_from_json(scene.header.training.get("own_vehicle"))
     for camera in cameras:
         for frame in frames:
@@ -42,7 +46,9 @@ def observe(scene: Scene, cameras: Sequence[str], frames: Sequence[int], points:
                 size = shown.model.width, shown.model.height
                 scene_shown = shows_scene(*outlines[camera], u, v, size)
                 u, v = u[scene_shown], v[scene_shown]
-            rays = camera_rays(shown, frame, u, v).flat()
+            time_s = shown.time_s[frame]
+            rays = camera_rays(shown, time_s, u, v).flat()
+            tracer = backend.bind(states.state(*exposure_window(shown, time_s)))
             with torch.no_grad():
                 depth = torch.as_tensor(tracer.trace(rays, {"depth"}, False, None, RenderStats()).maps["depth"]).to(seen.device)
                 batch = to_batch(rays, model.frame)

@@ -17,19 +17,22 @@ from PIL import Image
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 from torch import Tensor
-from tqdm import tqdm
+from torch.optim import Optimizer
 
 from ..compiled.scene import cells_to_store
 from ..drive import Drive
-from ..errors import SceneError
+from ..errors import SceneError, in_a_line
 from ..fields.checkpoint import Scene, save_scene
 from ..geometry import Trajectory
 from ..images import resize_image
 from ..log import Log
 from ..own_vehicle import outlines_to_json
-from ..render import Renderer
+from ..progress import Bar
+from ..quality import QUALITY
+from ..render.drive_renderer import DriveRenderer
+from ..render.renderer import Renderer
 from ..scene_file import SceneHeader
-from ..torch_tracer import TorchTracer
+from ..torch_tracer import TorchBackend
 from .config import TrainConfig
 from .disturb import disturbed, with_drive
 from .observed import observe
@@ -111,7 +114,7 @@ def _loop(trainer: Trainer, out: Path, stopped: list[int], quiet: bool) -> None:
     saved = time.monotonic()
     next_preview = saved + (config.preview_s or 0.0)
     smooth: dict[str, float] = {}
-    bar = tqdm(total=100, unit="%", disable=quiet, bar_format="{percentage:5.1f}% |{bar}| {elapsed} {postfix}")
+    bar = Bar(total=100, unit="%", disable=quiet, bar_format="{percentage:5.1f}% |{bar}| {elapsed} {postfix}")
     with bar, (out / "training.jsonl").open("a") as history:
         while trainer.progress < 1 and not stopped:
             figures = trainer.step()
@@ -188,7 +191,7 @@ def load_checkpoint(file: Path, trainer: Trainer) -> None:
             about = stored.metadata() or {}
             tensors = {name: stored.get_tensor(name) for name in stored.keys()}  # noqa: SIM118
     except (OSError, SafetensorError) as error:
-        raise SceneError(f"{file} cannot be read: {error}") from error
+        raise SceneError(f"{file} cannot be read: {in_a_line(error)}") from error
     if about.get("settings") != _settings(trainer.config):
         raise SceneError(f"{file} is of a training with other settings; give the same cameras, frames, width, preset and seed")
 
@@ -203,16 +206,24 @@ def load_checkpoint(file: Path, trainer: Trainer) -> None:
         trainer.camera_poses.load_state_dict(under("camera_poses."))
         trainer.choice.load_state(under("choice."))
         trainer.occupancy.load_state({k: v.to(trainer.occupancy.state()[k].dtype) for k, v in under("occupancy.").items()})
-    except (RuntimeError, KeyError) as error:
-        raise SceneError(f"{file} does not fit this log or version: {error}") from error
-    for prefix, optimiser in _optimisers(trainer):
-        state: dict[int, dict[str, Tensor]] = {}
-        for name, value in under(f"{prefix}.").items():
-            number, key = name.split(".", 1)
-            state.setdefault(int(number), {})[key] = value
-        optimiser.load_state_dict({"state": state, "param_groups": optimiser.state_dict()["param_groups"]})
-    trainer.hold_gradients(under("held."))
-    trainer.iteration, trainer.elapsed_s = int(about["iteration"]), float(about["elapsed_s"])
+        for prefix, optimiser in _optimisers(trainer):
+            _load_optimiser(optimiser, under(f"{prefix}."))
+        trainer.hold_gradients(under("held."))
+        trainer.iteration, trainer.elapsed_s = int(about["iteration"]), float(about["elapsed_s"])
+    except (RuntimeError, KeyError, ValueError, TypeError, IndexError, AttributeError) as error:
+        raise SceneError(f"{file} does not fit this log or version: {in_a_line(error)}") from error
+
+
+def _load_optimiser(optimiser: Optimizer, tensors: dict[str, Tensor]) -> None:
+    """Put what `_state` told of an optimiser into it. Raises ValueError for what is of no parameter of its own."""
+    parameters = [parameter for group in optimiser.param_groups for parameter in group["params"]]
+    state: dict[int, dict[str, Tensor]] = {}
+    for name, value in tensors.items():
+        number, key = name.split(".", 1)
+        if not 0 <= int(number) < len(parameters) or value.shape not in (parameters[int(number)].shape, ()):
+            raise ValueError(f"an optimiser has {name} of shape {tuple(value.shape)}")
+        state.setdefault(int(number), {})[key] = value
+    optimiser.load_state_dict({"state": state, "param_groups": optimiser.state_dict()["param_groups"]})
 
 
 def refined_drive(trainer: Trainer) -> Drive:
@@ -237,9 +248,10 @@ def header_of(trainer: Trainer, out: Path) -> SceneHeader:
     config, log = trainer.config, trainer.log
     training = {
         "preset": config.preset, "method": trainer.model.config.method, "without": list(config.without),
-        "cameras": list(config.cameras), "lidars": list(config.lidars), "frames": list(config.frames),
-        "width": config.width, "iterations": trainer.iteration, "seconds": round(trainer.elapsed_s, 1), "seed": config.seed,
-        "device": config.device, "own_vehicle": outlines_to_json(trainer.cameras.outlines),
+        "cameras": list(config.cameras), "lidars": list(trainer.lidars), "frames": list(config.frames),
+        "width": config.width, "iterations": trainer.iteration, "minutes": config.minutes, "seconds": round(trainer.elapsed_s, 1),
+        "seed": config.seed, "adversarial": config.adversarial, "device": config.device,
+        "own_vehicle": outlines_to_json(trainer.cameras.outlines),
     }  # fmt: skip
     if config.noise is not None:
         training["disturbed"] = config.noise
@@ -290,7 +302,7 @@ def preview(trainer: Trainer, file: Path) -> None:
     trainer.model.eval()
     scene = _as_scene(trainer, file.parent)
     drive = scene.header.drive
-    rendered = Renderer(TorchTracer(scene, drive, "fast"), drive).camera(name, frame, width=width)
+    rendered = DriveRenderer(Renderer(TorchBackend(scene, QUALITY["fast"])), drive).camera(name, frame, width=width)
     trainer.model.train()
     recorded = resize_image(trainer.log.image(name, frame), rendered.model)
     both = np.concatenate([recorded, np.round(rendered.rgb * 255).astype(np.uint8)], 1)

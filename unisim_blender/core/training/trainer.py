@@ -16,7 +16,6 @@ import torch.nn.functional as F
 from torch import Tensor
 
 from .. import native
-from ..cast import on_stage
 from ..cast_tensors import CastTensors, TroupeTensors
 from ..constants import VEHICLES
 from ..devices import kernel_threads, module_to, tensor_to, torch_threads
@@ -32,13 +31,14 @@ from ..geometry import FloatArray, invert_pose, transform_points
 from ..log import Log
 from ..strands import RayBatch, Traced
 from ..trace import Sampling, trace
+from ..world.replay import with_windows
 from .adversarial import Adversary, shifted
 from .camera_poses import CameraPoses
 from .config import TrainConfig
 from .data import CameraData, LidarBatch, LidarData, PatchBatch
 from .disturb import with_drive
 from .fitted_ways import fitted
-from .ground_heights import ground_heights
+from .ground_heights import driven_places, ground_heights
 from .hidden import Hidden
 from .losses import colour_squares, lidar_terms, perceptual_stand_in, spread
 from .perceptual import VggLoss
@@ -90,13 +90,15 @@ class Trainer:
         self.volume = Volume.along(drive)
         self.cameras = CameraData(log, list(config.cameras), list(config.frames), config.width, self.volume.corner)
         self.choice = PixelChoice(self.cameras.rooms(shapes.upsample))
-        self.lidar = LidarData(log, list(config.lidars), list(config.frames), self.volume.corner)
+        self.lidars = config.lidars if self.recipe.uses_lidar else ()
+        self.lidar = LidarData(log, list(self.lidars), list(config.frames), self.volume.corner)
         model = SceneModel(shapes, self.volume, tuple(sorted(drive.actors)), config.cameras)
         looks = {uid: drive.actors[uid] for uid in model.actor_ids}
         origins, points = self.lidar.static_returns(looks.values())
         into = invert_pose(self.volume.world_from_volume)
         origins, points = transform_points(into, origins), transform_points(into, points)
-        heights, known = ground_heights(points, self.volume.size_m)
+        under = points if self.lidars else transform_points(into, driven_places(drive))
+        heights, known = ground_heights(under, self.volume.size_m)
         shape = tuple(model.occupancy.values.shape)
         if self.recipe.uses_lidar:
             seeded = seed_voxels(origins, points, (shape[0], shape[1], shape[2]), model.config.voxel_m, heights, known)
@@ -108,7 +110,7 @@ class Trainer:
         self.known_ground = torch.as_tensor(np.argwhere(known)).float().to(config.device)
         self.model = model.to(config.device)
         self.occupancy = OccupancyTrainer(self.model.occupancy)
-        actors = on_stage(drive, looks.values())
+        actors = with_windows(drive, looks.values())
         self.tracklets = module_to(Tracklets(actors, refine=True, corner=self.volume.corner), config.device)
         self.rows = torch.arange(len(actors), device=config.device)
         mirrored = [self.recipe.mirrored * any(word in a.label.lower() for word in VEHICLES) for a in actors]

@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..cast import on_stage
 from ..drive import Actor
 from ..geometry import FloatArray
 from ..log import Log
 from ..surfels.model import SurfelScene
 from ..surfels.stage import Stage
 from ..surfels.views import View, open_view
+from ..world.replay import with_windows
+from ..world.state import WorldState
 
 NEAREST = 2
 SHIFT_FRAMES = (0, -4, 4, -8, -12)
@@ -39,10 +40,9 @@ class Source(NamedTuple):
 
 
 class Sources:
-    """A log's images of the ``frames`` that may be used, with the depths of a scene's surfels in them, for ``actors`` as they are
-    now: those that are elsewhere, or gone, hide what is behind their recorded boxes."""
+    """A log's images of the ``frames`` that may be used, with the depths of a scene's surfels in them."""
 
-    def __init__(self, log: Log, scene: SurfelScene, frames: Sequence[int], actors: Iterable[Actor]) -> None:
+    def __init__(self, log: Log, scene: SurfelScene, frames: Sequence[int]) -> None:
         self.log, self.drive = log, log.drive
         allowed = set(frames)
         self.frames = {name: [f for f in log.image_frames(name) if f in allowed] for name in self.drive.cameras}
@@ -52,20 +52,26 @@ class Sources:
             if numbers:
                 times = np.array([camera.time_s[frame] for frame in numbers])
                 self.poses[name] = times, camera.world_from_camera.at(times)
-        self.recorded = {actor.uid: actor for actor in on_stage(self.drive, self.drive.actors.values())}
+        self.recorded = {actor.uid: actor for actor in with_windows(self.drive, self.drive.actors.values())}
         self.outlines, self.exposures = scene.outlines, scene.exposures
         self.stage = Stage(scene.static, [(actor, scene.actors[uid]) for uid, actor in self.recorded.items()])
-        stay = {actor.uid for actor in actors if self.unedited(actor)}
-        self.elsewhere = [actor for uid, actor in self.recorded.items() if uid not in stay]
-        self._views: OrderedDict[tuple[str, int, int], View] = OrderedDict()
+        self._views: OrderedDict[tuple[Any, ...], View] = OrderedDict()
 
-    def view(self, source: Source, shrink: int) -> View:
-        """The image at one ``shrink``-th of its width. Raises `LogError`."""
-        key = *source, shrink
+    def elsewhere(self, state: WorldState) -> tuple[str, ...]:
+        """Return the ids of recorded actors that are not where they were recorded: in the images they hide what is behind
+        their recorded boxes."""
+        now = {actor.uid for actor in state.actors if self.unedited(actor, state)}
+        there = (a for a in self.recorded.values() if a.start_s <= state.end_s and a.end_s >= state.start_s)
+        return tuple(actor.uid for actor in there if actor.uid not in now)
+
+    def view(self, source: Source, shrink: int, elsewhere: tuple[str, ...]) -> View:
+        """The image at one ``shrink``-th of its width; ``elsewhere`` as the method of that name gives it. Raises `LogError`."""
+        key = *source, shrink, elsewhere
         if key not in self._views:
             width = max(1, self.drive.cameras[source.camera].model.width // shrink)
             depth_width = min(width, DEPTH_WIDTH)
-            view = open_view(self.log, *source, width, depth_width, self.stage, self.elsewhere, self.outlines)
+            hiding = [self.recorded[uid] for uid in elsewhere]
+            view = open_view(self.log, *source, width, depth_width, self.stage, hiding, self.outlines)
             time_s = np.array([view.camera.time_s[source.frame]])
             self._views[key] = replace(view, gain=self.exposures.at(source.camera, time_s)[0])
             while len(self._views) > KEPT:
@@ -122,10 +128,10 @@ class Sources:
         facing = {name: float(poses[:, :3, 2].mean(0) @ direction) for name, (_, poses) in self.poses.items()}
         return [name for name in sorted(facing, key=lambda n: (-facing[n], n)) if facing[name] > FACING]
 
-    def unedited(self, actor: Actor) -> bool:
-        """Whether an actor goes the way that was recorded, as large as it was."""
+    def unedited(self, actor: Actor, state: WorldState) -> bool:
+        """Whether an actor of a state goes the way that was recorded, as large as it was."""
         recorded = self.recorded.get(actor.uid)
         if recorded is None or actor.look.actor != actor.uid or actor.is_scaled:
             return False
-        a, b = actor.world_from_actor, recorded.world_from_actor
+        a, b = actor.world_from_actor, recorded.world_from_actor.between(state.start_s, state.end_s)
         return np.array_equal(a.times_s, b.times_s) and np.array_equal(a.positions, b.positions)

@@ -12,15 +12,16 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from ..drive import Drive
 from ..geometry import BoolArray, FloatArray
 from ..log import Log
+from ..quality import QUALITY, Quality
 from ..sensors.rays import Rays
 from ..surfels.model import SurfelScene
 from ..surfels.stage import NOBODY, STATIC, Meeting, carried
-from ..surfels.tracer import SurfelTracer
+from ..surfels.tracer import SurfelBackend, SurfelTracer
 from ..surfels.views import View
 from ..tracer import Array
+from ..world.state import WorldState
 from .sources import Source, Sources
 
 Numbers = NDArray[np.int64]
@@ -30,13 +31,29 @@ FEATHER = 0.04
 """An image counts less and less over this share of its width, towards its edges."""
 
 
-class WarpTracer(SurfelTracer):
-    """Surfels with the images that they were painted from, those of ``frames``; see `SurfelTracer`."""
+class WarpBackend(SurfelBackend):
+    """Surfels with the images that they were painted from, those of ``frames``; see `SurfelBackend`."""
 
-    def __init__(self, scene: SurfelScene, drive: Drive, log: Log, frames: Sequence[int], quality: str = "balanced") -> None:
-        super().__init__(scene, drive, log.drive, quality)
-        self.sources = Sources(log, scene, frames, self.cast.own.actors)
-        self.edited = [not self.sources.unedited(actor) for actor in self.cast.own.actors]
+    sees_all = True  # recorded images show actors that are elsewhere now
+
+    def __init__(self, scene: SurfelScene, log: Log, frames: Sequence[int], quality: Quality = QUALITY["balanced"]) -> None:
+        super().__init__(scene, log.drive, quality)
+        self.log, self.frames = log, frames
+        self.sources = Sources(log, scene, frames)
+
+    def bind(self, state: WorldState) -> WarpTracer:
+        """See `tracer.Backend`. Raises `SceneError` for actors that the log does not hold."""
+        return WarpTracer(self, state)
+
+
+class WarpTracer(SurfelTracer):
+    """A `tracer.Tracer`: a backend's images, warped over its surfels in a state of the world."""
+
+    def __init__(self, backend: WarpBackend, state: WorldState) -> None:
+        super().__init__(backend, state)
+        self.sources = backend.sources
+        self.elsewhere = self.sources.elsewhere(state)
+        self.edited = [not self.sources.unedited(actor, state) for actor in self.cast.own.actors]
 
     def colours(self, rays: Rays, met: Meeting, pixel_rad: float) -> tuple[Array, BoolArray]:
         """See `SurfelTracer.colours`."""
@@ -80,7 +97,7 @@ class WarpTracer(SurfelTracer):
         """Add to sums (N, 4) of weighted colours and weights what an image shows of the chosen rays."""
         if len(chosen) == 0:
             return
-        view = self.sources.view(source, self.sources.shrink(source.camera, pixel_rad))
+        view = self.sources.view(source, self.sources.shrink(source.camera, pixel_rad), self.elsewhere)
         for owner in np.unique(met.owner[chosen]).tolist():
             mine = chosen[met.owner[chosen] == owner]
             if owner == NOBODY:

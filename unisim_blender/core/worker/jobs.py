@@ -18,9 +18,19 @@ from ..log import Log
 from ..logs import open_log
 from ..observed_space import ObservedSpace, Observing, keep_space, kept_space, observe_space
 from ..prepare.cannot import warnings
-from ..prepare.renderers import UNTRAINED, UNTRAINED_DEFAULT, make_tracer, pick_device, stamp, untrained_tracer
+from ..prepare.renderers import (
+    UNTRAINED,
+    UNTRAINED_DEFAULT,
+    make_backend,
+    other_scenes,
+    pick_device,
+    stamp,
+    untrained_backend,
+)
 from ..prepare.scenario import recorded_drive, scene_actors
-from ..render import Region, Renderer
+from ..render.drive_renderer import DriveRenderer
+from ..render.regions import Region
+from ..render.renderer import Renderer
 from ..scenario import scenario_from_json
 from ..scenario.types import Scenario
 from ..surfels.build import Step
@@ -69,16 +79,18 @@ class Jobs:
         yield from self._warnings(scenario, drive, sweeps=False)
         name, passes = str(request["camera"]), tuple(request.get("passes", ("rgb",)))
         model = CameraModel.from_dict(request["model"])
-        camera = replace(drive.cameras[name], model=model, time_s={NOW: float(request["time_s"])})
         # as `unisim render` resizes a camera: its own width decides how finely a picture is traced
-        own, only = drive.cameras[name].model.width, replace(drive, cameras={name: camera}, lidars={})
-        renderer = yield from self._renderer(request, scenario, only, own)
+        own = drive.cameras[name].model.width
+        camera = replace(drive.cameras[name], model=model, time_s={NOW: float(request["time_s"])}, full_width=own)
+        renderer = yield from self._renderer(request, scenario, replace(drive, cameras={name: camera}, lidars={}))
         first, last = request.get("rows") or (0, model.height)
         left, right = request.get("columns") or (0, model.width)
         region = Region(left, first, right, last)
-        region = renderer.widened(region).within_image(model) if request.get("touched") else region
+        if request.get("touched"):
+            state = renderer.state(camera, camera.time_s[NOW])
+            region = renderer.renderer.dilated(state, region).within_image(model)
         band, coarse = max(1, BAND_PIXELS // (region.right - region.left)), request.get("coarse", ())
-        for part in renderer.grow(name, NOW, passes, region=region, coarse=coarse, band=band):
+        for part in renderer.progressive(name, NOW, passes, region=region, coarse=coarse, band=band):
             covered = part.region
             yield self._leave(
                 _arrays(part.frame), instances=list(part.frame.instances), origin=part.origin, stride=part.stride,
@@ -113,30 +125,28 @@ class Jobs:
             for sentence in warnings(scenario.scene_path, recorded, drive, sweeps):
                 yield {"event": "warning", "text": sentence}
 
-    def _renderer(
-        self, request: Message, scenario: Scenario, drive: Drive, own_width: int | None = None
-    ) -> Generator[Message, None, Renderer]:
+    def _renderer(self, request: Message, scenario: Scenario, drive: Drive) -> Generator[Message, None, DriveRenderer]:
         """The renderer of a request: of its trained scene, or of the log's surfels where it has none."""
         device, quality = pick_device(str(request.get("device", "cpu"))), str(request.get("quality", "balanced"))
         shadows = bool(request.get("shadows"))
         if scenario.scene_path is not None:
-            tracer = make_tracer(scenario.scene_path, drive, quality, device, self.scenes)
+            backend = make_backend(scenario.scene_path, other_scenes(drive), quality, device, self.scenes)
             clip = bool(request.get("clip"))
-            if (clip or "support" in request.get("passes", ())) and isinstance(tracer, Observing):
-                space = yield from self._space(tracer, stamp(scenario.scene_path))
-                return Renderer(tracer.within(space, clip), drive, shadows=shadows, own_width=own_width, lighting=tracer)
+            if (clip or "support" in request.get("passes", ())) and isinstance(backend, Observing):
+                space = yield from self._space(backend, stamp(scenario.scene_path))
+                return DriveRenderer(Renderer(backend.within(space, clip), shadows, backend), drive)
         else:
             log, surfels = yield from self._surfels(scenario.log_path)
-            tracer = untrained_tracer(UNTRAINED_DEFAULT, surfels, drive, log, quality=quality)
-        return Renderer(tracer, drive, shadows=shadows, own_width=own_width)
+            backend = untrained_backend(UNTRAINED_DEFAULT, surfels, log, quality=quality)
+        return DriveRenderer(Renderer(backend, shadows), drive)
 
-    def _space(self, tracer: Observing, key: object) -> Generator[Message, None, ObservedSpace]:
+    def _space(self, backend: Observing, key: object) -> Generator[Message, None, ObservedSpace]:
         """What a trained scene's recording observed, and events of how far that is worked out."""
         if key not in self.spaces:
-            header, shown, voxel_m = tracer.observed
+            header, shown, voxel_m = backend.observed
             space = kept_space(header, shown, voxel_m)
             if space is None:
-                for step in observe_space(tracer, header, shown, voxel_m):
+                for step in observe_space(backend, header, shown, voxel_m):
                     if isinstance(step, ObservedSpace):
                         space = step
                     else:

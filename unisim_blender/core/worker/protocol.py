@@ -37,7 +37,7 @@ def read_message(stream: BinaryIO) -> Message | None:
         return None
     try:
         message = json.loads(data)
-    except ValueError:
+    except (ValueError, RecursionError):
         return None
     return message if isinstance(message, dict) else None
 

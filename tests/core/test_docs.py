@@ -1,0 +1,62 @@
+"""The documentation's form: links lead somewhere, every option has its line, prose can be read in a terminal."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import click
+import pytest
+from documentation_pages import NAMES, PAGES, ROOT, anchors, blocks, links, paragraphs, prose
+
+from unisim_blender.core.cli import unisim
+
+LONGEST_LINE = 120
+MOST_LINES = 4
+"""Of a paragraph, or of an item of a list."""
+LANGUAGES = {"sh", "python", "json", "text"}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=NAMES)
+def test_links_lead_somewhere(page: Path) -> None:
+    text = page.read_text(encoding="utf-8")
+    for target in links(text):
+        if target.startswith(("http://", "https://")):
+            continue
+        path, _, anchor = target.partition("#")
+        there = page if not path else (page.parent / path).resolve()
+        assert there.exists(), f"{page.name}: {target}"
+        if anchor:
+            assert anchor in anchors(there.read_text(encoding="utf-8")), f"{page.name}: {target}"
+
+
+def test_every_page_is_in_the_website_and_every_image_in_a_page() -> None:
+    navigation = (ROOT / "mkdocs.yml").read_text(encoding="utf-8")
+    pages = [page.relative_to(ROOT / "docs").as_posix() for page in PAGES if page.is_relative_to(ROOT / "docs")]
+    assert [page for page in pages if page not in navigation] == []
+    shown = {Path(target).name for page in PAGES for target in links(page.read_text(encoding="utf-8"))}
+    assert {path.name for path in (ROOT / "docs" / "images").iterdir()} - shown == set()
+
+
+@pytest.mark.parametrize("page", PAGES, ids=NAMES)
+def test_lines_and_paragraphs_are_short_and_blocks_have_a_language(page: Path) -> None:
+    text = page.read_text(encoding="utf-8")
+    long = [f"{page.name}:{number}" for number, line in prose(text) if len(line) >= LONGEST_LINE]
+    long += [f"{page.name}:{first}: {count} lines" for first, count in paragraphs(text) if count > MOST_LINES]
+    assert long == []
+    # a ">" that was wrapped to a line's begin would make a quotation
+    before = {number: line for number, line in enumerate(text.splitlines(), 2)}
+    assert [n for n, line in prose(text) if line.startswith(">") and before[n].strip() and before[n][0] != ">"] == []
+    assert [(block.line, block.language) for block in blocks(text) if block.language not in LANGUAGES] == []
+
+
+def test_the_command_line_page_has_every_option() -> None:
+    page = (ROOT / "docs" / "reference" / "command-line.md").read_text(encoding="utf-8")
+    sections = dict(re.findall(r"^## (\w+)\n(.*?)(?=^## |\Z)", page, re.S | re.M))
+    context = click.Context(unisim)
+    for name in unisim.list_commands(context):
+        command = unisim.get_command(context, name)
+        assert command is not None and name in sections, name
+        options = {option for parameter in command.params if isinstance(parameter, click.Option) for option in parameter.opts}
+        shown = {found for row in re.findall(r"^\| (`--.*?) \|", sections[name], re.M) for found in re.findall(r"--[\w-]+", row)}
+        assert shown == {option for option in options if option.startswith("--")}, name

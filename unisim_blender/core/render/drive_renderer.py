@@ -1,0 +1,106 @@
+"""Render the frames of a drive: the states, sensors and times that a renderer is given come from the drive."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..drive import Camera, Drive, Lidar
+from ..errors import SceneError
+from ..frames import CameraFrame, LidarFrame, RenderStats
+from ..geometry import FloatArray
+from ..sensors.captures import CaptureStates
+from ..sensors.lidar import lidar_rays
+from ..sensors.rays import Rays
+from ..world.replay import DriveStates
+from ..world.state import WorldState
+from .regions import Region, Tile
+from .renderer import Renderer
+
+
+class DriveRenderer:
+    """Renders frames of a drive with ``renderer``. ``draw`` seeds the draw of the beams that return, together with the LiDAR's
+    name and the frame's number; None takes those whose probability is half or more."""
+
+    def __init__(self, renderer: Renderer, drive: Drive, draw: int | None = None) -> None:
+        self.renderer, self.drive, self.draw = renderer, drive, draw
+        self.states = DriveStates(drive, renderer.backend.parked)
+        self.captures = CaptureStates(self.states, renderer.reach, renderer.backend.sees_all)
+
+    def camera(
+        self,
+        camera_id: str,
+        frame: int,
+        passes: Sequence[str] = ("rgb",),
+        width: int | None = None,
+        region: Region | None = None,
+    ) -> CameraFrame:
+        """Render one image with the passes asked for, or the ``region`` of it: the frame's arrays are then as large as that."""
+        camera = self.sized(camera_id, width)
+        time_s = camera.time_s[frame]
+        return self.renderer.render(self.state(camera, time_s), camera, time_s, passes, region)
+
+    def progressive(
+        self,
+        camera_id: str,
+        frame: int,
+        passes: Sequence[str] = ("rgb",),
+        width: int | None = None,
+        region: Region | None = None,
+        coarse: Sequence[int] = (),
+        band: int | None = None,
+    ) -> Iterator[Tile]:
+        """See `Renderer.progressive`."""
+        camera = self.sized(camera_id, width)
+        time_s = camera.time_s[frame]
+        yield from self.renderer.progressive(self.state(camera, time_s), camera, time_s, passes, region, coarse, band)
+
+    def lidar(self, lidar_id: str, frame: int) -> LidarFrame:
+        """Render one sweep."""
+        lidar = self.lidar_named(lidar_id)
+        time_s = lidar.time_s[frame]
+        seed = None if self.draw is None else [self.draw, frame, *lidar_id.encode()]
+        return self.renderer.render(self.state(lidar, time_s), lidar, time_s, seed=seed)
+
+    def rays_lidar(
+        self,
+        origins: FloatArray,
+        directions: FloatArray,
+        time_s: FloatArray,
+        stats: RenderStats | None = None,
+        lidar: Lidar | None = None,
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], NDArray[np.int32]]:
+        """Return what any LiDAR rays, world frame, measure in this drive; see `Renderer.beams`."""
+        times = time_s[np.isfinite(time_s)]
+        window = (float(times.min()), float(times.max())) if times.size else (0.0, 0.0)
+        return self.renderer.beams(self.states.state(*window), Rays(origins, directions, time_s), lidar, stats)
+
+    def state(self, sensor: Camera | Lidar, time_s: float) -> WorldState:
+        """Return the state of the world that a sensor's frame at ``time_s`` depends on."""
+        return self.captures.state(sensor, time_s)
+
+    def sized(self, camera_id: str, width: int | None) -> Camera:
+        """Return a camera of the drive, its images ``width`` pixels wide."""
+        camera: Camera = _pick(self.drive.cameras, camera_id, "camera")
+        return camera.resized(width) if width else camera
+
+    def lidar_named(self, lidar_id: str) -> Lidar:
+        """Return a LiDAR of the drive."""
+        return _pick(self.drive.lidars, lidar_id, "LiDAR")
+
+    def sweep_rays(self, lidar_id: str, frame: int) -> tuple[Lidar, Rays]:
+        """Return a LiDAR of the drive, and the rays (beams, columns) of its sweep."""
+        lidar = self.lidar_named(lidar_id)
+        return lidar, lidar_rays(lidar, lidar.time_s[frame])
+
+
+Sensor = TypeVar("Sensor", Camera, Lidar)
+
+
+def _pick(sensors: dict[str, Sensor], sensor_id: str, kind: str) -> Sensor:
+    if sensor_id not in sensors:
+        raise SceneError(f"no {kind} {sensor_id!r} in the drive: there are {', '.join(sensors) or 'none'}")
+    return sensors[sensor_id]

@@ -1,0 +1,56 @@
+"""Parts of an image: regions that are asked for, and tiles of an image that is rendered progressively."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from ..drive import CameraModel
+from ..frames import CameraFrame
+
+
+class Region(NamedTuple):
+    """Part of an image, in pixels from its top left corner; ``right`` and ``bottom`` are the first that do not belong to it."""
+
+    left: int
+    top: int
+    right: int
+    bottom: int
+
+    @staticmethod
+    def of_image(model: CameraModel) -> Region:
+        """The whole image."""
+        return Region(0, 0, model.width, model.height)
+
+    def within_image(self, model: CameraModel) -> Region:
+        """What of it lies in an image."""
+        spans = (self.left, model.width), (self.top, model.height), (self.right, model.width), (self.bottom, model.height)
+        return Region(*(min(max(at, 0), end) for at, end in spans))
+
+    def dilated(self, margin: int) -> Region:
+        """The region with ``margin`` pixels more on every side."""
+        return Region(self.left - margin, self.top - margin, self.right + margin, self.bottom + margin)
+
+    def cells(self, size: int, reach: int, whole: Region) -> tuple[slice, slice]:
+        """Rows and columns of the cells of ``size`` pixels that the region touches, and ``reach`` more on every side."""
+        spans = ((self.top, self.bottom, whole.bottom), (self.left, self.right, whole.right))
+        return tuple(slice(max(0, a // size - reach), min(-(-end // size), -(-b // size) + reach)) for a, b, end in spans)  # type: ignore[return-value]
+
+    def within(self, cells: tuple[slice, slice], size: int) -> tuple[slice, slice]:
+        """Where the region lies in the pixels of such cells."""
+        rows, columns = (c.start * size for c in cells)
+        return slice(self.top - rows, self.bottom - rows), slice(self.left - columns, self.right - columns)
+
+
+class Tile(NamedTuple):
+    """A part of a progressively rendered image: its pixel (i, j) is that of the image's row and column ``origin + (i, j) *
+    stride``, and stands for the ones about it; together they cover ``region``."""
+
+    frame: CameraFrame
+    region: Region
+    stride: tuple[float, float] = (1, 1)
+    first: tuple[float, float] | None = None
+
+    @property
+    def origin(self) -> tuple[float, float]:
+        """Row and column of its first pixel."""
+        return (self.region.top, self.region.left) if self.first is None else self.first

@@ -1,0 +1,379 @@
+"""Render a state of the world into one sensor's frame.
+
+camera_rays / lidar_rays    which rays, when, from where                   sensors/
+Backend.bind                the scene, ready for this state                tracer.py
+met_by_camera, met_by_rays  where rays meet meshes                         meshes/
+Tracer.trace                samples, fields, depth order, passes
+Tracer.image, returns       features to pixels, to intensity and returns
+shaded, fill_passes         contact shadows, cells to pixels               contact_shadow.py, passes.py
+
+Numpy alone: whatever a backend computes with, the renderer is given it. A renderer knows neither drives nor frames:
+`drive_renderer.py` renders a drive's frames with one.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import overload
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..blocks import CROWDED, Picture
+from ..bounds import beside_boxes
+from ..contact_shadow import NOTHING_M, shaded
+from ..drive import Actor, Camera, Lidar
+from ..errors import SceneError
+from ..frames import CameraFrame, LidarFrame, RenderStats
+from ..geometry import FloatArray
+from ..lattice import aligned, grown
+from ..meshes.exposure import PROBE_M, beside, level_of
+from ..passes import fill_passes
+from ..sensors.camera import along_axis, camera_rays, pixel_grid
+from ..sensors.lidar import lidar_rays
+from ..sensors.rays import Rays
+from ..tracer import NEAR_M, Array, Backend, Maps, Tracer
+from ..world.state import WorldState
+from ..world.visibility import Reach
+from .regions import Region, Tile
+
+LATTICE_PIXELS = 1.5
+"""A lattice is at most as wide as so many pixels of the images that the scene learnt from."""
+LEAST_WIDTH = 16
+"""Of a coarse image, in pixels."""
+
+
+@dataclass
+class _Exposure:
+    """One image of a camera: what was asked for, what is needed for that, and what was found out on the way."""
+
+    tracer: Tracer
+    state: WorldState
+    camera: Camera
+    time_s: float
+    passes: Sequence[str] = ()
+    needed: set[str] = field(default_factory=set)
+    shadowing: list[Actor] = field(default_factory=list)
+    """Actors with contact shadows under them."""
+    begun: float = field(default_factory=time.perf_counter)
+    stats: RenderStats = field(default_factory=RenderStats)
+    lights: dict[str, FloatArray] = field(default_factory=dict)
+    """How bright white ground under an actor would be, by its id."""
+
+
+class Renderer:
+    """Renders states of the world with a backend: trained scenes, or what else rays are traced through, loaded once.
+
+    ``shadows`` puts contact shadows under actors that the recording does not have. ``lighting`` traces the ground that meshes
+    are lit like, where ``backend`` leaves some of it out.
+    """
+
+    def __init__(self, backend: Backend, shadows: bool = False, lighting: Backend | None = None) -> None:
+        self.backend, self.shadows = backend, shadows
+        self.lighting = backend if lighting is None else lighting
+        self.quality = backend.quality
+        """What may be saved; it may be changed between two frames."""
+        self._bound: tuple[WorldState, Tracer] | None = None
+
+    @overload
+    def render(
+        self,
+        state: WorldState,
+        sensor: Camera,
+        time_s: float,
+        passes: Sequence[str] = ...,
+        region: Region | None = ...,
+    ) -> CameraFrame: ...
+
+    @overload
+    def render(self, state: WorldState, sensor: Lidar, time_s: float, *, seed: Sequence[int] | None = ...) -> LidarFrame: ...
+
+    def render(
+        self,
+        state: WorldState,
+        sensor: Camera | Lidar,
+        time_s: float,
+        passes: Sequence[str] = ("rgb",),
+        region: Region | None = None,
+        seed: Sequence[int] | None = None,
+    ) -> CameraFrame | LidarFrame:
+        """Render what a sensor measures at ``time_s``, seconds; the state has to cover its exposure (`sensors.exposure`).
+
+        Of an image: the passes asked for, and the ``region`` alone where one is given. Of a sweep: ``seed`` draws the beams that
+        return by their probability; without one, those return whose probability is half or more.
+        """
+        if isinstance(sensor, Lidar):
+            return self._sweep(state, sensor, time_s, seed)
+        (tile,) = self.progressive(state, sensor, time_s, passes, region)
+        return tile.frame
+
+    def progressive(
+        self,
+        state: WorldState,
+        camera: Camera,
+        time_s: float,
+        passes: Sequence[str] = ("rgb",),
+        region: Region | None = None,
+        coarse: Sequence[int] = (),
+        band: int | None = None,
+    ) -> Iterator[Tile]:
+        """Render an image progressively: optional low-resolution previews (strides in ``coarse``; colours, and what is
+        unsupported where that was asked for), then finished bands of about ``band`` rows, top to bottom.
+
+        Concatenated bands are bit-identical to `render`. Pixels of previews are pixels of the finished image where a pixel's
+        colour depends on its own ray alone.
+        """
+        exposure = self._expose(state, camera, time_s, passes)
+        whole = Region.of_image(camera.model)
+        region = whole if region is None else region
+        tracer = exposure.tracer
+        if tracer.reach == 0 and tracer.upsample == 1:
+            yield from self._on_lattice(exposure, region, coarse, band)
+            return
+        model = camera.model
+        for stride in coarse if region == whole else ():
+            early = ("rgb", "support") if "support" in passes else ("rgb",)
+            small = camera.resized(max(LEAST_WIDTH, model.width // stride))
+            preview = self.render(state, small, time_s, early)
+            height, across = preview.rgb.shape[:2]
+            y, x = model.height / height, model.width / across
+            yield Tile(preview, whole, (y, x), (y / 2 - 0.5, x / 2 - 0.5))
+        step = region.bottom - region.top if band is None else band
+        for top in range(region.top, region.bottom, step):
+            part = region._replace(top=top, bottom=min(top + step, region.bottom))
+            yield Tile(self._block(exposure, part, whole), part)
+
+    def tracer(self, state: WorldState) -> Tracer:
+        """Return the scene, ready for rays through this state; that of the last state is kept."""
+        if self._bound is None or (self._bound[0] is not state and self._bound[0] != state):
+            self._bound = state, self.backend.bind(state)
+        tracer = self._bound[1]
+        tracer.quality = self.quality
+        return tracer
+
+    @property
+    def reach(self) -> Reach:
+        """See `reach_of`."""
+        return reach_of(self.shadows)
+
+    def dilated(self, state: WorldState, region: Region) -> Region:
+        """Return the region of an image that can change where rays of ``region`` see something else: the decoder carries it on,
+        and a lattice's blocks depend on their corners."""
+        tracer = self.tracer(state)
+        return region.dilated(tracer.upsample * (tracer.reach + 1) + 2 * self.quality.lattice)
+
+    def alone(self, state: WorldState, camera: Camera) -> bool:
+        """Return whether a pixel's colour depends on its own ray and on nothing else."""
+        tracer = self.tracer(state)
+        single = tracer.reach == 0 and tracer.upsample == 1
+        return single and not tracer.cast.extras.seen_by(camera).actors and not self._shadowing(state, camera)
+
+    def pixels(self, state: WorldState, camera: Camera, time_s: float, u: FloatArray, v: FloatArray) -> NDArray[np.float32]:
+        """Return colours (N, 3) of pixels (N,) that are `alone`."""
+        cells = u[None], v[None]
+        exposure = _Exposure(self.tracer(state), state, camera, time_s)
+        return self._seen(exposure, cells, camera_rays(camera, time_s, *cells).flat(), 1)[0][0]
+
+    def _expose(self, state: WorldState, camera: Camera, time_s: float, passes: Sequence[str]) -> _Exposure:
+        shadowing = self._shadowing(state, camera)
+        return _Exposure(self.tracer(state), state, camera, time_s, passes, _needed(passes, bool(shadowing)), shadowing)
+
+    def _shadowing(self, state: WorldState, camera: Camera) -> list[Actor]:
+        """Return the actors under which a camera sees contact shadows."""
+        inserted = (actor for actor in state.actors if actor.inserted) if self.shadows else ()
+        return [actor for actor in inserted if actor.visible_to(camera)]
+
+    def _lattice(self, tracer: Tracer, camera: Camera) -> int:
+        """Return how many pixels apart an image is traced at first: where it is wider than those that the scene learnt from, it
+        shows little that is smaller than their pixels."""
+        scale = camera.model.width / (tracer.trained_width or camera.full_width or camera.model.width)
+        return min(tracer.quality.lattice, 2 ** int(np.log2(max(LATTICE_PIXELS * scale, 1.0))))
+
+    def _block(self, exposure: _Exposure, region: Region, whole: Region) -> CameraFrame:
+        """Render a part of the image whose every cell is traced, and those beside it at which the decoder looks."""
+        up, camera, time_s = exposure.tracer.upsample, exposure.camera, exposure.time_s
+        cells = region.cells(up, exposure.tracer.reach, whole)
+        u, v = (x[cells] for x in pixel_grid(camera.model, up))
+        rays = camera_rays(camera, time_s, u, v)
+        image, maps = self._seen(exposure, (u, v), rays, up)
+        axis = camera.world_from_camera.at(time_s)[:3, 2]
+        along = rays.directions @ axis if "depth" in maps else None
+        return self._frame(exposure, image, maps, rays, along, region.within(cells, up))
+
+    def _on_lattice(self, exposure: _Exposure, region: Region, coarse: Sequence[int], band: int | None) -> Iterator[Tile]:
+        """Render tiles of the image, traced where `lattice.grown` wants them."""
+        camera, model, time_s, tracer = exposure.camera, exposure.camera.model, exposure.time_s, exposure.tracer
+        size = self._lattice(tracer, camera)
+        rows, columns = aligned(
+            (slice(region.top, region.bottom), slice(region.left, region.right)), size, (model.height, model.width)
+        )
+        # centres of columns (1, W) and of rows (H, 1)
+        u, v = np.arange(columns.start, columns.stop)[None] + 0.5, np.arange(rows.start, rows.stop)[:, None] + 0.5
+        shape = v.shape[0], u.shape[1]
+        cast = tracer.cast
+        crowd = [*cast.extras.seen_by(camera).actors, *(a for troupe in cast.guests.values() for a in troupe.actors)]
+
+        def trace(numbers: NDArray[np.int64]) -> tuple[NDArray[np.float32], Maps]:
+            y, x = np.divmod(numbers, shape[1])
+            cells = u[:, x], v[y].T
+            rays = camera_rays(camera, time_s, *cells).flat()
+            image, maps = self._seen(exposure, cells, rays, 1)
+            if crowd and size > 1:
+                # meshes are sharper than what the scene learnt, and so may be what others learnt
+                maps[CROWDED] = beside_boxes(crowd, rays, size / model.fx)
+            return image[0], maps
+
+        picture = Picture(shape)
+        for stride, done in grown(picture, size, tracer.quality.spread, trace, coarse, band):
+            values = {name: x.reshape(*shape, *x.shape[1:]) for name, x in picture.values.items() if name != CROWDED}
+            if stride > 1:
+                few = {name: values[name][::stride, ::stride] for name in ("rgb", "support") if name in values}
+                preview = CameraFrame(model, camera.world_from_camera.at(time_s), few["rgb"], unsupported=few.get("support"))
+                yield Tile(preview, region, (stride, stride), (rows.start, columns.start))
+                continue
+            part = region._replace(
+                top=max(region.top, rows.start + done.start), bottom=min(region.bottom, rows.start + done.stop)
+            )
+            if part.top >= part.bottom:
+                continue
+            inner = part.within((rows, columns), 1)
+            maps = {name: x[inner].reshape(-1, *x.shape[2:]) for name, x in values.items()}
+            across, down = u[:, inner[1]], v[inner[0]]
+            rays = camera_rays(camera, time_s, *np.broadcast_arrays(across, down)) if exposure.shadowing else None
+            along = along_axis(camera, time_s, across, down) if "depth" in maps else None
+            del maps["rgb"]
+            yield Tile(self._frame(exposure, values["rgb"][inner], maps, rays, along, (slice(None), slice(None))), part)
+
+    def _seen(
+        self, exposure: _Exposure, cells: tuple[FloatArray, FloatArray], rays: Rays, up: int
+    ) -> tuple[NDArray[np.float32], Maps]:
+        """Return the image, and a map for each pass that is needed, of cells with centres (u, v) (h, w) and rays through these,
+        flat where neighbours are together already."""
+        (u, v), flat, tracer = cells, rays.flat(), exposure.tracer
+
+        def light(actor: Actor) -> FloatArray:
+            if actor.uid not in exposure.lights:
+                exposure.lights[actor.uid] = self._light(exposure, actor)
+            return exposure.lights[actor.uid]
+
+        seen = tracer.cast.extras.seen_by(exposure.camera)
+        met = seen.met_by_camera(exposure.camera, exposure.time_s, (u, v), flat, up, NEAR_M, light)
+        found = tracer.trace(rays, exposure.needed, True, met, exposure.stats)
+        image = tracer.image(found, flat.directions, exposure.camera.sensor_id, u.shape)
+        if met is not None and found.mesh_opacity is not None:
+            image = met.over(image, found.mesh_opacity, u.shape)
+        return image, found.maps
+
+    def _frame(
+        self,
+        exposure: _Exposure,
+        image: NDArray[np.float32],
+        maps: Maps,
+        rays: Rays | None,
+        along: FloatArray | None,
+        inner: tuple[slice, slice],
+    ) -> CameraFrame:
+        """Return a frame of an image and its maps, of which ``inner`` pixels count. ``rays`` are for contact shadows, ``along``
+        is for depths (`fill_passes`)."""
+        camera, time_s = exposure.camera, exposure.time_s
+        up = exposure.tracer.upsample
+        if exposure.shadowing:
+            assert rays is not None
+            image = self._shaded(exposure, image, rays, maps)
+        exposure.stats.seconds["picture"] = time.perf_counter() - exposure.begun
+        pose = camera.world_from_camera.at(time_s)
+        out = CameraFrame(camera.model, pose, image[inner], instances=exposure.tracer.cast.uids, stats=exposure.stats)
+        shape = -(-image.shape[0] // up), -(-image.shape[1] // up)
+        fill_passes(out, {name: x for name, x in maps.items() if name in exposure.passes}, along, shape, up, inner)
+        return out
+
+    def _light(self, exposure: _Exposure, actor: Actor) -> FloatArray:
+        """Return how bright white ground under an actor would be (3,), linear: by the ground beside it, as the camera shows
+        that."""
+        camera, time_s = exposure.camera, exposure.time_s
+        points = beside(actor, time_s)
+        points[:, 2] -= exposure.tracer.heights(points)
+        to = points - camera.world_from_camera.at(time_s)[:3, 3]
+        distance = np.linalg.norm(to, axis=1, keepdims=True)
+        directions = to / distance
+        rays = Rays(points - directions * np.minimum(distance, PROBE_M), directions, np.full(len(points), time_s))
+        tracer = exposure.tracer if self.lighting is self.backend else self.lighting.bind(exposure.state)
+        tracer.quality = self.quality
+        found = tracer.trace(rays, {"instance", "depth"}, True, None, RenderStats())
+        # one row of cells: a decoder that looks aside sees ground on both sides
+        rgb = tracer.image(found, directions, camera.sensor_id, (1, len(points)))[0, :: tracer.upsample]
+        return level_of(rgb[(found.maps["instance"] == 0) & (found.maps["depth"] < 2 * PROBE_M)])
+
+    def _shaded(self, exposure: _Exposure, image: NDArray[np.float32], rays: Rays, maps: Maps) -> NDArray[np.float32]:
+        """Return the image of rays (h, w) with contact shadows where they show the ground."""
+        up = exposure.tracer.upsample
+        depth = maps["depth"].reshape(rays.time_s.shape).astype(np.float64)
+        points = rays.origins + rays.directions * np.where(np.isfinite(depth), depth, 1e6)[..., None]
+        ground = (maps["instance"].reshape(rays.time_s.shape) == 0) & np.isfinite(depth)
+        points, ground = (np.repeat(np.repeat(x, up, 0), up, 1)[: image.shape[0], : image.shape[1]] for x in (points, ground))
+        return shaded(image, points, ground, exposure.shadowing, exposure.time_s)
+
+    def _sweep(self, state: WorldState, lidar: Lidar, time_s: float, seed: Sequence[int] | None) -> LidarFrame:
+        begun = time.perf_counter()
+        if not lidar.model.beams:
+            raise SceneError(f"LiDAR {lidar.sensor_id!r} has no beam table: the log has plain points of it")
+        rays = lidar_rays(lidar, time_s)
+        shape = rays.time_s.shape
+        stats = RenderStats()
+        # as beams and columns: neighbours are traced together
+        measured = self.beams(state, rays, lidar, stats)
+        depth, intensity, probability = (x.reshape(shape) for x in measured[:3])
+        instance = measured[3].reshape(shape)
+        returned = (
+            (probability >= _thresholds(seed, shape)) & (depth >= lidar.model.min_range_m) & (depth <= lidar.model.max_range_m)
+        )
+        if lidar.blocked is not None:
+            returned &= ~lidar.blocked
+        stats.seconds = {"trace": time.perf_counter() - begun}
+        return LidarFrame(
+            lidar.model, lidar.world_from_lidar.at(time_s), rays.origins, rays.directions, rays.time_s,
+            depth, intensity, probability, returned, instance, self.tracer(state).cast.uids, stats,
+        )  # fmt: skip
+
+    def beams(
+        self, state: WorldState, rays: Rays, lidar: Lidar | None = None, stats: RenderStats | None = None
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], NDArray[np.int32]]:
+        """Return depth in metres, intensity in 0..1, probability of a return, instance (N,) of any LiDAR rays, flat (N,) or of
+        beams and columns (B, C), N = B C. ``lidar`` is whose they are: of a body of the ego vehicle that one sees what it may;
+        without it, all is seen."""
+        stats = RenderStats() if stats is None else stats
+        flat, tracer = rays.flat(), self.tracer(state)
+        extras = tracer.cast.extras
+        met = (extras if lidar is None else extras.seen_by(lidar)).met_by_rays(flat, NEAR_M)
+        found = tracer.trace(rays, {"instance", "depth"}, False, met, stats)
+        intensity, probability = tracer.returns(found, flat.directions)
+        if met is not None and found.mesh_opacity is not None:
+            bright = np.zeros_like(intensity)
+            bright[met.ray] = met.intensity
+            intensity = _laid_over(intensity, bright, found.mesh_opacity)
+            probability = _laid_over(probability, 1.0, found.mesh_opacity)
+        depth = np.nan_to_num(found.maps["depth"], posinf=0.0)
+        return depth, intensity, probability, found.maps["instance"].astype(np.int32)
+
+
+def _needed(passes: Sequence[str], shades: bool) -> set[str]:
+    """Return the maps that an image with these passes is made of: a lattice knows by the depths where a normal ends, and a
+    contact shadow lies on the ground."""
+    return {*passes, *(("depth",) if "normal" in passes else ()), *(("depth", "instance") if shades else ())} - {"rgb"}
+
+
+def reach_of(shadows: bool) -> Reach:
+    """Return how far what a frame shows reaches beyond the rays of its pixels, with contact shadows or without."""
+    return Reach(shadow_m=NOTHING_M if shadows else 0.0, light_m=PROBE_M + 1.0)
+
+
+def _thresholds(seed: Sequence[int] | None, shape: tuple[int, ...]) -> FloatArray | float:
+    """Return what a beam's probability must reach: half, or a number in (0, 1] that depends on the seed alone."""
+    return 0.5 if seed is None else 1.0 - np.random.default_rng(seed).random(shape)
+
+
+def _laid_over(below: Array, above: Array | float, share: Array) -> Array:
+    """Return ``above`` over ``below`` as far as ``share`` says (N,)."""
+    return np.asarray(below + share.astype(np.float64) * (above - below), np.float32)

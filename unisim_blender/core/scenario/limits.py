@@ -1,0 +1,73 @@
+"""How much a scenario or a rig may hold. Whatever is beyond was not meant: it would take minutes and gigabytes, or make numbers
+that float64 cannot tell apart."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from ..errors import ScenarioError
+
+MOST_MEMBERS = {
+    "edits": 2_000,
+    "boxes": 2_000,
+    "cameras": 500,
+    "lidars": 500,
+    "frames": 100_000,
+    "trajectory": 20_000,
+    "shift": 20_000,
+    "map": 20_000,
+    "street": 100,
+}
+"""Members of a list or an object, by its name."""
+MOST_VALUES = 500_000
+"""Values of a document, of all kinds and at any depth: some 50 000 keys."""
+MOST_M = 1e6
+"""Places and lengths: micrometres are told apart there."""
+MOST_S = 1e6
+MOST_DEG = 1e6
+MOST_PIXELS = 1e6
+SLOWEST, FASTEST = 1e-3, 1e3
+"""How many times slower or faster a retimed actor may be."""
+_UNITS = {"_m": (MOST_M, "m"), "_s": (MOST_S, "s"), "_deg": (MOST_DEG, "degrees")}
+_NAMES = {
+    "position": (MOST_M, "m"), "map": (MOST_S, "s"), **dict.fromkeys(("fx", "fy", "cx", "cy"), (MOST_PIXELS, "pixels")),
+    "factors": (MOST_M, "times"), "quaternion_wxyz": (MOST_M, "in length"),
+}  # fmt: skip
+
+
+def check_limits(document: Any, path: Path) -> None:
+    """Raise `ScenarioError` for the first place of a JSON document that holds more, or a larger number, than is read."""
+    count = 0
+    for steps, value in _values((), document):
+        count += 1
+        if count > MOST_VALUES:
+            raise ScenarioError(f"{path}: holds more than {MOST_VALUES} values, which is more than a scenario may have")
+        name = next((step for step in reversed(steps) if isinstance(step, str)), "")
+        most = MOST_MEMBERS.get(name, MOST_VALUES) if steps and steps[-1] == name else MOST_VALUES
+        if isinstance(value, list | dict) and len(value) > most:
+            raise ScenarioError(f"{place_in(path, steps)}: has {len(value)} members, more than the {most} that are read")
+        if isinstance(value, int | float) and not isinstance(value, bool) and "street" not in steps:
+            _check_number(value, name, place_in(path, steps))
+
+
+def _check_number(value: float, name: str, place: str) -> None:
+    unit = _NAMES.get(name) or next((unit for suffix, unit in _UNITS.items() if name.endswith(suffix)), None)
+    if unit is not None and not abs(value) <= unit[0]:
+        raise ScenarioError(f"{place}: {value:g} is not within {unit[0]:g} {unit[1]}")
+    if name == "speed" and value > 0 and not SLOWEST <= value <= FASTEST:
+        raise ScenarioError(f"{place}: {value:g} is not from {SLOWEST:g} to {FASTEST:g}")
+
+
+def place_in(path: Path, steps: tuple[str | int, ...]) -> str:
+    """A file and a place in it: ``scenario.json: edits[3].actor``."""
+    text = "".join(f"[{step}]" if isinstance(step, int) else f".{step}" for step in steps).removeprefix(".")
+    return f"{path}: {text}" if text else str(path)
+
+
+def _values(steps: tuple[str | int, ...], value: Any) -> Iterator[tuple[tuple[str | int, ...], Any]]:
+    yield steps, value
+    members = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
+    for key, member in members:
+        yield from _values((*steps, key), member)

@@ -1,0 +1,19 @@
+"""When a sensor measures: the window of time that one frame's rays lie in."""
+
+from __future__ import annotations
+
+from ..drive import Camera, Lidar
+
+PAD_ROWS = 4
+"""Cells of several pixels may reach so many rows beyond an image's lower edge."""
+
+
+def exposure_window(sensor: Camera | Lidar, time_s: float) -> tuple[float, float]:
+    """Return from when to when, seconds, the rays of a sensor's frame at ``time_s`` leave; ``time_s`` itself lies within."""
+    if isinstance(sensor, Lidar):
+        model = sensor.model
+        first, last = time_s + model.time_offset_s - model.sweep_s, time_s + model.time_offset_s
+    else:
+        shutter, pad = sensor.model.shutter, PAD_ROWS / sensor.model.height
+        first, last = (time_s + shutter.duration_s * (at - shutter.reference) for at in (-pad, 1 + pad))
+    return min(time_s, first, last), max(time_s, first, last)

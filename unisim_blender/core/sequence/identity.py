@@ -1,0 +1,120 @@
+"""The identity of a capture: a digest of all that its bytes depend on.
+
+That is the state of the world that its sensor can see, the sensor, the trained scenes and meshes that the state names, the
+settings of its kind of sensor, the code that renders, and the machine. An edit changes the identity of the captures that can see
+it, and of no other.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterator
+from dataclasses import asdict, replace
+from typing import Any
+
+from ..drive import Camera, Lidar
+from ..geometry import Trajectory
+from ..max_error import parse_bounds, sample_frames
+from ..scene_file import drive_to_json
+from ..sensors.exposure import exposure_window
+from ..world.state import WorldState
+from .plan import RenderPlan, code_identity
+
+CAMERA_FORMATS, LIDAR_FORMATS = ("png", "exr"), ("ply", "npz")
+NOT_OF_CAMERAS, NOT_OF_LIDARS = ("draw",), ("passes", "width", "contact_shadows")
+"""Settings that change no image, and no sweep."""
+
+
+Identity = tuple[str, tuple[str, ...]]
+"""A digest of 64 hexadecimal digits, and the ids of the actors that the capture can see."""
+
+
+class CaptureIdentities:
+    """The identities of a plan's captures."""
+
+    def __init__(self, plan: RenderPlan) -> None:
+        self.plan = plan
+        self._of_frames: dict[int, dict[str, Identity]] = {}
+        bounds = parse_bounds(plan.settings.max_error)
+        self._of_colour = any(bound.unit != "mm" for bound in bounds)
+        self._camera, self._lidar = (
+            self._common(NOT_OF_CAMERAS, CAMERA_FORMATS, [str(bound) for bound in bounds if bound.unit != "mm"]),
+            self._common(NOT_OF_LIDARS, LIDAR_FORMATS, [str(bound) for bound in bounds if bound.unit == "mm"]),
+        )
+
+    def of_frame(self, frame: int) -> dict[str, Identity]:
+        """Return the identities of the captures that a frame has, by name, cameras first."""
+        if frame not in self._of_frames:
+            drive, settings = self.plan.drive, self.plan.settings
+            sensors: list[tuple[str, Camera | Lidar]] = [
+                *((f"camera/{name}", drive.cameras[name]) for name in settings.cameras),
+                *((f"lidar/{name}", drive.lidars[name]) for name in settings.lidars),
+            ]
+            self._of_frames[frame] = {name: self.of(sensor, frame) for name, sensor in sensors if frame in sensor.time_s}
+        return self._of_frames[frame]
+
+    def of(self, sensor: Camera | Lidar, frame: int) -> Identity:
+        """Return a capture's identity."""
+        state = self._state(sensor, frame)
+        digest = hashlib.sha256(self._camera if isinstance(sensor, Camera) else self._lidar)
+        for part in _sensor_parts(sensor, frame):
+            digest.update(part)
+        digest.update(self._digest(state))
+        if isinstance(sensor, Camera) and self._of_colour:
+            # settings are chosen by pixels of frames all over the drive
+            for other in sample_frames(sensor.time_s):
+                digest.update(self._digest(self._state(sensor, other)))
+        return digest.hexdigest(), tuple(actor.uid for actor in state.actors)
+
+    def _state(self, sensor: Camera | Lidar, frame: int) -> WorldState:
+        return self.plan.captures.state(sensor, sensor.time_s[frame])
+
+    def _digest(self, state: WorldState) -> bytes:
+        """Return the state's digest, with digests in place of the paths of scenes and meshes: where they lie changes nothing."""
+        digests = self.plan.scenes
+        looks = [
+            replace(a.look, **{kind: digests.get(path, path) for kind in ("scene", "mesh") if (path := getattr(a.look, kind))})
+            for a in state.actors
+        ]
+        actors = (replace(actor, look=look) for actor, look in zip(state.actors, looks, strict=True))
+        return replace(state, actors=tuple(actors)).digest.encode()
+
+    def _common(self, left_out: tuple[str, ...], formats: tuple[str, ...], bounds: list[str]) -> bytes:
+        """Return what all captures of a kind of sensor share."""
+        plan = self.plan
+        settings = {
+            **{name: value for name, value in asdict(plan.settings).items() if name not in ("cameras", "lidars", *left_out)},
+            "formats": [name for name in plan.settings.formats if name in formats],
+            "max_error": bounds,
+        }
+        document: dict[str, Any] = {
+            "scene": plan.scenes.get(""),
+            "settings": settings,
+            "code": code_identity(),
+            "environment": plan.environment,
+            # of renderers whose frames depend on all of it
+            "drive": {**drive_to_json(plan.drive), "frames": None} if plan.captures.sees_all else None,
+        }
+        return json.dumps(document, sort_keys=True).encode()
+
+
+def _sensor_parts(sensor: Camera | Lidar, frame: int) -> Iterator[bytes]:
+    time_s = sensor.time_s[frame]
+    model = {name: value for name, value in asdict(sensor.model).items() if not hasattr(value, "tobytes")}
+    about = {"sensor": sensor.sensor_id, "frame": frame, "time_s": time_s, "model": model, "body": sensor.sees_ego_body}
+    yield json.dumps(about, sort_keys=True).encode()
+    window = exposure_window(sensor, time_s)
+    if isinstance(sensor, Camera):
+        yield from _trajectory_parts(sensor.world_from_camera.between(*window))
+        return
+    yield from _trajectory_parts(sensor.world_from_lidar.between(*window))
+    yield sensor.model.elevation_rad.tobytes()
+    yield sensor.model.azimuth_offset_rad.tobytes()
+    yield b"" if sensor.blocked is None else sensor.blocked.tobytes()
+
+
+def _trajectory_parts(trajectory: Trajectory) -> Iterator[bytes]:
+    yield trajectory.times_s.tobytes()
+    yield trajectory.positions.tobytes()
+    yield trajectory.quaternions_wxyz.tobytes()

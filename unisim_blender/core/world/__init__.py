@@ -1,0 +1,1 @@
+"""The world at a moment, and where such moments come from."""

@@ -1,0 +1,80 @@
+"""A recorded or edited drive as a source of states."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from ..drive import Actor, Box, Drive
+from ..geometry import FloatArray, make_pose
+from .state import WorldState
+
+
+class DriveStates:
+    """The states of a drive: log replay, and the scenario that edits made of it.
+
+    ``parked`` are the boxes of actors that stood still throughout the recording, by their ids: scene data, which a renderer's
+    backend has. Where such an actor is not where it was recorded, nothing stands in its box: behind its surface nobody saw
+    anything, so the static field is empty there.
+    """
+
+    def __init__(self, drive: Drive, parked: Mapping[str, Box]) -> None:
+        self.drive = drive
+        self._actors = tuple(with_windows(drive, drive.actors.values()))
+        self._starts_s = np.array([actor.start_s for actor in self._actors])
+        self._ends_s = np.array([actor.end_s for actor in self._actors])
+        self._removed = drive.static_removals + tuple(
+            box for uid, box in parked.items() if not _stands_in(drive.actors.get(uid), box)
+        )
+
+    def state(self, start_s: float, end_s: float) -> WorldState:
+        """See `StateSource`."""
+        active = np.flatnonzero((self._ends_s >= start_s) & (self._starts_s <= end_s)).tolist()
+        starts, ends = np.maximum(self._starts_s, start_s).tolist(), np.minimum(self._ends_s, end_s).tolist()
+        actors = (
+            replace(
+                self._actors[i],
+                world_from_actor=self._actors[i].world_from_actor.between(start_s, end_s),
+                start_s=starts[i],
+                end_s=ends[i],
+            )
+            for i in active
+        )
+        return WorldState(
+            start_s,
+            end_s,
+            self.drive.world_from_ego.between(start_s, end_s),
+            tuple(actors),
+            self.drive.static_copies,
+            self._removed,
+        )
+
+
+def with_windows(drive: Drive, actors: Iterable[Actor]) -> list[Actor]:
+    """Return actors in the order of their ids, so that overlapping ones composite alike in any list, present in their windows
+    (`Drive.window`)."""
+    windows = ((actor, drive.window(actor)) for actor in sorted(actors, key=lambda a: a.uid))
+    return [replace(actor, start_s=start, end_s=end) for actor, (start, end) in windows]
+
+
+def parked_boxes(recorded: Drive) -> dict[str, Box]:
+    """Return the boxes of actors that stood still throughout a recording, by their ids."""
+    return {uid: Box(first_pose(actor), actor.size_m) for uid, actor in recorded.actors.items() if not actor.is_moving}
+
+
+def first_pose(actor: Actor) -> FloatArray:
+    """Return an actor's pose (4, 4) at its first key."""
+    way = actor.world_from_actor
+    return make_pose(way.positions[0], way.quaternions_wxyz[0])
+
+
+def _stands_in(actor: Actor | None, box: Box) -> bool:
+    """Return whether an actor fills the box that it was recorded in; what a smaller one leaves of it is empty, too."""
+    return (
+        actor is not None
+        and not actor.is_moving
+        and not actor.is_scaled
+        and np.array_equal(first_pose(actor), box.world_from_box)
+    )
