@@ -12,8 +12,8 @@ from typing import Any, TypeVar
 import bpy
 import numpy as np
 import pytest
-from edit_cases import CASES, driving, standing, update
-from helpers import select
+from edit_cases import CASES, standing, update
+from helpers import driving, select
 
 from unisim_blender.bridge.animation import curves_of
 from unisim_blender.bridge.clock import Clock

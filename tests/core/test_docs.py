@@ -35,7 +35,8 @@ def test_every_page_is_in_the_website_and_every_image_in_a_page() -> None:
     pages = [page.relative_to(ROOT / "docs").as_posix() for page in PAGES if page.is_relative_to(ROOT / "docs")]
     assert [page for page in pages if page not in navigation] == []
     shown = {Path(target).name for page in PAGES for target in links(page.read_text(encoding="utf-8"))}
-    assert {path.name for path in (ROOT / "docs" / "images").iterdir()} - shown == set()
+    images = {path.name for path in (ROOT / "docs" / "images").rglob("*") if path.is_file()}
+    assert images - shown == set()
 
 
 @pytest.mark.parametrize("page", PAGES, ids=NAMES)

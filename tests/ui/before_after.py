@@ -449,7 +449,7 @@ def points() -> Iterator[float]:
     here: dict[str, list[Place]] = {}
     yield from buttons(area("VIEW_3D"), "UI", here, columns)
     if name not in here:
-        yield from open_panel("unisim.recorded_colours()", 32, name)
+        yield from open_panel("Show", name, 0.3)
     yield from place_of(name, columns=columns)
     yield from redraw_alone()
     without = heart.longest
