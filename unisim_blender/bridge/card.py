@@ -51,8 +51,9 @@ def card_of(scene: bpy.types.Scene, thing: bpy.types.Object, drive: Drive) -> Ca
 
 def size_of_card(thing: bpy.types.Object) -> str:
     """Return how large an actor is drawn, and by what it is scaled, in words."""
-    text, factors = size_text(size_of(thing).tolist(), digits=2), UNIT if thing.unisim.mesh else scale_of(thing)
-    return text if factors == UNIT else f"{text} (scaled by {scale_text(factors)})"
+    size_m, factors = size_of(thing).tolist(), UNIT if thing.unisim.mesh else scale_of(thing)
+    # as long as the sidebar shows at its first width
+    return size_text(size_m, digits=2) if factors == UNIT else f"{size_text(size_m, digits=1)} ×{scale_text(factors)}"
 
 
 def role_of(scene: bpy.types.Scene, thing: bpy.types.Object, drive: Drive) -> str:
