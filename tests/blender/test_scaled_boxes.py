@@ -312,7 +312,7 @@ def test_the_card_says_the_size(street: Any) -> None:
     assert card_of(street, one, drive).size == "4.70 x 2.10 x 1.72 m"
     one.scale = (1.5, 1.0, 1.0)
     bpy.context.view_layer.update()
-    assert card_of(street, one, drive).size == "7.1 x 2.1 x 1.7 m ×1.5 x 1 x 1"
+    assert card_of(street, one, drive).size == "7.0 x 2.1 x 1.7 m ×1.5 x 1 x 1"
     assert len(trail(one, drive, clock(street), 0.0).points), "the box as it was recorded is drawn beside it"
 
 
