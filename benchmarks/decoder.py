@@ -18,11 +18,11 @@ import torch.nn.functional as F
 from torch import nn
 
 from unisim_blender.core import native
-from unisim_blender.core.compiled.decoder import Decoder
-from unisim_blender.core.decode import CameraDecoder, LidarHead, RayHead
-from unisim_blender.core.fields.config import ModelConfig, preset
-from unisim_blender.core.fields.networks import SH_WIDTH, mlp
-from unisim_blender.core.weights import Weights
+from unisim_blender.core.model.config import ModelConfig, preset
+from unisim_blender.core.model.decode import CameraDecoder, LidarHead, RayHead
+from unisim_blender.core.model.networks import SH_WIDTH, mlp
+from unisim_blender.core.model.weights import Weights
+from unisim_blender.core.render.tracers.compiled.decoder import Decoder
 
 CASES: dict[str, tuple[ModelConfig, int, int]] = {
     "three blocks 3x3, 960x540 x 2": (

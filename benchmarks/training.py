@@ -17,7 +17,7 @@ import numpy as np
 import torch
 
 from unisim_blender.core import native
-from unisim_blender.core.logs import open_log
+from unisim_blender.core.data import open_log
 from unisim_blender.core.training.config import TrainConfig
 from unisim_blender.core.training.trainer import Trainer
 

@@ -24,7 +24,7 @@ import unisim_blender
 from unisim_blender.bridge.importing import fit_resolution
 from unisim_blender.bridge.source import source_of
 from unisim_blender.bridge.things import things
-from unisim_blender.core.scene_file import read_scene_header
+from unisim_blender.core.model.scene_file import read_scene_header
 
 FRAMES = 5
 CONES_AHEAD_M = (12.0, 15.0, 18.0, 21.0)

@@ -3,7 +3,7 @@
 import sys
 from pathlib import Path
 
-from unisim_blender.core.cli import main
+from unisim_blender.core.cli.main import main
 
 if __name__ == "__main__":
     arguments = sys.argv[1:]

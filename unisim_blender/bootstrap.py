@@ -59,12 +59,12 @@ def main() -> None:
         serve(Path(arguments[0]))
     elif what == "actors":
         from unisim_blender.core.actor_images.kept import tell
-        from unisim_blender.core.logs import open_log
+        from unisim_blender.core.data import open_log
 
         tell(open_log(Path(arguments[0])))
     else:
         sys.argv[1:] = arguments
-        from unisim_blender.core.cli import main as cli
+        from unisim_blender.core.cli.main import main as cli
 
         cli()
 

@@ -14,7 +14,7 @@ from .bridge.comparing import Rectangle, difference, errors, hatched, lacks_reco
 from .bridge.recorded_images import RecordedImages, Shown, Wanted
 from .bridge.sampling import Thing
 from .bridge.source import Source
-from .core.drive import CameraModel
+from .core.world.drive import CameraModel
 from .view_options import ViewOptions
 
 TURN_S = 0.25

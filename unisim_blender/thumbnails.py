@@ -30,7 +30,7 @@ from .client import client
 from .core.actor_images.kept import ActorImage, kept_images
 from .core.actor_images.names import plain_names
 from .core.errors import UnisimError
-from .core.scene_file import read_scene_header
+from .core.model.scene_file import read_scene_header
 from .preferences import device, interpreter
 
 LOOK_S = 0.2

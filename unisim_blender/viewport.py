@@ -26,8 +26,8 @@ from .bridge.touched import Rectangle, is_empty, joined, touched
 from .bridge.view_parts import ViewPart, view_part
 from .client import Client, Request, client, progress_line
 from .comparison import Comparison
-from .core.drive import CameraModel
 from .core.errors import UnisimError
+from .core.world.drive import CameraModel
 from .preferences import device, interpreter
 from .translations import interface
 from .view_options import options_of

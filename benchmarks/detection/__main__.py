@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from unisim_blender.core.data import open_log
 from unisim_blender.core.errors import UnisimError
 from unisim_blender.core.files import write_file
-from unisim_blender.core.logs import open_log
 from unisim_blender.core.metrics.document import write_outputs
 from unisim_blender.core.metrics.measure import measure
 from unisim_blender.core.output.frame_files import png_bytes

@@ -19,14 +19,14 @@ from PIL import Image
 from tqdm import tqdm
 
 from unisim_blender.core.colour import bytes_from_srgb
-from unisim_blender.core.drive import Actor, Camera, Drive
+from unisim_blender.core.data.log import Log
 from unisim_blender.core.errors import LogError, OutputError
 from unisim_blender.core.files import partial_file, write_file
-from unisim_blender.core.frames import LidarFrame
 from unisim_blender.core.geometry import FloatArray, box_corners, invert_pose, points_in_box, transform_points
 from unisim_blender.core.json_file import read_json
-from unisim_blender.core.log import Log
+from unisim_blender.core.render.frames import LidarFrame
 from unisim_blender.core.sensors.camera import row_times
+from unisim_blender.core.world.drive import Actor, Camera, Drive
 
 VEHICLES = (
     "Car",

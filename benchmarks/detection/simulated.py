@@ -7,15 +7,15 @@ from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
-from unisim_blender.core.drive import Drive
-from unisim_blender.core.logs import open_log
-from unisim_blender.core.logs.pandaset_sensors import PANDAR64
+from unisim_blender.core.data import open_log
+from unisim_blender.core.data.pandaset.sensors import PANDAR64
 from unisim_blender.core.prepare.renderers import SceneSource
 from unisim_blender.core.prepare.replay import replayed_drive
 from unisim_blender.core.render.drive_renderer import DriveRenderer
 from unisim_blender.core.street.write import write_log
 from unisim_blender.core.training.config import TrainConfig
 from unisim_blender.core.training.learnt import learnt
+from unisim_blender.core.world.drive import Drive
 
 from .samples import Key, Sample, sample_of
 from .streets import CAMERA, StreetSet, seed_of

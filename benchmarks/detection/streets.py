@@ -11,13 +11,13 @@ from functools import lru_cache
 
 import numpy as np
 
-from unisim_blender.core.drive import Actor, Drive
-from unisim_blender.core.edits import apply_scenario
-from unisim_blender.core.logs.pandaset_sensors import PANDAR64
+from unisim_blender.core.data.pandaset.sensors import PANDAR64
+from unisim_blender.core.scenario.edits import apply_scenario
 from unisim_blender.core.scenario.types import Edit, Ego, Retime, Scenario
 from unisim_blender.core.street.street import Street, build_street
 from unisim_blender.core.street.truth import truth_camera, truth_lidar
 from unisim_blender.core.street.write import noisy
+from unisim_blender.core.world.drive import Actor, Drive
 
 from .samples import Key, Sample, sample_of
 

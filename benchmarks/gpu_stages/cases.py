@@ -10,14 +10,14 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from unisim_blender.core.composite import gather, gather_reference
-from unisim_blender.core.fields.config import ModelConfig, preset
-from unisim_blender.core.fields.fields import query
-from unisim_blender.core.fields.grid_shape import GridArrays, GridShape
-from unisim_blender.core.fields.hash_grid import encode, encode_reference
-from unisim_blender.core.fields.networks import mlp, run_mlp
-from unisim_blender.core.march import Segment, Voxels, propose, propose_reference
-from unisim_blender.core.strands import Strands
+from unisim_blender.core.model.config import ModelConfig, preset
+from unisim_blender.core.model.fields import query
+from unisim_blender.core.model.networks import mlp, run_mlp
+from unisim_blender.core.ops.composite import gather, gather_reference
+from unisim_blender.core.ops.grid_shape import GridArrays, GridShape
+from unisim_blender.core.ops.hash_grid import encode, encode_reference
+from unisim_blender.core.ops.march import Segment, Voxels, propose, propose_reference
+from unisim_blender.core.ops.ray_segments import Strands
 
 from .kernels import apart, held_against
 
@@ -71,7 +71,7 @@ def _drawn(device: str, grid: GridArrays, grids: int, samples: int) -> tuple[Ten
 
 
 def _probe(device: str) -> Errors:
-    from unisim_blender.core.on_gpu.probe import probe
+    from unisim_blender.core.ops.triton.probe import probe
 
     probe(device)  # it raises where a kernel does not what it says
     return {"value": {"max_abs": 0.0, "bound": 0.0, "pass": True}}

@@ -24,7 +24,7 @@ from .settings import Findings, Settings
 BOUND = 2e-5
 APART = 0.01
 """Share of rays or places that may be apart where rounding chooses between two voxels."""
-READY = "unisim_blender.core.kernel_choice.ready"
+READY = "unisim_blender.core.ops.kernel_choice.ready"
 
 
 def held_against(got: Tensor, want: Tensor, plain: Tensor) -> dict[str, Any]:
@@ -81,7 +81,7 @@ def noted_launches() -> Iterator[set[str]]:
     launched: set[str] = set()
     patches = []
     for name in kernel_names():
-        module = importlib.import_module(f"unisim_blender.core.on_gpu.{name.split('.')[0]}")
+        module = importlib.import_module(f"unisim_blender.core.ops.triton.{name.split('.')[0]}")
         kernel = getattr(module, name.split(".")[1])
         patches.append(patch.object(module, name.split(".")[1], _Noted(kernel, name, launched)))
     for each in patches:

@@ -11,10 +11,10 @@ from typing import Any
 from torch.profiler import ProfilerActivity
 from torch.profiler import profile as torch_profile
 
-from unisim_blender.core.fields.checkpoint import load_scene
+from unisim_blender.core.model.checkpoint import load_scene
 from unisim_blender.core.render.drive_renderer import DriveRenderer
 from unisim_blender.core.render.renderer import Renderer
-from unisim_blender.core.torch_tracer import TorchBackend
+from unisim_blender.core.render.tracers.torch.tracer import TorchBackend
 from unisim_blender.core.training.trainer import Trainer
 
 from .scenes import config_of, held_out, opened, peak_memory, scene_of

@@ -10,7 +10,7 @@ from unittest.mock import patch
 
 import numpy as np
 
-from unisim_blender.core.log import Log
+from unisim_blender.core.data.log import Log
 from unisim_blender.core.training.config import TrainConfig
 
 from .settings import CAMERA, Findings, Settings
@@ -27,7 +27,7 @@ def scene_of(settings: Settings, preset: str) -> Path:
 
 def opened(settings: Settings) -> Log:
     """Return the street's log."""
-    from unisim_blender.core.logs import open_log
+    from unisim_blender.core.data import open_log
 
     return open_log(street_of(settings))
 
@@ -63,10 +63,10 @@ def peak_memory(device: str) -> dict[str, int]:
 def train_scene(settings: Settings, found: Findings, preset: str) -> None:
     """Train a preset for the time given; note steps, losses, and how well a frame that was held out is rendered."""
     from unisim_blender.core.evaluate.recorded import recorded_picture
-    from unisim_blender.core.fields.checkpoint import load_scene
+    from unisim_blender.core.model.checkpoint import load_scene
     from unisim_blender.core.render.drive_renderer import DriveRenderer
     from unisim_blender.core.render.renderer import Renderer
-    from unisim_blender.core.torch_tracer import TorchBackend
+    from unisim_blender.core.render.tracers.torch.tracer import TorchBackend
     from unisim_blender.core.training.run import train
     from unisim_blender.core.training.trainer import Trainer
 

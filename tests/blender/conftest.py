@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 from click.testing import CliRunner
 
-from unisim_blender.core.cli import unisim
+from unisim_blender.core.cli.main import unisim
 
 sys.path.insert(0, str(Path(__file__).parent))
 

@@ -30,9 +30,9 @@ from unisim_blender.bridge.recorded_images import MOST_SHOWN, RecordedImages, Sh
 from unisim_blender.bridge.sampling import Thing, sample_all
 from unisim_blender.bridge.snapshot import camera_request, sized
 from unisim_blender.bridge.source import Source, source_of
-from unisim_blender.core.drive import CameraModel
+from unisim_blender.core.data.log import Log
 from unisim_blender.core.errors import LogError
-from unisim_blender.core.log import Log
+from unisim_blender.core.world.drive import CameraModel
 
 FRONT = CameraModel(480, 270, 400.0, 402.0, 238.0, 136.0)
 
@@ -207,7 +207,7 @@ def wait(images: RecordedImages, wanted: Wanted) -> Shown:
 
 @pytest.fixture
 def log(street_log: Path) -> Log:
-    from unisim_blender.core.logs import open_log
+    from unisim_blender.core.data import open_log
 
     return open_log(street_log)
 

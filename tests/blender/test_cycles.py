@@ -13,11 +13,10 @@ import numpy as np
 import OpenEXR
 import pytest
 
-from unisim_blender.core.drive import Box, Drive, RollingShutter, StaticCopy
+from unisim_blender.core.data.pandaset.reader import PandasetLog
 from unisim_blender.core.errors import OutputError
 from unisim_blender.core.evaluate.metrics import psnr
 from unisim_blender.core.geometry import FloatArray, Trajectory, make_pose
-from unisim_blender.core.logs.pandaset import PandasetLog
 from unisim_blender.core.sensors.camera import row_times
 from unisim_blender.core.street.bundles import make_bundles
 from unisim_blender.core.street.path_tracer import MODULE, Order, draw_log
@@ -25,6 +24,7 @@ from unisim_blender.core.street.stage import Workshop
 from unisim_blender.core.street.street import Street, build_street
 from unisim_blender.core.street.trace import trace
 from unisim_blender.core.street.world import make_world
+from unisim_blender.core.world.drive import Box, Drive, RollingShutter, StaticCopy
 from unisim_blender.cycles.painter import Painter
 
 CAMERA = "front_camera"

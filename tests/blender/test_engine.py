@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from unisim_blender.bridge.trajectories import trajectory_of
-from unisim_blender.core.cli import unisim
+from unisim_blender.core.cli.main import unisim
 
 FRAME = 9
 

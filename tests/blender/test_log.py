@@ -16,7 +16,7 @@ from helpers import REAL_LOG, read
 from unisim_blender.bridge.chart import WIDTH
 from unisim_blender.bridge.source import source_of
 from unisim_blender.bridge.things import things
-from unisim_blender.core.cli import unisim
+from unisim_blender.core.cli.main import unisim
 from unisim_blender.operators.background import CURVE, PREVIEW, curve_icon
 
 

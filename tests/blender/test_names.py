@@ -15,7 +15,7 @@ from unisim_blender.bridge.source import source_of
 from unisim_blender.bridge.things import is_copy, original_of, things
 from unisim_blender.core.actor_images import kept
 from unisim_blender.core.actor_images.names import plain_names
-from unisim_blender.core.logs import open_log
+from unisim_blender.core.data import open_log
 from unisim_blender.core.scenario.types import Duplicate
 
 

@@ -18,8 +18,8 @@ from unisim_blender.bridge.poses import optical
 from unisim_blender.bridge.sampling import Thing, sample_all
 from unisim_blender.bridge.snapshot import camera_request
 from unisim_blender.bridge.source import source_of
-from unisim_blender.core.drive import CameraModel
 from unisim_blender.core.worker.jobs import Jobs
+from unisim_blender.core.world.drive import CameraModel
 
 SIZE = (160, 100)
 FRAME = 9.0

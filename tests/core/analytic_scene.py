@@ -12,21 +12,21 @@ import torch
 from torch import Tensor
 from whole_drive import whole_state
 
-from unisim_blender.core.cast import gather_cast
-from unisim_blender.core.cast_tensors import CastTensors, cast_tensors
-from unisim_blender.core.drive import Actor, Box, Camera, CameraModel, Drive, Lidar, LidarModel, Look, StaticCopy
-from unisim_blender.core.fields.checkpoint import Scene
-from unisim_blender.core.fields.config import ModelConfig, preset
-from unisim_blender.core.fields.scene import SceneModel
-from unisim_blender.core.fields.volume import Volume
 from unisim_blender.core.geometry import FloatArray, Trajectory, make_pose, quaternion_from_matrix, quaternion_from_yaw
-from unisim_blender.core.quality import QUALITY
+from unisim_blender.core.model.checkpoint import Scene
+from unisim_blender.core.model.config import ModelConfig, preset
+from unisim_blender.core.model.scene import SceneModel
+from unisim_blender.core.model.scene_file import SceneHeader
+from unisim_blender.core.model.volume import Volume
+from unisim_blender.core.ops.ray_segments import RayBatch, Traced
+from unisim_blender.core.render.actor_sets import gather_cast
 from unisim_blender.core.render.drive_renderer import DriveRenderer
+from unisim_blender.core.render.quality.settings import QUALITY
 from unisim_blender.core.render.renderer import Renderer
-from unisim_blender.core.scene_file import SceneHeader
-from unisim_blender.core.strands import RayBatch, Traced
-from unisim_blender.core.torch_tracer import TorchBackend
-from unisim_blender.core.trace import Sampling, trace
+from unisim_blender.core.render.tracers.torch.actor_tensors import CastTensors, cast_tensors
+from unisim_blender.core.render.tracers.torch.trace import Sampling, trace
+from unisim_blender.core.render.tracers.torch.tracer import TorchBackend
+from unisim_blender.core.world.drive import Actor, Box, Camera, CameraModel, Drive, Lidar, LidarModel, Look, StaticCopy
 
 GROUND_M = 0.0
 """World height of the ground, where a scene has one."""

@@ -11,13 +11,13 @@ from analytic_scene import FRONT, still
 from random_scene import CARS, MOVING, TINY, edited, saved
 
 from unisim_blender.core import native
-from unisim_blender.core.compiled.scene import CompiledScene
-from unisim_blender.core.compiled.tracer import CompiledBackend
-from unisim_blender.core.drive import Actor, Drive, Look, RollingShutter
-from unisim_blender.core.fields.checkpoint import load_scene
 from unisim_blender.core.geometry import FloatArray, Trajectory, quaternion_from_yaw
-from unisim_blender.core.torch_tracer import TorchBackend
-from unisim_blender.core.tracer import Backend
+from unisim_blender.core.model.checkpoint import load_scene
+from unisim_blender.core.render.tracer import Backend
+from unisim_blender.core.render.tracers.compiled.scene import CompiledScene
+from unisim_blender.core.render.tracers.compiled.tracer import CompiledBackend
+from unisim_blender.core.render.tracers.torch.tracer import TorchBackend
+from unisim_blender.core.world.drive import Actor, Drive, Look, RollingShutter
 
 GUEST_SCENE = "other"
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-sys.path.insert(0, str(Path(__file__).parent))
+sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parents[1] / "reference")]
 # Triton looks when it is first imported
 os.environ.setdefault("TRITON_INTERPRET", "1")
 

@@ -11,15 +11,15 @@ import numpy as np
 import torch
 from analytic_scene import drive_of, still
 
-from unisim_blender.core.drive import Actor, Box, Drive, StaticCopy
-from unisim_blender.core.fields.checkpoint import save_scene
-from unisim_blender.core.fields.config import GridConfig, ModelConfig, preset
-from unisim_blender.core.fields.scene import SceneModel
-from unisim_blender.core.fields.volume import Volume
 from unisim_blender.core.geometry import Trajectory, make_pose, quaternion_from_yaw
-from unisim_blender.core.scene_file import SceneHeader
+from unisim_blender.core.model.checkpoint import save_scene
+from unisim_blender.core.model.config import GridConfig, ModelConfig, preset
+from unisim_blender.core.model.scene import SceneModel
+from unisim_blender.core.model.scene_file import SceneHeader
+from unisim_blender.core.model.volume import Volume
 from unisim_blender.core.sensors.camera import camera_rays, pixel_grid
 from unisim_blender.core.sensors.rays import Rays
+from unisim_blender.core.world.drive import Actor, Box, Drive, StaticCopy
 
 TINY = preset("tiny")
 CONFIGS: dict[str, ModelConfig] = {

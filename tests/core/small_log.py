@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from unisim_blender.core.drive import Actor, Camera, CameraModel, Drive, Lidar, LidarModel, Look, RollingShutter
+from unisim_blender.core.data.log import Sweep
+from unisim_blender.core.data.pandaset.writer import PandasetWriter
 from unisim_blender.core.geometry import Trajectory, make_pose, quaternion_from_matrix, quaternion_from_yaw
-from unisim_blender.core.log import Sweep
-from unisim_blender.core.logs.pandaset_writer import PandasetWriter
 from unisim_blender.core.sensors.lidar import lidar_rays
+from unisim_blender.core.world.drive import Actor, Camera, CameraModel, Drive, Lidar, LidarModel, Look, RollingShutter
 
 FRAMES = 4
 CAMERA = CameraModel(48, 32, 40.0, 41.0, 24.5, 15.5, RollingShutter(0.02, 0.25))

@@ -21,9 +21,9 @@ from unisim_blender.core.actor_images.names import class_name, full_name, group_
 from unisim_blender.core.actor_images.paint import ground_pixels, paint_pixels, paint_points, painted_as
 from unisim_blender.core.actor_images.returns import clear_fraction
 from unisim_blender.core.colour import srgb_from_linear
-from unisim_blender.core.drive import Actor, CameraModel
+from unisim_blender.core.data import open_log
 from unisim_blender.core.geometry import Trajectory, invert_pose, points_in_box, transform_points
-from unisim_blender.core.logs import open_log
+from unisim_blender.core.world.drive import Actor, CameraModel
 
 PAINTS = {
     "white": (0.80, 0.80, 0.78), "light grey": (0.40, 0.40, 0.41), "grey": (0.19, 0.19, 0.19), "black": (0.03, 0.03, 0.03),

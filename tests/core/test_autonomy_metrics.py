@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from unisim_blender.core.cli import run
+from unisim_blender.core.cli.main import run
 from unisim_blender.core.geometry import FloatArray
 from unisim_blender.core.metrics.average_precision import (
     Matches,

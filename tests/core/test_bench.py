@@ -31,16 +31,16 @@ from unisim_blender.core.bench.run import run_bench
 from unisim_blender.core.bench.settings import QUICK, Settings
 from unisim_blender.core.bench.shot import Shot, Stage, Studio, Take
 from unisim_blender.core.bench.tables import markdown, number
-from unisim_blender.core.commands import bench as command_module
-from unisim_blender.core.drive import Drive
+from unisim_blender.core.cli.commands import bench as command_module
 from unisim_blender.core.errors import SceneError, UnisimError
 from unisim_blender.core.geometry import FloatArray, invert_pose, transform_points
+from unisim_blender.core.model.scene_file import read_scene_header
 from unisim_blender.core.prepare.renderers import make_backend
-from unisim_blender.core.quality import QUALITY
 from unisim_blender.core.render.drive_renderer import DriveRenderer
+from unisim_blender.core.render.quality.settings import QUALITY
 from unisim_blender.core.render.regions import Region
 from unisim_blender.core.render.renderer import Renderer
-from unisim_blender.core.scene_file import read_scene_header
+from unisim_blender.core.world.drive import Drive
 
 needs_library = pytest.mark.skipif(native.library() is None, reason="the compiled kernels were not built")
 SETTINGS = Settings(

@@ -6,8 +6,18 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from unisim_blender.core import blocks, native
-from unisim_blender.core.blocks import CROWDED, Picture, differ, fill, foretold, plain_differ, plain_fill, plain_foretold
+from unisim_blender.core import native
+from unisim_blender.core.render.lattice import blocks
+from unisim_blender.core.render.lattice.blocks import (
+    CROWDED,
+    Picture,
+    differ,
+    fill,
+    foretold,
+    plain_differ,
+    plain_fill,
+    plain_foretold,
+)
 
 pytestmark = pytest.mark.skipif(native.library() is None, reason="the kernels were not built")
 SHAPE = 97, 145

@@ -9,11 +9,11 @@ import pytest
 import torch
 from turning_drive import turning_drive
 
-from unisim_blender.core.drive import RollingShutter
+from unisim_blender.core.ops.ray_segments import RayBatch
 from unisim_blender.core.sensors.camera import along_axis, camera_rays, distinct, pixel_grid
-from unisim_blender.core.strands import RayBatch
 from unisim_blender.core.training.camera_poses import CameraPoses
 from unisim_blender.core.training.data import ray_batch
+from unisim_blender.core.world.drive import RollingShutter
 
 
 def test_the_finished_camera_sees_along_the_rays_that_training_saw_along() -> None:

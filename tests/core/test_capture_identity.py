@@ -12,13 +12,13 @@ import pytest
 from rendered_folder import contents
 from tiny_drive import IDENTITY, FakeSource, tiny_drive, tiny_plan, world_pose
 
-from unisim_blender.core.drive import Actor, Box, Drive, Look, StaticCopy
 from unisim_blender.core.geometry import Trajectory
+from unisim_blender.core.render.visibility import Reach
 from unisim_blender.core.sequence.identity import CaptureIdentities
 from unisim_blender.core.sequence.plan import RenderPlan
 from unisim_blender.core.sequence.run import render_sequence
+from unisim_blender.core.world.drive import Actor, Box, Drive, Look, StaticCopy
 from unisim_blender.core.world.replay import DriveStates
-from unisim_blender.core.world.visibility import Reach
 
 FRAMES = range(6)
 

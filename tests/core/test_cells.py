@@ -15,12 +15,12 @@ from scipy import ndimage
 from test_checkpoint import random_scene
 
 from unisim_blender.core import native
-from unisim_blender.core.compiled import cells
-from unisim_blender.core.compiled.cells import Cells
-from unisim_blender.core.compiled.scene import CompiledScene, cells_to_store
-from unisim_blender.core.compiled.structs import address
-from unisim_blender.core.fields.checkpoint import load_scene, save_scene
-from unisim_blender.core.weights import read_weights
+from unisim_blender.core.model.checkpoint import load_scene, save_scene
+from unisim_blender.core.model.weights import read_weights
+from unisim_blender.core.render.tracers.compiled import cells
+from unisim_blender.core.render.tracers.compiled.cells import Cells
+from unisim_blender.core.render.tracers.compiled.scene import CompiledScene, cells_to_store
+from unisim_blender.core.render.tracers.compiled.structs import address
 
 pytestmark = pytest.mark.skipif(native.library() is None, reason="the kernels were not built")
 
@@ -62,7 +62,7 @@ def test_a_finished_training_leaves_them(tmp_path: Path, cache: Path, monkeypatc
 def test_kernels_read_no_memory_that_was_given_back(tmp_path: Path, cache: Path) -> None:
     """With glibc told to unmap whatever is freed, reading it ends the process."""
     path = saved(tmp_path / "scene", True)
-    script = f"from unisim_blender.core.compiled.scene import CompiledScene; print(CompiledScene({str(path)!r}).cells.kinds.size)"
+    script = f"from unisim_blender.core.render.tracers.compiled.scene import CompiledScene; print(CompiledScene({str(path)!r}).cells.kinds.size)"
     environment = os.environ | {"MALLOC_MMAP_THRESHOLD_": "1024", "MALLOC_PERTURB_": "165"}
     done = subprocess.run([sys.executable, "-c", script], env=environment, capture_output=True, text=True, timeout=120)
     assert done.returncode == 0, (done.returncode, done.stderr[-500:])

@@ -15,14 +15,14 @@ from analytic_scene import drive_of, header_of, renderer_of, still
 from safetensors.torch import load_file, save_file
 from torch import Tensor
 
-from unisim_blender.core.drive import Drive
 from unisim_blender.core.errors import SceneError
-from unisim_blender.core.fields.checkpoint import Scene, load_scene, save_scene
-from unisim_blender.core.fields.config import preset
-from unisim_blender.core.fields.scene import SceneModel
-from unisim_blender.core.fields.volume import Volume
-from unisim_blender.core.frames import CAMERA_PASSES
-from unisim_blender.core.weights import weights_hash
+from unisim_blender.core.model.checkpoint import Scene, load_scene, save_scene
+from unisim_blender.core.model.config import preset
+from unisim_blender.core.model.scene import SceneModel
+from unisim_blender.core.model.volume import Volume
+from unisim_blender.core.model.weights import weights_hash
+from unisim_blender.core.render.frames import CAMERA_PASSES
+from unisim_blender.core.world.drive import Drive
 
 Tensors = dict[str, Tensor]
 

@@ -15,8 +15,8 @@ from pathlib import Path
 import click
 import pytest
 
-from unisim_blender.core import commands
-from unisim_blender.core.cli import run, unisim
+from unisim_blender.core.cli import commands
+from unisim_blender.core.cli.main import run, unisim
 
 AddCommand = Callable[[str, str], None]
 

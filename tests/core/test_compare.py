@@ -16,7 +16,7 @@ from click.testing import CliRunner
 from scipy.linalg import sqrtm
 
 from unisim_blender.core import native
-from unisim_blender.core.cli import run, unisim
+from unisim_blender.core.cli.main import run, unisim
 from unisim_blender.core.compare import methods
 from unisim_blender.core.compare.kept_truth import KeptTruth
 from unisim_blender.core.compare.made import make
@@ -24,12 +24,12 @@ from unisim_blender.core.compare.methods import METHODS, USUAL, Method, methods_
 from unisim_blender.core.compare.parts import parts_of, street_at
 from unisim_blender.core.compare.table import Column, Table, cells_of, markdown, tables_of
 from unisim_blender.core.compare.wishes import Wishes
+from unisim_blender.core.data import open_log
 from unisim_blender.core.errors import SceneError, UnisimError
 from unisim_blender.core.evaluate.fid import Inception, frechet_distance
 from unisim_blender.core.evaluate.true_edits import TrueEdit
-from unisim_blender.core.logs import open_log
+from unisim_blender.core.model.scene_file import HEADER_NAME
 from unisim_blender.core.prepare.scenario import prepare_scenario
-from unisim_blender.core.scene_file import HEADER_NAME
 from unisim_blender.core.street.street import RECIPE_FILE, build_street
 from unisim_blender.core.street.usual_edits import FOLDER, write_scenarios
 from unisim_blender.core.street.write import write_log

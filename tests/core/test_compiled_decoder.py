@@ -16,14 +16,15 @@ from instruction_sets import run_with
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from unisim_blender.core import native, torch_tracer
+from unisim_blender.core import native
 from unisim_blender.core.bench.methods import VARIANTS
-from unisim_blender.core.compiled.decoder import Decoder, resized, spread_over_edges
-from unisim_blender.core.decode import CameraDecoder, LidarHead, RayHead
 from unisim_blender.core.errors import SceneError, UnisimError
-from unisim_blender.core.fields.config import ModelConfig, preset
-from unisim_blender.core.fields.networks import SH_WIDTH, mlp
-from unisim_blender.core.weights import Weights
+from unisim_blender.core.model.config import ModelConfig, preset
+from unisim_blender.core.model.decode import CameraDecoder, LidarHead, RayHead
+from unisim_blender.core.model.networks import SH_WIDTH, mlp
+from unisim_blender.core.model.weights import Weights
+from unisim_blender.core.render.tracers.compiled.decoder import Decoder, resized, spread_over_edges
+from unisim_blender.core.render.tracers.torch import tracer as torch_tracer
 
 needs_library = pytest.mark.skipif(native.library() is None, reason="the compiled kernels are not built")
 CONFIGS: dict[str, ModelConfig] = {
@@ -222,7 +223,7 @@ def test_without_the_library_one_clear_error(monkeypatch: pytest.MonkeyPatch) ->
 
 
 def test_it_needs_no_torch() -> None:
-    script = "import sys, unisim_blender.core.compiled.decoder; sys.exit('torch' in sys.modules)"
+    script = "import sys, unisim_blender.core.render.tracers.compiled.decoder; sys.exit('torch' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", script], timeout=60).returncode == 0
 
 

@@ -13,9 +13,9 @@ from torch import Tensor
 
 from unisim_blender.core import native
 from unisim_blender.core.bench.methods import VARIANTS
-from unisim_blender.core.composite import composite, gather, gather_reference, transmittances, transmittances_reference
-from unisim_blender.core.density import logistic_intervals, logistic_intervals_reference
-from unisim_blender.core.strands import Strands
+from unisim_blender.core.ops.composite import composite, gather, gather_reference, transmittances, transmittances_reference
+from unisim_blender.core.ops.density import logistic_intervals, logistic_intervals_reference
+from unisim_blender.core.ops.ray_segments import Strands
 
 pytestmark = pytest.mark.skipif(native.library() is None, reason="the compiled kernels are not built")
 RAYS = 300

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 from tiny_drive import tiny_drive
 
-from unisim_blender.core.contact_shadow import DARKEST, NOTHING_M, shaded
 from unisim_blender.core.geometry import FloatArray, Trajectory
+from unisim_blender.core.render.contact_shadow import DARKEST, NOTHING_M, shaded
 
 CAR = replace(
     tiny_drive().actors["car"],

@@ -16,17 +16,17 @@ from small_log import write_small_log
 from whole_drive import bound_to
 
 from unisim_blender.core import native
-from unisim_blender.core.devices import kernel_threads, torch_threads
-from unisim_blender.core.drive import Look
-from unisim_blender.core.fields.checkpoint import load_scene
-from unisim_blender.core.frames import RenderStats
-from unisim_blender.core.logs import open_log
+from unisim_blender.core.data import open_log
 from unisim_blender.core.meshes.meeting import Met
+from unisim_blender.core.model.checkpoint import load_scene
+from unisim_blender.core.ops.devices import kernel_threads, torch_threads
+from unisim_blender.core.render.frames import RenderStats
+from unisim_blender.core.render.tracers.torch.tracer import TorchBackend
 from unisim_blender.core.sensors.lidar import lidar_rays
-from unisim_blender.core.torch_tracer import TorchBackend
 from unisim_blender.core.training.config import TrainConfig
 from unisim_blender.core.training.run import finish, load_checkpoint, save_checkpoint
 from unisim_blender.core.training.trainer import Trainer
+from unisim_blender.core.world.drive import Look
 
 
 def test_the_kernels_keep_their_threads_where_torch_gives_them_up() -> None:

@@ -9,7 +9,7 @@ import click
 import pytest
 from documentation_pages import NAMES, PAGES, ROOT, anchors, blocks, links, paragraphs, prose
 
-from unisim_blender.core.cli import unisim
+from unisim_blender.core.cli.main import unisim
 
 LONGEST_LINE = 120
 MOST_LINES = 4

@@ -21,10 +21,10 @@ import pytest
 from click.testing import CliRunner
 from documentation_pages import NAMES, PAGES, ROOT, Block, blocks
 
-from unisim_blender.core.cli import unisim
-from unisim_blender.core.edits.apply import EDITORS
-from unisim_blender.core.fields.config import PRESETS
+from unisim_blender.core.cli.main import unisim
+from unisim_blender.core.model.config import PRESETS
 from unisim_blender.core.scenario import scenario_from_json
+from unisim_blender.core.scenario.edits.apply import EDITORS
 
 SMALL = {
     "render": {"--width": "64", "--frames": "5", "--jobs": "1"},
@@ -101,7 +101,7 @@ def test_examples_are_checked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     with pytest.raises(AssertionError, match="target"):
         shell(["make", "nothing"], "here", run=False)
     with pytest.raises((ImportError, AttributeError)):
-        python(Block("python", "from unisim_blender.core.drive import Nothing\n", 1, "a reason"), "here", {})
+        python(Block("python", "from unisim_blender.core.world.drive import Nothing\n", 1, "a reason"), "here", {})
 
 
 def python(block: Block, where: str, names: dict[str, Any]) -> None:

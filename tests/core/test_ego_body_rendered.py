@@ -14,17 +14,17 @@ from random_scene import CARS, CONFIGS, MOVING, saved
 from turning_drive import turning_drive
 
 from unisim_blender.core import native
-from unisim_blender.core.drive import Camera, Drive, Lidar
-from unisim_blender.core.edits import apply_scenario
 from unisim_blender.core.errors import ScenarioError
-from unisim_blender.core.frames import CAMERA_PASSES
 from unisim_blender.core.geometry import invert_pose
+from unisim_blender.core.model.scene_file import drive_to_json, read_scene_header
 from unisim_blender.core.output.labels import frame_labels
 from unisim_blender.core.prepare.renderers import make_backend, other_scenes
 from unisim_blender.core.render.drive_renderer import DriveRenderer
+from unisim_blender.core.render.frames import CAMERA_PASSES
 from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.scenario import scenario_from_json, scenario_to_json
-from unisim_blender.core.scene_file import drive_to_json, read_scene_header
+from unisim_blender.core.scenario.edits import apply_scenario
+from unisim_blender.core.world.drive import Camera, Drive, Lidar
 
 TIMES = np.linspace(-0.2, 1.2, 141)
 AT = [1.0, 0.2, 0.7]

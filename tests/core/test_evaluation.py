@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from tiny_drive import GreyRenderer, TinyLog, tiny_drive
 
-from unisim_blender.core.drive import RollingShutter
 from unisim_blender.core.evaluate.masks import actor_mask
 from unisim_blender.core.evaluate.recorded import EvaluationPlan, ego_speed, evaluate, finite
 from unisim_blender.core.evaluate.report import Report
 from unisim_blender.core.geometry import invert_pose, transform_points
 from unisim_blender.core.sensors.camera import camera_rays, pixel_grid
+from unisim_blender.core.world.drive import RollingShutter
 
 PLAN = EvaluationPlan((1, 3, 5), ("front",), ("top",), None, (0, 2, 4))
 

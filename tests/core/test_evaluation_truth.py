@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from tiny_drive import GreyRenderer, tiny_drive
 
-from unisim_blender.core.demo import demo_frames
+from unisim_blender.core.cli.demo import demo_frames
 from unisim_blender.core.evaluate.metrics import Picture
 from unisim_blender.core.evaluate.pictures import Tile, depth_picture, difference_picture, outline, sheet, sweep_picture, turbo
 from unisim_blender.core.evaluate.recorded_runs import mean_figures

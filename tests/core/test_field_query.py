@@ -6,10 +6,10 @@ import pytest
 import torch
 
 from unisim_blender.core import native
-from unisim_blender.core.fields import fields
-from unisim_blender.core.fields.grid_shape import GridArrays, GridShape
-from unisim_blender.core.fields.hash_grid import encode, encode_reference
-from unisim_blender.core.fields.networks import mlp, run_mlp
+from unisim_blender.core.model import fields
+from unisim_blender.core.model.networks import mlp, run_mlp
+from unisim_blender.core.ops.grid_shape import GridArrays, GridShape
+from unisim_blender.core.ops.hash_grid import encode, encode_reference
 
 SHAPE = GridShape.unit(4, 64, 5, 4, 10)
 

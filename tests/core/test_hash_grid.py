@@ -12,9 +12,9 @@ from torch import Tensor
 
 from unisim_blender.core import native
 from unisim_blender.core.bench.methods import VARIANTS
-from unisim_blender.core.fields.gradient_sink import GradientSink, add_to_table, as_share
-from unisim_blender.core.fields.grid_shape import GridArrays, GridShape
-from unisim_blender.core.fields.hash_grid import encode, encode_reference
+from unisim_blender.core.ops.gradient_sink import GradientSink, add_to_table, as_share
+from unisim_blender.core.ops.grid_shape import GridArrays, GridShape
+from unisim_blender.core.ops.hash_grid import encode, encode_reference
 
 needs_library = pytest.mark.skipif(native.library() is None, reason="the compiled kernels are not built")
 SHAPES = {

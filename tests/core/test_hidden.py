@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 import torch
 
-from unisim_blender.core.decode import CameraDecoder
-from unisim_blender.core.fields.config import preset
-from unisim_blender.core.fields.occupancy import OccupancyTrainer
-from unisim_blender.core.fields.scene import SceneModel
-from unisim_blender.core.fields.volume import Volume
+from unisim_blender.core.model.config import preset
+from unisim_blender.core.model.decode import CameraDecoder
+from unisim_blender.core.model.occupancy import OccupancyTrainer
+from unisim_blender.core.model.scene import SceneModel
+from unisim_blender.core.model.volume import Volume
 from unisim_blender.core.training.hidden import Hidden
 
 GROUND_M = 2.0

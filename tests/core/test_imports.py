@@ -81,7 +81,7 @@ def test_a_machine_without_torch_has_a_cpu() -> None:
 
 
 def test_help_loads_nothing_heavy() -> None:
-    result = run_without(HEAVY, "from unisim_blender.core.cli import run\nsys.exit(run(['--help']))")
+    result = run_without(HEAVY, "from unisim_blender.core.cli.main import run\nsys.exit(run(['--help']))")
     assert result.returncode == 0, result.stderr
     assert "Commands:" in result.stdout
 
@@ -89,12 +89,12 @@ def test_help_loads_nothing_heavy() -> None:
 RENDER = """
 from pathlib import Path
 import numpy as np
-from unisim_blender.core.frames import CAMERA_PASSES
+from unisim_blender.core.render.frames import CAMERA_PASSES
 from unisim_blender.core.prepare.renderers import make_backend
 from unisim_blender.core.render.drive_renderer import DriveRenderer
 from unisim_blender.core.render.regions import Region
 from unisim_blender.core.render.renderer import Renderer
-from unisim_blender.core.scene_file import read_scene_header
+from unisim_blender.core.model.scene_file import read_scene_header
 
 scene = Path({scene!r})
 drive = read_scene_header(scene).drive

@@ -11,10 +11,10 @@ import pytest
 from click.testing import CliRunner
 from small_log import small_drive, write_small_log
 
-from unisim_blender.core.cli import run
-from unisim_blender.core.commands.info import command
+from unisim_blender.core.cli.commands.info import command
+from unisim_blender.core.cli.main import run
+from unisim_blender.core.model.scene_file import SceneHeader, write_scene_header
 from unisim_blender.core.scenario import save_scenario, scenario_from_json
-from unisim_blender.core.scene_file import SceneHeader, write_scene_header
 
 
 def info(path: Path) -> tuple[str, dict[str, Any]]:

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from unisim_blender.core.blocks import Picture
-from unisim_blender.core.lattice import aligned, grown
-from unisim_blender.core.tracer import Maps
+from unisim_blender.core.render.lattice.blocks import Picture
+from unisim_blender.core.render.lattice.lattice import aligned, grown
+from unisim_blender.core.render.tracer import Maps
 
 
 class Scene:

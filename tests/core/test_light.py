@@ -13,16 +13,16 @@ from stress.scenes import make_scene, picture_rays
 from whole_drive import bound_to
 
 from unisim_blender.core import native
-from unisim_blender.core.compiled.scene import CompiledScene
-from unisim_blender.core.compiled.tracer import CompiledBackend
-from unisim_blender.core.fields.checkpoint import load_scene
-from unisim_blender.core.fields.config import preset
-from unisim_blender.core.fields.scene import SceneModel
-from unisim_blender.core.fields.volume import Volume
-from unisim_blender.core.frames import RenderStats
-from unisim_blender.core.quality import QUALITY
-from unisim_blender.core.torch_tracer import TorchBackend
-from unisim_blender.core.trace import _median, _mirrored
+from unisim_blender.core.model.checkpoint import load_scene
+from unisim_blender.core.model.config import preset
+from unisim_blender.core.model.scene import SceneModel
+from unisim_blender.core.model.volume import Volume
+from unisim_blender.core.render.frames import RenderStats
+from unisim_blender.core.render.quality.settings import QUALITY
+from unisim_blender.core.render.tracers.compiled.scene import CompiledScene
+from unisim_blender.core.render.tracers.compiled.tracer import CompiledBackend
+from unisim_blender.core.render.tracers.torch.trace import _median, _mirrored
+from unisim_blender.core.render.tracers.torch.tracer import TorchBackend
 
 
 def scene() -> SceneModel:

@@ -18,19 +18,19 @@ import pytest
 from PIL import Image
 from small_log import small_drive, write_small_log
 
-from unisim_blender.core.drive import Lidar, RollingShutter
+from unisim_blender.core.data import open_log
+from unisim_blender.core.data.log import Sweep
+from unisim_blender.core.data.pandaset.actors import passing_times
+from unisim_blender.core.data.pandaset.files import ranges
+from unisim_blender.core.data.pandaset.sensors import pandar64
+from unisim_blender.core.data.safe_pickle import read_table
+from unisim_blender.core.data.splits import PANDASET, SPLITS, split_sequences
+from unisim_blender.core.data.sweep_cells import find_cells, make_grid
+from unisim_blender.core.data.table_file import write_table
 from unisim_blender.core.errors import LogError
 from unisim_blender.core.geometry import Trajectory, quaternion_from_yaw
-from unisim_blender.core.log import Sweep
-from unisim_blender.core.logs import open_log
-from unisim_blender.core.logs.pandaset_actors import passing_times
-from unisim_blender.core.logs.pandaset_files import ranges
-from unisim_blender.core.logs.pandaset_sensors import pandar64
-from unisim_blender.core.logs.safe_pickle import read_table
-from unisim_blender.core.logs.splits import PANDASET, SPLITS, split_sequences
-from unisim_blender.core.logs.sweep_cells import find_cells, make_grid
-from unisim_blender.core.logs.table_file import write_table
 from unisim_blender.core.sensors.lidar import beam_directions, column_times
+from unisim_blender.core.world.drive import Lidar, RollingShutter
 
 CUBOIDS, SWEEP, CAMERA = "annotations/cuboids/01.pkl.gz", "lidar/01.pkl.gz", "camera/front_camera"
 
@@ -235,7 +235,7 @@ def test_reading_needs_numpy_alone(original: Path) -> None:
         "        if name.partition('.')[0] in ('pandas', 'scipy', 'torch', 'PIL', 'imageio', 'skimage', 'bpy', 'trimesh'):\n"
         "            raise ImportError(name)\n"
         "sys.meta_path.insert(0, Wall())\n"
-        "from unisim_blender.core.logs import open_log\n"
+        "from unisim_blender.core.data import open_log\n"
         f"log = open_log({str(original)!r})\n"
         "print(len(log.sweep_grid('pandar64', 1).depth_m), len(log.drive.actors))\n"
     )

@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from unisim_blender.core.data import safe_pickle
+from unisim_blender.core.data.safe_pickle import read_table
+from unisim_blender.core.data.table_file import table_pickle
 from unisim_blender.core.errors import LogError
-from unisim_blender.core.logs import safe_pickle
-from unisim_blender.core.logs.safe_pickle import read_table
-from unisim_blender.core.logs.table_file import table_pickle
 
 TABLE = {"x": np.array([1.0, 2.0]), "name": np.array(["a", "b"], object), "n": np.array([3, 4])}
 READ_ERRORS = r"refused|not a readable pickle|cannot be unpacked"

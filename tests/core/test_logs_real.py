@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from unisim_blender.core.drive import Actor, Camera
+from unisim_blender.core.data import open_log
+from unisim_blender.core.data.log import Log, Sweep
+from unisim_blender.core.data.safe_pickle import read_table
 from unisim_blender.core.geometry import FloatArray
-from unisim_blender.core.log import Log, Sweep
-from unisim_blender.core.logs import open_log
-from unisim_blender.core.logs.safe_pickle import read_table
 from unisim_blender.core.sensors.camera import row_times
 from unisim_blender.core.sensors.lidar import lidar_rays
+from unisim_blender.core.world.drive import Actor, Camera
 
 pandas = pytest.importorskip("pandas")
 ROOT = Path(os.environ.get("UNISIM_PANDASET", Path(__file__).parents[3] / "shared/data/pandaset/002"))

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from small_log import LIDAR, small_drive, small_image, small_sweep, write_small_log
 
+from unisim_blender.core.data import open_log
+from unisim_blender.core.data.pandaset.writer import PandasetWriter
+from unisim_blender.core.data.safe_pickle import read_table
+from unisim_blender.core.data.table_file import write_table
 from unisim_blender.core.errors import LogError, OutputError
 from unisim_blender.core.geometry import Trajectory
-from unisim_blender.core.logs import open_log
-from unisim_blender.core.logs.pandaset_writer import PandasetWriter
-from unisim_blender.core.logs.safe_pickle import read_table
-from unisim_blender.core.logs.table_file import write_table
 
 
 @pytest.fixture(scope="module")

@@ -13,9 +13,9 @@ from safetensors.torch import save_file
 from skimage.metrics import structural_similarity
 from torch import Tensor
 
-from unisim_blender.core.composite import composite
 from unisim_blender.core.errors import UnisimError
-from unisim_blender.core.strands import RayBatch, Strands
+from unisim_blender.core.ops.composite import composite
+from unisim_blender.core.ops.ray_segments import RayBatch, Strands
 from unisim_blender.core.training.adversarial import Adversary, PatchDiscriminator, shifted
 from unisim_blender.core.training.data import LidarBatch, PatchBatch
 from unisim_blender.core.training.losses import (

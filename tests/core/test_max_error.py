@@ -16,19 +16,19 @@ from scipy.stats import binom
 from skimage.color import rgb2lab
 
 from unisim_blender.core import native
-from unisim_blender.core.bounded import BoundedRenderer, Patches, at_quality, colour_errors
 from unisim_blender.core.colour import lab_from_srgb
-from unisim_blender.core.drive import Drive
 from unisim_blender.core.errors import UnisimError
-from unisim_blender.core.fields.checkpoint import load_scene
-from unisim_blender.core.frames import CameraFrame, LidarFrame, RenderStats
-from unisim_blender.core.max_error import Bound, depth_errors, drawn, parse_bounds, quantile_check, quantile_rank
+from unisim_blender.core.model.checkpoint import load_scene
+from unisim_blender.core.model.scene_file import read_scene_header
 from unisim_blender.core.prepare.renderers import make_backend
-from unisim_blender.core.quality import LADDER, TRUTH
 from unisim_blender.core.render.drive_renderer import DriveRenderer
+from unisim_blender.core.render.frames import CameraFrame, LidarFrame, RenderStats
+from unisim_blender.core.render.quality.bounded import BoundedRenderer, Patches, at_quality, colour_errors
+from unisim_blender.core.render.quality.max_error import Bound, depth_errors, drawn, parse_bounds, quantile_check, quantile_rank
+from unisim_blender.core.render.quality.settings import LADDER, TRUTH
 from unisim_blender.core.render.renderer import Renderer
-from unisim_blender.core.scene_file import read_scene_header
-from unisim_blender.core.torch_tracer import TorchBackend, TorchTracer
+from unisim_blender.core.render.tracers.torch.tracer import TorchBackend, TorchTracer
+from unisim_blender.core.world.drive import Drive
 
 SAMPLE = Path(__file__).parents[2] / "sample" / "scene"
 needs_library = pytest.mark.skipif(native.library() is None, reason="the compiled kernels were not built")

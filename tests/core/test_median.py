@@ -9,9 +9,9 @@ import pytest
 import torch
 from analytic_scene import Stage, analytic_scene, block, drive_of, empty, ground, sphere, still, union, wall
 
-from unisim_blender.core.fields.config import preset
-from unisim_blender.core.median import median_depth
-from unisim_blender.core.strands import Traced
+from unisim_blender.core.model.config import preset
+from unisim_blender.core.ops.median import median_depth
+from unisim_blender.core.ops.ray_segments import Traced
 
 EYE = np.array([-20.0, 0.0, 1.6])
 

@@ -9,7 +9,7 @@ from torch import Tensor
 
 from unisim_blender.core import native
 from unisim_blender.core.bench.methods import VARIANTS
-from unisim_blender.core.fields.networks import mlp, run_mlp
+from unisim_blender.core.model.networks import mlp, run_mlp
 
 needs_library = pytest.mark.skipif(native.library() is None, reason="the compiled kernels are not built")
 SIZES = ((32, 64, 32), (24, 64, 33), (5, 7, 3), (1, 1, 1), (47, 33, 65))

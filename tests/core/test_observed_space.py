@@ -11,13 +11,12 @@ from random_scene import PASSES, TINY, edited, picture_rays, saved
 from test_compiled_tracer import both_backends, needs_library, numbers, same_find
 from whole_drive import bound_to
 
-from unisim_blender.core import native, observed_space
-from unisim_blender.core.compiled.scene import CompiledScene
-from unisim_blender.core.compiled.tracer import CompiledBackend
-from unisim_blender.core.drive import Camera, CameraModel, Drive
-from unisim_blender.core.frames import RenderStats
+from unisim_blender.core import native
 from unisim_blender.core.geometry import Trajectory, quaternion_from_matrix, transform_points
-from unisim_blender.core.observed_space import (
+from unisim_blender.core.render import observed_space
+from unisim_blender.core.render.drive_renderer import DriveRenderer
+from unisim_blender.core.render.frames import RenderStats
+from unisim_blender.core.render.observed_space import (
     ELEVATIONS,
     ObservedSpace,
     Observing,
@@ -29,11 +28,13 @@ from unisim_blender.core.observed_space import (
     spread,
     widened,
 )
-from unisim_blender.core.render.drive_renderer import DriveRenderer
 from unisim_blender.core.render.regions import Region
 from unisim_blender.core.render.renderer import Renderer
+from unisim_blender.core.render.tracer import NEAR_M
+from unisim_blender.core.render.tracers.compiled.scene import CompiledScene
+from unisim_blender.core.render.tracers.compiled.tracer import CompiledBackend
 from unisim_blender.core.sensors.rays import Rays
-from unisim_blender.core.tracer import NEAR_M
+from unisim_blender.core.world.drive import Camera, CameraModel, Drive
 
 SAMPLE = Path(__file__).parents[2] / "sample" / "scene"
 FRAME = 9

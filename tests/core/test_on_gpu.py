@@ -14,24 +14,24 @@ from analytic_scene import Stage, analytic_scene, drive_of, empty, ground, still
 from torch import Tensor
 from whole_drive import bound_to, whole_state
 
-from unisim_blender.core.cast import gather_cast
-from unisim_blender.core.cast_tensors import cast_tensors
-from unisim_blender.core.composite import gather, gather_reference
-from unisim_blender.core.fields.config import preset
-from unisim_blender.core.fields.fields import query
-from unisim_blender.core.fields.grid_shape import GridArrays, GridShape
-from unisim_blender.core.fields.hash_grid import encode, encode_reference
-from unisim_blender.core.fields.networks import mlp, run_mlp
-from unisim_blender.core.fields.scene import SceneModel
-from unisim_blender.core.march import Segment, Voxels, propose, propose_reference
-from unisim_blender.core.strands import RayBatch, Strands
-from unisim_blender.core.torch_tracer import TorchBackend, TorchTracer
-from unisim_blender.core.trace import Sampling, trace
-from unisim_blender.core.tracer import Found
+from unisim_blender.core.model.config import preset
+from unisim_blender.core.model.fields import query
+from unisim_blender.core.model.networks import mlp, run_mlp
+from unisim_blender.core.model.scene import SceneModel
+from unisim_blender.core.ops.composite import gather, gather_reference
+from unisim_blender.core.ops.grid_shape import GridArrays, GridShape
+from unisim_blender.core.ops.hash_grid import encode, encode_reference
+from unisim_blender.core.ops.march import Segment, Voxels, propose, propose_reference
+from unisim_blender.core.ops.ray_segments import RayBatch, Strands
+from unisim_blender.core.render.actor_sets import gather_cast
+from unisim_blender.core.render.tracer import Found
+from unisim_blender.core.render.tracers.torch.actor_tensors import cast_tensors
+from unisim_blender.core.render.tracers.torch.trace import Sampling, trace
+from unisim_blender.core.render.tracers.torch.tracer import TorchBackend, TorchTracer
 
 pytest.importorskip("triton", reason="Triton is not installed")
 
-READY = "unisim_blender.core.kernel_choice.ready"
+READY = "unisim_blender.core.ops.kernel_choice.ready"
 """What says whether kernels for GPUs run."""
 
 SHAPES = {
@@ -227,7 +227,7 @@ COMPILED = """
 import triton
 from triton.backends.compiler import GPUTarget
 from triton.compiler import ASTSource
-from unisim_blender.core.on_gpu import gather, grid, probe, propose
+from unisim_blender.core.ops.triton import gather, grid, probe, propose
 
 NUMBERS = {"n": "i32", "rows": "i32", "count": "i32", "row": "i32", "nx": "i32", "ny": "i32", "nz": "i32",
            "per_m": "fp32", "step": "fp32", "decay": "fp32"}

@@ -151,7 +151,7 @@ def test_exr_on_a_full_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
 def test_static_copies_are_labelled() -> None:
     from dataclasses import replace
 
-    from unisim_blender.core.drive import Box, StaticCopy
+    from unisim_blender.core.world.drive import Box, StaticCopy
 
     pose = make_pose(np.array([3.0, 1, 0]), np.array([1.0, 0, 0, 0]))
     drive = replace(DRIVE, static_copies=(StaticCopy("copy", Box(np.eye(4), np.ones(3)), pose),))

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from scipy import ndimage
 from tiny_drive import TinyLog, tiny_drive
 
-from unisim_blender.core.images import resize_image
-from unisim_blender.core.logs import open_log
-from unisim_blender.core.own_vehicle import (
+from unisim_blender.core.data import open_log
+from unisim_blender.core.data.images import resize_image
+from unisim_blender.core.data.own_vehicle import (
     _SMOOTH,
     LEAST_IMAGES,
     _filtered,

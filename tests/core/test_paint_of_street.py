@@ -8,8 +8,8 @@ import pytest
 from click.testing import CliRunner
 
 from unisim_blender.core.actor_images.kept import make_images
-from unisim_blender.core.cli import unisim
-from unisim_blender.core.logs import open_log
+from unisim_blender.core.cli.main import unisim
+from unisim_blender.core.data import open_log
 from unisim_blender.core.street.cars import BodyPaint
 from unisim_blender.core.street.layout import lay_out
 

@@ -13,7 +13,7 @@ from small_log import write_small_log
 from unisim_blender.core import progress
 from unisim_blender.core.progress import Bar
 
-RUN = "import sys; from unisim_blender.core.cli import run; sys.exit(run(sys.argv[1:]))"
+RUN = "import sys; from unisim_blender.core.cli.main import run; sys.exit(run(sys.argv[1:]))"
 
 
 class Terminal(io.StringIO):

@@ -12,19 +12,19 @@ from analytic_scene import FRONT, Stage, analytic_scene, block, drive_of, empty,
 from numpy.typing import NDArray
 from whole_drive import bound_to
 
-from unisim_blender.core import torch_tracer
-from unisim_blender.core.bounds import Bounds
-from unisim_blender.core.decode import CameraDecoder
-from unisim_blender.core.drive import Actor, Box, Camera, CameraModel, Drive, Lidar, Look, RollingShutter, StaticCopy
 from unisim_blender.core.errors import SceneError
-from unisim_blender.core.fields.config import preset
-from unisim_blender.core.frames import CAMERA_PASSES, RenderStats
 from unisim_blender.core.geometry import FloatArray, Trajectory, make_pose, quaternion_from_yaw, transform_points
-from unisim_blender.core.quality import QUALITY
+from unisim_blender.core.model.config import preset
+from unisim_blender.core.model.decode import CameraDecoder
+from unisim_blender.core.render.frames import CAMERA_PASSES, RenderStats
+from unisim_blender.core.render.quality.settings import QUALITY
+from unisim_blender.core.render.tracers.torch import tracer as torch_tracer
+from unisim_blender.core.sensors.bounds import Bounds
 from unisim_blender.core.sensors.camera import camera_rays, pixel_grid
 from unisim_blender.core.sensors.lidar import lidar_rays
 from unisim_blender.core.sensors.rays import Rays
 from unisim_blender.core.training.observed import observe
+from unisim_blender.core.world.drive import Actor, Box, Camera, CameraModel, Drive, Lidar, Look, RollingShutter, StaticCopy
 
 LEVEL = np.array([1.0, 0, 0, 0])
 SIZE = np.array([4.0, 2.0, 2.0])

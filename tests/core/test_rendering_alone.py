@@ -17,7 +17,7 @@ SAMPLE = Path(__file__).parents[2] / "sample"
 PROGRAM = """
 import sys
 sys.modules.update(dict.fromkeys(("torch", "scipy", "skimage", "safetensors", "imageio_ffmpeg")))
-from unisim_blender.core.cli import run
+from unisim_blender.core.cli.main import run
 sys.exit(run(sys.argv[1:]))
 """
 

@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from unisim_blender.core.drive import CameraModel, LidarModel, RollingShutter
-from unisim_blender.core.edits.sensors import FRONT_FROM_OPTICAL
 from unisim_blender.core.errors import ScenarioError
 from unisim_blender.core.geometry import make_pose, quaternion_from_yaw
 from unisim_blender.core.rigs import Rig, RigCamera, RigLidar, built_in_rigs, read_rig, write_rig
+from unisim_blender.core.scenario.edits.sensors import FRONT_FROM_OPTICAL
 from unisim_blender.core.sensors.beam_tables import BEAM_TABLES, hdl32e
+from unisim_blender.core.world.drive import CameraModel, LidarModel, RollingShutter
 
 CAMERA: dict[str, Any] = {"id": "front", "width": 640, "height": 360, "fx": 500.0, "mount": {"position": [1.5, 0, 1.6]}}
 LIDAR: dict[str, Any] = {"id": "roof", "preset": "vlp16", "mount": {"position": [0, 0, 2]}}

@@ -14,19 +14,19 @@ from small_log import write_small_log
 from test_training import SMALL
 from torch import Tensor
 
-from unisim_blender.core.cli import run
-from unisim_blender.core.compiled.scene import CompiledScene
+from unisim_blender.core.cli.main import run
+from unisim_blender.core.data import open_log
+from unisim_blender.core.data.log import Log
 from unisim_blender.core.errors import SceneError
-from unisim_blender.core.fields.checkpoint import load_scene
-from unisim_blender.core.fields.config import PRESETS, ModelConfig, SampleConfig, preset
-from unisim_blender.core.frames import CameraFrame
-from unisim_blender.core.log import Log
-from unisim_blender.core.logs import open_log
+from unisim_blender.core.model.checkpoint import load_scene
+from unisim_blender.core.model.config import PRESETS, ModelConfig, SampleConfig, preset
+from unisim_blender.core.model.scene_file import read_scene_header
 from unisim_blender.core.prepare.renderers import compiled, environment, make_backend
 from unisim_blender.core.render.drive_renderer import DriveRenderer
+from unisim_blender.core.render.frames import CameraFrame
 from unisim_blender.core.render.renderer import Renderer
-from unisim_blender.core.scene_file import read_scene_header
-from unisim_blender.core.torch_tracer import TorchBackend
+from unisim_blender.core.render.tracers.compiled.scene import CompiledScene
+from unisim_blender.core.render.tracers.torch.tracer import TorchBackend
 from unisim_blender.core.training.config import TrainConfig
 from unisim_blender.core.training.recipe import recipe
 from unisim_blender.core.training.run import CHECKPOINT, finish, save_checkpoint, train

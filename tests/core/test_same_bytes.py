@@ -55,7 +55,12 @@ def alone(inputs: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 def render(scenario: Path, out: Path, *more: str) -> Path:
     """In a process of its own: nothing is left of what was rendered before."""
     asked = ["render", str(scenario), "--out", str(out), "--jobs", "1", *SMALL, *more]
-    command = [sys.executable, "-c", "import sys; from unisim_blender.core.cli import run; sys.exit(run(sys.argv[1:]))", *asked]
+    command = [
+        sys.executable,
+        "-c",
+        "import sys; from unisim_blender.core.cli.main import run; sys.exit(run(sys.argv[1:]))",
+        *asked,
+    ]
     done = subprocess.run(command, capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, done.stderr
     return out
@@ -87,7 +92,7 @@ def test_threads_change_no_byte(inputs: Path, tmp_path: Path, name: str) -> None
     some = ("--frames", FRAME, "--sensors", "front_camera,few", "--width", "48")
     script = f"""
 import os, sys
-from unisim_blender.core.cli import run
+from unisim_blender.core.cli.main import run
 for threads in ("1", "3"):
     os.environ["OMP_NUM_THREADS"] = threads
     asked = ["render", sys.argv[1], "--out", sys.argv[2] + threads, "--jobs", "1", *{SMALL!r}, *{some!r}]

@@ -18,22 +18,25 @@ from turning_drive import turning_drive
 from whole_drive import bound_to, whole_state
 
 from unisim_blender.core import native
-from unisim_blender.core.compiled.scene import CompiledScene
-from unisim_blender.core.compiled.tracer import CompiledBackend
-from unisim_blender.core.drive import Actor, Drive, Look
-from unisim_blender.core.edits import apply_scenario
 from unisim_blender.core.errors import ScenarioError
-from unisim_blender.core.fields.checkpoint import load_scene, save_scene
-from unisim_blender.core.fields.config import ModelConfig, preset
-from unisim_blender.core.fields.scene import SceneModel
-from unisim_blender.core.fields.volume import Volume
-from unisim_blender.core.frames import RenderStats
 from unisim_blender.core.geometry import FloatArray, Trajectory, intersect_boxes, invert_pose, make_pose, quaternion_from_yaw
 from unisim_blender.core.meshes.meeting import Extras
+from unisim_blender.core.model.checkpoint import load_scene, save_scene
+from unisim_blender.core.model.config import ModelConfig, preset
+from unisim_blender.core.model.scene import SceneModel
+from unisim_blender.core.model.scene_file import drive_from_json, drive_to_json
+from unisim_blender.core.model.volume import Volume
 from unisim_blender.core.output.labels import frame_labels
-from unisim_blender.core.quality import QUALITY
+from unisim_blender.core.render.frames import RenderStats
+from unisim_blender.core.render.quality.settings import QUALITY
+from unisim_blender.core.render.tracers.compiled.scene import CompiledScene
+from unisim_blender.core.render.tracers.compiled.tracer import CompiledBackend
+from unisim_blender.core.render.tracers.surfels.model import SurfelSet
+from unisim_blender.core.render.tracers.surfels.stage import Stage as SurfelStage
+from unisim_blender.core.render.tracers.surfels.stage import carried
+from unisim_blender.core.render.tracers.torch.tracer import TorchBackend
 from unisim_blender.core.scenario import scenario_from_json
-from unisim_blender.core.scene_file import drive_from_json, drive_to_json
+from unisim_blender.core.scenario.edits import apply_scenario
 from unisim_blender.core.sensors.rays import Rays
 from unisim_blender.core.street.bundles import make_bundles
 from unisim_blender.core.street.edit_masks import edit_masks
@@ -44,10 +47,7 @@ from unisim_blender.core.street.surface_hits import look_up
 from unisim_blender.core.street.trace import Asset, Part, Placement, trace
 from unisim_blender.core.street.true_pictures import picture_path
 from unisim_blender.core.street.truth import truth_camera, truth_lidar
-from unisim_blender.core.surfels.model import SurfelSet
-from unisim_blender.core.surfels.stage import Stage as SurfelStage
-from unisim_blender.core.surfels.stage import carried
-from unisim_blender.core.torch_tracer import TorchBackend
+from unisim_blender.core.world.drive import Actor, Drive, Look
 
 needs_library = pytest.mark.skipif(native.library() is None, reason="the compiled kernels were not built")
 EYE = np.array([-20.0, 0.0, 1.6])

@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 from turning_drive import turning_drive
 
-from unisim_blender.core.drive import Drive, Look
 from unisim_blender.core.errors import UnisimError
+from unisim_blender.core.model.scene_file import SceneHeader, drive_to_json, write_scene_header
 from unisim_blender.core.prepare import scenario as prepare
 from unisim_blender.core.prepare.scenario import prepare_scenario
-from unisim_blender.core.scene_file import SceneHeader, drive_to_json, write_scene_header
+from unisim_blender.core.world.drive import Drive, Look
 
 REMOVE = {"type": "remove", "actor": "van"}
 

@@ -11,7 +11,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from unisim_blender.core.drive import (
+from unisim_blender.core.errors import SceneError
+from unisim_blender.core.geometry import Trajectory, quaternion_from_yaw
+from unisim_blender.core.model.scene_file import (
+    HEADER_NAME,
+    SceneHeader,
+    drive_from_json,
+    drive_to_json,
+    read_scene_header,
+    write_scene_header,
+)
+from unisim_blender.core.world.drive import (
     Actor,
     Box,
     Camera,
@@ -22,16 +32,6 @@ from unisim_blender.core.drive import (
     Look,
     RollingShutter,
     StaticCopy,
-)
-from unisim_blender.core.errors import SceneError
-from unisim_blender.core.geometry import Trajectory, quaternion_from_yaw
-from unisim_blender.core.scene_file import (
-    HEADER_NAME,
-    SceneHeader,
-    drive_from_json,
-    drive_to_json,
-    read_scene_header,
-    write_scene_header,
 )
 
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from unisim_blender.core.drive import Actor, Look
-from unisim_blender.core.fields.occupancy import BESIDE, FREE, HIT, UNKNOWN
 from unisim_blender.core.geometry import FloatArray, Trajectory, points_in_box
+from unisim_blender.core.model.occupancy import BESIDE, FREE, HIT, UNKNOWN
 from unisim_blender.core.training import seed_voxels as module
 from unisim_blender.core.training.data import LidarData
 from unisim_blender.core.training.seed_voxels import seed_voxels
+from unisim_blender.core.world.drive import Actor, Look
 
 SHAPE, VOXEL_M = (40, 30, 12), 0.5
 

@@ -21,15 +21,15 @@ from rendered_folder import contents
 from tiny_drive import tiny_drive
 
 from unisim_blender.core import native
-from unisim_blender.core.cli import unisim
+from unisim_blender.core.cli.main import unisim
 from unisim_blender.core.errors import UnisimError
-from unisim_blender.core.fields.checkpoint import save_scene
-from unisim_blender.core.fields.config import preset
-from unisim_blender.core.fields.scene import SceneModel
-from unisim_blender.core.fields.volume import Volume
+from unisim_blender.core.model.checkpoint import save_scene
+from unisim_blender.core.model.config import preset
+from unisim_blender.core.model.scene import SceneModel
+from unisim_blender.core.model.scene_file import SceneHeader
+from unisim_blender.core.model.volume import Volume
 from unisim_blender.core.prepare.renderers import make_backend
-from unisim_blender.core.quality import LADDER
-from unisim_blender.core.scene_file import SceneHeader
+from unisim_blender.core.render.quality.settings import LADDER
 
 
 @pytest.fixture(scope="module")
@@ -141,7 +141,7 @@ def test_a_scenario_is_rendered_without_torch(scenario: Path, tmp_path: Path) ->
     render(scenario, "--out", tmp_path / "with", "--jobs", "1")
     blocked = "import sys; sys.modules.update(dict.fromkeys(('torch', 'scipy', 'skimage', 'safetensors')))\n"
     asked = ["render", str(scenario), "--out", str(tmp_path / "without"), "--jobs", "1", "--device", "auto"]
-    program = f"{blocked}from unisim_blender.core.cli import run\nsys.exit(run({asked!r}))"
+    program = f"{blocked}from unisim_blender.core.cli.main import run\nsys.exit(run({asked!r}))"
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=120)
     assert done.returncode == 0, done.stderr
     files = [path.relative_to(tmp_path / "with") for path in (tmp_path / "with").rglob("*") if path.is_file()]
@@ -244,7 +244,7 @@ def test_evaluation_refuses_what_is_not_there(arguments: list[str], sentence: st
 
 
 def test_contact_shadows_lie_under_new_actors_alone(scenario: Path) -> None:
-    from unisim_blender.core.fields.checkpoint import load_scene
+    from unisim_blender.core.model.checkpoint import load_scene
     from unisim_blender.core.render.regions import Region
 
     scene = load_scene(scenario.parent / "scene")

@@ -11,11 +11,11 @@ import pytest
 import torch
 from torch import Tensor
 
-from unisim_blender.core.fields.config import preset
-from unisim_blender.core.fields.occupancy import OccupancyTrainer
-from unisim_blender.core.fields.scene import SceneModel
-from unisim_blender.core.fields.volume import Volume
-from unisim_blender.core.strands import RayBatch, Strands
+from unisim_blender.core.model.config import preset
+from unisim_blender.core.model.occupancy import OccupancyTrainer
+from unisim_blender.core.model.scene import SceneModel
+from unisim_blender.core.model.volume import Volume
+from unisim_blender.core.ops.ray_segments import RayBatch, Strands
 from unisim_blender.core.training.data import LidarBatch
 from unisim_blender.core.training.shape import Shape
 

@@ -11,16 +11,15 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from unisim_blender.core.cli import run
-from unisim_blender.core.commands.synth import command
-from unisim_blender.core.drive import Box, Drive
-from unisim_blender.core.edits import apply_scenario
+from unisim_blender.core.cli.commands.synth import command
+from unisim_blender.core.cli.main import run
+from unisim_blender.core.data.images import resize_image
 from unisim_blender.core.errors import LogError, OutputError, ScenarioError
 from unisim_blender.core.evaluate import true_edits
 from unisim_blender.core.evaluate.true_edits import TrueEdit
 from unisim_blender.core.geometry import FloatArray, make_pose, points_in_box
-from unisim_blender.core.images import resize_image
 from unisim_blender.core.scenario import load_scenario, scenario_from_json
+from unisim_blender.core.scenario.edits import apply_scenario
 from unisim_blender.core.street.atlas import Detail, Model, painted
 from unisim_blender.core.street.bundles import make_bundles
 from unisim_blender.core.street.cut import inside, outside
@@ -38,6 +37,7 @@ from unisim_blender.core.street.truth import truth_camera, truth_lidar
 from unisim_blender.core.street.usual_edits import spread_frames, usual_edits, write_scenarios
 from unisim_blender.core.street.world import make_world
 from unisim_blender.core.street.write import write_log
+from unisim_blender.core.world.drive import Box, Drive
 
 CAMERA, LIDAR = "front_camera", "pandar64"
 SIZE: dict[str, Any] = {"seed": 3, "frames": 4, "width": 64, "height": 36}

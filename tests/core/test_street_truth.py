@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from unisim_blender.core.drive import Actor, Box, Drive, Look, StaticCopy
 from unisim_blender.core.errors import LogError, ScenarioError
-from unisim_blender.core.frames import CameraFrame, LidarFrame
 from unisim_blender.core.geometry import FloatArray, Trajectory, invert_pose, points_in_box, transform_points
+from unisim_blender.core.render.frames import CameraFrame, LidarFrame
 from unisim_blender.core.sensors.camera import camera_rays, pixel_grid, row_times
 from unisim_blender.core.street.bundles import Bundles, make_bundles
 from unisim_blender.core.street.edit_masks import edit_masks
@@ -21,6 +20,7 @@ from unisim_blender.core.street.street import Street, build_street
 from unisim_blender.core.street.trace import trace
 from unisim_blender.core.street.truth import truth_camera, truth_lidar
 from unisim_blender.core.street.world import make_world
+from unisim_blender.core.world.drive import Actor, Box, Drive, Look, StaticCopy
 
 CAMERA, LIDAR = "front_camera", "pandar64"
 LEAD = "car-01"

@@ -18,13 +18,13 @@ from stress.scenes import make_scene
 from stress.variants import compared_variants
 
 from unisim_blender.core import native
-from unisim_blender.core.compiled.scene import CompiledScene
 from unisim_blender.core.errors import SceneError
-from unisim_blender.core.fields.checkpoint import load_scene
-from unisim_blender.core.scene_file import HEADER_NAME, WEIGHTS_NAME
+from unisim_blender.core.model.checkpoint import load_scene
+from unisim_blender.core.model.scene_file import HEADER_NAME, WEIGHTS_NAME
+from unisim_blender.core.render.tracers.compiled.scene import CompiledScene
 
 REFUSED = r"static\.grid\.table\[0, 0\] is not a finite number$"
-RENDER = "import sys; from unisim_blender.core.cli import run; sys.exit(run(sys.argv[1:]))"
+RENDER = "import sys; from unisim_blender.core.cli.main import run; sys.exit(run(sys.argv[1:]))"
 
 
 @pytest.mark.parametrize("name", CASES)

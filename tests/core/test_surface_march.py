@@ -14,20 +14,7 @@ import pytest
 import torch
 from numpy.typing import NDArray
 from random_scene import CONFIGS, edited, picture_rays, saved
-from whole_drive import bound_to
-
-from unisim_blender.core import native
-from unisim_blender.core.compiled.scene import CompiledScene
-from unisim_blender.core.compiled.structs import SamplingStruct, SceneStruct, address, floats
-from unisim_blender.core.compiled.tracer import LEAST_SLOPE, LEAST_STEP_M, SPLIT_WEIGHT, WIDENING, CompiledBackend, CompiledTracer
-from unisim_blender.core.density import logistic_intervals, weights_from_tau
-from unisim_blender.core.fields.checkpoint import load_scene
-from unisim_blender.core.frames import RenderStats
-from unisim_blender.core.quality import QUALITY, Quality
-from unisim_blender.core.sensors.camera import camera_rays, pixel_grid
-from unisim_blender.core.sensors.lidar import lidar_rays
-from unisim_blender.core.sensors.rays import Rays
-from unisim_blender.core.surface_march import (
+from surface_march import (
     BOX_CELLS,
     CELLS,
     OPEN,
@@ -49,6 +36,26 @@ from unisim_blender.core.surface_march import (
     runs_in_volume,
     unpacked,
 )  # fmt: skip
+from whole_drive import bound_to
+
+from unisim_blender.core import native
+from unisim_blender.core.model.checkpoint import load_scene
+from unisim_blender.core.ops.density import logistic_intervals, weights_from_tau
+from unisim_blender.core.render.frames import RenderStats
+from unisim_blender.core.render.quality.settings import QUALITY, Quality
+from unisim_blender.core.render.tracers.compiled.scene import CompiledScene
+from unisim_blender.core.render.tracers.compiled.structs import SamplingStruct, SceneStruct, address, floats
+from unisim_blender.core.render.tracers.compiled.tracer import (
+    LEAST_SLOPE,
+    LEAST_STEP_M,
+    SPLIT_WEIGHT,
+    WIDENING,
+    CompiledBackend,
+    CompiledTracer,
+)
+from unisim_blender.core.sensors.camera import camera_rays, pixel_grid
+from unisim_blender.core.sensors.lidar import lidar_rays
+from unisim_blender.core.sensors.rays import Rays
 
 needs_library = pytest.mark.skipif(native.library() is None, reason="the compiled kernels were not built")
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from unisim_blender.core.surfels.exposure import Exposures, Looks, exposure_gains
+from unisim_blender.core.render.tracers.surfels.exposure import Exposures, Looks, exposure_gains
 
 
 def looks(gains: NDArray[np.float64], odd: float, seed: int = 0) -> Looks:

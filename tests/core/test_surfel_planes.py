@@ -7,7 +7,7 @@ import pytest
 
 from unisim_blender.core import native
 from unisim_blender.core.errors import SceneError
-from unisim_blender.core.surfels.planes import Neighbours, local_planes_reference
+from unisim_blender.core.render.tracers.surfels.planes import Neighbours, local_planes_reference
 
 needs_kernels = pytest.mark.skipif(native.library() is None, reason="the compiled kernels are not there")
 

@@ -17,33 +17,33 @@ from PIL import Image
 from whole_drive import bound_to
 
 from unisim_blender.core import native
-from unisim_blender.core.cli import run
-from unisim_blender.core.drive import Drive
-from unisim_blender.core.edits import apply_scenario
+from unisim_blender.core.cli.main import run
+from unisim_blender.core.data import open_log
+from unisim_blender.core.data.log import Log
 from unisim_blender.core.errors import LogError, SceneError
 from unisim_blender.core.evaluate.metrics import psnr
 from unisim_blender.core.files import cache_folder
-from unisim_blender.core.frames import CameraFrame
-from unisim_blender.core.log import Log
-from unisim_blender.core.logs import open_log
 from unisim_blender.core.prepare.renderers import UNTRAINED, untrained_backend
 from unisim_blender.core.render.drive_renderer import DriveRenderer
+from unisim_blender.core.render.frames import CameraFrame
 from unisim_blender.core.render.regions import Region
 from unisim_blender.core.render.renderer import Renderer
+from unisim_blender.core.render.tracers.surfels.build import Step, build_surfels, finished
+from unisim_blender.core.render.tracers.surfels.cache import NOT_SURFELS, build_key, surfels_of
+from unisim_blender.core.render.tracers.surfels.exposure import Exposures
+from unisim_blender.core.render.tracers.surfels.model import LIDARSIM, SurfelScene
+from unisim_blender.core.render.tracers.surfels.stage import Stage
+from unisim_blender.core.render.tracers.surfels.tracer import SurfelBackend
+from unisim_blender.core.render.tracers.surfels.views import open_view
+from unisim_blender.core.render.tracers.warping.tracer import WarpTracer
 from unisim_blender.core.scenario import scenario_from_json
+from unisim_blender.core.scenario.edits import apply_scenario
 from unisim_blender.core.sequence.plan import code_digest
 from unisim_blender.core.street.street import Street, build_street, load_street
 from unisim_blender.core.street.truth import truth_camera, truth_lidar
 from unisim_blender.core.street.write import write_log
-from unisim_blender.core.surfels.build import Step, build_surfels, finished
-from unisim_blender.core.surfels.cache import NOT_SURFELS, build_key, surfels_of
-from unisim_blender.core.surfels.exposure import Exposures
-from unisim_blender.core.surfels.model import LIDARSIM, SurfelScene
-from unisim_blender.core.surfels.stage import Stage
-from unisim_blender.core.surfels.tracer import SurfelBackend
-from unisim_blender.core.surfels.views import open_view
-from unisim_blender.core.warping.tracer import WarpTracer
 from unisim_blender.core.worker.jobs import Jobs
+from unisim_blender.core.world.drive import Drive
 
 pytestmark = pytest.mark.skipif(native.library() is None, reason="surfels are made by the compiled kernels")
 CAMERA, LIDAR, FRAME = "front_camera", "pandar64", 3
@@ -395,7 +395,7 @@ def test_pictures_are_exposed_as_their_camera_was(name: str, scenes: dict[str, S
 def test_surfels_of_other_code_are_not_taken(log: Log, monkeypatch: pytest.MonkeyPatch) -> None:
     before = build_key(log, LIDARSIM, None)
     assert build_key(log, LIDARSIM, None) == before
-    monkeypatch.setattr("unisim_blender.core.surfels.cache.code_digest", lambda left_out: "other")
+    monkeypatch.setattr("unisim_blender.core.render.tracers.surfels.cache.code_digest", lambda left_out: "other")
     assert build_key(log, LIDARSIM, None) != before
 
 

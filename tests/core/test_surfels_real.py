@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 from unisim_blender.core import native
-from unisim_blender.core.logs.pandaset import PandasetLog
+from unisim_blender.core.data.pandaset.reader import PandasetLog
 from unisim_blender.core.render.drive_renderer import DriveRenderer
 from unisim_blender.core.render.renderer import Renderer
-from unisim_blender.core.surfels.build import build_surfels, finished
-from unisim_blender.core.surfels.model import LIDARSIM
-from unisim_blender.core.surfels.tracer import SurfelBackend
+from unisim_blender.core.render.tracers.surfels.build import build_surfels, finished
+from unisim_blender.core.render.tracers.surfels.model import LIDARSIM
+from unisim_blender.core.render.tracers.surfels.tracer import SurfelBackend
 
 ROOT = Path(os.environ.get("UNISIM_PANDASET", Path(__file__).parents[3] / "shared/data/pandaset/002"))
 pytestmark = [

@@ -10,15 +10,15 @@ import torch
 from analytic_scene import Stage, analytic_scene, block, drive_of, empty, ground, sphere, still, union, wall
 from whole_drive import whole_state
 
-from unisim_blender.core.cast import gather_cast
-from unisim_blender.core.cast_tensors import cast_tensors
-from unisim_blender.core.drive import Box, Look, StaticCopy
 from unisim_blender.core.errors import SceneError
-from unisim_blender.core.fields.config import preset
-from unisim_blender.core.fields.scene import SceneModel
 from unisim_blender.core.geometry import FloatArray, Trajectory, intersect_boxes, invert_pose, make_pose, quaternion_from_yaw
-from unisim_blender.core.strands import RayBatch
-from unisim_blender.core.trace import Sampling, trace
+from unisim_blender.core.model.config import preset
+from unisim_blender.core.model.scene import SceneModel
+from unisim_blender.core.ops.ray_segments import RayBatch
+from unisim_blender.core.render.actor_sets import gather_cast
+from unisim_blender.core.render.tracers.torch.actor_tensors import cast_tensors
+from unisim_blender.core.render.tracers.torch.trace import Sampling, trace
+from unisim_blender.core.world.drive import Box, Look, StaticCopy
 
 LEVEL = np.array([1.0, 0, 0, 0])
 EYE = np.array([-20.0, 0.0, 1.6])

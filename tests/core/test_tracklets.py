@@ -11,9 +11,15 @@ from analytic_scene import drive_of
 from torch import Tensor
 
 from unisim_blender.core import native
-from unisim_blender.core.bounds import Bounds
-from unisim_blender.core.drive import Actor, Look
-from unisim_blender.core.fields.tracklets import (
+from unisim_blender.core.geometry import (
+    FloatArray,
+    Trajectory,
+    intersect_boxes,
+    invert_pose,
+    matrix_from_quaternion,
+    quaternion_from_yaw,
+)
+from unisim_blender.core.model.tracklets import (
     SMOOTH_S,
     Tracklets,
     near_spheres,
@@ -23,14 +29,8 @@ from unisim_blender.core.fields.tracklets import (
     rotation_from_quaternion,
     slerp,
 )
-from unisim_blender.core.geometry import (
-    FloatArray,
-    Trajectory,
-    intersect_boxes,
-    invert_pose,
-    matrix_from_quaternion,
-    quaternion_from_yaw,
-)
+from unisim_blender.core.sensors.bounds import Bounds
+from unisim_blender.core.world.drive import Actor, Look
 from unisim_blender.core.world.replay import with_windows
 
 

@@ -20,21 +20,21 @@ from safetensors.torch import load_file, save_file
 from small_log import write_small_log
 from whole_drive import bound_to
 
-from unisim_blender.core.cli import run
+from unisim_blender.core.cli.main import run
+from unisim_blender.core.data import open_log
+from unisim_blender.core.data.log import Log
+from unisim_blender.core.data.pandaset.writer import PandasetWriter
 from unisim_blender.core.errors import LogError, SceneError
-from unisim_blender.core.fields.checkpoint import load_scene
-from unisim_blender.core.fields.config import PRESETS, preset
-from unisim_blender.core.log import Log
-from unisim_blender.core.logs import open_log
-from unisim_blender.core.logs.pandaset_writer import PandasetWriter
+from unisim_blender.core.model.checkpoint import load_scene
+from unisim_blender.core.model.config import PRESETS, preset
+from unisim_blender.core.ops.ray_segments import Traced
 from unisim_blender.core.render.drive_renderer import DriveRenderer
 from unisim_blender.core.render.renderer import Renderer
+from unisim_blender.core.render.tracers.torch.trace import Sampling, trace
+from unisim_blender.core.render.tracers.torch.tracer import TorchBackend
 from unisim_blender.core.sensors.camera import camera_rays, pixel_grid
-from unisim_blender.core.strands import Traced
 from unisim_blender.core.street.street import build_street
 from unisim_blender.core.street.truth import truth_camera, truth_lidar
-from unisim_blender.core.torch_tracer import TorchBackend
-from unisim_blender.core.trace import Sampling, trace
 from unisim_blender.core.training.config import TrainConfig
 from unisim_blender.core.training.data import CameraData, LidarData
 from unisim_blender.core.training.run import (
@@ -115,7 +115,7 @@ def test_a_device_without_float64_trains_and_renders_alike(
     log: Log, whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """As Apple's mps: times are float32 there."""
-    monkeypatch.setattr("unisim_blender.core.devices.has_float64", lambda device: False)
+    monkeypatch.setattr("unisim_blender.core.ops.devices.has_float64", lambda device: False)
     trainer = Trainer(log, SMALL)
     kept = (trainer.model, trainer.tracklets, trainer.camera_poses)
     assert not any(b.dtype == torch.float64 for module in kept for b in module.buffers())
@@ -220,7 +220,7 @@ from dataclasses import replace
 from pathlib import Path
 sys.path.insert(0, sys.argv[1])
 import test_training as t
-from unisim_blender.core.logs import open_log
+from unisim_blender.core.data import open_log
 config = replace(t.SMALL, iterations=100000, checkpoint_s=0.0)
 t.train(open_log(Path(sys.argv[2])), config, Path(sys.argv[3]), resume=len(sys.argv) > 4, quiet=True)
 """

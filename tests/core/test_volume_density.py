@@ -12,13 +12,13 @@ from analytic_scene import Stage, analytic_scene, drive_of, still
 from torch import Tensor
 from whole_drive import whole_state
 
-from unisim_blender.core.constants import EMPTY_M
-from unisim_blender.core.density import volume_intervals
-from unisim_blender.core.drive import Box
-from unisim_blender.core.fields.config import preset
 from unisim_blender.core.geometry import FloatArray, make_pose
-from unisim_blender.core.march import refine_by_density
-from unisim_blender.core.median import median_depth
+from unisim_blender.core.model.config import preset
+from unisim_blender.core.model.constants import EMPTY_M
+from unisim_blender.core.ops.density import volume_intervals
+from unisim_blender.core.ops.march import refine_by_density
+from unisim_blender.core.ops.median import median_depth
+from unisim_blender.core.world.drive import Box
 
 CONFIG = replace(preset("tiny"), density="volume", light="fixed")
 EYE = np.array([-20.0, 0, 1.6])

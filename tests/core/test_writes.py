@@ -20,14 +20,14 @@ from PIL import Image
 from small_log import small_drive
 from test_checkpoint import random_scene
 
+from unisim_blender.core.data.pandaset.writer import PandasetWriter
+from unisim_blender.core.data.table_file import write_table
 from unisim_blender.core.errors import UnisimError
-from unisim_blender.core.fields.checkpoint import load_scene, save_scene
-from unisim_blender.core.logs.pandaset_writer import PandasetWriter
-from unisim_blender.core.logs.table_file import write_table
+from unisim_blender.core.model.checkpoint import load_scene, save_scene
+from unisim_blender.core.model.weights import weights_hash
 from unisim_blender.core.output.video import write_video
 from unisim_blender.core.training import run
 from unisim_blender.core.training.config import TrainConfig
-from unisim_blender.core.weights import weights_hash
 
 resource = pytest.importorskip("resource", reason="limits on files' sizes are POSIX's")
 

@@ -11,15 +11,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from unisim_blender.core.drive import Actor, Camera, CameraModel, Drive, Lidar, LidarModel, Look
-from unisim_blender.core.frames import CameraFrame, LidarFrame, RenderStats
+from unisim_blender.core.data.log import Sweep, SweepGrid
 from unisim_blender.core.geometry import FloatArray, Trajectory, make_pose, quaternion_from_matrix
-from unisim_blender.core.log import Sweep, SweepGrid
-from unisim_blender.core.sensors.captures import CaptureStates
+from unisim_blender.core.render.captures import CaptureStates
+from unisim_blender.core.render.frames import CameraFrame, LidarFrame, RenderStats
+from unisim_blender.core.render.visibility import Reach
 from unisim_blender.core.sensors.lidar import lidar_rays
 from unisim_blender.core.sequence.plan import RenderPlan, SequenceSettings
+from unisim_blender.core.world.drive import Actor, Camera, CameraModel, Drive, Lidar, LidarModel, Look
 from unisim_blender.core.world.replay import DriveStates
-from unisim_blender.core.world.visibility import Reach
 
 IDENTITY = np.array([1.0, 0, 0, 0])
 FRONT = quaternion_from_matrix(np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]]))

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from unisim_blender.core.drive import Actor, Camera, CameraModel, Drive, Lidar, LidarModel, Look, RollingShutter
 from unisim_blender.core.geometry import FloatArray, Trajectory, make_pose, quaternion_from_matrix, quaternion_from_yaw
+from unisim_blender.core.world.drive import Actor, Camera, CameraModel, Drive, Lidar, LidarModel, Look, RollingShutter
 
 FRONT = quaternion_from_matrix(np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]]))
 """A camera's axes when it looks along x."""

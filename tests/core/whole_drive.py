@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Protocol, TypeVar
 
-from unisim_blender.core.drive import FRAME_MARGIN_S, Box, Drive
+from unisim_blender.core.world.drive import FRAME_MARGIN_S, Box, Drive
 from unisim_blender.core.world.replay import DriveStates, parked_boxes
 from unisim_blender.core.world.state import WorldState
 

@@ -12,8 +12,8 @@ import bpy
 import numpy as np
 
 from ..core.actor_images.names import group_of
-from ..core.drive import Drive
 from ..core.geometry import BoolArray, FloatArray, make_pose
+from ..core.world.drive import Drive
 from .animation import curves_of
 from .card import HALF_S
 from .clock import Clock

@@ -7,8 +7,8 @@ from typing import TypeAlias
 import bpy
 import numpy as np
 
-from ..core.edits.motion import merged_times, sampled_keys
 from ..core.geometry import FloatArray, Trajectory
+from ..core.scenario.edits.motion import merged_times, sampled_keys
 from .clock import Clock
 from .scaling import SAME_SHAPE
 

@@ -8,12 +8,12 @@ import bpy
 import numpy as np
 from mathutils import Matrix
 
-from ..core.drive import Actor, Camera, Drive, Lidar
-from ..core.edits.context import pose_of
-from ..core.edits.ego_body import LABEL
 from ..core.geometry import invert_pose
 from ..core.meshes.read import read_mesh
+from ..core.scenario.edits.context import pose_of
+from ..core.scenario.edits.ego_body import LABEL
 from ..core.scenario.types import CameraSpec, CopyStatic, EgoBody, FrameRange, LidarSpec, RemoveStatic, Scenario
+from ..core.world.drive import Actor, Camera, Drive, Lidar
 from .cameras import set_model
 from .clock import Clock
 from .ego_bodies import mount_body

@@ -5,9 +5,9 @@ from __future__ import annotations
 import bpy
 import numpy as np
 
-from ..core.drive import Drive
+from ..core.data.log import Log
 from ..core.geometry import FloatArray
-from ..core.log import Log
+from ..core.world.drive import Drive
 from .cameras import model_of
 from .clock import Clock
 from .poses import optical

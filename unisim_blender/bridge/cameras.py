@@ -8,7 +8,7 @@ from dataclasses import asdict, replace
 
 import bpy
 
-from ..core.drive import CameraModel
+from ..core.world.drive import CameraModel
 
 SENSOR_MM = 36.0
 

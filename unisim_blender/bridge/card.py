@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import bpy
 import numpy as np
 
-from ..core.drive import Drive
+from ..core.world.drive import Drive
 from .animation import curves_of
 from .clock import Clock
 from .meshes import scale_of, size_of

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..core.drive import Drive
 from ..core.geometry import FloatArray
+from ..core.world.drive import Drive
 
 
 @dataclass(frozen=True)

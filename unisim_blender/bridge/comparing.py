@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.colour import linear_from_srgb
-from ..core.drive import CameraModel, Drive
-from ..core.log import Log
+from ..core.data.log import Log
+from ..core.world.drive import CameraModel, Drive
 from .sampling import Thing
 
 POSE_KEPT = {"id", "width", "height", "fx", "fy", "cx", "cy", "shutter"}

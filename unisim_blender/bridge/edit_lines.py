@@ -12,7 +12,6 @@ from pathlib import Path
 import numpy as np
 
 from ..core.actor_images.names import plain_names
-from ..core.drive import Actor, Drive
 from ..core.errors import ScenarioError
 from ..core.geometry import BoolArray, FloatArray, Trajectory, invert_pose
 from ..core.scenario.types import (
@@ -30,6 +29,7 @@ from ..core.scenario.types import (
     Scale,
     Swap,
 )
+from ..core.world.drive import Actor, Drive
 from .clock import Clock
 from .edit_words import degrees, displaced_words, joined, moved_words, presence_words, trajectory_words
 from .poses import same

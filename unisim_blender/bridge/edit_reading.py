@@ -11,8 +11,8 @@ from dataclasses import dataclass, field, replace
 import bpy
 import numpy as np
 
-from ..core.drive import Drive
 from ..core.errors import ScenarioError, UnisimError
+from ..core.world.drive import Drive
 from .clock import Clock
 from .edit_lines import Line, actor_lines, problem_line, rig_lines, static_lines
 from .neighbours import moved_by_keys

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..core.drive import Drive
 from ..core.geometry import BoolArray, FloatArray, invert_pose, transform_points
+from ..core.world.drive import Drive
 from .clock import Clock
 from .read_actors import recorded_poses, recorded_there
 from .source import Source

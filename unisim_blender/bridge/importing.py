@@ -9,9 +9,9 @@ from typing import NamedTuple
 
 import bpy
 
-from ..core.drive import Actor, Camera, Drive, Lidar
 from ..core.errors import UnisimError
 from ..core.geometry import FloatArray, Trajectory, invert_pose
+from ..core.world.drive import Actor, Camera, Drive, Lidar
 from .animation import write_presence, write_trajectory
 from .backgrounds import set_background
 from .cameras import model_of, set_model

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import bpy
 import numpy as np
 
-from ..core.drive import Drive
 from ..core.geometry import BoolArray, FloatArray
+from ..core.world.drive import Drive
 from .clock import Clock
 from .kinematics import Compared, Limits, exceeded, is_limited, motion_of
 from .poses import rigid, same

@@ -13,7 +13,7 @@ import bpy
 
 from ..core.actor_images.kept import kept_images
 from ..core.actor_images.names import full_name, plain_names
-from ..core.drive import Actor
+from ..core.world.drive import Actor
 from .source import Source
 from .things import things
 

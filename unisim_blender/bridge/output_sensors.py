@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import bpy
 
-from ..core.drive import Drive
 from ..core.errors import UnisimError
+from ..core.world.drive import Drive
 from .read_rig import sensor_name
 from .things import title_of
 

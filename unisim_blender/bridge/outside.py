@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ..core.drive import Drive
+from ..core.world.drive import Drive
 from .clock import Clock
 
 

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..core.drive import Actor, Drive
 from ..core.geometry import FloatArray, box_corners
+from ..core.world.drive import Actor, Drive
 from .clock import Clock
 from .ground import heights, undersides
 from .kinematics import ON_WHEELS, Limits, describe

@@ -8,8 +8,8 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.drive import Actor, CameraModel, Drive
 from ..core.geometry import FloatArray, box_corners, invert_pose, transform_points
+from ..core.world.drive import Actor, CameraModel, Drive
 from .clock import Clock
 from .poses import optical
 from .read_actors import recorded_poses, recorded_there

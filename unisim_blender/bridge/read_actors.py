@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from ..core.drive import Actor, Drive
 from ..core.errors import ScenarioError
 from ..core.geometry import BoolArray, FloatArray
 from ..core.prepare.scenario import scene_actors
 from ..core.scenario.types import Duplicate, Edit, Insert, InsertMesh, Move, Remove, Scale, Swap
+from ..core.world.drive import Actor, Drive
 from .clock import Clock
 from .poses import SAME_M, same, same_turn
 from .read_ways import present, vector, way

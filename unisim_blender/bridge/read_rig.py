@@ -9,10 +9,10 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from ..core.drive import CameraModel, Drive, LidarModel, RollingShutter
 from ..core.errors import ScenarioError
 from ..core.geometry import FloatArray, invert_pose, quaternion_from_matrix
 from ..core.scenario.types import CameraSpec, Edit, Ego, Keyframe, LidarSpec, Offset, Sensors, ShiftKey, Shutter
+from ..core.world.drive import CameraModel, Drive, LidarModel, RollingShutter
 from .clock import Clock
 from .poses import SAME_M, optical, same, same_place, same_turn
 from .read_ways import keyframes, placement, quaternion, vector

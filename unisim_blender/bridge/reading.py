@@ -8,9 +8,9 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from ..core.drive import Drive
 from ..core.errors import ScenarioError
 from ..core.scenario.types import CameraSpec, FrameRange, LidarSpec, Move, Outputs, Remove, Scale, Scenario, Sensors, Swap
+from ..core.world.drive import Drive
 from .read_actors import actor_edits
 from .read_body import body_edits
 from .read_rig import ego_edits, sensors_of

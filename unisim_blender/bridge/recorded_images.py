@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.data.log import Log
 from ..core.errors import UnisimError
-from ..core.log import Log
 from .comparing import LINEAR, Placement
 
 MOST_DECODED, MOST_SHOWN = 8, 6

@@ -9,8 +9,8 @@ import bpy
 import numpy as np
 from mathutils import Matrix
 
-from ..core.drive import Drive
 from ..core.prepare.scenario import scene_actors
+from ..core.world.drive import Drive
 from .animation import remove_curves
 from .clock import Clock
 from .edit_lines import ADDED, Line

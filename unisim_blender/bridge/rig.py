@@ -6,8 +6,8 @@ import json
 
 import numpy as np
 
-from ..core.drive import Camera, Drive, Lidar, LidarModel
 from ..core.geometry import FloatArray, invert_pose
+from ..core.world.drive import Camera, Drive, Lidar, LidarModel
 from .clock import Clock
 
 

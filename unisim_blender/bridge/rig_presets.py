@@ -8,10 +8,10 @@ import bpy
 import numpy as np
 from mathutils import Matrix
 
-from ..core.drive import Drive
 from ..core.errors import ScenarioError
 from ..core.geometry import FloatArray, invert_pose
 from ..core.rigs import SUFFIX, Rig, RigCamera, RigLidar, built_in_rigs
+from ..core.world.drive import Drive
 from .cameras import model_of, set_model
 from .clock import Clock
 from .importing import DISPLAY_M, fit_resolution, front_camera, import_sensors

@@ -13,9 +13,9 @@ from dataclasses import dataclass, field
 import bpy
 import numpy as np
 
-from ..core.drive import CameraModel
 from ..core.errors import UnisimError
 from ..core.geometry import BoolArray, FloatArray
+from ..core.world.drive import CameraModel
 from .animation import keys_hide, scale_changes
 from .cameras import model_of
 from .clock import Clock

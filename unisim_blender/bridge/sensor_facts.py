@@ -9,8 +9,8 @@ from functools import lru_cache
 import bpy
 import numpy as np
 
-from ..core.drive import Camera, Drive, Lidar
 from ..core.geometry import FloatArray
+from ..core.world.drive import Camera, Drive, Lidar
 from .cameras import model_of
 from .clock import Clock
 from .poses import optical, rigid, same

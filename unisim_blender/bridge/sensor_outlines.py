@@ -5,8 +5,8 @@ from __future__ import annotations
 import bpy
 import numpy as np
 
-from ..core.drive import Camera, Drive
 from ..core.geometry import FloatArray, transform_points
+from ..core.world.drive import Camera, Drive
 from .importing import DISPLAY_M
 from .poses import rigid, same
 from .sensor_facts import recorded_pose, recorded_sensor

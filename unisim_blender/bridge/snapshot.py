@@ -14,9 +14,9 @@ from typing import Any
 import bpy
 import numpy as np
 
-from ..core.drive import CameraModel
 from ..core.scenario import scenario_to_json
 from ..core.scenario.types import CameraSpec, Scenario, Sensors
+from ..core.world.drive import CameraModel
 from .clock import Clock
 from .poses import optical
 from .read_rig import intrinsics, sensor_id

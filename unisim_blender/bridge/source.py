@@ -10,12 +10,12 @@ from pathlib import Path
 
 import bpy
 
-from ..core.drive import Drive
+from ..core.data import open_log
+from ..core.data.log import Log
 from ..core.errors import UnisimError
-from ..core.log import Log
-from ..core.logs import open_log
+from ..core.model.scene_file import HEADER_NAME, read_scene_header
 from ..core.prepare.replay import replayed_drive
-from ..core.scene_file import HEADER_NAME, read_scene_header
+from ..core.world.drive import Drive
 from .things import has_drive
 
 

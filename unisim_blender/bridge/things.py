@@ -7,8 +7,8 @@ from collections.abc import Iterator
 import bpy
 import numpy as np
 
-from ..core.drive import Actor
 from ..core.geometry import FloatArray
+from ..core.world.drive import Actor
 
 COLLECTIONS = {
     "EGO": "Ego", "CAMERA": "Sensors", "LIDAR": "Sensors", "ACTOR": "Actors", "STATIC": "Static items", "POINTS": "LiDAR points",

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..core.drive import CameraModel
 from ..core.geometry import FloatArray, box_corners, invert_pose, transform_points
+from ..core.world.drive import CameraModel
 from .poses import optical
 from .sampling import Sampled, Thing
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import bpy
 import numpy as np
 
-from ..core.drive import Drive
 from ..core.geometry import BoolArray, FloatArray, box_corners, make_pose
+from ..core.world.drive import Drive
 from .animation import curves_of
 from .clock import Clock
 from .meshes import scale_of

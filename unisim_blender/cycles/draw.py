@@ -8,15 +8,15 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.drive import Drive
-from ..core.logs.pandaset_sensors import CAMERAS
-from ..core.logs.pandaset_writer import PandasetWriter
+from ..core.data.pandaset.sensors import CAMERAS
+from ..core.data.pandaset.writer import PandasetWriter
 from ..core.prepare.scenario import prepare_scenario
 from ..core.prepare.street import street_of
 from ..core.street.path_tracer import Order, Wanted
 from ..core.street.stage import Workshop
 from ..core.street.street import Street, load_street
 from ..core.street.true_pictures import keep_picture, picture_path, shown
+from ..core.world.drive import Drive
 from .painter import Painter
 
 Say = Callable[..., None]

@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from ..bridge.animation import LINEAR, add_keys, fcurves_of
-from ..core.drive import CameraModel
 from ..core.geometry import FloatArray, quaternion_from_matrix
 from ..core.street.atlas import Model
 from ..core.street.materials import Finish
 from ..core.street.stage import SHUTTER_KEYS, Item, Stage
+from ..core.world.drive import CameraModel
 from .daylight import add_daylight
 from .surfaces import image_of, material_of
 

@@ -13,9 +13,9 @@ from ..bridge.actor_filter import natural
 from ..bridge.naming import named_actors
 from ..bridge.source import source_of
 from ..core.actor_images.names import group_of, readable_names
-from ..core.drive import Actor
 from ..core.errors import UnisimError
-from ..core.scene_file import HEADER_NAME, read_scene_header
+from ..core.model.scene_file import HEADER_NAME, read_scene_header
+from ..core.world.drive import Actor
 
 PAGE = 32
 """Thumbnails in one grid: what fits the window."""

@@ -7,7 +7,7 @@ from ..bridge.ego_bodies import make_body, release_body
 from ..bridge.meshes import parts
 from ..bridge.refresh import refresh
 from ..bridge.selection import choose, chosen
-from ..core.edits.ego_body import LABEL
+from ..core.scenario.edits.ego_body import LABEL
 from .meshes import DIRECTIONS, marked_above
 from .polling import allowed, object_mode, selected, vehicle
 

@@ -15,16 +15,16 @@ from ..bridge.importing import import_source, recorded_colours, set_colours, sum
 from ..bridge.source import Source, open_source
 from ..bridge.things import has_drive
 from ..bridge.windows import areas
-from ..core.drive import Drive
-from ..core.edits import apply_scenario
+from ..core.data import is_pandaset
 from ..core.errors import UnisimError
 from ..core.json_file import read_json
-from ..core.logs import is_pandaset
+from ..core.model.scene_file import HEADER_NAME, read_scene_header
 from ..core.prepare.scenario import scene_actors
 from ..core.rigs import FORMAT as RIG_FORMAT
 from ..core.scenario import FORMAT, load_scenario
+from ..core.scenario.edits import apply_scenario
 from ..core.scenario.types import Scenario
-from ..core.scene_file import HEADER_NAME, read_scene_header
+from ..core.world.drive import Drive
 from ..registering import add, take_away
 from ..translations import message
 from ..view_types import follow_soon

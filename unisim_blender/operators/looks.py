@@ -15,7 +15,7 @@ from ..bridge.selection import choose, chosen
 from ..bridge.things import box_mesh, collection_of, new_actor
 from ..core.actor_images.names import group_of
 from ..core.errors import UnisimError
-from ..core.scene_file import HEADER_NAME
+from ..core.model.scene_file import HEADER_NAME
 from ..translations import message
 from .actor_choice import Item, choice_of, draw_choice, first_of, items_of, listed, pages
 from .actor_list import GROUPS

@@ -16,9 +16,9 @@ from ..bridge.rig_presets import free_name, look_ahead, show_sensor
 from ..bridge.selection import choose, chosen
 from ..bridge.source import source_of
 from ..bridge.things import collection_of, things
-from ..core.drive import CameraModel, LidarModel
 from ..core.errors import UnisimError
 from ..core.sensors.beam_tables import BEAM_TABLES
+from ..core.world.drive import CameraModel, LidarModel
 from .polling import allowed, object_mode, selected, vehicle
 
 OWN = "OWN"

@@ -7,8 +7,8 @@ from ..bridge.rig_presets import built_in_presets, own_presets
 from ..bridge.selection import choose
 from ..bridge.sensor_facts import KINDS, card_of_sensor, rate_of, size_of_sensor
 from ..bridge.source import source_of
-from ..core.drive import Drive
 from ..core.errors import UnisimError
+from ..core.world.drive import Drive
 from ..registering import add, take_away
 from .sidebar import DrivePanel, row_of
 

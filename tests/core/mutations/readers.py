@@ -21,23 +21,23 @@ from stress.scenes import make_scene
 from turning_drive import turning_drive
 
 from unisim_blender.core import native
-from unisim_blender.core.commands.info import describe_log, describe_scene, lines_of
-from unisim_blender.core.compiled.scene import CompiledScene
-from unisim_blender.core.drive import Actor
-from unisim_blender.core.edits import apply_scenario
-from unisim_blender.core.fields.checkpoint import load_scene
-from unisim_blender.core.logs import open_log
-from unisim_blender.core.logs.safe_pickle import Table, read_table
-from unisim_blender.core.logs.table_file import table_pickle
+from unisim_blender.core.cli.commands.info import describe_log, describe_scene, lines_of
+from unisim_blender.core.data import open_log
+from unisim_blender.core.data.safe_pickle import Table, read_table
+from unisim_blender.core.data.table_file import table_pickle
 from unisim_blender.core.meshes.intersect import Mesh
 from unisim_blender.core.meshes.read import read_mesh
 from unisim_blender.core.metrics.document import read_outputs
 from unisim_blender.core.metrics.measure import measure
+from unisim_blender.core.model.checkpoint import load_scene
+from unisim_blender.core.model.scene_file import HEADER_NAME, WEIGHTS_NAME, read_scene_header
+from unisim_blender.core.model.weights import read_weights
+from unisim_blender.core.render.tracers.compiled.scene import CompiledScene
 from unisim_blender.core.rigs import built_in_rigs, read_rig
 from unisim_blender.core.scenario import load_scenario
-from unisim_blender.core.scene_file import HEADER_NAME, WEIGHTS_NAME, read_scene_header
+from unisim_blender.core.scenario.edits import apply_scenario
 from unisim_blender.core.street.street import Recipe, load_street, recipe_document
-from unisim_blender.core.weights import read_weights
+from unisim_blender.core.world.drive import Actor
 
 from .changes import ODD, Random, changed_array, changed_bytes, changed_json, json_text
 

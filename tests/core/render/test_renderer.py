@@ -12,14 +12,14 @@ from busy_drive import backends, busy_drive
 from same_frames import assert_same
 
 from unisim_blender.core import native
-from unisim_blender.core.drive import Camera, Drive, Lidar
-from unisim_blender.core.frames import CAMERA_PASSES, CameraFrame, LidarFrame
-from unisim_blender.core.quality import QUALITY
 from unisim_blender.core.render.drive_renderer import DriveRenderer
+from unisim_blender.core.render.frames import CAMERA_PASSES, CameraFrame, LidarFrame
+from unisim_blender.core.render.quality.settings import QUALITY
 from unisim_blender.core.render.renderer import Renderer
+from unisim_blender.core.render.tracer import Backend, Tracer
 from unisim_blender.core.sensors.exposure import exposure_window
 from unisim_blender.core.sensors.rays import Rays
-from unisim_blender.core.tracer import Backend, Tracer
+from unisim_blender.core.world.drive import Camera, Drive, Lidar
 from unisim_blender.core.world.replay import DriveStates
 from unisim_blender.core.world.state import WorldState
 

@@ -10,7 +10,7 @@ import torch
 from analytic_scene import still
 from random_scene import edited
 
-from unisim_blender.core.fields.tracklets import quaternion_from_rotation, rotation_from_6d
+from unisim_blender.core.model.tracklets import quaternion_from_rotation, rotation_from_6d
 from unisim_blender.core.sensors.rays import Rays
 
 from .measures import Bench, Measure, most

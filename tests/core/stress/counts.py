@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 from random_scene import CARS, PASSES, TINY, edited
 
-from unisim_blender.core.frames import RenderStats
+from unisim_blender.core.render.frames import RenderStats
 from unisim_blender.core.sensors.camera import camera_rays, pixel_grid
 from unisim_blender.core.sensors.rays import Rays
 

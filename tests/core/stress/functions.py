@@ -8,10 +8,10 @@ from collections.abc import Iterator
 import numpy as np
 from instruction_sets import sets_here
 
-from unisim_blender.core.compiled.structs import address
 from unisim_blender.core.geometry import (
     FloatArray,
 )
+from unisim_blender.core.render.tracers.compiled.structs import address
 
 from .measures import Bench, Measure, most
 from .probe import Array, ask, probed

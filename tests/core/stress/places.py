@@ -11,15 +11,15 @@ import numpy as np
 from analytic_scene import still
 from random_scene import CARS, PASSES, edited
 
-from unisim_blender.core.fields.tracklets import Tracklets
-from unisim_blender.core.fields.volume import Volume
-from unisim_blender.core.frames import RenderStats
 from unisim_blender.core.geometry import (
     FloatArray,
     make_pose,
     quaternion_from_yaw,
     transform_points,
 )
+from unisim_blender.core.model.tracklets import Tracklets
+from unisim_blender.core.model.volume import Volume
+from unisim_blender.core.render.frames import RenderStats
 from unisim_blender.core.training.data import LidarData
 
 from .measures import Bench, Case, Measure, most

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from unisim_blender.core import native
-from unisim_blender.core.compiled.structs import address
+from unisim_blender.core.render.tracers.compiled.structs import address
 
 Array = NDArray[np.float32]
 

@@ -11,11 +11,6 @@ import numpy as np
 import torch
 from random_scene import TINY, rough
 
-from unisim_blender.core.drive import Box, Drive, StaticCopy
-from unisim_blender.core.fields.checkpoint import save_scene
-from unisim_blender.core.fields.config import ModelConfig
-from unisim_blender.core.fields.scene import SceneModel
-from unisim_blender.core.fields.volume import Volume
 from unisim_blender.core.geometry import (
     FloatArray,
     make_pose,
@@ -23,9 +18,14 @@ from unisim_blender.core.geometry import (
     rotate_vectors,
     transform_points,
 )
-from unisim_blender.core.scene_file import SceneHeader
+from unisim_blender.core.model.checkpoint import save_scene
+from unisim_blender.core.model.config import ModelConfig
+from unisim_blender.core.model.scene import SceneModel
+from unisim_blender.core.model.scene_file import SceneHeader
+from unisim_blender.core.model.volume import Volume
 from unisim_blender.core.sensors.camera import camera_rays, pixel_grid
 from unisim_blender.core.sensors.rays import Rays
+from unisim_blender.core.world.drive import Box, Drive, StaticCopy
 
 SIZE_M = np.array([60.0, 40.0, 16.0])
 CORNER = np.array([-30.0, -20.0, -4.0])

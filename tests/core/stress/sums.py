@@ -8,10 +8,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from unisim_blender.core.compiled.structs import address
-from unisim_blender.core.composite import composite
-from unisim_blender.core.density import weights_from_tau
-from unisim_blender.core.strands import Strands
+from unisim_blender.core.ops.composite import composite
+from unisim_blender.core.ops.density import weights_from_tau
+from unisim_blender.core.ops.ray_segments import Strands
+from unisim_blender.core.render.tracers.compiled.structs import address
 
 from .measures import Bench, Measure, most
 from .probe import probed

@@ -14,25 +14,25 @@ from random_scene import CARS, PASSES, edited
 from whole_drive import bound_to, whole_state
 
 from unisim_blender.core import native
-from unisim_blender.core.cast import gather_cast
-from unisim_blender.core.cast_tensors import CastTensors, cast_tensors
-from unisim_blender.core.compiled.scene import CompiledScene
-from unisim_blender.core.compiled.tracer import CompiledBackend, CompiledTracer
-from unisim_blender.core.drive import Actor, Drive
-from unisim_blender.core.fields.checkpoint import load_scene
-from unisim_blender.core.fields.tracklets import Tracklets
-from unisim_blender.core.frames import RenderStats
 from unisim_blender.core.geometry import (
     FloatArray,
     invert_pose,
 )
-from unisim_blender.core.median import median_depth
-from unisim_blender.core.quality import QUALITY, quality_named
+from unisim_blender.core.model.checkpoint import load_scene
+from unisim_blender.core.model.tracklets import Tracklets
+from unisim_blender.core.ops.median import median_depth
+from unisim_blender.core.ops.ray_segments import RayBatch, Traced
+from unisim_blender.core.render.actor_sets import gather_cast
+from unisim_blender.core.render.frames import RenderStats
+from unisim_blender.core.render.quality.settings import QUALITY, quality_named
+from unisim_blender.core.render.tracer import Found
+from unisim_blender.core.render.tracers.compiled.scene import CompiledScene
+from unisim_blender.core.render.tracers.compiled.tracer import CompiledBackend, CompiledTracer
+from unisim_blender.core.render.tracers.torch.actor_tensors import CastTensors, cast_tensors
+from unisim_blender.core.render.tracers.torch.trace import Sampling, trace
+from unisim_blender.core.render.tracers.torch.tracer import TorchBackend, TorchTracer
 from unisim_blender.core.sensors.rays import Rays
-from unisim_blender.core.strands import RayBatch, Traced
-from unisim_blender.core.torch_tracer import TorchBackend, TorchTracer
-from unisim_blender.core.trace import Sampling, trace
-from unisim_blender.core.tracer import Found
+from unisim_blender.core.world.drive import Actor, Drive
 
 from .measures import Bench, Case, Measure, most
 from .scenes import Change, make_scene, picture_rays

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from analytic_scene import still
 
-from unisim_blender.core.bounds import BIN_S, Bounds
-from unisim_blender.core.drive import Actor
 from unisim_blender.core.geometry import FloatArray, Trajectory, box_corners, intersect_boxes, invert_pose, quaternion_from_yaw
+from unisim_blender.core.sensors.bounds import BIN_S, Bounds
 from unisim_blender.core.sensors.rays import Rays
+from unisim_blender.core.world.drive import Actor
 from unisim_blender.core.world.keys import PaddedKeys
 
 

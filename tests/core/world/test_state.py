@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from busy_drive import busy_drive
 
-from unisim_blender.core.drive import Actor, Drive
 from unisim_blender.core.geometry import FloatArray, Trajectory
+from unisim_blender.core.world.drive import Actor, Drive
 from unisim_blender.core.world.replay import DriveStates
 from unisim_blender.core.world.state import WorldState
 

@@ -7,14 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from unisim_blender.core.drive import Actor, Camera, CameraModel, Lidar, LidarModel, Look, RollingShutter
 from unisim_blender.core.geometry import FloatArray, Trajectory, intersect_boxes, invert_pose, make_pose, quaternion_from_yaw
+from unisim_blender.core.render.visibility import Reach, seen_by
 from unisim_blender.core.sensors.camera import camera_rays, pixel_grid
 from unisim_blender.core.sensors.exposure import exposure_window
 from unisim_blender.core.sensors.lidar import lidar_rays
 from unisim_blender.core.sensors.rays import Rays
+from unisim_blender.core.world.drive import Actor, Camera, CameraModel, Lidar, LidarModel, Look, RollingShutter
 from unisim_blender.core.world.state import WorldState
-from unisim_blender.core.world.visibility import Reach, seen_by
 
 KEYS = np.linspace(0.0, 1.0, 6)
 

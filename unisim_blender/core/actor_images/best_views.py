@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..drive import Actor, Camera, CameraModel, Drive
+from ..data.own_vehicle import Outline, shows_scene
 from ..geometry import BoolArray, FloatArray, box_corners, invert_pose, transform_points
-from ..own_vehicle import Outline, shows_scene
+from ..world.drive import Actor, Camera, CameraModel, Drive
 
 Outlines = Mapping[str, tuple[Outline, int]]
 """The recording vehicle's outline in the images of each camera that shows it, with the height of these images."""

@@ -9,11 +9,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from ..drive import Actor
+from ..data.log import Log
+from ..data.own_vehicle import Outline, find_outline, moved_frames
 from ..errors import UnisimError
 from ..files import cache_folder, write_file
-from ..log import Log
-from ..own_vehicle import Outline, find_outline, moved_frames
+from ..world.drive import Actor
 from .best_views import View, best_views
 from .colour_words import Tone
 from .crops import crop, png

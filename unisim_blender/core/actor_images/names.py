@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Mapping
 
-from ..drive import Actor
+from ..world.drive import Actor
 
 VAGUE = ("other", "uncommon")
 """Last words of a class that say less than the words before them."""

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from ..drive import CameraModel
 from ..geometry import FloatArray, invert_pose, transform_points
+from ..world.drive import CameraModel
 from .best_views import View
 from .colour_words import LEAST_PIXELS, LUMINANCE, Tone, colour_word, tone_of
 

@@ -7,10 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..drive import Actor, CameraModel
+from ..data.log import Log
 from ..errors import UnisimError
 from ..geometry import FloatArray, invert_pose, transform_points
-from ..log import Log
+from ..world.drive import Actor, CameraModel
 from .best_views import View
 
 LEAST = 6

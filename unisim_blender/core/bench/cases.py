@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..drive import CameraModel, Drive
+from ..data.log import Log
 from ..errors import SceneError
 from ..evaluate.recorded import recorded_picture
-from ..log import Log
-from ..quality import QUALITY, TRUTH
+from ..model.scene_file import WEIGHTS_NAME, SceneHeader, read_scene_header
+from ..render.quality.settings import QUALITY, TRUTH
 from ..render.regions import Region
-from ..scene_file import WEIGHTS_NAME, SceneHeader, read_scene_header
+from ..world.drive import CameraModel, Drive
 from .methods import DEFAULT, DOUBLED, TYPICAL, Method
 from .settings import Settings
 from .shot import Shot, Stage, Take

@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..drive import Actor, Drive
 from ..errors import SceneError
 from ..geometry import FloatArray, Trajectory, make_pose, quaternion_from_yaw
+from ..world.drive import Actor, Drive
 
 FIRST_M, ALONG_M, ACROSS_M = 8.0, 6.0, 3.0
 """Where the first row stands, and how far rows and columns are apart."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from ..logs import open_log
+from ..data import open_log
 from ..progress import Bar
 from .cases import Case, all_cases, subject_of
 from .machine import machine

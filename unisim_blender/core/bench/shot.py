@@ -11,17 +11,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..drive import Drive
-from ..frames import RenderStats
-from ..logs import open_log
+from ..data import open_log
+from ..model.scene_file import read_scene_header
 from ..prepare.renderers import make_backend, other_scenes
 from ..prepare.replay import replayed_drive
-from ..quality import Quality
 from ..render.drive_renderer import DriveRenderer
+from ..render.frames import RenderStats
+from ..render.quality.settings import Quality
 from ..render.regions import Region
 from ..render.renderer import Renderer
-from ..scene_file import read_scene_header
-from ..tracer import Backend
+from ..render.tracer import Backend
+from ..world.drive import Drive
 from ..world.replay import DriveStates
 from .copies import with_copies
 
@@ -118,8 +118,8 @@ def _compiled_backend(scene: Path, drive: Drive, kept: dict[object, Any]) -> Bac
 
 
 def _torch_backend(scene: Path, drive: Drive, kept: dict[object, Any]) -> Backend:
-    from ..fields.checkpoint import load_scene
-    from ..torch_tracer import TorchBackend
+    from ..model.checkpoint import load_scene
+    from ..render.tracers.torch.tracer import TorchBackend
 
     if scene not in kept:
         kept[scene] = load_scene(scene)

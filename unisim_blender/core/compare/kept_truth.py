@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..drive import Drive
 from ..evaluate.true_edits import Part, TrueEdit, TruePictures
 from ..evaluate.truth import EditRegions
 from ..files import write_file
-from ..frames import LidarFrame
+from ..render.frames import LidarFrame
+from ..world.drive import Drive
 
 Arrays = dict[str, NDArray[Any]]
 

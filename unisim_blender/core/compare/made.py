@@ -8,17 +8,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ..drive import Drive
-from ..log import Log
+from ..data.log import Log
+from ..model.scene_file import SceneHeader
 from ..prepare.renderers import UNTRAINED, SceneSource, scene_hash, untrained_backend
 from ..prepare.selection import beam_lidars
 from ..render.drive_renderer import DriveRenderer
 from ..render.renderer import Renderer
-from ..scene_file import SceneHeader
-from ..surfels.build import Step, finished
-from ..surfels.cache import build_key, surfels_of
+from ..render.tracers.surfels.build import Step, finished
+from ..render.tracers.surfels.cache import build_key, surfels_of
 from ..training.config import TrainConfig
 from ..training.learnt import learnt
+from ..world.drive import Drive
 from .methods import Method
 from .wishes import Wishes
 

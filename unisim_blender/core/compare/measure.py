@@ -11,6 +11,8 @@ from typing import Any
 
 import numpy as np
 
+from ..data.log import Log
+from ..data.own_vehicle import Outline
 from ..evaluate.contact_sheet import CameraRow
 from ..evaluate.fid import Inception, frechet_distance
 from ..evaluate.pictures import Tile
@@ -22,14 +24,12 @@ from ..evaluate.truth_runs import ScenarioRun, compare_frame
 from ..files import sha256_of_file, write_file
 from ..geometry import FloatArray
 from ..json_file import json_bytes
-from ..log import Log
 from ..output.frame_files import png_bytes
-from ..own_vehicle import Outline
 from ..prepare.replay import replayed_drive
 from ..prepare.scenario import prepare_scenario
 from ..prepare.selection import beam_lidars
+from ..render.tracers.surfels.views import outline_in
 from ..street.street import Street
-from ..surfels.views import outline_in
 from .kept_truth import KeptTruth
 from .made import Made
 from .parts import REPLAY, Part

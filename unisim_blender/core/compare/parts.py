@@ -5,13 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from ..drive import Drive
+from ..data.log import Log
 from ..errors import UnisimError
-from ..log import Log
 from ..prepare.scenario import prepare_scenario
 from ..scenario.types import Ego
 from ..street.street import RECIPE_FILE, Street, load_street
 from ..street.usual_edits import FOLDER, spread_frames, write_scenarios
+from ..world.drive import Drive
 from .wishes import Wishes
 
 REPLAY = "replay"

@@ -8,14 +8,14 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from ..data import open_log
+from ..data.log import Log
 from ..errors import UnisimError, in_a_line
 from ..evaluate.fid import Inception
 from ..evaluate.recorded_runs import Progress, perceptual_metric
 from ..evaluate.tracklets import disturbance_taken_back
 from ..files import write_file
 from ..json_file import json_bytes
-from ..log import Log
-from ..logs import open_log
 from ..prepare.selection import check_names
 from ..sequence.plan import code_identity
 from ..street.street import recipe_document

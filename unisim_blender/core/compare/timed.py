@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from ..frames import CameraFrame
 from ..geometry import FloatArray
 from ..render.drive_renderer import DriveRenderer
+from ..render.frames import CameraFrame
 
 
 @dataclass

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from ..drive import Drive
 from ..prepare.selection import select_frames
+from ..world.drive import Drive
 
 
 @dataclass(frozen=True)

@@ -6,9 +6,9 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from ..drive import Actor, Camera
 from ..geometry import BoolArray, intersect_boxes, invert_pose
 from ..sensors.camera import camera_rays, pixel_grid
+from ..world.drive import Actor, Camera
 
 
 def actor_mask(camera: Camera, frame: int, actors: Iterable[Actor]) -> BoolArray:

@@ -14,12 +14,12 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from ..drive import Camera, Drive
-from ..frames import CameraFrame
+from ..data.images import resize_image
+from ..data.log import Log
+from ..data.own_vehicle import Outline, shows_scene
 from ..geometry import BoolArray, FloatArray, invert_pose, transform_points
-from ..images import resize_image
-from ..log import Log
-from ..own_vehicle import Outline, shows_scene
+from ..render.frames import CameraFrame
+from ..world.drive import Camera, Drive
 from .masks import actor_mask
 from .metrics import Picture, chamfer, lidar_metrics, mean_of, mean_squared_error, psnr, psnr_from_error, ssim
 from .pictures import Tile, depth_picture, difference_picture, outline, sweep_picture

@@ -9,17 +9,17 @@ from typing import Any
 
 import numpy as np
 
-from ..drive import Drive
+from ..data import open_log
+from ..data.own_vehicle import outlines_from_json
 from ..errors import UnisimError
 from ..files import write_file
 from ..json_file import json_bytes
-from ..logs import open_log
-from ..own_vehicle import outlines_from_json
+from ..model.scene_file import SceneHeader, read_scene_header
 from ..prepare.renderers import SceneSource, scene_hash
 from ..prepare.replay import replayed_drive
 from ..prepare.selection import check_names, select_frames
-from ..scene_file import SceneHeader, read_scene_header
 from ..sequence.plan import code_identity
+from ..world.drive import Drive
 from .recorded import EvaluationPlan, Perceptual, evaluate
 from .report import Report
 from .tracklets import disturbance_taken_back

@@ -11,10 +11,10 @@ from collections.abc import Mapping
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ..drive import Actor, Drive
 from ..geometry import FloatArray, invert_pose
-from ..scene_file import SceneHeader
+from ..model.scene_file import SceneHeader
 from ..training.disturb import disturbed
+from ..world.drive import Actor, Drive
 
 
 def offset_errors(true: FloatArray, poses: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -8,16 +8,16 @@ from typing import Literal
 
 import numpy as np
 
-from ..drive import Drive
-from ..frames import LidarFrame
-from ..images import resize_image
+from ..data.images import resize_image
 from ..prepare.scenario import PreparedScenario
 from ..prepare.street import street_of
+from ..render.frames import LidarFrame
 from ..street.edit_masks import edit_masks
 from ..street.path_tracer import Wanted, draw_truths
 from ..street.street import Street, load_street
 from ..street.true_pictures import lacks_pictures, true_picture
 from ..street.truth import resize, truth_camera, truth_lidar
+from ..world.drive import Drive
 from .metrics import Picture
 from .truth import EditRegions
 

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..frames import LidarFrame
 from ..geometry import BoolArray, FloatArray
+from ..render.frames import LidarFrame
 from .metrics import Picture, chamfer, lidar_metrics, mean_of
 from .recorded import RayRenderer, camera_figures, finite, picture_metrics
 

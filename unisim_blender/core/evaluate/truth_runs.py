@@ -8,17 +8,17 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from ..drive import Drive
 from ..errors import ScenarioError
 from ..files import write_file
-from ..frames import LidarFrame
 from ..json_file import json_bytes
+from ..model.scene_file import read_scene_header
 from ..prepare.renderers import SceneSource, scene_hash
 from ..prepare.scenario import prepare_scenario
 from ..prepare.scenario_plan import scenario_hash
 from ..prepare.selection import check_names, select_frames
-from ..scene_file import read_scene_header
+from ..render.frames import LidarFrame
 from ..sequence.plan import code_identity
+from ..world.drive import Drive
 from .contact_sheet import CameraRow, camera_row, sweep_tile, write_contact_sheet
 from .metrics import Picture
 from .pictures import Tile

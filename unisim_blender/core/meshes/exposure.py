@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..colour import linear_from_srgb
-from ..drive import Actor
 from ..geometry import FloatArray
+from ..world.drive import Actor
 
 PROBES = 32
 RING = 1.15

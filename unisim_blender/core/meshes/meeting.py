@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..colour import srgb_from_linear
-from ..drive import Actor, Camera, Lidar
 from ..geometry import BoolArray, FloatArray
 from ..sensors.camera import camera_rays
 from ..sensors.rays import Rays
+from ..world.drive import Actor, Camera, Lidar
 from .intersect import FirstHits, Mesh, ready
 from .placed import first_hits_on, normals_of
 from .read import read_mesh

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..drive import Actor
 from ..geometry import FloatArray
+from ..world.drive import Actor
 from .intersect import FirstHits, Triangles
 
 

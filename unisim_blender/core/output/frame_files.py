@@ -12,11 +12,11 @@ from PIL import Image
 from plyfile import PlyData, PlyElement
 
 from ..colour import bytes_from_srgb
-from ..drive import Drive
 from ..files import write_file
-from ..frames import CameraFrame, LidarFrame
 from ..geometry import invert_pose, transform_points
 from ..json_file import json_bytes
+from ..render.frames import CameraFrame, LidarFrame
+from ..world.drive import Drive
 from .exr import camera_metadata, write_exr
 from .labels import frame_labels
 

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from ..drive import Actor, Camera, Drive, Lidar
 from ..geometry import FloatArray, Trajectory, invert_pose, quaternion_from_matrix
+from ..world.drive import Actor, Camera, Drive, Lidar
 
 VELOCITY_STEP_S = 0.05
 

@@ -6,9 +6,9 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from ..drive import Drive
-from ..fields.config import ModelConfig
-from ..scene_file import read_scene_header
+from ..model.config import ModelConfig
+from ..model.scene_file import read_scene_header
+from ..world.drive import Drive
 from .renderers import stamp
 
 SHOWN = 5

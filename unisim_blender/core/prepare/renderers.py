@@ -13,29 +13,29 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from .. import native
-from ..bounded import BoundedRenderer
-from ..compiled.scene import CompiledScene
-from ..compiled.support import not_taken
-from ..compiled.tracer import CompiledBackend
-from ..drive import Drive
+from ..data import open_log
+from ..data.log import Log
 from ..errors import ScenarioError
-from ..fields.config import ModelConfig
 from ..files import sha256_of_file
-from ..log import Log
-from ..logs import open_log
-from ..max_error import Bound
-from ..quality import quality_named
+from ..model.config import ModelConfig
+from ..model.scene_file import HEADER_NAME, WEIGHTS_NAME, read_scene_header
+from ..model.weights import weights_hash
+from ..render.captures import CaptureStates
 from ..render.drive_renderer import DriveRenderer
+from ..render.quality.bounded import BoundedRenderer
+from ..render.quality.max_error import Bound
+from ..render.quality.settings import quality_named
 from ..render.renderer import Renderer, reach_of
-from ..scene_file import HEADER_NAME, WEIGHTS_NAME, read_scene_header
-from ..sensors.captures import CaptureStates
-from ..surfels.build import Step, finished
-from ..surfels.cache import build_key, surfels_of
-from ..surfels.model import LIDARSIM, PROXY, SurfelScene, SurfelSettings
-from ..surfels.tracer import SurfelBackend
-from ..tracer import Backend
-from ..warping.tracer import WarpBackend
-from ..weights import weights_hash
+from ..render.tracer import Backend
+from ..render.tracers.compiled.scene import CompiledScene
+from ..render.tracers.compiled.support import not_taken
+from ..render.tracers.compiled.tracer import CompiledBackend
+from ..render.tracers.surfels.build import Step, finished
+from ..render.tracers.surfels.cache import build_key, surfels_of
+from ..render.tracers.surfels.model import LIDARSIM, PROXY, SurfelScene, SurfelSettings
+from ..render.tracers.surfels.tracer import SurfelBackend
+from ..render.tracers.warping.tracer import WarpBackend
+from ..world.drive import Drive
 from ..world.replay import DriveStates, parked_boxes
 
 
@@ -121,8 +121,8 @@ def make_backend(
     if compiled(device, paths.values()):
         scenes = _loaded(CompiledScene, paths, device, kept)
         return CompiledBackend(scenes.pop(""), quality_named(quality), scenes)
-    from ..fields.checkpoint import load_scene
-    from ..torch_tracer import TorchBackend
+    from ..model.checkpoint import load_scene
+    from ..render.tracers.torch.tracer import TorchBackend
 
     scenes = _loaded(partial(load_scene, device=device), paths, device, kept)
     return TorchBackend(scenes.pop(""), quality_named(quality), scenes)

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
-from ..drive import Drive
 from ..errors import SceneError
 from ..geometry import FloatArray
-from ..scene_file import SceneHeader
+from ..model.scene_file import SceneHeader
+from ..world.drive import Drive
 
 ORIGIN_TOLERANCE_M = 1e-6
 SAME_DRIVE_M = 1.0

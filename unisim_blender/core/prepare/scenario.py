@@ -6,13 +6,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
-from ..drive import Actor, Drive
-from ..edits import apply_scenario
+from ..data import open_log
 from ..errors import LogError, ScenarioError, SceneError
-from ..logs import open_log
+from ..model.scene_file import SceneHeader, read_scene_header
 from ..scenario import FORMAT, load_scenario, scenario_from_json
+from ..scenario.edits import apply_scenario
 from ..scenario.types import Scenario, StreetLog
-from ..scene_file import SceneHeader, read_scene_header
+from ..world.drive import Actor, Drive
 from .replay import replayed_drive
 
 

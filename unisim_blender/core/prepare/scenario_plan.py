@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import ScenarioError, UnisimError
-from ..frames import CAMERA_PASSES
-from ..max_error import Bound
 from ..output.frame_files import FORMATS
+from ..render.frames import CAMERA_PASSES
+from ..render.quality.max_error import Bound
 from ..scenario import scenario_to_json
 from ..scenario.types import Outputs, Scenario
 from ..sequence.plan import FrameRenderer, RenderPlan, SequenceSettings

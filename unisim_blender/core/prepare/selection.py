@@ -5,8 +5,8 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Sequence
 
+from ..data.log import Log
 from ..errors import UnisimError
-from ..log import Log
 
 RANGE = re.compile(r"(-?\d*):(-?\d*)(?::(\d*))?")
 

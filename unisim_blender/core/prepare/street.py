@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ..drive import Drive
-from ..scene_file import read_scene_header
+from ..model.scene_file import read_scene_header
 from ..street.street import Street, load_street
+from ..world.drive import Drive
 from .renderers import other_scenes
 
 

@@ -8,15 +8,15 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from ..drive import Camera, Drive, Lidar
 from ..errors import SceneError
-from ..frames import CameraFrame, LidarFrame, RenderStats
 from ..geometry import FloatArray
-from ..sensors.captures import CaptureStates
 from ..sensors.lidar import lidar_rays
 from ..sensors.rays import Rays
+from ..world.drive import Camera, Drive, Lidar
 from ..world.replay import DriveStates
 from ..world.state import WorldState
+from .captures import CaptureStates
+from .frames import CameraFrame, LidarFrame, RenderStats
 from .regions import Region, Tile
 from .renderer import Renderer
 

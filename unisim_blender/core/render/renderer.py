@@ -21,23 +21,23 @@ from typing import overload
 import numpy as np
 from numpy.typing import NDArray
 
-from ..blocks import CROWDED, Picture
-from ..bounds import beside_boxes
-from ..contact_shadow import NOTHING_M, shaded
-from ..drive import Actor, Camera, Lidar
 from ..errors import SceneError
-from ..frames import CameraFrame, LidarFrame, RenderStats
 from ..geometry import FloatArray
-from ..lattice import aligned, grown
 from ..meshes.exposure import PROBE_M, beside, level_of
-from ..passes import fill_passes
+from ..sensors.bounds import beside_boxes
 from ..sensors.camera import along_axis, camera_rays, pixel_grid
 from ..sensors.lidar import lidar_rays
 from ..sensors.rays import Rays
-from ..tracer import NEAR_M, Array, Backend, Maps, Tracer
+from ..world.drive import Actor, Camera, Lidar
 from ..world.state import WorldState
-from ..world.visibility import Reach
+from .contact_shadow import NOTHING_M, shaded
+from .frames import CameraFrame, LidarFrame, RenderStats
+from .lattice.blocks import CROWDED, Picture
+from .lattice.lattice import aligned, grown
+from .passes import fill_passes
 from .regions import Region, Tile
+from .tracer import NEAR_M, Array, Backend, Maps, Tracer
+from .visibility import Reach
 
 LATTICE_PIXELS = 1.5
 """A lattice is at most as wide as so many pixels of the images that the scene learnt from."""

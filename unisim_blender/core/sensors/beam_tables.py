@@ -6,8 +6,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ..drive import LidarModel
 from ..geometry import FloatArray
+from ..world.drive import LidarModel
 
 PANDAR64_ELEVATION_DEG = (
     *(14.882, 11.032, 8.059, 5.057, 3.04, 2.028, 1.86, 1.688, 1.522, 1.351, 1.184, 1.013, 0.846, 0.675, 0.508, 0.337, 0.169),

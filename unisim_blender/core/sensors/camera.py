@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ..drive import Camera, CameraModel
 from ..geometry import FloatArray, rotate_vectors
+from ..world.drive import Camera, CameraModel
 from .rays import Rays
 
 MOST_ROWS = 1 << 14

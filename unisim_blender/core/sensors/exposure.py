@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ..drive import Camera, Lidar
+from ..world.drive import Camera, Lidar
 
 PAD_ROWS = 4
 """Cells of several pixels may reach so many rows beyond an image's lower edge."""

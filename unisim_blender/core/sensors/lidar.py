@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..drive import Lidar, LidarModel
 from ..geometry import FloatArray
+from ..world.drive import Lidar, LidarModel
 from .rays import Rays
 
 

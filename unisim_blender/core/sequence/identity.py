@@ -13,11 +13,11 @@ from collections.abc import Iterator
 from dataclasses import asdict, replace
 from typing import Any
 
-from ..drive import Camera, Lidar
 from ..geometry import Trajectory
-from ..max_error import parse_bounds, sample_frames
-from ..scene_file import drive_to_json
+from ..model.scene_file import drive_to_json
+from ..render.quality.max_error import parse_bounds, sample_frames
 from ..sensors.exposure import exposure_window
+from ..world.drive import Camera, Lidar
 from ..world.state import WorldState
 from .plan import RenderPlan, code_identity
 

@@ -6,7 +6,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from ..quality import LADDER
+from ..render.quality.settings import LADDER
 from .plan import RenderPlan, code_identity
 from .records import Captures, read_records
 

@@ -10,13 +10,13 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, Protocol
 
-from ..drive import Drive
 from ..files import sha256_of_file
-from ..frames import CameraFrame, LidarFrame
-from ..sensors.captures import CaptureStates
+from ..render.captures import CaptureStates
+from ..render.frames import CameraFrame, LidarFrame
+from ..world.drive import Drive
 
 CODE_SUFFIXES = (".py", ".so", ".dll", ".dylib")
-NOT_RENDERING = ("bench", "commands", "compare", "evaluate", "metrics", "rigs", "street", "training")
+NOT_RENDERING = ("actor_images", "bench", "cli", "compare", "evaluate", "metrics", "rigs", "street", "training")
 """Folders of core that change no rendered frame."""
 
 

@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from ..drive import Drive
+from ..data.log import Sweep
+from ..data.pandaset.writer import PandasetWriter
 from ..errors import OutputError
 from ..geometry import transform_points
-from ..log import Sweep
-from ..logs.pandaset_writer import PandasetWriter
 from ..output.frame_files import camera_path, lidar_path
+from ..world.drive import Drive
 from .plan import RenderPlan
 
 LOG_FOLDER = "pandaset"

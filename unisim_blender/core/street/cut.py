@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..drive import Box
 from ..geometry import BoolArray, FloatArray, invert_pose
+from ..world.drive import Box
 from .atlas import Model
 
 

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..drive import Camera, Drive
 from ..geometry import BoolArray, FloatArray, invert_pose, transform_points
 from ..sensors.camera import camera_rays, row_times
+from ..world.drive import Camera, Drive
 from .bundles import make_bundles, untile_image
 from .street import Street
 from .surface_hits import Surfaces, look_up

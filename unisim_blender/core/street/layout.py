@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..drive import Actor, Look
 from ..geometry import FloatArray, Trajectory, make_pose, quaternion_from_yaw
+from ..world.drive import Actor, Look
 from . import furniture
 from .buildings import front_pose, house
 from .cars import PAINTS, STYLES, car

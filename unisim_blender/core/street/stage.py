@@ -6,9 +6,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..drive import Camera, Drive
 from ..geometry import FloatArray
 from ..sensors.camera import row_times
+from ..world.drive import Camera, Drive
 from .atlas import Detail, Eyes, Model, painted
 from .cut import inside, outside
 from .street import EGO_REACH_M, Street

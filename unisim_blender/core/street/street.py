@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from ..drive import Camera, CameraModel, Drive, Lidar
+from ..data.pandaset.sensors import CAMERAS, PANDAR64, ROLLING_SHUTTER, ego_from_lidar, pandar64
 from ..errors import LogError, in_a_line, short
 from ..geometry import FloatArray, Trajectory, make_pose, quaternion_from_matrix
-from ..logs.pandaset_sensors import CAMERAS, PANDAR64, ROLLING_SHUTTER, ego_from_lidar, pandar64
+from ..world.drive import Camera, CameraModel, Drive, Lidar
 from .layout import FRAME_S, ego_poses, lay_out
 from .road import RoadPlan
 from .trace import Asset

@@ -12,8 +12,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from ..drive import Box
 from ..geometry import FloatArray, Trajectory, intersect_boxes, invert_pose, transform_points
+from ..world.drive import Box
 from .bundles import Bundles, bundle_points, make_bundles, may_meet
 from .materials import Material
 from .shapes import Shape

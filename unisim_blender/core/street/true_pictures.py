@@ -16,10 +16,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..drive import Drive
 from ..errors import OutputError
 from ..files import write_file
 from ..geometry import FloatArray
+from ..world.drive import Drive
 from .stage import shutter_times
 from .street import Street, recipe_document
 from .truth import resize

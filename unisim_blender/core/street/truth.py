@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..drive import Camera, Drive
-from ..frames import CameraFrame, LidarFrame, RenderStats
 from ..geometry import FloatArray, rotate_vectors, transform_points
+from ..render.frames import CameraFrame, LidarFrame, RenderStats
 from ..sensors.camera import camera_rays
 from ..sensors.lidar import lidar_rays
+from ..world.drive import Camera, Drive
 from .bundles import TILE, Bundles, make_bundles, tile_image, untile_image
 from .light import SUN, display, shade, sky, sun_directions
 from .street import Street

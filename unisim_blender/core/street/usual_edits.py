@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from ..drive import Actor, Drive
 from ..files import write_file
 from ..geometry import points_in_box
+from ..world.drive import Actor, Drive
 from .layout import PARKED_Y
 from .street import Street
 

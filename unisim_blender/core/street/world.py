@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..drive import Actor, Box, Drive
 from ..errors import ScenarioError
 from ..geometry import FloatArray, Trajectory, invert_pose
+from ..world.drive import Actor, Box, Drive
 from .street import Street, street_origin
 from .trace import Asset, Placement
 

@@ -13,13 +13,13 @@ from pathlib import Path
 
 import numpy as np
 
+from ..data.pandaset.sensors import PANDAR64
+from ..data.pandaset.writer import PandasetWriter
 from ..errors import LogError, OutputError
 from ..files import remove_partial_files, write_file
-from ..frames import LidarFrame
-from ..logs.pandaset_sensors import PANDAR64
-from ..logs.pandaset_writer import PandasetWriter
 from ..processes import THREAD_VARIABLES, end_with_parent
 from ..progress import Bar
+from ..render.frames import LidarFrame
 from .path_tracer import check_blender, draw_log
 from .street import RECIPE_FILE, Street, load_street, recipe_document
 from .truth import truth_camera, truth_lidar

@@ -12,7 +12,7 @@ import torch.nn.functional as F
 from torch import Tensor, nn
 from torch.nn.utils.parametrizations import spectral_norm
 
-from ..strands import RayBatch
+from ..ops.ray_segments import RayBatch
 from .data import PatchBatch
 
 SHIFT_M = 2.0

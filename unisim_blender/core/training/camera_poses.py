@@ -13,9 +13,9 @@ import torch
 from scipy.spatial.transform import Rotation
 from torch import Tensor, nn
 
-from ..drive import Camera
 from ..geometry import FloatArray, Trajectory, matrix_from_quaternion, quaternion_from_matrix
-from ..strands import RayBatch
+from ..ops.ray_segments import RayBatch
+from ..world.drive import Camera
 
 SMOOTH_S = 0.1
 """Corrections change as slowly as this: what two frames teach holds for the one between."""

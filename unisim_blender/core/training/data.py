@@ -11,14 +11,14 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from ..drive import Actor, Camera
+from ..data.images import resize_image
+from ..data.log import Log
+from ..data.own_vehicle import Outline, find_outline, moved_frames
 from ..errors import LogError
 from ..geometry import FloatArray, invert_pose, transform_points
-from ..images import resize_image
-from ..log import Log
-from ..own_vehicle import Outline, find_outline, moved_frames
+from ..ops.ray_segments import RayBatch
 from ..sensors.camera import camera_rays, rays_at_times
-from ..strands import RayBatch
+from ..world.drive import Actor, Camera
 from .pixels import Draw
 
 

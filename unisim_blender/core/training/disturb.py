@@ -7,10 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..drive import Actor, Drive
-from ..edits.motion import quaternion_product
+from ..data.log import Log
 from ..geometry import Trajectory, quaternion_from_yaw
-from ..log import Log
+from ..scenario.edits.motion import quaternion_product
+from ..world.drive import Actor, Drive
 
 
 def disturbed(drive: Drive, metres: float, degrees: float, seed: int) -> Drive:

@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..drive import Actor, Drive
-from ..edits.motion import quaternion_product
 from ..geometry import FloatArray, Trajectory, matrix_from_quaternion, quaternion_from_yaw
+from ..scenario.edits.motion import quaternion_product
+from ..world.drive import Actor, Drive
 
 FEWEST_KEYS = 8
 """Of fewer keys nobody can tell what is noise and what is the way."""

@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from ..constants import GROUND_CELL_M
-from ..drive import Drive
 from ..geometry import FloatArray
+from ..model.constants import GROUND_CELL_M
+from ..world.drive import Drive
 
 KNOWN_M = 8.0
 """Up to this far from a cell that LiDAR saw, the ground is taken to go on."""

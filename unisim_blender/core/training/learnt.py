@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from ..data.log import Log
 from ..errors import SceneError
-from ..log import Log
-from ..scene_file import HEADER_NAME, SceneHeader, read_scene_header
+from ..model.scene_file import HEADER_NAME, SceneHeader, read_scene_header
 from .config import TrainConfig
 from .recipe import recipe
 

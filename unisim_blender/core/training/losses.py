@@ -6,7 +6,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-from ..strands import Traced
+from ..ops.ray_segments import Traced
 from .data import LidarBatch
 
 SURFACE_M, SURFACE_SHARE = 0.2, 0.04

@@ -8,17 +8,17 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-from ..fields.checkpoint import Scene
-from ..fields.scene import SceneModel
-from ..frames import RenderStats
+from ..data.own_vehicle import outlines_from_json, shows_scene
 from ..geometry import FloatArray, invert_pose, transform_points
-from ..own_vehicle import outlines_from_json, shows_scene
-from ..quality import QUALITY
+from ..model.checkpoint import Scene
+from ..model.scene import SceneModel
+from ..ops.ray_segments import RayBatch
+from ..render.frames import RenderStats
+from ..render.quality.settings import QUALITY
+from ..render.tracer import NEAR_M
+from ..render.tracers.torch.tracer import TorchBackend, to_batch
 from ..sensors.camera import camera_rays, pixel_grid
 from ..sensors.exposure import exposure_window
-from ..strands import RayBatch
-from ..torch_tracer import TorchBackend, to_batch
-from ..tracer import NEAR_M
 from ..world.replay import DriveStates
 
 

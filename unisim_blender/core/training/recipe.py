@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from ..errors import SceneError
-from ..fields.config import ModelConfig, preset
+from ..model.config import ModelConfig, preset
 from .config import LossWeights, TrainConfig
 
 PARTS = ("decoder", "actor-prior", "tracklet-refinement", "lidar")

@@ -19,20 +19,20 @@ from safetensors.torch import save_file
 from torch import Tensor
 from torch.optim import Optimizer
 
-from ..compiled.scene import cells_to_store
-from ..drive import Drive
+from ..data.images import resize_image
+from ..data.log import Log
+from ..data.own_vehicle import outlines_to_json
 from ..errors import SceneError, in_a_line
-from ..fields.checkpoint import Scene, save_scene
 from ..geometry import Trajectory
-from ..images import resize_image
-from ..log import Log
-from ..own_vehicle import outlines_to_json
+from ..model.checkpoint import Scene, save_scene
+from ..model.scene_file import SceneHeader
 from ..progress import Bar
-from ..quality import QUALITY
 from ..render.drive_renderer import DriveRenderer
+from ..render.quality.settings import QUALITY
 from ..render.renderer import Renderer
-from ..scene_file import SceneHeader
-from ..torch_tracer import TorchBackend
+from ..render.tracers.compiled.scene import cells_to_store
+from ..render.tracers.torch.tracer import TorchBackend
+from ..world.drive import Drive
 from .config import TrainConfig
 from .disturb import disturbed, with_drive
 from .observed import observe

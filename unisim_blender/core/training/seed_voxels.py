@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from ..fields.occupancy import BESIDE, FREE, HIT, UNKNOWN
 from ..geometry import FloatArray
+from ..model.occupancy import BESIDE, FREE, HIT, UNKNOWN
 
 FREE_UP_TO_M = 120.0
 """Up to this far from the sensor a ray tells of free space."""

@@ -6,11 +6,11 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-from ..constants import GROUND_CELL_M
-from ..fields.gradient import CORNERS, distance_gradient
-from ..fields.occupancy import OccupancyTrainer
-from ..fields.scene import SceneModel
-from ..strands import Strands, Traced
+from ..model.constants import GROUND_CELL_M
+from ..model.gradient import CORNERS, distance_gradient
+from ..model.occupancy import OccupancyTrainer
+from ..model.scene import SceneModel
+from ..ops.ray_segments import Strands, Traced
 from .data import LidarBatch
 from .losses import distance_band, eikonal, turning, wrong_side
 

@@ -10,7 +10,7 @@ from typing import TypeVar
 import torch
 from torch import Tensor
 
-from ..fields.gradient_sink import as_share
+from ..ops.gradient_sink import as_share
 
 T = TypeVar("T")
 

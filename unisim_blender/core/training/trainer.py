@@ -16,21 +16,21 @@ import torch.nn.functional as F
 from torch import Tensor
 
 from .. import native
-from ..cast_tensors import CastTensors, TroupeTensors
-from ..constants import VEHICLES
-from ..devices import kernel_threads, module_to, tensor_to, torch_threads
-from ..drive import Actor, Drive
+from ..data.log import Log
 from ..errors import SceneError
-from ..fields.fields import HashTable
-from ..fields.gradient_sink import GradientSink
-from ..fields.occupancy import OccupancyTrainer
-from ..fields.scene import SceneModel
-from ..fields.tracklets import Tracklets
-from ..fields.volume import Volume
 from ..geometry import FloatArray, invert_pose, transform_points
-from ..log import Log
-from ..strands import RayBatch, Traced
-from ..trace import Sampling, trace
+from ..model.constants import VEHICLES
+from ..model.fields import HashTable
+from ..model.occupancy import OccupancyTrainer
+from ..model.scene import SceneModel
+from ..model.tracklets import Tracklets
+from ..model.volume import Volume
+from ..ops.devices import kernel_threads, module_to, tensor_to, torch_threads
+from ..ops.gradient_sink import GradientSink
+from ..ops.ray_segments import RayBatch, Traced
+from ..render.tracers.torch.actor_tensors import CastTensors, TroupeTensors
+from ..render.tracers.torch.trace import Sampling, trace
+from ..world.drive import Actor, Drive
 from ..world.replay import with_windows
 from .adversarial import Adversary, shifted
 from .camera_poses import CameraPoses

@@ -11,12 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..drive import CameraModel, Drive
-from ..edits import apply_scenario
-from ..frames import CameraFrame
-from ..log import Log
-from ..logs import open_log
-from ..observed_space import ObservedSpace, Observing, keep_space, kept_space, observe_space
+from ..data import open_log
+from ..data.log import Log
 from ..prepare.cannot import warnings
 from ..prepare.renderers import (
     UNTRAINED,
@@ -29,13 +25,17 @@ from ..prepare.renderers import (
 )
 from ..prepare.scenario import recorded_drive, scene_actors
 from ..render.drive_renderer import DriveRenderer
+from ..render.frames import CameraFrame
+from ..render.observed_space import ObservedSpace, Observing, keep_space, kept_space, observe_space
 from ..render.regions import Region
 from ..render.renderer import Renderer
+from ..render.tracers.surfels.build import Step
+from ..render.tracers.surfels.cache import surfels_of
+from ..render.tracers.surfels.model import SurfelScene
 from ..scenario import scenario_from_json
+from ..scenario.edits import apply_scenario
 from ..scenario.types import Scenario
-from ..surfels.build import Step
-from ..surfels.cache import surfels_of
-from ..surfels.model import SurfelScene
+from ..world.drive import CameraModel, Drive
 from .about import about
 from .protocol import Job, Message
 

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..drive import Actor
 from ..geometry import FloatArray, slerp
+from .drive import Actor
 
 
 @dataclass(frozen=True)

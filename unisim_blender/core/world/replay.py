@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..drive import Actor, Box, Drive
 from ..geometry import FloatArray, make_pose
+from .drive import Actor, Box, Drive
 from .state import WorldState
 
 

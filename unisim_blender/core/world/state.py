@@ -14,8 +14,8 @@ from typing import Protocol
 
 import numpy as np
 
-from ..drive import Actor, Box, StaticCopy
 from ..geometry import Trajectory
+from .drive import Actor, Box, StaticCopy
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,0 +1,73 @@
+"""`unisim compare`: our model, what is left of it without its parts, and its rivals, in one table."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+import click
+
+from ...prepare.selection import split_names
+from ...progress import Bar
+from ...render.quality.settings import QUALITY
+
+
+@click.command()
+@click.argument("log", type=click.Path(path_type=Path))
+@click.option("--out", required=True, type=click.Path(path_type=Path), help="Folder of scenes, figures, tables and the page.")
+@click.option(
+    "--methods",
+    metavar="A,B",
+    help="unisim, no-decoder, no-actor-prior, no-refinement, adversarial, unisim-density, ngp, ngp-images, nsg, surfel, warp, or "
+    "all. [default: unisim, ngp, nsg, surfel, warp]",
+)
+@click.option("--minutes", type=float, default=10.0, show_default=True, help="Of each training.")
+@click.option("--iterations", type=click.IntRange(min=1), help="Steps of each training, instead of minutes.")
+@click.option("--frames", default="::2", show_default=True, help="Frames to learn from; the others are compared.")
+@click.option("--cameras", default="front_camera", show_default=True, help="Cameras, separated by commas.")
+@click.option("--width", type=click.IntRange(min=16), default=320, show_default=True, help="Width of the pictures.")
+@click.option("--truth-frames", type=click.IntRange(min=1), default=8, show_default=True, help="Frames of each edit.")
+@click.option(
+    "--scenario",
+    "scenarios",
+    multiple=True,
+    type=click.Path(path_type=Path),
+    help="An edit of the street; several, one option each. [default: LOG/scenarios, or the usual ones]",
+)
+@click.option(
+    "--disturb",
+    type=(click.FloatRange(min=0.0), click.FloatRange(min=0.0)),
+    metavar="METRES DEGREES",
+    help="Train on moving actors' boxes with noise, and tell how much of it is taken back.",
+)
+@click.option("--quality", type=click.Choice(list(QUALITY)), default="balanced", show_default=True, help="Samples a ray.")
+@click.option("--lpips", metavar="FILE", type=click.Path(path_type=Path), help="Weights of LPIPS, to measure it.")
+@click.option("--fid", metavar="FILE", type=click.Path(path_type=Path), help="TorchScript of Inception, to measure FID.")
+@click.option("--device", default="cpu", show_default=True, help="cpu, cuda or mps.")
+@click.option("--seed", type=int, default=0, show_default=True, help="Seed of every random choice.")
+@click.option("--quiet", is_flag=True, help="No progress bars.")
+def command(  # noqa: PLR0913
+    log: Path, out: Path, methods: str | None, minutes: float, iterations: int | None, frames: str, cameras: str, width: int,
+    truth_frames: int, scenarios: tuple[Path, ...], disturb: tuple[float, float] | None, quality: str, lpips: Path | None,
+    fid: Path | None, device: str, seed: int, quiet: bool,
+) -> None:  # fmt: skip
+    """Train methods on the drive at LOG, each within a budget, and compare what they render: replay, lane shifts and edits.
+
+    A street's edits are compared with their truth; of a real log, replay alone has one. Everything is kept in the folder: the
+    same command goes on where it was cut off, and one with more methods adds rows to the table.
+    """
+    from ...compare.run import compare
+    from ...compare.wishes import Wishes
+
+    if not minutes > 0:
+        raise click.UsageError("--minutes must be positive")
+    wishes = Wishes(
+        split_names(methods), minutes, iterations, frames, split_names(cameras) or (), width, truth_frames, scenarios or None,
+        disturb, quality, device, seed, lpips, fid,
+    )  # fmt: skip
+
+    def progress(items: Iterable[int], what: str) -> Iterable[int]:
+        return Bar(items, desc=what, unit="frame", dynamic_ncols=True, disable=quiet)
+
+    click.echo(compare(log, out, wishes, lambda sentence: click.echo(sentence, err=True), progress, quiet))
+    click.echo(f"Table: {out / 'comparison.md'}   page: {out / 'index.html'}")

@@ -1,0 +1,87 @@
+"""`unisim eval`: how far a trained scene's frames are from recorded ones, or edited frames from a street's truth."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from ...data.splits import SPLITS
+from ...prepare.selection import split_names
+from ...progress import Bar
+from ...render.quality.settings import QUALITY
+
+HELD_OUT = "1::2"
+"""Frames that a split is measured on: even frames train, odd frames test."""
+
+LEFT_TO_THE_FILE = ("by_sensor", "pixels", "chamfer_squared_m2", "depth_median_squared_m2")
+"""Figures that are written and not printed."""
+
+
+@click.command()
+@click.argument("paths", nargs=-1, metavar="SCENE LOG | SCENARIO...", type=click.Path(path_type=Path))
+@click.option("--out", required=True, type=click.Path(path_type=Path), help="Folder for metrics.json, index.html and pictures.")
+@click.option("--truth", metavar="STREET", type=click.Path(path_type=Path), help="Measure scenarios against this street's truth.")
+@click.option(
+    "--scene", type=click.Path(path_type=Path), help="With --truth: the trained scene, in place of those that scenarios name."
+)
+@click.option("--frames", metavar="START:STOP:STEP", help="Frames by number. [default: those that were not trained on]")
+@click.option("--cameras", metavar="A,B", help="Cameras by name. [default: those that were trained on]")
+@click.option("--width", type=click.IntRange(min=16), help="Width of the pictures. [default: the width that was trained at]")
+@click.option("--split", type=click.Choice(sorted(SPLITS)), help="SCENE and LOG hold a folder for each log of this split.")
+@click.option(
+    "--quality",
+    type=click.Choice(list(QUALITY)),
+    default="balanced",
+    show_default=True,
+    help="Samples a ray.",
+)
+@click.option(
+    "--lpips", "lpips_weights", metavar="FILE", type=click.Path(path_type=Path), help="Weights of LPIPS, to measure it."
+)
+@click.option("--device", default="cpu", show_default=True, help="cpu, cuda or mps.")
+def command(
+    paths: tuple[Path, ...],
+    out: Path,
+    truth: Path | None,
+    scene: Path | None,
+    frames: str | None,
+    cameras: str | None,
+    width: int | None,
+    split: str | None,
+    quality: str,
+    lpips_weights: Path | None,
+    device: str,
+) -> None:
+    """Render held-out frames of SCENE and compare them with LOG; with --truth, compare SCENARIOs with a street's truth."""
+    from ...evaluate.recorded_runs import EvaluationWishes, evaluate_scene, evaluate_split
+    from ...evaluate.report import flat_figures
+
+    wishes = EvaluationWishes(frames, split_names(cameras), width, quality, lpips_weights, device)
+    if truth is not None:
+        from ...evaluate.truth_runs import evaluate_scenarios
+
+        if not paths or split is not None:
+            raise click.UsageError("--truth takes scenarios, and no --split")
+        figures = evaluate_scenarios(truth, paths, out, wishes, _progress, scene)
+    else:
+        if scene is not None:
+            raise click.UsageError("--scene goes with --truth: without it, the scene is the first argument")
+        if len(paths) != 2:
+            raise click.UsageError("eval takes a trained scene and a log, or --truth STREET and scenarios")
+        trained, log = paths
+        if split is None:
+            figures = evaluate_scene(trained, log, out, wishes, _progress)
+        else:
+            wishes = EvaluationWishes(frames or HELD_OUT, split_names(cameras), width, quality, lpips_weights, device)
+            figures = evaluate_split(SPLITS[split], trained, log, out, wishes, _progress)
+    for name, value in flat_figures(figures):
+        if not any(part in LEFT_TO_THE_FILE for part in name.split(".")):
+            click.echo(f"{name:45} {value}")
+    click.echo(f"Figures: {out / 'metrics.json'}   pictures: {out / 'index.html'}")
+
+
+def _progress(frames: Any, what: str) -> Any:
+    """The frames behind a bar with frames a second and the time left."""
+    return Bar(frames, desc=what, unit="frame", dynamic_ncols=True)

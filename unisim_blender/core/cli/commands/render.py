@@ -1,0 +1,138 @@
+"""`unisim render`: a scenario's camera images, sweeps and labels into a folder."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import cast
+
+import click
+
+from ...errors import UnisimError
+from ...output.frame_files import camera_path
+from ...prepare.scenario_plan import SEQUENCE_FORMATS, Wishes, plan_scenario, sequence_formats
+from ...prepare.selection import split_names
+from ...progress import Bar
+from ...render.quality.max_error import parse_bounds
+from ...render.quality.settings import QUALITY
+from ...sequence.plan import RenderPlan
+from ...sequence.run import MANIFEST_NAME, render_sequence
+
+MOST_JOBS = 8
+"""Processes that are started unasked: each holds the scene."""
+
+
+@click.command()
+@click.argument("scenario", type=click.Path(path_type=Path))
+@click.option("--out", required=True, type=click.Path(path_type=Path), help="Folder to write; it must be empty or not be there.")
+@click.option("--frames", metavar="START:STOP:STEP", help="Frames by number, or one number. [default: the scenario's]")
+@click.option("--sensors", metavar="A,B", help="Cameras and LiDARs by name. [default: all of the scenario's]")
+@click.option("--passes", metavar="A,B", help="rgb, depth, normal, instance, opacity, support. [default: the scenario's, or rgb]")
+@click.option("--width", type=click.IntRange(min=8), help="Width of the images; heights follow. [default: the cameras' own]")
+@click.option("--quality", type=click.Choice(list(QUALITY)), help="[default: the scenario's, or balanced]")
+@click.option(
+    "--max-error",
+    metavar="ERROR",
+    multiple=True,
+    help="Instead of --quality, the cheapest settings that keep every frame to it: 1mm (a sweep's median depth error) or another "
+    "percentile of it (p90:20mm), 40dB (a picture's PSNR), 1.5dE (its mean colour difference). Several, one option each.",
+)
+@click.option(
+    "--jobs", type=click.IntRange(min=1), help=f"Processes, of one thread each. [default: one a core, at most {MOST_JOBS}]"
+)
+@click.option("--resume", is_flag=True, help="Continue a render; finished frames whose inputs did not change are kept.")
+@click.option(
+    "--format", "formats", type=click.Choice(["pandaset"]), multiple=True, help="Write a whole log in this layout, too."
+)
+@click.option("--video", is_flag=True, help="Write a film of every camera, too.")
+@click.option(
+    "--draw",
+    metavar="SEED",
+    type=click.IntRange(min=0),
+    help="Draw whether a LiDAR beam returns from its probability. [default: it returns where that is half or more]",
+)
+@click.option(
+    "--renderer",
+    type=click.Choice(["neural", "ngp", "nsg", "surfel", "warp"]),
+    help="neural, ngp, nsg: a scene trained so; surfel: LiDAR returns as faces; warp: recorded images warped. [default: what the "
+    "scene was trained as, or surfel where the scenario names no trained scene]",
+)
+@click.option("--scene", type=click.Path(path_type=Path), help="A trained scene, in place of the one that the scenario names.")
+@click.option("--sources", metavar="START:STOP:STEP", help="Frames that surfel and warp may look at. [default: all]")
+@click.option("--device", default="cpu", show_default=True, help="cpu, cuda, mps, or auto for the best there is.")
+def command(
+    scenario: Path,
+    out: Path,
+    frames: str | None,
+    sensors: str | None,
+    passes: str | None,
+    width: int | None,
+    quality: str | None,
+    max_error: tuple[str, ...],
+    jobs: int | None,
+    resume: bool,
+    formats: tuple[str, ...],
+    video: bool,
+    draw: int | None,
+    renderer: str | None,
+    scene: Path | None,
+    sources: str | None,
+    device: str,
+) -> None:
+    """Render SCENARIO's sensors, or a log's, into a folder: pictures, sweeps, labels and a manifest."""
+    from ...prepare.renderers import Source, pick_device
+
+    if quality and max_error:
+        raise UnisimError(f"--quality {quality} and --max-error {max_error[0]}: give one of the two")
+    device, bounds = pick_device(device), parse_bounds(max_error)
+    wishes = Wishes(
+        frames, split_names(sensors), split_names(passes), width, quality, device, draw, bounds, renderer, sources, scene
+    )
+    plan, prepared = plan_scenario(scenario, wishes)
+    for sentence in plan.about.get("warnings", ()):
+        click.echo(f"Warning: {sentence}", err=True)
+    with Bar(total=1.0, bar_format="{desc}: {percentage:3.0f}%|{bar}| {elapsed}", dynamic_ncols=True, delay=0.5) as bar:
+        for step in cast(Source, plan.make_renderer).steps():
+            bar.set_description_str(step.text, refresh=False)
+            bar.update(step.share - bar.n)
+    wanted = {*sequence_formats(prepared.scenario), *formats, *(("video",) if video else ())}
+    with Bar(total=len(plan.frames), unit="frame", dynamic_ncols=True, smoothing=0.1) as bar:
+        report = render_sequence(
+            plan, out, jobs or default_jobs(), resume, on_frame=lambda frame: bar.update(), on_kept=bar.update
+        )
+    for name in SEQUENCE_FORMATS:
+        if name in wanted:
+            WRITERS[name](plan, out)
+    if report.broken:
+        many, wanted_errors = len(report.broken), ", ".join(plan.settings.max_error)
+        sentence = f"{many} pictures and sweeps may not keep {wanted_errors}, though rendered at the finest settings"
+        click.echo(f"Warning: {sentence}: {out / MANIFEST_NAME}", err=True)
+    kept = f", {len(report.kept)} were there already" if report.kept else ""
+    parts = f" ({report.captures} images and sweeps, {report.captures_kept} kept)" if report.captures_kept else ""
+    click.echo(f"{len(report.rendered)} frames rendered in {report.seconds:.1f} s{kept}{parts}: {out}")
+
+
+def default_jobs() -> int:
+    """One process a core, within reason."""
+    return min(os.cpu_count() or 1, MOST_JOBS)
+
+
+def _write_pandaset(plan: RenderPlan, out: Path) -> None:
+    from ...sequence.rendered_log import write_rendered_log
+
+    write_rendered_log(plan, out)
+
+
+def _write_videos(plan: RenderPlan, out: Path) -> None:
+    from ...output.video import write_video
+
+    times = [plan.drive.time_s[frame] for frame in plan.frames]
+    rate = (len(times) - 1) / (times[-1] - times[0]) if len(times) > 1 else 10.0
+    for name in plan.settings.cameras:
+        pictures = [camera_path(out, name, frame, ".png") for frame in plan.frames]
+        pictures = [path for path in pictures if path.is_file()]
+        if pictures:
+            write_video(pictures, out / "camera" / f"{name}.mp4", rate)
+
+
+WRITERS = {"pandaset": _write_pandaset, "video": _write_videos}

@@ -1,0 +1,80 @@
+"""`unisim train`: a neural scene from a recorded drive."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Literal
+
+import click
+
+
+@click.command()
+@click.argument("log", type=click.Path(path_type=Path))
+@click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder of the trained scene.")
+@click.option(
+    "--preset",
+    default="small",
+    show_default=True,
+    help="Shapes of the model: tiny, compact, small, hd or paper; or a rival: ngp, nsg.",
+)
+@click.option("--without", metavar="A,B", help="Leave out decoder, actor-prior or tracklet-refinement; of a rival, lidar.")
+@click.option(
+    "--density", type=click.Choice(["logistic", "unisim"]), help="What a signed distance stops. [default: the preset's]"
+)
+@click.option(
+    "--disturb",
+    type=(click.FloatRange(min=0.0), click.FloatRange(min=0.0)),
+    metavar="METRES DEGREES",
+    help="Train on moving actors' boxes with noise, each frame's its own, and tell how much of it refinement has taken back.",
+)
+@click.option("--cameras", default="front_camera", show_default=True, help="Cameras, separated by commas, or all.")
+@click.option("--frames", default="::2", show_default=True, help="START:STOP:STEP.")
+@click.option("--width", type=click.IntRange(min=16), help="Width of the images in pixels [default: as recorded].")
+@click.option("--minutes", type=float, help="Train this long.")
+@click.option(
+    "--iterations", type=int, help="Train this many steps: with fixed threads, always to the same weights, resumed or not."
+)
+@click.option("--device", default="cpu", show_default=True, help="cpu, cuda, mps, or auto for the best there is.")
+@click.option("--seed", type=int, default=0, show_default=True, help="Seed of every random choice.")
+@click.option("--vgg", type=click.Path(), help="VGG-16 weights (torchvision's names) for the perceptual term.")
+@click.option("--adversarial", is_flag=True, help="Add a patch discriminator on views from shifted origins.")
+@click.option("--resume", is_flag=True, help="Go on from the folder's checkpoint.")
+@click.option(
+    "--preview",
+    type=click.FloatRange(min=0.0),
+    metavar="SECONDS",
+    help="Leave a held-out picture, recorded beside rendered, in the folder at most this often, for at most 1 % of the time.",
+)
+@click.option("--quiet", is_flag=True, help="No progress bar.")
+def command(  # noqa: PLR0913
+    log: Path, out: Path, preset: str, without: str | None, density: Literal["logistic", "unisim"] | None,
+    disturb: tuple[float, float] | None, cameras: str, frames: str, width: int | None, minutes: float | None,
+    iterations: int | None, device: str, seed: int, vgg: str | None, adversarial: bool, resume: bool,
+    preview: float | None, quiet: bool,
+) -> None:  # fmt: skip
+    """Train the neural scene of the drive at LOG."""
+    from ...data import open_log
+    from ...prepare.renderers import pick_device
+    from ...prepare.selection import beam_lidars, check_names, select_frames, split_names
+    from ...training.config import TrainConfig
+    from ...training.run import train
+
+    if (minutes is None) == (iterations is None):
+        raise click.UsageError("give either --minutes or --iterations")
+    if (minutes is not None and not minutes > 0) or (iterations is not None and iterations < 1):
+        raise click.UsageError("--minutes and --iterations must be positive")
+    recorded = open_log(log)
+    available = [c for c in recorded.drive.cameras if recorded.image_frames(c)]
+    names = tuple(available) if cameras == "all" else split_names(cameras) or ()
+    check_names("--cameras", names, available)
+    config = TrainConfig(
+        cameras=names, lidars=beam_lidars(recorded), frames=select_frames(frames, recorded.drive.frames), width=width,
+        preset=preset, without=split_names(without) or (), density=density, disturb=disturb, minutes=minutes,
+        iterations=iterations, device=pick_device(device), seed=seed, vgg=vgg, adversarial=adversarial, preview_s=preview,
+    )  # fmt: skip
+    header = train(recorded, config, out, resume=resume, quiet=quiet)
+    click.echo(f"{out}: {header.training['iterations']} steps in {header.training['seconds'] / 60:.1f} minutes")
+    if disturb is not None:
+        from ...evaluate.tracklets import in_words
+
+        click.echo(in_words(header, recorded.drive))

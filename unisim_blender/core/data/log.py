@@ -1,0 +1,81 @@
+"""A recorded drive on disk: its `Drive`, and images and sweeps read when they are asked for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..geometry import FloatArray
+from ..world.drive import Drive, LidarModel
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """The returns of one sweep, N points, world frame; ray origins and times are each point's own.
+
+    points (N, 3), origins (N, 3), time_s (N,), intensity (N,) in 0..1, ring (N,) beam index or -1, column (N,) or -1,
+    semantic (N,) class number or -1.
+    """
+
+    points: FloatArray
+    origins: FloatArray
+    time_s: FloatArray
+    intensity: NDArray[np.float32]
+    ring: NDArray[np.int32]
+    column: NDArray[np.int32]
+    semantic: NDArray[np.int32]
+
+
+@dataclass(frozen=True)
+class SweepGrid:
+    """A sweep as beams x columns. Cells without a return are drops, save those the ego vehicle blocks.
+
+    origins, directions (B, C, 3) in the world frame, unit length (a drop's from the beam table); time_s (B, C);
+    depth_m, intensity (B, C), 0 where nothing returned; returned, blocked (B, C) bool.
+    """
+
+    model: LidarModel
+    origins: FloatArray
+    directions: FloatArray
+    time_s: FloatArray
+    depth_m: NDArray[np.float32]
+    intensity: NDArray[np.float32]
+    returned: NDArray[np.bool_]
+    blocked: NDArray[np.bool_]
+
+
+class Log(Protocol):
+    """What a reader gives. Nothing is read from images and sweeps before it is asked for, and nothing of it is kept."""
+
+    path: Path
+    drive: Drive
+    missing: tuple[str, ...]
+    """One sentence for each thing that is not there: a camera, a frame's image, a sweep."""
+
+    def image_frames(self, camera: str) -> tuple[int, ...]:
+        """Frames of which the camera has an image."""
+        ...
+
+    def sweep_frames(self, lidar: str) -> tuple[int, ...]:
+        """Frames of which the LiDAR has a sweep."""
+        ...
+
+    def image_path(self, camera: str, frame: int) -> Path | None:
+        """The file of the recorded image; None where there is none."""
+        ...
+
+    def image(self, camera: str, frame: int) -> NDArray[np.uint8]:
+        """The recorded image (H, W, 3), sRGB."""
+        ...
+
+    def sweep(self, lidar: str, frame: int) -> Sweep:
+        """The recorded returns."""
+        ...
+
+    def sweep_grid(self, lidar: str, frame: int) -> SweepGrid:
+        """The recorded sweep as beams x columns, with drops."""
+        ...

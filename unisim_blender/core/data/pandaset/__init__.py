@@ -1,0 +1,1 @@
+"""PandaSet: its files read and written."""

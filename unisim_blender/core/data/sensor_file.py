@@ -1,0 +1,126 @@
+"""`meta/unisim.json`: what PandaSet's layout has no place for, so that a log written by us reads back as it was.
+
+It holds the frames, the world's and the clock's origin, the cameras' shutters, and the LiDARs' mounts and beam tables. A log of
+PandaSet's own has none, and PandaSet's tools pass over it.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import LogError
+from ..files import write_file
+from ..geometry import FloatArray
+from ..json_file import Node, read_json
+from ..world.drive import LidarModel, RollingShutter
+
+FORMAT, VERSION = "unisim-log", 1
+
+
+@dataclass(frozen=True)
+class LidarSetup:
+    """A LiDAR's number in a sweep's column ``d``, its mount (4, 4) and its beams."""
+
+    device: int
+    ego_from_lidar: FloatArray
+    model: LidarModel
+
+
+@dataclass(frozen=True)
+class LogSetup:
+    """What a log of ours says of itself; times and positions of its files less the origins are the drive's."""
+
+    name: str
+    frames: tuple[int, ...]
+    time_origin_s: float
+    world_origin: FloatArray
+    shutters: dict[str, RollingShutter]
+    lidars: dict[str, LidarSetup]
+
+
+def setup_path(log: Path) -> Path:
+    """Where a log holds it."""
+    return log / "meta" / "unisim.json"
+
+
+def write_setup(log: Path, setup: LogSetup) -> None:
+    """Write it, float64 to the bit. Raises `OutputError`."""
+    document = {
+        "format": FORMAT,
+        "version": VERSION,
+        "name": setup.name,
+        "frames": list(setup.frames),
+        "time_origin_s": setup.time_origin_s,
+        "world_origin": np.asarray(setup.world_origin).tolist(),
+        "cameras": {name: {"shutter": asdict(shutter)} for name, shutter in setup.shutters.items()},
+        "lidars": {
+            name: {"device": lidar.device, "ego_from_lidar": lidar.ego_from_lidar.tolist(), "model": _model_json(lidar.model)}
+            for name, lidar in setup.lidars.items()
+        },
+    }
+    write_file(setup_path(log), (json.dumps(document, indent=1, allow_nan=False) + "\n").encode())
+
+
+def read_setup(log: Path) -> LogSetup | None:
+    """The setup of a log, None where it has none; LogError where it is wrong."""
+    path = setup_path(log)
+    if not path.exists():
+        return None
+    document = Node(read_json(path, LogError), f"{path}: ", LogError)
+    if document.key("format").text() != FORMAT:
+        document.key("format").fail(f'must be "{FORMAT}"')
+    if document.key("version").integer(at_least=1) > VERSION:
+        document.key("version").fail(f"is newer than the {VERSION} that this program reads")
+    frames = tuple(node.integer(at_least=0) for node in document.key("frames").elements())
+    if not frames or any(a >= b for a, b in zip(frames, frames[1:], strict=False)):
+        document.key("frames").fail("must be frame numbers that increase")
+    for part in ("cameras", "lidars"):
+        for sensor, node in document.key(part).members():
+            if not sensor or Path(sensor).name != sensor:
+                node.fail("is no sensor's name, which is a folder's")
+    return LogSetup(
+        name=document.key("name").text(),
+        frames=frames,
+        time_origin_s=document.key("time_origin_s").number(),
+        world_origin=document.key("world_origin").array(3),
+        shutters={name: _read_shutter(node.key("shutter")) for name, node in document.key("cameras").members()},
+        lidars={name: _read_lidar(node) for name, node in document.key("lidars").members()},
+    )
+
+
+def _read_shutter(node: Node) -> RollingShutter:
+    return RollingShutter(node.key("duration_s").number(), node.key("reference").number())
+
+
+def _read_lidar(node: Node) -> LidarSetup:
+    mount, model = node.key("ego_from_lidar").pose(), node.key("model")
+    elevation = model.key("elevation_rad").array(-1)
+    offset = model.key("azimuth_offset_rad").array(-1)
+    if len(offset) != len(elevation):
+        model.key("azimuth_offset_rad").fail(f"has {len(offset)} beams, elevation_rad has {len(elevation)}")
+    direction = model.key("direction").integer()
+    if direction not in (-1, 1):
+        model.key("direction").fail(f"must be 1 or -1, not {direction}")
+    return LidarSetup(
+        device=node.key("device").integer(at_least=0),
+        ego_from_lidar=mount,
+        model=LidarModel(
+            elevation_rad=elevation,
+            azimuth_offset_rad=offset,
+            columns=model.key("columns").integer(at_least=1),
+            sweep_s=model.key("sweep_s").number(),
+            start_azimuth_rad=model.key("start_azimuth_rad").number(),
+            direction=direction,
+            time_offset_s=model.key("time_offset_s").number(),
+            min_range_m=model.key("min_range_m").number(),
+            max_range_m=model.key("max_range_m").number(),
+        ),
+    )
+
+
+def _model_json(model: LidarModel) -> dict[str, object]:
+    return {key: value.tolist() if isinstance(value, np.ndarray) else value for key, value in asdict(model).items()}

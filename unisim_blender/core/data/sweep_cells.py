@@ -1,0 +1,79 @@
+"""Which beam and column of a spinning LiDAR each return belongs to, and the sweep as beams x columns."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..geometry import FloatArray
+from ..sensors.lidar import beam_directions, lidar_rays
+from ..world.drive import Lidar, LidarModel
+from .log import Sweep, SweepGrid
+
+MAX_ELEVATION_ERROR_RAD = np.radians(0.5)
+"""A return further from every beam than this belongs to none."""
+BLOCKED_BELOW_RAD = np.radians(-10.0)
+"""Beams that look down more steeply meet the road within some ten metres: one that never returns is blocked."""
+
+
+def find_cells(local: FloatArray, model: LidarModel) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    """Beam and column (N,), both -1 where no beam fits, of points (N, 3) in the sensor's frame at their own time."""
+    elevation = np.arctan2(local[:, 2], np.hypot(local[:, 0], local[:, 1]))
+    azimuth = np.arctan2(local[:, 1], local[:, 0])
+    rising = np.argsort(model.elevation_rad, kind="stable")
+    levels = model.elevation_rad[rising]
+    ring = rising[np.searchsorted((levels[1:] + levels[:-1]) / 2, elevation)]
+    turn = model.direction * (azimuth - model.start_azimuth_rad - model.azimuth_offset_rad[ring])
+    column = np.floor(turn / (2 * np.pi) * model.columns).astype(np.int64) % model.columns
+    fits = np.abs(model.elevation_rad[ring] - elevation) <= MAX_ELEVATION_ERROR_RAD
+    return np.where(fits, ring, -1).astype(np.int32), np.where(fits, column, -1).astype(np.int32)
+
+
+def make_grid(sweep: Sweep, lidar: Lidar, frame: int, blocked: NDArray[np.bool_]) -> SweepGrid:
+    """The sweep as beams x columns: a return's own exact ray, for other cells the beam table's; of two returns the nearer."""
+    model = lidar.model
+    rays = lidar_rays(lidar, lidar.time_s[frame])
+    directions, origins, time_s = rays.directions, rays.origins, rays.time_s
+    depth, intensity = np.zeros(time_s.shape, np.float32), np.zeros(time_s.shape, np.float32)
+    returned = np.zeros(time_s.shape, np.bool_)
+    offset = sweep.points - sweep.origins
+    distance = np.linalg.norm(offset, axis=1)
+    index = np.flatnonzero((sweep.ring >= 0) & (distance > 0))
+    index = index[np.argsort(-distance[index], kind="stable")]  # of two in a cell the last written stays: the nearer
+    cell = (sweep.ring[index], sweep.column[index])
+    recorded_time = np.full(time_s.shape, np.nan)
+    recorded_time[cell] = sweep.time_s[index]
+    turns = _turns(recorded_time - time_s, model.sweep_s)
+    ring, column = np.nonzero(turns)
+    time_s[ring, column] += turns[ring, column] * model.sweep_s
+    poses = lidar.world_from_lidar.at(time_s[ring, column])
+    origins[ring, column] = poses[:, :3, 3]
+    directions[ring, column] = np.einsum("nij,nj->ni", poses[:, :3, :3], beam_directions(model)[ring, column])
+    directions[cell] = offset[index] / distance[index, None]
+    origins[cell], time_s[cell] = sweep.origins[index], sweep.time_s[index]
+    depth[cell], intensity[cell], returned[cell] = distance[index], sweep.intensity[index], True
+    return SweepGrid(model, origins, directions, time_s, depth, intensity, returned, blocked & ~returned)
+
+
+def _turns(late_s: FloatArray, sweep_s: float) -> NDArray[np.int64]:
+    """By how many whole turns (beams, columns) the recording is later than the beam table; drops as the return beside them.
+
+    A sweep is cut where each beam passes one azimuth, and beams that look ahead of others pass it earlier: near the cut, a
+    column of the table holds the start of one turn for some beams and the end of the turn for others.
+    """
+    turns = np.zeros(late_s.shape, np.int64)
+    columns = np.arange(late_s.shape[1])
+    for beam, late in enumerate(late_s):
+        known = np.flatnonzero(np.isfinite(late))
+        if len(known):
+            turns[beam] = np.rint(np.interp(columns, known, np.rint(late[known] / sweep_s)))
+    return turns
+
+
+def never_returned(sweeps: list[Sweep], model: LidarModel) -> NDArray[np.bool_]:
+    """Cells (beams, columns) that look down and return in none of the sweeps: the vehicle itself stands in their way."""
+    seen = np.zeros((model.beams, model.columns), np.bool_)
+    for sweep in sweeps:
+        known = sweep.ring >= 0
+        seen[sweep.ring[known], sweep.column[known]] = True
+    return np.asarray(~seen & (model.elevation_rad < BLOCKED_BELOW_RAD)[:, None])

@@ -1,0 +1,150 @@
+"""Actors' fields. What an actor is of its own is a row of ``tables``; the network behind that is shared by all.
+
+A trained scene keeps the tables; only training needs what they are made of.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+
+import torch
+from torch import Tensor, nn
+
+from ..ops.gradient_sink import GradientSink
+from ..ops.grid_shape import GridArrays, GridShape
+from .config import ModelConfig
+from .fields import parts, query, start_at
+from .networks import mlp, run_mlp
+
+INITIAL = {"logistic": 0.3, "unisim": 0.3, "volume": 1.5}
+"""An actor's box is entered from outside: there its field must not stop a ray from the start."""
+FREQUENCIES, LAYERS = 6, 4
+"""Of the network that latents condition: octaves in which it is told where a point is, and its depth."""
+
+
+class ActorField(nn.Module, ABC):
+    """What all kinds of actors' fields have in common. ``row`` is the shape of an actor's own."""
+
+    OWN: tuple[str, ...]
+    """Names of what the tables are made of."""
+    row: tuple[int, ...]
+    network: nn.Sequential
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.sink: GradientSink | None = None
+        """Where training set it, hash grids leave their gradients here, see `hash_grid.encode`."""
+
+    @abstractmethod
+    def tables(self) -> Tensor:
+        """Every actor's own (actors, *row)."""
+
+    @abstractmethod
+    def _ask(self, tables: Tensor, x: Tensor, actor: Tensor, outputs: int | None) -> Tensor: ...
+
+    def own(self) -> list[nn.Parameter]:
+        """The parameters that `tables` is made of."""
+        return [parameter for name, parameter in self.named_parameters() if name.startswith(self.OWN)]
+
+    def drop_own(self) -> None:
+        """Leave only what baked tables need."""
+        for name in self.OWN:
+            delattr(self, name)
+
+    def penalty(self) -> Tensor | None:
+        """Mean square of the latents, where there are any."""
+        return self.get_parameter("latents").square().mean() if "latents" in self.OWN else None
+
+    def forward(self, tables: Tensor, x: Tensor, actor: Tensor) -> tuple[Tensor, Tensor]:
+        """s (N,), see fields.py, and features (N, F) at points x (N, 3) in the unit cube of each point's actor (N,)."""
+        return parts(self._ask(tables, x, actor, None))
+
+    def distance(self, tables: Tensor, x: Tensor, actor: Tensor) -> Tensor:
+        """s (N,) alone."""
+        return self._ask(tables, x, actor, 1)[:, 0]
+
+
+class GridActors(ActorField):
+    """Each actor has a hash grid, which it learns by itself."""
+
+    OWN: tuple[str, ...] = ("own_tables",)
+
+    def __init__(self, config: ModelConfig, actors: int) -> None:
+        super().__init__()
+        g = config.actor_grid
+        self.grid = GridArrays(GridShape.unit(int(g.coarsest), int(g.finest), g.levels, g.features, g.log2_table))
+        self.row = self.grid.rows, g.features
+        self._make_own(config, actors)
+        self.network = mlp(self.grid.shape.width, config.hidden, 1 + config.features)
+        start_at(self.network, INITIAL[config.density])
+
+    def _make_own(self, config: ModelConfig, actors: int) -> None:
+        self.own_tables = nn.Parameter(torch.empty(actors, *self.row).uniform_(-1e-4, 1e-4))
+
+    def tables(self) -> Tensor:
+        """Every actor's grid (actors, rows, features)."""
+        return self.own_tables
+
+    def _ask(self, tables: Tensor, x: Tensor, actor: Tensor, outputs: int | None) -> Tensor:
+        return query(self.grid, tables, self.network, x, actor, outputs, self.sink)
+
+
+class HypernetworkActors(GridActors):
+    """Each actor's latent goes through one hypernetwork to that actor's own hash grid."""
+
+    OWN: tuple[str, ...] = ("hypernetwork", "latents")
+
+    def _make_own(self, config: ModelConfig, actors: int) -> None:
+        self.latents = nn.Parameter(torch.randn(actors, config.latent))
+        rows, features = self.row
+        self.hypernetwork = mlp(config.latent, config.hyper_hidden, rows * features, config.hyper_layers)
+        last = self.hypernetwork[-1]
+        assert isinstance(last, nn.Linear)
+        nn.init.uniform_(last.weight, -1e-3, 1e-3)
+        nn.init.zeros_(last.bias)
+
+    def tables(self) -> Tensor:
+        """Every actor's grid (actors, rows, features), from its latent."""
+        out: Tensor = self.hypernetwork(self.latents)
+        return out.view(len(self.latents), *self.row)
+
+
+class LatentActors(ActorField):
+    """Each actor is a latent that goes with points, encoded by sines, into one network for all: Ost et al., "Neural Scene Graphs
+    for Dynamic Scenes", CVPR 2021, eq. 5, the encoding as in Mildenhall et al., "NeRF", 2020, eq. 4."""
+
+    OWN = ("latents",)
+
+    def __init__(self, config: ModelConfig, actors: int) -> None:
+        super().__init__()
+        self.row = (config.latent,)
+        self.latents = nn.Parameter(torch.randn(actors, config.latent))
+        self.network = mlp(3 + 6 * FREQUENCIES + config.latent, config.hidden, 1 + config.features, LAYERS)
+        start_at(self.network, INITIAL[config.density])
+        octaves = math.pi * 2.0 ** torch.arange(FREQUENCIES)
+        self.register_buffer("octaves", octaves, persistent=False)
+
+    octaves: Tensor
+
+    def tables(self) -> Tensor:
+        """Every actor's latent (actors, latent)."""
+        return self.latents
+
+    def _ask(self, tables: Tensor, x: Tensor, actor: Tensor, outputs: int | None) -> Tensor:
+        y = 2 * x - 1
+        angles = (y[..., None] * self.octaves).flatten(1)
+        inputs = torch.cat([y, torch.sin(angles), torch.cos(angles), tables.index_select(0, actor)], -1)
+        return run_mlp(self.network, inputs, outputs)
+
+
+def actor_field(config: ModelConfig, actors: int) -> ActorField:
+    """The configuration's field of so many actors."""
+    kinds: dict[str, Callable[[ModelConfig, int], ActorField]] = {
+        "hypernetwork": HypernetworkActors,
+        "tables": GridActors,
+        "latent": LatentActors,
+        "none": GridActors,
+    }
+    return kinds[config.actors](config, 0 if config.actors == "none" else actors)

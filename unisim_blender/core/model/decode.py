@@ -1,0 +1,118 @@
+"""From composited features to what a sensor measures."""
+
+from __future__ import annotations
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor, nn
+
+from .config import ModelConfig
+from .networks import SH_WIDTH, mlp, run_mlp, spherical_harmonics
+
+
+class RayHead(nn.Module):
+    """View-dependent features (N, C) of composited ones (N, F), unit directions (N, 3) and a code of the camera (N, 4)."""
+
+    CODE = 4
+
+    def __init__(self, config: ModelConfig, cameras: int) -> None:
+        super().__init__()
+        self.codes = nn.Parameter(torch.zeros(max(cameras, 1), self.CODE))
+        self.network = mlp(config.features + SH_WIDTH + self.CODE, config.hidden, config.decoder_channels)
+
+    def forward(self, feature: Tensor, directions: Tensor, camera: Tensor) -> Tensor:
+        """``camera`` (N,) numbers the codes; -1 stands for a camera that was not trained and takes their mean."""
+        codes = torch.where((camera < 0)[:, None], self.codes.mean(0), self.codes[camera.clamp_min(0)])
+        return run_mlp(self.network, torch.cat([feature, spherical_harmonics(directions), codes.to(feature.dtype)], -1))
+
+
+class ColourHead(nn.Module):
+    """Features (N, F) of samples, seen along unit directions (N, 3), to features whose first three are a colour in 0..1."""
+
+    def __init__(self, config: ModelConfig) -> None:
+        super().__init__()
+        self.network = mlp(config.features + SH_WIDTH, config.hidden, 3, layers=3)
+
+    def forward(self, feature: Tensor, directions: Tensor) -> Tensor:
+        """The features (N, F)."""
+        colour = torch.sigmoid(self.network(torch.cat([feature, spherical_harmonics(directions)], -1)))
+        return torch.cat([colour, feature[:, 3:]], -1)
+
+
+class SampleColours(nn.Module):
+    """In `RayHead`'s place: the colours (N, 3) that samples had, composited."""
+
+    def forward(self, feature: Tensor, directions: Tensor, camera: Tensor) -> Tensor:
+        """See `RayHead`."""
+        return feature[:, :3]
+
+
+class NoDecoder(nn.Module):
+    """In `CameraDecoder`'s place: colours (B, 3, H, W) are the picture."""
+
+    reach = 0
+
+    def forward(self, features: Tensor) -> Tensor:
+        """See `CameraDecoder`."""
+        return features.clamp(0, 1)
+
+
+class Block(nn.Module):
+    """x + conv(relu(conv(x))), edges replicated."""
+
+    def __init__(self, channels: int, kernel: int) -> None:
+        super().__init__()
+        self.first = nn.Conv2d(channels, channels, kernel, padding=kernel // 2, padding_mode="replicate")
+        self.second = nn.Conv2d(channels, channels, kernel, padding=kernel // 2, padding_mode="replicate")
+
+    def forward(self, x: Tensor) -> Tensor:
+        """(B, C, H, W) to the same."""
+        out: Tensor = x + self.second(F.relu(self.first(F.relu(x))))
+        return out
+
+
+class CameraDecoder(nn.Module):
+    """A feature map (B, C, H, W) to an image (B, 3, H * up, W * up) in 0..1: blocks at low resolution, then a pixel shuffle."""
+
+    def __init__(self, config: ModelConfig) -> None:
+        super().__init__()
+        c, k = config.decoder_channels, config.decoder_kernel
+        self.blocks = nn.Sequential(*(Block(c, k) for _ in range(config.decoder_blocks)))
+        k_last = min(k, 3)
+        self.last = nn.Conv2d(c, 3 * config.upsample**2, k_last, padding=k_last // 2, padding_mode="replicate")
+        self.upsample = config.upsample
+        self.reach = config.decoder_blocks * 2 * (k // 2) + k_last // 2
+        """How many feature cells away an output pixel can depend on."""
+
+    def forward(self, features: Tensor) -> Tensor:
+        """The image, display-referred sRGB."""
+        out = self.last(F.relu(self.blocks(features))) if self.reach else self._apart(features)
+        return torch.sigmoid(F.pixel_shuffle(out, self.upsample))
+
+    def _apart(self, features: Tensor) -> Tensor:
+        """Where each cell is decoded by itself, as products of matrices: convolutions of many small images are slow."""
+
+        def product(conv: nn.Module, x: Tensor) -> Tensor:
+            assert isinstance(conv, nn.Conv2d)
+            return F.linear(x, conv.weight[:, :, 0, 0], conv.bias)
+
+        x = features.permute(0, 2, 3, 1)
+        for block in self.blocks:
+            assert isinstance(block, Block)
+            x = x + product(block.second, F.relu(product(block.first, F.relu(x))))
+        return product(self.last, F.relu(x)).permute(0, 3, 1, 2)
+
+
+class LidarHead(nn.Module):
+    """Intensity in 0..1 (N,) and the logit of a return (N,) from composited features, direction, depth and opacity."""
+
+    def __init__(self, config: ModelConfig) -> None:
+        super().__init__()
+        self.network = mlp(config.features + SH_WIDTH + 2, config.hidden, 2, layers=3)
+
+    def forward(self, feature: Tensor, directions: Tensor, depth_m: Tensor, opacity: Tensor) -> tuple[Tensor, Tensor]:
+        """feature (N, F), directions (N, 3) unit, depth_m and opacity (N,)."""
+        # geometry answers to depth alone: a dark car that returns nothing is no hole
+        reach = torch.stack([torch.log1p(depth_m) / 5, opacity], -1).detach()
+        out = self.network(torch.cat([feature, spherical_harmonics(directions), reach], -1))
+        return torch.sigmoid(out[:, 0]), out[:, 1]

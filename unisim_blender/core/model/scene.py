@@ -1,0 +1,75 @@
+"""The whole scene model: its fields, where they can be non-empty, and the decoders."""
+
+from __future__ import annotations
+
+import math
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor, nn
+
+from .actors import actor_field
+from .config import ModelConfig
+from .decode import CameraDecoder, ColourHead, LidarHead, NoDecoder, RayHead, SampleColours
+from .fields import FarField, StaticField
+from .ground import Ground
+from .light import Light
+from .networks import SH_WIDTH, mlp, spherical_harmonics
+from .occupancy import Occupancy
+from .volume import Volume
+from .volume_frame import VolumeFrame
+
+
+class SceneModel(nn.Module):
+    """Everything with weights. ``actors`` and ``cameras`` number the looks and the camera codes in the order of their ids; where
+    the configuration has one field for everything, no actor has a look of its own."""
+
+    def __init__(self, config: ModelConfig, volume: Volume, actors: tuple[str, ...], cameras: tuple[str, ...]) -> None:
+        super().__init__()
+        self.config, self.volume = config, volume
+        self.actor_ids = {uid: i for i, uid in enumerate(() if config.actors == "none" else actors)}
+        self.camera_ids = {uid: i for i, uid in enumerate(cameras)}
+        self.frame = VolumeFrame(volume)
+        self.static = StaticField(config, volume)
+        self.far = FarField(config, volume)
+        self.actors = actor_field(config, len(self.actor_ids))
+        self.occupancy = Occupancy(volume.size_m, config.voxel_m)
+        self.ground = Ground(volume.size_m)
+        self.register_buffer("observed", torch.zeros_like(self.occupancy.values))
+        self.log_beta = nn.Parameter(torch.tensor(math.log(config.beta)))
+        self.light = Light(config, len(self.actor_ids)) if config.light == "ground" else None
+        if config.colour == "sample":
+            self.colour_head = ColourHead(config)
+        elif config.head == "sample":
+            self.sample_head = mlp(config.features + SH_WIDTH, config.hidden, config.features, layers=3)
+        decoded = config.colour == "decoded"
+        self.ray_head: RayHead | SampleColours = RayHead(config, len(cameras)) if decoded else SampleColours()
+        self.camera_decoder: CameraDecoder | NoDecoder = CameraDecoder(config) if decoded else NoDecoder()
+        self.lidar_head = LidarHead(config)
+
+    observed: Tensor
+
+    def directed(self, feature: Tensor, directions: Tensor) -> Tensor:
+        """Features (N, F) with their view direction (N, 3), where the configuration has it enter at every sample; where samples
+        have colours, these come first."""
+        if self.config.colour == "sample":
+            coloured: Tensor = self.colour_head(feature, directions)
+            return coloured
+        if self.config.head == "ray":
+            return feature
+        out: Tensor = self.sample_head(torch.cat([feature, spherical_harmonics(directions)], -1))
+        return out
+
+    def lit(self, feature: Tensor, place: Tensor) -> Tensor:
+        """Features (P, K, F) of actors as the light at places (P, 3), volume coordinates, has them look."""
+        if self.light is None:
+            return feature
+        around = (place[:, None] + F.pad(self.light.around, (0, 1))).reshape(-1, 3)
+        with torch.no_grad():
+            look = self.static(self.ground.under(around))[1].view(len(place), len(self.light.around), -1).mean(1)
+        lit: Tensor = self.light(feature, look)
+        return lit
+
+    def beta(self) -> Tensor:
+        """The density's sharpness, 1 / metres: one for all fields, for an actor's own would outrun its few samples."""
+        return self.log_beta.exp().clamp_max(1e4)

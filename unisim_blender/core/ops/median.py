@@ -1,0 +1,47 @@
+"""Where a ray stops, by the median: the distance at which half of what stops it has done so.
+
+The mean of what a ray meets moves by a metre when a thousandth of it lies a kilometre behind, and between a car's edge and the
+wall behind it lies on neither; a LiDAR reports the one or the other. On a plane both are the distance to it.
+"""
+
+from __future__ import annotations
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor
+
+from ..model.scene import SceneModel
+from .ray_segments import Strands, Traced
+
+
+@torch.no_grad()
+def median_depth(scene: SceneModel, traced: Traced) -> Tensor:
+    """Median distance (N,) in metres of what stopped each ray, the far field included, the sky left out; 0 where nothing did."""
+    target = (1 + traced.behind) / 2
+    depth = torch.zeros_like(traced.opacity)
+    for strand in traced.strands:
+        assert strand.front is not None
+        wanted = target[strand.ray][:, None]
+        after = strand.front * torch.exp(-strand.tau)
+        row, k = torch.nonzero((strand.front > wanted) & (after <= wanted), as_tuple=True)
+        near = strand.t[row, (k - 1).clamp_min(0)]
+        share = _share(scene, strand, row, k, wanted[row, 0])
+        depth[strand.ray[row]] = near + torch.where(k > 0, share, torch.zeros_like(share)) * (strand.t[row, k] - near)
+    if traced.far is not None:
+        ray, t, tau, front = traced.far
+        after = front * torch.exp(-tau)
+        row, k = torch.nonzero((front > target[ray][:, None]) & (after <= target[ray][:, None]), as_tuple=True)
+        depth[ray[row]] = t[row, k]
+    return depth
+
+
+def _share(scene: SceneModel, strand: Strands, row: Tensor, k: Tensor, wanted: Tensor) -> Tensor:
+    """How far into interval k of each row the transmittance falls to ``wanted``, 0 to 1; the distance is linear in between."""
+    if scene.config.density != "logistic":
+        return torch.ones_like(wanted)
+    assert strand.front is not None
+    s1, s2 = strand.s[row, (k - 1).clamp_min(0)], strand.s[row, k]
+    # -log Phi at the place, then its distance: the inverse of softplus(-beta s)
+    y = F.softplus(-strand.beta * s1) + torch.log(strand.front[row, k] / wanted)
+    at = -(y + torch.log(-torch.expm1(-y.clamp_min(1e-12)))) / strand.beta
+    return ((s1 - at) / (s1 - s2).clamp_min(1e-9)).clamp(0, 1)

@@ -1,0 +1,52 @@
+"""Soft shadows under actors that the recording does not have there: without one a car seems to float.
+
+What the sun does is in the recorded light; this is only what a body near the ground keeps from it of the sky's light.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..colour import linear_from_srgb, srgb_from_linear
+from ..geometry import BoolArray, FloatArray, invert_pose, transform_points
+from ..world.drive import Actor
+
+DARKEST = 0.6
+"""How much light is kept off right under an actor."""
+REACH_M = 0.35
+"""How far beside an actor's footprint a shadow falls to a third; the same above its underside."""
+FOOTPRINT = 0.92
+"""Of the box: bodies are rounder than their boxes."""
+NOTHING_M = 5 * REACH_M
+
+
+def shaded(
+    rgb: NDArray[np.float32], points: FloatArray, ground: BoolArray, actors: Iterable[Actor], time_s: float
+) -> NDArray[np.float32]:
+    """The picture (H, W, 3), display-referred sRGB, with shadows of ``actors`` at a time.
+
+    points (H, W, 3) are what the pixels show, in the world; ``ground`` (H, W) those that show no actor.
+    """
+    light = np.ones(rgb.shape[:2])
+    flat = points.reshape(-1, 3)
+    for actor in actors:
+        if not actor.present(time_s):
+            continue
+        pose = actor.world_from_actor.at(time_s)
+        half = np.asarray(actor.size_m) / 2
+        near = np.abs(flat - pose[:3, 3]).max(1) < half.max() + NOTHING_M
+        if not near.any():
+            continue
+        x, y, z = transform_points(invert_pose(pose), flat[near]).T
+        beside = np.hypot(np.maximum(np.abs(x) - FOOTPRINT * half[0], 0), np.maximum(np.abs(y) - FOOTPRINT * half[1], 0))
+        height = np.abs(z + half[2])
+        kept_off = DARKEST * np.exp(-(beside + height) / REACH_M)
+        light.reshape(-1)[near] *= 1 - kept_off
+    light = np.where(ground, light, 1.0)
+    if light.min() == 1.0:
+        return rgb
+    dark = srgb_from_linear(linear_from_srgb(np.clip(rgb, 0, 1)) * light[..., None].astype(np.float32))
+    return np.where((light < 1.0)[..., None], dark, rgb)

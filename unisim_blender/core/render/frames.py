@@ -1,0 +1,81 @@
+"""What a renderer gives for one sensor and frame: the neural one and the street's exact one give the same."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..geometry import FloatArray
+from ..world.drive import CameraModel, LidarModel
+from .quality.max_error import Promise
+
+CAMERA_PASSES = ("rgb", "depth", "normal", "instance", "opacity", "support")
+"""Passes a camera frame can hold; ``rgb`` alone is rendered where nothing else was asked for."""
+
+
+@dataclass
+class RenderStats:
+    """How much was computed: field samples spent, and the samples skipped beside a uniform march through the volume."""
+
+    rays: int = 0
+    samples_spent: int = 0
+    samples_saved: int = 0
+    actors_skipped: int = 0
+    seconds: dict[str, float] = field(default_factory=dict)
+
+    def add(self, other: RenderStats) -> None:
+        """Add another part's counts to these."""
+        self.rays += other.rays
+        self.samples_spent += other.samples_spent
+        self.samples_saved += other.samples_saved
+        self.actors_skipped += other.actors_skipped
+        for name, value in other.seconds.items():
+            self.seconds[name] = self.seconds.get(name, 0.0) + value
+
+
+@dataclass
+class CameraFrame:
+    """One image. Passes that were not asked for are None.
+
+    rgb (H, W, 3) display-referred sRGB in 0..1; depth_m (H, W) along the ray, z_depth_m (H, W) along the optical axis, both inf
+    where nothing was hit; normal (H, W, 3) unit, world frame, 0 where nothing was hit; instance (H, W) index into ``instances``
+    plus 1, 0 for the background; opacity (H, W) in 0..1; unsupported (H, W) True where no recorded ray supports the pixel.
+    """
+
+    model: CameraModel
+    world_from_camera: FloatArray
+    rgb: NDArray[np.float32]
+    depth_m: NDArray[np.float32] | None = None
+    z_depth_m: NDArray[np.float32] | None = None
+    normal: NDArray[np.float32] | None = None
+    instance: NDArray[np.int32] | None = None
+    opacity: NDArray[np.float32] | None = None
+    unsupported: NDArray[np.bool_] | None = None
+    instances: tuple[str, ...] = ()
+    stats: RenderStats = field(default_factory=RenderStats)
+    promise: Promise | None = None
+
+
+@dataclass
+class LidarFrame:
+    """One sweep as beams x columns. World frame; ``world_from_lidar`` is the sensor's pose at the frame's time.
+
+    origins, directions (B, C, 3) float64; time_s (B, C) float64; depth_m, intensity (0..1), return_probability (B, C) float32;
+    returned (B, C) bool; instance (B, C) index into ``instances`` plus 1, 0 for the background.
+    """
+
+    model: LidarModel
+    world_from_lidar: FloatArray
+    origins: FloatArray
+    directions: FloatArray
+    time_s: FloatArray
+    depth_m: NDArray[np.float32]
+    intensity: NDArray[np.float32]
+    return_probability: NDArray[np.float32]
+    returned: NDArray[np.bool_]
+    instance: NDArray[np.int32]
+    instances: tuple[str, ...] = ()
+    stats: RenderStats = field(default_factory=RenderStats)
+    promise: Promise | None = None

@@ -1,0 +1,1 @@
+"""Images that are traced where they must be, and interpolated in between."""

@@ -1,0 +1,185 @@
+"""Blocks of a picture that is traced where it must be: whose corners differ, whose middles these foretell, what lies between.
+
+Plain numpy is the specification, and what runs without the compiled kernels; these (native/blocks.cpp) give the same bits.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ... import native
+from ...native import LikenessStruct, PlaneStruct
+from ..tracer import Maps
+
+DISPARITY_RANGE = 0.1
+"""Depths at corners that differ by more than this share lie on several things, or on one that bends."""
+DISPARITY_TWIST = 0.01
+"""So far may the corners' disparities be from one plane, as a share of the largest."""
+CROWDED = "crowded"
+"""A map that says of pixels that something thinner than a block may be beside them: every pixel there is traced."""
+CONTRAST = 4.0
+"""Where corners differ by more than this times what they may, something ends between them: nothing is foretold."""
+FORETOLD = 0.5
+"""So far may a middle be from its corners' mean, as a share of what these may differ by."""
+Blocks = NDArray[np.int64]
+"""Rows and columns of blocks' first pixels (N, 2)."""
+LABELS = ("instance", "support")
+KINDS = {"rgb": 0, "depth": 1, "normal": 2, CROWDED: 5, **dict.fromkeys(LABELS, 4)}
+"""What kernels take maps for; others are numbers, 3, or alike at all corners, 6."""
+MOST_CHANNELS = 4
+
+
+@dataclass
+class Picture:
+    """Colours (h w, 3) and maps (h w, ...), and which pixels (h, w) were traced."""
+
+    shape: tuple[int, int]
+    known: NDArray[np.bool_] = field(init=False)
+    values: Maps = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self.known = np.zeros(self.shape, bool)
+
+    def put(self, numbers: NDArray[np.int64], found: Maps) -> None:
+        """Values at pixels by their flat numbers."""
+        for name, part in found.items():
+            if name not in self.values:
+                self.values[name] = np.zeros((self.shape[0] * self.shape[1], *part.shape[1:]), part.dtype)
+            self.values[name][numbers] = part
+
+    def corners(self, name: str, blocks: Blocks, size: int) -> NDArray[Any]:
+        """Values (4, N, ...) at the corners of blocks."""
+        y, x = blocks.T
+        number = y * self.shape[1] + x
+        steps = np.array([0, size, size * self.shape[1], size * self.shape[1] + size])
+        return self.values[name][steps[:, None] + number]
+
+
+def differ(picture: Picture, blocks: Blocks, size: int, spread: float) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Which blocks (N,) have corners that are not alike, and of which others their middles are to tell."""
+    planes = _planes(picture)
+    if planes is None:
+        return plain_differ(picture, blocks, size, spread)
+    verdict = np.empty(len(blocks), np.uint8)
+    _call("differ", planes, picture, blocks, size, ctypes.byref(_likeness(spread)), verdict.ctypes.data)
+    return verdict == 1, verdict == 2
+
+
+def foretold(picture: Picture, blocks: Blocks, size: int, spread: float) -> NDArray[np.bool_]:
+    """Whether what was traced in the middles of blocks (N,) is what stands at their corners."""
+    planes = _planes(picture)
+    if planes is None:
+        return plain_foretold(picture, blocks, size, spread)
+    alike = np.empty(len(blocks), bool)
+    _call("foretold", planes, picture, blocks, size, ctypes.byref(_likeness(spread)), alike.ctypes.data)
+    return alike
+
+
+def fill(picture: Picture, blocks: Blocks, size: int) -> None:
+    """Values in blocks whose corners are alike, at pixels that were not traced: bilinear, and bent to a middle that was traced,
+    less and less towards the edges."""
+    planes = _planes(picture)
+    if planes is None:
+        return plain_fill(picture, blocks, size)
+    _call("fill", planes, picture, blocks, size, picture.known.ctypes.data)
+
+
+def _planes(picture: Picture) -> ctypes.Array[PlaneStruct] | None:
+    """A picture's maps as the kernels read them; None where they cannot."""
+    if native.library() is None:
+        return None
+    planes = []
+    for name, values in picture.values.items():
+        number = values.dtype.kind == "f"
+        kind = KINDS.get(name, 3 if number else 6)
+        channels = values[0].size
+        if kind < 4 and (values.dtype != np.float32 or channels > MOST_CHANNELS or (name == "normal" and channels != 3)):
+            return None
+        if kind >= 4 and number:
+            return None
+        planes.append(PlaneStruct(values.ctypes.data, channels, values.itemsize if kind < 4 else values[0].nbytes, kind))
+    return (PlaneStruct * len(planes))(*planes)
+
+
+def _likeness(spread: float) -> LikenessStruct:
+    return LikenessStruct(spread, CONTRAST * spread, FORETOLD * spread, DISPARITY_RANGE, DISPARITY_TWIST)
+
+
+def _call(name: str, planes: ctypes.Array[PlaneStruct], picture: Picture, blocks: Blocks, size: int, *rest: Any) -> None:
+    blocks = np.ascontiguousarray(blocks)
+    getattr(native.library(), f"unisim_blocks_{name}")(
+        planes, len(planes), blocks.ctypes.data, len(blocks), picture.shape[1], size, *rest, native.threads()
+    )
+
+
+def plain_differ(picture: Picture, blocks: Blocks, size: int, spread: float) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Which blocks (N,) have corners that are not alike, and of which others their middles are to tell."""
+    rgb = picture.corners("rgb", blocks, size)
+    range_of = (rgb.max(0) - rgb.min(0)).max(1)
+    apart = range_of > CONTRAST * spread
+    if CROWDED in picture.values:
+        apart |= picture.corners(CROWDED, blocks, size).any(0)
+    for name in ("instance", "support"):
+        if name in picture.values:
+            values = picture.corners(name, blocks, size)
+            apart |= (values != values[0]).any(0)
+    if "depth" in picture.values:
+        disparity = 1 / picture.corners("depth", blocks, size)
+        largest = disparity.max(0)
+        twist = np.abs(disparity[0] + disparity[3] - disparity[1] - disparity[2])
+        apart |= (largest - disparity.min(0) > DISPARITY_RANGE * largest) | (twist > DISPARITY_TWIST * largest)
+    return apart, (range_of > spread) & ~apart
+
+
+def plain_foretold(picture: Picture, blocks: Blocks, size: int, spread: float) -> NDArray[np.bool_]:
+    """Whether what was traced in the middles of blocks (N,) is what stands at their corners."""
+    y, x = (blocks + size // 2).T
+    number = y * picture.shape[1] + x
+    rgb = picture.corners("rgb", blocks, size)
+    alike = np.abs(picture.values["rgb"][number] - rgb.mean(0)).max(1) <= FORETOLD * spread
+    for name in ("instance", "support"):
+        if name in picture.values:
+            alike &= picture.values[name][number] == picture.corners(name, blocks, size)[0]
+    if "depth" in picture.values:
+        disparity = 1 / picture.corners("depth", blocks, size)
+        alike &= np.abs(1 / picture.values["depth"][number] - disparity.mean(0)) <= DISPARITY_TWIST * disparity.max(0)
+    return alike
+
+
+def plain_fill(picture: Picture, blocks: Blocks, size: int) -> None:
+    """Values in blocks whose corners are alike, at pixels that were not traced: bilinear, and bent to a middle that was traced,
+    less and less towards the edges."""
+    steps = np.arange(size, dtype=np.float32) / np.float32(size)
+    tent = 1 - np.abs(2 * steps - 1)
+    tent = (tent[:, None] * tent).reshape(-1, 1)
+    v, u = (x.reshape(-1, 1) for x in np.meshgrid(steps, steps, indexing="ij"))
+    weights = np.stack([(1 - v) * (1 - u), (1 - v) * u, v * (1 - u), v * u])
+    y, x = blocks.T
+    inner = (np.arange(size)[:, None] * picture.shape[1] + np.arange(size)).reshape(-1, 1)
+    numbers = inner + (y * picture.shape[1] + x)
+    middle = numbers[size // 2 * (size + 1)]
+    asked = picture.known.reshape(-1)[middle]
+    unknown = ~picture.known.reshape(-1)[numbers]
+    numbers = numbers[unknown]
+    for name, values in picture.values.items():
+        corners = picture.corners(name, blocks, size)
+        if values.dtype.kind != "f":
+            # alike in all four
+            values[numbers] = np.broadcast_to(corners[0], unknown.shape)[unknown]
+            continue
+        at = 1 / corners if name == "depth" else corners
+        beside = (1,) * (at.ndim - 1)
+        mixed = sum(w.reshape(-1, *beside) * c for w, c in zip(weights, at, strict=True))
+        told = values[middle[asked]]
+        mixed[:, asked] += tent.reshape(-1, *beside) * ((1 / told if name == "depth" else told) - at[:, asked].mean(0))
+        mixed = mixed[unknown]
+        if name == "normal":
+            x, y, z = mixed.T
+            mixed /= np.maximum(np.sqrt(x * x + y * y + z * z), np.float32(1e-12))[:, None]
+        with np.errstate(divide="ignore"):
+            values[numbers] = 1 / mixed if name == "depth" else mixed

@@ -1,0 +1,316 @@
+"""What a recording observed of a volume: surfaces that it shows, free space that it looked through, the background behind it.
+
+A view from outside looks at places that no recorded ray reached, and a trained scene has noise there. Clipped to this, a view
+shows the static field from where its rays first enter space that a recorded ray passed through, in voxels that the recording
+shows, and the background in directions in which a recorded camera saw it. Everything else is unobserved.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Protocol, runtime_checkable
+from zipfile import BadZipFile
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .. import native
+from ..data.own_vehicle import Outline, outlines_from_json, shows_scene
+from ..errors import OutputError
+from ..files import cache_folder, partial_file
+from ..geometry import BoolArray, FloatArray, invert_pose, transform_points
+from ..model.scene_file import SceneHeader
+from ..model.weights import weights_hash
+from ..sensors.camera import camera_rays, pixel_grid
+from ..sensors.exposure import exposure_window
+from ..sensors.lidar import lidar_rays
+from ..sensors.rays import Rays
+from ..world.drive import Camera, Lidar
+from ..world.replay import DriveStates
+from .frames import RenderStats
+from .tracer import NEAR_M, Backend
+
+VERSION = 1
+"""Another one whenever the same scene gives another space."""
+MOST_FRAMES = 10
+"""Of each sensor, frames whose rays are followed."""
+COLUMNS, BEAMS = 128, 24
+"""About how many rays an image is wide, and how many beams of a sweep are followed."""
+AZIMUTHS, ELEVATIONS = 180, 90
+"""Parts of all directions by which the background is known, two degrees each way."""
+BESIDE = 2
+"""How many parts beside one in which the background was seen count like it."""
+MOST_KEPT = 64
+"""So many scenes' spaces stay in the cache folder."""
+
+
+Observed = tuple[SceneHeader, NDArray[Any], float]
+"""A scene's header, its voxels (X, Y, Z) that the recording shows, the voxels' edge in metres."""
+
+
+@runtime_checkable
+class Observing(Backend, Protocol):
+    """A backend of a trained scene, which notes what its recording shows."""
+
+    @property
+    def observed(self) -> Observed:
+        """What an observed space is made from."""
+        ...
+
+    def within(self, space: ObservedSpace, clip: bool) -> Backend:
+        """The same backend that tells by an observed space what is supported and, where ``clip``, shows nothing beside it."""
+        ...
+
+
+@dataclass(frozen=True)
+class ObservedSpace:
+    """``shown`` (X, Y, Z): voxels that images or LiDAR returns end in; ``passed`` (X, Y, Z): those that recorded rays pass
+    through before; ``background`` (elevations, azimuths): parts of the world's directions in which cameras saw past the
+    volume."""
+
+    volume_from_world: FloatArray
+    size_m: FloatArray
+    voxel_m: float
+    shown: BoolArray
+    passed: BoolArray
+    background: BoolArray
+
+    @cached_property
+    def _clearance(self) -> NDArray[np.uint8]:
+        """Chessboard distances (X, Y, Z), in voxels, to the nearest that was passed and is clear of what is shown, or less."""
+        return clearance(self.passed & ~self.shown)
+
+    def starts(self, rays: Rays) -> NDArray[np.float32]:
+        """Metres (N,) along rays (N,) to the first voxel that a recorded ray passed through; inf where there is none.
+
+        Where a ray comes from a place that none passed, what it meets first has to be clear of surfaces, too: beside these, where
+        rays went a little too far into a wall, its back would be seen.
+        """
+        o, d = (np.ascontiguousarray(x, np.float64) for x in self._into(rays))
+        first = self._first(o, d)
+        cell = np.floor(o / self.voxel_m).astype(np.int64)
+        inside = ((cell >= 0) & (cell < self.passed.shape)).all(1)
+        i, j, k = cell[inside].T
+        first[np.flatnonzero(inside)[self.passed[i, j, k]]] = NEAR_M
+        return first
+
+    def _first(self, o: FloatArray, d: FloatArray) -> NDArray[np.float32]:
+        """Metres along rays (N, 3), volume coordinates, to the first voxel of no clearance, by the kernel where it applies."""
+        library = native.library()
+        if library is None:
+            return self.first_reference(o, d)
+        out, size = np.empty(len(o), np.float32), np.ascontiguousarray(self.size_m, np.float64)
+        shape, clear = np.array(self.passed.shape, np.int32), self._clearance
+        library.unisim_first_marked(
+            o.ctypes.data, d.ctypes.data, len(o), NEAR_M, size.ctypes.data, clear.ctypes.data, shape.ctypes.data, self.voxel_m,
+            out.ctypes.data, native.threads(),
+        )  # fmt: skip
+        return out
+
+    def _into(self, rays: Rays) -> tuple[FloatArray, FloatArray]:
+        """Origins and directions (N, 3) in the volume's coordinates."""
+        return transform_points(self.volume_from_world, rays.origins), rays.directions @ self.volume_from_world[:3, :3].T
+
+    def first_reference(self, o: FloatArray, d: FloatArray) -> NDArray[np.float32]:
+        """The same in numpy."""
+        safe = np.where(np.abs(d) < 1e-9, 1e-9, d)
+        a, b = -o / safe, (self.size_m - o) / safe
+        t, far = np.minimum(a, b).max(1).clip(NEAR_M), np.maximum(a, b).min(1)
+        out = np.full(len(o), np.inf, np.float32)
+        number = np.flatnonzero(t < far)
+        fastest = np.abs(d).max(1)
+        clear, last = self._clearance, np.array(self.passed.shape) - 1
+        while len(number):
+            at = o[number] + t[number, None] * d[number]
+            i, j, k = np.clip((at / self.voxel_m).astype(np.int64), 0, last).T
+            free = clear[i, j, k]
+            there = free == 0
+            out[number[there]] = t[number[there]]
+            number, free = number[~there], free[~there]
+            # within a voxel less than the distance there is none; beside one the way goes on in half voxels
+            t[number] += np.maximum((free - 1.0) / fastest[number], 0.5) * self.voxel_m
+            number = number[t[number] < far[number]]
+        return out
+
+    def background_seen(self, directions: FloatArray) -> BoolArray:
+        """In which directions (N, 3), world frame, a recorded camera saw the background: (N,)."""
+        return np.asarray(self.background[direction_parts(directions)])
+
+    def supported(self, rays: Rays, depth_m: NDArray[Any], instance: NDArray[Any], clipped: bool) -> BoolArray:
+        """Which rays (N,) end at an actor, at something that the recording shows, or at a background that it saw. ``clipped``:
+        whether nothing but what the recording shows was met."""
+        out = instance > 0
+        number = np.flatnonzero(~out & np.isfinite(depth_m))
+        ends = rays.origins[number] + rays.directions[number] * depth_m[number, None].astype(np.float64)
+        x = transform_points(self.volume_from_world, ends)
+        inside = ((x >= 0) & (x <= self.size_m)).all(1)
+        number, x = number[inside], x[inside]
+        if clipped:
+            out[number] = True
+        else:
+            i, j, k = np.clip((x / self.voxel_m).astype(np.int64), 0, np.array(self.shown.shape) - 1).T
+            out[number] = self.shown[i, j, k]
+        past = instance <= 0
+        past[number] = False
+        out[past] = self.background_seen(rays.directions[past])
+        return out
+
+
+def direction_parts(directions: FloatArray) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Rows and columns (N,) of directions (N, 3) among the parts by which the background is known."""
+    elevation = np.arcsin(np.clip(directions[:, 2], -1, 1)) / np.pi + 0.5
+    azimuth = np.arctan2(directions[:, 1], directions[:, 0]) / (2 * np.pi) + 0.5
+    rows = np.clip((elevation * ELEVATIONS).astype(np.int64), 0, ELEVATIONS - 1)
+    return rows, (azimuth * AZIMUTHS).astype(np.int64) % AZIMUTHS
+
+
+def clearance(marked: BoolArray) -> NDArray[np.uint8]:
+    """Chessboard distances (X, Y, Z) in voxels to the nearest that is marked, at most 255; less where there are no kernels."""
+    library = native.library()
+    if library is not None:
+        closed, shape = np.ascontiguousarray(marked, np.uint8), np.array(marked.shape, np.int32)
+        out = np.empty_like(closed)
+        library.unisim_clearance(closed.ctypes.data, shape.ctypes.data, out.ctypes.data)
+        return out
+    out, reached = np.full(marked.shape, 8, np.uint8), marked
+    for distance in range(8):
+        out[reached & (out == 8)] = distance
+        reached = widened(reached)
+    return out
+
+
+def widened(marked: BoolArray) -> BoolArray:
+    """Voxels (X, Y, Z) that are marked, or next to one that is."""
+    for axis in range(marked.ndim):
+        out = marked.copy()
+        before, after = ([slice(None)] * marked.ndim for _ in range(2))
+        before[axis], after[axis] = slice(None, -1), slice(1, None)
+        out[tuple(after)] |= marked[tuple(before)]
+        out[tuple(before)] |= marked[tuple(after)]
+        marked = out
+    return marked
+
+
+def observe_space(backend: Backend, header: SceneHeader, shown: NDArray[Any], voxel_m: float) -> Iterator[float | ObservedSpace]:
+    """Follow rays of the recorded sensors through a trained scene: shares of the work done, and last the observed space.
+
+    ``shown`` (X, Y, Z) are the voxels that training noted as shown. Rays are a part of those that the scene was trained on.
+    """
+    made = _Observing(header, shown.shape, voxel_m)
+    drive, training = header.drive, header.training
+    frames = [frame for frame in training.get("frames", ()) if frame in drive.time_s] or list(drive.frames)
+    frames = frames[:: -(-len(frames) // MOST_FRAMES)]
+    outlines = outlines_from_json(training.get("own_vehicle"))
+    states = DriveStates(drive, backend.parked)
+    looks: list[tuple[Camera | Lidar, Callable[[float], Rays], float]] = []
+    for name in training.get("cameras", ()):
+        if (camera := drive.cameras.get(name)) is not None:
+            rays_at = _image_rays(camera, outlines.get(name))
+            looks += [(camera, rays_at, camera.time_s[frame]) for frame in frames if frame in camera.time_s]
+    for name in training.get("lidars", ()):
+        if (lidar := drive.lidars.get(name)) is not None and lidar.model.beams:
+            looks += [(lidar, _sweep_rays(lidar), lidar.time_s[frame]) for frame in frames if frame in lidar.time_s]
+    for done, (sensor, rays_at, time_s) in enumerate(looks):
+        yield done / len(looks)
+        rays, images = rays_at(time_s).flat().sound(), isinstance(sensor, Camera)
+        tracer = backend.bind(states.state(*exposure_window(sensor, time_s)))
+        made.add(rays, tracer.trace(rays, {"depth"}, images, None, RenderStats()).maps["depth"], images)
+    yield ObservedSpace(
+        made.volume_from_world, made.size_m, voxel_m, np.asarray(shown) > 0, closed(made.passed), spread(made.background)
+    )
+
+
+def _image_rays(camera: Camera, outline: tuple[Outline, int] | None) -> Callable[[float], Rays]:
+    """What gives some of the rays of a camera's image at a time, the recording vehicle's own body left out."""
+    u, v = pixel_grid(camera.model, max(1, camera.model.width // COLUMNS))
+    if outline is not None:
+        outside = shows_scene(*outline, u, v, (camera.model.width, camera.model.height))
+        u, v = u[outside], v[outside]
+    return lambda time_s: camera_rays(camera, time_s, u.reshape(1, -1), v.reshape(1, -1))
+
+
+def _sweep_rays(lidar: Lidar) -> Callable[[float], Rays]:
+    """What gives some of the beams of a LiDAR's sweep at a time."""
+    every, beside = max(1, lidar.model.beams // BEAMS), max(1, lidar.model.columns // 720)
+
+    def rays_at(time_s: float) -> Rays:
+        rays = lidar_rays(lidar, time_s)
+        return Rays(*(x[::every, ::beside] for x in (rays.origins, rays.directions, rays.time_s)))
+
+    return rays_at
+
+
+class _Observing:
+    """What rays found so far."""
+
+    def __init__(self, header: SceneHeader, shape: tuple[int, ...], voxel_m: float) -> None:
+        self.volume_from_world = invert_pose(np.asarray(header.volume["world_from_volume"], np.float64))
+        self.size_m, self.voxel_m = np.asarray(header.volume["size_m"], np.float64), voxel_m
+        self.passed = np.zeros(shape, bool)
+        self.background = np.zeros((ELEVATIONS, AZIMUTHS), bool)
+
+    def add(self, rays: Rays, depth_m: NDArray[Any], images: bool) -> None:
+        """Note what rays (N,) pass through before depths (N,), inf where nothing stops them; of images, the background too."""
+        o = transform_points(self.volume_from_world, rays.origins)
+        d = rays.directions @ self.volume_from_world[:3, :3].T
+        safe = np.where(np.abs(d) < 1e-9, 1e-9, d)
+        far = np.maximum(-o / safe, (self.size_m - o) / safe).min(1)
+        past = depth_m >= far
+        if images:
+            self.background[direction_parts(rays.directions[past])] = True
+        # a beam that does not return says nothing about its way
+        reach = np.where(past, far if images else 0.0, depth_m - self.voxel_m)
+        flat, shape = self.passed.reshape(-1), np.array(self.passed.shape)
+        order = np.argsort(-reach)
+        o, d, reach = o[order], d[order], reach[order]
+        for step in range(int(max(0.0, reach.max(initial=0.0)) / self.voxel_m) + 1):
+            t = (step + 0.5) * self.voxel_m
+            count = int(np.searchsorted(-reach, -t, side="left"))
+            cell = np.floor((o[:count] + t * d[:count]) / self.voxel_m).astype(np.int64)
+            cell = cell[((cell >= 0) & (cell < shape)).all(1)]
+            flat[(cell[:, 0] * shape[1] + cell[:, 1]) * shape[2] + cell[:, 2]] = True
+
+
+def closed(passed: BoolArray) -> BoolArray:
+    """Voxels (X, Y, Z) with the gaps between rays, a voxel wide or two, closed."""
+    padded = np.pad(passed, 1)
+    return ~widened(~widened(padded))[1:-1, 1:-1, 1:-1]
+
+
+def spread(background: BoolArray) -> BoolArray:
+    """Directions (elevations, azimuths) with those within `BESIDE` parts; azimuths go round."""
+    padded = np.pad(np.pad(background, ((0, 0), (BESIDE, BESIDE)), mode="wrap"), ((BESIDE, BESIDE), (0, 0)))
+    for _ in range(BESIDE):
+        padded = widened(padded)
+    return padded[BESIDE:-BESIDE, BESIDE:-BESIDE]
+
+
+def kept_space(header: SceneHeader, shown: NDArray[Any], voxel_m: float) -> ObservedSpace | None:
+    """A scene's observed space from the user's cache folder; None where it is not there or broken."""
+    with suppress(OSError, ValueError, KeyError, EOFError, BadZipFile), np.load(_file(header), allow_pickle=False) as found:
+        passed = np.unpackbits(found["passed"], count=shown.size).reshape(shown.shape).astype(bool)
+        background = np.unpackbits(found["background"], count=ELEVATIONS * AZIMUTHS).reshape(ELEVATIONS, AZIMUTHS).astype(bool)
+        empty = _Observing(header, (1, 1, 1), voxel_m)
+        return ObservedSpace(empty.volume_from_world, empty.size_m, voxel_m, np.asarray(shown) > 0, passed, background)
+    return None
+
+
+def keep_space(header: SceneHeader, space: ObservedSpace) -> None:
+    """Leave a scene's observed space in the user's cache folder, where that can be written."""
+    file = _file(header)
+    with suppress(OutputError, OSError):
+        with partial_file(file) as temporary, temporary.open("wb") as stream:
+            np.savez_compressed(stream, passed=np.packbits(space.passed), background=np.packbits(space.background))
+        for old in sorted(file.parent.glob("*.npz"), key=lambda path: path.stat().st_mtime)[:-MOST_KEPT]:
+            old.unlink(missing_ok=True)
+
+
+def _file(header: SceneHeader) -> Any:
+    about = json.dumps([VERSION, COLUMNS, BEAMS, MOST_FRAMES, header.training, header.volume], sort_keys=True, default=str)
+    told = f"{about} {weights_hash(header.path)}"
+    return cache_folder() / "observed" / f"{hashlib.sha256(told.encode()).hexdigest()}.npz"

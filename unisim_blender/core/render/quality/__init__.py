@@ -1,0 +1,1 @@
+"""What may be saved, and errors that are bounded."""

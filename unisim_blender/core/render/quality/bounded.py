@@ -1,0 +1,259 @@
+"""Frames whose error is bounded: the cheapest settings that keep it, as a sample of rays held against the truth says.
+
+A sweep's beams hang on nothing but themselves, so a sample of them, rendered at every settings and at the truth, says at most how
+large a quantile of all errors is, whatever their distribution. A picture's squared errors are another matter: one pixel in two
+thousand can hold half of their sum, and no sample of a frame meets enough of these. So settings are chosen by pixels of frames
+all over the drive, once for each camera; each picture is then checked by pixels of its own, more of them where it has edges, and
+what the worst pixels add to it is taken from the drive's. A frame's settings hang on the drive and on itself alone, never on what
+was rendered before.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...colour import lab_from_srgb
+from ...geometry import FloatArray
+from ...sensors.camera import pixel_grid
+from ..drive_renderer import DriveRenderer
+from ..frames import CameraFrame, LidarFrame
+from ..regions import Region
+from ..tracer import tiled
+from .max_error import Bound, Check, Promise, depth_errors, drawn, mean_at_most, quantile_check, sample_frames
+from .settings import LADDER, TRUTH, Quality
+
+BEAMS = 512
+"""Of a sweep that are held against the truth."""
+PIXELS = 1024
+"""So many pixels of each of `sample_frames` choose a camera's settings."""
+CHECKED = 900
+"""Pixels of each picture that are checked."""
+PATCH, PATCHES, CHECKED_PATCHES = 16, 2, 16
+"""The same where a pixel hangs on others: squares of so many pixels, of each frame and of each picture."""
+WORST = 0.02
+"""This share of a drive's pixels is too rare to be judged by one picture's sample."""
+WORST_MARGIN = 1.5
+"""How much more the worst pixels may add to a picture than to the drive's mean one."""
+OF_DRIVE, OF_PICTURE = 1.0, 2.5
+"""How many standard errors are added to a mean over the drive's pixels, and over a picture's."""
+START_MARGIN = 1.5
+"""Settings are tried first that the drive's pixels say keep the bound by so much: a second picture costs more."""
+
+Colours = NDArray[np.float64]
+
+
+class BoundedRenderer:
+    """Renders a drive so that ``bounds`` are kept; sensors that none is for at the renderer's own quality. ``seed`` is of the
+    samples."""
+
+    def __init__(self, renderer: DriveRenderer, bounds: Sequence[Bound], seed: int = 0) -> None:
+        self.renderer, self.seed = renderer, seed
+        self.of_depth = tuple(bound for bound in bounds if bound.unit == "mm")
+        self.of_colour = tuple(bound for bound in bounds if bound.unit != "mm")
+        self._drives: dict[tuple[str, int | None], _DrivePixels] = {}
+
+    def lidar(self, lidar_id: str, frame: int) -> LidarFrame:
+        """One sweep. Settings are tried on the sample alone, the cheapest first."""
+        if not self.of_depth:
+            return self.renderer.lidar(lidar_id, frame)
+        lidar, rays = self.renderer.sweep_rays(lidar_id, frame)
+        rays = rays.flat()
+        rng = np.random.default_rng([self.seed, frame, *lidar_id.encode()])
+        some = drawn(np.ones(len(rays.time_s)), BEAMS, rng)
+        sample = rays.origins[some], rays.directions[some], rays.time_s[some], None, lidar
+        with at_quality(self.renderer, TRUTH):
+            truth = self.renderer.rays_lidar(*sample)[0]
+        for name, quality in LADDER.items():
+            with at_quality(self.renderer, quality):
+                errors = depth_errors(self.renderer.rays_lidar(*sample)[0], truth)
+            promise = Promise(name, BEAMS, tuple(quantile_check(bound, errors) for bound in self.of_depth))
+            if promise.kept:
+                break
+        with at_quality(self.renderer, quality):
+            sweep = self.renderer.lidar(lidar_id, frame)
+        sweep.promise = promise
+        return sweep
+
+    def camera(self, camera_id: str, frame: int, passes: Sequence[str] = ("rgb",), width: int | None = None) -> CameraFrame:
+        """One image with the passes asked for. Bounds are of its colours."""
+        if not self.of_colour:
+            return self.renderer.camera(camera_id, frame, passes, width)
+        if (camera_id, width) not in self._drives:
+            self._drives[camera_id, width] = _DrivePixels(Patches(self.renderer, camera_id, width), self.seed)
+        drive = self._drives[camera_id, width]
+        patches, sample = drive.patches, None
+        scale = START_MARGIN
+        names = list(LADDER)
+        while True:
+            # what a picture showed of its own errors moves what is expected of those to come
+            name = next((n for n in names if drive.keeps(n, self.of_colour, scale)), names[-1])
+            with at_quality(self.renderer, LADDER[name]):
+                picture = self.renderer.camera(camera_id, frame, passes, width)
+            if sample is None:
+                rng = np.random.default_rng([self.seed, frame, *camera_id.encode()])
+                sample = _Checked(patches, frame, picture.rgb, rng)
+            checks = tuple(sample.check(bound, picture.rgb, drive.errors(name)) for bound in self.of_colour)
+            picture.promise = Promise(name, len(sample.units), checks)
+            names = names[names.index(name) + 1 :]
+            if picture.promise.kept or not names:
+                return picture
+            scale = max(1.0, max(check.most / max(drive.errors(name).at_most(check.bound), 1e-20) for check in checks))
+
+
+@contextmanager
+def at_quality(renderer: DriveRenderer, quality: Quality) -> Iterator[None]:
+    """Let a renderer have a quality."""
+    before = renderer.renderer.quality
+    renderer.renderer.quality = quality
+    try:
+        yield
+    finally:
+        renderer.renderer.quality = before
+
+
+def colour_errors(rgb: Colours, truth: Colours) -> dict[str, FloatArray]:
+    """Errors (N,) of colours (N, 3), by `Bound.unit`: mean squares, and colour differences."""
+    lab = [lab_from_srgb(np.asarray(x, np.float32)) for x in (rgb, truth)]
+    return {"dB": ((rgb - truth) ** 2).mean(-1), "dE": np.linalg.norm(lab[0] - lab[1], axis=-1)}
+
+
+@dataclass(frozen=True)
+class _Errors:
+    """Of a drive's pixels at one settings, by `Bound.unit`."""
+
+    of_pixels: dict[str, FloatArray]
+
+    def at_most(self, bound: Bound) -> float:
+        return mean_at_most(self.of_pixels[bound.unit], OF_DRIVE)
+
+    def cap(self, bound: Bound) -> float:
+        """The error that the WORST pixels exceed."""
+        return float(np.quantile(self.of_pixels[bound.unit], 1 - WORST))
+
+    def beyond(self, bound: Bound) -> float:
+        """What errors add to their mean by what they exceed the cap, at most."""
+        return mean_at_most(np.maximum(self.of_pixels[bound.unit] - self.cap(bound), 0), OF_DRIVE)
+
+
+class Patches:
+    """A camera's pictures as squares of ``side`` pixels: single pixels, where each hangs on its own ray alone."""
+
+    def __init__(self, renderer: DriveRenderer, camera_id: str, width: int | None) -> None:
+        self.renderer, self.width = renderer, width
+        self.camera = renderer.sized(camera_id, width)
+        states = (renderer.state(self.camera, time_s) for time_s in self.camera.time_s.values())
+        alone = all(renderer.renderer.alone(state, self.camera) for state in states)
+        self.side = 1 if alone else PATCH
+        w, h = self.camera.model.width, self.camera.model.height
+        self.pixels = h * w
+        self.rows, self.columns = -(-h // self.side), -(-w // self.side)
+
+    @cached_property
+    def order(self) -> NDArray[np.int64]:
+        """All patches, neighbours together."""
+        return tiled((self.rows, self.columns))
+
+    def region(self, unit: int) -> Region:
+        """A patch, by its number."""
+        y, x = (int(a) * self.side for a in divmod(unit, self.columns))
+        model = self.camera.model
+        return Region(x, y, min(model.width, x + self.side), min(model.height, y + self.side))
+
+    def owners(self, units: NDArray[np.int64]) -> NDArray[np.int64]:
+        """For every pixel of these patches the place of its patch in ``units``."""
+        areas = [(r.right - r.left) * (r.bottom - r.top) for r in map(self.region, units)] if self.side > 1 else 1
+        return np.repeat(np.arange(len(units)), areas)
+
+    def shown(self, picture: NDArray[np.float32], units: NDArray[np.int64]) -> Colours:
+        """What a picture (h, w, 3) shows in these patches (N, 3)."""
+        if self.side == 1:
+            return np.clip(picture.reshape(-1, 3)[units], 0, 1).astype(np.float64)
+        parts = [picture[r.top : r.bottom, r.left : r.right].reshape(-1, 3) for r in map(self.region, units)]
+        return np.clip(np.concatenate(parts), 0, 1).astype(np.float64)
+
+    def rendered(self, frame: int, units: NDArray[np.int64], quality: Quality) -> Colours:
+        """The same (N, 3), rendered for that, every pixel by a ray of its own."""
+        renderer, camera = self.renderer, self.camera
+        with at_quality(renderer, replace(quality, lattice=1)):
+            if self.side == 1:
+                u, v = (x.reshape(-1)[units] for x in pixel_grid(camera.model))
+                time_s = camera.time_s[frame]
+                colours = renderer.renderer.pixels(renderer.state(camera, time_s), camera, time_s, u, v)
+                return np.clip(colours, 0, 1).astype(np.float64)
+            parts = [
+                renderer.camera(camera.sensor_id, frame, width=self.width, region=region).rgb.reshape(-1, 3)
+                for region in map(self.region, units)
+            ]
+        return np.clip(np.concatenate(parts), 0, 1).astype(np.float64)
+
+
+class _DrivePixels:
+    """Patches of frames all over a drive, and their errors at the settings that were asked for."""
+
+    def __init__(self, patches: Patches, seed: int) -> None:
+        self.patches = patches
+        frames = sample_frames(patches.camera.time_s)
+        count = PIXELS if patches.side == 1 else PATCHES
+        rng = np.random.default_rng([seed, *patches.camera.sensor_id.encode()])
+        self._units = {frame: patches.order[drawn(np.ones(len(patches.order)), count, rng)] for frame in frames}
+        self._truth = self._rendered(TRUTH)
+        self._errors: dict[str, _Errors] = {}
+
+    def _rendered(self, quality: Quality) -> Colours:
+        return np.concatenate([self.patches.rendered(frame, units, quality) for frame, units in self._units.items()])
+
+    def errors(self, name: str) -> _Errors:
+        """At settings, by their name."""
+        if name not in self._errors:
+            self._errors[name] = _Errors(colour_errors(self._rendered(LADDER[name]), self._truth))
+        return self._errors[name]
+
+    def keeps(self, name: str, bounds: Sequence[Bound], scale: float) -> bool:
+        """Whether settings are expected to keep the bounds in a picture whose errors are ``scale`` times the drive's."""
+        return all(scale * self.errors(name).at_most(bound) <= bound.most for bound in bounds)
+
+
+class _Checked:
+    """Patches of a picture and their truth, drawn where the picture has edges more than elsewhere: there most errors are."""
+
+    def __init__(self, patches: Patches, frame: int, picture: NDArray[np.float32], rng: np.random.Generator) -> None:
+        self.patches = patches
+        weights = edges(picture)
+        weights += 0.5 * weights.mean() + 1e-6
+        side = patches.side
+        weights = np.add.reduceat(
+            np.add.reduceat(weights, np.arange(0, len(weights), side), 0), np.arange(0, weights.shape[1], side), 1
+        )
+        weights = weights.reshape(-1)[patches.order]
+        chosen = drawn(weights, CHECKED if side == 1 else CHECKED_PATCHES, rng)
+        self.units = patches.order[chosen]
+        self._owners = patches.owners(self.units)
+        self._scale = weights.sum() / (weights[chosen] * patches.pixels)
+        self._truth = patches.rendered(frame, self.units, TRUTH)
+
+    def _terms(self, of_pixels: FloatArray) -> FloatArray:
+        """What each patch says of the picture's mean (Hansen & Hurwitz 1943)."""
+        return np.bincount(self._owners, of_pixels, len(self.units)) * self._scale
+
+    def check(self, bound: Bound, picture: NDArray[np.float32], drive: _Errors) -> Check:
+        """A bound in a picture of the same frame, beside the drive's errors at the same settings."""
+        errors = colour_errors(self.patches.shown(picture, self.units), self._truth)[bound.unit]
+        terms, capped = self._terms(errors), self._terms(np.minimum(errors, drive.cap(bound)))
+        most = max(mean_at_most(terms, OF_PICTURE), mean_at_most(capped, OF_PICTURE) + WORST_MARGIN * drive.beyond(bound))
+        return Check(bound, float(terms.mean()), most)
+
+
+def edges(picture: NDArray[np.float32]) -> FloatArray:
+    """How far each pixel's colour (h, w, 3) is from its four neighbours' at most, the largest of its channels (h, w)."""
+    out = np.zeros(picture.shape[:2])
+    for a, b, axis in ((out[1:], out[:-1], 0), (out[:, 1:], out[:, :-1], 1)):
+        step = np.abs(np.diff(picture, axis=axis)).max(-1)
+        np.maximum(a, step, out=a)
+        np.maximum(b, step, out=b)
+    return out

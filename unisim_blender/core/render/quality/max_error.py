@@ -1,0 +1,144 @@
+"""Errors that a user bounds, and what a sample of a frame says about them."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import UnisimError
+from ...geometry import FloatArray
+
+BOUND = re.compile(r"(?:p(\d+(?:\.\d+)?):)?(\d+(?:\.\d+)?)\s*(mm|dB|dE)", re.IGNORECASE)
+UNITS = {"mm": "mm", "db": "dB", "de": "dE"}
+DOUBT = 0.002
+"""How often a bound on a quantile may be wrong."""
+SAMPLE_FRAMES = 16
+"""So many frames of a drive choose a camera's settings."""
+
+
+@dataclass(frozen=True)
+class Bound:
+    """``limit`` by ``unit``. mm: the ``quantile`` of the absolute depth error of a sweep's beams is at most that; beams that meet
+    something in the truth or in the render count, infinitely wrong where they do in one alone. dB: a picture's PSNR is at least
+    that. dE: the mean colour difference (CIE 1976) of its pixels is at most that."""
+
+    unit: str
+    limit: float
+    quantile: float = 0.5
+
+    @property
+    def most(self) -> float:
+        """The largest error that keeps the bound: in mm, as a mean squared error of colours in 0..1, as a colour difference."""
+        return 10 ** (-self.limit / 10) if self.unit == "dB" else self.limit
+
+    def shown(self, error: float) -> float | None:
+        """Such an error in the bound's unit, four digits of it; None where it is infinite."""
+        value = -10 * math.log10(max(error, 1e-20)) if self.unit == "dB" else error
+        return float(f"{value:.4g}") if math.isfinite(value) else None
+
+    def __str__(self) -> str:
+        return f"{'' if self.quantile == 0.5 else f'p{100 * self.quantile:g}:'}{self.limit:g}{self.unit}"
+
+
+@dataclass(frozen=True)
+class Check:
+    """What a sample says of a bound: the error's ``estimate``, and what it is at ``most``, as `Bound.most` counts."""
+
+    bound: Bound
+    estimate: float
+    most: float
+
+    @property
+    def kept(self) -> bool:
+        """Whether the bound is kept even then."""
+        return self.most <= self.bound.most
+
+
+@dataclass(frozen=True)
+class Promise:
+    """A frame's: the ``settings``' name in `quality.LADDER`, what was said of each bound, of how many rays or patches."""
+
+    settings: str
+    sample: int
+    checks: tuple[Check, ...] = field(default=())
+
+    @property
+    def kept(self) -> bool:
+        """Whether all bounds are."""
+        return all(check.kept for check in self.checks)
+
+    def to_json(self) -> dict[str, object]:
+        """As it stands in a manifest; errors in their bounds' units, null where they are infinite."""
+        errors = {
+            str(c.bound): {"estimate": c.bound.shown(c.estimate), "at_worst": c.bound.shown(c.most), "kept": c.kept}
+            for c in self.checks
+        }
+        return {"settings": self.settings, "sample": self.sample, "errors": errors, "kept": self.kept}
+
+
+def sample_frames(time_s: Collection[int]) -> list[int]:
+    """Return the frames, of those that a camera has, by whose pixels its settings are chosen."""
+    there = sorted(time_s)
+    return [there[i] for i in sorted({round(x) for x in np.linspace(0, len(there) - 1, SAMPLE_FRAMES)})]
+
+
+def parse_bounds(texts: Sequence[str]) -> tuple[Bound, ...]:
+    """Bounds as the command line writes them: "1mm", "p90:20mm", "40dB", "1.5dE". Raises `UnisimError`."""
+    found = []
+    for text in texts:
+        match = BOUND.fullmatch(text.strip())
+        if not match or float(match[2]) == 0 or (match[1] and (match[3].lower() != "mm" or not 0 < float(match[1]) < 100)):
+            raise UnisimError(
+                f'--max-error "{text}": must be a median depth error like 1mm, another percentile of it like p90:20mm, '
+                "a PSNR like 40dB, or a mean colour difference like 1.5dE, above 0"
+            )
+        found.append(Bound(UNITS[match[3].lower()], float(match[2]), float(match[1]) / 100 if match[1] else 0.5))
+    return tuple(sorted(set(found), key=str))
+
+
+def depth_errors(depth_m: NDArray[np.float32], truth_m: NDArray[np.float32]) -> FloatArray:
+    """Absolute errors in mm of depths (...), 0 where a ray meets nothing, as `Bound` counts them: of those that meet something in
+    either (M,)."""
+    a, b = (np.asarray(x, np.float64).reshape(-1) for x in (depth_m, truth_m))
+    both, either = (a > 0) & (b > 0), (a > 0) | (b > 0)
+    return np.where(both, np.abs(a - b) * 1e3, np.inf)[either]
+
+
+def quantile_check(bound: Bound, errors: FloatArray) -> Check:
+    """Of a stratified or simple random sample of errors (M,): the quantile, and the order statistic that the frame's quantile
+    exceeds with a probability of at most DOUBT, whatever the errors' distribution (David & Nagaraja, "Order Statistics", 7.1;
+    Hoeffding 1956 for strata). None met anything: no error."""
+    n = len(errors)
+    if n == 0:
+        return Check(bound, 0.0, 0.0)
+    ordered = np.sort(errors)
+    estimate = ordered[max(0, math.ceil(n * bound.quantile) - 1)]
+    rank = quantile_rank(n, bound.quantile)
+    return Check(bound, float(estimate), float(ordered[rank - 1]) if rank <= n else math.inf)
+
+
+def quantile_rank(n: int, quantile: float) -> int:
+    """The smallest k with P(B >= k) <= DOUBT, where B is binomial (n, quantile); n + 1 where there is none."""
+    k = np.arange(n + 1)
+    steps = np.log(np.arange(1, n + 1))
+    factorial = np.concatenate([[0.0], np.cumsum(steps)])
+    log = factorial[n] - factorial - factorial[::-1] + k * math.log(quantile) + (n - k) * math.log1p(-quantile)
+    above = np.cumsum(np.exp(log)[::-1])[::-1]
+    return int(np.argmax(above <= DOUBT)) if above[-1] <= DOUBT else n + 1
+
+
+def mean_at_most(terms: FloatArray, deviations: float) -> float:
+    """What the mean of such terms (N,) is taken to be at most: so many standard errors above theirs."""
+    return float(terms.mean() + deviations * terms.std(ddof=1) / math.sqrt(len(terms)))
+
+
+def drawn(weights: FloatArray, count: int, rng: np.random.Generator) -> NDArray[np.int64]:
+    """Numbers (count,) of units, drawn in proportion to their weights (N,), one in each of as many equal parts of their sum."""
+    sums = np.cumsum(weights)
+    places = (np.arange(count) + rng.random(count)) / count * sums[-1]
+    return np.minimum(np.searchsorted(sums, places, side="right"), len(sums) - 1)

@@ -1,0 +1,112 @@
+"""What the renderer asks of whatever traces rays: the compiled kernels with numpy alone, or torch, the reference and a GPU's way.
+
+Rays are in the world frame, float64. Arrays are numpy's, but for what only the tracer itself reads again: that may stay where it
+computes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..geometry import FloatArray
+from ..meshes.meeting import Met
+from ..sensors.rays import Rays
+from ..world.drive import Box
+from ..world.state import WorldState
+from .actor_sets import Cast
+from .frames import RenderStats
+from .quality.settings import Quality
+
+Array = NDArray[np.float32]
+Own = Any
+"""An array (N, ...) or torch's tensor: only the tracer that made it looks into it."""
+Maps = dict[str, NDArray[Any]]
+"""One array (N, ...) for each pass."""
+NEAR_M = 0.5
+"""Nothing nearer to a sensor is looked at."""
+SIDE = 8
+"""Of the square of rays that are traced together."""
+EDGE_CELLS = 8
+"""How far past its edges a guest is carried on, for the decoder to look at."""
+UNIFORM_STEP_M = 0.2
+"""What saved samples are counted beside: a march through the volume in steps of this length."""
+
+
+@dataclass
+class Found:
+    """What rays (N,) met. feature (N, F) composited, the far field and the sky included where they were asked for; depth_m (N,)
+    the mean distance of what stopped the ray, 0 where nothing did; opacity (N,); maps, one array (N, ...) for each pass."""
+
+    feature: Own
+    depth_m: Own
+    opacity: Own
+    maps: Maps
+    guest_features: list[Own] = field(default_factory=list)
+    """For each guest scene, by weight, features (N, F') of its own."""
+    guest_opacity: list[Own] = field(default_factory=list)
+    """How much of each ray (N,) each guest scene's actors stop."""
+    without_guests: Own | None = None
+    """``feature`` as if no guest and no mesh were there; None where none is."""
+    mesh_opacity: Array | None = None
+    """How much of each ray (N,) meshes stop; None where there are none."""
+
+
+class Backend(Protocol):
+    """Trained scenes, or what else rays are traced through, loaded once. It knows no drive: `bind` makes it ready for a state of
+    the world, in a few milliseconds."""
+
+    quality: Quality
+    """What may be saved, where nobody says otherwise."""
+    parked: Mapping[str, Box]
+    """Boxes of actors that stood still throughout the recording, by their ids: the static field does not hold them."""
+    sees_all: bool
+    """Whether a frame depends on actors out of its view."""
+
+    def bind(self, state: WorldState) -> Tracer:
+        """Return what traces rays through the scene in this state. Raises `SceneError` for actors that no scene holds."""
+
+
+class Tracer(Protocol):
+    """A scene in a state of the world, ready for rays."""
+
+    upsample: int
+    """Image pixels along one edge of a cell of the feature map."""
+    reach: int
+    """How many cells away a pixel of `image` can depend on."""
+    cast: Cast
+    """The actors of the state, by the scene that their looks come from."""
+    quality: Quality
+    """What may be saved; it may be changed between two calls."""
+    trained_width: int | None
+    """Width in pixels of the images that the scene learnt from; None for the recorded one."""
+
+    def trace(self, rays: Rays, passes: set[str], sky: bool, met: Met | None, stats: RenderStats) -> Found:
+        """What rays (h, w), or (N,), meet, as flat arrays, with maps of these passes and no other. ``sky`` asks for what gives a
+        camera its background, ``met`` is where the rays meet meshes."""
+
+    def image(self, found: Found, directions: FloatArray, camera_id: str, shape: tuple[int, ...]) -> Array:
+        """The picture (h up, w up, 3) in 0..1, display-referred sRGB, of cells in ``shape`` (h, w), directions (h w, 3)."""
+
+    def returns(self, found: Found, directions: FloatArray) -> tuple[Array, Array]:
+        """A LiDAR's intensities in 0..1 (N,), and the probabilities (N,) of a return."""
+
+    def heights(self, points: FloatArray) -> FloatArray:
+        """How high points (N, 3), world frame, are above the ground (N,), metres."""
+
+
+def tiled(shape: tuple[int, ...]) -> NDArray[np.int64]:
+    """Numbers of rays (h, w), or (N,), so ordered that neighbours come together: near rays ask for the same rows."""
+    numbers = np.arange(int(np.prod(shape)), dtype=np.int64).reshape(shape)
+    if len(shape) < 2:
+        return numbers
+    h, w = shape
+    rows, columns = -(-h // SIDE) * SIDE, -(-w // SIDE) * SIDE
+    padded = np.full((rows, columns), -1, np.int64)
+    padded[:h, :w] = numbers
+    order = padded.reshape(rows // SIDE, SIDE, columns // SIDE, SIDE).swapaxes(1, 2).reshape(-1)
+    return np.ascontiguousarray(order[order >= 0])

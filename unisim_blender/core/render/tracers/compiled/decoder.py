@@ -1,0 +1,197 @@
+"""Composited features to what a sensor measures, with numpy and the compiled kernels. `decode.py` is the specification."""
+
+from __future__ import annotations
+
+import ctypes
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .... import native
+from ....errors import SceneError, UnisimError
+from ....model.config import ModelConfig
+from ....model.weights import Weights
+from ...tracer import Array
+from .structs import floats
+
+SH_WIDTH = 16
+"""Length of a direction's spherical harmonics."""
+CODE = 4
+"""Length of a camera's code."""
+LIDAR_EXTRAS = 2
+"""What the LiDAR head gets beside feature and direction: depth and opacity."""
+
+
+class Decoder:
+    """The heads and the camera decoder of a trained scene.
+
+    ``weights`` are those of its file, float16 or float32, ``cameras`` how many have codes. ``half`` lets convolutions take
+    bfloat16 where build and processor can; ``threads`` is `native.threads` where it is not given. Bits depend on neither the
+    number of threads nor on what else is decoded at the same time.
+    """
+
+    def __init__(
+        self, weights: Weights, config: ModelConfig, cameras: int, half: bool = False, threads: int | None = None
+    ) -> None:
+        library = native.library()
+        if library is None:
+            raise UnisimError("the compiled decoder needs the compiled kernels: run make setup, and leave UNISIM_NATIVE=0 away")
+        if config.decoder_kernel % 2 == 0:
+            raise SceneError(f"decoder_kernel is {config.decoder_kernel}, not an odd number")
+        self._library, self._config, self._half = library, config, half
+        self._threads = native.threads() if threads is None else threads
+        f, hidden, c, up = config.features, config.hidden, config.decoder_channels, config.upsample
+
+        def get(name: str, *shape: int) -> Array:
+            return floats(weights.array(name, shape))
+
+        def perceptron(name: str, *widths: int) -> list[_Layer]:
+            layers = []
+            for i, (into, out) in enumerate(pairwise(widths)):
+                bias = get(f"{name}.{2 * i}.bias", out) if i + 2 == len(widths) else None
+                layers.append(_Layer(get(f"{name}.{2 * i}.weight", out, into)[..., None, None], bias))
+            return layers
+
+        def convolution(name: str, out: int, kernel: int) -> _Layer:
+            return _Layer(get(f"camera_decoder.{name}.weight", out, c, kernel, kernel), get(f"camera_decoder.{name}.bias", out))
+
+        k = config.decoder_kernel
+        self.reach = config.decoder_blocks * 2 * (k // 2) + min(k, 3) // 2
+        """How many feature cells away an output pixel can depend on."""
+        self._codes = get("ray_head.codes", max(cameras, 1), CODE)
+        self._ray = perceptron("ray_head.network", f + SH_WIDTH + CODE, hidden, c)
+        blocks = [f"blocks.{i}.{part}" for i in range(config.decoder_blocks) for part in ("first", "second")]
+        last = convolution("last", 3 * up**2, min(k, 3))
+        # a cell's pixels by row, column and colour, as they lie in the picture
+        order = np.arange(3 * up**2).reshape(3, up, up).transpose(1, 2, 0).reshape(-1)
+        assert last.bias is not None
+        self._convolutions = [*(convolution(name, c, k) for name in blocks), _Layer(last.weight[order], last.bias[order])]
+        self._lidar = _Head(f, LIDAR_EXTRAS, perceptron("lidar_head.network", f + SH_WIDTH + LIDAR_EXTRAS, hidden, hidden, 2))
+        self._sample = None
+        if config.head == "sample":
+            self._sample = _Head(f, 0, perceptron("sample_head", f + SH_WIDTH, hidden, hidden, f))
+
+    def image(self, features: NDArray[Any], directions: NDArray[Any], camera: int = -1) -> Array:
+        """The picture (h up, w up, 3) in 0..1, display-referred sRGB, of features (h, w, F) seen along unit directions (h, w, 3).
+
+        ``camera`` numbers the camera codes; -1 stands for a camera that was not trained and takes their mean.
+        """
+        h, w = directions.shape[:2]
+        features, directions = _contiguous(features, (h, w, self._config.features)), _contiguous(directions, (h, w, 3))
+        code = self._codes.mean(0) if camera < 0 else self._codes[camera]
+        # a code that all pixels share is a bias
+        first, behind = self._ray[0].weight, self._config.features + SH_WIDTH
+        head = _Head(self._config.features, 0, [_Layer(first[:, :behind], first[:, behind:, 0, 0] @ code), *self._ray[1:]])
+        layers = _structs(self._convolutions)
+        up = self._config.upsample
+        out = np.empty((h * up, w * up, 3), np.float32)
+        self._library.unisim_decode_image(
+            ctypes.byref(head.struct), layers, len(layers), up, features.ctypes.data, directions.ctypes.data, h, w,
+            out.ctypes.data, self._half, self._threads,
+        )  # fmt: skip
+        return out
+
+    def returns(
+        self, feature: NDArray[Any], directions: NDArray[Any], depth_m: NDArray[Any], opacity: NDArray[Any]
+    ) -> tuple[Array, Array]:
+        """Intensity in 0..1 (N,) and the logit of a return (N,).
+
+        feature (N, F), directions (N, 3) unit, depth_m and opacity (N,).
+        """
+        extra = np.stack([np.log1p(np.asarray(depth_m, np.float32)) / np.float32(5), np.asarray(opacity, np.float32)], -1)
+        out = self._run(self._lidar, feature, directions, extra)
+        return sigmoid(out[:, 0]), out[:, 1]
+
+    @property
+    def sample_head(self) -> int | None:
+        """Where the head's structure lies that has the view direction enter at every sample; None where it enters once a ray."""
+        return None if self._sample is None else ctypes.addressof(self._sample.struct)
+
+    def _run(self, head: _Head, feature: NDArray[Any], directions: NDArray[Any], extra: Array) -> Array:
+        n = len(directions)
+        feature, directions = _contiguous(feature, (n, self._config.features)), _contiguous(directions, (n, 3))
+        extra, out = _contiguous(extra, (n, head.struct.extras)), np.empty((n, head.outputs), np.float32)
+        self._library.unisim_head_forward(
+            ctypes.byref(head.struct),
+            feature.ctypes.data,
+            directions.ctypes.data,
+            extra.ctypes.data,
+            n,
+            out.ctypes.data,
+            self._threads,
+        )
+        return out
+
+
+class _Layer:
+    """A convolution's weight (O, I, k, k) and bias (O,), or none, in the form that the kernels read."""
+
+    def __init__(self, weight: Array, bias: Array | None) -> None:
+        self.weight, self.bias = np.ascontiguousarray(weight), bias
+        outputs, inputs, kernel = self.weight.shape[:3]
+        self.struct = native.LayerStruct(
+            inputs, outputs, kernel, self.weight.ctypes.data, None if bias is None else bias.ctypes.data
+        )
+
+
+def _structs(layers: list[_Layer]) -> ctypes.Array[native.LayerStruct]:
+    return (native.LayerStruct * len(layers))(*(layer.struct for layer in layers))
+
+
+class _Head:
+    """A perceptron of features, a direction and extras, in the form that the kernels read."""
+
+    def __init__(self, features: int, extras: int, layers: list[_Layer]) -> None:
+        self.layers, self.outputs = layers, len(layers[-1].weight)
+        self._structs = _structs(layers)
+        self.struct = native.HeadStruct(features, extras, len(layers), ctypes.addressof(self._structs))
+
+
+def _contiguous(values: NDArray[Any], shape: tuple[int, ...]) -> Array:
+    if values.shape != shape:
+        raise ValueError(f"an array of shape {values.shape}, not {shape}")
+    return np.ascontiguousarray(values, dtype=np.float32)
+
+
+def sigmoid(x: Array) -> Array:
+    """1 / (1 + exp(-x)), elementwise: exp of the negative magnitude never overflows."""
+    e = np.exp(-np.abs(x))
+    return np.where(x >= 0, 1, e) / (1 + e)
+
+
+def spread_over_edges(feature: NDArray[Any], share: NDArray[Any], cells: int) -> Array:
+    """A guest's features (h, w, F), divided by its share of the ray (h, w) and carried ``cells`` past its edges.
+
+    A cell that it has no share of takes the mean of the nine about it, those beyond the image counting as empty.
+    """
+    f, a = (np.pad(np.asarray(x, np.float32), [(1, 1), (1, 1), (0, 0)][: x.ndim]) for x in (feature, share))
+    inner = f[1:-1, 1:-1], a[1:-1, 1:-1]
+    for _ in range(cells):
+        # elsewhere the mean is what is there already
+        there = (a != 0) | f.any(-1)
+        rows, columns = np.nonzero((inner[1] < 1e-3) & np.logical_or.reduce(list(_neighbours(there))))
+        means = [sum(x[rows + i, columns + j] for i in range(3) for j in range(3)) / np.float32(9) for x in (f, a)]
+        for x, mean in zip(inner, means, strict=True):
+            x[rows, columns] = mean
+    spread: Array = inner[0] / np.maximum(inner[1], np.float32(1e-3))[..., None]
+    return spread
+
+
+def _neighbours(padded: NDArray[Any]) -> list[NDArray[Any]]:
+    h, w = padded.shape[0] - 2, padded.shape[1] - 2
+    return [padded[i : i + h, j : j + w] for i in range(3) for j in range(3)]
+
+
+def resized(image: NDArray[Any], shape: tuple[int, int]) -> Array:
+    """An image (h, w, C) at another ``shape`` (h', w'), bilinear, its corners' outer edges staying where they are."""
+    out = np.asarray(image, np.float32)
+    for axis, size in enumerate(shape):
+        n = out.shape[axis]
+        at = np.maximum((np.arange(size, dtype=np.float32) + np.float32(0.5)) * np.float32(n / size) - np.float32(0.5), 0)
+        before = at.astype(np.int64)
+        weight: Array = (at - before.astype(np.float32)).reshape(-1, *(1,) * (out.ndim - axis - 1))
+        below = out.take(before, axis)
+        out = below + (out.take(np.minimum(before + 1, n - 1), axis) - below) * weight
+    return out

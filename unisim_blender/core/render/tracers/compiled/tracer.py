@@ -1,0 +1,241 @@
+"""Rays traced with numpy and the compiled kernels: `tracer.Tracer` without torch, whose `TorchTracer` is the specification."""
+
+from __future__ import annotations
+
+import copy
+import ctypes
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .... import native
+from ....geometry import FloatArray
+from ....meshes.meeting import Met
+from ....model.constants import OPAQUE, WHOLE
+from ....sensors.rays import Rays, sound_directions
+from ....world.drive import Box
+from ....world.replay import parked_boxes
+from ....world.state import WorldState
+from ...actor_sets import gather_cast
+from ...frames import RenderStats
+from ...observed_space import Observed, ObservedSpace
+from ...quality.settings import QUALITY, Quality
+from ...tracer import EDGE_CELLS, NEAR_M, UNIFORM_STEP_M, Array, Found, Maps, tiled
+from .cast import CompiledCast
+from .decoder import resized, sigmoid, spread_over_edges
+from .scene import CompiledScene
+from .structs import FoundStruct, MeshHitsStruct, RaysStruct, SamplingStruct, address, doubles, floats
+
+CHUNK_RAYS = 1 << 18
+"""So many at a time: between two chunks Python can be interrupted."""
+EVERY = 16
+"""One in so many rays is looked at to say how much was saved."""
+WIDENING = 0.02
+"""How much longer the march's steps may be for each metre of distance, as a share: what is far is small in the picture."""
+LEAST_SLOPE = 0.2
+"""Behind a surface the distance is taken to fall by at least this much a metre."""
+LEAST_STEP_M = 0.01
+SPLIT_WEIGHT = 0.2
+"""An interval that stops less of a ray than this is not halved."""
+
+
+class CompiledBackend:
+    """Trained scenes as the kernels read them, loaded once: a `tracer.Backend`. ``others`` are scenes by path, for actors that
+    come from them."""
+
+    sees_all = False
+
+    def __init__(
+        self, scene: CompiledScene, quality: Quality = QUALITY["balanced"], others: Mapping[str, CompiledScene] | None = None
+    ) -> None:
+        self.scene, self.others = scene, dict(others or {})
+        self.quality = quality
+        self.parked: Mapping[str, Box] = parked_boxes(scene.header.drive)
+        self.space: ObservedSpace | None = None
+        self.clipped = False
+
+    @property
+    def observed(self) -> Observed:
+        """See `observed_space.Observing`."""
+        return self.scene.header, self.scene.observed, self.scene.config.voxel_m
+
+    def within(self, space: ObservedSpace, clip: bool) -> CompiledBackend:
+        """See `observed_space.Observing`."""
+        other = copy.copy(self)
+        other.space, other.clipped = space, clip
+        return other
+
+    def bind(self, state: WorldState) -> CompiledTracer:
+        """See `tracer.Backend`."""
+        return CompiledTracer(self, state)
+
+
+class CompiledTracer:
+    """A `tracer.Tracer`: a backend's scenes in a state of the world."""
+
+    def __init__(self, backend: CompiledBackend, state: WorldState) -> None:
+        scene, others = backend.scene, backend.others
+        self.scene, self.quality = scene, backend.quality
+        self.space, self.clipped = backend.space, backend.clipped
+        self.cast = gather_cast(state, {"": scene.looks, **{path: other.looks for path, other in others.items()}})
+        self._guests = [others[path] for path in self.cast.guests]
+        self._cast = CompiledCast(self.cast, scene, others)
+        self.upsample, self.trained_width = scene.config.upsample, scene.header.training.get("width")
+        # decoders that look aside see past a guest's edges
+        alone = all(s.decoder.reach == 0 and s.config.upsample == 1 for s in (scene, *self._guests))
+        self._edge = 0 if alone else EDGE_CELLS
+        self.reach = scene.decoder.reach + (self._edge if self._guests else 0)
+
+    def trace(self, rays: Rays, passes: set[str], sky: bool, met: Met | None, stats: RenderStats) -> Found:
+        """See `tracer.Tracer`."""
+        order = tiled(rays.time_s.shape)
+        # of a list the order is its own, and its parts need no copies
+        listed, flat = rays.time_s.ndim < 2, rays.flat().sound()
+        rays = Rays(doubles(flat.origins), doubles(flat.directions), doubles(flat.time_s))
+        n, features = len(rays.time_s), self.scene.config.features
+        found = Found(np.empty((n, features), np.float32), np.empty(n, np.float32), np.empty(n, np.float32), {})
+        found.guest_features = [np.empty((n, guest.config.features), np.float32) for guest in self._guests]
+        found.guest_opacity = [np.empty(n, np.float32) for _ in self._guests]
+        if met is not None or self._guests:
+            found.without_guests = np.empty_like(found.feature)
+        if met is not None:
+            found.mesh_opacity = np.empty(n, np.float32)
+        starts = self.space.starts(flat) if self.space is not None and self.clipped else None
+        maps: Maps = {}
+        if passes & {"depth", "support"}:
+            maps["depth"] = np.empty(n, np.float32)
+        if passes & {"instance", "support"}:
+            maps["instance"] = np.empty(n, np.int32)
+        if "normal" in passes:
+            maps["normal"] = np.empty((n, 3), np.float32)
+        for begin in range(0, n, CHUNK_RAYS):
+            part = order[begin : begin + CHUNK_RAYS]
+            at = slice(begin, begin + CHUNK_RAYS) if listed else part
+            some = Rays(rays.origins[at], rays.directions[at], rays.time_s[at])
+            self._run(rays, part, some, sky, met, found, maps, stats, starts)
+        solid = found.opacity > 0.5
+        if "depth" in maps:
+            maps["depth"][~solid] = np.inf
+        if "opacity" in passes:
+            maps["opacity"] = found.opacity
+        if self.space is not None and "support" in passes:
+            maps["support"] = ~self.space.supported(flat, maps["depth"], maps["instance"], self.clipped)
+        elif "support" in passes:
+            ends = rays.origins + rays.directions * np.nan_to_num(maps["depth"], posinf=1e6)[:, None].astype(np.float64)
+            maps["support"] = ~(self.scene.supported(ends) | (maps["instance"] > 0))
+        found.maps = {name: values for name, values in maps.items() if name in passes}
+        return found
+
+    def _run(
+        self,
+        rays: Rays,
+        order: NDArray[np.int64],
+        some: Rays,
+        sky: bool,
+        met: Met | None,
+        found: Found,
+        maps: Maps,
+        stats: RenderStats,
+        starts: Array | None = None,
+    ) -> None:
+        """Traces the rays of these numbers, which are ``some``, into the arrays of ``found`` and ``maps``."""
+        library = native.library()
+        assert library is not None
+        struct = RaysStruct(len(order), *map(address, (rays.origins, rays.directions, rays.time_s, order, starts)))
+        cast, _kept, skipped = self._cast.struct(some)
+        meshes = None if met is None else _MeshHits(met)
+        samples = np.zeros(1, np.int64)
+        guests = len(self._guests)
+        out = FoundStruct(
+            *map(address, (found.feature, found.depth_m, found.opacity)),
+            *(address(maps.get(name)) for name in ("depth", "instance", "normal")),
+            address(found.without_guests),
+            ctypes.addressof(features := (ctypes.c_void_p * guests)(*map(address, found.guest_features))),
+            ctypes.addressof(opacities := (ctypes.c_void_p * guests)(*map(address, found.guest_opacity))),
+            address(found.mesh_opacity),
+            address(samples),
+        )
+        scene = self.scene.observed_struct if self.clipped else self.scene.struct
+        library.unisim_trace(
+            ctypes.byref(scene), ctypes.byref(cast), ctypes.byref(struct),
+            None if meshes is None else ctypes.byref(meshes.struct), ctypes.byref(self._sampling(sky)), ctypes.byref(out),
+            native.threads(),
+        )  # fmt: skip
+        del features, opacities
+        stats.rays += len(order)
+        stats.actors_skipped += skipped
+        stats.samples_spent += int(samples[0])
+        stats.samples_saved += max(0, self._uniform(some) - int(samples[0]))
+
+    def _sampling(self, sky: bool) -> SamplingStruct:
+        s, q = self.scene.config.samples, self.quality
+
+        def count(n: int, times: float) -> int:
+            return max(2, round(n * times))
+
+        placed = (count(n, q.samples) for n in (s.static_proposals, s.static, s.actor_proposals, s.actor))
+        far = (count(n, q.far) for n in (s.far_proposals, s.far))
+        return SamplingStruct(
+            *placed, *far, near_m=NEAR_M, opaque=q.opaque, far_opaque=max(OPAQUE, 1.5 * q.opaque), far=1, sky=int(sky),
+            stride_m=q.stride_m, widening=WIDENING, relaxation=q.relaxation, least_slope=LEAST_SLOPE,
+            least_step_m=LEAST_STEP_M, splits=q.splits, split_weight=SPLIT_WEIGHT,
+        )  # fmt: skip
+
+    def _uniform(self, rays: Rays) -> int:
+        """How many samples a march through the volume in even steps would take, by some of the rays."""
+        rays = Rays(*(x[::EVERY] for x in (rays.origins, rays.directions, rays.time_s)))
+        o = self.scene.into_volume(rays.origins)
+        d = self.scene.into_volume(rays.directions) - self.scene.into_volume(np.zeros((1, 3)))
+        safe = np.where(np.abs(d) < 1e-9, 1e-9, d)
+        a, b = -o / safe, (self.scene.volume.size_m - o) / safe
+        near, far = np.minimum(a, b).max(1).clip(NEAR_M), np.maximum(a, b).min(1)
+        return EVERY * int(np.ceil(np.maximum(far - near, 0) / UNIFORM_STEP_M).sum())
+
+    def image(self, found: Found, directions: FloatArray, camera_id: str, shape: tuple[int, ...]) -> Array:
+        """See `tracer.Tracer`."""
+        cells = sound_directions(directions).reshape(*shape, 3)
+
+        def picture(scene: CompiledScene, feature: Array) -> Array:
+            code = scene.cameras.index(camera_id) if camera_id in scene.cameras else -1
+            return scene.decoder.image(feature.reshape(*shape, -1), cells, code)
+
+        rgb = picture(self.scene, found.feature if found.without_guests is None else found.without_guests)
+        size = rgb.shape[0], rgb.shape[1]
+        for i, guest in enumerate(self._guests):
+            # each scene's features are its own decoder's: the pictures are laid over each other, not the features
+            share = found.guest_opacity[i].clip(0, 1).reshape(*shape)
+            feature = spread_over_edges(found.guest_features[i].reshape(*shape, -1), share, self._edge)
+            other, alpha = picture(guest, feature), resized(share[..., None], size)
+            rgb += alpha * (resized(other, size) - rgb)
+        return rgb
+
+    def returns(self, found: Found, directions: FloatArray) -> tuple[Array, Array]:
+        """See `tracer.Tracer`."""
+        directions = sound_directions(directions)
+        intensity, logit = self.scene.decoder.returns(found.feature, directions, found.depth_m, found.opacity)
+        for i, guest in enumerate(self._guests):
+            share = found.guest_opacity[i].clip(0, 1)
+            own = found.guest_features[i] / share.clip(1e-3)[:, None]
+            theirs = guest.decoder.returns(own, directions, found.depth_m, found.opacity)
+            intensity, logit = (a + share * (b - a) for a, b in zip((intensity, logit), theirs, strict=True))
+        # what meets nothing returns nothing
+        return intensity, sigmoid(logit) * (found.opacity > 0.5)
+
+    def heights(self, points: FloatArray) -> FloatArray:
+        """See `tracer.Tracer`."""
+        return self.scene.height_above_ground(points)
+
+
+class _MeshHits:
+    """Where rays meet meshes, as the kernels read it."""
+
+    def __init__(self, met: Met) -> None:
+        share = np.minimum(met.share, 1 - WHOLE)
+        self._arrays: list[NDArray[Any]] = [
+            np.ascontiguousarray(met.ray, np.int64),
+            *map(floats, (met.t, -np.log1p(-share), met.normals)),
+            np.ascontiguousarray(met.actor, np.int32),
+        ]
+        self.struct = MeshHitsStruct(len(met.ray), *map(address, self._arrays))

@@ -1,0 +1,290 @@
+"""Surfels made of a log: returns gathered, faces laid on them, painted from the images, drops counted."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator, Iterator, Sequence
+from typing import NamedTuple, TypeVar
+
+import numpy as np
+
+from ....data.log import Log, Sweep
+from ....data.own_vehicle import Outline
+from ....errors import LogError
+from ....geometry import FloatArray
+from ....model.constants import CLEARANCE_M, GROUND_CELL_M, VEHICLES
+from ....sensors.rays import Rays
+from ....world.drive import Actor
+from ....world.replay import with_windows
+from ...tracer import NEAR_M
+from .cloud import Cloud, cube_keys, gather_sweep, part_of, summed
+from .colours import Painter
+from .drops import DropTable
+from .exposure import Exposures
+from .ground import HeightGrid, height_grid
+from .model import SurfelScene, SurfelSet, SurfelSettings, joined, make_faces
+from .planes import Neighbours
+from .stage import NOBODY, STATIC, Stage, carried
+from .views import open_view, outline_in
+
+NEIGHBOURS, RADIUS_M = 200, 0.2
+"""A normal is that of at most so many points this near; where they are fewer than `FEW`, of `FEW_RADIUS_M`."""
+FEW, FEW_RADIUS_M, FEW_NEIGHBOURS = 8, 0.6, 24
+FEET_M = 3 * CLEARANCE_M
+"""So far up an actor's box what returned may be the road under it."""
+MIRROR_M = 0.2
+"""A vehicle's other side counts where nothing of this one is as near."""
+GAP_M, GAPS_WITHIN_M = 0.2, 30.0
+"""Ground gets a face in squares of this edge where none lies yet, so near the vehicle's way."""
+SPACING_OF = 6
+"""How densely points lie is told by the distance to this many neighbours."""
+FLAT = 0.15
+"""Faces grow where points deviate from their plane by less than this share of the distance between them."""
+SPACING = 1.1
+"""A face's corners are as far from its middle as so many times that distance."""
+BATCH = 1 << 17
+IMAGES = 16
+"""Of each camera, spread over the way, that faces are painted from."""
+IMAGE_WIDTH, DEPTH_WIDTH = 960, 320
+DROP_SWEEPS = 6
+
+
+PRUNING_SWEEPS, PRUNING_ROUNDS = 12, 2
+THROUGH_M, THROUGH_SHARE = 0.3, 0.01
+"""A beam that returned farther away than this behind a face went through it."""
+
+
+class Step(NamedTuple):
+    """How far a build is: what it does now, and the share that is done."""
+
+    text: str
+    share: float
+
+
+def build_surfels(log: Log, settings: SurfelSettings, frames: Sequence[int] | None = None) -> Iterator[Step | SurfelScene]:
+    """Steps, and at last the scene. ``frames`` are those whose sweeps and images are looked at; all where None.
+
+    Raises `LogError` where there is no sweep to make surfels of.
+    """
+    drive = log.drive
+    chosen = set(drive.frames if frames is None else frames)
+    sweeps = [(name, frame) for name in drive.lidars for frame in log.sweep_frames(name) if frame in chosen]
+    if not sweeps:
+        raise LogError(f"{log.path}: has no LiDAR sweep to make surfels of")
+    actors = with_windows(drive, drive.actors.values())
+    static, own = Cloud(), [Cloud() for _ in actors]
+    feet: list[tuple[int, Sweep, FloatArray, FloatArray]] = []
+    for number, (name, frame) in enumerate(sweeps):
+        yield Step("Gathering LiDAR returns", 0.4 * number / len(sweeps))
+        sweep = log.sweep(name, frame)
+        owner, places = gather_sweep(drive, actors, sweep, drive.time_s[frame])
+        still = owner < 0
+        static.add(sweep.points[still], sweep.intensity[still], sweep.origins[still])
+        for index in np.unique(owner[~still]).tolist():
+            mine = np.flatnonzero(owner == index)
+            origins = carried(actors[index], sweep.time_s[mine], sweep.origins[mine], back=True)
+            # what may be the road under an actor is told apart once the road is known
+            low = places[mine, 2] < -actors[index].size_m[2] / 2 + FEET_M
+            own[index].add(places[mine[~low]], sweep.intensity[mine[~low]], origins[~low])
+            feet.append((index, part_of(sweep, mine[low]), places[mine[low]], origins[low]))
+    static.merge()
+    ground = height_grid(static.points)
+    for index, sweep, places, origins in feet:
+        above = sweep.points[:, 2] > ground.at(sweep.points) + CLEARANCE_M
+        own[index].add(places[above], sweep.intensity[above], origins[above])
+        static.add(sweep.points[~above], sweep.intensity[~above], sweep.origins[~above])
+    sets = {}
+    for number, (actor, cloud) in enumerate(zip(actors, own, strict=True)):
+        if number % 16 == 0:
+            yield Step("Laying faces on actors", 0.4 + 0.05 * number / len(actors))
+        sets[actor.uid] = _exhausted(_faces(_mirrored(cloud, actor) if settings.mirror else _fine(cloud), settings))
+    laid = yield from _told(_faces(_fine(static), settings), "Laying faces", 0.45, 0.1)
+    everywhere = joined([laid, _gaps(laid, ground, drive.world_from_ego.positions)])
+    yield Step("Sorting faces", 0.55)
+    stage = Stage(everywhere, [(actor, sets[actor.uid]) for actor in actors])
+    _ = everywhere.triangles  # made once: it takes seconds
+    beams = [(name, frame) for name, frame in sweeps if drive.lidars[name].model.beams]
+    for number, (name, frame) in enumerate(_spread(beams, PRUNING_SWEEPS)):
+        yield Step("Removing what beams went through", 0.57 + 0.05 * number / PRUNING_SWEEPS)
+        stage = _pruned(stage, log, name, frame)
+    everywhere = stage.static
+    sets = {actor.uid: faces for actor, faces in stage.placed}
+    painter = Painter(stage)
+    outlines: dict[str, tuple[Outline, int]] = {}
+    for name in drive.cameras:
+        yield Step("Looking for the vehicle itself", 0.62)
+        outlines |= outline_in(log, name, chosen)
+    images = [(name, frame) for name in drive.cameras for frame in _chosen_images(log, name, chosen)]
+    for number, (name, frame) in enumerate(images):
+        yield Step("Painting faces from images", 0.63 + 0.32 * number / len(images))
+        painter.paint(open_view(log, name, frame, IMAGE_WIDTH, DEPTH_WIDTH, stage, actors, outlines))
+    gains = painter.gains()
+    times = [drive.cameras[name].time_s[frame] for name, frame in images]
+    exposures = Exposures.of([name for name, _ in images], times, gains)
+    painter.finish(gains)
+    dome, dome_seen = painter.dome(gains)
+    drops = DropTable.empty()
+    for name, frame in _spread(beams, DROP_SWEEPS):
+        yield Step("Counting dropped beams", 0.97)
+        drops = _count_drops(drops, log, name, frame, stage)
+    yield SurfelScene(settings, everywhere, sets, ground, dome, dome_seen, drops, outlines, exposures)
+
+
+def finished(steps: Iterator[Step | SurfelScene], on_step: Callable[[Step], object] = lambda step: None) -> SurfelScene:
+    """The scene at the end of its build."""
+    for step in steps:
+        if isinstance(step, SurfelScene):
+            return step
+        on_step(step)
+    raise AssertionError("a build ends with its scene")
+
+
+def _told(faces: Generator[float, None, SurfelSet], text: str, begin: float, span: float) -> Generator[Step, None, SurfelSet]:
+    """The same work, its shares told as steps."""
+    while True:
+        try:
+            yield Step(text, begin + span * next(faces))
+        except StopIteration as end:
+            return end.value
+
+
+def _exhausted(faces: Generator[float, None, SurfelSet]) -> SurfelSet:
+    steps = _told(faces, "", 0.0, 1.0)
+    while True:
+        try:
+            next(steps)
+        except StopIteration as end:
+            return end.value
+
+
+class _Returns(NamedTuple):
+    """Points (N, 3), their intensities (N,) and where they were seen from (N, 3)."""
+
+    points: FloatArray
+    intensity: FloatArray
+    sensors: FloatArray
+
+
+def _fine(cloud: Cloud) -> _Returns:
+    cloud.merge()
+    return _Returns(cloud.points, cloud.intensity, cloud.sensors)
+
+
+def _mirrored(cloud: Cloud, actor: Actor) -> _Returns:
+    """A vehicle's returns, and those of its other side where this one has none near."""
+    own = _fine(cloud)
+    if not any(word in actor.label.lower() for word in VEHICLES) or len(own.points) == 0:
+        return own
+    flip = np.array([1.0, -1.0, 1.0])
+    other = _Returns(own.points * flip, own.intensity, own.sensors * flip)
+    lonely = Neighbours(own.points.astype(np.float32), MIRROR_M).planes(other.points.astype(np.float32), 1).number == 0
+    return _Returns(*(np.concatenate([a, b[lonely]]) for a, b in zip(own, other, strict=True)))
+
+
+def _faces(returns: _Returns, settings: SurfelSettings) -> Generator[float, None, SurfelSet]:
+    """Shares done, and at last faces on returns that were thinned to `FINE_M`."""
+    key, total = summed(
+        cube_keys(returns.points, settings.voxel_m),
+        np.concatenate([returns.points, returns.intensity[:, None], returns.sensors, np.ones((len(returns.points), 1))], 1),
+    )
+    total = total / total[:, 7:] if len(key) else total
+    places, intensity, sensors = total[:, :3], total[:, 3], total[:, 4:7]
+    about, wide = (Neighbours(returns.points.astype(np.float32), radius) for radius in (RADIUS_M, FEW_RADIUS_M))
+    sparse = Neighbours(places.astype(np.float32), settings.grown_m)
+    normals, spacing = np.zeros((len(places), 3), np.float32), np.zeros(len(places))
+    for begin in range(0, len(places), BATCH):
+        yield begin / len(places)
+        part = slice(begin, begin + BATCH)
+        at = places[part].astype(np.float32)
+        planes = about.planes(at, NEIGHBOURS)
+        normal, height, rough = planes.normal.copy(), planes.height_m.copy(), planes.rough_m.copy()
+        few = np.flatnonzero(planes.number < FEW)
+        if len(few):
+            more = wide.planes(at[few], FEW_NEIGHBOURS)
+            normal[few], height[few], rough[few] = more.normal, more.height_m, more.rough_m
+        to_sensor = sensors[part] - places[part]
+        to_sensor /= np.maximum(np.linalg.norm(to_sensor, axis=1, keepdims=True), 1e-9)
+        none = (normal == 0).all(1)
+        normal[none] = to_sensor[none]
+        places[part] += normal * np.clip(height, -settings.voxel_m / 2, settings.voxel_m / 2)[:, None]
+        normals[part] = np.where(np.einsum("ni,ni->n", normal, to_sensor)[:, None] < 0, -normal, normal)
+        near = sparse.planes(at, SPACING_OF + 1)
+        # what stands alone, or on no plane, stays small
+        flat = (near.number > SPACING_OF) & (rough < FLAT * near.reach_m)
+        spacing[part] = np.where(flat, near.reach_m, 0.0)
+    radius = np.clip(SPACING * spacing, settings.face_m, max(settings.grown_m, settings.face_m))
+    return make_faces(places, normals, radius, intensity)
+
+
+def _gaps(faces: SurfelSet, ground: HeightGrid, way: FloatArray) -> SurfelSet:
+    """Faces on the ground near the vehicle's way (N, 3) where none lies: between the LiDAR's rings, and under things that stood
+    there throughout. Nothing returned there; the ground goes on as beside."""
+    x, y = np.nonzero(ground.known)
+    cells = np.stack([x, y], 1) * GROUND_CELL_M + ground.low
+    reach = np.full(len(cells), np.inf)
+    for place in way[:: max(1, len(way) // 40), :2]:
+        reach = np.minimum(reach, np.linalg.norm(cells - place, axis=1))
+    cells = cells[reach < GAPS_WITHIN_M]
+    offsets = (np.arange(GROUND_CELL_M / GAP_M) + 0.5) * GAP_M - GROUND_CELL_M / 2
+    inside = np.stack(np.meshgrid(offsets, offsets, indexing="ij"), -1).reshape(-1, 2)
+    points = np.concatenate([(cells[:, None] + inside).reshape(-1, 2), np.zeros((len(cells) * len(inside), 1))], 1)
+    points[:, 2] = ground.at(points)
+    centres = faces.centres
+    low = np.abs(centres[:, 2] - ground.at(centres)) < 3 * CLEARANCE_M
+    about = Neighbours(centres[low].astype(np.float32), GAP_M / 2)
+    points = points[about.planes(points.astype(np.float32), 1).number == 0]
+    n = len(points)
+    up = np.tile(np.array([[0, 0, 1]], np.float32), (n, 1))
+    level = float(np.median(faces.intensity[low])) if low.any() else 0.1
+    return make_faces(points, up, np.full(n, 1.3 * GAP_M), np.full(n, level), np.zeros(n, bool))
+
+
+def _chosen_images(log: Log, camera: str, chosen: set[int]) -> list[int]:
+    """Of a camera's images those that are spread over the way that the vehicle goes."""
+    frames = [frame for frame in log.image_frames(camera) if frame in chosen]
+    if len(frames) <= IMAGES:
+        return frames
+    ego = log.drive.world_from_ego.at(np.array([log.drive.time_s[frame] for frame in frames]))[:, :3, 3]
+    # a vehicle that stands sees others pass: time counts too
+    way = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(ego, axis=0), axis=1) + 0.05)]
+    wanted = np.linspace(0, way[-1], IMAGES)
+    return sorted({frames[int(np.abs(way - at).argmin())] for at in wanted})
+
+
+Item = TypeVar("Item")
+
+
+def _spread(items: Sequence[Item], count: int) -> list[Item]:
+    """At most ``count`` of the items, evenly."""
+    if len(items) <= count:
+        return list(items)
+    return [items[i] for i in sorted(set(np.linspace(0, len(items) - 1, count).round().astype(int).tolist()))]
+
+
+def _pruned(stage: Stage, log: Log, name: str, frame: int) -> Stage:
+    """The stage less faces that a sweep's beams went through more often than they returned there."""
+    grid = log.sweep_grid(name, frame)
+    rays = Rays(grid.origins[grid.returned], grid.directions[grid.returned], grid.time_s[grid.returned])
+    depth = grid.depth_m[grid.returned].astype(np.float64)
+    for _ in range(PRUNING_ROUNDS):
+        met = stage.first(rays, NEAR_M)
+        through = met.t < depth * (1 - THROUGH_SHARE) - THROUGH_M
+        sets = {STATIC: stage.static, **{number: faces for number, (_, faces) in enumerate(stage.placed)}}
+        for owner in np.unique(met.owner[through]).tolist():
+            mine, count = met.owner == owner, len(sets[owner])
+            passed = np.bincount(met.face[mine & through], minlength=count)
+            stopped = np.bincount(met.face[mine & ~through], minlength=count)
+            sets[owner] = sets[owner].without(passed > stopped)
+        static = sets.pop(STATIC)
+        stage = Stage(static, [(actor, sets[number]) for number, (actor, _) in enumerate(stage.placed)])
+    return stage
+
+
+def _count_drops(drops: DropTable, log: Log, name: str, frame: int, stage: Stage) -> DropTable:
+    grid = log.sweep_grid(name, frame)
+    cells = ~grid.blocked
+    rays = Rays(grid.origins[cells], grid.directions[cells], grid.time_s[cells])
+    met = stage.first(rays, NEAR_M)
+    hit = met.owner != NOBODY
+    cosine = np.abs(np.einsum("ni,ni->n", stage.normals(met, rays), rays.directions))
+    intensity = stage.gathered(met, "intensity", (), np.float64)
+    return drops.counted(met.t[hit], cosine[hit], intensity[hit], grid.returned[cells][hit])

@@ -1,0 +1,92 @@
+"""Surfels on disk, made once of each log: a folder that may be deleted at any time."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import shutil
+import tempfile
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict
+from pathlib import Path
+
+from ....data.log import Log
+from ....errors import OutputError
+from ....files import CACHE_VARIABLE, cache_folder, sha256_of_file
+from ....sequence.plan import code_digest
+from .build import Step, build_surfels
+from .model import FORMAT_VERSION, SurfelScene, SurfelSettings, load_surfels, save_surfels
+
+NOT_SURFELS = ("bench", "commands", "compare", "evaluate", "metrics", "rigs", "street", "training", "worker")
+"""What takes no part in making surfels of a log."""
+MOST_KEPT = 32
+"""So many logs' surfels stay in the cache folder."""
+
+
+def surfels_of(log: Log, settings: SurfelSettings, frames: Sequence[int] | None = None) -> Iterator[Step | SurfelScene]:
+    """Steps of the build, none where the surfels are kept already, and at last the scene, mapped from disk.
+
+    Raises `LogError`, and `OutputError` where the folder cannot be written.
+    """
+    folder = cache_folder() / "surfels" / build_key(log, settings, frames)
+    if (kept := _kept(folder)) is not None:
+        yield kept
+        return
+    for step in build_surfels(log, settings, frames):
+        if not isinstance(step, SurfelScene):
+            yield step
+            continue
+        yield Step("Writing surfels", 0.99)
+        try:
+            folder.parent.mkdir(parents=True, exist_ok=True)
+            temporary = Path(tempfile.mkdtemp(prefix=".making-", dir=folder.parent))
+            try:
+                save_surfels(step, temporary)
+                # of two that made the same, the first stays
+                if _kept(folder) is None:
+                    shutil.rmtree(folder, ignore_errors=True)
+                    temporary.rename(folder)
+                _forget_oldest(folder)
+            finally:
+                shutil.rmtree(temporary, ignore_errors=True)
+        except OSError as fault:
+            raise OutputError(
+                f"{folder}: surfels cannot be kept there: {fault.strerror or fault}; {CACHE_VARIABLE} names another folder"
+            ) from fault
+        kept = _kept(folder)
+        yield step if kept is None else kept
+
+
+def _forget_oldest(new: Path) -> None:
+    """Remove the surfels that were made the longest ago, of those beyond MOST_KEPT."""
+    others = [path for path in new.parent.iterdir() if path.is_dir() and path != new and not path.name.startswith(".")]
+    for old in sorted(others, key=lambda path: path.stat().st_mtime)[: max(0, len(others) + 1 - MOST_KEPT)]:
+        shutil.rmtree(old, ignore_errors=True)
+
+
+def _kept(folder: Path) -> SurfelScene | None:
+    try:
+        return load_surfels(folder)
+    except (OSError, EOFError, ValueError, KeyError, IndexError, TypeError, AttributeError, RecursionError):
+        return None
+
+
+def build_key(log: Log, settings: SurfelSettings, frames: Sequence[int] | None) -> str:
+    """A digest of all that surfels depend on."""
+    document = {
+        "version": FORMAT_VERSION,
+        "code": code_digest(NOT_SURFELS),
+        "log": log_digest(log.path),
+        "settings": asdict(settings),
+        "frames": None if frames is None else sorted(frames),
+    }
+    return hashlib.sha256(json.dumps(document, sort_keys=True).encode()).hexdigest()[:32]
+
+
+def log_digest(path: Path) -> str:
+    """One digest of a log's files: names and sizes of all, what is in the small ones. It is the same wherever the log lies."""
+    digest = hashlib.sha256()
+    for file in sorted(p for p in path.rglob("*") if p.is_file()):
+        content = sha256_of_file(file) if file.suffix == ".json" else ""
+        digest.update(f"{file.relative_to(path).as_posix()}\0{file.stat().st_size}\0{content}\n".encode())
+    return digest.hexdigest()

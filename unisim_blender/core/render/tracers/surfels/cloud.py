@@ -1,0 +1,108 @@
+"""A log's returns of all sweeps, what stands still and each actor's own apart, thinned as they are gathered."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, fields
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ....data.log import Sweep
+from ....geometry import FloatArray, invert_pose
+from ....world.drive import Actor, Drive
+
+FINE_M = 0.04
+"""Returns in one cube of this edge become one point, their mean: what range noise there is averages out."""
+MARGIN_M = np.array([0.15, 0.15, 0.1])
+"""What is this far outside an actor's box is the actor's too: annotated boxes are tight."""
+SLACK_M = 4.0
+"""How far an actor may be, at a return's time, from where it is at the sweep's."""
+MERGE_POINTS = 1 << 21
+
+
+@dataclass
+class Cloud:
+    """Points as sums: key (N,) of cubes, rising; total (N, 8) of x, y, z, intensity, the sensor's x, y, z, and 1."""
+
+    edge_m: float = FINE_M
+    key: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
+    total: FloatArray = field(default_factory=lambda: np.zeros((0, 8)))
+    _waiting: list[tuple[NDArray[np.int64], FloatArray]] = field(default_factory=list)
+    _count: int = 0
+
+    def add(self, points: FloatArray, intensity: NDArray[np.float32], origins: FloatArray) -> None:
+        """Returns (N, 3) with intensities (N,) that rays from origins (N, 3) had."""
+        rows = np.concatenate([points, intensity[:, None], origins, np.ones((len(points), 1))], 1)
+        self._waiting.append((cube_keys(points, self.edge_m), rows))
+        self._count += len(points)
+        if self._count >= MERGE_POINTS:
+            self.merge()
+
+    def merge(self) -> None:
+        """Sum what is in one cube."""
+        if self._waiting:
+            key = np.concatenate([self.key, *(key for key, _ in self._waiting)])
+            rows = np.concatenate([self.total, *(rows for _, rows in self._waiting)])
+            self.key, self.total = summed(key, rows)
+            self._waiting, self._count = [], 0
+
+    @property
+    def points(self) -> FloatArray:
+        """Means (N, 3)."""
+        return self.total[:, :3] / self.total[:, 7:]
+
+    @property
+    def intensity(self) -> FloatArray:
+        """Mean intensities (N,)."""
+        return self.total[:, 3] / self.total[:, 7]
+
+    @property
+    def sensors(self) -> FloatArray:
+        """Mean places (N, 3) that they were seen from."""
+        return self.total[:, 4:7] / self.total[:, 7:]
+
+
+def cube_keys(points: FloatArray, edge_m: float) -> NDArray[np.int64]:
+    """One number (N,) for each cube of that edge, of points (N, 3) within 40 km of the origin."""
+    cell = np.floor(points / edge_m).astype(np.int64) + (1 << 20)
+    return (cell[:, 0] << 42) | (cell[:, 1] << 21) | cell[:, 2]
+
+
+def summed(key: NDArray[np.int64], rows: FloatArray) -> tuple[NDArray[np.int64], FloatArray]:
+    """The different keys, rising, and the sums of their rows."""
+    if len(key) == 0:
+        return key, rows
+    order = np.argsort(key, kind="stable")
+    key, rows = key[order], rows[order]
+    first = np.flatnonzero(np.r_[True, key[1:] != key[:-1]])
+    return key[first], np.add.reduceat(rows, first, 0)
+
+
+def part_of(sweep: Sweep, rows: NDArray[np.int64]) -> Sweep:
+    """Some of a sweep's returns."""
+    return Sweep(*(getattr(sweep, f.name)[rows] for f in fields(sweep)))
+
+
+def gather_sweep(drive: Drive, actors: Sequence[Actor], sweep: Sweep, time_s: float) -> tuple[NDArray[np.int64], FloatArray]:
+    """Which of the actors each return (N,) belongs to, -1 for none, and its place (N, 3) in that actor's box, or in the world.
+    ``time_s`` is the sweep's."""
+    owner, places = np.full(len(sweep.points), -1), sweep.points.copy()
+    order = np.argsort(sweep.points[:, 0], kind="stable")
+    rising = sweep.points[order, 0]
+    for number, actor in enumerate(actors):
+        start, end = drive.window(actor)
+        if not start - SLACK_M / 10 <= time_s <= end + SLACK_M / 10:
+            continue
+        centre = actor.world_from_actor.at(time_s)[:3, 3]
+        reach = np.linalg.norm(actor.size_m) / 2 + (SLACK_M if actor.is_moving else 0.3)
+        near = order[slice(*np.searchsorted(rising, [centre[0] - reach, centre[0] + reach]))]
+        near = near[(np.abs(sweep.points[near] - centre) < reach).all(1) & (owner[near] < 0)]
+        near = near[(sweep.time_s[near] >= start) & (sweep.time_s[near] <= end)]
+        if len(near) == 0:
+            continue
+        inside = invert_pose(actor.world_from_actor.at(sweep.time_s[near]))
+        local = np.einsum("nij,nj->ni", inside[:, :3, :3], sweep.points[near]) + inside[:, :3, 3]
+        mine = (np.abs(local) <= actor.size_m / 2 + MARGIN_M).all(1)
+        owner[near[mine]], places[near[mine]] = number, local[mine]
+    return owner, places

@@ -1,0 +1,99 @@
+"""How images differ in exposure, told by the places that several of them show.
+
+A camera that looks at the bright sky and one that looks at a shaded wall are exposed otherwise, and faces that are painted from
+both would be a patchwork.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ....geometry import FloatArray
+
+ROUNDS = 20
+DARKEST, BRIGHTEST = 8.0, 247.0
+"""Values beyond which an image tells nothing."""
+ODD = 0.15
+"""Places whose colours differ by this share, by more than exposure, count half: what shines, what was hidden after all."""
+PRIOR = 10.0
+"""So many places would have to say otherwise to move an image half of the way from no difference at all."""
+
+
+@dataclass(frozen=True)
+class Looks:
+    """What images show of places: place (N,) and image (N,) numbers, colour (N, 3) in 0..255."""
+
+    place: NDArray[np.int64]
+    image: NDArray[np.int64]
+    colour: NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class Exposures:
+    """By camera, times (K,), increasing, and gains (K, 3) of what it recorded then; cameras that recorded nothing have none."""
+
+    by_camera: dict[str, tuple[FloatArray, FloatArray]] = field(default_factory=dict)
+
+    @staticmethod
+    def of(cameras: Sequence[str], times_s: Sequence[float], gains: FloatArray) -> Exposures:
+        """Of images (I,): their cameras, times and gains (I, 3)."""
+        found = {}
+        for name in dict.fromkeys(cameras):
+            own = np.array([i for i, camera in enumerate(cameras) if camera == name])
+            own = own[np.argsort(np.array(times_s)[own], kind="stable")]
+            found[name] = np.array(times_s)[own], gains[own]
+        return Exposures(found)
+
+    def at(self, camera: str, time_s: FloatArray) -> FloatArray:
+        """Gains (N, 3) of a camera at times (N,), between the recorded ones; 1 of a camera that has none."""
+        if camera not in self.by_camera:
+            return np.ones((len(time_s), 3))
+        times, gains = self.by_camera[camera]
+        return np.stack([np.interp(time_s, times, gains[:, k]) for k in range(3)], -1)
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain values."""
+        return {name: {"time_s": times.tolist(), "gain": gains.tolist()} for name, (times, gains) in self.by_camera.items()}
+
+    @staticmethod
+    def from_json(value: dict[str, Any]) -> Exposures:
+        """The other way round."""
+        return Exposures({name: (np.array(one["time_s"]), np.array(one["gain"])) for name, one in value.items()})
+
+
+def exposure_gains(looks: Looks, images: int) -> FloatArray:
+    """Gains (images, 3), about 1, by which the images' colours are to be divided so that they agree about places.
+
+    Least squares of ``log colour = place + image`` by turns, robust to places that look otherwise from elsewhere (Cauchy's
+    weights; Holland and Welsch, "Robust regression using iteratively reweighted least-squares", 1977). What all images have in
+    common is no exposure: each channel's mean gain over what is shown is 1.
+    """
+    log_gain = np.zeros((images, 3))
+    usable = ((looks.colour > DARKEST) & (looks.colour < BRIGHTEST)).all(1)
+    _, place = np.unique(looks.place[usable], return_inverse=True)
+    image, colour = looks.image[usable], np.log(looks.colour[usable].astype(np.float64))
+    if len(place) == 0:
+        return np.exp(log_gain)
+    weight = np.ones(len(place))
+    for _ in range(ROUNDS):
+        mean = _means(place, weight, colour - log_gain[image])
+        residual = colour - mean[place]
+        log_gain = _means(image, weight, residual, images, PRIOR)
+        log_gain -= np.average(log_gain, axis=0, weights=np.bincount(image, minlength=images))
+        odd = np.abs(residual - log_gain[image]).max(1)
+        weight = 1 / (1 + (odd / ODD) ** 2)
+    return np.exp(log_gain)
+
+
+def _means(
+    group: NDArray[np.int64], weight: FloatArray, values: FloatArray, groups: int | None = None, prior: float = 1e-9
+) -> FloatArray:
+    """Weighted means (G, 3) of values (N, 3) by group (N,), drawn to 0 by ``prior``."""
+    count = int(group.max()) + 1 if groups is None else groups
+    total = np.bincount(group, weight, count) + prior
+    return np.stack([np.bincount(group, weight * values[:, k], count) for k in range(3)], -1) / total[:, None]

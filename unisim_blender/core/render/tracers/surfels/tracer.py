@@ -1,0 +1,195 @@
+"""Rays traced through a drive of surfels: a `tracer.Tracer` that needs no trained scene."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ....errors import SceneError
+from ....geometry import BoolArray, FloatArray, Trajectory, invert_pose, points_in_box, transform_points
+from ....meshes.meeting import Met
+from ....sensors.rays import Rays
+from ....world.drive import Box, Drive
+from ....world.replay import parked_boxes
+from ....world.state import WorldState
+from ...actor_sets import gather_cast
+from ...frames import RenderStats
+from ...quality.settings import QUALITY, Quality
+from ...tracer import NEAR_M, Array, Found, Maps
+from .cloud import MARGIN_M
+from .colours import dome_cell, dome_colours
+from .model import SurfelScene, SurfelSet
+from .stage import NOBODY, Meeting, Stage
+
+CHUNK_RAYS = 1 << 18
+"""So many at a time: between two chunks Python can be interrupted."""
+NOWHERE = Trajectory(np.zeros(1), np.zeros((1, 3)), np.array([[1.0, 0, 0, 0]]))
+
+
+class SurfelBackend:
+    """Surfels of a recorded drive, loaded once: a `tracer.Backend`. ``recorded`` is the drive that they were made of."""
+
+    sees_all = False
+
+    def __init__(self, scene: SurfelScene, recorded: Drive, quality: Quality = QUALITY["balanced"]) -> None:
+        self.scene, self.recorded, self.quality = scene, recorded, quality
+        self.parked: Mapping[str, Box] = parked_boxes(recorded)
+        self._world: tuple[object, SurfelSet, list[SurfelSet]] | None = None
+
+    def bind(self, state: WorldState) -> SurfelTracer:
+        """See `tracer.Backend`. Raises `SceneError` for actors that the log does not hold."""
+        return SurfelTracer(self, state)
+
+    def static_world(self, state: WorldState) -> tuple[SurfelSet, list[SurfelSet]]:
+        """Return what stands still, without what removed boxes hold, and what each of the static copies is. Those of the last
+        state are kept: sorting faces takes seconds."""
+        key = replace(state, start_s=0.0, end_s=0.0, world_from_ego=NOWHERE, actors=()).digest
+        if self._world is None or self._world[0] != key:
+            static, centres = self.scene.static, self.scene.static.centres
+            edited = state.removed_boxes or state.static_copies
+            upright = self.scene.upright if edited else np.zeros(0, bool)
+            gone = np.zeros(len(static), bool)
+            for box in state.removed_boxes:
+                gone |= upright & _inside(centres, box)
+            copies = [self._copied(upright, centres, copy.source) for copy in state.static_copies]
+            self._world = key, static.without(gone), copies
+        return self._world[1], self._world[2]
+
+    def _copied(self, upright: BoolArray, centres: FloatArray, box: Box) -> SurfelSet:
+        """Return what stands still above the ground in a box, in the box's axes."""
+        part = self.scene.static.of(upright & points_in_box(centres, box.world_from_box, box.size_m))
+        inward = invert_pose(box.world_from_box)
+        vertices = transform_points(inward, part.vertices.astype(np.float64)).astype(np.float32)
+        normals = (part.normals @ inward[:3, :3].T).astype(np.float32)
+        return SurfelSet(vertices, normals, part.intensity, part.colours, part.seen, part.painted)
+
+
+class SurfelTracer:
+    """A `tracer.Tracer`: a backend's surfels in a state of the world."""
+
+    upsample = 1
+    reach = 0
+    trained_width: int | None = None
+
+    def __init__(self, backend: SurfelBackend, state: WorldState) -> None:
+        for actor in state.actors:
+            if actor.look.scene:
+                raise SceneError(
+                    f"actor {actor.uid!r} comes from another scene, {actor.look.scene}: without a trained scene a log's own "
+                    "actors alone can be rendered, and meshes"
+                )
+        self.scene, self.quality = backend.scene, backend.quality
+        self.cast = gather_cast(state, {"": tuple(self.scene.actors)})
+        static, copies = backend.static_world(state)
+        own = [(actor, self.scene.actors[actor.look.actor]) for actor in self.cast.own.actors]
+        self.stage = Stage(static, [*own, *zip(self.cast.targets, copies, strict=True)])
+
+    def trace(self, rays: Rays, passes: set[str], sky: bool, met: Met | None, stats: RenderStats) -> Found:
+        """See `tracer.Tracer`. A camera's feature is its colour, whatever the exposure, and the time, on which that depends; a
+        LiDAR's is intensity and the probability of a return."""
+        flat = rays.flat().sound()
+        n = len(flat.time_s)
+        stats.rays += n
+        stats.samples_spent += n
+        pixel_rad = _pixel_rad(rays)
+        parts = []
+        for begin in range(0, n, CHUNK_RAYS):
+            part = slice(begin, begin + CHUNK_RAYS)
+            parts.append(self._part(Rays(flat.origins[part], flat.directions[part], flat.time_s[part]), passes, sky, pixel_rad))
+        feature, depth, maps = (
+            np.concatenate([part[0] for part in parts]),
+            np.concatenate([part[1] for part in parts]),
+            {name: np.concatenate([part[2][name] for part in parts]) for name in parts[0][2]},
+        )
+        found = Found(feature, np.where(np.isfinite(depth), depth, 0.0), np.isfinite(depth).astype(np.float32), {})
+        found.maps = {name: maps[name] for name in maps if name in passes}
+        if met is not None:
+            found.without_guests = feature
+            found.mesh_opacity = self._with_meshes(found.maps, depth, met)
+        return found
+
+    def image(self, found: Found, directions: FloatArray, camera_id: str, shape: tuple[int, ...]) -> Array:
+        """See `tracer.Tracer`."""
+        gain = self.scene.exposures.at(camera_id, found.feature[:, 3])
+        return np.asarray(np.clip(found.feature[:, :3] * gain, 0, 1).reshape(*shape, 3), np.float32)
+
+    def returns(self, found: Found, directions: FloatArray) -> tuple[Array, Array]:
+        """See `tracer.Tracer`."""
+        return found.feature[:, 0], found.feature[:, 1]
+
+    def heights(self, points: FloatArray) -> FloatArray:
+        """See `tracer.Tracer`."""
+        return np.asarray(points[:, 2] - self.scene.ground.at(points))
+
+    def _part(self, rays: Rays, passes: set[str], sky: bool, pixel_rad: float) -> tuple[Array, Array, Maps]:
+        met = self.stage.first(rays, NEAR_M)
+        hit = met.owner != NOBODY
+        needs_normal = "normal" in passes or not sky
+        normals = self.stage.normals(met, rays) if needs_normal else None
+        if sky:
+            colours, unsupported = self.colours(rays, met, pixel_rad)
+            feature = np.concatenate([colours, rays.time_s[:, None].astype(np.float32)], -1)
+        else:
+            feature, unsupported = self._beams(rays, met, normals), ~hit
+        own = len(self.cast.own.actors)
+        maps: Maps = {
+            "depth": met.t.astype(np.float32),
+            "instance": np.where((met.owner >= 0) & (met.owner < own), met.owner + 1, 0).astype(np.int32),
+            "opacity": hit.astype(np.float32),
+            "support": unsupported,
+        }
+        if normals is not None:
+            maps["normal"] = normals.astype(np.float32)
+        return feature, met.t.astype(np.float32), maps
+
+    def colours(self, rays: Rays, met: Meeting, pixel_rad: float) -> tuple[Array, BoolArray]:
+        """Colours (N, 3) in 0..1 of flat rays, ``pixel_rad`` apart, and what they met; where (N,) nothing recorded is
+        behind them."""
+        hit = met.owner != NOBODY
+        colours = self.stage.colours(met)
+        dome = self.scene.dome
+        colours[~hit] = dome_colours(dome, rays.directions[~hit])
+        known = self.stage.gathered(met, "seen", (), np.bool_) & self.stage.gathered(met, "painted", (), np.bool_)
+        known[~hit] = self.scene.dome_seen.reshape(-1)[dome_cell(rays.directions[~hit], dome.shape)]
+        return colours, ~known
+
+    def _beams(self, rays: Rays, met: Meeting, normals: FloatArray | None) -> Array:
+        assert normals is not None
+        hit = met.owner != NOBODY
+        intensity = self.stage.gathered(met, "intensity", (), np.float64)
+        cosine = np.abs(np.einsum("ni,ni->n", normals, rays.directions))
+        returned = self.scene.drops.probability(np.where(hit, met.t, 0.0), cosine, intensity)
+        return np.stack([intensity, np.where(hit, returned, 0.0)], -1).astype(np.float32)
+
+    def _with_meshes(self, maps: Maps, depth: Array, met: Met) -> NDArray[np.float32]:
+        """How much of each ray (N,) meshes stop: what they cover of those that meet nothing before. The passes show them where
+        that is the larger part."""
+        stopped = np.zeros(len(depth), np.float32)
+        front = met.t < depth[met.ray]
+        stopped[met.ray[front]] = met.share[front]
+        shown = front & (met.share > 0.5)
+        first = len(self.cast.uids) - len(self.cast.extras.uids)
+        values = {
+            "depth": met.t,
+            "normal": met.normals,
+            "instance": first + met.actor + 1,
+            "opacity": np.ones(len(met.ray)),
+            "support": np.zeros(len(met.ray), bool),
+        }
+        for name, array in maps.items():
+            array[met.ray[shown]] = values[name][shown]
+        return stopped
+
+
+def _inside(points: FloatArray, box: Box) -> BoolArray:
+    return points_in_box(points, box.world_from_box, box.size_m + 2 * MARGIN_M)
+
+
+def _pixel_rad(rays: Rays) -> float:
+    """The largest angle between neighbours in a row of rays (h, w); 0 of others: as fine as there is."""
+    if rays.time_s.ndim < 2 or rays.time_s.shape[1] < 2:
+        return 0.0
+    return float(np.linalg.norm(np.diff(rays.directions, axis=1), axis=-1).max())

@@ -1,0 +1,205 @@
+"""Recorded images as sources of colour: where a place was in them, and whether the camera saw it there."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
+
+from ....data.images import resize_image
+from ....data.log import Log
+from ....data.own_vehicle import Outline, find_outline, moved_frames, shows_scene
+from ....geometry import BoolArray, FloatArray, box_corners, intersect_boxes, invert_pose, transform_points
+from ....sensors.camera import camera_rays, pixel_grid, row_times
+from ....sensors.rays import Rays
+from ....world.drive import Actor, Camera
+from ...tracer import NEAR_M
+from .stage import Stage
+
+NEARER_SHARE, NEARER_M = 0.02, 0.2
+"""A place farther than the first surface by more than this is hidden."""
+BOX_MARGIN_M, BOXES_WITHIN_M, ROLLING = 0.3, 120.0, 6
+OUTLINE_IMAGES, OUTLINE_WIDTH = 24, 480
+"""So many images, this wide, tell where the recording vehicle itself is in them."""
+EDGE = 1.35
+"""Beside something nearer by this factor images show either: nothing is taken from there."""
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """One recorded image at some width, and what its camera has in front of it.
+
+    image (H, W, 3) uint8; depth_m (h, w) to the first surfel in a coarser grid of its own, inf for none; clear (h, w), the least
+    of the depths about each; boxes_m (h, w) to the first actor's box; own (h, w), where it shows the recording vehicle itself.
+    ``camera`` has the image's model.
+    """
+
+    camera: Camera
+    frame: int
+    image: NDArray[np.uint8]
+    depth_m: NDArray[np.float32]
+    clear_m: NDArray[np.float32]
+    boxes_m: NDArray[np.float32]
+    own: BoolArray
+    gain: FloatArray = field(default_factory=lambda: np.ones(3))
+    """How its exposure (3,) differs from the others', where that is known."""
+
+    def place(self, first: FloatArray, last: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Where in the image places are: u, v (N,) pixels, z (N,) metres along the axis, distance (N,) metres. ``first`` and
+        ``last`` (N, 3) are where they are in the camera's frame as its first and its last row is exposed."""
+        model, f = self.camera.model, np.full(len(first), 0.5)
+        for _ in range(3):  # a row's time depends on the row
+            at = first + f[:, None] * (last - first)
+            z = np.maximum(at[:, 2], 1e-6)
+            f = np.clip((model.fy * at[:, 1] / z + model.cy) / model.height, 0, 1)
+        at = first + f[:, None] * (last - first)
+        z = np.maximum(at[:, 2], 1e-6)
+        u, v = model.fx * at[:, 0] / z + model.cx, model.fy * at[:, 1] / z + model.cy
+        return u, v, at[:, 2], np.linalg.norm(at, axis=1)
+
+    def ends(self) -> tuple[float, float]:
+        """When the first and the last row are exposed."""
+        times = row_times(self.camera, self.camera.time_s[self.frame], np.array([0.0, self.camera.model.height]))
+        return float(times[0]), float(times[1])
+
+    def of_static(self, points: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """`place` of points (N, 3) that stand in the world."""
+        first, last = (transform_points(invert_pose(self.camera.world_from_camera.at(time)), points) for time in self.ends())
+        return self.place(first, last)
+
+    def of_actor(self, way: object, points: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """`place` of points (N, 3) in the box of an actor that goes a way."""
+        first, last = (
+            transform_points(invert_pose(self.camera.world_from_camera.at(time)) @ way.at(time), points)  # type: ignore[attr-defined]
+            for time in self.ends()
+        )
+        return self.place(first, last)
+
+    @cached_property
+    def beyond(self) -> BoolArray:
+        """Where (h, w) the camera sees neither a surfel nor an actor's box, nor its own vehicle."""
+        return np.isinf(self.depth_m) & np.isinf(self.boxes_m) & ~self.own
+
+    def far_points(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Image points u, v (M,) of the coarser grid that show what lies beyond, and their rays' directions (M, 3)."""
+        h, w = self.depth_m.shape
+        rows, columns = np.nonzero(self.beyond)
+        model = self.camera.model
+        u, v = (columns + 0.5) * model.width / w, (rows + 0.5) * model.height / h
+        return u, v, camera_rays(self.camera, self.camera.time_s[self.frame], u, v).directions
+
+    def inside(self, u: FloatArray, v: FloatArray, z: FloatArray, margin: float = 1.0) -> BoolArray:
+        """Which places (N,) the image holds."""
+        model = self.camera.model
+        return (z > NEAR_M) & (u > margin) & (u < model.width - margin) & (v > margin) & (v < model.height - margin)
+
+    def cells(self, u: FloatArray, v: FloatArray) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Rows and columns (N,) of the coarser grid, of image points (N,)."""
+        h, w = self.depth_m.shape
+        model = self.camera.model
+        return (
+            np.clip(v * h / model.height, 0, h - 1).astype(np.int64),
+            np.clip(u * w / model.width, 0, w - 1).astype(np.int64),
+        )
+
+    def sees(self, u: FloatArray, v: FloatArray, distance: FloatArray, static: bool) -> BoolArray:
+        """Which places (N,) at image points, that far from the camera, nothing hides. What is ``static`` is not seen
+        through actors' boxes either: an actor's own surfels have gaps."""
+        cell = self.cells(u, v)
+        if static:
+            distance = np.where(distance > self.boxes_m[cell], np.inf, distance)
+        depth, clear = self.depth_m[cell], self.clear_m[cell]
+        near = (distance <= depth * (1 + NEARER_SHARE) + NEARER_M) & (distance <= clear * EDGE + NEARER_M)
+        return np.asarray(near & ~self.own[cell])
+
+    def sample(self, u: FloatArray, v: FloatArray) -> NDArray[np.float32]:
+        """Colours (N, 3) at image points (N,), bilinear, beyond the edge as at it; in 0..255 but for the exposure."""
+        return np.asarray(bilinear(self.image, u, v) / self.gain, np.float32)
+
+
+def bilinear(image: NDArray[np.uint8], u: FloatArray, v: FloatArray) -> NDArray[np.float32]:
+    """Values (N, C) of an image (H, W, C) at points u, v (N,) in pixels from its corner."""
+    height, width = image.shape[:2]
+    x, y = np.clip(u - 0.5, 0, width - 1), np.clip(v - 0.5, 0, height - 1)
+    column, row = np.minimum(x.astype(np.int64), max(width - 2, 0)), np.minimum(y.astype(np.int64), max(height - 2, 0))
+    fx, fy = (x - column).astype(np.float32)[:, None], (y - row).astype(np.float32)[:, None]
+    right, below = np.minimum(column + 1, width - 1), np.minimum(row + 1, height - 1)
+    top = image[row, column] * (1 - fx) + image[row, right] * fx
+    bottom = image[below, column] * (1 - fx) + image[below, right] * fx
+    return np.asarray(top * (1 - fy) + bottom * fy, np.float32)
+
+
+def resized(camera: Camera, width: int) -> Camera:
+    """The camera with images at most that wide."""
+    return replace(camera, model=camera.model.resized(min(width, camera.model.width)))
+
+
+def outline_in(log: Log, camera_id: str, frames: Collection[int]) -> dict[str, tuple[Outline, int]]:
+    """The recording vehicle's outline in a camera's images of some frames, and the height of the images that it was found in, by
+    the camera; nothing of one that does not see it, or of whose images too few tell. Raises `LogError`."""
+    there = moved_frames(log.drive, [frame for frame in log.image_frames(camera_id) if frame in frames])
+    chosen = [there[i] for i in np.unique(np.linspace(0, len(there) - 1, min(len(there), OUTLINE_IMAGES)).astype(int))]
+    model = resized(log.drive.cameras[camera_id], OUTLINE_WIDTH).model
+    outline = find_outline([resize_image(log.image(camera_id, frame), model) for frame in chosen])
+    return {} if outline is None else {camera_id: (outline, model.height)}
+
+
+def open_view(
+    log: Log,
+    camera_id: str,
+    frame: int,
+    width: int,
+    depth_width: int,
+    stage: Stage,
+    boxed: Iterable[Actor],
+    outlines: Mapping[str, tuple[Outline, int]],
+) -> View:
+    """A recorded image at most ``width`` pixels wide, with depths of the stage, and of the boxes of ``boxed`` actors, on a
+    grid ``depth_width`` wide; ``outlines`` are the recording vehicle's. Raises `LogError`."""
+    camera = resized(log.drive.cameras[camera_id], width)
+    coarse = resized(camera, depth_width)
+    u, v = pixel_grid(coarse.model)
+    rays = camera_rays(coarse, coarse.time_s[frame], u, v).flat()
+    depth = stage.first(rays, NEAR_M).t.reshape(u.shape).astype(np.float32)
+    padded = np.pad(depth, 1, mode="edge")
+    clear = sliding_window_view(padded, (3, 3)).min((2, 3))
+    image = resize_image(log.image(camera_id, frame), camera.model)
+    own = np.zeros(u.shape, bool)
+    if camera_id in outlines:
+        # a cell's lower edge: what shows the vehicle in part shows it
+        own = ~shows_scene(*outlines[camera_id], u, v + 0.5, (coarse.model.width, coarse.model.height))
+    return View(camera, frame, image, depth, clear, _boxes(boxed, coarse, frame, rays, u.shape), own)
+
+
+def _boxes(actors: Iterable[Actor], camera: Camera, frame: int, rays: Rays, shape: tuple[int, ...]) -> NDArray[np.float32]:
+    """How far away (h, w) rays (h w,) of a camera's image enter the first actor's box; inf where they enter none."""
+    time, model = camera.time_s[frame], camera.model
+    found = np.full(shape, np.inf, np.float32)
+    numbers = np.arange(found.size).reshape(shape)
+    camera_from_world = invert_pose(camera.world_from_camera.at(time))
+    for actor in (actor for actor in actors if actor.start_s <= time <= actor.end_s):
+        pose, size = actor.world_from_actor.at(time), actor.size_m + BOX_MARGIN_M
+        x, y, z = transform_points(camera_from_world, box_corners(pose, size)).T
+        if z.max() < NEAR_M or z.min() > BOXES_WITHIN_M:
+            continue
+        part = numbers
+        if z.min() > NEAR_M:
+            u, v = model.fx * x / z + model.cx, model.fy * y / z + model.cy
+            part = numbers[_span(v, shape[0]), _span(u, shape[1])]
+        if part.size == 0:
+            continue
+        flat = part.reshape(-1)
+        enter, leave = intersect_boxes(rays.origins[flat], rays.directions[flat], invert_pose(pose)[None], size[None])
+        at = np.where((enter <= leave) & (leave > 0), np.maximum(enter, 0), np.inf)[:, 0]
+        found.reshape(-1)[flat] = np.minimum(found.reshape(-1)[flat], at)
+    return found
+
+
+def _span(values: FloatArray, size: int) -> slice:
+    """The cells between the least and the largest of values; an exposure of rows moves things by a few."""
+    low, high = np.clip([np.floor(values.min()) - ROLLING, np.ceil(values.max()) + ROLLING], 0, size).astype(int)
+    return slice(low, high)

@@ -1,0 +1,97 @@
+"""The passes of traced rays: depth, normal, instance, opacity, and what nothing recorded supports."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor
+
+from ....model.checkpoint import Scene
+from ....model.constants import NORMAL_STEP_M
+from ....model.gradient import CORNERS, distance_gradient
+from ....ops.median import median_depth
+from ....ops.ray_segments import RayBatch, Strands, Traced
+from ...tracer import Maps
+from .actor_tensors import CastTensors
+
+
+def ray_passes(scene: Scene, cast: CastTensors, part: RayBatch, traced: Traced, passes: set[str]) -> Maps:
+    """One array (N, ...) for each pass asked for, of rays that were traced."""
+    maps: Maps = {}
+    solid = traced.opacity > 0.5
+    if passes & {"depth", "support"}:
+        depth = torch.where(solid, median_depth(scene.model, traced), torch.inf)
+    if "depth" in passes:
+        maps["depth"] = depth.cpu().numpy()
+    if "opacity" in passes:
+        maps["opacity"] = traced.opacity.cpu().numpy()
+    if "instance" in passes:
+        maps["instance"] = _instances(traced, len(part)).cpu().numpy()
+    if "normal" in passes:
+        maps["normal"] = _normals(scene, cast, traced, part, solid).cpu().numpy()
+    if "support" in passes:
+        maps["support"] = (~_supported(scene, traced, part, depth)).cpu().numpy()
+    return maps
+
+
+def _instances(traced: Traced, rays: int) -> Tensor:
+    """1 + the number of the actor with the largest weight on each ray (N,), 0 where the rest outweighs it."""
+    best = traced.feature.new_zeros(rays)
+    background = traced.behind.clone()
+    actors = []
+    for strand in traced.strands:
+        assert strand.weight is not None
+        total = strand.weight.sum(1)
+        if strand.bounds is None:
+            background.index_add_(0, strand.ray, total)
+        else:
+            actors.append((strand, total))
+            best.scatter_reduce_(0, strand.ray, total, "amax")
+    out = torch.zeros(rays, dtype=torch.long, device=best.device)
+    for strand, total in actors:
+        heaviest = total == best[strand.ray]
+        # of several strands of one ray one order must decide: writing to one place by turns has none
+        out.scatter_reduce_(0, strand.ray[heaviest], strand.medium[heaviest] + 1, "amax")
+    return torch.where(best > background, out, torch.zeros_like(out))
+
+
+def _normals(scene: Scene, cast: CastTensors, traced: Traced, part: RayBatch, solid: Tensor) -> Tensor:
+    """Unit normals (N, 3), world frame, 0 where nothing solid is: each strand's gradient of the distance at its heaviest sample,
+    by central differences on a tetrahedron, weighted with what the strand gives to the ray."""
+    out = torch.zeros_like(part.directions)
+    for strand in traced.strands:
+        assert strand.weight is not None
+        weight, heaviest = strand.weight.sum(1), strand.weight.argmax(1)
+        if strand.normals is not None:
+            out.index_add_(0, strand.ray, weight[:, None] * strand.normals)
+            continue
+        x = strand.points[torch.arange(len(heaviest), device=heaviest.device), heaviest]
+        gradient = distance_gradient(_distance_of(scene, cast, strand), x, NORMAL_STEP_M, strand.size_m)
+        if strand.bounds is None:
+            gradient = gradient @ scene.model.frame.rotation
+        if strand.world_from_box is not None:
+            gradient = torch.einsum("nij,nj->ni", strand.world_from_box, gradient)
+        out.index_add_(0, strand.ray, weight[:, None] * F.normalize(gradient, dim=-1))
+    return torch.where(solid[:, None], F.normalize(out, dim=-1), torch.zeros_like(out))
+
+
+def _distance_of(scene: Scene, cast: CastTensors, strand: Strands) -> Callable[[Tensor], Tensor]:
+    """The signed distance in a strand's medium, of points in its own coordinates, `CORNERS` for each row."""
+    if strand.bounds is None:
+        return scene.model.static.distance
+    troupes = [cast.own, *cast.guests.values()]
+    troupe = troupes[strand.guest + 1]
+    first = sum(len(t.uids) for t in troupes[: strand.guest + 1])
+    row = troupe.rows[strand.medium - first].repeat_interleave(CORNERS)
+    return lambda y: troupe.scene.actors.distance(troupe.tables, y, row)
+
+
+def _supported(scene: Scene, traced: Traced, part: RayBatch, depth_m: Tensor) -> Tensor:
+    """Which rays (N,) end where the recording saw something: an observed voxel, an actor, or beyond the volume."""
+    model = scene.model
+    x = model.frame.points(part.origins + part.directions * torch.nan_to_num(depth_m, posinf=1e6)[:, None])
+    outside = ((x < 0) | (x > model.frame.size_m)).any(-1)
+    seen = model.observed.view(-1)[model.occupancy.cells(x)] > 0
+    return outside | seen | (_instances(traced, len(part)) > 0)

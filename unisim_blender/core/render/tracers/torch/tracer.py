@@ -1,0 +1,233 @@
+"""The tracer in torch: the reference, what training renders with, and every device's but the CPU's way.
+
+trace                      samples, fields, depth order, features  trace.py, march.py, fields/, density.py, composite.py
+ray_passes                 depth, normal, instance, support        ray_passes.py
+ray_head, camera_decoder   features to pixels                      decode.py
+lidar_head                 features to intensity and returns       decode.py
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Mapping
+from contextlib import nullcontext
+from dataclasses import replace
+
+import numpy as np
+import torch
+import torch.nn.functional as F
+from torch import Tensor
+
+from ....geometry import FloatArray
+from ....meshes.meeting import Met
+from ....model.checkpoint import Scene
+from ....model.frozen import shallow
+from ....model.scene import SceneModel
+from ....model.volume_frame import VolumeFrame
+from ....ops.devices import tensor_to
+from ....ops.ray_segments import RayBatch, Traced
+from ....sensors.bounds import Bounds
+from ....sensors.rays import Rays, sound_directions
+from ....world.drive import Box
+from ....world.replay import parked_boxes
+from ....world.state import WorldState
+from ...actor_sets import gather_cast
+from ...frames import RenderStats
+from ...observed_space import Observed, ObservedSpace
+from ...quality.settings import QUALITY, Quality
+from ...tracer import EDGE_CELLS, NEAR_M, UNIFORM_STEP_M, Array, Found
+from .actor_tensors import cast_tensors
+from .ray_passes import ray_passes
+from .trace import Sampling, trace
+
+CHUNK_RAYS = 16384
+EXACT_SAMPLES = QUALITY["reference"].samples
+"""Qualities with so many samples are held against others."""
+
+
+class TorchBackend:
+    """Trained scenes on a device, loaded once: a `tracer.Backend`. ``others`` are scenes by path, for actors that come from
+    them."""
+
+    sees_all = False
+
+    def __init__(self, scene: Scene, quality: Quality = QUALITY["balanced"], others: Mapping[str, Scene] | None = None) -> None:
+        self.scene, self.device, self.quality = scene, scene.actor_tables.device, quality
+        self.scenes = {path: (s.model, s.actor_tables) for path, s in {"": scene, **(others or {})}.items()}
+        self.looks = {path: None if m.config.actors == "none" else tuple(m.actor_ids) for path, (m, _) in self.scenes.items()}
+        self.parked: Mapping[str, Box] = {} if self.looks[""] is None else parked_boxes(scene.header.drive)
+        self.space: ObservedSpace | None = None
+        self.clipped = False
+
+    @property
+    def observed(self) -> Observed:
+        """See `observed_space.Observing`."""
+        model = self.scene.model
+        return self.scene.header, model.observed.cpu().numpy(), model.config.voxel_m
+
+    def within(self, space: ObservedSpace, clip: bool) -> TorchBackend:
+        """See `observed_space.Observing`."""
+        other = copy.copy(self)
+        other.space, other.clipped = space, clip
+        if clip:
+            model, occupancy = shallow(self.scene.model), shallow(self.scene.model.occupancy)
+            values = torch.where(self.scene.model.observed > 0, occupancy.values, 0)
+            occupancy._buffers = {**occupancy._buffers, "values": values}
+            model._modules["occupancy"] = occupancy
+            other.scene = replace(self.scene, model=model)
+        return other
+
+    def bind(self, state: WorldState) -> TorchTracer:
+        """See `tracer.Backend`."""
+        return TorchTracer(self, state)
+
+
+class TorchTracer:
+    """A `tracer.Tracer` on the scene's device: a backend's scenes in a state of the world."""
+
+    def __init__(self, backend: TorchBackend, state: WorldState) -> None:
+        scene = backend.scene
+        self.scene, self.device, self.quality = scene, backend.device, backend.quality
+        self.space, self.clipped = backend.space, backend.clipped
+        self.cast = gather_cast(state, backend.looks)
+        self.tensors = cast_tensors(self.cast, backend.scenes, self.device)
+        self.bounds = Bounds(self.cast.own.actors)
+        self.upsample, self.trained_width = scene.model.config.upsample, scene.header.training.get("width")
+        models = [scene.model, *(troupe.scene for troupe in self.tensors.guests.values())]
+        # decoders that look aside see past a guest's edges
+        alone = all(model.camera_decoder.reach == 0 and model.config.upsample == 1 for model in models)
+        self.edge = 0 if alone else EDGE_CELLS
+        self.reach = scene.model.camera_decoder.reach + (self.edge if self.cast.guests else 0)
+
+    @property
+    def half(self) -> bool:
+        """Whether decoders work in half precision: a pixel's 8 bits need no more, where a device is faster so. The quality may
+        change from one picture to the next."""
+        return torch.device(self.device).type == "cuda" and self.quality.samples < EXACT_SAMPLES
+
+    @torch.no_grad()
+    def trace(self, rays: Rays, passes: set[str], sky: bool, met: Met | None, stats: RenderStats) -> Found:
+        """All rays in chunks; features joined, and for each pass one array (N, ...)."""
+        rays = rays.flat().sound()
+        batch = to_batch(rays, self.scene.model.frame)
+        starts = None
+        if self.space is not None and self.clipped:
+            starts = torch.as_tensor(self.space.starts(rays)).to(batch.origins)
+        told, asked = self.space is not None and "support" in passes, passes
+        passes = passes - {"support"} | {"depth", "instance"} if told else passes
+        near = self.bounds.in_reach(rays)
+        stats.actors_skipped += len(self.cast.own.actors) - len(near)
+        among = torch.tensor(near, dtype=torch.long, device=self.device)
+        sampling = Sampling(fine=self.quality.samples, far_fine=self.quality.far, sky=sky)
+        pieces, maps = [], []
+        for begin in range(0, len(batch), CHUNK_RAYS):
+            part = RayBatch(*(x[begin : begin + CHUNK_RAYS] for x in (batch.origins, batch.directions, batch.time_s)))
+            if starts is not None:
+                part = replace(part, starts=starts[begin : begin + CHUNK_RAYS])
+            surfaces = None if met is None else met.between(begin, begin + CHUNK_RAYS)
+            traced = trace(self.scene.model, self.tensors, part, sampling, among, surfaces)
+            self._count(part, traced, stats)
+            maps.append(ray_passes(self.scene, self.tensors, part, traced, passes))
+            traced.strands = []
+            pieces.append(traced)
+        covered = _joined([p.mesh_opacity for p in pieces])
+        joined = {name: np.concatenate([m[name] for m in maps]) for name in maps[0]}
+        if told:
+            assert self.space is not None
+            joined["support"] = ~self.space.supported(rays, joined["depth"], joined["instance"], self.clipped)
+            joined = {name: x for name, x in joined.items() if name in asked}
+        return Found(
+            feature=torch.cat([p.feature for p in pieces]),
+            depth_m=torch.cat([p.depth_m for p in pieces]),
+            opacity=torch.cat([p.opacity for p in pieces]),
+            maps=joined,
+            guest_features=[torch.cat(parts) for parts in zip(*(p.guest_features for p in pieces), strict=True)],
+            guest_opacity=[torch.cat(parts) for parts in zip(*(p.guest_opacity for p in pieces), strict=True)],
+            without_guests=_joined([p.without_guests for p in pieces]),
+            mesh_opacity=None if covered is None else covered.cpu().numpy(),
+        )
+
+    def _count(self, part: RayBatch, traced: Traced, stats: RenderStats) -> None:
+        frame = self.scene.model.frame
+        near, far = frame.span(frame.points(part.origins), frame.vectors(part.directions), NEAR_M)
+        uniform = int(((far - near) / UNIFORM_STEP_M).ceil().sum())
+        config = self.scene.model.config.samples
+        # what places a sample costs a distance query too
+        spent = traced.samples + sum(
+            len(s.ray) * (config.static_proposals if s.bounds is None else config.actor_proposals)
+            for s in traced.strands
+            if s.normals is None
+        )
+        stats.rays += len(part)
+        stats.samples_spent += spent
+        stats.samples_saved += max(0, uniform - spent)
+
+    @torch.no_grad()
+    def image(self, found: Found, directions: FloatArray, camera_id: str, shape: tuple[int, ...]) -> Array:
+        """The picture (h up, w up, 3) in 0..1, display-referred sRGB, of cells in ``shape`` (h, w), directions (h w, 3)."""
+        along = torch.as_tensor(sound_directions(directions), dtype=torch.float32, device=self.device)
+
+        def decoded(network: SceneModel, feature: Tensor) -> Tensor:
+            code = network.camera_ids.get(camera_id, -1)
+            number = torch.full((len(feature),), code, dtype=torch.long, device=self.device)
+            with torch.autocast(torch.device(self.device).type, torch.float16) if self.half else nullcontext():
+                features = network.ray_head(feature, along, number)
+                # channels come last in memory, as they did in a row of features
+                picture: Tensor = network.camera_decoder(features.view(1, *shape, -1).permute(0, 3, 1, 2))
+            return picture.float()
+
+        rgb = decoded(self.scene.model, found.feature if found.without_guests is None else found.without_guests)
+        for i, troupe in enumerate(self.tensors.guests.values()):
+            # each scene's features are its own decoder's: the pictures are laid over each other, not the features
+            share = found.guest_opacity[i].clamp(0, 1)
+            other = decoded(troupe.scene, _spread_over_edges(found.guest_features[i], share, shape, self.edge))
+            alpha = F.interpolate(share.view(1, 1, *shape), size=rgb.shape[-2:], mode="bilinear", align_corners=False)
+            if other.shape != rgb.shape:
+                other = F.interpolate(other, size=rgb.shape[-2:], mode="bilinear", align_corners=False)
+            rgb = torch.lerp(rgb, other, alpha)
+        return rgb[0].permute(1, 2, 0).cpu().numpy().astype(np.float32)
+
+    @torch.no_grad()
+    def returns(self, found: Found, directions: FloatArray) -> tuple[Array, Array]:
+        """A LiDAR's intensities in 0..1 (N,), and the probabilities (N,) of a return."""
+        along = torch.as_tensor(sound_directions(directions), dtype=torch.float32, device=self.device)
+        intensity, logit = self.scene.model.lidar_head(found.feature, along, found.depth_m, found.opacity)
+        for i, troupe in enumerate(self.tensors.guests.values()):
+            share = found.guest_opacity[i].clamp(0, 1)
+            own = found.guest_features[i] / share.clamp_min(1e-3)[:, None]
+            i_guest, l_guest = troupe.scene.lidar_head(own, along, found.depth_m, found.opacity)
+            intensity, logit = torch.lerp(intensity, i_guest, share), torch.lerp(logit, l_guest, share)
+        # what meets nothing returns nothing
+        probability = torch.sigmoid(logit) * (found.opacity > 0.5)
+        return intensity.cpu().numpy(), probability.cpu().numpy()
+
+    @torch.no_grad()
+    def heights(self, points: FloatArray) -> FloatArray:
+        """How high points (N, 3), world frame, are above the ground (N,), metres."""
+        local = self.scene.model.frame.points(self.scene.model.frame.recentred(points))
+        return np.asarray((local[:, 2] - self.scene.model.ground.height(local)).cpu().numpy(), np.float64)
+
+
+def to_batch(rays: Rays, frame: VolumeFrame) -> RayBatch:
+    """Rays as tensors on a volume's device, from its corner."""
+    return RayBatch(
+        frame.recentred(rays.origins).contiguous(),
+        torch.as_tensor(rays.directions).to(frame.rotation.dtype).to(frame.rotation.device).contiguous(),
+        tensor_to(torch.as_tensor(rays.time_s, dtype=torch.float64), frame.rotation.device).contiguous(),
+    )
+
+
+def _joined(parts: list[Tensor | None]) -> Tensor | None:
+    there = [part for part in parts if part is not None]
+    return torch.cat(there) if there else None
+
+
+def _spread_over_edges(feature: Tensor, share: Tensor, shape: tuple[int, ...], cells: int) -> Tensor:
+    """A guest's features (N, F), divided by its share of the ray and carried so far past its edges, where decoders look too."""
+    f = feature.view(1, *shape, -1).permute(0, 3, 1, 2)
+    a = share.view(1, 1, *shape)
+    for _ in range(cells):
+        blurred_f, blurred_a = F.avg_pool2d(f, 3, 1, 1), F.avg_pool2d(a, 3, 1, 1)
+        empty = a < 1e-3
+        f, a = torch.where(empty, blurred_f, f), torch.where(empty, blurred_a, a)
+    return (f / a.clamp_min(1e-3)).permute(0, 2, 3, 1).reshape(-1, f.shape[1])

@@ -1,0 +1,122 @@
+"""What of a state one exposure can see: actors and boxes that no ray of it can meet are left out.
+
+The test is conservative. A camera's frustum is dilated by `PAD_PIXELS`, and each box by what it moves in the camera's frame while
+the shutter is open. A sweep sees all round, as far as the LiDAR's range. Contact shadows and the ground that lights a mesh reach
+beyond what a pixel's own ray meets: see `Reach`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..geometry import BoolArray, FloatArray, make_pose
+from ..world.drive import Actor, Box, Camera, CameraModel, Lidar, StaticCopy
+from ..world.keys import PaddedKeys
+from ..world.state import WorldState
+
+PAD_PIXELS = 4
+"""Cells of several pixels may reach so far beyond an image's edges."""
+MOMENTS = 5
+"""Times of an exposure at which boxes are held against the frustum."""
+SLACK_M = 0.05
+STATIC_SLACK_M = 0.5
+"""How far beside a removed box the static world may have been changed."""
+_CORNERS = np.stack(np.meshgrid([-0.5, 0.5], [-0.5, 0.5], [-0.5, 0.5], indexing="ij"), -1).reshape(8, 3)
+
+
+@dataclass(frozen=True)
+class Reach:
+    """How far what a frame shows reaches beyond the rays of its pixels: ``shadow_m`` is how far beside an inserted actor its
+    contact shadow falls, ``light_m`` how far round a mesh's box the ground is looked at that lights it."""
+
+    shadow_m: float = 0.0
+    light_m: float = 0.0
+
+
+def seen_by(state: WorldState, sensor: Camera | Lidar, reach: Reach) -> WorldState:
+    """Return the state of one exposure with the actors, static copies and removed boxes alone that its frame can depend on."""
+    actors = tuple(actor for actor in state.actors if actor.visible_to(sensor))
+    boxes = [copy_box(copy) for copy in state.static_copies] + list(state.removed_boxes)
+    moments = np.linspace(state.start_s, state.end_s, MOMENTS)
+    corners = np.concatenate([_actor_corners(actors, moments, reach), _box_corners(boxes, len(moments))])
+    if isinstance(sensor, Lidar):
+        keep = _in_range(corners, sensor, moments)
+    else:
+        poses = sensor.world_from_camera.at(moments)
+        keep = _in_frustum(corners, sensor.model, poses)
+        lit = [i for i, actor in enumerate(actors) if actor.look.mesh and keep[i]]
+        keep |= _beside_lines_of_sight(corners, lit, poses[:, :3, 3], reach.light_m)
+    seen, copies = keep[: len(actors)], keep[len(actors) : len(actors) + len(state.static_copies)]
+    removed = keep[len(actors) + len(state.static_copies) :]
+    return replace(
+        state,
+        actors=_chosen(actors, seen),
+        static_copies=_chosen(state.static_copies, copies),
+        removed_boxes=_chosen(state.removed_boxes, removed),
+    )
+
+
+def copy_box(copy: StaticCopy) -> Box:
+    """Return the box in which a static copy stands."""
+    return Box(copy.world_from_target, copy.source.size_m)
+
+
+def _chosen(things: Sequence, keep: BoolArray) -> tuple:  # type: ignore[type-arg]
+    return tuple(thing for thing, kept in zip(things, keep, strict=True) if kept)
+
+
+def _actor_corners(actors: Sequence[Actor], moments: FloatArray, reach: Reach) -> FloatArray:
+    """Return corners (A, T, 8, 3) of actors' boxes, world frame, with their contact shadows."""
+    sizes = np.array([actor.size_m for actor in actors]).reshape(-1, 3)
+    sizes = sizes + 2 * np.where([[actor.inserted] for actor in actors], reach.shadow_m, 0.0).reshape(-1, 1)
+    keys = PaddedKeys.of(actors)
+    poses = make_pose(keys.positions_at(moments), keys.quaternions_at(moments))
+    local = _CORNERS * sizes[:, None]
+    return np.einsum("atij,akj->atki", poses[..., :3, :3], local) + poses[:, :, None, :3, 3]
+
+
+def _box_corners(boxes: Sequence[Box], moments: int) -> FloatArray:
+    """Return corners (B, T, 8, 3) of boxes that stand still, world frame."""
+    poses = np.array([box.world_from_box for box in boxes]).reshape(-1, 4, 4)
+    local = _CORNERS * (np.array([box.size_m for box in boxes]).reshape(-1, 1, 3) + 2 * STATIC_SLACK_M)
+    corners = np.einsum("bij,bkj->bki", poses[:, :3, :3], local) + poses[:, None, :3, 3]
+    return np.repeat(corners[:, None], moments, 1)
+
+
+def _in_frustum(corners: FloatArray, model: CameraModel, poses: FloatArray) -> BoolArray:
+    """Return which boxes, corners (N, T, 8, 3), are not wholly outside one plane of the frustum at some time; poses (T, 4, 4)."""
+    local = np.einsum("tji,ntkj->ntki", poses[:, :3, :3], corners - poses[:, None, :3, 3])
+    left, right = (-PAD_PIXELS - model.cx) / model.fx, (model.width + PAD_PIXELS - model.cx) / model.fx
+    top, bottom = (-PAD_PIXELS - model.cy) / model.fy, (model.height + PAD_PIXELS - model.cy) / model.fy
+    planes = np.array([[0, 0, 1], [1, 0, -left], [-1, 0, right], [0, 1, -top], [0, -1, bottom]], float)
+    planes /= np.linalg.norm(planes, axis=1, keepdims=True)
+    # how far a box moves in the camera's frame from one moment to the next
+    moved = np.linalg.norm(np.diff(local, axis=1), axis=-1).max((1, 2), initial=0.0)
+    inside = (local @ planes.T).max(2) + (moved + SLACK_M)[:, None, None] >= 0
+    return np.asarray(inside.all(-1).any(-1))
+
+
+def _in_range(corners: FloatArray, lidar: Lidar, moments: FloatArray) -> BoolArray:
+    """Return which boxes, corners (N, T, 8, 3), a LiDAR can measure: nearer than its range at some time."""
+    origins = lidar.world_from_lidar.at(moments)[:, :3, 3]
+    middle = corners.mean(2)
+    radius = np.linalg.norm(corners - middle[:, :, None], axis=-1).max(-1)
+    return np.asarray((np.linalg.norm(middle - origins, axis=-1) - radius < lidar.model.max_range_m + 1.0).any(-1))
+
+
+def _beside_lines_of_sight(corners: FloatArray, lit: Sequence[int], origins: FloatArray, reach_m: float) -> BoolArray:
+    """Return which boxes, corners (N, T, 8, 3), lie on the way from the camera at ``origins`` (T, 3) to the ground round one of
+    the boxes ``lit``, or behind it."""
+    out = np.zeros(len(corners), bool)
+    to = corners.mean(2) - origins
+    distance = np.maximum(np.linalg.norm(to, axis=-1), 1e-6)
+    radius = np.linalg.norm(corners - corners.mean(2)[:, :, None], axis=-1).max(-1)
+    half = np.arcsin(np.clip(radius / distance, 0, 1))
+    for i in lit:
+        aim = np.arcsin(np.clip((radius[i] + reach_m) / distance[i], 0, 1))
+        cosine = np.clip((to * to[i]).sum(-1) / (distance * distance[i]), -1, 1)
+        out |= (np.arccos(cosine) <= half + aim).any(-1)
+    return out

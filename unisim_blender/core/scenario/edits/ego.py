@@ -1,0 +1,68 @@
+"""The recording vehicle elsewhere: shifted to the left or on a new trajectory, its sensors and its body with it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from ...geometry import FloatArray, Trajectory, invert_pose
+from ...world.drive import Drive
+from ..types import Ego
+from .context import SENSOR_MARGIN_S, Context
+from .motion import displaced, merged_times, offset_curve, sampled
+
+
+def ego(drive: Drive, edit: Ego, place: str, context: Context) -> Drive:
+    """The drive with the vehicle, all its sensors and its body elsewhere.
+
+    A shift keeps every heading and every sensor's place on the vehicle exactly, at any time. On a new trajectory the sensors keep
+    their places to within `motion`'s tolerances.
+    """
+    if edit.trajectory is not None:
+        return _on_trajectory(drive, context.trajectory(None, edit.trajectory, edit.outside, place))
+    if edit.shift is None:
+        times, left = np.array([min(drive.time_s.values())]), np.array([float(edit.shift_left_m or 0.0)])
+    else:
+        times, left = context.key_times(edit.shift, f"{place}.shift"), np.array([key.left_m for key in edit.shift], float)
+
+    def offset_at(t: FloatArray) -> FloatArray:
+        shift = np.interp(t, times, left)
+        return np.stack([np.zeros_like(shift), shift, np.zeros_like(shift)], -1)
+
+    start, end = _span(drive)
+    keys = merged_times(drive.world_from_ego.times_s, times, np.array([start, end]))
+    curve = offset_curve(drive.world_from_ego, keys, offset_at)
+    return _with_riders(drive, displaced(drive.world_from_ego, curve), lambda trajectory: displaced(trajectory, curve))
+
+
+def _on_trajectory(drive: Drive, new: Trajectory) -> Drive:
+    old = drive.world_from_ego
+    start, end = _span(drive)
+
+    def carried(sensor: Trajectory) -> Trajectory:
+        times = merged_times(new.times_s, old.times_s, sensor.times_s, np.array([start, end]))
+        return sampled(lambda t: new.at(t) @ invert_pose(old.at(t)) @ sensor.at(t), times)
+
+    return _with_riders(drive, new, carried)
+
+
+def _with_riders(drive: Drive, world_from_ego: Trajectory, carried: Callable[[Trajectory], Trajectory]) -> Drive:
+    return replace(
+        drive,
+        world_from_ego=world_from_ego,
+        cameras={
+            key: replace(camera, world_from_camera=carried(camera.world_from_camera)) for key, camera in drive.cameras.items()
+        },
+        lidars={key: replace(lidar, world_from_lidar=carried(lidar.world_from_lidar)) for key, lidar in drive.lidars.items()},
+        actors={
+            key: replace(actor, world_from_actor=carried(actor.world_from_actor)) if actor.is_ego_body else actor
+            for key, actor in drive.actors.items()
+        },
+    )
+
+
+def _span(drive: Drive) -> tuple[float, float]:
+    """First and last time at which any sensor may look."""
+    return min(drive.time_s.values()) - SENSOR_MARGIN_S, max(drive.time_s.values()) + SENSOR_MARGIN_S

@@ -1,0 +1,225 @@
+"""A drive: what the sensors see and when. A recorded log gives one, a scenario's edits turn it into another.
+
+Everything that renders (the neural renderer, the street's exact one) takes a `Drive`, and nothing else of a log.
+World: metres, z up, re-centred on the first ego pose. Ego and actor boxes: x forward, y left, z up, origin at the box's
+centre for actors. Cameras: OpenCV axes (x right, y down, z forward). LiDARs: x forward, y left, z up in their own frame.
+Times: seconds from the log's first frame, float64.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from ..geometry import BoolArray, FloatArray, Trajectory
+
+FRAME_MARGIN_S = 0.25
+"""No sensor of a frame measures further from the frame's time than this."""
+
+
+@dataclass(frozen=True)
+class RollingShutter:
+    """When an image's rows are exposed: row r of H at ``time + duration_s * (r / H - reference)``.
+
+    ``reference`` is the fraction of the image's height that the camera's timestamp belongs to (0 top, 1 bottom); a negative
+    duration reads from the bottom up; 0 is a global shutter.
+    """
+
+    duration_s: float = 0.0
+    reference: float = 0.5
+
+
+@dataclass(frozen=True)
+class CameraModel:
+    """A pinhole without distortion. Pixel centres lie at half integers: pixel (0, 0) covers [0, 1) x [0, 1)."""
+
+    width: int
+    height: int
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    shutter: RollingShutter = RollingShutter()
+
+    @staticmethod
+    def from_dict(values: dict[str, Any]) -> CameraModel:
+        """The model of what `dataclasses.asdict` made of one."""
+        return CameraModel(**{**values, "shutter": RollingShutter(**values["shutter"])})
+
+    def resized(self, width: int) -> CameraModel:
+        """The same view at another width, the height rounded to keep the aspect; K scales exactly with each axis."""
+        if width == self.width:
+            return self
+        height = max(1, round(self.height * width / self.width))
+        sx, sy = width / self.width, height / self.height
+        return replace(self, width=width, height=height, fx=self.fx * sx, fy=self.fy * sy, cx=self.cx * sx, cy=self.cy * sy)
+
+
+@dataclass(frozen=True)
+class LidarModel:
+    """A spinning LiDAR's beam table.
+
+    Beam b in column c looks along elevation_rad[b] and azimuth ``start_azimuth_rad + direction * 2 pi * (c + 0.5) / columns +
+    azimuth_offset_rad[b]`` (0 along the sensor's x, counter-clockwise), at ``frame time - sweep_s + time_offset_s + sweep_s *
+    (c + 0.5) / columns``: by default a sweep ends at its frame's time. Beam 0 is the highest.
+    """
+
+    elevation_rad: FloatArray
+    azimuth_offset_rad: FloatArray
+    columns: int = 1800
+    sweep_s: float = 0.1
+    start_azimuth_rad: float = np.pi
+    direction: int = -1
+    time_offset_s: float = 0.0
+    min_range_m: float = 0.5
+    max_range_m: float = 200.0
+
+    @property
+    def beams(self) -> int:
+        """Number of beams."""
+        return len(self.elevation_rad)
+
+
+@dataclass(frozen=True)
+class Camera:
+    """A camera on its way: ``time_s[frame]`` is the image's timestamp, ``world_from_camera`` its pose at any time.
+
+    ``sees_ego_body``: whether meshes that are the ego vehicle's body are visible to it, as they are to a camera at the roadside.
+    ``full_width``: how wide its own images are, where ``model`` is for smaller or larger ones.
+    """
+
+    sensor_id: str
+    model: CameraModel
+    world_from_camera: Trajectory
+    time_s: dict[int, float]
+    sees_ego_body: bool = False
+    full_width: int | None = None
+
+    def resized(self, width: int) -> Camera:
+        """Return the camera with images ``width`` pixels wide; see `CameraModel.resized`."""
+        return replace(self, model=self.model.resized(width), full_width=self.full_width or self.model.width)
+
+
+@dataclass(frozen=True)
+class Lidar:
+    """A LiDAR on its way: ``time_s[frame]`` is the sweep's timestamp, ``world_from_lidar`` its pose at any time.
+
+    ``blocked`` (beams, columns) marks the cells that the vehicle itself blocks in every frame; None where that is not known.
+    ``sees_ego_body`` as for a `Camera`.
+    """
+
+    sensor_id: str
+    model: LidarModel
+    world_from_lidar: Trajectory
+    time_s: dict[int, float]
+    blocked: BoolArray | None = None
+    sees_ego_body: bool = False
+
+
+@dataclass(frozen=True)
+class Look:
+    """Whose trained appearance and shape: actor ``actor`` of the scene at ``scene`` ("" is the drive's own scene); or, where
+    ``mesh`` names a file, that of the mesh in it."""
+
+    actor: str
+    scene: str = ""
+    mesh: str = ""
+
+
+@dataclass(frozen=True)
+class Actor:
+    """An annotated thing, moving or not: a box with a look, present from start_s to end_s (both included).
+
+    ``is_ego_body``: it is a mesh that rides on the ego vehicle, and only sensors with ``sees_ego_body`` see it.
+    """
+
+    uid: str
+    label: str
+    size_m: FloatArray
+    world_from_actor: Trajectory
+    start_s: float
+    end_s: float
+    is_moving: bool
+    look: Look
+    inserted: bool = False
+    is_ego_body: bool = False
+    scale: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    """How many times larger than the look's own box the actor is, along its own axes; ``size_m`` is the scaled box's."""
+
+    @property
+    def look_size_m(self) -> FloatArray:
+        """The edges (3,) of the look's own box, without the scale."""
+        return np.asarray(self.size_m / np.array(self.scale))
+
+    @property
+    def is_scaled(self) -> bool:
+        """Whether the actor has another size than its look."""
+        return self.scale != (1.0, 1.0, 1.0)
+
+    def visible_to(self, sensor: Camera | Lidar) -> bool:
+        """Return whether a sensor can see it at all."""
+        return sensor.sees_ego_body or not self.is_ego_body
+
+    def present(self, time_s: FloatArray | float) -> BoolArray:
+        """Whether the actor is there at times (...): (...) bool."""
+        time = np.asarray(time_s)
+        return np.asarray((time >= self.start_s) & (time <= self.end_s))
+
+
+@dataclass(frozen=True)
+class Box:
+    """A box of space that stands still: centre pose (4, 4), edges (3,) along its own axes."""
+
+    world_from_box: FloatArray
+    size_m: FloatArray
+
+
+@dataclass(frozen=True)
+class StaticCopy:
+    """What stands above the ground inside ``source`` stands also at ``world_from_target`` (4, 4)."""
+
+    uid: str
+    source: Box
+    world_from_target: FloatArray
+
+
+@dataclass(frozen=True)
+class Drive:
+    """A recorded or edited drive."""
+
+    name: str
+    frames: tuple[int, ...]
+    time_s: dict[int, float]
+    world_from_ego: Trajectory
+    cameras: dict[str, Camera]
+    lidars: dict[str, Lidar]
+    actors: dict[str, Actor]
+    static_copies: tuple[StaticCopy, ...] = ()
+    static_removals: tuple[Box, ...] = ()
+    world_origin: FloatArray = field(default_factory=lambda: np.zeros(3))
+    """What was subtracted from the log's own world coordinates, float64."""
+
+    def window(self, actor: Actor) -> tuple[float, float]:
+        """When an actor is there, seconds. One of the first (last) frame is there before (after) it too: a frame's sensors look
+        earlier and later than its time."""
+        first, last = self.time_s[self.frames[0]], self.time_s[self.frames[-1]]
+        start = first - FRAME_MARGIN_S if actor.start_s <= first else actor.start_s
+        end = last + FRAME_MARGIN_S if actor.end_s >= last else actor.end_s
+        return start, end
+
+    @property
+    def labelled_actors(self) -> list[Actor]:
+        """The actors that labels have: all that some sensor of the drive can see."""
+        sensors: list[Camera | Lidar] = [*self.cameras.values(), *self.lidars.values()]
+        return [
+            actor
+            for actor in self.actors.values()
+            if not actor.is_ego_body or any(actor.visible_to(sensor) for sensor in sensors)
+        ]
+
+    @property
+    def duration_s(self) -> float:
+        """From the first frame's time to the last one's."""
+        return self.time_s[self.frames[-1]] - self.time_s[self.frames[0]]
