@@ -19,7 +19,7 @@ from unisim_blender.core.errors import UnisimError
 from unisim_blender.core.worker.protocol import LENGTH, read_message
 
 SCRIPT = Path(__file__).parent / "mutations" / "run.py"
-COUNT = int(os.environ.get("UNISIM_MUTATIONS", "480"))
+COUNT = int(os.environ.get("UNISIM_MUTATIONS", "340"))
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="no alarms and no bounds of memory there")
 
 
