@@ -24,8 +24,8 @@ from unisim_blender.core.errors import LogError, OutputError
 from unisim_blender.core.files import partial_file, write_file
 from unisim_blender.core.geometry import FloatArray, box_corners, invert_pose, points_in_box, transform_points
 from unisim_blender.core.json_file import read_json
-from unisim_blender.core.render.frames import LidarFrame
 from unisim_blender.core.sensors.camera import row_times
+from unisim_blender.core.sensors.frames import LidarFrame
 from unisim_blender.core.world.drive import Actor, Camera, Drive
 
 VEHICLES = (

@@ -21,7 +21,7 @@ from unisim_blender.core.model.config import preset
 from unisim_blender.core.model.scene import SceneModel
 from unisim_blender.core.model.volume import Volume
 from unisim_blender.core.model.weights import weights_hash
-from unisim_blender.core.render.frames import CAMERA_PASSES
+from unisim_blender.core.sensors.frames import CAMERA_PASSES
 from unisim_blender.core.world.drive import Drive
 
 Tensors = dict[str, Tensor]

@@ -19,13 +19,13 @@ from unisim_blender.core.bench.methods import VARIANTS
 from unisim_blender.core.errors import SceneError, UnisimError
 from unisim_blender.core.meshes.meeting import Met
 from unisim_blender.core.model.checkpoint import load_scene
-from unisim_blender.core.render.frames import RenderStats
 from unisim_blender.core.render.quality.settings import QUALITY
 from unisim_blender.core.render.tracer import Found, tiled
 from unisim_blender.core.render.tracers.compiled import tracer as compiled_tracer
 from unisim_blender.core.render.tracers.compiled.scene import CompiledScene
 from unisim_blender.core.render.tracers.compiled.tracer import CompiledBackend, CompiledTracer
 from unisim_blender.core.render.tracers.torch.tracer import TorchBackend, TorchTracer
+from unisim_blender.core.sensors.frames import RenderStats
 from unisim_blender.core.sensors.lidar import lidar_rays
 from unisim_blender.core.sensors.rays import Rays
 from unisim_blender.core.world.drive import Drive, Look

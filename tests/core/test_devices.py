@@ -20,8 +20,8 @@ from unisim_blender.core.data import open_log
 from unisim_blender.core.meshes.meeting import Met
 from unisim_blender.core.model.checkpoint import load_scene
 from unisim_blender.core.ops.devices import kernel_threads, torch_threads
-from unisim_blender.core.render.frames import RenderStats
 from unisim_blender.core.render.tracers.torch.tracer import TorchBackend
+from unisim_blender.core.sensors.frames import RenderStats
 from unisim_blender.core.sensors.lidar import lidar_rays
 from unisim_blender.core.training.config import TrainConfig
 from unisim_blender.core.training.run import finish, load_checkpoint, save_checkpoint

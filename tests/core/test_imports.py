@@ -89,7 +89,7 @@ def test_help_loads_nothing_heavy() -> None:
 RENDER = """
 from pathlib import Path
 import numpy as np
-from unisim_blender.core.render.frames import CAMERA_PASSES
+from unisim_blender.core.sensors.frames import CAMERA_PASSES
 from unisim_blender.core.prepare.renderers import make_backend
 from unisim_blender.core.render.drive_renderer import DriveRenderer
 from unisim_blender.core.render.regions import Region

@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 
 from unisim_blender.core import native
 from unisim_blender.core.render.drive_renderer import DriveRenderer
-from unisim_blender.core.render.frames import CAMERA_PASSES, CameraFrame
 from unisim_blender.core.render.quality.settings import QUALITY
 from unisim_blender.core.render.regions import Region
 from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.render.tracers.compiled.scene import CompiledScene
 from unisim_blender.core.render.tracers.compiled.tracer import CompiledBackend
+from unisim_blender.core.sensors.frames import CAMERA_PASSES, CameraFrame
 from unisim_blender.core.world.drive import Drive, Look
 
 pytestmark = pytest.mark.skipif(native.library() is None, reason="the kernels were not built")

@@ -10,8 +10,8 @@ import torch
 from analytic_scene import Stage, analytic_scene, block, drive_of, empty, ground, sphere, still, union, wall
 
 from unisim_blender.core.model.config import preset
-from unisim_blender.core.ops.median import median_depth
 from unisim_blender.core.ops.ray_segments import Traced
+from unisim_blender.core.render.tracers.torch.median import median_depth
 
 EYE = np.array([-20.0, 0.0, 1.6])
 

@@ -15,7 +15,6 @@ from unisim_blender.core import native
 from unisim_blender.core.geometry import Trajectory, quaternion_from_matrix, transform_points
 from unisim_blender.core.render import observed_space
 from unisim_blender.core.render.drive_renderer import DriveRenderer
-from unisim_blender.core.render.frames import RenderStats
 from unisim_blender.core.render.observed_space import (
     ELEVATIONS,
     ObservedSpace,
@@ -33,6 +32,7 @@ from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.render.tracer import NEAR_M
 from unisim_blender.core.render.tracers.compiled.scene import CompiledScene
 from unisim_blender.core.render.tracers.compiled.tracer import CompiledBackend
+from unisim_blender.core.sensors.frames import RenderStats
 from unisim_blender.core.sensors.rays import Rays
 from unisim_blender.core.world.drive import Camera, CameraModel, Drive
 

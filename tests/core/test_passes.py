@@ -13,13 +13,13 @@ from unisim_blender.core import native
 from unisim_blender.core.model.checkpoint import load_scene
 from unisim_blender.core.output.exr import exr_channels
 from unisim_blender.core.render.drive_renderer import DriveRenderer
-from unisim_blender.core.render.frames import CAMERA_PASSES, CameraFrame
 from unisim_blender.core.render.quality.settings import QUALITY
 from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.render.tracer import Backend
 from unisim_blender.core.render.tracers.compiled.scene import CompiledScene
 from unisim_blender.core.render.tracers.compiled.tracer import CompiledBackend
 from unisim_blender.core.render.tracers.torch.tracer import TorchBackend
+from unisim_blender.core.sensors.frames import CAMERA_PASSES, CameraFrame
 
 FIELDS = {
     "depth": {"depth_m", "z_depth_m"}, "normal": {"normal"}, "instance": {"instance"}, "opacity": {"opacity"},

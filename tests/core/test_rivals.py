@@ -23,10 +23,10 @@ from unisim_blender.core.model.config import PRESETS, ModelConfig, SampleConfig,
 from unisim_blender.core.model.scene_file import read_scene_header
 from unisim_blender.core.prepare.renderers import compiled, environment, make_backend
 from unisim_blender.core.render.drive_renderer import DriveRenderer
-from unisim_blender.core.render.frames import CameraFrame
 from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.render.tracers.compiled.scene import CompiledScene
 from unisim_blender.core.render.tracers.torch.tracer import TorchBackend
+from unisim_blender.core.sensors.frames import CameraFrame
 from unisim_blender.core.training.config import TrainConfig
 from unisim_blender.core.training.recipe import recipe
 from unisim_blender.core.training.run import CHECKPOINT, finish, save_checkpoint, train

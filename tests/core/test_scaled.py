@@ -27,7 +27,6 @@ from unisim_blender.core.model.scene import SceneModel
 from unisim_blender.core.model.scene_file import drive_from_json, drive_to_json
 from unisim_blender.core.model.volume import Volume
 from unisim_blender.core.output.labels import frame_labels
-from unisim_blender.core.render.frames import RenderStats
 from unisim_blender.core.render.quality.settings import QUALITY
 from unisim_blender.core.render.tracers.compiled.scene import CompiledScene
 from unisim_blender.core.render.tracers.compiled.tracer import CompiledBackend
@@ -37,6 +36,7 @@ from unisim_blender.core.render.tracers.surfels.stage import carried
 from unisim_blender.core.render.tracers.torch.tracer import TorchBackend
 from unisim_blender.core.scenario import scenario_from_json
 from unisim_blender.core.scenario.edits import apply_scenario
+from unisim_blender.core.sensors.frames import RenderStats
 from unisim_blender.core.sensors.rays import Rays
 from unisim_blender.core.street.bundles import make_bundles
 from unisim_blender.core.street.edit_masks import edit_masks

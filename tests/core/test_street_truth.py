@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from unisim_blender.core.errors import LogError, ScenarioError
 from unisim_blender.core.geometry import FloatArray, Trajectory, invert_pose, points_in_box, transform_points
-from unisim_blender.core.render.frames import CameraFrame, LidarFrame
 from unisim_blender.core.sensors.camera import camera_rays, pixel_grid, row_times
+from unisim_blender.core.sensors.frames import CameraFrame, LidarFrame
 from unisim_blender.core.street.bundles import Bundles, make_bundles
 from unisim_blender.core.street.edit_masks import edit_masks
 from unisim_blender.core.street.road import HALF_ROAD_M, KERB_M

@@ -41,7 +41,6 @@ from whole_drive import bound_to
 from unisim_blender.core import native
 from unisim_blender.core.model.checkpoint import load_scene
 from unisim_blender.core.ops.density import logistic_intervals, weights_from_tau
-from unisim_blender.core.render.frames import RenderStats
 from unisim_blender.core.render.quality.settings import QUALITY, Quality
 from unisim_blender.core.render.tracers.compiled.scene import CompiledScene
 from unisim_blender.core.render.tracers.compiled.structs import SamplingStruct, SceneStruct, address, floats
@@ -54,6 +53,7 @@ from unisim_blender.core.render.tracers.compiled.tracer import (
     CompiledTracer,
 )
 from unisim_blender.core.sensors.camera import camera_rays, pixel_grid
+from unisim_blender.core.sensors.frames import RenderStats
 from unisim_blender.core.sensors.lidar import lidar_rays
 from unisim_blender.core.sensors.rays import Rays
 

@@ -25,7 +25,6 @@ from unisim_blender.core.evaluate.metrics import psnr
 from unisim_blender.core.files import cache_folder
 from unisim_blender.core.prepare.renderers import UNTRAINED, untrained_backend
 from unisim_blender.core.render.drive_renderer import DriveRenderer
-from unisim_blender.core.render.frames import CameraFrame
 from unisim_blender.core.render.regions import Region
 from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.render.tracers.surfels.build import Step, build_surfels, finished
@@ -38,6 +37,7 @@ from unisim_blender.core.render.tracers.surfels.views import open_view
 from unisim_blender.core.render.tracers.warping.tracer import WarpTracer
 from unisim_blender.core.scenario import scenario_from_json
 from unisim_blender.core.scenario.edits import apply_scenario
+from unisim_blender.core.sensors.frames import CameraFrame
 from unisim_blender.core.sequence.plan import code_digest
 from unisim_blender.core.street.street import Street, build_street, load_street
 from unisim_blender.core.street.truth import truth_camera, truth_lidar

@@ -14,10 +14,10 @@ from whole_drive import whole_state
 
 from unisim_blender.core.geometry import FloatArray, make_pose
 from unisim_blender.core.model.config import preset
-from unisim_blender.core.model.constants import EMPTY_M
+from unisim_blender.core.ops.constants import EMPTY_M
 from unisim_blender.core.ops.density import volume_intervals
 from unisim_blender.core.ops.march import refine_by_density
-from unisim_blender.core.ops.median import median_depth
+from unisim_blender.core.render.tracers.torch.median import median_depth
 from unisim_blender.core.world.drive import Box
 
 CONFIG = replace(preset("tiny"), density="volume", light="fixed")

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from unisim_blender.core.data.log import Sweep, SweepGrid
 from unisim_blender.core.geometry import FloatArray, Trajectory, make_pose, quaternion_from_matrix
 from unisim_blender.core.render.captures import CaptureStates
-from unisim_blender.core.render.frames import CameraFrame, LidarFrame, RenderStats
 from unisim_blender.core.render.visibility import Reach
+from unisim_blender.core.sensors.frames import CameraFrame, LidarFrame, RenderStats
 from unisim_blender.core.sensors.lidar import lidar_rays
 from unisim_blender.core.sequence.plan import RenderPlan, SequenceSettings
 from unisim_blender.core.world.drive import Actor, Camera, CameraModel, Drive, Lidar, LidarModel, Look

@@ -13,11 +13,11 @@ from same_frames import assert_same
 
 from unisim_blender.core import native
 from unisim_blender.core.render.drive_renderer import DriveRenderer
-from unisim_blender.core.render.frames import CAMERA_PASSES, CameraFrame, LidarFrame
 from unisim_blender.core.render.quality.settings import QUALITY
 from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.render.tracer import Backend, Tracer
 from unisim_blender.core.sensors.exposure import exposure_window
+from unisim_blender.core.sensors.frames import CAMERA_PASSES, CameraFrame, LidarFrame
 from unisim_blender.core.sensors.rays import Rays
 from unisim_blender.core.world.drive import Camera, Drive, Lidar
 from unisim_blender.core.world.replay import DriveStates

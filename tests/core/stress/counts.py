@@ -8,8 +8,8 @@ from collections.abc import Iterator
 import numpy as np
 from random_scene import CARS, PASSES, TINY, edited
 
-from unisim_blender.core.render.frames import RenderStats
 from unisim_blender.core.sensors.camera import camera_rays, pixel_grid
+from unisim_blender.core.sensors.frames import RenderStats
 from unisim_blender.core.sensors.rays import Rays
 
 from .measures import Bench, Measure, most

@@ -12,8 +12,8 @@ from random_scene import PASSES
 
 from unisim_blender.core.model.scene import SceneModel
 from unisim_blender.core.ops.density import logistic_intervals
-from unisim_blender.core.render.frames import RenderStats
 from unisim_blender.core.render.tracers.compiled.structs import address
+from unisim_blender.core.sensors.frames import RenderStats
 from unisim_blender.core.sensors.rays import Rays
 
 from .measures import Bench, Case, Measure, most

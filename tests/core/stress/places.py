@@ -19,7 +19,7 @@ from unisim_blender.core.geometry import (
 )
 from unisim_blender.core.model.tracklets import Tracklets
 from unisim_blender.core.model.volume import Volume
-from unisim_blender.core.render.frames import RenderStats
+from unisim_blender.core.sensors.frames import RenderStats
 from unisim_blender.core.training.data import LidarData
 
 from .measures import Bench, Case, Measure, most

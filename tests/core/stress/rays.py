@@ -11,7 +11,7 @@ from analytic_scene import still
 from random_scene import CARS, PASSES, edited
 
 from unisim_blender.core.model.scene import SceneModel
-from unisim_blender.core.render.frames import RenderStats
+from unisim_blender.core.sensors.frames import RenderStats
 from unisim_blender.core.sensors.rays import Rays
 
 from .measures import Bench, Measure, most

@@ -20,17 +20,17 @@ from unisim_blender.core.geometry import (
 )
 from unisim_blender.core.model.checkpoint import load_scene
 from unisim_blender.core.model.tracklets import Tracklets
-from unisim_blender.core.ops.median import median_depth
 from unisim_blender.core.ops.ray_segments import RayBatch, Traced
 from unisim_blender.core.render.actor_sets import gather_cast
-from unisim_blender.core.render.frames import RenderStats
 from unisim_blender.core.render.quality.settings import QUALITY, quality_named
 from unisim_blender.core.render.tracer import Found
 from unisim_blender.core.render.tracers.compiled.scene import CompiledScene
 from unisim_blender.core.render.tracers.compiled.tracer import CompiledBackend, CompiledTracer
 from unisim_blender.core.render.tracers.torch.actor_tensors import CastTensors, cast_tensors
+from unisim_blender.core.render.tracers.torch.median import median_depth
 from unisim_blender.core.render.tracers.torch.trace import Sampling, trace
 from unisim_blender.core.render.tracers.torch.tracer import TorchBackend, TorchTracer
+from unisim_blender.core.sensors.frames import RenderStats
 from unisim_blender.core.sensors.rays import Rays
 from unisim_blender.core.world.drive import Actor, Drive
 

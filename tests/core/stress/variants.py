@@ -9,9 +9,9 @@ from instruction_sets import run_with, sets_here
 from random_scene import CARS, PASSES, edited
 from whole_drive import bound_to
 
-from unisim_blender.core.render.frames import RenderStats
 from unisim_blender.core.render.tracers.compiled.scene import CompiledScene
 from unisim_blender.core.render.tracers.compiled.tracer import CompiledBackend
+from unisim_blender.core.sensors.frames import RenderStats
 
 from .measures import Bench, Measure, most
 from .scenes import make_scene, picture_rays

@@ -14,10 +14,10 @@ from whole_drive import bound_to
 
 from unisim_blender.core import native
 from unisim_blender.core.model.scene import SceneModel
-from unisim_blender.core.render.frames import RenderStats
 from unisim_blender.core.render.tracers.compiled.scene import CompiledScene
 from unisim_blender.core.render.tracers.compiled.structs import address
 from unisim_blender.core.render.tracers.compiled.tracer import CompiledBackend
+from unisim_blender.core.sensors.frames import RenderStats
 
 from .measures import Bench, Measure, most
 from .scenes import make_scene, picture_rays

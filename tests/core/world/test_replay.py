@@ -15,12 +15,12 @@ from turning_drive import turning_drive
 from whole_drive import whole_state, window_of
 
 from unisim_blender.core import native
-from unisim_blender.core.render.frames import CAMERA_PASSES, CameraFrame, LidarFrame
 from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.render.tracer import Backend
 from unisim_blender.core.render.tracers.compiled.scene import CompiledScene
 from unisim_blender.core.render.tracers.compiled.tracer import CompiledBackend
 from unisim_blender.core.sensors.exposure import exposure_window
+from unisim_blender.core.sensors.frames import CAMERA_PASSES, CameraFrame, LidarFrame
 from unisim_blender.core.world.drive import Camera, Drive, Lidar
 from unisim_blender.core.world.replay import DriveStates, parked_boxes, with_windows
 from unisim_blender.core.world.state import WorldState

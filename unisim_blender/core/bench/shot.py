@@ -16,11 +16,11 @@ from ..model.scene_file import read_scene_header
 from ..prepare.renderers import make_backend, other_scenes
 from ..prepare.replay import replayed_drive
 from ..render.drive_renderer import DriveRenderer
-from ..render.frames import RenderStats
 from ..render.quality.settings import Quality
 from ..render.regions import Region
 from ..render.renderer import Renderer
 from ..render.tracer import Backend
+from ..sensors.frames import RenderStats
 from ..world.drive import Drive
 from ..world.replay import DriveStates
 from .copies import with_copies

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ..evaluate.true_edits import Part, TrueEdit, TruePictures
 from ..evaluate.truth import EditRegions
 from ..files import write_file
-from ..render.frames import LidarFrame
+from ..sensors.frames import LidarFrame
 from ..world.drive import Drive
 
 Arrays = dict[str, NDArray[Any]]

@@ -17,7 +17,7 @@ from ..evaluate.tracklets import disturbance_taken_back
 from ..files import write_file
 from ..json_file import json_bytes
 from ..prepare.selection import check_names
-from ..sequence.plan import code_identity
+from ..render.code_identity import code_identity
 from ..street.street import recipe_document
 from .made import Made, make
 from .measure import Bench, measured

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ..geometry import FloatArray
 from ..render.drive_renderer import DriveRenderer
-from ..render.frames import CameraFrame
+from ..sensors.frames import CameraFrame
 
 
 @dataclass

@@ -18,7 +18,7 @@ from ..data.images import resize_image
 from ..data.log import Log
 from ..data.own_vehicle import Outline, shows_scene
 from ..geometry import BoolArray, FloatArray, invert_pose, transform_points
-from ..render.frames import CameraFrame
+from ..sensors.frames import CameraFrame
 from ..world.drive import Camera, Drive
 from .masks import actor_mask
 from .metrics import Picture, chamfer, lidar_metrics, mean_of, mean_squared_error, psnr, psnr_from_error, ssim

@@ -18,7 +18,7 @@ from ..model.scene_file import SceneHeader, read_scene_header
 from ..prepare.renderers import SceneSource, scene_hash
 from ..prepare.replay import replayed_drive
 from ..prepare.selection import check_names, select_frames
-from ..sequence.plan import code_identity
+from ..render.code_identity import code_identity
 from ..world.drive import Drive
 from .recorded import EvaluationPlan, Perceptual, evaluate
 from .report import Report

@@ -11,7 +11,7 @@ import numpy as np
 from ..data.images import resize_image
 from ..prepare.scenario import PreparedScenario
 from ..prepare.street import street_of
-from ..render.frames import LidarFrame
+from ..sensors.frames import LidarFrame
 from ..street.edit_masks import edit_masks
 from ..street.path_tracer import Wanted, draw_truths
 from ..street.street import Street, load_street

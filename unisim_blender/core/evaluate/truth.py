@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry import BoolArray, FloatArray
-from ..render.frames import LidarFrame
+from ..sensors.frames import LidarFrame
 from .metrics import Picture, chamfer, lidar_metrics, mean_of
 from .recorded import RayRenderer, camera_figures, finite, picture_metrics
 

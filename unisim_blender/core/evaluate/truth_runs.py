@@ -16,8 +16,8 @@ from ..prepare.renderers import SceneSource, scene_hash
 from ..prepare.scenario import prepare_scenario
 from ..prepare.scenario_plan import scenario_hash
 from ..prepare.selection import check_names, select_frames
-from ..render.frames import LidarFrame
-from ..sequence.plan import code_identity
+from ..render.code_identity import code_identity
+from ..sensors.frames import LidarFrame
 from ..world.drive import Drive
 from .contact_sheet import CameraRow, camera_row, sweep_tile, write_contact_sheet
 from .metrics import Picture

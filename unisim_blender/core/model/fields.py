@@ -12,13 +12,13 @@ import torch
 from torch import Tensor, nn
 
 from .. import native
+from ..ops.constants import MAX_LOG_DENSITY
 from ..ops.devices import kernel_threads
 from ..ops.gradient_sink import GradientSink
 from ..ops.grid_shape import GridArrays, GridShape
 from ..ops.hash_grid import encode, tensors_of
 from ..ops.kernel_choice import kernels_for
 from .config import ModelConfig
-from .constants import MAX_LOG_DENSITY
 from .networks import mlp, network_struct, run_mlp
 from .volume import Volume
 from .volume_frame import VolumeFrame, contract, contract_direction

@@ -8,7 +8,7 @@ import torch.nn.functional as F
 from torch import Tensor, nn
 
 from ..geometry import FloatArray
-from .constants import CLEARANCE_M, GROUND_CELL_M
+from ..ops.constants import CLEARANCE_M, GROUND_CELL_M
 
 
 class Ground(nn.Module):

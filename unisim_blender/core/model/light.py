@@ -10,8 +10,8 @@ from __future__ import annotations
 import torch
 from torch import Tensor, nn
 
+from ..ops.constants import LIGHT_REACH_M
 from .config import ModelConfig
-from .constants import LIGHT_REACH_M
 from .networks import mlp, run_mlp
 
 HIDDEN = 16

@@ -19,7 +19,7 @@ from torch import Tensor
 from torch.autograd.function import once_differentiable
 
 from .. import native
-from ..model.constants import MAX_LOG_DENSITY
+from .constants import MAX_LOG_DENSITY
 from .devices import kernel_threads
 from .kernel_choice import kernels_for
 

@@ -15,7 +15,7 @@ import torch.nn.functional as F
 from torch import Tensor
 
 from .. import native
-from ..model.constants import DECAY_PER_M, QUANTILE_FLOOR
+from .constants import DECAY_PER_M, QUANTILE_FLOOR
 from .devices import kernel_threads
 from .kernel_choice import kernels_for
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from ..colour import linear_from_srgb
 from ..files import partial_file
-from ..render.frames import CameraFrame
+from ..sensors.frames import CameraFrame
 
 REC709_CHROMATICITIES = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)
 METADATA_ATTRIBUTE = "unisim"

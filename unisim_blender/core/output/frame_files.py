@@ -15,7 +15,7 @@ from ..colour import bytes_from_srgb
 from ..files import write_file
 from ..geometry import invert_pose, transform_points
 from ..json_file import json_bytes
-from ..render.frames import CameraFrame, LidarFrame
+from ..sensors.frames import CameraFrame, LidarFrame
 from ..world.drive import Drive
 from .exr import camera_metadata, write_exr
 from .labels import frame_labels

@@ -17,13 +17,13 @@ from ..data import open_log
 from ..data.log import Log
 from ..errors import ScenarioError
 from ..files import sha256_of_file
+from ..metrics.error_bound import Bound
 from ..model.config import ModelConfig
 from ..model.scene_file import HEADER_NAME, WEIGHTS_NAME, read_scene_header
 from ..model.weights import weights_hash
 from ..render.captures import CaptureStates
 from ..render.drive_renderer import DriveRenderer
 from ..render.quality.bounded import BoundedRenderer
-from ..render.quality.max_error import Bound
 from ..render.quality.settings import quality_named
 from ..render.renderer import Renderer, reach_of
 from ..render.tracer import Backend

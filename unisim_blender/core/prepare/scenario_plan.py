@@ -10,11 +10,11 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import ScenarioError, UnisimError
+from ..metrics.error_bound import Bound
 from ..output.frame_files import FORMATS
-from ..render.frames import CAMERA_PASSES
-from ..render.quality.max_error import Bound
 from ..scenario import scenario_to_json
 from ..scenario.types import Outputs, Scenario
+from ..sensors.frames import CAMERA_PASSES
 from ..sequence.plan import FrameRenderer, RenderPlan, SequenceSettings
 from .cannot import warnings
 from .renderers import RENDERERS, UNTRAINED_DEFAULT, BoundedSource, SceneSource, Wanted, environment, method_of, scene_paths

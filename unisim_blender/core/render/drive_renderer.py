@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 
 from ..errors import SceneError
 from ..geometry import FloatArray
+from ..sensors.frames import CameraFrame, LidarFrame, RenderStats
 from ..sensors.lidar import lidar_rays
 from ..sensors.rays import Rays
 from ..world.drive import Camera, Drive, Lidar
 from ..world.replay import DriveStates
 from ..world.state import WorldState
 from .captures import CaptureStates
-from .frames import CameraFrame, LidarFrame, RenderStats
 from .regions import Region, Tile
 from .renderer import Renderer
 

@@ -28,11 +28,11 @@ from ..model.scene_file import SceneHeader
 from ..model.weights import weights_hash
 from ..sensors.camera import camera_rays, pixel_grid
 from ..sensors.exposure import exposure_window
+from ..sensors.frames import RenderStats
 from ..sensors.lidar import lidar_rays
 from ..sensors.rays import Rays
 from ..world.drive import Camera, Lidar
 from ..world.replay import DriveStates
-from .frames import RenderStats
 from .tracer import NEAR_M, Backend
 
 VERSION = 1

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry import FloatArray
-from .frames import CameraFrame
+from ..sensors.frames import CameraFrame
 from .tracer import Maps
 
 

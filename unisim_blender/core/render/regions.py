@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from ..sensors.frames import CameraFrame
 from ..world.drive import CameraModel
-from .frames import CameraFrame
 
 
 class Region(NamedTuple):

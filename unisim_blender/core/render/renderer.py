@@ -26,12 +26,12 @@ from ..geometry import FloatArray
 from ..meshes.exposure import PROBE_M, beside, level_of
 from ..sensors.bounds import beside_boxes
 from ..sensors.camera import along_axis, camera_rays, pixel_grid
+from ..sensors.frames import CameraFrame, LidarFrame, RenderStats
 from ..sensors.lidar import lidar_rays
 from ..sensors.rays import Rays
 from ..world.drive import Actor, Camera, Lidar
 from ..world.state import WorldState
 from .contact_shadow import NOTHING_M, shaded
-from .frames import CameraFrame, LidarFrame, RenderStats
 from .lattice.blocks import CROWDED, Picture
 from .lattice.lattice import aligned, grown
 from .passes import fill_passes

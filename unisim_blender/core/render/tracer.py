@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 
 from ..geometry import FloatArray
 from ..meshes.meeting import Met
+from ..sensors.frames import RenderStats
 from ..sensors.rays import Rays
 from ..world.drive import Box
 from ..world.state import WorldState
 from .actor_sets import Cast
-from .frames import RenderStats
 from .quality.settings import Quality
 
 Array = NDArray[np.float32]

@@ -14,12 +14,13 @@ from dataclasses import asdict, replace
 from typing import Any
 
 from ..geometry import Trajectory
+from ..metrics.error_bound import parse_bounds, sample_frames
 from ..model.scene_file import drive_to_json
-from ..render.quality.max_error import parse_bounds, sample_frames
+from ..render.code_identity import code_identity
 from ..sensors.exposure import exposure_window
 from ..world.drive import Camera, Lidar
 from ..world.state import WorldState
-from .plan import RenderPlan, code_identity
+from .plan import RenderPlan
 
 CAMERA_FORMATS, LIDAR_FORMATS = ("png", "exr"), ("ply", "npz")
 NOT_OF_CAMERAS, NOT_OF_LIDARS = ("draw",), ("passes", "width", "contact_shadows")

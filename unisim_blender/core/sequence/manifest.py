@@ -6,8 +6,9 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from ..render.code_identity import code_identity
 from ..render.quality.settings import LADDER
-from .plan import RenderPlan, code_identity
+from .plan import RenderPlan
 from .records import Captures, read_records
 
 MANIFEST_VERSION = 2

@@ -28,7 +28,7 @@ from ..files import remove_partial_files, sha256_of_file, write_file
 from ..json_file import json_bytes
 from ..output.frame_files import labels_bytes, labels_path, write_camera, write_labels, write_lidar
 from ..processes import THREAD_VARIABLES, end_with_parent
-from ..render.frames import CameraFrame, LidarFrame, RenderStats
+from ..sensors.frames import CameraFrame, LidarFrame, RenderStats
 from .identity import CaptureIdentities, Identity
 from .manifest import COUNTS, LABELS, make_manifest
 from .plan import FrameRenderer, RenderPlan

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry import FloatArray, rotate_vectors, transform_points
-from ..render.frames import CameraFrame, LidarFrame, RenderStats
 from ..sensors.camera import camera_rays
+from ..sensors.frames import CameraFrame, LidarFrame, RenderStats
 from ..sensors.lidar import lidar_rays
 from ..world.drive import Camera, Drive
 from .bundles import TILE, Bundles, make_bundles, tile_image, untile_image

@@ -19,7 +19,7 @@ from ..errors import LogError, OutputError
 from ..files import remove_partial_files, write_file
 from ..processes import THREAD_VARIABLES, end_with_parent
 from ..progress import Bar
-from ..render.frames import LidarFrame
+from ..sensors.frames import LidarFrame
 from .path_tracer import check_blender, draw_log
 from .street import RECIPE_FILE, Street, load_street, recipe_document
 from .truth import truth_camera, truth_lidar

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from ..geometry import FloatArray
-from ..model.constants import GROUND_CELL_M
+from ..ops.constants import GROUND_CELL_M
 from ..world.drive import Drive
 
 KNOWN_M = 8.0

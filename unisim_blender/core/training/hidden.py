@@ -11,10 +11,10 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-from ..model.constants import GROUND_CELL_M
 from ..model.frozen import frozen, shallow
 from ..model.occupancy import OccupancyTrainer
 from ..model.scene import SceneModel
+from ..ops.constants import GROUND_CELL_M
 
 REACH_M = 2.0
 """How high above the ground things are continued downwards: a van's height."""

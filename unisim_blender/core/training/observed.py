@@ -13,12 +13,12 @@ from ..geometry import FloatArray, invert_pose, transform_points
 from ..model.checkpoint import Scene
 from ..model.scene import SceneModel
 from ..ops.ray_segments import RayBatch
-from ..render.frames import RenderStats
 from ..render.quality.settings import QUALITY
 from ..render.tracer import NEAR_M
 from ..render.tracers.torch.tracer import TorchBackend, to_batch
 from ..sensors.camera import camera_rays, pixel_grid
 from ..sensors.exposure import exposure_window
+from ..sensors.frames import RenderStats
 from ..world.replay import DriveStates
 
 

@@ -6,10 +6,10 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-from ..model.constants import GROUND_CELL_M
 from ..model.gradient import CORNERS, distance_gradient
 from ..model.occupancy import OccupancyTrainer
 from ..model.scene import SceneModel
+from ..ops.constants import GROUND_CELL_M
 from ..ops.ray_segments import Strands, Traced
 from .data import LidarBatch
 from .losses import distance_band, eikonal, turning, wrong_side

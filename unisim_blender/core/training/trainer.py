@@ -19,12 +19,12 @@ from .. import native
 from ..data.log import Log
 from ..errors import SceneError
 from ..geometry import FloatArray, invert_pose, transform_points
-from ..model.constants import VEHICLES
 from ..model.fields import HashTable
 from ..model.occupancy import OccupancyTrainer
 from ..model.scene import SceneModel
 from ..model.tracklets import Tracklets
 from ..model.volume import Volume
+from ..ops.constants import VEHICLES
 from ..ops.devices import kernel_threads, module_to, tensor_to, torch_threads
 from ..ops.gradient_sink import GradientSink
 from ..ops.ray_segments import RayBatch, Traced

@@ -25,7 +25,6 @@ from ..prepare.renderers import (
 )
 from ..prepare.scenario import recorded_drive, scene_actors
 from ..render.drive_renderer import DriveRenderer
-from ..render.frames import CameraFrame
 from ..render.observed_space import ObservedSpace, Observing, keep_space, kept_space, observe_space
 from ..render.regions import Region
 from ..render.renderer import Renderer
@@ -35,6 +34,7 @@ from ..render.tracers.surfels.model import SurfelScene
 from ..scenario import scenario_from_json
 from ..scenario.edits import apply_scenario
 from ..scenario.types import Scenario
+from ..sensors.frames import CameraFrame
 from ..world.drive import CameraModel, Drive
 from .about import about
 from .protocol import Job, Message

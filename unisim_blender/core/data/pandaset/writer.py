@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from ...errors import OutputError
 from ...files import write_file
 from ...geometry import FloatArray, Trajectory, invert_pose, make_pose, quaternion_from_matrix
-from ...render.frames import LidarFrame
+from ...sensors.frames import LidarFrame
 from ...world.drive import Drive
 from ..log import Sweep
 from ..safe_pickle import Table

@@ -15,10 +15,10 @@ from ....errors import SceneError, UnisimError
 from ....geometry import FloatArray, invert_pose, transform_points
 from ....model.config import GridConfig, ModelConfig
 from ....model.config_check import check_config, check_sizes
-from ....model.constants import CLEARANCE_M, DECAY_PER_M, GROUND_CELL_M, LIGHT_REACH_M
 from ....model.scene_file import HEADER_NAME, WEIGHTS_NAME, SceneHeader, read_scene_header
 from ....model.volume import Volume
 from ....model.weights import Weights, check_belongs, read_weights
+from ....ops.constants import CLEARANCE_M, DECAY_PER_M, GROUND_CELL_M, LIGHT_REACH_M
 from ....ops.grid_shape import GridArrays, GridShape
 from .cells import BOX_CELLS, Cells, kept, stored, to_store
 from .decoder import Decoder

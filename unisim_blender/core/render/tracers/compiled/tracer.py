@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 from .... import native
 from ....geometry import FloatArray
 from ....meshes.meeting import Met
-from ....model.constants import OPAQUE, WHOLE
+from ....ops.constants import OPAQUE, WHOLE
+from ....sensors.frames import RenderStats
 from ....sensors.rays import Rays, sound_directions
 from ....world.drive import Box
 from ....world.replay import parked_boxes
 from ....world.state import WorldState
 from ...actor_sets import gather_cast
-from ...frames import RenderStats
 from ...observed_space import Observed, ObservedSpace
 from ...quality.settings import QUALITY, Quality
 from ...tracer import EDGE_CELLS, NEAR_M, UNIFORM_STEP_M, Array, Found, Maps, tiled

@@ -11,7 +11,7 @@ from ....data.log import Log, Sweep
 from ....data.own_vehicle import Outline
 from ....errors import LogError
 from ....geometry import FloatArray
-from ....model.constants import CLEARANCE_M, GROUND_CELL_M, VEHICLES
+from ....ops.constants import CLEARANCE_M, GROUND_CELL_M, VEHICLES
 from ....sensors.rays import Rays
 from ....world.drive import Actor
 from ....world.replay import with_windows

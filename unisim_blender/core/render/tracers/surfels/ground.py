@@ -11,7 +11,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from ....geometry import FloatArray
-from ....model.constants import GROUND_CELL_M
+from ....ops.constants import GROUND_CELL_M
 
 OPENING = 9
 """Cells: what is high over less than this is no ground."""

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ....data.own_vehicle import Outline, outlines_from_json, outlines_to_json
 from ....geometry import BoolArray, FloatArray
 from ....meshes.intersect import Triangles
-from ....model.constants import CLEARANCE_M
+from ....ops.constants import CLEARANCE_M
 from .drops import DropTable
 from .exposure import Exposures
 from .ground import HeightGrid

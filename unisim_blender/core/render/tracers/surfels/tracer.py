@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 from ....errors import SceneError
 from ....geometry import BoolArray, FloatArray, Trajectory, invert_pose, points_in_box, transform_points
 from ....meshes.meeting import Met
+from ....sensors.frames import RenderStats
 from ....sensors.rays import Rays
 from ....world.drive import Box, Drive
 from ....world.replay import parked_boxes
 from ....world.state import WorldState
 from ...actor_sets import gather_cast
-from ...frames import RenderStats
 from ...quality.settings import QUALITY, Quality
 from ...tracer import NEAR_M, Array, Found, Maps
 from .cloud import MARGIN_M

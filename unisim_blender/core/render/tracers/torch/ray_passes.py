@@ -9,12 +9,12 @@ import torch.nn.functional as F
 from torch import Tensor
 
 from ....model.checkpoint import Scene
-from ....model.constants import NORMAL_STEP_M
 from ....model.gradient import CORNERS, distance_gradient
-from ....ops.median import median_depth
+from ....ops.constants import NORMAL_STEP_M
 from ....ops.ray_segments import RayBatch, Strands, Traced
 from ...tracer import Maps
 from .actor_tensors import CastTensors
+from .median import median_depth
 
 
 def ray_passes(scene: Scene, cast: CastTensors, part: RayBatch, traced: Traced, passes: set[str]) -> Maps:

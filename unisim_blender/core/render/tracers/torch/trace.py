@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from ....meshes.meeting import Met
-from ....model.constants import CLEARANCE_M, EMPTY_M, OPAQUE, WHOLE
 from ....model.scene import SceneModel
 from ....model.tracklets import Hits
 from ....ops.composite import composite
+from ....ops.constants import CLEARANCE_M, EMPTY_M, OPAQUE, WHOLE
 from ....ops.density import logistic_intervals, unisim_intervals, volume_density, volume_intervals, weights_from_tau
 from ....ops.march import Segment, propose, refine_by_density, refine_quantiles, stratified
 from ....ops.ray_segments import RayBatch, Strands, Traced

@@ -27,12 +27,12 @@ from ....model.volume_frame import VolumeFrame
 from ....ops.devices import tensor_to
 from ....ops.ray_segments import RayBatch, Traced
 from ....sensors.bounds import Bounds
+from ....sensors.frames import RenderStats
 from ....sensors.rays import Rays, sound_directions
 from ....world.drive import Box
 from ....world.replay import parked_boxes
 from ....world.state import WorldState
 from ...actor_sets import gather_cast
-from ...frames import RenderStats
 from ...observed_space import Observed, ObservedSpace
 from ...quality.settings import QUALITY, Quality
 from ...tracer import EDGE_CELLS, NEAR_M, UNIFORM_STEP_M, Array, Found

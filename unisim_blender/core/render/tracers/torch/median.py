@@ -10,8 +10,8 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-from ..model.scene import SceneModel
-from .ray_segments import Strands, Traced
+from ....model.scene import SceneModel
+from ....ops.ray_segments import Strands, Traced
 
 
 @torch.no_grad()

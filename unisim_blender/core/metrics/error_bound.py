@@ -10,8 +10,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import UnisimError
-from ...geometry import FloatArray
+from ..errors import UnisimError
+from ..geometry import FloatArray
 
 BOUND = re.compile(r"(?:p(\d+(?:\.\d+)?):)?(\d+(?:\.\d+)?)\s*(mm|dB|dE)", re.IGNORECASE)
 UNITS = {"mm": "mm", "db": "dB", "de": "dE"}

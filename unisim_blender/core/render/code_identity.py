@@ -1,0 +1,35 @@
+"""The identity of the code that renders: part of the identity of everything that is kept."""
+
+from __future__ import annotations
+
+import hashlib
+from functools import cache
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+from ..files import sha256_of_file
+
+CODE_SUFFIXES = (".py", ".so", ".dll", ".dylib")
+NOT_RENDERING = ("actor_images", "bench", "cli", "compare", "evaluate", "metrics", "rigs", "street", "training")
+"""Folders of core that change no rendered frame."""
+
+
+@cache
+def code_identity() -> dict[str, str]:
+    """The package's version, and a digest of core's sources and native libraries, less those that take no part in rendering."""
+    try:
+        release = version("unisim_blender")
+    except PackageNotFoundError:  # run from its sources, or as an extension of Blender
+        release = "source"
+    return {"version": release, "sha256": code_digest(NOT_RENDERING)}
+
+
+@cache
+def code_digest(left_out: tuple[str, ...]) -> str:
+    """A digest of core's sources and native libraries, less folders and modules of these names."""
+    root = Path(__file__).parents[1]
+    digest = hashlib.sha256()
+    for path in sorted(p for p in root.rglob("*") if p.suffix in CODE_SUFFIXES and p.is_file()):
+        if path.relative_to(root).parts[0] not in left_out:
+            digest.update(f"{path.relative_to(root).as_posix()}\0{sha256_of_file(path)}\n".encode())
+    return digest.hexdigest()
