@@ -62,7 +62,8 @@ def test_a_finished_training_leaves_them(tmp_path: Path, cache: Path, monkeypatc
 def test_kernels_read_no_memory_that_was_given_back(tmp_path: Path, cache: Path) -> None:
     """With glibc told to unmap whatever is freed, reading it ends the process."""
     path = saved(tmp_path / "scene", True)
-    script = f"from unisim_blender.core.render.tracers.compiled.scene import CompiledScene; print(CompiledScene({str(path)!r}).cells.kinds.size)"
+    scene = "unisim_blender.core.render.tracers.compiled.scene"
+    script = f"from {scene} import CompiledScene; print(CompiledScene({str(path)!r}).cells.kinds.size)"
     environment = os.environ | {"MALLOC_MMAP_THRESHOLD_": "1024", "MALLOC_PERTURB_": "165"}
     done = subprocess.run([sys.executable, "-c", script], env=environment, capture_output=True, text=True, timeout=120)
     assert done.returncode == 0, (done.returncode, done.stderr[-500:])

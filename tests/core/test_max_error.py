@@ -18,7 +18,6 @@ from skimage.color import rgb2lab
 from unisim_blender.core import native
 from unisim_blender.core.colour import lab_from_srgb
 from unisim_blender.core.errors import UnisimError
-from unisim_blender.core.metrics.error_bound import Bound, depth_errors, drawn, parse_bounds, quantile_check, quantile_rank
 from unisim_blender.core.model.checkpoint import load_scene
 from unisim_blender.core.model.scene_file import read_scene_header
 from unisim_blender.core.prepare.renderers import make_backend
@@ -27,6 +26,7 @@ from unisim_blender.core.render.quality.bounded import BoundedRenderer, Patches,
 from unisim_blender.core.render.quality.settings import LADDER, TRUTH
 from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.render.tracers.torch.tracer import TorchBackend, TorchTracer
+from unisim_blender.core.sensors.error_bound import Bound, depth_errors, drawn, parse_bounds, quantile_check, quantile_rank
 from unisim_blender.core.sensors.frames import CameraFrame, LidarFrame, RenderStats
 from unisim_blender.core.world.drive import Drive
 

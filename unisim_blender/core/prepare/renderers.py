@@ -17,7 +17,6 @@ from ..data import open_log
 from ..data.log import Log
 from ..errors import ScenarioError
 from ..files import sha256_of_file
-from ..metrics.error_bound import Bound
 from ..model.config import ModelConfig
 from ..model.scene_file import HEADER_NAME, WEIGHTS_NAME, read_scene_header
 from ..model.weights import weights_hash
@@ -35,6 +34,7 @@ from ..render.tracers.surfels.cache import build_key, surfels_of
 from ..render.tracers.surfels.model import LIDARSIM, PROXY, SurfelScene, SurfelSettings
 from ..render.tracers.surfels.tracer import SurfelBackend
 from ..render.tracers.warping.tracer import WarpBackend
+from ..sensors.error_bound import Bound
 from ..world.drive import Drive
 from ..world.replay import DriveStates, parked_boxes
 

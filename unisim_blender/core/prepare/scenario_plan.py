@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import ScenarioError, UnisimError
-from ..metrics.error_bound import Bound
 from ..output.frame_files import FORMATS
 from ..scenario import scenario_to_json
 from ..scenario.types import Outputs, Scenario
+from ..sensors.error_bound import Bound
 from ..sensors.frames import CAMERA_PASSES
 from ..sequence.plan import FrameRenderer, RenderPlan, SequenceSettings
 from .cannot import warnings

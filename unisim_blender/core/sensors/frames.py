@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry import FloatArray
-from ..metrics.error_bound import Promise
 from ..world.drive import CameraModel, LidarModel
+from .error_bound import Promise
 
 CAMERA_PASSES = ("rgb", "depth", "normal", "instance", "opacity", "support")
 """Passes a camera frame can hold; ``rgb`` alone is rendered where nothing else was asked for."""

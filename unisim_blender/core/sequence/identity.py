@@ -14,9 +14,9 @@ from dataclasses import asdict, replace
 from typing import Any
 
 from ..geometry import Trajectory
-from ..metrics.error_bound import parse_bounds, sample_frames
 from ..model.scene_file import drive_to_json
 from ..render.code_identity import code_identity
+from ..sensors.error_bound import parse_bounds, sample_frames
 from ..sensors.exposure import exposure_window
 from ..world.drive import Camera, Lidar
 from ..world.state import WorldState

@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 
 from ...colour import lab_from_srgb
 from ...geometry import FloatArray
-from ...metrics.error_bound import Bound, Check, Promise, depth_errors, drawn, mean_at_most, quantile_check, sample_frames
 from ...sensors.camera import pixel_grid
+from ...sensors.error_bound import Bound, Check, Promise, depth_errors, drawn, mean_at_most, quantile_check, sample_frames
 from ...sensors.frames import CameraFrame, LidarFrame
 from ..drive_renderer import DriveRenderer
 from ..regions import Region

@@ -13,7 +13,7 @@ from pathlib import Path
 from ....data.log import Log
 from ....errors import OutputError
 from ....files import CACHE_VARIABLE, cache_folder, sha256_of_file
-from ....sequence.plan import code_digest
+from ...code_identity import code_digest
 from .build import Step, build_surfels
 from .model import FORMAT_VERSION, SurfelScene, SurfelSettings, load_surfels, save_surfels
 
