@@ -15,7 +15,7 @@ from typing import Any
 from ..errors import OutputError
 from ..files import sha256_of_file, write_file
 from ..json_file import json_bytes
-from ..render.quality.settings import LADDER
+from ..render.quality_settings import LADDER
 
 STATE_FOLDER = ".state"
 

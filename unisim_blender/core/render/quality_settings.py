@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from ...errors import SceneError
+from ..errors import SceneError
 
 
 @dataclass(frozen=True)

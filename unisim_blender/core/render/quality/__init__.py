@@ -1,1 +1,0 @@
-"""What may be saved, and errors that are bounded."""
