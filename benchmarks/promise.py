@@ -24,9 +24,9 @@ from unisim_blender.core.geometry import FloatArray
 from unisim_blender.core.model.scene_file import read_scene_header
 from unisim_blender.core.prepare.renderers import make_backend
 from unisim_blender.core.prepare.selection import select_frames
-from unisim_blender.core.render.drive_renderer import DriveRenderer
 from unisim_blender.core.render.bounded import BoundedRenderer, at_quality, colour_errors
-from unisim_blender.core.render.quality_settings import LADDER, TRUTH
+from unisim_blender.core.render.drive_renderer import DriveRenderer
+from unisim_blender.core.render.quality import LADDER, TRUTH
 from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.sensors.error_bound import Bound, depth_errors, parse_bounds
 from unisim_blender.core.sensors.frames import CameraFrame, LidarFrame

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from unisim_blender.core import native
 from unisim_blender.core.model.checkpoint import load_scene
 from unisim_blender.core.render.drive_renderer import DriveRenderer
-from unisim_blender.core.render.quality_settings import QUALITY
+from unisim_blender.core.render.quality import QUALITY
 from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.render.tracers.torch.tracer import TorchBackend
 from unisim_blender.core.sensors.frames import CameraFrame

@@ -37,7 +37,7 @@ from unisim_blender.core.geometry import FloatArray, invert_pose, transform_poin
 from unisim_blender.core.model.scene_file import read_scene_header
 from unisim_blender.core.prepare.renderers import make_backend
 from unisim_blender.core.render.drive_renderer import DriveRenderer
-from unisim_blender.core.render.quality_settings import QUALITY
+from unisim_blender.core.render.quality import QUALITY
 from unisim_blender.core.render.regions import Region
 from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.world.drive import Drive

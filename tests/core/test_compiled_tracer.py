@@ -19,7 +19,7 @@ from unisim_blender.core.bench.methods import VARIANTS
 from unisim_blender.core.errors import SceneError, UnisimError
 from unisim_blender.core.meshes.meeting import Met
 from unisim_blender.core.model.checkpoint import load_scene
-from unisim_blender.core.render.quality_settings import QUALITY
+from unisim_blender.core.render.quality import QUALITY
 from unisim_blender.core.render.tracer import Found, tiled
 from unisim_blender.core.render.tracers.compiled import tracer as compiled_tracer
 from unisim_blender.core.render.tracers.compiled.scene import CompiledScene

@@ -17,7 +17,7 @@ from unisim_blender.core.model.checkpoint import load_scene
 from unisim_blender.core.model.config import preset
 from unisim_blender.core.model.scene import SceneModel
 from unisim_blender.core.model.volume import Volume
-from unisim_blender.core.render.quality_settings import QUALITY
+from unisim_blender.core.render.quality import QUALITY
 from unisim_blender.core.render.tracers.compiled.scene import CompiledScene
 from unisim_blender.core.render.tracers.compiled.tracer import CompiledBackend
 from unisim_blender.core.render.tracers.torch.trace import _median, _mirrored

@@ -21,9 +21,9 @@ from unisim_blender.core.errors import UnisimError
 from unisim_blender.core.model.checkpoint import load_scene
 from unisim_blender.core.model.scene_file import read_scene_header
 from unisim_blender.core.prepare.renderers import make_backend
-from unisim_blender.core.render.drive_renderer import DriveRenderer
 from unisim_blender.core.render.bounded import BoundedRenderer, Patches, at_quality, colour_errors
-from unisim_blender.core.render.quality_settings import LADDER, TRUTH
+from unisim_blender.core.render.drive_renderer import DriveRenderer
+from unisim_blender.core.render.quality import LADDER, TRUTH
 from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.render.tracers.torch.tracer import TorchBackend, TorchTracer
 from unisim_blender.core.sensors.error_bound import Bound, depth_errors, drawn, parse_bounds, quantile_check, quantile_rank

@@ -13,7 +13,7 @@ from unisim_blender.core import native
 from unisim_blender.core.model.checkpoint import load_scene
 from unisim_blender.core.output.exr import exr_channels
 from unisim_blender.core.render.drive_renderer import DriveRenderer
-from unisim_blender.core.render.quality_settings import QUALITY
+from unisim_blender.core.render.quality import QUALITY
 from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.render.tracer import Backend
 from unisim_blender.core.render.tracers.compiled.scene import CompiledScene

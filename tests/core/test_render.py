@@ -16,7 +16,7 @@ from unisim_blender.core.errors import SceneError
 from unisim_blender.core.geometry import FloatArray, Trajectory, make_pose, quaternion_from_yaw, transform_points
 from unisim_blender.core.model.config import preset
 from unisim_blender.core.model.decode import CameraDecoder
-from unisim_blender.core.render.quality_settings import QUALITY
+from unisim_blender.core.render.quality import QUALITY
 from unisim_blender.core.render.tracers.torch import tracer as torch_tracer
 from unisim_blender.core.sensors.bounds import Bounds
 from unisim_blender.core.sensors.camera import camera_rays, pixel_grid

@@ -27,7 +27,7 @@ from unisim_blender.core.model.scene import SceneModel
 from unisim_blender.core.model.scene_file import drive_from_json, drive_to_json
 from unisim_blender.core.model.volume import Volume
 from unisim_blender.core.output.labels import frame_labels
-from unisim_blender.core.render.quality_settings import QUALITY
+from unisim_blender.core.render.quality import QUALITY
 from unisim_blender.core.render.tracers.compiled.scene import CompiledScene
 from unisim_blender.core.render.tracers.compiled.tracer import CompiledBackend
 from unisim_blender.core.render.tracers.surfels.model import SurfelSet

@@ -29,7 +29,7 @@ from unisim_blender.core.model.scene import SceneModel
 from unisim_blender.core.model.scene_file import SceneHeader
 from unisim_blender.core.model.volume import Volume
 from unisim_blender.core.prepare.renderers import make_backend
-from unisim_blender.core.render.quality_settings import LADDER
+from unisim_blender.core.render.quality import LADDER
 
 
 @pytest.fixture(scope="module")

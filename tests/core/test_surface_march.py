@@ -41,7 +41,7 @@ from whole_drive import bound_to
 from unisim_blender.core import native
 from unisim_blender.core.model.checkpoint import load_scene
 from unisim_blender.core.ops.density import logistic_intervals, weights_from_tau
-from unisim_blender.core.render.quality_settings import QUALITY, Quality
+from unisim_blender.core.render.quality import QUALITY, Quality
 from unisim_blender.core.render.tracers.compiled.scene import CompiledScene
 from unisim_blender.core.render.tracers.compiled.structs import SamplingStruct, SceneStruct, address, floats
 from unisim_blender.core.render.tracers.compiled.tracer import (

@@ -13,7 +13,7 @@ from same_frames import assert_same
 
 from unisim_blender.core import native
 from unisim_blender.core.render.drive_renderer import DriveRenderer
-from unisim_blender.core.render.quality_settings import QUALITY
+from unisim_blender.core.render.quality import QUALITY
 from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.render.tracer import Backend, Tracer
 from unisim_blender.core.sensors.exposure import exposure_window

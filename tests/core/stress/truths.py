@@ -22,7 +22,7 @@ from unisim_blender.core.model.checkpoint import load_scene
 from unisim_blender.core.model.tracklets import Tracklets
 from unisim_blender.core.ops.ray_segments import RayBatch, Traced
 from unisim_blender.core.render.actor_sets import gather_cast
-from unisim_blender.core.render.quality_settings import QUALITY, quality_named
+from unisim_blender.core.render.quality import QUALITY, quality_named
 from unisim_blender.core.render.tracer import Found
 from unisim_blender.core.render.tracers.compiled.scene import CompiledScene
 from unisim_blender.core.render.tracers.compiled.tracer import CompiledBackend, CompiledTracer

@@ -14,7 +14,7 @@ from ..data.log import Log
 from ..errors import SceneError
 from ..evaluate.recorded import recorded_picture
 from ..model.scene_file import WEIGHTS_NAME, SceneHeader, read_scene_header
-from ..render.quality_settings import QUALITY, TRUTH
+from ..render.quality import QUALITY, TRUTH
 from ..render.regions import Region
 from ..world.drive import CameraModel, Drive
 from .methods import DEFAULT, DOUBLED, TYPICAL, Method

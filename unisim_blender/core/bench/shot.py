@@ -16,7 +16,7 @@ from ..model.scene_file import read_scene_header
 from ..prepare.renderers import make_backend, other_scenes
 from ..prepare.replay import replayed_drive
 from ..render.drive_renderer import DriveRenderer
-from ..render.quality_settings import Quality
+from ..render.quality import Quality
 from ..render.regions import Region
 from ..render.renderer import Renderer
 from ..render.tracer import Backend

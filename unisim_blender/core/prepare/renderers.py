@@ -20,10 +20,10 @@ from ..files import sha256_of_file
 from ..model.config import ModelConfig
 from ..model.scene_file import HEADER_NAME, WEIGHTS_NAME, read_scene_header
 from ..model.weights import weights_hash
+from ..render.bounded import BoundedRenderer
 from ..render.captures import CaptureStates
 from ..render.drive_renderer import DriveRenderer
-from ..render.bounded import BoundedRenderer
-from ..render.quality_settings import quality_named
+from ..render.quality import quality_named
 from ..render.renderer import Renderer, reach_of
 from ..render.tracer import Backend
 from ..render.tracers.compiled.scene import CompiledScene

@@ -21,12 +21,12 @@ from numpy.typing import NDArray
 from ..colour import lab_from_srgb
 from ..geometry import FloatArray
 from ..sensors.camera import pixel_grid
-from ..sensors.error_bound import (Bound, Check, Promise, depth_errors, drawn, mean_at_most, quantile_check, sample_frames)
+from ..sensors.error_bound import Bound, Check, Promise, depth_errors, drawn, mean_at_most, quantile_check, sample_frames
 from ..sensors.frames import CameraFrame, LidarFrame
 from .drive_renderer import DriveRenderer
+from .quality import LADDER, TRUTH, Quality
 from .regions import Region
 from .tracer import tiled
-from .quality_settings import LADDER, TRUTH, Quality
 
 BEAMS = 512
 """Of a sweep that are held against the truth."""

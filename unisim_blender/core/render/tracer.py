@@ -20,7 +20,7 @@ from ..sensors.rays import Rays
 from ..world.drive import Box
 from ..world.state import WorldState
 from .actor_sets import Cast
-from .quality_settings import Quality
+from .quality import Quality
 
 Array = NDArray[np.float32]
 Own = Any

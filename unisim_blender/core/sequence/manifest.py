@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from ..render.code_identity import code_identity
-from ..render.quality_settings import LADDER
+from ..render.quality import LADDER
 from .plan import RenderPlan
 from .records import Captures, read_records
 

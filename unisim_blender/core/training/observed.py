@@ -13,7 +13,7 @@ from ..geometry import FloatArray, invert_pose, transform_points
 from ..model.checkpoint import Scene
 from ..model.scene import SceneModel
 from ..ops.ray_segments import RayBatch
-from ..render.quality_settings import QUALITY
+from ..render.quality import QUALITY
 from ..render.tracer import NEAR_M
 from ..render.tracers.torch.tracer import TorchBackend, to_batch
 from ..sensors.camera import camera_rays, pixel_grid

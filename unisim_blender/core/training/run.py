@@ -28,7 +28,7 @@ from ..model.checkpoint import Scene, save_scene
 from ..model.scene_file import SceneHeader
 from ..progress import Bar
 from ..render.drive_renderer import DriveRenderer
-from ..render.quality_settings import QUALITY
+from ..render.quality import QUALITY
 from ..render.renderer import Renderer
 from ..render.tracers.compiled.scene import cells_to_store
 from ..render.tracers.torch.tracer import TorchBackend

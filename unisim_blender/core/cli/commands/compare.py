@@ -9,7 +9,7 @@ import click
 
 from ...prepare.selection import split_names
 from ...progress import Bar
-from ...render.quality_settings import QUALITY
+from ...render.quality import QUALITY
 
 
 @click.command()

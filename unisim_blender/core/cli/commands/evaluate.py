@@ -10,7 +10,7 @@ import click
 from ...data.splits import SPLITS
 from ...prepare.selection import split_names
 from ...progress import Bar
-from ...render.quality_settings import QUALITY
+from ...render.quality import QUALITY
 
 HELD_OUT = "1::2"
 """Frames that a split is measured on: even frames train, odd frames test."""

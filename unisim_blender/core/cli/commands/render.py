@@ -13,7 +13,7 @@ from ...output.frame_files import camera_path
 from ...prepare.scenario_plan import SEQUENCE_FORMATS, Wishes, plan_scenario, sequence_formats
 from ...prepare.selection import split_names
 from ...progress import Bar
-from ...render.quality_settings import QUALITY
+from ...render.quality import QUALITY
 from ...sensors.error_bound import parse_bounds
 from ...sequence.plan import RenderPlan
 from ...sequence.run import MANIFEST_NAME, render_sequence

@@ -17,7 +17,7 @@ from ....world.drive import Box, Drive
 from ....world.replay import parked_boxes
 from ....world.state import WorldState
 from ...actor_sets import gather_cast
-from ...quality_settings import QUALITY, Quality
+from ...quality import QUALITY, Quality
 from ...tracer import NEAR_M, Array, Found, Maps
 from .cloud import MARGIN_M
 from .colours import dome_cell, dome_colours

@@ -34,7 +34,7 @@ from ....world.replay import parked_boxes
 from ....world.state import WorldState
 from ...actor_sets import gather_cast
 from ...observed_space import Observed, ObservedSpace
-from ...quality_settings import QUALITY, Quality
+from ...quality import QUALITY, Quality
 from ...tracer import EDGE_CELLS, NEAR_M, UNIFORM_STEP_M, Array, Found
 from .actor_tensors import cast_tensors
 from .ray_passes import ray_passes

@@ -16,7 +16,7 @@ from ....data.log import Log
 from ....geometry import BoolArray, FloatArray
 from ....sensors.rays import Rays
 from ....world.state import WorldState
-from ...quality_settings import QUALITY, Quality
+from ...quality import QUALITY, Quality
 from ...tracer import Array
 from ..surfels.model import SurfelScene
 from ..surfels.stage import NOBODY, STATIC, Meeting, carried
