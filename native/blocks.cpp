@@ -1,6 +1,6 @@
 // Blocks of a picture that is traced where it must be: whose corners differ, whose middles are as foretold, and what lies between.
 //
-// The functions are the plain numpy ones in core/blocks.py, which are the specification. Every operation is theirs in their order,
+// The functions are the plain numpy ones in core/render/lattice/blocks.py, which are the specification. Every operation is theirs in their order,
 // and this file is compiled without fused multiplications, so the bits are the same.
 #include "variant.h"
 

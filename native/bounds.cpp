@@ -1,4 +1,4 @@
-// Which rays may meet which boxes. The function is the plain torch one in fields/tracklets.py, which is the specification.
+// Which rays may meet which boxes. The function is the plain torch one in model/tracklets.py, which is the specification.
 #include "variant.h"
 
 // near (n, boxes): 1 where a ray (n), directions of length 1, passes through the sphere of a box at its own time. Spheres are

@@ -1,6 +1,6 @@
 // What a sensor measures, from composited features: perceptrons of a feature and a direction, and the camera's decoder.
 //
-// The functions are the plain torch ones in core/decode.py, which are the specification. Every output is one sum in one order,
+// The functions are the plain torch ones in core/model/decode.py, which are the specification. Every output is one sum in one order,
 // taps by row, column and channel, so neither threads nor tiles nor what else is decoded with it change its bits.
 //
 // An image goes through in strips of columns and bands of rows. Before each convolution lie the few rows that it looks at, in a

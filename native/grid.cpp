@@ -1,6 +1,6 @@
 // Hash-grid encoding. Compiled once for each instruction set; `dispatch.cpp` picks one when it loads.
 //
-// The functions are the same as the plain torch ones in fields/hash_grid.py, which are the specification.
+// The functions are the same as the plain torch ones in ops/hash_grid.py, which are the specification.
 #include "variant.h"
 
 #include <cmath>

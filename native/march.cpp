@@ -1,4 +1,4 @@
-// The march alone, of rays whose distances the caller tells: what `core/surface_march.py` is held against.
+// The march alone, of rays whose distances the caller tells: what `tests/reference/surface_march.py` is held against.
 #include "marching.h"
 
 // Answers t, s (n, most) and how many there are, counts (n), of rays in the volume's coordinates, or, `in_box`, through the first

@@ -1,7 +1,7 @@
 // A ray's way through the cells that can stop it: where it asks for the distance next, given what it was told so far.
 //
 // Steps follow the distance: as far as the last two answers say that the surface is, and a little beyond, so that two answers
-// hold it between them; never longer than what a thin thing could hide in. `core/surface_march.py` is the same, a ray at a time.
+// hold it between them; never longer than what a thin thing could hide in. `tests/reference/surface_march.py` is the same, a ray at a time.
 #pragma once
 #include "cells.h"
 #include "lanes.h"

@@ -1,6 +1,6 @@
 // Perceptrons of two layers, out = W2 relu(W1 x) + b, forward and backward. Compiled once for each instruction set.
 //
-// The function is the plain torch one in fields/networks.py, which is the specification. Points go through in tiles that stay in
+// The function is the plain torch one in model/networks.py, which is the specification. Points go through in tiles that stay in
 // the first-level cache with both layers' weights, so that the hidden layer is never written to memory: going backward it is
 // computed again.
 #include "lanes.h"

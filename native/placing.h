@@ -1,5 +1,5 @@
 // Where along a ray samples are placed: quantiles of the occupied voxels along it, and those near the surface that a few signed
-// distances point to. `core/march.py` says what these are, in plain torch.
+// distances point to. `core/ops/march.py` says what these are, in plain torch.
 #pragma once
 #include "lanes.h"
 #include "variant.h"

@@ -70,7 +70,7 @@ struct Batch {
     }
 };
 
-// Optical depths and shares of intervals `from` to before `to`; `core/density.py` says what these are. `widened` bounds the
+// Optical depths and shares of intervals `from` to before `to`; `core/ops/density.py` says what these are. `widened` bounds the
 // sharpness by an interval's length, for samples that only say where others shall be.
 inline void find_depths(Batch &b, int from, int to, float beta, bool widened) {
     for (int k = from; k < to; ++k)

@@ -1,6 +1,6 @@
 // Rays through a scene, a tile at a time: samples placed, fields asked, everything on a ray put in depth order, features summed.
 //
-// `core/trace.py` is the same in plain torch, and the specification. What is left out here cannot be seen: samples behind what
+// `core/render/tracers/torch/trace.py` is the same in plain torch, and the specification. What is left out here cannot be seen: samples behind what
 // lets less than `opaque` through, strands that lie wholly behind it. A ray's results do not depend on the others of its tile.
 #include "trace/following.h"
 #include "trace/passes.h"

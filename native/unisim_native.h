@@ -162,7 +162,7 @@ struct unisim_plane {
     int32_t channels, bytes, kind;
 };
 
-// By how much a block's corners may differ: `core/blocks.py`.
+// By how much a block's corners may differ: `core/render/lattice/blocks.py`.
 struct unisim_likeness {
     float spread, contrast; // of colours: what the middle is to tell about, and what ends something
     float foretold;         // of colours, a middle from its corners' mean

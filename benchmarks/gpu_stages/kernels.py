@@ -53,7 +53,7 @@ def apart(got: Tensor, want: Tensor, near: float) -> dict[str, Any]:
 def kernel_names() -> set[str]:
     """Return the kernels that are launched, as module.function: functions of `triton.jit` that no other of their module calls."""
     names = set()
-    for file in sorted((CORE / "on_gpu").glob("*.py")):
+    for file in sorted((CORE / "ops" / "triton").glob("*.py")):
         jitted = [
             node for node in ast.parse(file.read_text(encoding="utf-8")).body
             if isinstance(node, ast.FunctionDef) and any("triton.jit" in ast.unparse(d) for d in node.decorator_list)

@@ -1,4 +1,4 @@
-// Actors' light: how the ground round their places changes their features; `core/fields/light.py` is the same in plain torch.
+// Actors' light: how the ground round their places changes their features; `core/model/light.py` is the same in plain torch.
 #pragma once
 #include "tile.h"
 

@@ -28,7 +28,7 @@ class Passes {
     }
 
   private:
-    // Median distances; `core/median.py`.
+    // Median distances; `core/render/tracers/torch/median.py`.
     void find_medians() {
         for (int r = 0; r < tile_.rays.count; ++r) {
             const float wanted = (1 + sums_.behind[r]) / 2;

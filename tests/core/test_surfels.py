@@ -401,12 +401,12 @@ def test_surfels_of_other_code_are_not_taken(log: Log, monkeypatch: pytest.Monke
 
 def test_code_that_makes_surfels_is_in_their_digest(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     core = tmp_path / "core"
-    for name in ("surfels/build.py", "logs/pandaset.py", "training/run.py", "sequence/plan.py"):
+    for name in ("render/tracers/surfels/build.py", "data/pandaset/reader.py", "training/run.py", "sequence/plan.py"):
         (core / name).parent.mkdir(parents=True)
         (core / name).write_text("a = 1\n")
     monkeypatch.setattr("unisim_blender.core.sequence.plan.__file__", str(core / "sequence" / "plan.py"))
     digests = [code_digest.__wrapped__(NOT_SURFELS)]
-    for name in ("training/run.py", "surfels/build.py", "logs/pandaset.py"):
+    for name in ("training/run.py", "render/tracers/surfels/build.py", "data/pandaset/reader.py"):
         (core / name).write_text("a = 2\n")
         digests.append(code_digest.__wrapped__(NOT_SURFELS))
     assert digests[0] == digests[1] and len(set(digests)) == 3

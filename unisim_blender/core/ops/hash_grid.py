@@ -126,7 +126,7 @@ class _EncodeOnGpu(torch.autograd.Function):
 
 @functools.cache
 def tensors_of(shape: GridShape, device: str) -> Any:
-    """A grid's numbers as Triton's kernels read them: `on_gpu.grid.GridTensors`."""
+    """A grid's numbers as Triton's kernels read them: `triton.grid.GridTensors`."""
     from .triton.grid import GridTensors
 
     def integers(values: list[int]) -> Tensor:
