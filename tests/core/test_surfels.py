@@ -24,6 +24,7 @@ from unisim_blender.core.errors import LogError, SceneError
 from unisim_blender.core.evaluate.metrics import psnr
 from unisim_blender.core.files import cache_folder
 from unisim_blender.core.prepare.renderers import UNTRAINED, untrained_backend
+from unisim_blender.core.render.code_identity import code_digest
 from unisim_blender.core.render.drive_renderer import DriveRenderer
 from unisim_blender.core.render.regions import Region
 from unisim_blender.core.render.renderer import Renderer
@@ -38,7 +39,6 @@ from unisim_blender.core.render.tracers.warping.tracer import WarpTracer
 from unisim_blender.core.scenario import scenario_from_json
 from unisim_blender.core.scenario.edits import apply_scenario
 from unisim_blender.core.sensors.frames import CameraFrame
-from unisim_blender.core.sequence.plan import code_digest
 from unisim_blender.core.street.street import Street, build_street, load_street
 from unisim_blender.core.street.truth import truth_camera, truth_lidar
 from unisim_blender.core.street.write import write_log
@@ -401,10 +401,10 @@ def test_surfels_of_other_code_are_not_taken(log: Log, monkeypatch: pytest.Monke
 
 def test_code_that_makes_surfels_is_in_their_digest(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     core = tmp_path / "core"
-    for name in ("render/tracers/surfels/build.py", "data/pandaset/reader.py", "training/run.py", "sequence/plan.py"):
+    for name in ("render/tracers/surfels/build.py", "data/pandaset/reader.py", "training/run.py"):
         (core / name).parent.mkdir(parents=True)
         (core / name).write_text("a = 1\n")
-    monkeypatch.setattr("unisim_blender.core.sequence.plan.__file__", str(core / "sequence" / "plan.py"))
+    monkeypatch.setattr("unisim_blender.core.render.code_identity.__file__", str(core / "render" / "code_identity.py"))
     digests = [code_digest.__wrapped__(NOT_SURFELS)]
     for name in ("training/run.py", "render/tracers/surfels/build.py", "data/pandaset/reader.py"):
         (core / name).write_text("a = 2\n")
