@@ -119,6 +119,18 @@ def test_contact_shadows_reach_into_view() -> None:
     assert stale(tiny_drive(), with_actors(replace(beside, inserted=False)), **reach)["camera/front"] == []
 
 
+@pytest.mark.parametrize("width", [None, 8])
+def test_a_capture_sees_what_its_renderer_sees(width: int | None) -> None:
+    """Also at another width, at which more or less lies beside the image; for actors all about its edges."""
+    drive = with_actors(*(standing(f"a{i:02d}", 12.0, 4.0 + 0.2 * i) for i in range(40)))
+    plan = plan_of(drive)
+    plan = replace(plan, settings=replace(plan.settings, width=width))
+    seen = CaptureIdentities(plan).of_frame(2)["camera/front"][1]
+    camera = drive.cameras["front"] if width is None else drive.cameras["front"].resized(width)
+    state = plan.captures.state(camera, camera.time_s[2])
+    assert seen == tuple(actor.uid for actor in state.actors) and 2 < len(seen) < 40
+
+
 def test_renderers_that_see_all_depend_on_the_whole_drive() -> None:
     found = stale(tiny_drive(), with_actors(standing("new", -260.0, 0.0)), sees_all=True)
     assert found == {"camera/front": list(FRAMES), "lidar/top": list(FRAMES)}

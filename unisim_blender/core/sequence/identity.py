@@ -48,8 +48,12 @@ class CaptureIdentities:
         """Return the identities of the captures that a frame has, by name, cameras first."""
         if frame not in self._of_frames:
             drive, settings = self.plan.drive, self.plan.settings
+            # as large as it is rendered: cells of a smaller image reach farther beyond its edges
+            cameras = {name: drive.cameras[name] for name in settings.cameras}
+            if settings.width:
+                cameras = {name: camera.resized(settings.width) for name, camera in cameras.items()}
             sensors: list[tuple[str, Camera | Lidar]] = [
-                *((f"camera/{name}", drive.cameras[name]) for name in settings.cameras),
+                *((f"camera/{name}", camera) for name, camera in cameras.items()),
                 *((f"lidar/{name}", drive.lidars[name]) for name in settings.lidars),
             ]
             self._of_frames[frame] = {name: self.of(sensor, frame) for name, sensor in sensors if frame in sensor.time_s}
