@@ -128,7 +128,7 @@ def test_a_capture_sees_what_its_renderer_sees(width: int | None) -> None:
     seen = CaptureIdentities(plan).of_frame(2)["camera/front"][1]
     camera = drive.cameras["front"] if width is None else drive.cameras["front"].resized(width)
     state = plan.captures.state(camera, camera.time_s[2])
-    assert seen == tuple(actor.uid for actor in state.actors) and 2 < len(seen) < 40
+    assert seen == tuple(actor.uid for actor in state.actors) and len(seen) > 2
 
 
 def test_renderers_that_see_all_depend_on_the_whole_drive() -> None:
