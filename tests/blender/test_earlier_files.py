@@ -1,0 +1,65 @@
+"""Files of an earlier version, 0.1.0 at commit fc98523, open as they were: a .blend, the scenario that it exported, and the sample's
+trained scene, which is older still. `earlier/edited.blend` has a car that drives moved by 3 m, one deleted, one that stands moved,
+one scaled, one duplicated, and the ego vehicle's lane shifted."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+from typing import Any
+
+import bpy
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from helpers import SAMPLE
+
+from unisim_blender.core.cli.main import unisim
+
+EARLIER = Path(__file__).parent / "earlier"
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """The earlier files beside the trained scene that they name; the log that it was trained on is not at hand."""
+    target = tmp_path / "files"
+    shutil.copytree(SAMPLE / "scene", target / "scene")
+    for name in ("edited.blend", "edited.json"):
+        shutil.copy(EARLIER / name, target)
+    return target
+
+
+def close(one: Any, other: Any, place: str = "") -> None:
+    """Assert that two documents are the same, numbers to a millionth."""
+    assert type(one) is type(other) or {type(one), type(other)} <= {int, float}, place
+    if isinstance(one, dict):
+        assert one.keys() == other.keys(), place
+        for key in one:
+            close(one[key], other[key], f"{place}.{key}")
+    elif isinstance(one, list):
+        assert len(one) == len(other), place
+        for number, pair in enumerate(zip(one, other, strict=True)):
+            close(*pair, f"{place}[{number}]")
+    elif isinstance(one, float | int) and not isinstance(one, bool):
+        assert np.isclose(one, other, rtol=0, atol=2e-6), f"{place}: {one} and {other}"
+    else:
+        assert one == other, place
+
+
+def test_an_earlier_blend_file_exports_the_scenario_that_it_did(addon: Any, folder: Path) -> None:
+    bpy.ops.wm.open_mainfile(filepath=str(folder / "edited.blend"))
+    assert bpy.ops.unisim.export_scenario("EXEC_DEFAULT", filepath=str(folder / "again.json")) == {"FINISHED"}
+    again, earlier = (json.loads((folder / name).read_text()) for name in ("again.json", "edited.json"))
+    assert {edit["type"] for edit in again["edits"]} == {"move", "remove", "scale", "duplicate", "ego"}
+    close(again, earlier)
+
+
+def test_an_earlier_scenario_renders(folder: Path, tmp_path: Path) -> None:
+    """With the edits in its labels: the deleted car is gone, the copy is there."""
+    arguments = ["render", str(folder / "edited.json"), "--out", str(tmp_path / "out"), "--frames", "5", "--width", "64"]
+    result = CliRunner().invoke(unisim, [*arguments, "--sensors", "front_camera", "--jobs", "1"])
+    assert result.exit_code == 0, result.output
+    labels = json.loads((tmp_path / "out" / "labels" / "000005.json").read_text())
+    boxes = {box["id"]: box for box in labels["boxes"]}
+    assert "car-03" not in boxes and len(boxes) == 20
