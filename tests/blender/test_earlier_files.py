@@ -1,6 +1,8 @@
-"""Files of an earlier version, 0.1.0 at commit fc98523, open as they were: a .blend, the scenario that it exported, and the sample's
-trained scene, which is older still. `earlier/edited.blend` has a car that drives moved by 3 m, one deleted, one that stands moved,
-one scaled, one duplicated, and the ego vehicle's lane shifted."""
+"""Files of an earlier version, commit fc98523, open as they were: a .blend, the scenario that it exported, the sample's scene.
+
+`earlier/edited.blend` has a car that drives moved by 3 m, one deleted, one that stands moved, one scaled, one duplicated, and the
+ego vehicle's lane shifted.
+"""
 
 from __future__ import annotations
 
