@@ -170,8 +170,8 @@ def import_dropped(names: bool = True) -> Iterator[float]:
 
 def stopped_import() -> Iterator[float]:
     """Esc while things are imported one at a time."""
-    importing: Any = sys.modules[f"{MODULE}.operators.import_drive"]
-    importing.BUSY_S, busy = 0.0, importing.BUSY_S
+    steps_of: Any = sys.modules[f"{MODULE}.operators.in_steps"]
+    steps_of.BUSY_S, busy = 0.0, steps_of.BUSY_S
     drop(SCENE)
     yield from until(lambda: len(bpy.data.objects) > 4, "the import does not begin")
     yield from key("ESC")
@@ -179,7 +179,7 @@ def stopped_import() -> Iterator[float]:
     assert not bpy.context.scene.unisim.log
     yield from key("Z", ctrl=True, shift=True)
     assert not bpy.data.objects
-    importing.BUSY_S = busy
+    steps_of.BUSY_S = busy
 
 
 def dropped_scene() -> Iterator[float]:
