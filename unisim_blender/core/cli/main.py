@@ -24,7 +24,7 @@ NAME_OF_MODULE = {"evaluate": "eval"}
 
 
 class LazyGroup(click.Group):
-    """A group whose commands are the modules of ``core.commands``, each imported when it is asked for."""
+    """A group whose commands are the modules of ``cli.commands``, each imported when it is asked for."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Names of all commands, sorted."""
