@@ -10,10 +10,9 @@ import bpy
 FORMER = tuple((name, name, "") for name in ("depth", "normal", "instance", "opacity", "support"))
 
 
-class FormerScene(bpy.types.PropertyGroup):
-    """As much of the scene's properties as held the passes, when ``unsupported`` was called ``support``."""
-
-    passes: bpy.props.EnumProperty(items=FORMER, options={"ENUM_FLAG"}, default={"depth"})
+# as much of the scene's properties as held the passes, when ``unsupported`` was called ``support``
+PASSES = bpy.props.EnumProperty(items=FORMER, options={"ENUM_FLAG"}, default={"depth"})
+FormerScene = type("FormerScene", (bpy.types.PropertyGroup,), {"__annotations__": {"passes": PASSES}})
 
 
 def test_a_file_with_the_former_name_has_the_same_choice(addon: Any, scene: Any, tmp_path: Path) -> None:

@@ -46,8 +46,7 @@ def scenario_from_json(document: Any, path: Path = Path("scenario.json")) -> Sce
 def _with_current_passes(document: Any) -> Any:
     """Return a JSON value that no schema has checked yet, with the current names of passes in place of former ones."""
     outputs = document.get("outputs") if isinstance(document, dict) else None
-    passes = outputs.get("passes") if isinstance(outputs, dict) else None
-    if not isinstance(passes, list):
+    if not isinstance(outputs, dict) or not isinstance(passes := outputs.get("passes"), list):
         return document
     current = [FORMER_PASSES.get(name, name) if isinstance(name, str) else name for name in passes]
     return {**document, "outputs": {**outputs, "passes": current}}
