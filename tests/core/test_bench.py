@@ -135,7 +135,7 @@ def test_what_a_state_costs_is_in_the_report(measured: Path, figures: dict[str, 
     begin = lines.index("## State of the world")
     head, rows = lines[begin + 4], lines[begin + 6 : begin + 8]
     assert all(f" {step} ms |" in head for step in (*STEPS, "sum"))
-    for row, line, name in zip(case["entries"], rows, ("sweep, 4×180", "picture, 32×48"), strict=True):
+    for row, line, name in zip(case["entries"], rows, ("sweep, 4×180", "image, 48×32"), strict=True):
         cells = [cell.strip() for cell in line.strip("|").split("|")]
         assert cells[:2] == [name, "12"] and cells[3:9] == [number(row[f"{step}_ms"]) for step in (*STEPS, "sum")]
 

@@ -116,16 +116,20 @@ def _copies(case: Row) -> list[str]:
     return [f"## Actors, {case['width']} wide", "", *table(columns, case["entries"])]
 
 
+def _size(row: Row) -> str:
+    rows, columns = row["rows"], row["columns"]
+    return f"image, {columns}×{rows}" if row["sensor"] == "camera" else f"sweep, {rows}×{columns}"
+
+
 def _state(case: Row) -> list[str]:
     columns: list[Column] = [
-        ("frame", lambda row: f"{'sweep' if row['sensor'] == 'lidar' else 'picture'}, {row['rows']}×{row['columns']}"),
-        ("actors", lambda row: str(row["actors"])), ("keys an actor", lambda row: str(row["keys"])),
+        ("of", _size), ("actors", lambda row: str(row["actors"])), ("keys an actor", lambda row: str(row["keys"])),
         *((f"{name} ms", key(f"{name}_ms")) for name in STEPS), ("sum ms", key("sum_ms")),
         ("seen", lambda row: str(row["seen"])), ("in reach of rays", lambda row: str(row["in_reach"])),
     ]  # fmt: skip
     about = (
-        f"Processor time, medians of {case['repeats']}, compiled path, frame {case['frame']}: copies of the scene's actors on "
-        "tracks like theirs, all of them bound and held against the frame's rays. Before a ray is traced."
+        f"Processor time before a ray is traced, compiled path, frame {case['frame']}, medians of {case['repeats']}. Copies of "
+        "the scene's actors move like these; all are bound and culled, seen or not."
     )
     return ["## State of the world", "", about, "", *table(columns, case["entries"])]
 
