@@ -134,7 +134,7 @@ class UniSimEngine(bpy.types.RenderEngine):
         request = worker.ask(
             "camera",
             **values,
-            passes=["rgb", *(PASSES[name][-1] for name in names), *(["support"] if clip else [])],
+            passes=["rgb", *(PASSES[name][-1] for name in names), *(["unsupported"] if clip else [])],
             clip=clip,
             quality=scene.unisim.quality,
             shadows=scene.unisim.contact_shadows,

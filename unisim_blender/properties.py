@@ -41,12 +41,13 @@ QUALITIES = (
     ("fine", "Fine", "Every pixel is traced individually, in steps of centimetres"),
     ("reference", "Reference", "Slow: four times the number of samples of the scene"),
 )
+# a .blend file holds the flags of these by their places: append, and never reorder
 PASSES = (
     ("depth", "Depth", "Distance along each ray and along the optical axis"),
     ("normal", "Normal", "Surface normals in world space"),
     ("instance", "Instance", "Actor that each pixel shows"),
     ("opacity", "Opacity", "Opacity of everything nearer than the background model"),
-    ("support", "Unsupported", "Pixels that no recorded data supports"),
+    ("unsupported", "Unsupported", "Pixels that no recorded data supports"),
 )
 SEQUENCE_SENSORS = (
     ("ALL", "All Sensors", "All cameras and LiDARs of the scene"),

@@ -196,7 +196,7 @@ class View:
         options = options_of(context.space_data)
         self.comparison.follow(options, source, view, values["scenario"], CameraModel.from_dict(values["model"]), frame)
         clip = options.clip and through is None
-        passes = ["rgb", "support"] if clip or options.unsupported else ["rgb"]
+        passes = ["rgb", "unsupported"] if clip or options.unsupported else ["rgb"]
         set_up = {"quality": scene.unisim.quality, "shadows": scene.unisim.contact_shadows, "device": device()}
         return {**values, **set_up, "clip": clip, "passes": passes}, sampled, view
 
@@ -240,7 +240,7 @@ class View:
             self.linear = np.zeros((height, width, 4), np.float32)
             self.srgb = np.zeros((height, width, 3), np.uint8)
             self.unsupported, self.revision = None, self.revision + 1
-        if "support" not in values["passes"]:
+        if "unsupported" not in values["passes"]:
             self.unsupported = None
         elif self.unsupported is None:
             self.unsupported = np.zeros((height, width), bool)

@@ -78,7 +78,7 @@ def joined(found: list[tuple[dict[str, Any], dict[str, NDArray[Any]]]], name: st
 
 @pytest.mark.parametrize("clip", (False, True))
 def test_unsupported_pixels_come_with_every_part(jobs: Jobs, above: dict[str, Any], clip: bool) -> None:
-    asked = {**above, "passes": ["rgb", "support"], "clip": clip}
+    asked = {**above, "passes": ["rgb", "unsupported"], "clip": clip}
     found = list(answers(jobs, **asked, coarse=[8, 4]))
     told = [event for event, _ in found if event["event"] == "progress"]
     assert told and "observed" in told[0]["text"] and 0 <= told[0]["share"] < 1
@@ -104,7 +104,7 @@ def test_nobody_gets_a_pass_that_was_not_asked_for(jobs: Jobs, above: dict[str, 
 
 
 def test_clipping_leaves_the_supported_road_as_it_is(jobs: Jobs, above: dict[str, Any]) -> None:
-    views = [list(answers(jobs, **above, passes=["rgb", "support"], clip=clip)) for clip in (False, True)]
+    views = [list(answers(jobs, **above, passes=["rgb", "unsupported"], clip=clip)) for clip in (False, True)]
     colours, unsupported = ([joined(view, name) for view in views] for name in ("rgb", "unsupported"))
     both = ~unsupported[0] & ~unsupported[1]
     same = (np.abs(colours[0] - colours[1]) < 0.05).all(-1)
@@ -114,7 +114,7 @@ def test_clipping_leaves_the_supported_road_as_it_is(jobs: Jobs, above: dict[str
 
 
 def test_it_is_read_again_by_the_next_worker(jobs: Jobs, above: dict[str, Any], tmp_path: Path) -> None:
-    asked = {**above, "passes": ["rgb", "support"], "clip": True}
+    asked = {**above, "passes": ["rgb", "unsupported"], "clip": True}
     first = list(answers(jobs, **asked))
     (tmp_path / "other").mkdir()
     second = list(answers(Jobs(tmp_path / "other"), **asked))

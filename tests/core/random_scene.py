@@ -28,7 +28,7 @@ CONFIGS: dict[str, ModelConfig] = {
     "sample": dataclasses.replace(TINY, head="sample", static_grid=GridConfig(3.2, 0.1, 6, 2, 15)),
     "paper": dataclasses.replace(TINY, density="unisim", light="fixed", head="sample", unisim_step_m=0.5),
 }
-PASSES = {"depth", "instance", "normal", "opacity", "support"}
+PASSES = {"depth", "instance", "normal", "opacity", "unsupported"}
 CARS = [
     still("car", (-8, 1, 0.8), (4.0, 1.8, 1.6), yaw=0.4),
     still("near", (-9, 0, 0.8), (4.0, 1.8, 1.6), yaw=-0.9),

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from random_scene import CARS, TINY, saved
 
 from unisim_blender.core import native
-from unisim_blender.core.bench.cases import all_cases, camera_case, middle, subject_of, windows
-from unisim_blender.core.bench.copies import grid, model_actor, with_copies
+from unisim_blender.core.bench.cases import all_cases, camera_case, middle, state_case, subject_of, windows
+from unisim_blender.core.bench.copies import grid, model_actor, with_copies, with_tracks
 from unisim_blender.core.bench.errors import depth_error, picture_error
 from unisim_blender.core.bench.figures import figures_of
 from unisim_blender.core.bench.machine import processor
@@ -30,6 +30,7 @@ from unisim_blender.core.bench.process import RendererProcess
 from unisim_blender.core.bench.run import run_bench
 from unisim_blender.core.bench.settings import QUICK, Settings
 from unisim_blender.core.bench.shot import Shot, Stage, Studio, Take
+from unisim_blender.core.bench.state_cost import STEPS
 from unisim_blender.core.bench.tables import markdown, number
 from unisim_blender.core.cli.commands import bench as command_module
 from unisim_blender.core.errors import SceneError, UnisimError
@@ -46,6 +47,7 @@ needs_library = pytest.mark.skipif(native.library() is None, reason="the compile
 SETTINGS = Settings(
     rounds=2, widths=(48,), windows=(2, 1), window=(16, 16), column_step=4, growth_width=48, growth_widths=(24, 48),
     copies=(0, 3), shares=(0.25, 1.0), memory_width=48,
+    state_actors=12, state_repeats=3, state_width=48,
 )  # fmt: skip
 
 
@@ -78,7 +80,7 @@ def rows_by_method(figures: dict[str, Any], kind: str) -> dict[str, dict[str, An
 
 @needs_library
 def test_every_method_is_measured_in_every_round(figures: dict[str, Any]) -> None:
-    assert list(figures) == ["camera", "lidar", "pixels", "copies", "region", "scenes", "memory"]
+    assert list(figures) == ["camera", "lidar", "pixels", "copies", "state", "region", "scenes", "memory"]
     for kind, errors in (("camera", ("psnr_db", "delta_e")), ("lidar", ("median_mm", "p90_mm", "p99_mm", "within_2cm"))):
         rows = rows_by_method(figures, kind)
         assert {f"native {name}" for name in QUALITY} | {"torch eager", "torch with kernels"} <= rows.keys()
@@ -117,6 +119,54 @@ def test_growth_and_memory(figures: dict[str, Any]) -> None:
     assert [row["sensor"] for row in figures["scenes"][0]["entries"]] == ["camera", "lidar"] * 2
     assert all(row["weights_bytes"] > 0 and row["volume_m3"] == 60 * 40 * 16 for row in figures["scenes"][0]["entries"])
     assert all(10 < row["peak_mb"] < 10_000 and len(row["rounds_s"]) == 1 for row in figures["memory"][0]["entries"])
+
+
+@needs_library
+def test_what_a_state_costs_is_in_the_report(measured: Path, figures: dict[str, Any]) -> None:
+    """A row for a sweep and one for a picture, whose steps add up."""
+    (case,) = figures["state"]
+    assert case["repeats"] == 3 and [row["sensor"] for row in case["entries"]] == ["lidar", "camera"]
+    for row, shape in zip(case["entries"], ((4, 180), (32, 48)), strict=True):
+        assert (row["rows"], row["columns"]) == shape and row["rays"] == shape[0] * shape[1]
+        assert row["actors"] == 12 and row["keys"] > 1 and 0 < row["seen"] <= 12 and 0 < row["in_reach"] <= 12
+        steps = [row[f"{step}_ms"] for step in STEPS]
+        assert all(0 < step < 10_000 for step in steps) and row["sum_ms"] == pytest.approx(sum(steps), rel=1e-12)
+    lines = (measured / "bench.md").read_text().splitlines()
+    begin = lines.index("## State of the world")
+    head, rows = lines[begin + 4], lines[begin + 6 : begin + 8]
+    assert all(f" {step} ms |" in head for step in (*STEPS, "sum"))
+    for row, line, name in zip(case["entries"], rows, ("sweep, 4×180", "image, 48×32"), strict=True):
+        cells = [cell.strip() for cell in line.strip("|").split("|")]
+        assert cells[:2] == [name, "12"] and cells[3:9] == [number(row[f"{step}_ms"]) for step in (*STEPS, "sum")]
+
+
+@needs_library
+def test_a_state_costs_more_with_more_actors(scene: Path) -> None:
+    """By what is bound and culled, whatever the clock says."""
+    subject, studio = subject_of(scene), Studio()
+    found = []
+    for actors in (1, 40):
+        case = state_case(subject, replace(SETTINGS, state_actors=actors, state_repeats=1), 1)
+        for entry in case.entries:
+            entry.takes.append(studio.take(entry.shot))
+        found.append(figures_of([case])["state"][0]["entries"])
+    for few, many in zip(*found, strict=True):
+        # the scene's own actors are there, however few are asked for
+        assert few["actors"] == len(subject.header.drive.actors) and many["actors"] == 40
+        assert few["seen"] < many["seen"] and few["in_reach"] < many["in_reach"]
+
+
+def test_copies_on_tracks_are_present_and_apart() -> None:
+    drive = drive_of(CARS)
+    edited = with_tracks(drive, 7)
+    added = [actor for uid, actor in edited.actors.items() if uid not in drive.actors]
+    assert len(added) == 7 and with_tracks(drive, 0).actors == drive.actors
+    first, last = drive.time_s[drive.frames[0]], drive.time_s[drive.frames[-1]]
+    assert all((actor.start_s, actor.end_s) == (first, last) and actor.inserted for actor in added)
+    places = np.array([actor.world_from_actor.positions[0] for actor in edited.actors.values()])
+    assert len(np.unique(np.round(places, 6), axis=0)) == len(places)
+    with pytest.raises(SceneError, match="no actor"):
+        with_tracks(drive_of([]), 1)
 
 
 @needs_library
@@ -301,8 +351,8 @@ def test_turns_are_counted(scene: Path) -> None:
     subject = subject_of(scene)
     assert (subject.camera, subject.lidar, subject.frame) == ("front", "top", 3)
     cases = all_cases([subject], all_methods({DEFAULT: "avx2"}, 1, torch=False), SETTINGS)
-    # truths 2 + 2; qualities 2 x 4; widths 2; copies 3; whole and parts 3; scene 2; memory 2
-    assert turns(cases, 5) == 4 + 5 * (8 + 2 + 3 + 3 + 2) + 2
+    # truths 2 + 2; qualities 2 x 4; widths 2; copies 3; whole and parts 3; scene 2; memory 2; states 2
+    assert turns(cases, 5) == 4 + 5 * (8 + 2 + 3 + 3 + 2) + 2 + 2
 
 
 def test_without_kernels_one_sentence_says_so(scene: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -44,7 +44,7 @@ def made(seed: int, size: int, roughness: float) -> tuple[Picture, NDArray[np.in
         "normal": normal / np.linalg.norm(normal, axis=-1, keepdims=True),
         "opacity": noise() + 0.9,
         "instance": (rng.random(SHAPE) < 0.01).astype(np.int32),
-        "support": rng.random(SHAPE) < 0.01,
+        "unsupported": rng.random(SHAPE) < 0.01,
         CROWDED: rng.random(SHAPE) < 0.005,
     }
     picture = Picture(SHAPE)
@@ -83,7 +83,7 @@ def test_the_kernels_have_numpys_bits(seed: int, size: int, roughness: float, mo
         assert np.array_equal(picture.values[name], values, equal_nan=values.dtype.kind == "f"), name
         assert not np.array_equal(before[name], values, equal_nan=values.dtype.kind == "f") or name in (
             CROWDED,
-            "support",
+            "unsupported",
             "instance",
         )
 

@@ -16,7 +16,9 @@ from unisim_blender.core.render.tracer import Maps
 class Scene:
     """A road up to a horizon, a wall's edge, and a pole as wide as a block, by pixel: what is narrower may be missed."""
 
-    def __init__(self, shape: tuple[int, int], passes: tuple[str, ...] = ("depth", "instance", "normal", "opacity", "support")):
+    def __init__(
+        self, shape: tuple[int, int], passes: tuple[str, ...] = ("depth", "instance", "normal", "opacity", "unsupported")
+    ):
         h, w = shape
         y, x = np.mgrid[0:h, 0:w].astype(np.float32)
         wall = x > 0.6 * w
@@ -26,7 +28,7 @@ class Scene:
             "instance": np.where(wall, 3, 0).astype(np.int32),
             "normal": np.where(wall[..., None], np.array([-1, 0, 0], np.float32), np.array([0, 0, 1], np.float32)),
             "opacity": np.where((y <= 0.4 * h) & ~wall, 0, 1).astype(np.float32),
-            "support": x < 5,
+            "unsupported": x < 5,
         }
         self.rgb = np.stack([0.3 + 0.4 * wall, 0.2 + 0.001 * y, 0.1 + 0.0005 * x], -1).astype(np.float32)
         self.rgb[:, 7 : 7 + 9] = 0.9
@@ -56,7 +58,7 @@ def test_traced_pixels_are_exact_and_the_others_close(shape: tuple[int, int], si
         assert values.dtype == scene.maps[name].dtype and values.shape == scene.maps[name].shape
         assert np.array_equal(values[known], scene.maps[name][known]), name
     assert np.abs(rgb - scene.rgb.reshape(-1, 3))[~known].max(initial=0) < 0.06
-    for name in ("instance", "support"):
+    for name in ("instance", "unsupported"):
         assert np.array_equal(maps[name], scene.maps[name])
     there = np.isfinite(scene.maps["depth"])
     assert np.array_equal(np.isfinite(maps["depth"]), there)

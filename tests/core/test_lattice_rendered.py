@@ -90,7 +90,7 @@ def test_meshes_and_guests_are_as_sharp_as_with_every_pixel_traced(
 
 
 def test_passes_that_need_depths_come_without_them_too(scene: CompiledScene) -> None:
-    frame = renderer(scene, scene.header.drive, 4).camera(CAMERA, FRAME, ("rgb", "normal", "support"), WIDTH, REGIONS[0])
+    frame = renderer(scene, scene.header.drive, 4).camera(CAMERA, FRAME, ("rgb", "normal", "unsupported"), WIDTH, REGIONS[0])
     assert frame.normal is not None and frame.unsupported is not None
     length = np.linalg.norm(frame.normal, axis=-1)
     # no normal where nothing is

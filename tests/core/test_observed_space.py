@@ -94,7 +94,7 @@ def test_kernels_and_torch_agree(tmp_path: Path, clip: bool) -> None:
     found = bound_to(fast.within(space, clip), drive).trace(rays, PASSES, True, None, RenderStats())
     expected = bound_to(slow.within(space, clip), drive).trace(rays, PASSES, True, None, RenderStats())
     same_find(found, expected, rays.time_s.shape)
-    assert 0.05 < found.maps["support"].mean() < 0.95
+    assert 0.05 < found.maps["unsupported"].mean() < 0.95
     nearer = found.maps["depth"] < unclipped.maps["depth"] - 0.01
     assert nearer.mean() < 0.05, "something is met that was not there"
     assert (found.maps["depth"] > unclipped.maps["depth"] + 0.5).mean() > 0.1 if clip else not nearer.any()
@@ -138,7 +138,9 @@ def test_without_kernels_the_clearance_is_no_larger(monkeypatch: pytest.MonkeyPa
 def test_a_recorded_view_is_supported_and_hardly_clipped(backend: CompiledBackend, space: ObservedSpace) -> None:
     drive = backend.scene.header.drive
     whole = DriveRenderer(Renderer(backend), drive).camera("front_camera", FRAME, width=240)
-    clipped = DriveRenderer(Renderer(backend.within(space, True)), drive).camera("front_camera", FRAME, ("rgb", "support"), 240)
+    clipped = DriveRenderer(Renderer(backend.within(space, True)), drive).camera(
+        "front_camera", FRAME, ("rgb", "unsupported"), 240
+    )
     assert clipped.unsupported is not None and clipped.unsupported.mean() < 0.02
     same = (np.abs(clipped.rgb - whole.rgb) < 0.02).all(-1) | clipped.unsupported
     assert same.mean() > 0.97
@@ -149,9 +151,9 @@ def test_from_outside_nothing_unobserved_is_shown(
     backend: CompiledBackend, space: ObservedSpace, place: tuple[float, float, float]
 ) -> None:
     drive = seen_from(backend.scene.header.drive, *place)
-    told = DriveRenderer(Renderer(backend.within(space, False)), drive).camera("outside", 0, ("rgb", "support"))
+    told = DriveRenderer(Renderer(backend.within(space, False)), drive).camera("outside", 0, ("rgb", "unsupported"))
     clipped = DriveRenderer(Renderer(backend.within(space, True)), drive).camera(
-        "outside", 0, ("rgb", "support", "depth", "instance")
+        "outside", 0, ("rgb", "unsupported", "depth", "instance")
     )
     assert told.unsupported is not None and clipped.unsupported is not None and clipped.depth_m is not None
     assert 0.3 < told.unsupported.mean() < 0.9, "noise all round"
@@ -189,7 +191,7 @@ def test_actors_are_never_clipped(backend: CompiledBackend, space: ObservedSpace
     drive = replace(drive, actors={"moved": replace(moved, start_s=-10.0, end_s=100.0)})
     one = backend.within(space, True)
     assert not np.isfinite(space.starts(Rays(yard[None], np.array([[0.0, 0, 1]]), np.zeros(1)))).any()
-    frame = DriveRenderer(Renderer(one), drive).camera("outside", 0, ("rgb", "support", "instance"))
+    frame = DriveRenderer(Renderer(one), drive).camera("outside", 0, ("rgb", "unsupported", "instance"))
     assert frame.instance is not None and frame.unsupported is not None
     assert (frame.instance > 0).sum() > 50 and not frame.unsupported[frame.instance > 0].any()
 
@@ -198,9 +200,9 @@ def test_actors_are_never_clipped(backend: CompiledBackend, space: ObservedSpace
 def test_coarse_images_and_parts_have_it_too(backend: CompiledBackend, space: ObservedSpace, clip: bool) -> None:
     drive = seen_from(backend.scene.header.drive, -22.0, 0.0, 18.0)
     renderer = DriveRenderer(Renderer(backend.within(space, clip)), drive)
-    parts = list(renderer.progressive("outside", 0, ("rgb", "support"), coarse=(8, 4), band=40))
+    parts = list(renderer.progressive("outside", 0, ("rgb", "unsupported"), coarse=(8, 4), band=40))
     assert [part.stride for part in parts[:2]] == [(8, 8), (4, 4)] and len(parts) > 3
-    whole = renderer.camera("outside", 0, ("rgb", "support")).unsupported
+    whole = renderer.camera("outside", 0, ("rgb", "unsupported")).unsupported
     assert whole is not None
     for part in parts[:2]:
         assert part.frame.unsupported is not None and part.frame.unsupported.shape == part.frame.rgb.shape[:2]
@@ -209,7 +211,7 @@ def test_coarse_images_and_parts_have_it_too(backend: CompiledBackend, space: Ob
     bands = [part.frame.unsupported for part in parts[2:]]
     np.testing.assert_array_equal(np.concatenate([band for band in bands if band is not None]), whole)
     region = Region(40, 30, 90, 70)
-    inner = renderer.camera("outside", 0, ("rgb", "support"), region=region).unsupported
+    inner = renderer.camera("outside", 0, ("rgb", "unsupported"), region=region).unsupported
     assert inner is not None
     np.testing.assert_array_equal(inner, whole[30:70, 40:90])
     colours = renderer.camera("outside", 0)

@@ -23,9 +23,9 @@ from unisim_blender.core.sensors.frames import CAMERA_PASSES, CameraFrame
 
 FIELDS = {
     "depth": {"depth_m", "z_depth_m"}, "normal": {"normal"}, "instance": {"instance"}, "opacity": {"opacity"},
-    "support": {"unsupported"},
+    "unsupported": {"unsupported"},
 }  # fmt: skip
-ASKED = [("rgb",), *(("rgb", name) for name in FIELDS), ("rgb", "normal", "support"), CAMERA_PASSES]
+ASKED = [("rgb",), *(("rgb", name) for name in FIELDS), ("rgb", "normal", "unsupported"), CAMERA_PASSES]
 TRACERS = ("torch", *(("compiled",) if native.library() is not None else ()))
 
 
@@ -59,7 +59,7 @@ def test_a_frame_holds_what_was_asked_for(folders: dict[str, Path], name: str, k
         frame = renderer.camera("front", 2, passes)
         assert held(frame) == set().union(*(FIELDS[one] for one in passes if one != "rgb")), passes
         channels["+".join(passes)] = set(exr_channels(frame))
-    assert channels["rgb"] == {"R", "G", "B", "A"} and channels["rgb+support"] == {"R", "G", "B", "A", "unsupported"}
+    assert channels["rgb"] == {"R", "G", "B", "A"} and channels["rgb+unsupported"] == {"R", "G", "B", "A", "unsupported"}
 
 
 @pytest.mark.parametrize("kind", ("cells", "lattice"))

@@ -301,12 +301,12 @@ def test_a_guest_answers_a_lidar_as_in_its_own_scene() -> None:
 def test_what_the_recording_saw(stage: Stage) -> None:
     scene = car_before_a_wall().as_scene()
     observe(scene, ["front"], [0], np.zeros((0, 3)))
-    frame = renderer_of(scene, stage.drive).camera("front", 0, ("rgb", "support", "depth"))
+    frame = renderer_of(scene, stage.drive).camera("front", 0, ("rgb", "unsupported", "depth"))
     assert frame.unsupported is not None and frame.depth_m is not None
     # further on, rows of one image lie voxels apart on the road
     assert frame.unsupported[frame.depth_m < 12].mean() < 0.02 and frame.unsupported[:16].mean() < 0.02
     back = replace(stage.drive.cameras["front"], world_from_camera=Trajectory.from_poses(np.zeros(1), BACK[None]))
-    behind = renderer_of(scene, replace(stage.drive, cameras={"front": back})).camera("front", 0, ("rgb", "support", "depth"))
+    behind = renderer_of(scene, replace(stage.drive, cameras={"front": back})).camera("front", 0, ("rgb", "unsupported", "depth"))
     assert behind.unsupported is not None and behind.depth_m is not None
     assert behind.unsupported[np.isfinite(behind.depth_m)].mean() > 0.8
 

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import OpenEXR
 import pytest
 import torch
 from analytic_scene import renderer_of
@@ -96,6 +97,29 @@ def test_jobs_and_resuming_change_no_byte(scenario: Path, tmp_path: Path) -> Non
     manifest = json.loads(one["manifest.json"])
     assert manifest["samples"]["samples_spent"] > 0
     assert str(scenario.parent) not in one["manifest.json"].decode(), "no paths: the same bytes wherever it lies"
+
+
+def test_the_former_name_of_a_pass_gives_the_same_files(scenario: Path, tmp_path: Path) -> None:
+    """``support`` is read as ``unsupported``: of a scenario file in silence, of the command line with a note."""
+    document = json.loads(scenario.read_text())
+    files = {}
+    for name in ("support", "unsupported"):
+        note = "Warning: --passes support: this pass is now called unsupported\n" if name == "support" else ""
+        document["outputs"] = {"passes": ["rgb", name], "formats": ["exr"]}
+        path = scenario.with_name(f"{name}.json")
+        path.write_text(json.dumps(document))
+        assert "Warning" not in render(path, "--out", tmp_path / f"file-{name}", "--jobs", 1, "--sensors", "front")
+        files[f"file-{name}"] = contents(tmp_path / f"file-{name}")
+        asked = [str(scenario), "--out", str(tmp_path / name), "--jobs", "1", "--sensors", "front", "--passes", f"depth,{name}"]
+        done = CliRunner().invoke(unisim, ["render", *asked], catch_exceptions=False)
+        said = "".join(line for line in done.stderr.splitlines(keepends=True) if "Warning" in line)
+        assert done.exit_code == 0 and said == note
+        files[name] = contents(tmp_path / name)
+    assert files["file-support"] == files["file-unsupported"] and files["support"] == files["unsupported"]
+    for name in ("file-support", "support"):
+        file = OpenEXR.File(str(tmp_path / name / "camera" / "front" / "000002.exr"), separate_channels=True)
+        channels = file.parts[0].channels
+        assert "unsupported" in channels and ("depth" in channels) == (name == "support")
 
 
 def test_a_bound_on_the_error_is_in_the_manifest(scenario: Path, tmp_path: Path) -> None:

@@ -126,7 +126,7 @@ def test_a_held_out_image_is_near_the_truth(
     name: str, least: float, scenes: dict[str, SurfelScene], log: Log, street: Street
 ) -> None:
     truth = truth_camera(street, street.drive, CAMERA, FRAME)
-    passes = ("rgb", "depth", "normal", "instance", "opacity", "support")
+    passes = ("rgb", "depth", "normal", "instance", "opacity", "unsupported")
     frame = renderer(name, scenes, log).camera(CAMERA, FRAME, passes)
     assert psnr(frame.rgb, truth.rgb) > least
     assert frame.depth_m is not None and truth.depth_m is not None and frame.normal is not None and truth.normal is not None

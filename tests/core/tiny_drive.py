@@ -95,7 +95,7 @@ class FakeRenderer:
             asked("normal", np.broadcast_to(np.array([0, 0, 1], np.float32), (*shape, 3))),
             asked("instance", rng.integers(0, 3, shape, dtype=np.int32)),
             asked("opacity", rng.random(shape, dtype=np.float32)),
-            asked("support", rng.random(shape) < 0.1),
+            asked("unsupported", rng.random(shape) < 0.1),
             ("car", "cone"),
             RenderStats(rays=depth.size, samples_spent=10 + frame, samples_saved=5, seconds={"march": time.monotonic()}),
         )
@@ -135,7 +135,7 @@ class FakeSource:
         return FakeRenderer(self.drive, self.log_path, self.delay_s)
 
 
-ALL_PASSES = ("rgb", "depth", "normal", "instance", "opacity", "support")
+ALL_PASSES = ("rgb", "depth", "normal", "instance", "opacity", "unsupported")
 
 
 def tiny_plan(log_path: Path | None = None, delay_s: float = 0.0, frames: int = 6, width: int | None = None) -> RenderPlan:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 PASSES = ["rgb", "depth", "normal", "instance", "opacity", "support"]
+"""``support`` is the former name of ``unsupported``, which trees from before and after its renaming read."""
 FEW_BEAMS = {
     "id": "few",
     "elevation_deg": [2.0, -1.0, -4.0, -9.0, -15.0, -22.0],

@@ -52,7 +52,7 @@ def _settings(scene: bpy.types.Scene) -> tuple[FrameRange | None, Outputs]:
     clock, settings = Clock.of(source_of(scene).drive), scene.unisim
     all_frames = scene.frame_start <= clock.frames[0] and scene.frame_end >= clock.frames[-1] and scene.frame_step == 1
     frames = None if all_frames else FrameRange(scene.frame_start, scene.frame_end + 1, scene.frame_step)
-    passes = ("rgb", *(name for name in ("depth", "normal", "instance", "opacity", "support") if name in settings.passes))
+    passes = ("rgb", *(name for name in ("depth", "normal", "instance", "opacity", "unsupported") if name in settings.passes))
     return frames, Outputs(passes=passes, quality=settings.quality, contact_shadows=settings.contact_shadows or None)
 
 

@@ -36,7 +36,7 @@ def counts(bench: Bench) -> Iterator[Measure]:
                 )
             )
             errors += [
-                most(alone[key], value[part]) for key, value in arrays_of(whole).items() if key not in ("depth", "support")
+                most(alone[key], value[part]) for key, value in arrays_of(whole).items() if key not in ("depth", "unsupported")
             ]
         yield Measure(f"{name}: one ray alone beside itself among all", max(errors), 0.0 if name == "compiled" else 1e-4)
 

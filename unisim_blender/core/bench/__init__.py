@@ -4,6 +4,7 @@ settings.py     how large, how often
 methods.py      what renders: tracer, quality, instruction set, threads
 shot.py         one render, and what came of it
 copies.py       actors copied in front of a camera or behind it, to see what they cost
+state_cost.py   what a state of many actors costs before a ray is traced
 process.py      a process that renders, with an environment of its own
 cases.py        what is measured: shots that take turns
 measure.py      the rounds

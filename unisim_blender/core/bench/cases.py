@@ -20,6 +20,7 @@ from ..world.drive import CameraModel, Drive
 from .methods import DEFAULT, DOUBLED, TYPICAL, Method
 from .settings import Settings
 from .shot import Shot, Stage, Take
+from .state_cost import Crowd
 
 
 @dataclass
@@ -110,7 +111,8 @@ def all_cases(subjects: Sequence[Subject], methods: Sequence[Method], settings: 
     if first.lidar is not None:
         cases.append(lidar_case(first, methods, settings, threads))
     cases += [pixels_case(first, settings, threads)]
-    cases += [copies_case(first, settings, threads)] if first.header.drive.actors else []
+    if first.header.drive.actors:
+        cases += [copies_case(first, settings, threads), state_case(first, settings, threads)]
     cases += [region_case(first, settings, threads), scenes_case(subjects, settings, threads)]
     cases.append(memory_case(first, settings, threads))
     return cases
@@ -188,6 +190,19 @@ def copies_case(subject: Subject, settings: Settings, threads: int) -> Case:
         for behind in ((False, True) if copies else (False,))
     ]
     return Case("copies", {"width": settings.growth_width}, entries)
+
+
+def state_case(subject: Subject, settings: Settings, threads: int) -> Case:
+    """What a state of many actors costs, for a sweep and for a picture."""
+    crowd = Crowd(settings.state_actors, settings.state_repeats)
+    model = subject.model.resized(settings.state_width)
+    shot = replace(_typical(subject, settings.state_width, threads), crowd=crowd)
+    entries = [Entry({"sensor": "camera", "columns": model.width, "rows": model.height}, DEFAULT, shot, once=True)]
+    if subject.lidar is not None:
+        beams, columns = subject.lidar_size
+        sweep = replace(shot, sensor=subject.lidar, width=0)
+        entries.insert(0, Entry({"sensor": "lidar", "columns": columns, "rows": beams}, DEFAULT, sweep, once=True))
+    return Case("state", {"frame": subject.frame, "repeats": crowd.repeats}, entries)
 
 
 def region_case(subject: Subject, settings: Settings, threads: int) -> Case:

@@ -1,4 +1,5 @@
-"""A drive with copies of an actor before a camera, or behind it, to see what actors cost that are seen and that are not."""
+"""A drive with copies of an actor before a camera, or behind it, to see what actors cost that are seen and that are not; and
+with copies of all its actors on tracks like theirs."""
 
 from __future__ import annotations
 
@@ -16,6 +17,8 @@ FIRST_M, ALONG_M, ACROSS_M = 8.0, 6.0, 3.0
 WITHIN = 0.8
 """Of half the field of view: no copy stands at its edge."""
 LABEL = "Car"
+APART_M = 3.0
+"""How far along x a copy's track is from the one of the copy before it."""
 
 
 def grid(count: int, slope: float) -> FloatArray:
@@ -59,4 +62,22 @@ def with_copies(
         uid = f"copy {number}"
         way = Trajectory.from_poses(np.zeros(1), make_pose(point, quaternion_from_yaw(yaw))[None])
         copies[uid] = replace(source, uid=uid, world_from_actor=way, start_s=first, end_s=last, is_moving=False, inserted=True)
+    return replace(drive, actors={**drive.actors, **copies})
+
+
+def with_tracks(drive: Drive, count: int) -> Drive:
+    """The drive with ``count`` copies of its actors, one of each in turn, present throughout; each copy's track is that of its
+    actor, shifted. Raises `SceneError` where there is no actor that could be copied."""
+    sources = sorted((actor for actor in drive.actors.values() if not actor.look.mesh), key=lambda actor: actor.uid)
+    if count and not sources:
+        raise SceneError(f"the drive {drive.name} has no actor that could be copied")
+    first, last = drive.time_s[drive.frames[0]], drive.time_s[drive.frames[-1]]
+    copies = {}
+    for number in range(count):
+        source = sources[number % len(sources)]
+        track = source.world_from_actor
+        shift = np.array([APART_M * (1 + number // len(sources)), 0.0, 0.0])
+        shifted = Trajectory(track.times_s, track.positions + shift, track.quaternions_wxyz)
+        uid = f"copy {number}"
+        copies[uid] = replace(source, uid=uid, world_from_actor=shifted, start_s=first, end_s=last, inserted=True)
     return replace(drive, actors={**drive.actors, **copies})

@@ -42,6 +42,18 @@ def _plain(case: Case) -> dict[str, Any]:
     return {"entries": [_median(entry) for entry in case.entries if entry.takes]}
 
 
+def _state(case: Case) -> dict[str, Any]:
+    """Milliseconds of processor time of each step, and their sum."""
+    rows = []
+    for entry in case.entries:
+        cost = entry.takes[0].state if entry.takes else None
+        if cost is not None:
+            steps = {f"{name}_ms": 1e3 * seconds for name, seconds in cost.steps_s.items()}
+            counts = {"actors": cost.actors, "keys": cost.keys, "seen": cost.seen, "in_reach": cost.in_reach, "rays": cost.rays}
+            rows.append({**entry.about, **counts, **steps, "sum_ms": sum(steps.values())})
+    return {"entries": rows}
+
+
 def _memory(case: Case) -> dict[str, Any]:
     entries = [_median(entry) | {"peak_mb": entry.takes[0].peak_bytes / 1e6} for entry in case.entries if entry.takes]
     return {"entries": entries}
@@ -103,4 +115,5 @@ SUMMARIES: dict[str, Callable[[Case], dict[str, Any]]] = {
     "lidar": _lidar,
     "region": _region,
     "memory": _memory,
+    "state": _state,
 }

@@ -9,7 +9,8 @@ from dataclasses import dataclass
 class Settings:
     """Widths are of pictures, in pixels. Pictures are compared with the truth in ``windows`` (columns, rows) of ``window``
     (width, height) pixels, sweeps in every ``column_step``-th column. ``copies`` are numbers of added actors, ``shares`` of the
-    frame's area are rendered again alone; both at ``growth_width``."""
+    frame's area are rendered again alone; both at ``growth_width``. What a state costs is measured ``state_repeats`` times with
+    ``state_actors`` actors, for a sweep and for a picture of ``state_width``."""
 
     rounds: int = 3
     widths: tuple[int, ...] = (640, 960, 1920)
@@ -21,6 +22,9 @@ class Settings:
     copies: tuple[int, ...] = (0, 1, 10, 50, 100, 200)
     shares: tuple[float, ...] = (0.01, 0.05, 0.2, 1.0)
     memory_width: int = 1920
+    state_actors: int = 100
+    state_repeats: int = 30
+    state_width: int = 640
 
 
 QUICK = Settings(

@@ -24,6 +24,7 @@ from ..sensors.frames import RenderStats
 from ..world.drive import Drive
 from ..world.replay import DriveStates
 from .copies import with_copies
+from .state_cost import Crowd, StateCost, state_cost
 
 CORNER, WARM_COLUMNS = Region(0, 0, 8, 8), 64
 """What is rendered first, untimed."""
@@ -47,7 +48,8 @@ class Stage:
 @dataclass(frozen=True)
 class Shot:
     """A camera's picture of ``width``, of which ``regions`` are kept, or a LiDAR's sweep (``width`` 0), of which every
-    ``column_step``-th column is. What is not ``whole`` is rendered where it is kept, nowhere else."""
+    ``column_step``-th column is. What is not ``whole`` is rendered where it is kept, nowhere else. With a
+    ``crowd`` nothing is rendered: what its state costs is measured."""
 
     stage: Stage
     sensor: str
@@ -56,13 +58,15 @@ class Shot:
     regions: tuple[Region, ...] = ()
     column_step: int = 1
     whole: bool = True
+    crowd: Crowd | None = None
 
 
 @dataclass
 class Take:
     """``seconds`` are of what was rendered. ``sensor_rays`` are as many as the whole sensor has, ``rays`` as many as were traced.
     ``pieces`` are pictures (h, w, 3) of the regions, or one array (beams, columns)
-    of depths in metres, 0 where there is none. ``peak_bytes`` is the most that this process has held so far."""
+    of depths in metres, 0 where there is none. ``peak_bytes`` is the most that this process has held so far. Of a crowd there is
+    ``state``, and ``seconds`` are processor time."""
 
     seconds: float
     sensor_rays: int
@@ -71,6 +75,7 @@ class Take:
     actors_skipped: int
     peak_bytes: int
     pieces: list[NDArray[np.float32]]
+    state: StateCost | None = None
 
 
 class Studio:
@@ -96,7 +101,7 @@ class Studio:
         renderer.renderer.quality = shot.quality
         if fresh:
             _rendered(renderer, replace(shot, whole=False, regions=shot.regions[:1] or (CORNER,), column_step=WARM_COLUMNS))
-        return _rendered(renderer, shot)
+        return _rendered(renderer, shot) if shot.crowd is None else _measured(renderer, shot, shot.crowd)
 
     def _open(self, stage: Stage) -> tuple[Backend, Drive]:
         header = read_scene_header(stage.scene)
@@ -161,6 +166,13 @@ def _sweep(renderer: DriveRenderer, shot: Shot, stats: RenderStats) -> tuple[lis
     shape = some[2].shape
     depth = renderer.rays_lidar(some[0].reshape(-1, 3), some[1].reshape(-1, 3), some[2].reshape(-1), stats)[0]
     return [depth.reshape(shape)], rays.time_s.size
+
+
+def _measured(renderer: DriveRenderer, shot: Shot, crowd: Crowd) -> Take:
+    sensor = renderer.sized(shot.sensor, shot.width) if shot.width else renderer.lidar_named(shot.sensor)
+    cost = state_cost(renderer.renderer, renderer.drive, sensor, shot.stage.frame, crowd)
+    skipped = cost.actors - cost.in_reach
+    return Take(sum(cost.steps_s.values()), cost.rays, cost.rays, 0, skipped, peak_bytes(), [], cost)
 
 
 def peak_bytes() -> int:

@@ -6,6 +6,8 @@ import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
+from .state_cost import STEPS
+
 Row = dict[str, Any]
 Column = tuple[str, Callable[[Row], str]]
 
@@ -114,6 +116,24 @@ def _copies(case: Row) -> list[str]:
     return [f"## Actors, {case['width']} wide", "", *table(columns, case["entries"])]
 
 
+def _size(row: Row) -> str:
+    rows, columns = row["rows"], row["columns"]
+    return f"image, {columns}×{rows}" if row["sensor"] == "camera" else f"sweep, {rows}×{columns}"
+
+
+def _state(case: Row) -> list[str]:
+    columns: list[Column] = [
+        ("of", _size), ("actors", lambda row: str(row["actors"])), ("keys an actor", lambda row: str(row["keys"])),
+        *((f"{name} ms", key(f"{name}_ms")) for name in STEPS), ("sum ms", key("sum_ms")),
+        ("seen", lambda row: str(row["seen"])), ("in reach of rays", lambda row: str(row["in_reach"])),
+    ]  # fmt: skip
+    about = (
+        f"Processor time before a ray is traced, compiled path, frame {case['frame']}, medians of {case['repeats']}. Copies of "
+        "the scene's actors move like these; all are bound and culled, seen or not."
+    )
+    return ["## State of the world", "", about, "", *table(columns, case["entries"])]
+
+
 def _region(case: Row) -> list[str]:
     columns: list[Column] = [
         ("share of the frame %", key("share", 3, 100)), ("s", key("seconds")),
@@ -138,4 +158,4 @@ def _memory(case: Row) -> list[str]:
     return ["## Memory of a fresh process", "", *table(columns, case["entries"])]
 
 
-GROWTH = {"pixels": _pixels, "copies": _copies, "region": _region, "scenes": _scenes, "memory": _memory}
+GROWTH = {"pixels": _pixels, "copies": _copies, "state": _state, "region": _region, "scenes": _scenes, "memory": _memory}

@@ -34,5 +34,5 @@ def fill_passes(
         out.instance = full(maps["instance"], np.int32)
     if "opacity" in maps:
         out.opacity = full(maps["opacity"], np.float32)
-    if "support" in maps:
-        out.unsupported = full(maps["support"], np.bool_)
+    if "unsupported" in maps:
+        out.unsupported = full(maps["unsupported"], np.bool_)

@@ -134,7 +134,7 @@ class Renderer:
             return
         model = camera.model
         for stride in coarse if region == whole else ():
-            early = ("rgb", "support") if "support" in passes else ("rgb",)
+            early = ("rgb", "unsupported") if "unsupported" in passes else ("rgb",)
             small = camera.resized(max(LEAST_WIDTH, model.width // stride))
             preview = self.render(state, small, time_s, early)
             height, across = preview.rgb.shape[:2]
@@ -229,8 +229,8 @@ class Renderer:
         for stride, done in grown(picture, size, tracer.quality.spread, trace, coarse, band):
             values = {name: x.reshape(*shape, *x.shape[1:]) for name, x in picture.values.items() if name != CROWDED}
             if stride > 1:
-                few = {name: values[name][::stride, ::stride] for name in ("rgb", "support") if name in values}
-                preview = CameraFrame(model, camera.world_from_camera.at(time_s), few["rgb"], unsupported=few.get("support"))
+                few = {name: values[name][::stride, ::stride] for name in ("rgb", "unsupported") if name in values}
+                preview = CameraFrame(model, camera.world_from_camera.at(time_s), few["rgb"], unsupported=few.get("unsupported"))
                 yield Tile(preview, region, (stride, stride), (rows.start, columns.start))
                 continue
             part = region._replace(

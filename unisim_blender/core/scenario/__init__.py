@@ -10,6 +10,7 @@ from typing import Any, Union, get_args, get_origin, get_type_hints
 
 from ..errors import ScenarioError
 from ..json_file import check_finite, read_json, write_text
+from ..sensors.frames import FORMER_PASSES
 from .checks import check_document, check_scenario
 from .types import EDIT_TYPES, Edit, Scenario
 
@@ -34,11 +35,21 @@ def save_scenario(scenario: Scenario, path: Path) -> None:
 def scenario_from_json(document: Any, path: Path = Path("scenario.json")) -> Scenario:
     """The scenario of a JSON object; ``path`` is what its paths are relative to and what complaints name."""
     check_finite(document, f"{path}: ", ScenarioError)
+    document = _with_current_passes(document)
     check_document(document, path)
     values = {key: value for key, value in document.items() if key not in ("format", "version")}
     scenario: Scenario = build(Scenario, values | {"path": path})
     check_scenario(scenario)
     return scenario
+
+
+def _with_current_passes(document: Any) -> Any:
+    """Return a JSON value that no schema has checked yet, with the current names of passes in place of former ones."""
+    outputs = document.get("outputs") if isinstance(document, dict) else None
+    if not isinstance(outputs, dict) or not isinstance(passes := outputs.get("passes"), list):
+        return document
+    current = [FORMER_PASSES.get(name, name) if isinstance(name, str) else name for name in passes]
+    return {**document, "outputs": {**outputs, "passes": current}}
 
 
 def scenario_to_json(scenario: Scenario) -> dict[str, Any]:

@@ -11,8 +11,10 @@ from ..geometry import FloatArray
 from ..world.drive import CameraModel, LidarModel
 from .error_bound import Promise
 
-CAMERA_PASSES = ("rgb", "depth", "normal", "instance", "opacity", "support")
+CAMERA_PASSES = ("rgb", "depth", "normal", "instance", "opacity", "unsupported")
 """Passes a camera frame can hold; ``rgb`` alone is rendered where nothing else was asked for."""
+FORMER_PASSES = {"support": "unsupported"}
+"""Former names of passes, which scenario files and the command line may still have."""
 
 
 @dataclass

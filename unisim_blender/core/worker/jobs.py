@@ -132,7 +132,7 @@ class Jobs:
         if scenario.scene_path is not None:
             backend = make_backend(scenario.scene_path, other_scenes(drive), quality, device, self.scenes)
             clip = bool(request.get("clip"))
-            if (clip or "support" in request.get("passes", ())) and isinstance(backend, Observing):
+            if (clip or "unsupported" in request.get("passes", ())) and isinstance(backend, Observing):
                 space = yield from self._space(backend, stamp(scenario.scene_path))
                 return DriveRenderer(Renderer(backend.within(space, clip), shadows, backend), drive)
         else:

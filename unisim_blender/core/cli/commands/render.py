@@ -15,6 +15,7 @@ from ...prepare.selection import split_names
 from ...progress import Bar
 from ...render.quality import QUALITY
 from ...sensors.error_bound import parse_bounds
+from ...sensors.frames import FORMER_PASSES
 from ...sequence.plan import RenderPlan
 from ...sequence.run import MANIFEST_NAME, render_sequence
 
@@ -27,7 +28,9 @@ MOST_JOBS = 8
 @click.option("--out", required=True, type=click.Path(path_type=Path), help="Folder to write; it must be empty or not be there.")
 @click.option("--frames", metavar="START:STOP:STEP", help="Frames by number, or one number. [default: the scenario's]")
 @click.option("--sensors", metavar="A,B", help="Cameras and LiDARs by name. [default: all of the scenario's]")
-@click.option("--passes", metavar="A,B", help="rgb, depth, normal, instance, opacity, support. [default: the scenario's, or rgb]")
+@click.option(
+    "--passes", metavar="A,B", help="rgb, depth, normal, instance, opacity, unsupported. [default: the scenario's, or rgb]"
+)
 @click.option("--width", type=click.IntRange(min=8), help="Width of the images; heights follow. [default: the cameras' own]")
 @click.option("--quality", type=click.Choice(list(QUALITY)), help="[default: the scenario's, or balanced]")
 @click.option(
@@ -86,7 +89,7 @@ def command(
         raise UnisimError(f"--quality {quality} and --max-error {max_error[0]}: give one of the two")
     device, bounds = pick_device(device), parse_bounds(max_error)
     wishes = Wishes(
-        frames, split_names(sensors), split_names(passes), width, quality, device, draw, bounds, renderer, sources, scene
+        frames, split_names(sensors), pass_names(passes), width, quality, device, draw, bounds, renderer, sources, scene
     )
     plan, prepared = plan_scenario(scenario, wishes)
     for sentence in plan.about.get("warnings", ()):
@@ -110,6 +113,15 @@ def command(
     kept = f", {len(report.kept)} were there already" if report.kept else ""
     parts = f" ({report.captures} images and sweeps, {report.captures_kept} kept)" if report.captures_kept else ""
     click.echo(f"{len(report.rendered)} frames rendered in {report.seconds:.1f} s{kept}{parts}: {out}")
+
+
+def pass_names(text: str | None) -> tuple[str, ...] | None:
+    """The names of a comma-separated list of passes, current ones in place of former ones, of which standard error is told."""
+    names = split_names(text)
+    for name in names or ():
+        if name in FORMER_PASSES:
+            click.echo(f"Warning: --passes {name}: this pass is now called {FORMER_PASSES[name]}", err=True)
+    return names and tuple(FORMER_PASSES.get(name, name) for name in names)
 
 
 def default_jobs() -> int:

@@ -28,7 +28,7 @@ FORETOLD = 0.5
 """So far may a middle be from its corners' mean, as a share of what these may differ by."""
 Blocks = NDArray[np.int64]
 """Rows and columns of blocks' first pixels (N, 2)."""
-LABELS = ("instance", "support")
+LABELS = ("instance", "unsupported")
 KINDS = {"rgb": 0, "depth": 1, "normal": 2, CROWDED: 5, **dict.fromkeys(LABELS, 4)}
 """What kernels take maps for; others are numbers, 3, or alike at all corners, 6."""
 MOST_CHANNELS = 4
@@ -124,7 +124,7 @@ def plain_differ(picture: Picture, blocks: Blocks, size: int, spread: float) -> 
     apart = range_of > CONTRAST * spread
     if CROWDED in picture.values:
         apart |= picture.corners(CROWDED, blocks, size).any(0)
-    for name in ("instance", "support"):
+    for name in ("instance", "unsupported"):
         if name in picture.values:
             values = picture.corners(name, blocks, size)
             apart |= (values != values[0]).any(0)
@@ -142,7 +142,7 @@ def plain_foretold(picture: Picture, blocks: Blocks, size: int, spread: float) -
     number = y * picture.shape[1] + x
     rgb = picture.corners("rgb", blocks, size)
     alike = np.abs(picture.values["rgb"][number] - rgb.mean(0)).max(1) <= FORETOLD * spread
-    for name in ("instance", "support"):
+    for name in ("instance", "unsupported"):
         if name in picture.values:
             alike &= picture.values[name][number] == picture.corners(name, blocks, size)[0]
     if "depth" in picture.values:

@@ -104,9 +104,9 @@ class CompiledTracer:
             found.mesh_opacity = np.empty(n, np.float32)
         starts = self.space.starts(flat) if self.space is not None and self.clipped else None
         maps: Maps = {}
-        if passes & {"depth", "support"}:
+        if passes & {"depth", "unsupported"}:
             maps["depth"] = np.empty(n, np.float32)
-        if passes & {"instance", "support"}:
+        if passes & {"instance", "unsupported"}:
             maps["instance"] = np.empty(n, np.int32)
         if "normal" in passes:
             maps["normal"] = np.empty((n, 3), np.float32)
@@ -120,11 +120,11 @@ class CompiledTracer:
             maps["depth"][~solid] = np.inf
         if "opacity" in passes:
             maps["opacity"] = found.opacity
-        if self.space is not None and "support" in passes:
-            maps["support"] = ~self.space.supported(flat, maps["depth"], maps["instance"], self.clipped)
-        elif "support" in passes:
+        if self.space is not None and "unsupported" in passes:
+            maps["unsupported"] = ~self.space.supported(flat, maps["depth"], maps["instance"], self.clipped)
+        elif "unsupported" in passes:
             ends = rays.origins + rays.directions * np.nan_to_num(maps["depth"], posinf=1e6)[:, None].astype(np.float64)
-            maps["support"] = ~(self.scene.supported(ends) | (maps["instance"] > 0))
+            maps["unsupported"] = ~(self.scene.supported(ends) | (maps["instance"] > 0))
         found.maps = {name: values for name, values in maps.items() if name in passes}
         return found
 

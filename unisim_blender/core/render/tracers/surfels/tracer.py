@@ -139,7 +139,7 @@ class SurfelTracer:
             "depth": met.t.astype(np.float32),
             "instance": np.where((met.owner >= 0) & (met.owner < own), met.owner + 1, 0).astype(np.int32),
             "opacity": hit.astype(np.float32),
-            "support": unsupported,
+            "unsupported": unsupported,
         }
         if normals is not None:
             maps["normal"] = normals.astype(np.float32)
@@ -177,7 +177,7 @@ class SurfelTracer:
             "normal": met.normals,
             "instance": first + met.actor + 1,
             "opacity": np.ones(len(met.ray)),
-            "support": np.zeros(len(met.ray), bool),
+            "unsupported": np.zeros(len(met.ray), bool),
         }
         for name, array in maps.items():
             array[met.ray[shown]] = values[name][shown]

@@ -21,7 +21,7 @@ def ray_passes(scene: Scene, cast: CastTensors, part: RayBatch, traced: Traced, 
     """One array (N, ...) for each pass asked for, of rays that were traced."""
     maps: Maps = {}
     solid = traced.opacity > 0.5
-    if passes & {"depth", "support"}:
+    if passes & {"depth", "unsupported"}:
         depth = torch.where(solid, median_depth(scene.model, traced), torch.inf)
     if "depth" in passes:
         maps["depth"] = depth.cpu().numpy()
@@ -31,8 +31,8 @@ def ray_passes(scene: Scene, cast: CastTensors, part: RayBatch, traced: Traced, 
         maps["instance"] = _instances(traced, len(part)).cpu().numpy()
     if "normal" in passes:
         maps["normal"] = _normals(scene, cast, traced, part, solid).cpu().numpy()
-    if "support" in passes:
-        maps["support"] = (~_supported(scene, traced, part, depth)).cpu().numpy()
+    if "unsupported" in passes:
+        maps["unsupported"] = (~_supported(scene, traced, part, depth)).cpu().numpy()
     return maps
 
 

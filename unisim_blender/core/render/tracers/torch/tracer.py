@@ -113,8 +113,8 @@ class TorchTracer:
         starts = None
         if self.space is not None and self.clipped:
             starts = torch.as_tensor(self.space.starts(rays)).to(batch.origins)
-        told, asked = self.space is not None and "support" in passes, passes
-        passes = passes - {"support"} | {"depth", "instance"} if told else passes
+        told, asked = self.space is not None and "unsupported" in passes, passes
+        passes = passes - {"unsupported"} | {"depth", "instance"} if told else passes
         near = self.bounds.in_reach(rays)
         stats.actors_skipped += len(self.cast.own.actors) - len(near)
         among = torch.tensor(near, dtype=torch.long, device=self.device)
@@ -134,7 +134,7 @@ class TorchTracer:
         joined = {name: np.concatenate([m[name] for m in maps]) for name in maps[0]}
         if told:
             assert self.space is not None
-            joined["support"] = ~self.space.supported(rays, joined["depth"], joined["instance"], self.clipped)
+            joined["unsupported"] = ~self.space.supported(rays, joined["depth"], joined["instance"], self.clipped)
             joined = {name: x for name, x in joined.items() if name in asked}
         return Found(
             feature=torch.cat([p.feature for p in pieces]),
