@@ -11,7 +11,7 @@ import bpy
 
 sys.path.insert(0, str(Path(__file__).parent))
 from browser import choose_path, menu_entry
-from buttons import Place, buttons, place_of, press
+from buttons import Place, buttons, place_of, press, scroll
 from hands import key, middle, sidebar, to
 from session import OUT, area, screenshot, start, until
 from tasks import fresh, imported, task
@@ -82,6 +82,7 @@ def opened_file() -> Iterator[float]:
     yield from until(lambda: Path(bpy.data.filepath) == KEPT, "not opened", 10)
     yield 1.0
     before = frames_told()
+    yield from place_of("unisim.cancel_task()")  # to be found at once when it is needed
     yield from press("unisim.render_sequence()")
     yield from until(lambda: frames_told() > before, f"Render Sequence does not go on: {told()}", 240)
     yield from press("unisim.cancel_task()")
@@ -118,6 +119,8 @@ def grey_buttons() -> Iterator[float]:
     panel = next(region for region in found.regions if region.type == "UI")
     yield from to(*middle(found))
     yield from key("A", alt=True)
+    yield from to(panel.x + 0.04 * panel.width, panel.y + panel.height / 2)
+    yield from scroll("HOME")
     grey: dict[str, Place] = {}
     for _ in range(3):
         here: dict[str, list[Place]] = {}
