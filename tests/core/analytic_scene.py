@@ -21,7 +21,7 @@ from unisim_blender.core.model.volume import Volume
 from unisim_blender.core.ops.ray_segments import RayBatch, Traced
 from unisim_blender.core.render.actor_sets import gather_cast
 from unisim_blender.core.render.drive_renderer import DriveRenderer
-from unisim_blender.core.render.quality import QUALITY
+from unisim_blender.core.render.quality import quality_named
 from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.render.tracers.torch.actor_tensors import CastTensors, cast_tensors
 from unisim_blender.core.render.tracers.torch.trace import Sampling, trace
@@ -215,4 +215,4 @@ def renderer_of(
     draw: int | None = None,
 ) -> DriveRenderer:
     """The renderer of a drive through a scene, traced by torch."""
-    return DriveRenderer(Renderer(TorchBackend(scene, QUALITY[quality], others), shadows), drive, draw)
+    return DriveRenderer(Renderer(TorchBackend(scene, quality_named(quality), others), shadows), drive, draw)

@@ -111,7 +111,8 @@ def test_growth_and_memory(figures: dict[str, Any]) -> None:
     assert [(row["width"], row["height"]) for row in figures["pixels"][0]["entries"]] == [(24, 16), (48, 32)]
     none, seen, behind = figures["copies"][0]["entries"]
     assert (none["copies"], seen["copies"], behind["copies"]) == (0, 3, 3) and behind["behind"] and not seen["behind"]
-    assert behind["actors_skipped"] >= none["actors_skipped"] + 3 > seen["actors_skipped"]
+    # what is out of view is left out before rays are traced, so counts do not name it
+    assert behind["actors_skipped"] == none["actors_skipped"] and behind["samples_per_ray"] == none["samples_per_ray"]
     region = figures["region"][0]
     assert region["whole_s"] > 0 and all(row["same_bits"] for row in region["entries"])
     part, whole = region["entries"]

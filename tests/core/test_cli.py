@@ -96,8 +96,8 @@ def test_ctrl_c_ends_with_130(tmp_path: Path) -> None:
         "    click.echo('waiting')\n    time.sleep(60)\n"
     )
     program = (
-        f"from unisim_blender.core import cli, commands; commands.__path__.append({str(tmp_path)!r}); "
-        "import sys; sys.argv = ['unisim', 'wait']; cli.main()"
+        f"from unisim_blender.core.cli import commands, main; commands.__path__.append({str(tmp_path)!r}); "
+        "import sys; sys.argv = ['unisim', 'wait']; main.main()"
     )
     command = [sys.executable, "-u", "-c", program]
     # a shell that runs tests in the background has its children ignore the signal
