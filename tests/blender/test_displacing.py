@@ -15,7 +15,7 @@ from unisim_blender import following
 from unisim_blender.bridge.animation import keys_of, write_keys
 from unisim_blender.bridge.clock import Clock
 from unisim_blender.bridge.displacing import BLEND_S
-from unisim_blender.bridge.motion import stopped
+from unisim_blender.bridge.motion import displaced_along, stopped
 from unisim_blender.bridge.source import source_of
 from unisim_blender.bridge.things import things
 from unisim_blender.bridge.trajectories import convert, remove, trajectory_of
@@ -108,6 +108,36 @@ def test_with_auto_key_a_change_blends_in(street: Any) -> None:
     before = [tuple(key.co) for key in curve.keyframe_points]
     let_go()
     assert [tuple(key.co) for key in curve.keyframe_points] == before
+
+
+def test_auto_key_of_what_is_animated_alone_keys_what_drives(street: Any) -> None:
+    """As Blender 5.2 has it at first: it adds keys to what has keys, and those of a car that drives are its parent's."""
+    one, edit = driving(street), bpy.context.preferences.edit
+    uid, before, edit.use_keyframe_insert_available = one.unisim.uid, edit.use_keyframe_insert_available, True
+    try:
+        street.frame_set(10)
+        street.tool_settings.use_keyframe_insert_auto = True
+        (said,) = drag(one, (0.0, 1.0, 0.0))
+        assert "keyed at frame 10" in said
+        apart = np.linalg.norm(displacement(street, uid), axis=1)
+        assert apart.max() == pytest.approx(1.0, abs=1e-3) and apart[0] < 0.5
+    finally:
+        edit.use_keyframe_insert_available = before
+        street.tool_settings.use_keyframe_insert_auto = False
+
+
+def test_operators_displace_the_whole_with_auto_key_too(street: Any) -> None:
+    one, edit = driving(street), bpy.context.preferences.edit
+    before, edit.use_keyframe_insert_available = edit.use_keyframe_insert_available, True
+    try:
+        street.tool_settings.use_keyframe_insert_auto = True
+        select(one)
+        displaced_along(one, (0.0, 2.0, 0.0))
+        let_go()
+        assert np.ptp(np.linalg.norm(displacement(street, one.unisim.uid), axis=1)) < 1e-3, "it is keyed"
+    finally:
+        edit.use_keyframe_insert_available = before
+        street.tool_settings.use_keyframe_insert_auto = False
 
 
 def test_auto_key_starts_from_the_displacement_before(street: Any) -> None:

@@ -39,7 +39,12 @@ def settle(scene: bpy.types.Scene, thing: bpy.types.Object) -> str:
         keyed = [curve for curve in curves if curve.data_path == path]
         before, now = np.array(getattr(thing.unisim, rest)), np.array(getattr(thing, path))
         if not keyed:
-            if np.abs(now - before).max() > SAME:
+            if np.abs(now - before).max() <= SAME:
+                continue
+            if _keys_what_is_animated(scene):
+                thing.keyframe_insert(path, frame=scene.frame_current)
+                blended |= _blend(scene, [curve for curve in curves_of(thing) if curve.data_path == path], before)
+            else:
                 setattr(thing.unisim, rest, now)
                 mounted = thing.unisim.kind in ("CAMERA", "LIDAR")
                 said = message(
@@ -56,6 +61,14 @@ def settle(scene: bpy.types.Scene, thing: bpy.types.Object) -> str:
             blend=BLEND_S,
         )
     return said
+
+
+def _keys_what_is_animated(scene: bpy.types.Scene) -> bool:
+    """Return whether auto-keying is on, but for what has keys alone, as from Blender 5.2 on at first: an object on a trajectory
+    is animated to a person, though the keys are its parent's."""
+    settings = scene.tool_settings
+    only_available = bpy.context.preferences.edit.use_keyframe_insert_available
+    return settings.use_keyframe_insert_auto and settings.auto_keying_mode == "ADD_REPLACE_KEYS" and only_available
 
 
 def keep(scene: bpy.types.Scene, thing: bpy.types.Object, frame: float) -> str:

@@ -21,6 +21,8 @@ def displaced_along(thing: bpy.types.Object, offset_m: Sequence[float]) -> None:
     if "rotation_quaternion" not in paths:  # its keys keep their interpolation: all of them move alike
         apart = matrix_from_quaternion(np.array(thing.matrix_basis.to_quaternion(), float)) @ offset
         thing.location = np.array(thing.location) + apart
+        if "location" not in paths:
+            thing.unisim.rest_location = thing.location  # auto-keying keys what people move by hand alone
         for curve in curves_of(thing):
             if curve.data_path == "location":
                 add_to_keys(curve, float(apart[curve.array_index]))
