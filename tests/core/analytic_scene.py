@@ -19,11 +19,11 @@ from unisim_blender.core.model.scene import SceneModel
 from unisim_blender.core.model.scene_file import SceneHeader
 from unisim_blender.core.model.volume import Volume
 from unisim_blender.core.ops.ray_segments import RayBatch, Traced
-from unisim_blender.core.render.actor_sets import gather_cast
+from unisim_blender.core.render.actor_sets import active_actors
 from unisim_blender.core.render.drive_renderer import DriveRenderer
 from unisim_blender.core.render.quality import QUALITY
 from unisim_blender.core.render.renderer import Renderer
-from unisim_blender.core.render.tracers.torch.actor_tensors import CastTensors, cast_tensors
+from unisim_blender.core.render.tracers.torch.actor_tensors import ActiveActorTensors, active_actor_tensors
 from unisim_blender.core.render.tracers.torch.trace import Sampling, trace
 from unisim_blender.core.render.tracers.torch.tracer import TorchBackend
 from unisim_blender.core.world.drive import Actor, Box, Camera, CameraModel, Drive, Lidar, LidarModel, Look, StaticCopy
@@ -156,16 +156,16 @@ def drive_of(actors: Sequence[Actor], copies: tuple[StaticCopy, ...] = (), remov
 
 @dataclass
 class Stage:
-    """A scene with who is on, ready to be traced."""
+    """A scene and its active actors, ready to be traced."""
 
     scene: SceneModel
     drive: Drive
     others: dict[str, SceneModel] = field(default_factory=dict)
 
-    def cast(self) -> CastTensors:
+    def active(self) -> ActiveActorTensors:
         scenes = {path: (scene, tables(scene)) for path, scene in {"": self.scene, **self.others}.items()}
         looks = {path: tuple(scene.actor_ids) for path, (scene, _) in scenes.items()}
-        return cast_tensors(gather_cast(whole_state(self.drive), looks), scenes)
+        return active_actor_tensors(active_actors(whole_state(self.drive), looks), scenes)
 
     def trace(
         self, origins: Any, directions: Any, time_s: Any = 0.0, fine: float = 4.0, far: bool = False, among: Tensor | None = None
@@ -179,7 +179,7 @@ class Stage:
             torch.tensor(np.broadcast_to(time_s, len(o)).copy(), dtype=torch.float64),
         )
         with torch.no_grad():
-            return trace(self.scene, self.cast(), batch, Sampling(fine=fine, far=far), among)
+            return trace(self.scene, self.active(), batch, Sampling(fine=fine, far=far), among)
 
     def as_scene(self, path: str = "scene") -> Scene:
         """The scene as a renderer takes it."""

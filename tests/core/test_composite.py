@@ -131,14 +131,14 @@ def test_values_and_gradients(groups: tuple[tuple[int, int], ...]) -> None:
 
 
 def test_a_whole_picture_is_the_same() -> None:
-    """Guests apart; the reference takes over where a place is learnt."""
-    strands = [replace(s, guest=guest) for s, guest in zip(strands_of(20, GROUPS), (-1, 0, -1, 0), strict=True)]
+    """Foreign actors apart; the reference takes over where a place is learnt."""
+    strands = [replace(s, foreign=foreign) for s, foreign in zip(strands_of(20, GROUPS), (-1, 0, -1, 0), strict=True)]
     found = composite(RAYS, strands, 5, [5], strands[0].t)
     plain = composite(RAYS, [replace(s, t=s.t.clone().requires_grad_()) for s in strands], 5, [5], strands[0].t)
     for name in ("feature", "depth_m", "opacity", "behind"):
         torch.testing.assert_close(getattr(found, name), getattr(plain, name).detach(), rtol=1e-5, atol=1e-5)
-    torch.testing.assert_close(found.guest_features[0], plain.guest_features[0].detach(), rtol=1e-5, atol=1e-5)
-    torch.testing.assert_close(found.guest_opacity[0], plain.guest_opacity[0].detach(), rtol=1e-5, atol=1e-5)
+    torch.testing.assert_close(found.foreign_features[0], plain.foreign_features[0].detach(), rtol=1e-5, atol=1e-5)
+    torch.testing.assert_close(found.foreign_opacity[0], plain.foreign_opacity[0].detach(), rtol=1e-5, atol=1e-5)
 
 
 def everything() -> list[Tensor]:

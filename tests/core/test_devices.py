@@ -97,8 +97,8 @@ def test_a_training_keeps_to_its_device(tmp_path: Path, plain: pytest.MonkeyPatc
 @pytest.mark.parametrize("name", CONFIGS)
 def test_a_render_keeps_to_its_device(tmp_path: Path, plain: pytest.MonkeyPatch, name: str) -> None:
     drive = edited()
-    guest = still("guest", (-15, 0, 1.5), (3.9, 2.4, 3.0), yaw=0.3, look=Look("car", "other"), scale=(1.3, 0.8, 1.0))
-    drive = dataclasses.replace(drive, actors={**drive.actors, "guest": guest})
+    foreign = still("guest", (-15, 0, 1.5), (3.9, 2.4, 3.0), yaw=0.3, look=Look("car", "other"), scale=(1.3, 0.8, 1.0))
+    drive = dataclasses.replace(drive, actors={**drive.actors, "guest": foreign})
     folder = saved(tmp_path / "scene", CONFIGS[name])
     other = saved(tmp_path / "other", dataclasses.replace(TINY, features=7, upsample=CONFIGS[name].upsample), seed=1)
 

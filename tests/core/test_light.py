@@ -1,4 +1,5 @@
-"""An actor follows the light on the ground under it, for cameras; a guest brings its own; mirrored looks keep their geometry."""
+"""An actor follows the light on the ground under it, for cameras; a foreign actor brings its own; mirrored looks keep their
+geometry."""
 
 from __future__ import annotations
 

@@ -102,8 +102,8 @@ def test_edges_are_as_smooth_as_what_they_cover(cube: Path) -> None:
         cells = pixel_grid(camera.model, 2)
         time_s = camera.time_s[0]
         centres = camera_rays(camera, time_s, *cells).flat()
-        cast = renderer.renderer.tracer(renderer.state(camera, time_s)).cast
-        met = cast.extras.met_by_camera(camera, time_s, cells, centres, 2, 0.5, lambda actor: np.ones(3))
+        active = renderer.renderer.tracer(renderer.state(camera, time_s)).active
+        met = active.mesh_actors.met_by_camera(camera, time_s, cells, centres, 2, 0.5, lambda actor: np.ones(3))
         assert met is not None and met.pixels is not None
         covered.append(float(met.pixels[..., 3].sum()))
         partly += int(((met.pixels[..., 3] > 0) & (met.pixels[..., 3] < 1)).sum())

@@ -23,9 +23,9 @@ from unisim_blender.core.ops.grid_shape import GridArrays, GridShape
 from unisim_blender.core.ops.hash_grid import encode, encode_reference
 from unisim_blender.core.ops.march import Segment, Voxels, propose, propose_reference
 from unisim_blender.core.ops.ray_segments import RayBatch, Strands
-from unisim_blender.core.render.actor_sets import gather_cast
+from unisim_blender.core.render.actor_sets import active_actors
 from unisim_blender.core.render.tracer import Found
-from unisim_blender.core.render.tracers.torch.actor_tensors import cast_tensors
+from unisim_blender.core.render.tracers.torch.actor_tensors import active_actor_tensors
 from unisim_blender.core.render.tracers.torch.trace import Sampling, trace
 from unisim_blender.core.render.tracers.torch.tracer import TorchBackend, TorchTracer
 
@@ -175,9 +175,9 @@ def traced(seed: int) -> list[Tensor]:
         scene.occupancy.values.copy_((torch.rand(scene.occupancy.values.shape) < 0.3) * 255)
     way = torch.nn.functional.normalize(torch.randn(48, 3) * 0.2 + torch.tensor([1.0, 0.0, 0.0]), dim=-1)
     eye = scene.frame.recentred(np.tile([-20.0, 0.0, 1.6], (48, 1)))
-    cast = cast_tensors(gather_cast(whole_state(drive), {"": ("car",)}), {"": (scene, scene.actors.tables())})
+    active = active_actor_tensors(active_actors(whole_state(drive), {"": ("car",)}), {"": (scene, scene.actors.tables())})
     rays = RayBatch(eye, way, torch.zeros(48).double())
-    found = trace(scene, cast, rays, Sampling(jitter=True, generator=torch.Generator().manual_seed(2)))
+    found = trace(scene, active, rays, Sampling(jitter=True, generator=torch.Generator().manual_seed(2)))
     assert len(found.strands) == 2
     outs = [found.feature, found.depth_m, found.opacity]
     sum(out.square().mean() for out in outs).backward()  # type: ignore[union-attr]

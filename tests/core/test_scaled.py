@@ -20,7 +20,7 @@ from whole_drive import bound_to, whole_state
 from unisim_blender.core import native
 from unisim_blender.core.errors import ScenarioError
 from unisim_blender.core.geometry import FloatArray, Trajectory, intersect_boxes, invert_pose, make_pose, quaternion_from_yaw
-from unisim_blender.core.meshes.meeting import Extras
+from unisim_blender.core.meshes.meeting import MeshActors
 from unisim_blender.core.model.checkpoint import load_scene, save_scene
 from unisim_blender.core.model.config import ModelConfig, preset
 from unisim_blender.core.model.scene import SceneModel
@@ -382,7 +382,7 @@ def test_a_scaled_mesh_is_the_mesh_of_that_size(cube: Path) -> None:
     actor = replace(actor, look=Look("cube", mesh=str(cube)))
     times = np.random.default_rng(1).uniform(0, 0.5, 200)
     directions = aimed(actor, 200, times)
-    met = Extras([actor]).met_by_rays(Rays(np.tile(EYE, (200, 1)), directions, times), 0.5)
+    met = MeshActors([actor]).met_by_rays(Rays(np.tile(EYE, (200, 1)), directions, times), 0.5)
     assert met is not None and len(met.ray) == 200
     poses = actor.world_from_actor.at(times)
     near, _ = intersect_boxes(np.tile(EYE, (200, 1)), directions, invert_pose(poses)[:, None], actor.size_m[None])
@@ -390,7 +390,7 @@ def test_a_scaled_mesh_is_the_mesh_of_that_size(cube: Path) -> None:
     local = np.einsum("nji,nj->ni", poses[:, :3, :3], met.normals)
     np.testing.assert_allclose(np.sort(np.abs(local), axis=1), np.tile([0.0, 0, 1], (200, 1)), atol=1e-6)
     # what lies nearer than near_m along the ray in the world is passed over
-    behind = Extras([actor]).met_by_rays(Rays(np.tile(EYE, (200, 1)), directions, times), float(near.max()) + 0.01)
+    behind = MeshActors([actor]).met_by_rays(Rays(np.tile(EYE, (200, 1)), directions, times), float(near.max()) + 0.01)
     assert behind is not None and (behind.t > near.max()).all()
 
 

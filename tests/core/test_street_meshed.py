@@ -305,6 +305,6 @@ def test_a_log_of_the_other_engine_is_left_alone(solid: Street, tmp_path: Path) 
 
 def test_meshes_from_files_are_refused(street: Street, tmp_path: Path) -> None:
     actor = street.drive.actors["car-01"]
-    guest = replace(actor, look=replace(actor.look, mesh="deer.glb"))
+    replaced = replace(actor, look=replace(actor.look, mesh="deer.glb"))
     with pytest.raises(ScenarioError, match=r"deer\.glb"):
-        picture_path(tmp_path, street, replace(street.drive, actors={"car-01": guest}), CAMERA, 1, None)
+        picture_path(tmp_path, street, replace(street.drive, actors={"car-01": replaced}), CAMERA, 1, None)

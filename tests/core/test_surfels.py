@@ -201,7 +201,7 @@ def test_a_scaled_actor_is_looked_up_in_images_from_its_own_side(scenes: dict[st
     drive = edited(log, {"type": "scale", "actor": uid, "factors": [1.4, 1, 1]})
     tracer = bound_to(untrained_backend("warp", scenes["warp"], log, SOURCES), drive)
     assert isinstance(tracer, WarpTracer)
-    number = tracer.cast.own.uids.index(uid)
+    number = tracer.active.own.uids.index(uid)
     assert tracer.edited == [i == number for i in range(len(tracer.edited))]
     # what its recorded box hid shows nothing of what is behind it now
     assert tracer.elsewhere == (uid,)

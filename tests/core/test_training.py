@@ -364,9 +364,9 @@ def test_samples_stand_still_in_the_end_and_rates_fall_further(log: Log, monkeyp
     trainer = Trainer(log, config)
     drawn: list[bool] = []
 
-    def spy(model: Any, cast: Any, rays: Any, sampling: Sampling) -> Traced:
+    def spy(model: Any, active: Any, rays: Any, sampling: Sampling) -> Traced:
         drawn.append(sampling.jitter)
-        return trace(model, cast, rays, sampling)
+        return trace(model, active, rays, sampling)
 
     monkeypatch.setattr("unisim_blender.core.training.trainer.trace", spy)
     rates = []

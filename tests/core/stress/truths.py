@@ -21,12 +21,12 @@ from unisim_blender.core.geometry import (
 from unisim_blender.core.model.checkpoint import load_scene
 from unisim_blender.core.model.tracklets import Tracklets
 from unisim_blender.core.ops.ray_segments import RayBatch, Traced
-from unisim_blender.core.render.actor_sets import gather_cast
+from unisim_blender.core.render.actor_sets import active_actors
 from unisim_blender.core.render.quality import QUALITY, quality_named
 from unisim_blender.core.render.tracer import Found
 from unisim_blender.core.render.tracers.compiled.scene import CompiledScene
 from unisim_blender.core.render.tracers.compiled.tracer import CompiledBackend, CompiledTracer
-from unisim_blender.core.render.tracers.torch.actor_tensors import CastTensors, cast_tensors
+from unisim_blender.core.render.tracers.torch.actor_tensors import ActiveActorTensors, active_actor_tensors
 from unisim_blender.core.render.tracers.torch.median import median_depth
 from unisim_blender.core.render.tracers.torch.trace import Sampling, trace
 from unisim_blender.core.render.tracers.torch.tracer import TorchBackend, TorchTracer
@@ -54,19 +54,19 @@ def truth(folder: Path, drive: Drive, rays: Rays, quality: str = "balanced", sky
     scene = load_scene(folder)
     model, tables = scene.model.double(), scene.actor_tables.double()
     model.frame.rotation.copy_(torch.as_tensor(model.volume.world_from_volume[:3, :3].T))
-    cast = gather_cast(whole_state(drive, scene.header.drive), {"": tuple(model.actor_ids)})
-    tensors: CastTensors = cast_tensors(cast, {"": (model, tables)})
-    exactly(tensors.own.tracklets, cast.own.actors)
+    active = active_actors(whole_state(drive, scene.header.drive), {"": tuple(model.actor_ids)})
+    tensors: ActiveActorTensors = active_actor_tensors(active, {"": (model, tables)})
+    exactly(tensors.own.tracklets, active.own.actors)
     corner = model.volume.corner
 
     def recentred(pose: FloatArray) -> FloatArray:
         return np.vstack([np.c_[pose[:3, :3], pose[:3, 3] - corner], pose[3:]])
 
     if tensors.copies is not None:
-        exactly(tensors.copies, cast.targets)
-        tensors.copy_source = torch.as_tensor(np.stack([recentred(box.world_from_box) for box in cast.sources]))
+        exactly(tensors.copies, active.targets)
+        tensors.copy_source = torch.as_tensor(np.stack([recentred(box.world_from_box) for box in active.sources]))
     if tensors.removals is not None:
-        poses = np.stack([invert_pose(recentred(box.world_from_box)) for box in cast.removals])
+        poses = np.stack([invert_pose(recentred(box.world_from_box)) for box in active.removals])
         tensors.removals = torch.as_tensor(poses), tensors.removals[1].double()
     batch = RayBatch(model.frame.recentred(rays.origins), torch.as_tensor(rays.directions), torch.as_tensor(rays.time_s))
     assert batch.origins.dtype == torch.float64

@@ -34,8 +34,8 @@ Level = Callable[[Actor], FloatArray]
 @dataclass(frozen=True)
 class Met:
     """Rays that meet a mesh: their numbers ray (P,), rising; t (P,) metres; share (P,) of the ray that the mesh covers; normals
-    (P, 3), world frame; actor (P,) in the extras' order. For a camera ``pixels`` (P, up, up, 4): what the cell's pixels show,
-    linear, and how much of each the mesh covers; for a LiDAR ``intensity`` (P,)."""
+    (P, 3), world frame; actor (P,) in the mesh actors' order. For a camera ``pixels`` (P, up, up, 4): what the cell's pixels
+    show, linear, and how much of each the mesh covers; for a LiDAR ``intensity`` (P,)."""
 
     ray: NDArray[np.int64]
     t: FloatArray
@@ -70,7 +70,7 @@ class Met:
         return image + layer[..., 3:] * (layer[..., :3] - image)
 
 
-class Extras:
+class MeshActors:
     """Actors that are meshes; bodies of the ego vehicle come last."""
 
     def __init__(self, actors: Sequence[Actor]) -> None:
@@ -81,14 +81,14 @@ class Extras:
         """Their ids."""
         return tuple(actor.uid for actor in self.actors)
 
-    def seen_by(self, sensor: Camera | Lidar) -> Extras:
+    def seen_by(self, sensor: Camera | Lidar) -> MeshActors:
         """Those that a sensor can see; each has the same number as among all."""
         return self if sensor.sees_ego_body else self._without_bodies
 
     @cached_property
-    def _without_bodies(self) -> Extras:
+    def _without_bodies(self) -> MeshActors:
         others = [actor for actor in self.actors if not actor.is_ego_body]
-        return self if len(others) == len(self.actors) else Extras(others)
+        return self if len(others) == len(self.actors) else MeshActors(others)
 
     @cached_property
     def meshes(self) -> list[Mesh]:

@@ -19,26 +19,27 @@ from .kernel_choice import kernels_for
 from .ray_segments import Strands, Traced
 
 
-def composite(rays: int, strands: list[Strands], width: int, guests: list[int], like: Tensor) -> Traced:
-    """Everything on each ray in order of depth; ``width`` and ``guests`` are the lengths of the own and the guests' features."""
+def composite(rays: int, strands: list[Strands], width: int, foreign: list[int], like: Tensor) -> Traced:
+    """Everything on each ray in order of depth; ``width`` and ``foreign`` are the lengths of the own and the foreign sets'
+    features."""
     feature, sums = like.new_zeros(rays, width), like.new_zeros(rays, 3)
-    guest_features = [like.new_zeros(rays, own) for own in guests]
-    guest_opacity = [like.new_zeros(rays) for _ in guests]
+    foreign_features = [like.new_zeros(rays, own) for own in foreign]
+    foreign_opacity = [like.new_zeros(rays) for _ in foreign]
     for strand, front in zip(strands, transmittances(rays, strands), strict=True):
         strand.front = front
         strand.interval_weight, strand.weight, given = gather(strand, front)
         part, rest = given.split((strand.features.shape[-1], 3), 1)
-        if strand.guest < 0:
+        if strand.foreign < 0:
             feature = feature.index_add(0, strand.ray, part)
         else:
-            guest_features[strand.guest] = guest_features[strand.guest].index_add(0, strand.ray, part)
-            guest_opacity[strand.guest] = guest_opacity[strand.guest].index_add(0, strand.ray, rest[:, 0])
+            foreign_features[strand.foreign] = foreign_features[strand.foreign].index_add(0, strand.ray, part)
+            foreign_opacity[strand.foreign] = foreign_opacity[strand.foreign].index_add(0, strand.ray, rest[:, 0])
         sums = sums.index_add(0, strand.ray, rest)
     total, depth, tau = sums.unbind(1)
     depth, opacity = depth / total.clamp_min(1e-6), -torch.expm1(-tau)
     return Traced(
         feature=feature, depth_m=depth, opacity=opacity, behind=torch.exp(-tau), strands=strands, samples=0,
-        guest_features=guest_features, guest_opacity=guest_opacity, near_depth_m=depth, near_opacity=opacity,
+        foreign_features=foreign_features, foreign_opacity=foreign_opacity, near_depth_m=depth, near_opacity=opacity,
     )  # fmt: skip
 
 

@@ -32,7 +32,7 @@ class Strands:
     """Strands of one medium: ray (P,), samples t (P, K), signed distances s, features (P, K, F), tau and share (P, K).
 
     ``points`` (P, K, 3) in the medium's own coordinates (volume, metres; or an actor's unit cube); ``medium`` (P,) is -1 for the
-    static field, else the actor's number in the cast.
+    static field, else the actor's number among the active ones.
     """
 
     ray: Tensor
@@ -43,8 +43,9 @@ class Strands:
     share: Tensor
     points: Tensor
     medium: Tensor
-    guest: int = -1
-    """Which guest troupe's features these are; -1 for the scene's own; meshes, which have none, come after the guests."""
+    foreign: int = -1
+    """Which foreign actor set's features these are; -1 for the scene's own; meshes, which have none, come after the foreign
+    actors."""
     bounds: tuple[Tensor, Tensor] | None = None
     """Where the strand enters and leaves its box (P,), (P,)."""
     world_from_box: Tensor | None = None
@@ -82,15 +83,15 @@ class Traced:
     behind: Tensor
     strands: list[Strands]
     samples: int
-    guest_features: list[Tensor]
-    guest_opacity: list[Tensor]
+    foreign_features: list[Tensor]
+    foreign_opacity: list[Tensor]
     near_depth_m: Tensor
     """Mean distance (N,) of what stopped the ray inside the volume, the far field left out."""
     near_opacity: Tensor
     far: tuple[Tensor, Tensor, Tensor, Tensor] | None = None
     """What the far field gave: ray (R,), t, tau, and the transmittance in front (R, K)."""
-    without_guests: Tensor | None = None
-    """``feature`` as if no guest were there; None where none is."""
+    without_foreign: Tensor | None = None
+    """``feature`` as if no foreign actor were there; None where none is."""
     mesh_opacity: Tensor | None = None
     """How much of each ray (N,) meshes stop; None where there are none."""
 

@@ -19,7 +19,7 @@ from ..sensors.frames import RenderStats
 from ..sensors.rays import Rays
 from ..world.drive import Box
 from ..world.state import WorldState
-from .actor_sets import Cast
+from .actor_sets import ActiveActors
 from .quality import Quality
 
 Array = NDArray[np.float32]
@@ -32,7 +32,7 @@ NEAR_M = 0.5
 SIDE = 8
 """Of the square of rays that are traced together."""
 EDGE_CELLS = 8
-"""How far past its edges a guest is carried on, for the decoder to look at."""
+"""How far past its edges a foreign actor is carried on, for the decoder to look at."""
 UNIFORM_STEP_M = 0.2
 """What saved samples are counted beside: a march through the volume in steps of this length."""
 
@@ -46,12 +46,12 @@ class Found:
     depth_m: Own
     opacity: Own
     maps: Maps
-    guest_features: list[Own] = field(default_factory=list)
-    """For each guest scene, by weight, features (N, F') of its own."""
-    guest_opacity: list[Own] = field(default_factory=list)
-    """How much of each ray (N,) each guest scene's actors stop."""
-    without_guests: Own | None = None
-    """``feature`` as if no guest and no mesh were there; None where none is."""
+    foreign_features: list[Own] = field(default_factory=list)
+    """For each foreign scene, by weight, features (N, F') of its own."""
+    foreign_opacity: list[Own] = field(default_factory=list)
+    """How much of each ray (N,) each foreign scene's actors stop."""
+    without_foreign: Own | None = None
+    """``feature`` as if no foreign actor and no mesh were there; None where none is."""
     mesh_opacity: Array | None = None
     """How much of each ray (N,) meshes stop; None where there are none."""
 
@@ -78,7 +78,7 @@ class Tracer(Protocol):
     """Image pixels along one edge of a cell of the feature map."""
     reach: int
     """How many cells away a pixel of `image` can depend on."""
-    cast: Cast
+    active: ActiveActors
     """The actors of the state, by the scene that their looks come from."""
     quality: Quality
     """What may be saved; it may be changed between two calls."""

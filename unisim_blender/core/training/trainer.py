@@ -28,7 +28,7 @@ from ..ops.constants import VEHICLES
 from ..ops.devices import kernel_threads, module_to, tensor_to, torch_threads
 from ..ops.gradient_sink import GradientSink
 from ..ops.ray_segments import RayBatch, Traced
-from ..render.tracers.torch.actor_tensors import CastTensors, TroupeTensors
+from ..render.tracers.torch.actor_tensors import ActiveActorTensors, ActorSetTensors
 from ..render.tracers.torch.trace import Sampling, trace
 from ..world.drive import Actor, Drive
 from ..world.replay import with_windows
@@ -56,11 +56,11 @@ LAST_RATE = 0.1
 
 @dataclass(frozen=True)
 class _Start:
-    """What a share of a step starts with: the training's progress, the cast, whose actors have these ``tables``, random numbers
-    and gradients of its own, and what the cameras' rays meet, once it is known."""
+    """What a share of a step starts with: the training's progress, the active actors, whose actors have these ``tables``, random
+    numbers and gradients of its own, and what the cameras' rays meet, once it is known."""
 
     done: float
-    cast: CastTensors
+    active: ActiveActorTensors
     tables: Tensor
     rng: np.random.Generator
     generator: torch.Generator
@@ -178,9 +178,9 @@ class Trainer:
         assert self.config.minutes is not None
         return min(1.0, self.elapsed_s / (self.config.minutes * 60))
 
-    def _cast(self, tables: Tensor, keys: tuple[Tensor, Tensor]) -> CastTensors:
+    def _active(self, tables: Tensor, keys: tuple[Tensor, Tensor]) -> ActiveActorTensors:
         uids = tuple(self.model.actor_ids)
-        return CastTensors(TroupeTensors(self.model, tables, self.tracklets, self.rows, uids, keys))
+        return ActiveActorTensors(ActorSetTensors(self.model, tables, self.tracklets, self.rows, uids, keys))
 
     def step(self) -> dict[str, float]:
         """One batch, one update; the figures of its loss."""
@@ -222,7 +222,7 @@ class Trainer:
             leaves += keys
         else:
             keys = keys[0].detach(), keys[1].detach()
-        return _Start(done, self._cast(held["tables"], keys), held["tables"], rng, generator, Gradients(leaves), seen)
+        return _Start(done, self._active(held["tables"], keys), held["tables"], rng, generator, Gradients(leaves), seen)
 
     @property
     def _lidar_follows(self) -> bool:
@@ -239,7 +239,7 @@ class Trainer:
             raise
 
     def _camera_terms(self, start: _Start) -> _Share:
-        c, w, done, cast, generator = self.config, self.recipe.weights, start.done, start.cast, start.generator
+        c, w, done, active, generator = self.config, self.recipe.weights, start.done, start.active, start.generator
         batches, draw = self._draw_pixels(start.rng)
         sampling = self._sampling(start)
         # gradients with respect to the static field's points are dear: most steps go without
@@ -247,7 +247,7 @@ class Trainer:
         batches = [
             dataclasses.replace(b, rays=self.camera_poses(b.rays, b.camera, b.world_from_camera, learn_cameras)) for b in batches
         ]
-        seen = trace(self.model, cast, _together([b.rays for b in batches]), sampling)
+        seen = trace(self.model, active, _together([b.rays for b in batches]), sampling)
         start.seen.set_result(seen)
         features = seen.feature.split([len(b.rays) for b in batches])
         images = [self._decode(f, b, generator) for f, b in zip(features, batches, strict=True)]
@@ -266,7 +266,7 @@ class Trainer:
         fake = None
         if self.adversary and done >= c.poses_from:
             beside = shifted(patch, generator)
-            fake = self._decode(trace(self.model, cast, beside.rays, sampling).feature, beside, generator)
+            fake = self._decode(trace(self.model, active, beside.rays, sampling).feature, beside, generator)
             terms["adversarial"] = w.adversarial * self.adversary.generator_loss(fake)
         penalty = self.model.actors.penalty()
         if penalty is not None:
@@ -284,7 +284,7 @@ class Trainer:
         swept, near = None, None
         if self.recipe.uses_lidar:
             lidar = self._to_device(self.lidar.sample(start.rng, c.lidar_rays))
-            swept = trace(self.model, start.cast, lidar.rays, self._sampling(start, sky=False))
+            swept = trace(self.model, start.active, lidar.rays, self._sampling(start, sky=False))
             terms = self._lidar_loss(swept, lidar)
             if w.band or w.eikonal or w.flat:
                 band, near = self.shape.band(tables, swept, lidar, generator)

@@ -162,7 +162,7 @@ def sigmoid(x: Array) -> Array:
 
 
 def spread_over_edges(feature: NDArray[Any], share: NDArray[Any], cells: int) -> Array:
-    """A guest's features (h, w, F), divided by its share of the ray (h, w) and carried ``cells`` past its edges.
+    """A foreign actor's features (h, w, F), divided by its share of the ray (h, w) and carried ``cells`` past its edges.
 
     A cell that it has no share of takes the mean of the nine about it, those beyond the image counting as empty.
     """

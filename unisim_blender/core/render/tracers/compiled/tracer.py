@@ -19,11 +19,11 @@ from ....sensors.rays import Rays, sound_directions
 from ....world.drive import Box
 from ....world.replay import parked_boxes
 from ....world.state import WorldState
-from ...actor_sets import gather_cast
+from ...actor_sets import active_actors
 from ...observed_space import Observed, ObservedSpace
 from ...quality import QUALITY, Quality
 from ...tracer import EDGE_CELLS, NEAR_M, UNIFORM_STEP_M, Array, Found, Maps, tiled
-from .cast import CompiledCast
+from .actors import CompiledActors
 from .decoder import resized, sigmoid, spread_over_edges
 from .scene import CompiledScene
 from .structs import FoundStruct, MeshHitsStruct, RaysStruct, SamplingStruct, address, doubles, floats
@@ -79,14 +79,14 @@ class CompiledTracer:
         scene, others = backend.scene, backend.others
         self.scene, self.quality = scene, backend.quality
         self.space, self.clipped = backend.space, backend.clipped
-        self.cast = gather_cast(state, {"": scene.looks, **{path: other.looks for path, other in others.items()}})
-        self._guests = [others[path] for path in self.cast.guests]
-        self._cast = CompiledCast(self.cast, scene, others)
+        self.active = active_actors(state, {"": scene.looks, **{path: other.looks for path, other in others.items()}})
+        self._foreign = [others[path] for path in self.active.foreign]
+        self._compiled_actors = CompiledActors(self.active, scene, others)
         self.upsample, self.trained_width = scene.config.upsample, scene.header.training.get("width")
-        # decoders that look aside see past a guest's edges
-        alone = all(s.decoder.reach == 0 and s.config.upsample == 1 for s in (scene, *self._guests))
+        # decoders that look aside see past a foreign actor's edges
+        alone = all(s.decoder.reach == 0 and s.config.upsample == 1 for s in (scene, *self._foreign))
         self._edge = 0 if alone else EDGE_CELLS
-        self.reach = scene.decoder.reach + (self._edge if self._guests else 0)
+        self.reach = scene.decoder.reach + (self._edge if self._foreign else 0)
 
     def trace(self, rays: Rays, passes: set[str], sky: bool, met: Met | None, stats: RenderStats) -> Found:
         """See `tracer.Tracer`."""
@@ -96,10 +96,10 @@ class CompiledTracer:
         rays = Rays(doubles(flat.origins), doubles(flat.directions), doubles(flat.time_s))
         n, features = len(rays.time_s), self.scene.config.features
         found = Found(np.empty((n, features), np.float32), np.empty(n, np.float32), np.empty(n, np.float32), {})
-        found.guest_features = [np.empty((n, guest.config.features), np.float32) for guest in self._guests]
-        found.guest_opacity = [np.empty(n, np.float32) for _ in self._guests]
-        if met is not None or self._guests:
-            found.without_guests = np.empty_like(found.feature)
+        found.foreign_features = [np.empty((n, foreign.config.features), np.float32) for foreign in self._foreign]
+        found.foreign_opacity = [np.empty(n, np.float32) for _ in self._foreign]
+        if met is not None or self._foreign:
+            found.without_foreign = np.empty_like(found.feature)
         if met is not None:
             found.mesh_opacity = np.empty(n, np.float32)
         starts = self.space.starts(flat) if self.space is not None and self.clipped else None
@@ -144,22 +144,22 @@ class CompiledTracer:
         library = native.library()
         assert library is not None
         struct = RaysStruct(len(order), *map(address, (rays.origins, rays.directions, rays.time_s, order, starts)))
-        cast, _kept, skipped = self._cast.struct(some)
+        active, _kept, skipped = self._compiled_actors.struct(some)
         meshes = None if met is None else _MeshHits(met)
         samples = np.zeros(1, np.int64)
-        guests = len(self._guests)
+        foreign = len(self._foreign)
         out = FoundStruct(
             *map(address, (found.feature, found.depth_m, found.opacity)),
             *(address(maps.get(name)) for name in ("depth", "instance", "normal")),
-            address(found.without_guests),
-            ctypes.addressof(features := (ctypes.c_void_p * guests)(*map(address, found.guest_features))),
-            ctypes.addressof(opacities := (ctypes.c_void_p * guests)(*map(address, found.guest_opacity))),
+            address(found.without_foreign),
+            ctypes.addressof(features := (ctypes.c_void_p * foreign)(*map(address, found.foreign_features))),
+            ctypes.addressof(opacities := (ctypes.c_void_p * foreign)(*map(address, found.foreign_opacity))),
             address(found.mesh_opacity),
             address(samples),
         )
         scene = self.scene.observed_struct if self.clipped else self.scene.struct
         library.unisim_trace(
-            ctypes.byref(scene), ctypes.byref(cast), ctypes.byref(struct),
+            ctypes.byref(scene), ctypes.byref(active), ctypes.byref(struct),
             None if meshes is None else ctypes.byref(meshes.struct), ctypes.byref(self._sampling(sky)), ctypes.byref(out),
             native.threads(),
         )  # fmt: skip
@@ -201,13 +201,13 @@ class CompiledTracer:
             code = scene.cameras.index(camera_id) if camera_id in scene.cameras else -1
             return scene.decoder.image(feature.reshape(*shape, -1), cells, code)
 
-        rgb = picture(self.scene, found.feature if found.without_guests is None else found.without_guests)
+        rgb = picture(self.scene, found.feature if found.without_foreign is None else found.without_foreign)
         size = rgb.shape[0], rgb.shape[1]
-        for i, guest in enumerate(self._guests):
+        for i, foreign in enumerate(self._foreign):
             # each scene's features are its own decoder's: the pictures are laid over each other, not the features
-            share = found.guest_opacity[i].clip(0, 1).reshape(*shape)
-            feature = spread_over_edges(found.guest_features[i].reshape(*shape, -1), share, self._edge)
-            other, alpha = picture(guest, feature), resized(share[..., None], size)
+            share = found.foreign_opacity[i].clip(0, 1).reshape(*shape)
+            feature = spread_over_edges(found.foreign_features[i].reshape(*shape, -1), share, self._edge)
+            other, alpha = picture(foreign, feature), resized(share[..., None], size)
             rgb += alpha * (resized(other, size) - rgb)
         return rgb
 
@@ -215,10 +215,10 @@ class CompiledTracer:
         """See `tracer.Tracer`."""
         directions = sound_directions(directions)
         intensity, logit = self.scene.decoder.returns(found.feature, directions, found.depth_m, found.opacity)
-        for i, guest in enumerate(self._guests):
-            share = found.guest_opacity[i].clip(0, 1)
-            own = found.guest_features[i] / share.clip(1e-3)[:, None]
-            theirs = guest.decoder.returns(own, directions, found.depth_m, found.opacity)
+        for i, foreign in enumerate(self._foreign):
+            share = found.foreign_opacity[i].clip(0, 1)
+            own = found.foreign_features[i] / share.clip(1e-3)[:, None]
+            theirs = foreign.decoder.returns(own, directions, found.depth_m, found.opacity)
             intensity, logit = (a + share * (b - a) for a, b in zip((intensity, logit), theirs, strict=True))
         # what meets nothing returns nothing
         return intensity, sigmoid(logit) * (found.opacity > 0.5)

@@ -16,7 +16,7 @@ from ....sensors.rays import Rays
 from ....world.drive import Box, Drive
 from ....world.replay import parked_boxes
 from ....world.state import WorldState
-from ...actor_sets import gather_cast
+from ...actor_sets import active_actors
 from ...quality import QUALITY, Quality
 from ...tracer import NEAR_M, Array, Found, Maps
 from .cloud import MARGIN_M
@@ -82,10 +82,10 @@ class SurfelTracer:
                     "actors alone can be rendered, and meshes"
                 )
         self.scene, self.quality = backend.scene, backend.quality
-        self.cast = gather_cast(state, {"": tuple(self.scene.actors)})
+        self.active = active_actors(state, {"": tuple(self.scene.actors)})
         static, copies = backend.static_world(state)
-        own = [(actor, self.scene.actors[actor.look.actor]) for actor in self.cast.own.actors]
-        self.stage = Stage(static, [*own, *zip(self.cast.targets, copies, strict=True)])
+        own = [(actor, self.scene.actors[actor.look.actor]) for actor in self.active.own.actors]
+        self.stage = Stage(static, [*own, *zip(self.active.targets, copies, strict=True)])
 
     def trace(self, rays: Rays, passes: set[str], sky: bool, met: Met | None, stats: RenderStats) -> Found:
         """See `tracer.Tracer`. A camera's feature is its colour, whatever the exposure, and the time, on which that depends; a
@@ -107,7 +107,7 @@ class SurfelTracer:
         found = Found(feature, np.where(np.isfinite(depth), depth, 0.0), np.isfinite(depth).astype(np.float32), {})
         found.maps = {name: maps[name] for name in maps if name in passes}
         if met is not None:
-            found.without_guests = feature
+            found.without_foreign = feature
             found.mesh_opacity = self._with_meshes(found.maps, depth, met)
         return found
 
@@ -134,7 +134,7 @@ class SurfelTracer:
             feature = np.concatenate([colours, rays.time_s[:, None].astype(np.float32)], -1)
         else:
             feature, unsupported = self._beams(rays, met, normals), ~hit
-        own = len(self.cast.own.actors)
+        own = len(self.active.own.actors)
         maps: Maps = {
             "depth": met.t.astype(np.float32),
             "instance": np.where((met.owner >= 0) & (met.owner < own), met.owner + 1, 0).astype(np.int32),
@@ -171,7 +171,7 @@ class SurfelTracer:
         front = met.t < depth[met.ray]
         stopped[met.ray[front]] = met.share[front]
         shown = front & (met.share > 0.5)
-        first = len(self.cast.uids) - len(self.cast.extras.uids)
+        first = len(self.active.uids) - len(self.active.mesh_actors.uids)
         values = {
             "depth": met.t,
             "normal": met.normals,

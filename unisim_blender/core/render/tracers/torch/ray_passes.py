@@ -13,11 +13,11 @@ from ....model.gradient import CORNERS, distance_gradient
 from ....ops.constants import NORMAL_STEP_M
 from ....ops.ray_segments import RayBatch, Strands, Traced
 from ...tracer import Maps
-from .actor_tensors import CastTensors
+from .actor_tensors import ActiveActorTensors
 from .median import median_depth
 
 
-def ray_passes(scene: Scene, cast: CastTensors, part: RayBatch, traced: Traced, passes: set[str]) -> Maps:
+def ray_passes(scene: Scene, active: ActiveActorTensors, part: RayBatch, traced: Traced, passes: set[str]) -> Maps:
     """One array (N, ...) for each pass asked for, of rays that were traced."""
     maps: Maps = {}
     solid = traced.opacity > 0.5
@@ -30,7 +30,7 @@ def ray_passes(scene: Scene, cast: CastTensors, part: RayBatch, traced: Traced, 
     if "instance" in passes:
         maps["instance"] = _instances(traced, len(part)).cpu().numpy()
     if "normal" in passes:
-        maps["normal"] = _normals(scene, cast, traced, part, solid).cpu().numpy()
+        maps["normal"] = _normals(scene, active, traced, part, solid).cpu().numpy()
     if "support" in passes:
         maps["support"] = (~_supported(scene, traced, part, depth)).cpu().numpy()
     return maps
@@ -57,7 +57,7 @@ def _instances(traced: Traced, rays: int) -> Tensor:
     return torch.where(best > background, out, torch.zeros_like(out))
 
 
-def _normals(scene: Scene, cast: CastTensors, traced: Traced, part: RayBatch, solid: Tensor) -> Tensor:
+def _normals(scene: Scene, active: ActiveActorTensors, traced: Traced, part: RayBatch, solid: Tensor) -> Tensor:
     """Unit normals (N, 3), world frame, 0 where nothing solid is: each strand's gradient of the distance at its heaviest sample,
     by central differences on a tetrahedron, weighted with what the strand gives to the ray."""
     out = torch.zeros_like(part.directions)
@@ -68,7 +68,7 @@ def _normals(scene: Scene, cast: CastTensors, traced: Traced, part: RayBatch, so
             out.index_add_(0, strand.ray, weight[:, None] * strand.normals)
             continue
         x = strand.points[torch.arange(len(heaviest), device=heaviest.device), heaviest]
-        gradient = distance_gradient(_distance_of(scene, cast, strand), x, NORMAL_STEP_M, strand.size_m)
+        gradient = distance_gradient(_distance_of(scene, active, strand), x, NORMAL_STEP_M, strand.size_m)
         if strand.bounds is None:
             gradient = gradient @ scene.model.frame.rotation
         if strand.world_from_box is not None:
@@ -77,15 +77,15 @@ def _normals(scene: Scene, cast: CastTensors, traced: Traced, part: RayBatch, so
     return torch.where(solid[:, None], F.normalize(out, dim=-1), torch.zeros_like(out))
 
 
-def _distance_of(scene: Scene, cast: CastTensors, strand: Strands) -> Callable[[Tensor], Tensor]:
+def _distance_of(scene: Scene, active: ActiveActorTensors, strand: Strands) -> Callable[[Tensor], Tensor]:
     """The signed distance in a strand's medium, of points in its own coordinates, `CORNERS` for each row."""
     if strand.bounds is None:
         return scene.model.static.distance
-    troupes = [cast.own, *cast.guests.values()]
-    troupe = troupes[strand.guest + 1]
-    first = sum(len(t.uids) for t in troupes[: strand.guest + 1])
-    row = troupe.rows[strand.medium - first].repeat_interleave(CORNERS)
-    return lambda y: troupe.scene.actors.distance(troupe.tables, y, row)
+    actor_sets = [active.own, *active.foreign.values()]
+    actor_set = actor_sets[strand.foreign + 1]
+    first = sum(len(t.uids) for t in actor_sets[: strand.foreign + 1])
+    row = actor_set.rows[strand.medium - first].repeat_interleave(CORNERS)
+    return lambda y: actor_set.scene.actors.distance(actor_set.tables, y, row)
 
 
 def _supported(scene: Scene, traced: Traced, part: RayBatch, depth_m: Tensor) -> Tensor:

@@ -22,7 +22,7 @@ from ....ops.density import logistic_intervals, unisim_intervals, volume_density
 from ....ops.march import Segment, propose, refine_by_density, refine_quantiles, stratified
 from ....ops.ray_segments import RayBatch, Strands, Traced
 from ...tracer import NEAR_M
-from .actor_tensors import CastTensors, TroupeTensors
+from .actor_tensors import ActiveActorTensors, ActorSetTensors
 
 _LOOKS = 3
 """Places between two samples at which the voxels are asked how much of the way is free."""
@@ -45,25 +45,31 @@ class Sampling:
 
 
 def trace(
-    scene: SceneModel, cast: CastTensors, rays: RayBatch, sampling: Sampling, among: Tensor | None = None, met: Met | None = None
+    scene: SceneModel,
+    active: ActiveActorTensors,
+    rays: RayBatch,
+    sampling: Sampling,
+    among: Tensor | None = None,
+    met: Met | None = None,
 ) -> Traced:
     """Features, depths and opacities of rays. ``among`` names the own actors that can be met, the others are skipped; ``met`` is
     where rays meet meshes."""
-    actors = _actor_strands(cast.own, rays, sampling, among, first=0, guest=-1)
-    first = len(cast.own.uids)
-    for i, troupe in enumerate(cast.guests.values()):
-        actors += _actor_strands(troupe, rays, sampling, None, first=first, guest=i)
-        first += len(troupe.uids)
-    static = _static_strands(scene, cast, rays, sampling, actors)
-    strands = [s for s in (static, *actors, *_copy_strands(scene, cast, rays, sampling)) if len(s.ray)]
-    widths = [troupe.scene.config.features for troupe in cast.guests.values()]
+    actors = _actor_strands(active.own, rays, sampling, among, first=0, foreign=-1)
+    first = len(active.own.uids)
+    for i, actor_set in enumerate(active.foreign.values()):
+        actors += _actor_strands(actor_set, rays, sampling, None, first=first, foreign=i)
+        first += len(actor_set.uids)
+    static = _static_strands(scene, active, rays, sampling, actors)
+    strands = [s for s in (static, *actors, *_copy_strands(scene, active, rays, sampling)) if len(s.ray)]
+    widths = [actor_set.scene.config.features for actor_set in active.foreign.values()]
     seen = []
     if met is not None:
         strands += [_surfaces(met, rays, first, len(widths))] if len(met.ray) else []
         widths.append(1)
-    if cast.guests or met is not None:
-        # what the scene's own decoder is to see: everything but the guests. First, for strands keep the weights of the last
-        own = [strand for strand in strands if strand.guest < 0]
+    if active.foreign or met is not None:
+        # what the scene's own decoder is to see: everything but the foreign actors. First, for strands keep the weights of the
+        # last
+        own = [strand for strand in strands if strand.foreign < 0]
         seen.append(composite(len(rays), own, scene.config.features, [], rays.origins))
     traced = composite(len(rays), strands, scene.config.features, widths, rays.origins)
     seen.append(traced)
@@ -72,11 +78,11 @@ def trace(
         traced.samples += far.t.numel() + len(far.ray)
         for result in seen:
             _add_far(far, result)
-    if cast.guests or met is not None:
-        traced.without_guests = seen[0].feature
+    if active.foreign or met is not None:
+        traced.without_foreign = seen[0].feature
     if met is not None:
-        traced.mesh_opacity = traced.guest_opacity.pop()
-        traced.guest_features.pop()
+        traced.mesh_opacity = traced.foreign_opacity.pop()
+        traced.foreign_features.pop()
     traced.samples += sum(s.t.numel() for s in strands)
     return traced
 
@@ -126,7 +132,9 @@ def _far_count(n: int, sampling: Sampling) -> int:
     return max(2, round(n * sampling.far_fine))
 
 
-def _static_strands(scene: SceneModel, cast: CastTensors, rays: RayBatch, sampling: Sampling, actors: list[Strands]) -> Strands:
+def _static_strands(
+    scene: SceneModel, active: ActiveActorTensors, rays: RayBatch, sampling: Sampling, actors: list[Strands]
+) -> Strands:
     o, d = scene.frame.points(rays.origins), scene.frame.vectors(rays.directions)
     t_near, t_far = scene.frame.span(o, d, NEAR_M)
     if rays.starts is not None:
@@ -141,14 +149,14 @@ def _static_strands(scene: SceneModel, cast: CastTensors, rays: RayBatch, sampli
         segment = Segment(o, d, t_near[ray], t_far[ray])
         points = _along(o, d, t)
         s = scene.static.distance(points.reshape(-1, 3)).view(t.shape)
-        s = _cleared(scene, cast, rays, actors, ray, t, points, s)
+        s = _cleared(scene, active, rays, actors, ray, t, points, s)
         jitter = stratified(len(ray), _count(samples.static, sampling), sampling.jitter, o, sampling.generator)
         quantiles = _refined(scene, u, t, s, _lengths(scene, o, d, t), jitter)
         t, _ = propose(scene.occupancy.voxels, segment, quantiles)
     points = _along(o, d, t)
     s, feature = scene.static(points.reshape(-1, 3))
     feature = scene.directed(feature, rays.directions[ray].repeat_interleave(t.shape[1], 0))
-    s = _cleared(scene, cast, rays, actors, ray, t, points, s.view(t.shape))
+    s = _cleared(scene, active, rays, actors, ray, t, points, s.view(t.shape))
     tau, share = _intervals(scene, s, t, _lengths(scene, o, d, t), actor=False)
     medium = torch.full_like(ray, -1)
     feature = feature.view(*t.shape, scene.config.features)
@@ -156,15 +164,15 @@ def _static_strands(scene: SceneModel, cast: CastTensors, rays: RayBatch, sampli
 
 
 def _actor_strands(
-    troupe: TroupeTensors, rays: RayBatch, sampling: Sampling, among: Tensor | None, first: int, guest: int
+    actor_set: ActorSetTensors, rays: RayBatch, sampling: Sampling, among: Tensor | None, first: int, foreign: int
 ) -> list[Strands]:
-    if not troupe.uids or (among is not None and len(among) == 0):
+    if not actor_set.uids or (among is not None and len(among) == 0):
         return []
-    hits = troupe.tracklets.hits(rays.origins, rays.directions, rays.time_s, NEAR_M, among, troupe.keys)
+    hits = actor_set.tracklets.hits(rays.origins, rays.directions, rays.time_s, NEAR_M, among, actor_set.keys)
     if len(hits.ray) == 0:
         return []
-    scene, samples = troupe.scene, troupe.scene.config.samples
-    size, row = troupe.tracklets.sizes_m[hits.actor], troupe.rows[hits.actor]
+    scene, samples = actor_set.scene, actor_set.scene.config.samples
+    size, row = actor_set.tracklets.sizes_m[hits.actor], actor_set.rows[hits.actor]
     flip = None
     if sampling.mirror is not None:
         # an actor at a time: rays that turned one by one would be noise, which the decoder learns to blur
@@ -187,18 +195,18 @@ def _actor_strands(
         count = _count(samples.actor_proposals, sampling)
         u = stratified(len(row), count, sampling.jitter, span, sampling.generator)
         t = hits.t_near[:, None] + u * span
-        s = scene.actors.distance(troupe.tables, unit(t).reshape(-1, 3), row.repeat_interleave(count)).view(t.shape)
+        s = scene.actors.distance(actor_set.tables, unit(t).reshape(-1, 3), row.repeat_interleave(count)).view(t.shape)
         jitter = stratified(len(row), _count(samples.actor, sampling), sampling.jitter, span, sampling.generator)
         even = field_m((span / count).expand_as(t)) if scene.config.density == "volume" else None
         t = hits.t_near[:, None] + _refined(scene, u, field_m(t), s, even, jitter) * span
         length = field_m(torch.diff(t, dim=1, prepend=hits.t_near[:, None])) if even is not None else None
     points = unit(t)
-    s, feature = scene.actors(troupe.tables, points.reshape(-1, 3), row.repeat_interleave(t.shape[1]))
+    s, feature = scene.actors(actor_set.tables, points.reshape(-1, 3), row.repeat_interleave(t.shape[1]))
     s = s.view(t.shape)
     tau, share = _intervals(scene, s, field_m(t), length, actor=True)
     if sampling.sky and scene.light is not None:
         middle = rays.origins[hits.ray] + t.gather(1, _median(tau)) * rays.directions[hits.ray]
-        place = scene.frame.points(middle) if guest < 0 else scene.light.home[row]
+        place = scene.frame.points(middle) if foreign < 0 else scene.light.home[row]
         feature = scene.lit(feature.view(*t.shape, -1), place).flatten(0, 1)
     # a scaled actor too is looked at along the ray as it is in the world, as heads do that see a ray's sum: what the direction
     # tells is the light, which an edit of the size leaves
@@ -216,7 +224,7 @@ def _actor_strands(
             share,
             points,
             hits.actor + first,
-            guest,
+            foreign,
             (hits.t_near, hits.t_far),
             hits.world_from_box,
             size,
@@ -237,15 +245,15 @@ def _mirrored(directions: Tensor, across: Tensor, flip: Tensor) -> Tensor:
     return directions + ((flip - 1) * (directions * across).sum(-1))[:, None] * across
 
 
-def _copy_strands(scene: SceneModel, cast: CastTensors, rays: RayBatch, sampling: Sampling) -> list[Strands]:
+def _copy_strands(scene: SceneModel, active: ActiveActorTensors, rays: RayBatch, sampling: Sampling) -> list[Strands]:
     """What stands above the ground in a source box, seen where its copy stands."""
-    if cast.copies is None or cast.copy_source is None:
+    if active.copies is None or active.copy_source is None:
         return []
-    hits: Hits = cast.copies.hits(rays.origins, rays.directions, rays.time_s, NEAR_M)
+    hits: Hits = active.copies.hits(rays.origins, rays.directions, rays.time_s, NEAR_M)
     if len(hits.ray) == 0:
         return []
     samples = scene.config.samples
-    pose = cast.copy_source[hits.actor]
+    pose = active.copy_source[hits.actor]
     o = scene.frame.points(torch.einsum("pij,pj->pi", pose[:, :3, :3], hits.origins) + pose[:, :3, 3])
     d = scene.frame.vectors(torch.einsum("pij,pj->pi", pose[:, :3, :3], hits.directions))
     span = (hits.t_far - hits.t_near)[:, None]
@@ -265,7 +273,7 @@ def _copy_strands(scene: SceneModel, cast: CastTensors, rays: RayBatch, sampling
     return [strands]
 
 
-def _surfaces(met: Met, rays: RayBatch, first: int, guest: int) -> Strands:
+def _surfaces(met: Met, rays: RayBatch, first: int, foreign: int) -> Strands:
     """Meshes as strands of one sample: opaque there as far as they cover the ray. They have no features."""
 
     def tensor(values: NDArray[Any]) -> Tensor:
@@ -277,19 +285,26 @@ def _surfaces(met: Met, rays: RayBatch, first: int, guest: int) -> Strands:
     ray, points = torch.as_tensor(met.ray, device=t.device), rays.origins.new_zeros(len(t), 1, 3)
     bounds = t[:, 0], t[:, 0]
     return Strands(
-        ray, t, nothing, nothing[..., None], tau, nothing, points, number, guest, bounds, normals=tensor(met.normals)
+        ray, t, nothing, nothing[..., None], tau, nothing, points, number, foreign, bounds, normals=tensor(met.normals)
     )  # fmt: skip
 
 
 def _cleared(
-    scene: SceneModel, cast: CastTensors, rays: RayBatch, actors: list[Strands], ray: Tensor, t: Tensor, points: Tensor, s: Tensor
+    scene: SceneModel,
+    active: ActiveActorTensors,
+    rays: RayBatch,
+    actors: list[Strands],
+    ray: Tensor,
+    t: Tensor,
+    points: Tensor,
+    s: Tensor,
 ) -> Tensor:
     """The static field's distances s (P, K) at samples t (P, K), points (P, K, 3), of rays (P,), as a ray may meet them.
 
     Inside a present actor's box, and in a removed box, nothing stands above the ground: the ground is then all that is near. A
     density is nothing there.
     """
-    inside = _in_boxes(cast, rays, actors, ray, t)
+    inside = _in_boxes(active, rays, actors, ray, t)
     rows, columns = torch.nonzero(inside, as_tuple=True)
     if len(rows) == 0:
         return s
@@ -301,7 +316,7 @@ def _cleared(
 
 
 @torch.no_grad()
-def _in_boxes(cast: CastTensors, rays: RayBatch, actors: list[Strands], ray: Tensor, t: Tensor) -> Tensor:
+def _in_boxes(active: ActiveActorTensors, rays: RayBatch, actors: list[Strands], ray: Tensor, t: Tensor) -> Tensor:
     """Which samples t (P, K) of rays (P,) lie in the box of an actor that the ray meets, or in a removed one: (P, K)."""
     covers = torch.zeros_like(t)
     row_of_ray = torch.full((len(rays),), -1, dtype=torch.long, device=t.device)
@@ -314,8 +329,8 @@ def _in_boxes(cast: CastTensors, rays: RayBatch, actors: list[Strands], ray: Ten
         covered = (t[row] >= near[:, None]) & (t[row] <= far[:, None])
         covers.index_put_((row,), covered.to(covers.dtype), accumulate=True)
     inside = covers > 0
-    if cast.removals is not None:
-        for pose, size in zip(*cast.removals, strict=True):
+    if active.removals is not None:
+        for pose, size in zip(*active.removals, strict=True):
             x = rays.origins[ray][:, None] + t[..., None] * rays.directions[ray][:, None]
             inside |= ((x @ pose[:3, :3].mT + pose[:3, 3]).abs() <= size / 2).all(-1)
     return inside

@@ -53,13 +53,13 @@ class WarpTracer(SurfelTracer):
         super().__init__(backend, state)
         self.sources = backend.sources
         self.elsewhere = self.sources.elsewhere(state)
-        self.edited = [not self.sources.unedited(actor, state) for actor in self.cast.own.actors]
+        self.edited = [not self.sources.unedited(actor, state) for actor in self.active.own.actors]
 
     def colours(self, rays: Rays, met: Meeting, pixel_rad: float) -> tuple[Array, BoolArray]:
         """See `SurfelTracer.colours`."""
         painted, unsupported = super().colours(rays, met, pixel_rad)
         total = np.zeros((len(painted), 4))
-        own, copies = len(self.cast.own.actors), met.owner >= len(self.cast.own.actors)
+        own, copies = len(self.active.own.actors), met.owner >= len(self.active.own.actors)
         moved = np.zeros(len(met.t), bool)
         for number in np.unique(met.owner[(met.owner >= 0) & (met.owner < own)]).tolist():
             if self.edited[number]:
@@ -83,7 +83,7 @@ class WarpTracer(SurfelTracer):
     def _add_edited(self, total: FloatArray, rays: Rays, met: Meeting, number: int, pixel_rad: float) -> None:
         """Colours of an actor that goes another way than it was recorded on, or is scaled, from the images that show it from the
         same side."""
-        actor = self.cast.own.actors[number]
+        actor = self.active.own.actors[number]
         mine = np.flatnonzero(met.owner == number)
         middle = mine[len(mine) // 2]
         time = rays.time_s[middle : middle + 1]
@@ -105,8 +105,8 @@ class WarpTracer(SurfelTracer):
             elif owner == STATIC:
                 points = rays.origins[mine] + rays.directions[mine] * met.t[mine, None]
                 self._add_seen(total, rays.directions[mine], points, mine, view, view.of_static(points), True)
-            elif owner < len(self.cast.own.actors):
-                actor = self.cast.own.actors[owner]
+            elif owner < len(self.active.own.actors):
+                actor = self.active.own.actors[owner]
                 recorded = self.sources.recorded.get(actor.look.actor)
                 first, last = view.ends()
                 if recorded is None or not recorded.start_s <= min(first, last) or not max(first, last) <= recorded.end_s:
