@@ -18,7 +18,7 @@ from unisim_blender.core.model.config import ModelConfig, preset
 from unisim_blender.core.model.scene import SceneModel
 from unisim_blender.core.model.scene_file import SceneHeader
 from unisim_blender.core.model.volume import Volume
-from unisim_blender.core.ops.ray_segments import RayBatch, Traced
+from unisim_blender.core.ops.ray_segments import RayBatch, SegmentTrace
 from unisim_blender.core.render.actor_sets import active_actors
 from unisim_blender.core.render.drive_renderer import DriveRenderer
 from unisim_blender.core.render.quality import QUALITY
@@ -169,7 +169,7 @@ class Stage:
 
     def trace(
         self, origins: Any, directions: Any, time_s: Any = 0.0, fine: float = 4.0, far: bool = False, among: Tensor | None = None
-    ) -> Traced:
+    ) -> SegmentTrace:
         """Rays (N, 3) or one (3,), at one time or each at its own; directions need no unit length."""
         o, d = np.broadcast_arrays(np.atleast_2d(origins).astype(float), np.atleast_2d(directions).astype(float))
         d = d / np.linalg.norm(d, axis=1, keepdims=True)

@@ -17,10 +17,10 @@ from whole_drive import bound_to
 from unisim_blender.core import native
 from unisim_blender.core.bench.methods import VARIANTS
 from unisim_blender.core.errors import SceneError, UnisimError
-from unisim_blender.core.meshes.meeting import Met
+from unisim_blender.core.meshes.hits import MeshHits
 from unisim_blender.core.model.checkpoint import load_scene
 from unisim_blender.core.render.quality import QUALITY
-from unisim_blender.core.render.tracer import Found, tiled
+from unisim_blender.core.render.tracer import TraceResult, tiled
 from unisim_blender.core.render.tracers.compiled import tracer as compiled_tracer
 from unisim_blender.core.render.tracers.compiled.scene import CompiledScene
 from unisim_blender.core.render.tracers.compiled.tracer import CompiledBackend, CompiledTracer
@@ -66,7 +66,7 @@ def close(a: Any, b: Any, shape: tuple[int, ...], within: float) -> None:
         assert ((a[y, x] >= low) & (a[y, x] <= high)).all(), f"ray {y, x} is {a[y, x]}, its neighbours from {low} to {high}"
 
 
-def same_find(a: Found, b: Found, shape: tuple[int, ...], within: float = 2e-3) -> None:
+def same_find(a: TraceResult, b: TraceResult, shape: tuple[int, ...], within: float = 2e-3) -> None:
     close(a.feature, b.feature, shape, within)
     close(a.opacity, b.opacity, shape, within)
     close(a.depth_m, b.depth_m, shape, 5 * within)
@@ -137,13 +137,15 @@ def test_foreign_actors_and_meshes(tmp_path: Path, meshes: bool) -> None:
     wide = dataclasses.replace(TINY, features=7, upsample=1)
     fast, slow = both(saved(tmp_path / "scene", TINY), drive, other=saved(tmp_path / "other", wide, seed=1))
     rays = picture_rays(drive)
-    met = None
+    mesh_hits = None
     if meshes:
         rng = np.random.default_rng(0)
         ray = np.sort(rng.choice(rays.time_s.size, 200, replace=False))
-        met = Met(ray, rng.uniform(3, 15, 200), rng.uniform(0.2, 1, 200), np.tile([0.0, 0, 1], (200, 1)), rng.integers(0, 2, 200))
-    found = fast.trace(rays, PASSES, True, met, RenderStats())
-    expected = slow.trace(rays, PASSES, True, met, RenderStats())
+        mesh_hits = MeshHits(
+            ray, rng.uniform(3, 15, 200), rng.uniform(0.2, 1, 200), np.tile([0.0, 0, 1], (200, 1)), rng.integers(0, 2, 200)
+        )
+    found = fast.trace(rays, PASSES, True, mesh_hits, RenderStats())
+    expected = slow.trace(rays, PASSES, True, mesh_hits, RenderStats())
     assert numbers(expected.foreign_opacity[0]).max() > 0.3
     shape = rays.time_s.shape
     same_find(found, expected, shape)
@@ -154,7 +156,7 @@ def test_foreign_actors_and_meshes(tmp_path: Path, meshes: bool) -> None:
     close(returns[0][1], returns[1][1], shape, 5e-3)
 
 
-def bits(found: Found) -> dict[str, NDArray[Any]]:
+def bits(found: TraceResult) -> dict[str, NDArray[Any]]:
     return {"feature": found.feature, "depth_m": found.depth_m, "opacity": found.opacity, **found.maps}
 
 

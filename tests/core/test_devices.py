@@ -17,7 +17,7 @@ from whole_drive import bound_to
 
 from unisim_blender.core import native
 from unisim_blender.core.data import open_log
-from unisim_blender.core.meshes.meeting import Met
+from unisim_blender.core.meshes.hits import MeshHits
 from unisim_blender.core.model.checkpoint import load_scene
 from unisim_blender.core.ops.devices import kernel_threads, torch_threads
 from unisim_blender.core.render.tracers.torch.tracer import TorchBackend
@@ -110,8 +110,8 @@ def test_a_render_keeps_to_its_device(tmp_path: Path, plain: pytest.MonkeyPatch,
             (lidar_rays(drive.lidars["top"], drive.lidars["top"].time_s[2]), False),
         ):
             few = np.arange(0, rays.time_s.size, 37)
-            met = Met(few, np.full(len(few), 3.0), np.full(len(few), 0.5), np.zeros((len(few), 3)) + 0.5, few % 2)
-            found = tracer.trace(rays, PASSES, sky, met, RenderStats())
+            mesh_hits = MeshHits(few, np.full(len(few), 3.0), np.full(len(few), 0.5), np.zeros((len(few), 3)) + 0.5, few % 2)
+            found = tracer.trace(rays, PASSES, sky, mesh_hits, RenderStats())
             out += [found.maps[key] for key in sorted(found.maps)]
             directions = rays.flat().directions
             out += [tracer.image(found, directions, "front", rays.time_s.shape)] if sky else tracer.returns(found, directions)

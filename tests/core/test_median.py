@@ -10,13 +10,13 @@ import torch
 from analytic_scene import Stage, analytic_scene, block, drive_of, empty, ground, sphere, still, union, wall
 
 from unisim_blender.core.model.config import preset
-from unisim_blender.core.ops.ray_segments import Traced
+from unisim_blender.core.ops.ray_segments import SegmentTrace
 from unisim_blender.core.render.tracers.torch.median import median_depth
 
 EYE = np.array([-20.0, 0.0, 1.6])
 
 
-def searched(traced: Traced, ray: int) -> float:
+def searched(traced: SegmentTrace, ray: int) -> float:
     """Where the transmittance of one ray falls past half of what it loses: intervals cut into 2000 pieces, in depth order."""
     beta = 30.0
     pieces = []

@@ -24,7 +24,7 @@ from unisim_blender.core.ops.hash_grid import encode, encode_reference
 from unisim_blender.core.ops.march import Segment, Voxels, propose, propose_reference
 from unisim_blender.core.ops.ray_segments import RayBatch, Strands
 from unisim_blender.core.render.actor_sets import active_actors
-from unisim_blender.core.render.tracer import Found
+from unisim_blender.core.render.tracer import TraceResult
 from unisim_blender.core.render.tracers.torch.actor_tensors import active_actor_tensors
 from unisim_blender.core.render.tracers.torch.trace import Sampling, trace
 from unisim_blender.core.render.tracers.torch.tracer import TorchBackend, TorchTracer
@@ -214,7 +214,7 @@ def test_pictures_decoded_in_half_precision(name: str) -> None:
     n, ways = 24 * 16, np.tile([1.0, 0.0, 0.0], (24 * 16, 1))
     width = stage.scene.config.features
     nothing = torch.zeros(n)
-    found = Found(torch.randn(n, width), nothing, nothing, {}, [], [], None, None)
+    found = TraceResult(torch.randn(n, width), nothing, nothing, {}, [], [], None, None)
     plain = tracer.image(found, ways, "front", (16, 24))
     assert not tracer.half and plain.std() > 0.02
     with pytest.MonkeyPatch.context() as patch:

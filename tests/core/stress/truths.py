@@ -20,10 +20,10 @@ from unisim_blender.core.geometry import (
 )
 from unisim_blender.core.model.checkpoint import load_scene
 from unisim_blender.core.model.tracklets import Tracklets
-from unisim_blender.core.ops.ray_segments import RayBatch, Traced
+from unisim_blender.core.ops.ray_segments import RayBatch, SegmentTrace
 from unisim_blender.core.render.actor_sets import active_actors
 from unisim_blender.core.render.quality import QUALITY, quality_named
-from unisim_blender.core.render.tracer import Found
+from unisim_blender.core.render.tracer import TraceResult
 from unisim_blender.core.render.tracers.compiled.scene import CompiledScene
 from unisim_blender.core.render.tracers.compiled.tracer import CompiledBackend, CompiledTracer
 from unisim_blender.core.render.tracers.torch.actor_tensors import ActiveActorTensors, active_actor_tensors
@@ -49,7 +49,7 @@ def exactly(tracklets: Tracklets, actors: tuple[Actor, ...]) -> None:
         tracklets.sizes_m[i] = torch.as_tensor(actor.size_m).float()
 
 
-def truth(folder: Path, drive: Drive, rays: Rays, quality: str = "balanced", sky: bool = True) -> tuple[Traced, FloatArray]:
+def truth(folder: Path, drive: Drive, rays: Rays, quality: str = "balanced", sky: bool = True) -> tuple[SegmentTrace, FloatArray]:
     """What flat rays meet, and their median depths (N,), by torch in float64 throughout."""
     scene = load_scene(folder)
     model, tables = scene.model.double(), scene.actor_tables.double()
@@ -89,13 +89,13 @@ def tracers(folder: Path, drive: Drive, quality: str = "balanced") -> Tracers:
     return out
 
 
-def arrays_of(found: Found) -> dict[str, NDArray[Any]]:
+def arrays_of(found: TraceResult) -> dict[str, NDArray[Any]]:
     """All that was found, in numpy."""
     named = {"feature": found.feature, "depth_m": found.depth_m, "opacity": found.opacity, **found.maps}
     return {name: np.asarray(values) for name, values in named.items()}
 
 
-def not_finite(found: Found) -> float:
+def not_finite(found: TraceResult) -> float:
     """How many numbers are not finite; the depth pass is infinite where nothing solid is."""
     arrays = arrays_of(found)
     if "depth" in arrays:

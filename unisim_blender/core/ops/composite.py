@@ -16,10 +16,10 @@ from .. import native
 from .density import weights_from_tau
 from .devices import kernel_threads
 from .kernel_choice import kernels_for
-from .ray_segments import Strands, Traced
+from .ray_segments import SegmentTrace, Strands
 
 
-def composite(rays: int, strands: list[Strands], width: int, foreign: list[int], like: Tensor) -> Traced:
+def composite(rays: int, strands: list[Strands], width: int, foreign: list[int], like: Tensor) -> SegmentTrace:
     """Everything on each ray in order of depth; ``width`` and ``foreign`` are the lengths of the own and the foreign sets'
     features."""
     feature, sums = like.new_zeros(rays, width), like.new_zeros(rays, 3)
@@ -37,7 +37,7 @@ def composite(rays: int, strands: list[Strands], width: int, foreign: list[int],
         sums = sums.index_add(0, strand.ray, rest)
     total, depth, tau = sums.unbind(1)
     depth, opacity = depth / total.clamp_min(1e-6), -torch.expm1(-tau)
-    return Traced(
+    return SegmentTrace(
         feature=feature, depth_m=depth, opacity=opacity, behind=torch.exp(-tau), strands=strands, samples=0,
         foreign_features=foreign_features, foreign_opacity=foreign_opacity, near_depth_m=depth, near_opacity=opacity,
     )  # fmt: skip

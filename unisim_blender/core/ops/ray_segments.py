@@ -73,7 +73,7 @@ class Strands:
 
 
 @dataclass
-class Traced:
+class SegmentTrace:
     """What the rays met. feature (N, F) composited, the far field and the sky included where they were asked for; depth_m (N,)
     mean distance of what stopped the ray, 0 where nothing did; opacity (N,) and behind (N,), 1 - opacity, without the sky."""
 

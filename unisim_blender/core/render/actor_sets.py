@@ -9,7 +9,7 @@ import numpy as np
 
 from ..errors import SceneError
 from ..geometry import Trajectory
-from ..meshes.meeting import MeshActors
+from ..meshes.hits import MeshActors
 from ..world.drive import Actor, Box, Look, StaticCopy
 from ..world.state import WorldState
 

@@ -2,7 +2,7 @@
 
 camera_rays / lidar_rays    which rays, when, from where                   sensors/
 Backend.bind                the scene, ready for this state                tracer.py
-met_by_camera, met_by_rays  where rays meet meshes                         meshes/
+hit_by_camera, hit_by_rays  where rays meet meshes                         meshes/
 Tracer.trace                samples, fields, depth order, passes
 Tracer.image, returns       features to pixels, to intensity and returns
 shaded, fill_passes         contact shadows, cells to pixels               contact_shadow.py, passes.py
@@ -262,11 +262,11 @@ class Renderer:
             return exposure.lights[actor.uid]
 
         seen = tracer.active.mesh_actors.seen_by(exposure.camera)
-        met = seen.met_by_camera(exposure.camera, exposure.time_s, (u, v), flat, up, NEAR_M, light)
-        found = tracer.trace(rays, exposure.needed, True, met, exposure.stats)
+        mesh_hits = seen.hit_by_camera(exposure.camera, exposure.time_s, (u, v), flat, up, NEAR_M, light)
+        found = tracer.trace(rays, exposure.needed, True, mesh_hits, exposure.stats)
         image = tracer.image(found, flat.directions, exposure.camera.sensor_id, u.shape)
-        if met is not None and found.mesh_opacity is not None:
-            image = met.over(image, found.mesh_opacity, u.shape)
+        if mesh_hits is not None and found.mesh_opacity is not None:
+            image = mesh_hits.over(image, found.mesh_opacity, u.shape)
         return image, found.maps
 
     def _frame(
@@ -349,12 +349,12 @@ class Renderer:
         stats = RenderStats() if stats is None else stats
         flat, tracer = rays.flat(), self.tracer(state)
         mesh_actors = tracer.active.mesh_actors
-        met = (mesh_actors if lidar is None else mesh_actors.seen_by(lidar)).met_by_rays(flat, NEAR_M)
-        found = tracer.trace(rays, {"instance", "depth"}, False, met, stats)
+        mesh_hits = (mesh_actors if lidar is None else mesh_actors.seen_by(lidar)).hit_by_rays(flat, NEAR_M)
+        found = tracer.trace(rays, {"instance", "depth"}, False, mesh_hits, stats)
         intensity, probability = tracer.returns(found, flat.directions)
-        if met is not None and found.mesh_opacity is not None:
+        if mesh_hits is not None and found.mesh_opacity is not None:
             bright = np.zeros_like(intensity)
-            bright[met.ray] = met.intensity
+            bright[mesh_hits.ray] = mesh_hits.intensity
             intensity = _laid_over(intensity, bright, found.mesh_opacity)
             probability = _laid_over(probability, 1.0, found.mesh_opacity)
         depth = np.nan_to_num(found.maps["depth"], posinf=0.0)

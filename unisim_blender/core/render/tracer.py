@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry import FloatArray
-from ..meshes.meeting import Met
+from ..meshes.hits import MeshHits
 from ..sensors.frames import RenderStats
 from ..sensors.rays import Rays
 from ..world.drive import Box
@@ -38,7 +38,7 @@ UNIFORM_STEP_M = 0.2
 
 
 @dataclass
-class Found:
+class TraceResult:
     """What rays (N,) met. feature (N, F) composited, the far field and the sky included where they were asked for; depth_m (N,)
     the mean distance of what stopped the ray, 0 where nothing did; opacity (N,); maps, one array (N, ...) for each pass."""
 
@@ -85,14 +85,14 @@ class Tracer(Protocol):
     trained_width: int | None
     """Width in pixels of the images that the scene learnt from; None for the recorded one."""
 
-    def trace(self, rays: Rays, passes: set[str], sky: bool, met: Met | None, stats: RenderStats) -> Found:
+    def trace(self, rays: Rays, passes: set[str], sky: bool, mesh_hits: MeshHits | None, stats: RenderStats) -> TraceResult:
         """What rays (h, w), or (N,), meet, as flat arrays, with maps of these passes and no other. ``sky`` asks for what gives a
-        camera its background, ``met`` is where the rays meet meshes."""
+        camera its background, ``mesh_hits`` is where the rays meet meshes."""
 
-    def image(self, found: Found, directions: FloatArray, camera_id: str, shape: tuple[int, ...]) -> Array:
+    def image(self, found: TraceResult, directions: FloatArray, camera_id: str, shape: tuple[int, ...]) -> Array:
         """The picture (h up, w up, 3) in 0..1, display-referred sRGB, of cells in ``shape`` (h, w), directions (h w, 3)."""
 
-    def returns(self, found: Found, directions: FloatArray) -> tuple[Array, Array]:
+    def returns(self, found: TraceResult, directions: FloatArray) -> tuple[Array, Array]:
         """A LiDAR's intensities in 0..1 (N,), and the probabilities (N,) of a return."""
 
     def heights(self, points: FloatArray) -> FloatArray:

@@ -6,7 +6,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-from ..ops.ray_segments import Traced
+from ..ops.ray_segments import SegmentTrace
 from .data import LidarBatch
 
 SURFACE_M, SURFACE_SHARE = 0.2, 0.04
@@ -57,7 +57,7 @@ def colour_squares(wrong: Tensor, chroma: float) -> Tensor:
     return wrong.square() + chroma * (wrong - wrong.mean(1, keepdim=True)).square()
 
 
-def lidar_terms(traced: Traced, batch: LidarBatch, inside: Tensor, keep: float = 0.95) -> tuple[dict[str, Tensor], Tensor]:
+def lidar_terms(traced: SegmentTrace, batch: LidarBatch, inside: Tensor, keep: float = 0.95) -> tuple[dict[str, Tensor], Tensor]:
     """Depth and free-space terms of LiDAR rays, and which rays (N,) are among the best ``keep`` of those that returned.
 
     The depth term is the expected error of a ray that stops at random, not the error of the expected depth: with that, a surface
@@ -90,7 +90,7 @@ def lidar_terms(traced: Traced, batch: LidarBatch, inside: Tensor, keep: float =
     return {"depth": depth, "reach": reach, "opacity": opacity, "free": free / batch.returned.sum().clamp_min(1)}, good
 
 
-def expected_error(traced: Traced, depth_m: Tensor, worst_m: float = 10.0) -> Tensor:
+def expected_error(traced: SegmentTrace, depth_m: Tensor, worst_m: float = 10.0) -> Tensor:
     """Mean distance in metres (N,) between where rays stop inside the volume and depths (N,), at most ``worst_m`` each, which
     also counts for what is not stopped. It is least where half of what stops a ray has done so at the depth."""
     error = (1 - traced.near_opacity) * worst_m
@@ -128,7 +128,7 @@ def turning(a: Tensor, b: Tensor) -> Tensor:
     return (F.normalize(a, dim=-1) - F.normalize(b, dim=-1)).norm(dim=-1).mean()
 
 
-def spread(traced: Traced) -> Tensor:
+def spread(traced: SegmentTrace) -> Tensor:
     """How far a ray's weight is spread in log depth: the distortion of mip-NeRF 360 (eq. 15), on the static strands."""
     strand = traced.static
     if strand is None:

@@ -10,7 +10,7 @@ from ..model.gradient import CORNERS, distance_gradient
 from ..model.occupancy import OccupancyTrainer
 from ..model.scene import SceneModel
 from ..ops.constants import GROUND_CELL_M
-from ..ops.ray_segments import Strands, Traced
+from ..ops.ray_segments import SegmentTrace, Strands
 from .data import LidarBatch
 from .losses import distance_band, eikonal, turning, wrong_side
 
@@ -39,7 +39,7 @@ class Shape:
     def __init__(self, model: SceneModel, occupancy: OccupancyTrainer, known_ground: Tensor) -> None:
         self.model, self.occupancy, self.known_ground = model, occupancy, known_ground
 
-    def band(self, tables: Tensor, swept: Traced, lidar: LidarBatch, generator: torch.Generator) -> tuple[Tensor, Tensor]:
+    def band(self, tables: Tensor, swept: SegmentTrace, lidar: LidarBatch, generator: torch.Generator) -> tuple[Tensor, Tensor]:
         """What signed distances at and before LiDAR returns miss, and points (N, 3) of the static field near such returns.
 
         ``tables`` are the actors' grids; ``swept`` is what the rays of ``lidar`` met.
@@ -102,7 +102,9 @@ class Shape:
         x = o + d * (depth_m + behind)[:, None]
         return _hollow(self.model.static.distance(x), behind, self.model.frame.inside(x) & self.model.ground.above(x))
 
-    def slopes(self, tables: Tensor, swept: Traced, seen: Traced, near: Tensor, generator: torch.Generator) -> dict[str, Tensor]:
+    def slopes(
+        self, tables: Tensor, swept: SegmentTrace, seen: SegmentTrace, near: Tensor, generator: torch.Generator
+    ) -> dict[str, Tensor]:
         """``eikonal``: gradients of length 1; ``flat``: normals that turn little.
 
         ``swept`` and ``seen`` are what LiDAR's and the cameras' rays met, of which only places count; ``near`` (N, 3) are points
@@ -130,7 +132,7 @@ class Shape:
         x = (o + d * t[:, None])[t > _SENSOR_M]
         return F.relu(_FREE_M - self.model.static.distance(x)).sum() / len(o)
 
-    def _flatness(self, seen: Traced, generator: torch.Generator) -> Tensor:
+    def _flatness(self, seen: SegmentTrace, generator: torch.Generator) -> Tensor:
         """How much the normals of what images alone show turn within _FLAT_M along the surface: mean length of the difference.
 
         No LiDAR reaches high up and far away, and a drive straight on tells images little about depth.

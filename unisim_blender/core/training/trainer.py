@@ -27,7 +27,7 @@ from ..model.volume import Volume
 from ..ops.constants import VEHICLES
 from ..ops.devices import kernel_threads, module_to, tensor_to, torch_threads
 from ..ops.gradient_sink import GradientSink
-from ..ops.ray_segments import RayBatch, Traced
+from ..ops.ray_segments import RayBatch, SegmentTrace
 from ..render.tracers.torch.actor_tensors import ActiveActorTensors, ActorSetTensors
 from ..render.tracers.torch.trace import Sampling, trace
 from ..world.drive import Actor, Drive
@@ -65,7 +65,7 @@ class _Start:
     rng: np.random.Generator
     generator: torch.Generator
     gradients: Gradients
-    seen: Future[Traced]
+    seen: Future[SegmentTrace]
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ class _Share:
 
     terms: dict[str, float]
     figures: dict[str, float]
-    traced: Traced | None
+    traced: SegmentTrace | None
     fake: tuple[Tensor, Tensor] | None
 
 
@@ -193,7 +193,7 @@ class Trainer:
         w, done = self.recipe.weights, self.progress
         self._set_rates(done)
         held = self.held()
-        seen: Future[Traced] = Future()
+        seen: Future[SegmentTrace] = Future()
         work = [self._camera_share] + [self._lidar_share] * bool(self.recipe.uses_lidar or w.hidden)
         starts = [self._start(number, done, held, seen) for number in range(len(work))]
         for sink, _ in self._sinks_of(held["tables"]):
@@ -210,7 +210,7 @@ class Trainer:
         terms = {name: value for share in shares for name, value in share.terms.items()}
         return {**terms, "loss": sum(terms.values()), **{k: v for share in shares for k, v in share.figures.items()}}
 
-    def _start(self, number: int, done: float, held: dict[str, Tensor], seen: Future[Traced]) -> _Start:
+    def _start(self, number: int, done: float, held: dict[str, Tensor], seen: Future[SegmentTrace]) -> _Start:
         # seeded by the iteration: a resumed run draws what an uninterrupted one would
         c, seed = self.config, (self.config.seed * 1_000_003 + self.iteration) * 2 + number
         rng = np.random.default_rng([c.seed, self.iteration, number])
@@ -407,7 +407,7 @@ class Trainer:
         image: Tensor = self.model.camera_decoder(features)
         return image
 
-    def _lidar_loss(self, swept: Traced, lidar: LidarBatch) -> dict[str, Tensor]:
+    def _lidar_loss(self, swept: SegmentTrace, lidar: LidarBatch) -> dict[str, Tensor]:
         w = self.recipe.weights
         end = self.model.frame.points(lidar.rays.origins + lidar.rays.directions * lidar.depth_m[:, None])
         terms, good = lidar_terms(swept, lidar, self.model.frame.inside(end))
@@ -419,7 +419,7 @@ class Trainer:
         }
 
     @torch.no_grad()
-    def _update_occupancy(self, traced: Traced, camera: bool) -> None:
+    def _update_occupancy(self, traced: SegmentTrace, camera: bool) -> None:
         strand = traced.static
         if strand is None or strand.weight is None:
             return

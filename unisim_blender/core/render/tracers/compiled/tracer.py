@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from .... import native
 from ....geometry import FloatArray
-from ....meshes.meeting import Met
+from ....meshes.hits import MeshHits
 from ....ops.constants import OPAQUE, WHOLE
 from ....sensors.frames import RenderStats
 from ....sensors.rays import Rays, sound_directions
@@ -22,7 +22,7 @@ from ....world.state import WorldState
 from ...actor_sets import active_actors
 from ...observed_space import Observed, ObservedSpace
 from ...quality import QUALITY, Quality
-from ...tracer import EDGE_CELLS, NEAR_M, UNIFORM_STEP_M, Array, Found, Maps, tiled
+from ...tracer import EDGE_CELLS, NEAR_M, UNIFORM_STEP_M, Array, Maps, TraceResult, tiled
 from .actors import CompiledActors
 from .decoder import resized, sigmoid, spread_over_edges
 from .scene import CompiledScene
@@ -88,19 +88,19 @@ class CompiledTracer:
         self._edge = 0 if alone else EDGE_CELLS
         self.reach = scene.decoder.reach + (self._edge if self._foreign else 0)
 
-    def trace(self, rays: Rays, passes: set[str], sky: bool, met: Met | None, stats: RenderStats) -> Found:
+    def trace(self, rays: Rays, passes: set[str], sky: bool, mesh_hits: MeshHits | None, stats: RenderStats) -> TraceResult:
         """See `tracer.Tracer`."""
         order = tiled(rays.time_s.shape)
         # of a list the order is its own, and its parts need no copies
         listed, flat = rays.time_s.ndim < 2, rays.flat().sound()
         rays = Rays(doubles(flat.origins), doubles(flat.directions), doubles(flat.time_s))
         n, features = len(rays.time_s), self.scene.config.features
-        found = Found(np.empty((n, features), np.float32), np.empty(n, np.float32), np.empty(n, np.float32), {})
+        found = TraceResult(np.empty((n, features), np.float32), np.empty(n, np.float32), np.empty(n, np.float32), {})
         found.foreign_features = [np.empty((n, foreign.config.features), np.float32) for foreign in self._foreign]
         found.foreign_opacity = [np.empty(n, np.float32) for _ in self._foreign]
-        if met is not None or self._foreign:
+        if mesh_hits is not None or self._foreign:
             found.without_foreign = np.empty_like(found.feature)
-        if met is not None:
+        if mesh_hits is not None:
             found.mesh_opacity = np.empty(n, np.float32)
         starts = self.space.starts(flat) if self.space is not None and self.clipped else None
         maps: Maps = {}
@@ -114,7 +114,7 @@ class CompiledTracer:
             part = order[begin : begin + CHUNK_RAYS]
             at = slice(begin, begin + CHUNK_RAYS) if listed else part
             some = Rays(rays.origins[at], rays.directions[at], rays.time_s[at])
-            self._run(rays, part, some, sky, met, found, maps, stats, starts)
+            self._run(rays, part, some, sky, mesh_hits, found, maps, stats, starts)
         solid = found.opacity > 0.5
         if "depth" in maps:
             maps["depth"][~solid] = np.inf
@@ -134,8 +134,8 @@ class CompiledTracer:
         order: NDArray[np.int64],
         some: Rays,
         sky: bool,
-        met: Met | None,
-        found: Found,
+        mesh_hits: MeshHits | None,
+        found: TraceResult,
         maps: Maps,
         stats: RenderStats,
         starts: Array | None = None,
@@ -145,7 +145,7 @@ class CompiledTracer:
         assert library is not None
         struct = RaysStruct(len(order), *map(address, (rays.origins, rays.directions, rays.time_s, order, starts)))
         active, _kept, skipped = self._compiled_actors.struct(some)
-        meshes = None if met is None else _MeshHits(met)
+        meshes = None if mesh_hits is None else _MeshHitArrays(mesh_hits)
         samples = np.zeros(1, np.int64)
         foreign = len(self._foreign)
         out = FoundStruct(
@@ -193,7 +193,7 @@ class CompiledTracer:
         near, far = np.minimum(a, b).max(1).clip(NEAR_M), np.maximum(a, b).min(1)
         return EVERY * int(np.ceil(np.maximum(far - near, 0) / UNIFORM_STEP_M).sum())
 
-    def image(self, found: Found, directions: FloatArray, camera_id: str, shape: tuple[int, ...]) -> Array:
+    def image(self, found: TraceResult, directions: FloatArray, camera_id: str, shape: tuple[int, ...]) -> Array:
         """See `tracer.Tracer`."""
         cells = sound_directions(directions).reshape(*shape, 3)
 
@@ -211,7 +211,7 @@ class CompiledTracer:
             rgb += alpha * (resized(other, size) - rgb)
         return rgb
 
-    def returns(self, found: Found, directions: FloatArray) -> tuple[Array, Array]:
+    def returns(self, found: TraceResult, directions: FloatArray) -> tuple[Array, Array]:
         """See `tracer.Tracer`."""
         directions = sound_directions(directions)
         intensity, logit = self.scene.decoder.returns(found.feature, directions, found.depth_m, found.opacity)
@@ -228,14 +228,14 @@ class CompiledTracer:
         return self.scene.height_above_ground(points)
 
 
-class _MeshHits:
+class _MeshHitArrays:
     """Where rays meet meshes, as the kernels read it."""
 
-    def __init__(self, met: Met) -> None:
-        share = np.minimum(met.share, 1 - WHOLE)
+    def __init__(self, mesh_hits: MeshHits) -> None:
+        share = np.minimum(mesh_hits.share, 1 - WHOLE)
         self._arrays: list[NDArray[Any]] = [
-            np.ascontiguousarray(met.ray, np.int64),
-            *map(floats, (met.t, -np.log1p(-share), met.normals)),
-            np.ascontiguousarray(met.actor, np.int32),
+            np.ascontiguousarray(mesh_hits.ray, np.int64),
+            *map(floats, (mesh_hits.t, -np.log1p(-share), mesh_hits.normals)),
+            np.ascontiguousarray(mesh_hits.actor, np.int32),
         ]
-        self.struct = MeshHitsStruct(len(met.ray), *map(address, self._arrays))
+        self.struct = MeshHitsStruct(len(mesh_hits.ray), *map(address, self._arrays))

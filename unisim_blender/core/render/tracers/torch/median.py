@@ -11,11 +11,11 @@ import torch.nn.functional as F
 from torch import Tensor
 
 from ....model.scene import SceneModel
-from ....ops.ray_segments import Strands, Traced
+from ....ops.ray_segments import SegmentTrace, Strands
 
 
 @torch.no_grad()
-def median_depth(scene: SceneModel, traced: Traced) -> Tensor:
+def median_depth(scene: SceneModel, traced: SegmentTrace) -> Tensor:
     """Median distance (N,) in metres of what stopped each ray, the far field included, the sky left out; 0 where nothing did."""
     target = (1 + traced.behind) / 2
     depth = torch.zeros_like(traced.opacity)

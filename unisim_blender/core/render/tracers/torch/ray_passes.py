@@ -11,13 +11,13 @@ from torch import Tensor
 from ....model.checkpoint import Scene
 from ....model.gradient import CORNERS, distance_gradient
 from ....ops.constants import NORMAL_STEP_M
-from ....ops.ray_segments import RayBatch, Strands, Traced
+from ....ops.ray_segments import RayBatch, SegmentTrace, Strands
 from ...tracer import Maps
 from .actor_tensors import ActiveActorTensors
 from .median import median_depth
 
 
-def ray_passes(scene: Scene, active: ActiveActorTensors, part: RayBatch, traced: Traced, passes: set[str]) -> Maps:
+def ray_passes(scene: Scene, active: ActiveActorTensors, part: RayBatch, traced: SegmentTrace, passes: set[str]) -> Maps:
     """One array (N, ...) for each pass asked for, of rays that were traced."""
     maps: Maps = {}
     solid = traced.opacity > 0.5
@@ -36,7 +36,7 @@ def ray_passes(scene: Scene, active: ActiveActorTensors, part: RayBatch, traced:
     return maps
 
 
-def _instances(traced: Traced, rays: int) -> Tensor:
+def _instances(traced: SegmentTrace, rays: int) -> Tensor:
     """1 + the number of the actor with the largest weight on each ray (N,), 0 where the rest outweighs it."""
     best = traced.feature.new_zeros(rays)
     background = traced.behind.clone()
@@ -57,7 +57,7 @@ def _instances(traced: Traced, rays: int) -> Tensor:
     return torch.where(best > background, out, torch.zeros_like(out))
 
 
-def _normals(scene: Scene, active: ActiveActorTensors, traced: Traced, part: RayBatch, solid: Tensor) -> Tensor:
+def _normals(scene: Scene, active: ActiveActorTensors, traced: SegmentTrace, part: RayBatch, solid: Tensor) -> Tensor:
     """Unit normals (N, 3), world frame, 0 where nothing solid is: each strand's gradient of the distance at its heaviest sample,
     by central differences on a tetrahedron, weighted with what the strand gives to the ray."""
     out = torch.zeros_like(part.directions)
@@ -88,7 +88,7 @@ def _distance_of(scene: Scene, active: ActiveActorTensors, strand: Strands) -> C
     return lambda y: actor_set.scene.actors.distance(actor_set.tables, y, row)
 
 
-def _supported(scene: Scene, traced: Traced, part: RayBatch, depth_m: Tensor) -> Tensor:
+def _supported(scene: Scene, traced: SegmentTrace, part: RayBatch, depth_m: Tensor) -> Tensor:
     """Which rays (N,) end where the recording saw something: an observed voxel, an actor, or beyond the volume."""
     model = scene.model
     x = model.frame.points(part.origins + part.directions * torch.nan_to_num(depth_m, posinf=1e6)[:, None])

@@ -13,14 +13,14 @@ import torch.nn.functional as F
 from numpy.typing import NDArray
 from torch import Tensor
 
-from ....meshes.meeting import Met
+from ....meshes.hits import MeshHits
 from ....model.scene import SceneModel
 from ....model.tracklets import Hits
 from ....ops.composite import composite
 from ....ops.constants import CLEARANCE_M, EMPTY_M, OPAQUE, WHOLE
 from ....ops.density import logistic_intervals, unisim_intervals, volume_density, volume_intervals, weights_from_tau
 from ....ops.march import Segment, propose, refine_by_density, refine_quantiles, stratified
-from ....ops.ray_segments import RayBatch, Strands, Traced
+from ....ops.ray_segments import RayBatch, SegmentTrace, Strands
 from ...tracer import NEAR_M
 from .actor_tensors import ActiveActorTensors, ActorSetTensors
 
@@ -50,10 +50,10 @@ def trace(
     rays: RayBatch,
     sampling: Sampling,
     among: Tensor | None = None,
-    met: Met | None = None,
-) -> Traced:
-    """Features, depths and opacities of rays. ``among`` names the own actors that can be met, the others are skipped; ``met`` is
-    where rays meet meshes."""
+    mesh_hits: MeshHits | None = None,
+) -> SegmentTrace:
+    """Features, depths and opacities of rays. ``among`` names the own actors that can be mesh_hits, the others are skipped;
+    ``mesh_hits`` is where rays meet meshes."""
     actors = _actor_strands(active.own, rays, sampling, among, first=0, foreign=-1)
     first = len(active.own.uids)
     for i, actor_set in enumerate(active.foreign.values()):
@@ -63,10 +63,10 @@ def trace(
     strands = [s for s in (static, *actors, *_copy_strands(scene, active, rays, sampling)) if len(s.ray)]
     widths = [actor_set.scene.config.features for actor_set in active.foreign.values()]
     seen = []
-    if met is not None:
-        strands += [_surfaces(met, rays, first, len(widths))] if len(met.ray) else []
+    if mesh_hits is not None:
+        strands += [_surfaces(mesh_hits, rays, first, len(widths))] if len(mesh_hits.ray) else []
         widths.append(1)
-    if active.foreign or met is not None:
+    if active.foreign or mesh_hits is not None:
         # what the scene's own decoder is to see: everything but the foreign actors. First, for strands keep the weights of the
         # last
         own = [strand for strand in strands if strand.foreign < 0]
@@ -78,9 +78,9 @@ def trace(
         traced.samples += far.t.numel() + len(far.ray)
         for result in seen:
             _add_far(far, result)
-    if active.foreign or met is not None:
+    if active.foreign or mesh_hits is not None:
         traced.without_foreign = seen[0].feature
-    if met is not None:
+    if mesh_hits is not None:
         traced.mesh_opacity = traced.foreign_opacity.pop()
         traced.foreign_features.pop()
     traced.samples += sum(s.t.numel() for s in strands)
@@ -273,19 +273,19 @@ def _copy_strands(scene: SceneModel, active: ActiveActorTensors, rays: RayBatch,
     return [strands]
 
 
-def _surfaces(met: Met, rays: RayBatch, first: int, foreign: int) -> Strands:
+def _surfaces(mesh_hits: MeshHits, rays: RayBatch, first: int, foreign: int) -> Strands:
     """Meshes as strands of one sample: opaque there as far as they cover the ray. They have no features."""
 
     def tensor(values: NDArray[Any]) -> Tensor:
         return torch.as_tensor(values).to(rays.origins.device, rays.origins.dtype)
 
-    t = tensor(met.t)[:, None]
-    tau = -torch.log1p(-tensor(met.share).clamp_max(1 - WHOLE))[:, None]
-    nothing, number = torch.zeros_like(t), torch.as_tensor(met.actor, device=t.device) + first
-    ray, points = torch.as_tensor(met.ray, device=t.device), rays.origins.new_zeros(len(t), 1, 3)
+    t = tensor(mesh_hits.t)[:, None]
+    tau = -torch.log1p(-tensor(mesh_hits.share).clamp_max(1 - WHOLE))[:, None]
+    nothing, number = torch.zeros_like(t), torch.as_tensor(mesh_hits.actor, device=t.device) + first
+    ray, points = torch.as_tensor(mesh_hits.ray, device=t.device), rays.origins.new_zeros(len(t), 1, 3)
     bounds = t[:, 0], t[:, 0]
     return Strands(
-        ray, t, nothing, nothing[..., None], tau, nothing, points, number, foreign, bounds, normals=tensor(met.normals)
+        ray, t, nothing, nothing[..., None], tau, nothing, points, number, foreign, bounds, normals=tensor(mesh_hits.normals)
     )  # fmt: skip
 
 
@@ -399,7 +399,7 @@ def _far(scene: SceneModel, rays: RayBatch, sampling: Sampling, reach: Tensor) -
     return _Far(ray, t, tau, weight, front, behind, feature)
 
 
-def _add_far(far: _Far, traced: Traced) -> None:
+def _add_far(far: _Far, traced: SegmentTrace) -> None:
     """Put the far field behind what was met in the volume."""
     ray, reach = far.ray, traced.behind[far.ray]
     stopped = traced.depth_m * traced.opacity

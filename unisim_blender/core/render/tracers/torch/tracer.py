@@ -19,13 +19,13 @@ import torch.nn.functional as F
 from torch import Tensor
 
 from ....geometry import FloatArray
-from ....meshes.meeting import Met
+from ....meshes.hits import MeshHits
 from ....model.checkpoint import Scene
 from ....model.frozen import shallow
 from ....model.scene import SceneModel
 from ....model.volume_frame import VolumeFrame
 from ....ops.devices import tensor_to
-from ....ops.ray_segments import RayBatch, Traced
+from ....ops.ray_segments import RayBatch, SegmentTrace
 from ....sensors.bounds import Bounds
 from ....sensors.frames import RenderStats
 from ....sensors.rays import Rays, sound_directions
@@ -35,7 +35,7 @@ from ....world.state import WorldState
 from ...actor_sets import active_actors
 from ...observed_space import Observed, ObservedSpace
 from ...quality import QUALITY, Quality
-from ...tracer import EDGE_CELLS, NEAR_M, UNIFORM_STEP_M, Array, Found
+from ...tracer import EDGE_CELLS, NEAR_M, UNIFORM_STEP_M, Array, TraceResult
 from .actor_tensors import active_actor_tensors
 from .ray_passes import ray_passes
 from .trace import Sampling, trace
@@ -106,7 +106,7 @@ class TorchTracer:
         return torch.device(self.device).type == "cuda" and self.quality.samples < EXACT_SAMPLES
 
     @torch.no_grad()
-    def trace(self, rays: Rays, passes: set[str], sky: bool, met: Met | None, stats: RenderStats) -> Found:
+    def trace(self, rays: Rays, passes: set[str], sky: bool, mesh_hits: MeshHits | None, stats: RenderStats) -> TraceResult:
         """All rays in chunks; features joined, and for each pass one array (N, ...)."""
         rays = rays.flat().sound()
         batch = to_batch(rays, self.scene.model.frame)
@@ -124,7 +124,7 @@ class TorchTracer:
             part = RayBatch(*(x[begin : begin + CHUNK_RAYS] for x in (batch.origins, batch.directions, batch.time_s)))
             if starts is not None:
                 part = replace(part, starts=starts[begin : begin + CHUNK_RAYS])
-            surfaces = None if met is None else met.between(begin, begin + CHUNK_RAYS)
+            surfaces = None if mesh_hits is None else mesh_hits.between(begin, begin + CHUNK_RAYS)
             traced = trace(self.scene.model, self.tensors, part, sampling, among, surfaces)
             self._count(part, traced, stats)
             maps.append(ray_passes(self.scene, self.tensors, part, traced, passes))
@@ -136,7 +136,7 @@ class TorchTracer:
             assert self.space is not None
             joined["support"] = ~self.space.supported(rays, joined["depth"], joined["instance"], self.clipped)
             joined = {name: x for name, x in joined.items() if name in asked}
-        return Found(
+        return TraceResult(
             feature=torch.cat([p.feature for p in pieces]),
             depth_m=torch.cat([p.depth_m for p in pieces]),
             opacity=torch.cat([p.opacity for p in pieces]),
@@ -147,7 +147,7 @@ class TorchTracer:
             mesh_opacity=None if covered is None else covered.cpu().numpy(),
         )
 
-    def _count(self, part: RayBatch, traced: Traced, stats: RenderStats) -> None:
+    def _count(self, part: RayBatch, traced: SegmentTrace, stats: RenderStats) -> None:
         frame = self.scene.model.frame
         near, far = frame.span(frame.points(part.origins), frame.vectors(part.directions), NEAR_M)
         uniform = int(((far - near) / UNIFORM_STEP_M).ceil().sum())
@@ -163,7 +163,7 @@ class TorchTracer:
         stats.samples_saved += max(0, uniform - spent)
 
     @torch.no_grad()
-    def image(self, found: Found, directions: FloatArray, camera_id: str, shape: tuple[int, ...]) -> Array:
+    def image(self, found: TraceResult, directions: FloatArray, camera_id: str, shape: tuple[int, ...]) -> Array:
         """The picture (h up, w up, 3) in 0..1, display-referred sRGB, of cells in ``shape`` (h, w), directions (h w, 3)."""
         along = torch.as_tensor(sound_directions(directions), dtype=torch.float32, device=self.device)
 
@@ -188,7 +188,7 @@ class TorchTracer:
         return rgb[0].permute(1, 2, 0).cpu().numpy().astype(np.float32)
 
     @torch.no_grad()
-    def returns(self, found: Found, directions: FloatArray) -> tuple[Array, Array]:
+    def returns(self, found: TraceResult, directions: FloatArray) -> tuple[Array, Array]:
         """A LiDAR's intensities in 0..1 (N,), and the probabilities (N,) of a return."""
         along = torch.as_tensor(sound_directions(directions), dtype=torch.float32, device=self.device)
         intensity, logit = self.scene.model.lidar_head(found.feature, along, found.depth_m, found.opacity)

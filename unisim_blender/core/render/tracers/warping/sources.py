@@ -15,7 +15,7 @@ from ....world.drive import Actor
 from ....world.replay import with_windows
 from ....world.state import WorldState
 from ..surfels.model import SurfelScene
-from ..surfels.stage import Stage
+from ..surfels.placed import PlacedSurfels
 from ..surfels.views import View, open_view
 
 NEAREST = 2
@@ -54,7 +54,7 @@ class Sources:
                 self.poses[name] = times, camera.world_from_camera.at(times)
         self.recorded = {actor.uid: actor for actor in with_windows(self.drive, self.drive.actors.values())}
         self.outlines, self.exposures = scene.outlines, scene.exposures
-        self.stage = Stage(scene.static, [(actor, scene.actors[uid]) for uid, actor in self.recorded.items()])
+        self.surfels = PlacedSurfels(scene.static, [(actor, scene.actors[uid]) for uid, actor in self.recorded.items()])
         self._views: OrderedDict[tuple[Any, ...], View] = OrderedDict()
 
     def elsewhere(self, state: WorldState) -> tuple[str, ...]:
@@ -71,7 +71,7 @@ class Sources:
             width = max(1, self.drive.cameras[source.camera].model.width // shrink)
             depth_width = min(width, DEPTH_WIDTH)
             hiding = [self.recorded[uid] for uid in elsewhere]
-            view = open_view(self.log, *source, width, depth_width, self.stage, hiding, self.outlines)
+            view = open_view(self.log, *source, width, depth_width, self.surfels, hiding, self.outlines)
             time_s = np.array([view.camera.time_s[source.frame]])
             self._views[key] = replace(view, gain=self.exposures.at(source.camera, time_s)[0])
             while len(self._views) > KEPT:
