@@ -69,7 +69,7 @@ def union(*parts: Distance) -> Distance:
 
 
 def mark(number: int, width: int) -> Tensor:
-    """A feature that tells one medium from another: 1 in its own place."""
+    """A feature that tells one field from another: 1 in its own place."""
     return torch.nn.functional.one_hot(torch.tensor(number), width).float()
 
 

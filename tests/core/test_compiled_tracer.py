@@ -1,4 +1,4 @@
-"""The compiled tracer beside torch's, on scenes of random weights: every medium, configuration and pass."""
+"""The compiled tracer beside torch's, on scenes of random weights: every field, configuration and pass."""
 
 from __future__ import annotations
 

@@ -15,7 +15,7 @@ from torch import Tensor
 
 from unisim_blender.core.errors import UnisimError
 from unisim_blender.core.ops.composite import composite
-from unisim_blender.core.ops.ray_segments import RayBatch, Strands
+from unisim_blender.core.ops.ray_segments import RayBatch, RaySegments
 from unisim_blender.core.training.adversarial import Adversary, PatchDiscriminator, shifted
 from unisim_blender.core.training.data import LidarBatch, PatchBatch
 from unisim_blender.core.training.losses import (
@@ -126,10 +126,10 @@ def rays(n: int = 60) -> tuple[np.ndarray, np.ndarray]:  # type: ignore[type-arg
 
 def test_spread_is_mip_nerfs_distortion() -> None:
     traced = scene().trace(*rays(), fine=1.0)
-    strand = traced.strands[0]
-    assert strand.interval_weight is not None
-    place = strand.stops().log()
-    w = strand.interval_weight
+    ray_segment = traced.ray_segments[0]
+    assert ray_segment.interval_weight is not None
+    place = ray_segment.stops().log()
+    w = ray_segment.interval_weight
     plain = (w[:, :, None] * w[:, None] * (place[:, :, None] - place[:, None]).abs()).sum((1, 2)).mean()
     assert float(spread(traced)) == pytest.approx(float(plain), rel=1e-4) and float(plain) > 1e-4
 
@@ -163,7 +163,7 @@ def test_the_expected_error_is_least_at_the_median() -> None:
     t = torch.tensor([[10.0, 40.0]])
     tau = -torch.log1p(-torch.tensor([[0.9, 0.999]]))
     share = torch.tensor([[0.0, 0.999]])
-    leak = [Strands(torch.tensor([0]), t, t, torch.zeros(1, 2, 1), tau, share, torch.zeros(1, 2, 3), torch.tensor([-1]))]
+    leak = [RaySegments(torch.tensor([0]), t, t, torch.zeros(1, 2, 1), tau, share, torch.zeros(1, 2, 3), torch.tensor([-1]))]
     traced = composite(1, leak, 1, [], torch.zeros(1, 3))
     at = {d: float(expected_error(traced, torch.tensor([d]), worst_m=100.0)) for d in (9.0, 10.0, 11.0, 13.0)}
     assert min(at, key=lambda d: at[d]) == 10.0 and float(traced.near_depth_m) == pytest.approx(13.0, abs=0.1)

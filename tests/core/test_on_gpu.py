@@ -22,7 +22,7 @@ from unisim_blender.core.ops.composite import gather, gather_reference
 from unisim_blender.core.ops.grid_shape import GridArrays, GridShape
 from unisim_blender.core.ops.hash_grid import encode, encode_reference
 from unisim_blender.core.ops.march import Segment, Voxels, propose, propose_reference
-from unisim_blender.core.ops.ray_segments import RayBatch, Strands
+from unisim_blender.core.ops.ray_segments import RayBatch, RaySegments
 from unisim_blender.core.render.actor_sets import active_actors
 from unisim_blender.core.render.tracer import TraceResult
 from unisim_blender.core.render.tracers.torch.actor_tensors import active_actor_tensors
@@ -132,8 +132,8 @@ def test_gathering_and_its_gradients() -> None:
     for kind, dtype in ((gather, torch.float32), (gather_reference, torch.float64)):
         a, b, c, f = (x.to(dtype, copy=True).requires_grad_() for x in (tau, share, front, features))
         one = torch.zeros(n, dtype=torch.long)
-        strand = Strands(one, t.to(dtype), t.to(dtype), f[..., 1:], a, b, t[..., None], one)
-        out = kind(strand, c)
+        ray_segment = RaySegments(one, t.to(dtype), t.to(dtype), f[..., 1:], a, b, t[..., None], one)
+        out = kind(ray_segment, c)
         torch.autograd.backward(out, [g.to(dtype) for g in given])
         found.append([*(x.detach() for x in out), a.grad, b.grad, c.grad, f.grad])
     for got, want in zip(*found, strict=True):
@@ -178,7 +178,7 @@ def traced(seed: int) -> list[Tensor]:
     active = active_actor_tensors(active_actors(whole_state(drive), {"": ("car",)}), {"": (scene, scene.actors.tables())})
     rays = RayBatch(eye, way, torch.zeros(48).double())
     found = trace(scene, active, rays, Sampling(jitter=True, generator=torch.Generator().manual_seed(2)))
-    assert len(found.strands) == 2
+    assert len(found.ray_segments) == 2
     outs = [found.feature, found.depth_m, found.opacity]
     sum(out.square().mean() for out in outs).backward()  # type: ignore[union-attr]
     names = (

@@ -15,7 +15,7 @@ from unisim_blender.core.model.config import preset
 from unisim_blender.core.model.occupancy import OccupancyTrainer
 from unisim_blender.core.model.scene import SceneModel
 from unisim_blender.core.model.volume import Volume
-from unisim_blender.core.ops.ray_segments import RayBatch, Strands
+from unisim_blender.core.ops.ray_segments import RayBatch, RaySegments
 from unisim_blender.core.training.data import LidarBatch
 from unisim_blender.core.training.shape import Shape
 
@@ -32,10 +32,10 @@ def sweep(n: int = 512) -> LidarBatch:
     return LidarBatch(rays, WALL_X_M * ones, 0.5 * ones, torch.ones(n, dtype=torch.bool), ones)
 
 
-def met(n: int, strands: tuple[Any, ...] = (), stop_m: float | None = None) -> Any:
-    """What n rays met: strands, and something that stopped them all at a distance, or nothing."""
+def met(n: int, ray_segments: tuple[Any, ...] = (), stop_m: float | None = None) -> Any:
+    """What n rays met: ray segments, and something that stopped them all at a distance, or nothing."""
     return SimpleNamespace(
-        strands=list(strands), static=None, feature=torch.zeros(1), near_depth_m=torch.full((n,), stop_m or 0.0),
+        ray_segments=list(ray_segments), static=None, feature=torch.zeros(1), near_depth_m=torch.full((n,), stop_m or 0.0),
         near_opacity=torch.full((n,), 0.0 if stop_m is None else 1.0),
     )  # fmt: skip
 
@@ -77,11 +77,11 @@ def box_ahead(size_m: tuple[float, float, float], beams: LidarBatch, depth_m: fl
     across = torch.rand(n, 1, 2, generator=torch.Generator().manual_seed(1)).expand(n, 5, 2)
     points = torch.cat([((t - near[:, None]) / size_m[0])[..., None], across], -1)
     nothing = torch.zeros(n, 5)
-    strand = Strands(
+    ray_segment = RaySegments(
         torch.arange(n), t, nothing, nothing[..., None], nothing, nothing, points, torch.zeros(n, dtype=torch.long),
         bounds=(near, far), size_m=torch.tensor([size_m]).expand(n, 3),
     )  # fmt: skip
-    return met(len(beams.rays), (strand,))
+    return met(len(beams.rays), (ray_segment,))
 
 
 SHELL_M = 0.06

@@ -168,7 +168,7 @@ def test_rays_that_meet_nothing_but_a_removal() -> None:
     scene = analytic_scene(empty, {})
     box = Box(make_pose(np.zeros(3), LEVEL), np.ones(3))
     traced = Stage(scene, drive_of([], removals=(box,))).trace(EYE, fan(5))
-    assert not traced.strands and bool((traced.opacity == 0).all())
+    assert not traced.ray_segments and bool((traced.opacity == 0).all())
 
 
 def test_an_actor_before_a_distant_wall_hides_it() -> None:
@@ -288,7 +288,7 @@ def test_own_actors_hide_foreign_ones_and_foreign_ones_own_actors() -> None:
 
 
 def test_two_actors_on_one_ray_and_a_foreign_actor_on_another() -> None:
-    """Where no static voxel is met, strands of the first medium must still see each other."""
+    """Where no static voxel is met, ray segments of the first field must still see each other."""
     size = np.array([2.0, 3.0, 3.0])
     body = (block([1.4, 2.6, 2.6]), size)
     foreign = still("new", [0, 8, 1.6], size, look=Look("car", GUEST))
@@ -323,7 +323,7 @@ def test_free_space_spends_no_sample() -> None:
     assert away.samples == 0 and bool((away.depth_m == 0).all()) and bool((away.behind == 1).all())
     toward = stage.trace(EYE, [[1.0, 0, 0]], fine=1.0)
     assert toward.samples == stage.scene.config.samples.static
-    t = toward.strands[0].t
+    t = toward.ray_segments[0].t
     assert 17 < float(t.min()) and float(t.max()) < 23, "all of them near the sphere"
 
 
@@ -413,7 +413,7 @@ def test_a_look_is_mirrored_on_all_rays_or_on_none() -> None:
     assert set(sides) == {(True, False), (False, True)}, "one side or the other, never some rays of each"
 
 
-def test_gradients_reach_every_medium() -> None:
+def test_gradients_reach_every_field() -> None:
     torch.manual_seed(1)
     size = np.array([4.0, 3.0, 3.0])
     drive = drive_of([still("car", [0, 0, 1.0], size)])

@@ -1,6 +1,6 @@
 """Rays, what they run through, and what they met: the types that tracing, compositing and the passes share.
 
-A *strand* is one ray inside one medium (the static field, one actor's box, one copied box of space); it has K samples and K
+A *ray segment* is one ray inside one field (the static field, one actor's box, one copied box of space); it has K samples and K
 intervals, see `density.logistic_intervals`.
 """
 
@@ -28,10 +28,10 @@ class RayBatch:
 
 
 @dataclass
-class Strands:
-    """Strands of one medium: ray (P,), samples t (P, K), signed distances s, features (P, K, F), tau and share (P, K).
+class RaySegments:
+    """Ray segments of one field: ray (P,), samples t (P, K), signed distances s, features (P, K, F), tau and share (P, K).
 
-    ``points`` (P, K, 3) in the medium's own coordinates (volume, metres; or an actor's unit cube); ``medium`` (P,) is -1 for the
+    ``points`` (P, K, 3) in the field's own coordinates (volume, metres; or an actor's unit cube); ``field`` (P,) is -1 for the
     static field, else the actor's number among the active ones.
     """
 
@@ -42,19 +42,19 @@ class Strands:
     tau: Tensor
     share: Tensor
     points: Tensor
-    medium: Tensor
+    field: Tensor
     foreign: int = -1
     """Which foreign actor set's features these are; -1 for the scene's own; meshes, which have none, come after the foreign
     actors."""
     bounds: tuple[Tensor, Tensor] | None = None
-    """Where the strand enters and leaves its box (P,), (P,)."""
+    """Where the ray segment enters and leaves its box (P,), (P,)."""
     world_from_box: Tensor | None = None
-    """Rotation of the strand's box (P, 3, 3), for an actor after the inverse of its scale, so that gradients in the field's
+    """Rotation of the segment's box (P, 3, 3), for an actor after the inverse of its scale, so that gradients in the field's
     metres become directions of the world; for a copied box the one from the source to the copy."""
     size_m: Tensor | None = None
-    """Edges of the strand's box (P, 3) in the metres of its field, for an actor."""
+    """Edges of the segment's box (P, 3) in the metres of its field, for an actor."""
     beta: float = 0.0
-    """The density's sharpness in this medium, 1 / metres."""
+    """The density's sharpness in this field, 1 / metres."""
     front: Tensor | None = None
     """Transmittance in front of the intervals (P, K), once composited."""
     weight: Tensor | None = None
@@ -62,7 +62,7 @@ class Strands:
     interval_weight: Tensor | None = None
     """Weights of the intervals (P, K), once composited."""
     normals: Tensor | None = None
-    """Unit normals (P, 3), world frame, of strands that are surfaces and no field."""
+    """Unit normals (P, 3), world frame, of ray segments that are surfaces and no field."""
 
     def stops(self) -> Tensor:
         """Where a ray that stops in an interval is expected to (P, K), metres along the ray."""
@@ -81,7 +81,7 @@ class SegmentTrace:
     depth_m: Tensor
     opacity: Tensor
     behind: Tensor
-    strands: list[Strands]
+    ray_segments: list[RaySegments]
     samples: int
     foreign_features: list[Tensor]
     foreign_opacity: list[Tensor]
@@ -96,6 +96,6 @@ class SegmentTrace:
     """How much of each ray (N,) meshes stop; None where there are none."""
 
     @property
-    def static(self) -> Strands | None:
-        """The strands through the static field; None where no ray met it."""
-        return next((strand for strand in self.strands if strand.bounds is None), None)
+    def static(self) -> RaySegments | None:
+        """The ray segments through the static field; None where no ray met it."""
+        return next((ray_segment for ray_segment in self.ray_segments if ray_segment.bounds is None), None)

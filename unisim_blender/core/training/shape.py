@@ -10,7 +10,7 @@ from ..model.gradient import CORNERS, distance_gradient
 from ..model.occupancy import OccupancyTrainer
 from ..model.scene import SceneModel
 from ..ops.constants import GROUND_CELL_M
-from ..ops.ray_segments import SegmentTrace, Strands
+from ..ops.ray_segments import RaySegments, SegmentTrace
 from .data import LidarBatch
 from .losses import distance_band, eikonal, turning, wrong_side
 
@@ -50,15 +50,20 @@ class Shape:
         end = o + d * lidar.depth_m[:, None]
         above = model.ground.above(end)
         band = o.new_zeros(())
-        for strand in swept.strands:
-            if strand.bounds is None:
+        for ray_segment in swept.ray_segments:
+            if ray_segment.bounds is None:
                 continue
-            depth = lidar.depth_m[strand.ray]
-            met = lidar.returned[strand.ray] & above[strand.ray] & (depth > strand.bounds[0]) & (depth < strand.bounds[1])
-            in_box[strand.ray[met]] = True
+            depth = lidar.depth_m[ray_segment.ray]
+            met = (
+                lidar.returned[ray_segment.ray]
+                & above[ray_segment.ray]
+                & (depth > ray_segment.bounds[0])
+                & (depth < ray_segment.bounds[1])
+            )
+            in_box[ray_segment.ray[met]] = True
             if not bool(met.any()):
                 continue
-            band = band + self._actor_band(strand, met, depth[met], tables, generator)
+            band = band + self._actor_band(ray_segment, met, depth[met], tables, generator)
         static = lidar.returned & model.frame.inside(end) & ~in_box
         o, d, depth_m = o[static], d[static], lidar.depth_m[static]
         offset = self._offsets(len(o), generator, _BAND_M)
@@ -70,24 +75,27 @@ class Shape:
         band = band + self._passed(o, d, depth_m, stop_m, generator) + self._wall_band(o, d, depth_m, generator)
         return band, x.detach()
 
-    def _actor_band(self, strand: Strands, met: Tensor, depth_m: Tensor, tables: Tensor, generator: torch.Generator) -> Tensor:
-        """What actors' distances miss about returns in their boxes, at depth_m (M,) of those strands (P,) bool that ``met`` one.
+    def _actor_band(
+        self, ray_segment: RaySegments, met: Tensor, depth_m: Tensor, tables: Tensor, generator: torch.Generator
+    ) -> Tensor:
+        """What actors' distances miss about returns in their boxes, at depth_m (M,) of those ray segments (P,) bool that ``met``
+        one.
 
         Behind what it returned an actor is solid. Of a mere shell most of a ray's samples know nothing, and images paint it onto
         what is far behind: a lorry that drives ahead keeps its bearing, as the street's end does.
         """
-        # a strand's points lie on a line: where it is at any depth follows from two of them
-        t0, t1 = strand.t[met, :1], strand.t[met, -1:]
-        p0, p1 = strand.points[met, 0], strand.points[met, -1]
+        # a segment's points lie on a line: where it is at any depth follows from two of them
+        t0, t1 = ray_segment.t[met, :1], ray_segment.t[met, -1:]
+        p0, p1 = ray_segment.points[met, 0], ray_segment.points[met, -1]
 
         def place(offset: Tensor) -> Tensor:
             return p0 + (depth_m[:, None] - offset[:, None] - t0) / (t1 - t0).clamp_min(1e-4) * (p1 - p0)
 
-        assert strand.size_m is not None
-        actor = strand.medium[met]
+        assert ray_segment.size_m is not None
+        actor = ray_segment.field[met]
         offset = self._offsets(len(actor), generator, 0.15)
         band = distance_band(self.model.actors.distance(tables, place(offset).clamp(0, 1), actor), offset)
-        reach = (_SOLID_SHARE * strand.size_m[met].amin(-1)).clamp_max(_SOLID_M)
+        reach = (_SOLID_SHARE * ray_segment.size_m[met].amin(-1)).clamp_max(_SOLID_M)
         behind = _behind(reach, generator)
         x = place(-behind)
         inside = ((x > 0) & (x < 1)).all(-1)
@@ -112,8 +120,8 @@ class Shape:
         """
         centre = near[torch.randperm(len(near), generator=generator, device=near.device)[:512]]
         gradients = [self._static_gradient(centre)]
-        for strand in (*seen.strands, *swept.strands):
-            gradients.append(self._gradient(strand, tables, generator))
+        for ray_segment in (*seen.ray_segments, *swept.ray_segments):
+            gradients.append(self._gradient(ray_segment, tables, generator))
         return {"eikonal": eikonal(torch.cat(gradients)), "flat": self._flatness(seen, generator)}
 
     def _passed(self, o: Tensor, d: Tensor, depth_m: Tensor, stop_m: Tensor, generator: torch.Generator) -> Tensor:
@@ -137,10 +145,10 @@ class Shape:
 
         No LiDAR reaches high up and far away, and a drive straight on tells images little about depth.
         """
-        strand = seen.static
-        if strand is None:
+        ray_segment = seen.static
+        if ray_segment is None:
             return seen.feature.new_zeros(())
-        x = strand.points.detach().reshape(-1, 3)[self._likely(strand, 512, generator)]
+        x = ray_segment.points.detach().reshape(-1, 3)[self._likely(ray_segment, 512, generator)]
         x = x[~self.occupancy.met(x)]
         if len(x) == 0:
             return seen.feature.new_zeros(())
@@ -155,25 +163,25 @@ class Shape:
     def _static_gradient(self, x: Tensor) -> Tensor:
         return distance_gradient(self.model.static.distance, x, _STEP_M)
 
-    def _likely(self, strand: Strands, count: int, generator: torch.Generator) -> Tensor:
-        """Numbers (count,) of random samples of a strand that carry weight; none (0,) where it has none."""
-        assert strand.weight is not None
-        likely = torch.nonzero(strand.weight.detach().flatten() > 0.02)[:, 0]
+    def _likely(self, ray_segment: RaySegments, count: int, generator: torch.Generator) -> Tensor:
+        """Numbers (count,) of random samples of a ray segment that carry weight; none (0,) where it has none."""
+        assert ray_segment.weight is not None
+        likely = torch.nonzero(ray_segment.weight.detach().flatten() > 0.02)[:, 0]
         if len(likely) == 0:
             return likely
         return likely[torch.randint(len(likely), (count,), generator=generator, device=likely.device)]
 
-    def _gradient(self, strand: Strands, tables: Tensor, generator: torch.Generator) -> Tensor:
-        """Gradients (N, 3) of the distance at some of a strand's samples that carry weight."""
-        pick = self._likely(strand, 384, generator)
-        x = strand.points.detach().reshape(-1, 3)[pick]
+    def _gradient(self, ray_segment: RaySegments, tables: Tensor, generator: torch.Generator) -> Tensor:
+        """Gradients (N, 3) of the distance at some of a segment's samples that carry weight."""
+        pick = self._likely(ray_segment, 384, generator)
+        x = ray_segment.points.detach().reshape(-1, 3)[pick]
         if len(pick) == 0:
             return x
-        if strand.size_m is None:
+        if ray_segment.size_m is None:
             return self._static_gradient(x)
-        row = pick // strand.t.shape[1]
-        actor = strand.medium[row].repeat_interleave(CORNERS)
-        return distance_gradient(lambda y: self.model.actors.distance(tables, y, actor), x, _STEP_M, strand.size_m[row])
+        row = pick // ray_segment.t.shape[1]
+        actor = ray_segment.field[row].repeat_interleave(CORNERS)
+        return distance_gradient(lambda y: self.model.actors.distance(tables, y, actor), x, _STEP_M, ray_segment.size_m[row])
 
     def _ground_band(self, returns: Tensor, generator: torch.Generator) -> Tensor:
         """Over and under returns from the ground (N, 3) the distance is the height; deeper, anywhere, it is well below zero.

@@ -420,12 +420,12 @@ class Trainer:
 
     @torch.no_grad()
     def _update_occupancy(self, traced: SegmentTrace, camera: bool) -> None:
-        strand = traced.static
-        if strand is None or strand.weight is None:
+        ray_segment = traced.static
+        if ray_segment is None or ray_segment.weight is None:
             return
-        assert strand.front is not None
+        assert ray_segment.front is not None
         self.occupancy.update(
-            strand.points.reshape(-1, 3), strand.weight.flatten(), strand.front.flatten(),
+            ray_segment.points.reshape(-1, 3), ray_segment.weight.flatten(), ray_segment.front.flatten(),
             prune=self.iteration >= self.config.prune_from, settled=self.progress >= self.config.settled_from, camera=camera,
         )  # fmt: skip
 

@@ -11,7 +11,7 @@ from torch import Tensor
 from ....model.checkpoint import Scene
 from ....model.gradient import CORNERS, distance_gradient
 from ....ops.constants import NORMAL_STEP_M
-from ....ops.ray_segments import RayBatch, SegmentTrace, Strands
+from ....ops.ray_segments import RayBatch, RaySegments, SegmentTrace
 from ...tracer import Maps
 from .actor_tensors import ActiveActorTensors
 from .median import median_depth
@@ -41,50 +41,50 @@ def _instances(traced: SegmentTrace, rays: int) -> Tensor:
     best = traced.feature.new_zeros(rays)
     background = traced.behind.clone()
     actors = []
-    for strand in traced.strands:
-        assert strand.weight is not None
-        total = strand.weight.sum(1)
-        if strand.bounds is None:
-            background.index_add_(0, strand.ray, total)
+    for ray_segment in traced.ray_segments:
+        assert ray_segment.weight is not None
+        total = ray_segment.weight.sum(1)
+        if ray_segment.bounds is None:
+            background.index_add_(0, ray_segment.ray, total)
         else:
-            actors.append((strand, total))
-            best.scatter_reduce_(0, strand.ray, total, "amax")
+            actors.append((ray_segment, total))
+            best.scatter_reduce_(0, ray_segment.ray, total, "amax")
     out = torch.zeros(rays, dtype=torch.long, device=best.device)
-    for strand, total in actors:
-        heaviest = total == best[strand.ray]
-        # of several strands of one ray one order must decide: writing to one place by turns has none
-        out.scatter_reduce_(0, strand.ray[heaviest], strand.medium[heaviest] + 1, "amax")
+    for ray_segment, total in actors:
+        heaviest = total == best[ray_segment.ray]
+        # of several ray segments of one ray one order must decide: writing to one place by turns has none
+        out.scatter_reduce_(0, ray_segment.ray[heaviest], ray_segment.field[heaviest] + 1, "amax")
     return torch.where(best > background, out, torch.zeros_like(out))
 
 
 def _normals(scene: Scene, active: ActiveActorTensors, traced: SegmentTrace, part: RayBatch, solid: Tensor) -> Tensor:
-    """Unit normals (N, 3), world frame, 0 where nothing solid is: each strand's gradient of the distance at its heaviest sample,
-    by central differences on a tetrahedron, weighted with what the strand gives to the ray."""
+    """Unit normals (N, 3), world frame, 0 where nothing solid is: each segment's gradient of the distance at its heaviest sample,
+    by central differences on a tetrahedron, weighted with what the ray segment gives to the ray."""
     out = torch.zeros_like(part.directions)
-    for strand in traced.strands:
-        assert strand.weight is not None
-        weight, heaviest = strand.weight.sum(1), strand.weight.argmax(1)
-        if strand.normals is not None:
-            out.index_add_(0, strand.ray, weight[:, None] * strand.normals)
+    for ray_segment in traced.ray_segments:
+        assert ray_segment.weight is not None
+        weight, heaviest = ray_segment.weight.sum(1), ray_segment.weight.argmax(1)
+        if ray_segment.normals is not None:
+            out.index_add_(0, ray_segment.ray, weight[:, None] * ray_segment.normals)
             continue
-        x = strand.points[torch.arange(len(heaviest), device=heaviest.device), heaviest]
-        gradient = distance_gradient(_distance_of(scene, active, strand), x, NORMAL_STEP_M, strand.size_m)
-        if strand.bounds is None:
+        x = ray_segment.points[torch.arange(len(heaviest), device=heaviest.device), heaviest]
+        gradient = distance_gradient(_distance_of(scene, active, ray_segment), x, NORMAL_STEP_M, ray_segment.size_m)
+        if ray_segment.bounds is None:
             gradient = gradient @ scene.model.frame.rotation
-        if strand.world_from_box is not None:
-            gradient = torch.einsum("nij,nj->ni", strand.world_from_box, gradient)
-        out.index_add_(0, strand.ray, weight[:, None] * F.normalize(gradient, dim=-1))
+        if ray_segment.world_from_box is not None:
+            gradient = torch.einsum("nij,nj->ni", ray_segment.world_from_box, gradient)
+        out.index_add_(0, ray_segment.ray, weight[:, None] * F.normalize(gradient, dim=-1))
     return torch.where(solid[:, None], F.normalize(out, dim=-1), torch.zeros_like(out))
 
 
-def _distance_of(scene: Scene, active: ActiveActorTensors, strand: Strands) -> Callable[[Tensor], Tensor]:
-    """The signed distance in a strand's medium, of points in its own coordinates, `CORNERS` for each row."""
-    if strand.bounds is None:
+def _distance_of(scene: Scene, active: ActiveActorTensors, ray_segment: RaySegments) -> Callable[[Tensor], Tensor]:
+    """The signed distance in a segment's field, of points in its own coordinates, `CORNERS` for each row."""
+    if ray_segment.bounds is None:
         return scene.model.static.distance
     actor_sets = [active.own, *active.foreign.values()]
-    actor_set = actor_sets[strand.foreign + 1]
-    first = sum(len(t.uids) for t in actor_sets[: strand.foreign + 1])
-    row = actor_set.rows[strand.medium - first].repeat_interleave(CORNERS)
+    actor_set = actor_sets[ray_segment.foreign + 1]
+    first = sum(len(t.uids) for t in actor_sets[: ray_segment.foreign + 1])
+    row = actor_set.rows[ray_segment.field - first].repeat_interleave(CORNERS)
     return lambda y: actor_set.scene.actors.distance(actor_set.tables, y, row)
 
 

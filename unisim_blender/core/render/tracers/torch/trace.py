@@ -20,7 +20,7 @@ from ....ops.composite import composite
 from ....ops.constants import CLEARANCE_M, EMPTY_M, OPAQUE, WHOLE
 from ....ops.density import logistic_intervals, unisim_intervals, volume_density, volume_intervals, weights_from_tau
 from ....ops.march import Segment, propose, refine_by_density, refine_quantiles, stratified
-from ....ops.ray_segments import RayBatch, SegmentTrace, Strands
+from ....ops.ray_segments import RayBatch, RaySegments, SegmentTrace
 from ...tracer import NEAR_M
 from .actor_tensors import ActiveActorTensors, ActorSetTensors
 
@@ -54,24 +54,24 @@ def trace(
 ) -> SegmentTrace:
     """Features, depths and opacities of rays. ``among`` names the own actors that can be mesh_hits, the others are skipped;
     ``mesh_hits`` is where rays meet meshes."""
-    actors = _actor_strands(active.own, rays, sampling, among, first=0, foreign=-1)
+    actors = _actor_segments(active.own, rays, sampling, among, first=0, foreign=-1)
     first = len(active.own.uids)
     for i, actor_set in enumerate(active.foreign.values()):
-        actors += _actor_strands(actor_set, rays, sampling, None, first=first, foreign=i)
+        actors += _actor_segments(actor_set, rays, sampling, None, first=first, foreign=i)
         first += len(actor_set.uids)
-    static = _static_strands(scene, active, rays, sampling, actors)
-    strands = [s for s in (static, *actors, *_copy_strands(scene, active, rays, sampling)) if len(s.ray)]
+    static = _static_segments(scene, active, rays, sampling, actors)
+    ray_segments = [s for s in (static, *actors, *_copy_segments(scene, active, rays, sampling)) if len(s.ray)]
     widths = [actor_set.scene.config.features for actor_set in active.foreign.values()]
     seen = []
     if mesh_hits is not None:
-        strands += [_surfaces(mesh_hits, rays, first, len(widths))] if len(mesh_hits.ray) else []
+        ray_segments += [_surfaces(mesh_hits, rays, first, len(widths))] if len(mesh_hits.ray) else []
         widths.append(1)
     if active.foreign or mesh_hits is not None:
-        # what the scene's own decoder is to see: everything but the foreign actors. First, for strands keep the weights of the
-        # last
-        own = [strand for strand in strands if strand.foreign < 0]
+        # what the scene's own decoder is to see: everything but the foreign actors. First, for ray segments keep the weights of
+        # the last
+        own = [ray_segment for ray_segment in ray_segments if ray_segment.foreign < 0]
         seen.append(composite(len(rays), own, scene.config.features, [], rays.origins))
-    traced = composite(len(rays), strands, scene.config.features, widths, rays.origins)
+    traced = composite(len(rays), ray_segments, scene.config.features, widths, rays.origins)
     seen.append(traced)
     far = _far(scene, rays, sampling, seen[0].behind) if sampling.far else None
     if far is not None:
@@ -83,7 +83,7 @@ def trace(
     if mesh_hits is not None:
         traced.mesh_opacity = traced.foreign_opacity.pop()
         traced.foreign_features.pop()
-    traced.samples += sum(s.t.numel() for s in strands)
+    traced.samples += sum(s.t.numel() for s in ray_segments)
     return traced
 
 
@@ -132,9 +132,9 @@ def _far_count(n: int, sampling: Sampling) -> int:
     return max(2, round(n * sampling.far_fine))
 
 
-def _static_strands(
-    scene: SceneModel, active: ActiveActorTensors, rays: RayBatch, sampling: Sampling, actors: list[Strands]
-) -> Strands:
+def _static_segments(
+    scene: SceneModel, active: ActiveActorTensors, rays: RayBatch, sampling: Sampling, actors: list[RaySegments]
+) -> RaySegments:
     o, d = scene.frame.points(rays.origins), scene.frame.vectors(rays.directions)
     t_near, t_far = scene.frame.span(o, d, NEAR_M)
     if rays.starts is not None:
@@ -158,14 +158,14 @@ def _static_strands(
     feature = scene.directed(feature, rays.directions[ray].repeat_interleave(t.shape[1], 0))
     s = _cleared(scene, active, rays, actors, ray, t, points, s.view(t.shape))
     tau, share = _intervals(scene, s, t, _lengths(scene, o, d, t), actor=False)
-    medium = torch.full_like(ray, -1)
+    field = torch.full_like(ray, -1)
     feature = feature.view(*t.shape, scene.config.features)
-    return Strands(ray, t, s, feature, tau, share, points, medium, beta=float(scene.beta().detach()))
+    return RaySegments(ray, t, s, feature, tau, share, points, field, beta=float(scene.beta().detach()))
 
 
-def _actor_strands(
+def _actor_segments(
     actor_set: ActorSetTensors, rays: RayBatch, sampling: Sampling, among: Tensor | None, first: int, foreign: int
-) -> list[Strands]:
+) -> list[RaySegments]:
     if not actor_set.uids or (among is not None and len(among) == 0):
         return []
     hits = actor_set.tracklets.hits(rays.origins, rays.directions, rays.time_s, NEAR_M, among, actor_set.keys)
@@ -215,7 +215,7 @@ def _actor_strands(
         directions = _mirrored(directions, hits.world_from_box[:, :, 1], flip)
     feature = scene.directed(feature, directions.repeat_interleave(t.shape[1], 0))
     return [
-        Strands(
+        RaySegments(
             hits.ray,
             t,
             s,
@@ -235,7 +235,8 @@ def _actor_strands(
 
 @torch.no_grad()
 def _median(tau: Tensor) -> Tensor:
-    """The sample (P, 1) at which a strand with optical depths tau (P, K) alone has stopped half of what it stops of its ray."""
+    """The sample (P, 1) at which a ray segment with optical depths tau (P, K) alone has stopped half of what it stops of its
+    ray."""
     stopped = -torch.expm1(-tau.cumsum(1))
     return (stopped[:, :-1] < stopped[:, -1:] / 2).sum(1, keepdim=True)
 
@@ -245,7 +246,7 @@ def _mirrored(directions: Tensor, across: Tensor, flip: Tensor) -> Tensor:
     return directions + ((flip - 1) * (directions * across).sum(-1))[:, None] * across
 
 
-def _copy_strands(scene: SceneModel, active: ActiveActorTensors, rays: RayBatch, sampling: Sampling) -> list[Strands]:
+def _copy_segments(scene: SceneModel, active: ActiveActorTensors, rays: RayBatch, sampling: Sampling) -> list[RaySegments]:
     """What stands above the ground in a source box, seen where its copy stands."""
     if active.copies is None or active.copy_source is None:
         return []
@@ -266,15 +267,15 @@ def _copy_strands(scene: SceneModel, active: ActiveActorTensors, rays: RayBatch,
     feature = scene.directed(feature, rays.directions[hits.ray].repeat_interleave(t.shape[1], 0))
     length = torch.diff(t, dim=1, prepend=hits.t_near[:, None]) if scene.config.density == "volume" else None
     tau, share = _intervals(scene, s, t, length, actor=False)
-    medium = torch.full_like(hits.ray, -2)
+    field = torch.full_like(hits.ray, -2)
     feature = feature.view(*t.shape, scene.config.features)
-    strands = Strands(hits.ray, t, s, feature, tau, share, points, medium, beta=float(scene.beta().detach()))
-    strands.world_from_box = hits.world_from_box @ pose[:, :3, :3].mT
-    return [strands]
+    ray_segments = RaySegments(hits.ray, t, s, feature, tau, share, points, field, beta=float(scene.beta().detach()))
+    ray_segments.world_from_box = hits.world_from_box @ pose[:, :3, :3].mT
+    return [ray_segments]
 
 
-def _surfaces(mesh_hits: MeshHits, rays: RayBatch, first: int, foreign: int) -> Strands:
-    """Meshes as strands of one sample: opaque there as far as they cover the ray. They have no features."""
+def _surfaces(mesh_hits: MeshHits, rays: RayBatch, first: int, foreign: int) -> RaySegments:
+    """Meshes as ray segments of one sample: opaque there as far as they cover the ray. They have no features."""
 
     def tensor(values: NDArray[Any]) -> Tensor:
         return torch.as_tensor(values).to(rays.origins.device, rays.origins.dtype)
@@ -284,7 +285,7 @@ def _surfaces(mesh_hits: MeshHits, rays: RayBatch, first: int, foreign: int) -> 
     nothing, number = torch.zeros_like(t), torch.as_tensor(mesh_hits.actor, device=t.device) + first
     ray, points = torch.as_tensor(mesh_hits.ray, device=t.device), rays.origins.new_zeros(len(t), 1, 3)
     bounds = t[:, 0], t[:, 0]
-    return Strands(
+    return RaySegments(
         ray, t, nothing, nothing[..., None], tau, nothing, points, number, foreign, bounds, normals=tensor(mesh_hits.normals)
     )  # fmt: skip
 
@@ -293,7 +294,7 @@ def _cleared(
     scene: SceneModel,
     active: ActiveActorTensors,
     rays: RayBatch,
-    actors: list[Strands],
+    actors: list[RaySegments],
     ray: Tensor,
     t: Tensor,
     points: Tensor,
@@ -316,16 +317,16 @@ def _cleared(
 
 
 @torch.no_grad()
-def _in_boxes(active: ActiveActorTensors, rays: RayBatch, actors: list[Strands], ray: Tensor, t: Tensor) -> Tensor:
+def _in_boxes(active: ActiveActorTensors, rays: RayBatch, actors: list[RaySegments], ray: Tensor, t: Tensor) -> Tensor:
     """Which samples t (P, K) of rays (P,) lie in the box of an actor that the ray meets, or in a removed one: (P, K)."""
     covers = torch.zeros_like(t)
     row_of_ray = torch.full((len(rays),), -1, dtype=torch.long, device=t.device)
     row_of_ray[ray] = torch.arange(len(ray), device=t.device)
-    for strand in actors:
-        assert strand.bounds is not None
-        row = row_of_ray[strand.ray]
+    for ray_segment in actors:
+        assert ray_segment.bounds is not None
+        row = row_of_ray[ray_segment.ray]
         known = row >= 0
-        row, near, far = row[known], strand.bounds[0][known], strand.bounds[1][known]
+        row, near, far = row[known], ray_segment.bounds[0][known], ray_segment.bounds[1][known]
         covered = (t[row] >= near[:, None]) & (t[row] <= far[:, None])
         covers.index_put_((row,), covered.to(covers.dtype), accumulate=True)
     inside = covers > 0

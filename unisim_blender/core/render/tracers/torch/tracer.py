@@ -128,7 +128,7 @@ class TorchTracer:
             traced = trace(self.scene.model, self.tensors, part, sampling, among, surfaces)
             self._count(part, traced, stats)
             maps.append(ray_passes(self.scene, self.tensors, part, traced, passes))
-            traced.strands = []
+            traced.ray_segments = []
             pieces.append(traced)
         covered = _joined([p.mesh_opacity for p in pieces])
         joined = {name: np.concatenate([m[name] for m in maps]) for name in maps[0]}
@@ -155,7 +155,7 @@ class TorchTracer:
         # what places a sample costs a distance query too
         spent = traced.samples + sum(
             len(s.ray) * (config.static_proposals if s.bounds is None else config.actor_proposals)
-            for s in traced.strands
+            for s in traced.ray_segments
             if s.normals is None
         )
         stats.rays += len(part)
