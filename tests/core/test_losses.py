@@ -20,15 +20,15 @@ from unisim_blender.core.training.adversarial import Adversary, PatchDiscriminat
 from unisim_blender.core.training.data import LidarBatch, PatchBatch
 from unisim_blender.core.training.losses import (
     colour_squares,
-    distance_band,
+    distortion,
     eikonal,
     expected_error,
     gradient_difference,
     lidar_terms,
+    normal_smoothness,
     perceptual_stand_in,
-    spread,
+    sdf_band_loss,
     ssim,
-    turning,
 )
 from unisim_blender.core.training.perceptual import VggLoss
 
@@ -101,13 +101,13 @@ def test_gradient_difference_by_hand() -> None:
     ),
 )
 def test_distances_about_a_return(offset: float, s: float, loss: float) -> None:
-    assert float(distance_band(torch.tensor([s]), torch.tensor([offset]))) == pytest.approx(loss, abs=1e-6)
+    assert float(sdf_band_loss(torch.tensor([s]), torch.tensor([offset]))) == pytest.approx(loss, abs=1e-6)
 
 
 def test_turning_is_the_angle_between_normals_however_long() -> None:
     a = torch.tensor([[2.0, 0, 0], [0, 3, 0], [0, 0, 0.5]])
     b = torch.tensor([[0.1, 0, 0], [0, -1, 0], [0, 1.0, 0]])
-    assert float(turning(a, b)) == pytest.approx((0 + 2 + 2**0.5) / 3)
+    assert float(normal_smoothness(a, b)) == pytest.approx((0 + 2 + 2**0.5) / 3)
 
 
 def test_eikonal() -> None:
@@ -131,7 +131,7 @@ def test_spread_is_mip_nerfs_distortion() -> None:
     place = ray_segment.stops().log()
     w = ray_segment.interval_weight
     plain = (w[:, :, None] * w[:, None] * (place[:, :, None] - place[:, None]).abs()).sum((1, 2)).mean()
-    assert float(spread(traced)) == pytest.approx(float(plain), rel=1e-4) and float(plain) > 1e-4
+    assert float(distortion(traced)) == pytest.approx(float(plain), rel=1e-4) and float(plain) > 1e-4
 
 
 def measured(n: int, factor: float = 1.0, returned: float = 1.0) -> tuple[Stage, LidarBatch]:

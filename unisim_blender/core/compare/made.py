@@ -17,7 +17,7 @@ from ..render.renderer import Renderer
 from ..render.tracers.surfels.build import Step, finished
 from ..render.tracers.surfels.cache import build_key, surfels_of
 from ..training.config import TrainConfig
-from ..training.learnt import learnt
+from ..training.load_or_train import load_or_train
 from ..world.drive import Drive
 from .methods import Method
 from .wishes import Wishes
@@ -40,7 +40,7 @@ def make(name: str, method: Method, log: Log, folder: Path, wishes: Wishes, quie
     a checkpoint."""
     if method.untrained is not None:
         return _untrained(method.untrained, log, wishes)
-    header = learnt(log, _config(method, log, wishes), folder, quiet)
+    header = load_or_train(log, _config(method, log, wishes), folder, quiet)
     seconds, steps = header.training["seconds"], header.training["iterations"]
     about = {"training_s": seconds, "iterations": steps}
 

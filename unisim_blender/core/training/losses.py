@@ -101,7 +101,7 @@ def expected_error(traced: SegmentTrace, depth_m: Tensor, worst_m: float = 10.0)
     return error
 
 
-def distance_band(s: Tensor, offset_m: Tensor) -> Tensor:
+def sdf_band_loss(s: Tensor, offset_m: Tensor) -> Tensor:
     """Signed distances s (N,) at points ``offset_m`` (N,) before (+) or behind (-) a LiDAR return along its ray.
 
     At the return the distance is 0; before it, it is positive and at most the offset; behind, negative and at least it.
@@ -111,7 +111,7 @@ def distance_band(s: Tensor, offset_m: Tensor) -> Tensor:
 
 
 def wrong_side(s: Tensor, offset_m: Tensor) -> Tensor:
-    """What signed distances s (N,) lack to a fifth of ``offset_m`` (N,), each as in `distance_band`: (N,)."""
+    """What signed distances s (N,) lack to a fifth of ``offset_m`` (N,), each as in `sdf_band_loss`: (N,)."""
     return F.relu(0.2 * offset_m.abs() - torch.sign(offset_m) * s)
 
 
@@ -120,7 +120,7 @@ def eikonal(differences: Tensor) -> Tensor:
     return ((differences.norm(dim=-1) - 1) ** 2).mean()
 
 
-def turning(a: Tensor, b: Tensor) -> Tensor:
+def normal_smoothness(a: Tensor, b: Tensor) -> Tensor:
     """How much directions turn from gradients a (N, 3) to b (N, 3): mean length of the difference of their unit vectors.
 
     The length, not its square: edges turn a lot, and are meant to.
@@ -128,7 +128,7 @@ def turning(a: Tensor, b: Tensor) -> Tensor:
     return (F.normalize(a, dim=-1) - F.normalize(b, dim=-1)).norm(dim=-1).mean()
 
 
-def spread(traced: SegmentTrace) -> Tensor:
+def distortion(traced: SegmentTrace) -> Tensor:
     """How far a ray's weight is spread in log depth: the distortion of mip-NeRF 360 (eq. 15), on the static segments."""
     ray_segment = traced.static
     if ray_segment is None:

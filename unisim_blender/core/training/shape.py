@@ -12,7 +12,7 @@ from ..model.scene import SceneModel
 from ..ops.constants import GROUND_CELL_M
 from ..ops.ray_segments import RaySegments, SegmentTrace
 from .data import LidarBatch
-from .losses import distance_band, eikonal, turning, wrong_side
+from .losses import eikonal, normal_smoothness, sdf_band_loss, wrong_side
 
 _BAND_M = 0.3
 """So far before a return the distance is between bounds that the way to it gives."""
@@ -39,7 +39,9 @@ class Shape:
     def __init__(self, model: SceneModel, occupancy: OccupancyTrainer, known_ground: Tensor) -> None:
         self.model, self.occupancy, self.known_ground = model, occupancy, known_ground
 
-    def band(self, tables: Tensor, swept: SegmentTrace, lidar: LidarBatch, generator: torch.Generator) -> tuple[Tensor, Tensor]:
+    def sdf_band(
+        self, tables: Tensor, swept: SegmentTrace, lidar: LidarBatch, generator: torch.Generator
+    ) -> tuple[Tensor, Tensor]:
         """What signed distances at and before LiDAR returns miss, and points (N, 3) of the static field near such returns.
 
         ``tables`` are the actors' grids; ``swept`` is what the rays of ``lidar`` met.
@@ -68,7 +70,7 @@ class Shape:
         o, d, depth_m = o[static], d[static], lidar.depth_m[static]
         offset = self._offsets(len(o), generator, _BAND_M)
         x = o + d * (depth_m - offset)[:, None]
-        band = band + distance_band(model.static.distance(x), offset) + self._ground_band(end[static & ~above], generator)
+        band = band + sdf_band_loss(model.static.distance(x), offset) + self._ground_band(end[static & ~above], generator)
         # a ray that grazes the road is early as often as late
         stops = above & (swept.near_opacity > 0.5)
         stop_m = torch.where(stops, swept.near_depth_m.detach(), torch.inf)[static]
@@ -94,13 +96,13 @@ class Shape:
         assert ray_segment.size_m is not None
         actor = ray_segment.field[met]
         offset = self._offsets(len(actor), generator, 0.15)
-        band = distance_band(self.model.actors.distance(tables, place(offset).clamp(0, 1), actor), offset)
+        band = sdf_band_loss(self.model.actors.distance(tables, place(offset).clamp(0, 1), actor), offset)
         reach = (_SOLID_SHARE * ray_segment.size_m[met].amin(-1)).clamp_max(_SOLID_M)
         behind = _behind(reach, generator)
         x = place(-behind)
         inside = ((x > 0) & (x < 1)).all(-1)
         s = self.model.actors.distance(tables, x.clamp(0, 1), actor)
-        return band + _hollow(s, behind, inside)
+        return band + _hinge(s, behind, inside)
 
     def _wall_band(self, o: Tensor, d: Tensor, depth_m: Tensor, generator: torch.Generator) -> Tensor:
         """What the static distances lack behind returns, on rays o, d (N, 3) at depth_m (N,): walls are solid as actors are."""
@@ -108,7 +110,7 @@ class Shape:
             return depth_m.new_zeros(())
         behind = _behind(torch.full_like(depth_m, _WALL_M), generator)
         x = o + d * (depth_m + behind)[:, None]
-        return _hollow(self.model.static.distance(x), behind, self.model.frame.inside(x) & self.model.ground.above(x))
+        return _hinge(self.model.static.distance(x), behind, self.model.frame.inside(x) & self.model.ground.above(x))
 
     def slopes(
         self, tables: Tensor, swept: SegmentTrace, seen: SegmentTrace, near: Tensor, generator: torch.Generator
@@ -158,7 +160,7 @@ class Shape:
             beside = F.normalize(beside - (beside * normal).sum(-1, keepdim=True) * normal, dim=-1)
             beside = x + _FLAT_M * torch.rand(len(x), 1, generator=generator, device=x.device) * beside
         both = self._static_gradient(torch.cat([x, beside])).view(2, -1, 3)
-        return turning(both[0], both[1])
+        return normal_smoothness(both[0], both[1])
 
     def _static_gradient(self, x: Tensor) -> Tensor:
         return distance_gradient(self.model.static.distance, x, _STEP_M)
@@ -194,7 +196,7 @@ class Shape:
         height = torch.rand(len(returns), generator=generator, device=device) * 0.6 - 0.4
         height = torch.where(height > 0.1, torch.zeros_like(height), height)
         s = self.model.static.distance(returns + F.pad(height[:, None], (2, 0)))
-        band = distance_band(s, height) + F.relu(s - 0.8 * height)[height < 0].sum() / len(returns)
+        band = sdf_band_loss(s, height) + F.relu(s - 0.8 * height)[height < 0].sum() / len(returns)
         cells = self.known_ground[torch.randint(len(self.known_ground), (256,), generator=generator, device=device)]
         place = (cells + torch.rand(256, 2, generator=generator, device=device)) * GROUND_CELL_M
         deep = 0.15 + 0.35 * torch.rand(256, generator=generator, device=device)
@@ -216,6 +218,6 @@ def _behind(reach_m: Tensor, generator: torch.Generator) -> Tensor:
     return nearest + (reach_m - nearest) * torch.rand(len(reach_m), generator=generator, device=reach_m.device)
 
 
-def _hollow(s: Tensor, behind_m: Tensor, there: Tensor) -> Tensor:
+def _hinge(s: Tensor, behind_m: Tensor, there: Tensor) -> Tensor:
     """Mean of what distances s (N,) lack so far behind returns, (N,), of a solid; those not ``there`` lack nothing."""
     return (wrong_side(s, -behind_m.clamp_max(_DEEP_M)) * there).sum() / len(s)
