@@ -177,11 +177,11 @@ def test_unknown_names_are_refused_before_anything_is_written(
 
 
 def test_edits_change_the_key_and_paths_do_not(scenario: Path) -> None:
-    from unisim_blender.core.prepare.scenario_plan import Wishes, plan_scenario
+    from unisim_blender.core.prepare.scenario_plan import RenderOptions, plan_scenario
     from unisim_blender.core.sequence.identity import CaptureIdentities
 
-    plan, _ = plan_scenario(scenario, Wishes())
-    other, _ = plan_scenario(scenario, Wishes(frames="0:2"))
+    plan, _ = plan_scenario(scenario, RenderOptions())
+    other, _ = plan_scenario(scenario, RenderOptions(frames="0:2"))
     identities = CaptureIdentities(plan).of_frame(1)
     assert CaptureIdentities(other).of_frame(1) == identities, "which frames are asked for changes none of them"
     rescened = CaptureIdentities(replace(plan, scenes={"": "0" * 64})).of_frame(1)

@@ -12,7 +12,7 @@ from ..core.data.pandaset.sensors import CAMERAS
 from ..core.data.pandaset.writer import PandasetWriter
 from ..core.prepare.scenario import prepare_scenario
 from ..core.prepare.street import street_of
-from ..core.street.path_tracer import Order, Wanted
+from ..core.street.path_tracer import Order, TruthRequest
 from ..core.street.stage import Workshop
 from ..core.street.street import Street, load_street
 from ..core.street.true_pictures import keep_picture, picture_path, shown
@@ -58,7 +58,7 @@ def log_jobs(out: Path) -> list[Job]:
     ]
 
 
-def truth_jobs(out: Path, truths: tuple[Wanted, ...], width: int | None) -> list[Job]:
+def truth_jobs(out: Path, truths: tuple[TruthRequest, ...], width: int | None) -> list[Job]:
     """Pictures of scenarios' edited drives and of the unedited one, where ``out`` lacks them; each once."""
     jobs: dict[Path, Job] = {}
     home = load_street(out)

@@ -32,9 +32,9 @@ from ..render.tracers.surfels.views import outline_in
 from ..street.street import Street
 from .kept_truth import KeptTruth
 from .made import Made
+from .options import CompareOptions
 from .parts import REPLAY, Part
 from .timed import Timed
-from .wishes import Wishes
 
 SHOWN = 2
 """Frames of a part whose pictures the page shows."""
@@ -47,15 +47,15 @@ class Bench:
     log: Log
     street: Street | None
     out: Path
-    wishes: Wishes
+    options: CompareOptions
     perceptual: Perceptual | None = None
     inception: Inception | None = None
 
     @cached_property
     def outlines(self) -> dict[str, tuple[Outline, int]]:
         """The recording vehicle's in its images, for all methods alike: what shows it is not compared. Raises `LogError`."""
-        frames = self.wishes.learnt(self.log.drive)
-        return {key: found for name in self.wishes.cameras for key, found in outline_in(self.log, name, frames).items()}
+        frames = self.options.training_frames(self.log.drive)
+        return {key: found for name in self.options.cameras for key, found in outline_in(self.log, name, frames).items()}
 
 
 def measured(bench: Bench, name: str, made: Made, part: Part, progress: Progress) -> dict[str, Any]:
@@ -90,7 +90,7 @@ def shown_frames(part: Part) -> tuple[int, ...]:
 
 def _key(bench: Bench, made: Made, part: Part) -> dict[str, Any]:
     """All that the figures depend on."""
-    w = bench.wishes
+    w = bench.options
     return {
         "renders": made.key,
         "scenario": None if part.name == REPLAY else sha256_of_file(part.scenario),
@@ -105,7 +105,7 @@ def _key(bench: Bench, made: Made, part: Part) -> dict[str, Any]:
 
 def _recorded(bench: Bench, name: str, made: Made, part: Part, progress: Progress) -> dict[str, Any]:
     """The replay beside a real log."""
-    log, w = bench.log, bench.wishes
+    log, w = bench.log, bench.options
     drive = log.drive if made.header is None else replayed_drive(made.header, log.drive, log.path)
     renderer = Timed(made.renderer(drive))
     plan = EvaluationPlan(
@@ -113,7 +113,7 @@ def _recorded(bench: Bench, name: str, made: Made, part: Part, progress: Progres
         cameras=w.cameras,
         lidars=beam_lidars(log),
         width=w.width,
-        trained=w.learnt(log.drive),
+        trained=w.training_frames(log.drive),
         perceptual=bench.perceptual,
         outlines=bench.outlines,
     )
@@ -136,10 +136,10 @@ def _recorded(bench: Bench, name: str, made: Made, part: Part, progress: Progres
 
 def _true(bench: Bench, name: str, made: Made, part: Part, progress: Progress) -> dict[str, Any]:
     """A street's replay or edit beside its truth."""
-    w = bench.wishes
+    w = bench.options
     rendered = prepare_scenario(part.scenario, scene=made.scene, refined=made.scene is not None)
     true = prepare_scenario(part.scenario, refined=False)
-    truth = TrueEdit.on(bench.log.path, true, w.learnt(bench.log.drive), w.cameras, w.width)
+    truth = TrueEdit.on(bench.log.path, true, w.training_frames(bench.log.drive), w.cameras, w.width)
     cameras = tuple(camera for camera in w.cameras if camera in true.edited.cameras)
     truth.draw(part.scenario, part.frames, cameras)
     kept = KeptTruth(truth, bench.out / "truth" / f"{part.name}-{_digest(bench, part)}")
@@ -163,7 +163,7 @@ def _true(bench: Bench, name: str, made: Made, part: Part, progress: Progress) -
 
 def _digest(bench: Bench, part: Part) -> str:
     """What a part's truth depends on besides the street, short."""
-    w = bench.wishes
+    w = bench.options
     scenario = "" if part.name == REPLAY else sha256_of_file(part.scenario)
     text = json.dumps([scenario, w.width, w.frames, list(w.cameras)])
     return hashlib.sha256(text.encode()).hexdigest()[:12]

@@ -13,7 +13,7 @@ from ..prepare.scenario import PreparedScenario
 from ..prepare.street import street_of
 from ..sensors.frames import LidarFrame
 from ..street.edit_masks import edit_masks
-from ..street.path_tracer import Wanted, draw_truths
+from ..street.path_tracer import TruthRequest, draw_truths
 from ..street.street import Street, load_street
 from ..street.true_pictures import lacks_pictures, true_picture
 from ..street.truth import resize, truth_camera, truth_lidar
@@ -61,7 +61,7 @@ class TrueEdit:
     def draw(self, scenario: Path, frames: tuple[int, ...], cameras: tuple[str, ...]) -> None:
         """Have the pictures drawn that only a path tracer can draw, and that are not there. Raises `UnisimError`."""
         if lacks_pictures(self.path, self.street, (self.edited, self.recorded), cameras, frames, self._drawn_width):
-            draw_truths(self.path, (Wanted(scenario, frames, cameras),), self._drawn_width, progress=True)
+            draw_truths(self.path, (TruthRequest(scenario, frames, cameras),), self._drawn_width, progress=True)
 
     def pictures(self, camera: str, frame: int) -> TruePictures:
         """What a camera sees. Raises `UnisimError`."""

@@ -23,7 +23,7 @@ from .contact_sheet import CameraRow, camera_row, sweep_tile, write_contact_shee
 from .metrics import Picture
 from .pictures import Tile
 from .recorded import FramePictures, Perceptual, RayRenderer, finite
-from .recorded_runs import EvaluationWishes, Progress, perceptual_metric, trained_frames
+from .recorded_runs import EvaluationOptions, Progress, perceptual_metric, trained_frames
 from .report import Report
 from .true_edits import Part, TrueEdit, TruePictures
 from .truth import lidar_figures_beside, picture_figures, summarise_truth
@@ -64,7 +64,7 @@ def evaluate_scenarios(
     street_path: Path,
     scenarios: tuple[Path, ...],
     out: Path,
-    wishes: EvaluationWishes,
+    options: EvaluationOptions,
     progress: Progress,
     scene: Path | None = None,
 ) -> dict[str, Any]:
@@ -74,10 +74,10 @@ def evaluate_scenarios(
     below ``out``. Raises `UnisimError`.
     """
     if len(scenarios) == 1:
-        return evaluate_scenario(street_path, scenarios[0], out, wishes, progress, scene)
+        return evaluate_scenario(street_path, scenarios[0], out, options, progress, scene)
     figures = {}
     for path in scenarios:
-        figures[path.stem] = evaluate_scenario(street_path, path, out / path.stem, wishes, progress, scene)
+        figures[path.stem] = evaluate_scenario(street_path, path, out / path.stem, options, progress, scene)
     write_file(out / "metrics.json", json_bytes(figures))
     Report(out, "Edits against the truth").finish(figures)
     return figures
@@ -87,7 +87,7 @@ def evaluate_scenario(
     street_path: Path,
     scenario: Path,
     out: Path,
-    wishes: EvaluationWishes,
+    options: EvaluationOptions,
     progress: Progress,
     scene: Path | None = None,
 ) -> dict[str, Any]:
@@ -96,21 +96,21 @@ def evaluate_scenario(
     if rendered.scene_path is None:
         raise ScenarioError(f"{scenario}: scene: names no trained scene to render with; give one with --scene")
     header = read_scene_header(rendered.scene_path)
-    name, width = rendered.scenario.name, wishes.width or header.training.get("width")
+    name, width = rendered.scenario.name, options.width or header.training.get("width")
     drive = rendered.edited
-    frames = drive.frames if wishes.frames is None else select_frames(wishes.frames, sorted(drive.time_s))
-    cameras = wishes.cameras or tuple(drive.cameras)
+    frames = drive.frames if options.frames is None else select_frames(options.frames, sorted(drive.time_s))
+    cameras = options.cameras or tuple(drive.cameras)
     check_names("camera", cameras, drive.cameras)
     truth = TrueEdit.on(street_path, true, trained_frames(header), tuple(header.training.get("cameras", ())), width)
     truth.draw(scenario, frames, cameras)
     run = ScenarioRun(
         truth,
-        SceneSource(rendered.scene_path, drive, wishes.quality, wishes.device)(),
-        SceneSource(rendered.scene_path, rendered.recorded, wishes.quality, wishes.device)(),
+        SceneSource(rendered.scene_path, drive, options.quality, options.device)(),
+        SceneSource(rendered.scene_path, rendered.recorded, options.quality, options.device)(),
         width,
         frames,
         cameras,
-        perceptual_metric(wishes.lpips_weights),
+        perceptual_metric(options.lpips_weights),
     )
     report, per_frame, rows = Report(out, f"{name} against the truth"), [], []
     for frame in progress(frames, name):
@@ -124,7 +124,7 @@ def evaluate_scenario(
         "scene": {"name": header.name, "sha256": scene_hash(header.path)},
         "street": truth.street.drive.name,
         "code": code_identity(),
-        "quality": wishes.quality,
+        "quality": options.quality,
         "width": width,
         "frames": list(frames),
         "trained_frames": list(trained_frames(header)),

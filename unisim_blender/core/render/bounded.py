@@ -21,7 +21,16 @@ from numpy.typing import NDArray
 from ..colour import lab_from_srgb
 from ..geometry import FloatArray
 from ..sensors.camera import pixel_grid
-from ..sensors.error_bound import Bound, Check, Promise, depth_errors, drawn, mean_at_most, quantile_check, sample_frames
+from ..sensors.error_bound import (
+    BoundCheck,
+    ErrorBound,
+    ErrorBoundResult,
+    depth_errors,
+    drawn,
+    mean_at_most,
+    quantile_check,
+    sample_frames,
+)
 from ..sensors.frames import CameraFrame, LidarFrame
 from .drive_renderer import DriveRenderer
 from .quality import LADDER, TRUTH, Quality
@@ -52,7 +61,7 @@ class BoundedRenderer:
     """Renders a drive so that ``bounds`` are kept; sensors that none is for at the renderer's own quality. ``seed`` is of the
     samples."""
 
-    def __init__(self, renderer: DriveRenderer, bounds: Sequence[Bound], seed: int = 0) -> None:
+    def __init__(self, renderer: DriveRenderer, bounds: Sequence[ErrorBound], seed: int = 0) -> None:
         self.renderer, self.seed = renderer, seed
         self.of_depth = tuple(bound for bound in bounds if bound.unit == "mm")
         self.of_colour = tuple(bound for bound in bounds if bound.unit != "mm")
@@ -72,12 +81,12 @@ class BoundedRenderer:
         for name, quality in LADDER.items():
             with at_quality(self.renderer, quality):
                 errors = depth_errors(self.renderer.rays_lidar(*sample)[0], truth)
-            promise = Promise(name, BEAMS, tuple(quantile_check(bound, errors) for bound in self.of_depth))
-            if promise.kept:
+            error_bound = ErrorBoundResult(name, BEAMS, tuple(quantile_check(bound, errors) for bound in self.of_depth))
+            if error_bound.kept:
                 break
         with at_quality(self.renderer, quality):
             sweep = self.renderer.lidar(lidar_id, frame)
-        sweep.promise = promise
+        sweep.error_bound = error_bound
         return sweep
 
     def camera(self, camera_id: str, frame: int, passes: Sequence[str] = ("rgb",), width: int | None = None) -> CameraFrame:
@@ -99,9 +108,9 @@ class BoundedRenderer:
                 rng = np.random.default_rng([self.seed, frame, *camera_id.encode()])
                 sample = _Checked(patches, frame, picture.rgb, rng)
             checks = tuple(sample.check(bound, picture.rgb, drive.errors(name)) for bound in self.of_colour)
-            picture.promise = Promise(name, len(sample.units), checks)
+            picture.error_bound = ErrorBoundResult(name, len(sample.units), checks)
             names = names[names.index(name) + 1 :]
-            if picture.promise.kept or not names:
+            if picture.error_bound.kept or not names:
                 return picture
             scale = max(1.0, max(check.most / max(drive.errors(name).at_most(check.bound), 1e-20) for check in checks))
 
@@ -118,25 +127,25 @@ def at_quality(renderer: DriveRenderer, quality: Quality) -> Iterator[None]:
 
 
 def colour_errors(rgb: Colours, truth: Colours) -> dict[str, FloatArray]:
-    """Errors (N,) of colours (N, 3), by `Bound.unit`: mean squares, and colour differences."""
+    """Errors (N,) of colours (N, 3), by `ErrorBound.unit`: mean squares, and colour differences."""
     lab = [lab_from_srgb(np.asarray(x, np.float32)) for x in (rgb, truth)]
     return {"dB": ((rgb - truth) ** 2).mean(-1), "dE": np.linalg.norm(lab[0] - lab[1], axis=-1)}
 
 
 @dataclass(frozen=True)
 class _Errors:
-    """Of a drive's pixels at one settings, by `Bound.unit`."""
+    """Of a drive's pixels at one settings, by `ErrorBound.unit`."""
 
     of_pixels: dict[str, FloatArray]
 
-    def at_most(self, bound: Bound) -> float:
+    def at_most(self, bound: ErrorBound) -> float:
         return mean_at_most(self.of_pixels[bound.unit], OF_DRIVE)
 
-    def cap(self, bound: Bound) -> float:
+    def cap(self, bound: ErrorBound) -> float:
         """The error that the WORST pixels exceed."""
         return float(np.quantile(self.of_pixels[bound.unit], 1 - WORST))
 
-    def beyond(self, bound: Bound) -> float:
+    def beyond(self, bound: ErrorBound) -> float:
         """What errors add to their mean by what they exceed the cap, at most."""
         return mean_at_most(np.maximum(self.of_pixels[bound.unit] - self.cap(bound), 0), OF_DRIVE)
 
@@ -214,7 +223,7 @@ class _DrivePixels:
             self._errors[name] = _Errors(colour_errors(self._rendered(LADDER[name]), self._truth))
         return self._errors[name]
 
-    def keeps(self, name: str, bounds: Sequence[Bound], scale: float) -> bool:
+    def keeps(self, name: str, bounds: Sequence[ErrorBound], scale: float) -> bool:
         """Whether settings are expected to keep the bounds in a picture whose errors are ``scale`` times the drive's."""
         return all(scale * self.errors(name).at_most(bound) <= bound.most for bound in bounds)
 
@@ -241,12 +250,12 @@ class _Checked:
         """What each patch says of the picture's mean (Hansen & Hurwitz 1943)."""
         return np.bincount(self._owners, of_pixels, len(self.units)) * self._scale
 
-    def check(self, bound: Bound, picture: NDArray[np.float32], drive: _Errors) -> Check:
+    def check(self, bound: ErrorBound, picture: NDArray[np.float32], drive: _Errors) -> BoundCheck:
         """A bound in a picture of the same frame, beside the drive's errors at the same settings."""
         errors = colour_errors(self.patches.shown(picture, self.units), self._truth)[bound.unit]
         terms, capped = self._terms(errors), self._terms(np.minimum(errors, drive.cap(bound)))
         most = max(mean_at_most(terms, OF_PICTURE), mean_at_most(capped, OF_PICTURE) + WORST_MARGIN * drive.beyond(bound))
-        return Check(bound, float(terms.mean()), most)
+        return BoundCheck(bound, float(terms.mean()), most)
 
 
 def edges(picture: NDArray[np.float32]) -> FloatArray:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ..geometry import FloatArray
 from ..world.drive import CameraModel, LidarModel
-from .error_bound import Promise
+from .error_bound import ErrorBoundResult
 
 CAMERA_PASSES = ("rgb", "depth", "normal", "instance", "opacity", "support")
 """Passes a camera frame can hold; ``rgb`` alone is rendered where nothing else was asked for."""
@@ -55,7 +55,7 @@ class CameraFrame:
     unsupported: NDArray[np.bool_] | None = None
     instances: tuple[str, ...] = ()
     stats: RenderStats = field(default_factory=RenderStats)
-    promise: Promise | None = None
+    error_bound: ErrorBoundResult | None = None
 
 
 @dataclass
@@ -78,4 +78,4 @@ class LidarFrame:
     instance: NDArray[np.int32]
     instances: tuple[str, ...] = ()
     stats: RenderStats = field(default_factory=RenderStats)
-    promise: Promise | None = None
+    error_bound: ErrorBoundResult | None = None

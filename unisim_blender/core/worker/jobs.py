@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ..data import open_log
 from ..data.log import Log
-from ..prepare.cannot import warnings
+from ..prepare.capabilities import capability_warnings
 from ..prepare.renderers import (
     UNTRAINED,
     UNTRAINED_DEFAULT,
@@ -122,7 +122,7 @@ class Jobs:
         """What comes out otherwise than the edits ask for."""
         if scenario.scene_path is not None:
             (recorded,) = self.recorded.values()
-            for sentence in warnings(scenario.scene_path, recorded, drive, sweeps):
+            for sentence in capability_warnings(scenario.scene_path, recorded, drive, sweeps):
                 yield {"event": "warning", "text": sentence}
 
     def _renderer(self, request: Message, scenario: Scenario, drive: Drive) -> Generator[Message, None, DriveRenderer]:

@@ -10,7 +10,7 @@ import click
 
 from ...errors import UnisimError
 from ...output.frame_files import camera_path
-from ...prepare.scenario_plan import SEQUENCE_FORMATS, Wishes, plan_scenario, sequence_formats
+from ...prepare.scenario_plan import SEQUENCE_FORMATS, RenderOptions, plan_scenario, sequence_formats
 from ...prepare.selection import split_names
 from ...progress import Bar
 from ...render.quality import QUALITY
@@ -85,10 +85,10 @@ def command(
     if quality and max_error:
         raise UnisimError(f"--quality {quality} and --max-error {max_error[0]}: give one of the two")
     device, bounds = pick_device(device), parse_bounds(max_error)
-    wishes = Wishes(
+    options = RenderOptions(
         frames, split_names(sensors), split_names(passes), width, quality, device, draw, bounds, renderer, sources, scene
     )
-    plan, prepared = plan_scenario(scenario, wishes)
+    plan, prepared = plan_scenario(scenario, options)
     for sentence in plan.about.get("warnings", ()):
         click.echo(f"Warning: {sentence}", err=True)
     with Bar(total=1.0, bar_format="{desc}: {percentage:3.0f}%|{bar}| {elapsed}", dynamic_ncols=True, delay=0.5) as bar:
