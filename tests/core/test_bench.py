@@ -19,7 +19,7 @@ from random_scene import CARS, TINY, saved
 from unisim_blender.core import native
 from unisim_blender.core.bench.cases import all_cases, camera_case, middle, subject_of, windows
 from unisim_blender.core.bench.copies import grid, model_actor, with_copies
-from unisim_blender.core.bench.errors import depth_error, picture_error
+from unisim_blender.core.bench.errors import depth_error, image_error
 from unisim_blender.core.bench.figures import figures_of
 from unisim_blender.core.bench.machine import processor
 from unisim_blender.core.bench.measure import turns
@@ -232,10 +232,10 @@ def test_pareto_front_by_hand() -> None:
 def test_errors_of_pictures_and_depths() -> None:
     rng = np.random.default_rng(0)
     pieces = [rng.random((4, 5, 3), np.float32), rng.random((2, 3, 3), np.float32)]
-    same = picture_error(pieces, pieces)
+    same = image_error(pieces, pieces)
     assert same == {"psnr_db": math.inf, "delta_e": 0}
     black, white = [np.zeros((2, 2, 3), np.float32)], [np.ones((2, 2, 3), np.float32)]
-    far = picture_error(black, white)
+    far = image_error(black, white)
     assert far["psnr_db"] == 0 and far["delta_e"] == pytest.approx(100, abs=0.01)
     truth = np.array([10.0, 20.0, 30.0, 0.0, 5.0], np.float32)
     assert depth_error(truth, truth) == {"median_mm": 0, "p90_mm": 0, "p99_mm": 0, "within_2cm": 1, "hits_agree": 1}

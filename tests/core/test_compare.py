@@ -146,14 +146,14 @@ def test_the_truth_is_kept_and_a_broken_file_is_made_again(log: Path, tmp_path: 
     scenario = log / FOLDER / "removal.json"
     true = TrueEdit.on(log, prepare_scenario(scenario, refined=False), (0, 2), (CAMERA,), 64)
     kept = KeptTruth(true, tmp_path)
-    first = kept.pictures(CAMERA, 1)
+    first = kept.images(CAMERA, 1)
     (file,) = tmp_path.iterdir()
-    again = kept.pictures(CAMERA, 1)
+    again = kept.images(CAMERA, 1)
     assert first.replay is not None and again.replay is not None
     assert np.array_equal(first.edit, again.edit) and np.array_equal(first.replay, again.replay)
     assert np.array_equal(first.regions.edited, again.regions.edited) and first.regions.edited.any()
     file.write_bytes(file.read_bytes()[:100])
-    assert np.array_equal(kept.pictures(CAMERA, 1).edit, first.edit)
+    assert np.array_equal(kept.images(CAMERA, 1).edit, first.edit)
 
 
 def test_parts_are_held_out_frames_and_edits(log: Path, tmp_path: Path) -> None:

@@ -44,7 +44,7 @@ from unisim_blender.core.street.shapes import Cone, Ellipsoid, box
 from unisim_blender.core.street.street import Street, build_street
 from unisim_blender.core.street.surface_hits import look_up
 from unisim_blender.core.street.trace import Asset, Part, Placement, trace
-from unisim_blender.core.street.true_pictures import picture_path
+from unisim_blender.core.street.true_images import true_image_path
 from unisim_blender.core.street.truth import truth_camera, truth_lidar
 from unisim_blender.core.world.drive import Actor, Drive, Look
 
@@ -514,7 +514,7 @@ def test_the_street_shows_a_larger_car(street: Street) -> None:
 def test_a_picture_that_cycles_drew_is_kept_under_another_name(street: Street, tmp_path: Path) -> None:
     scaled_drive = edited(by(1.4, 1.0, 1.0, actor="car-01"), drive=street.drive)
     names = {
-        picture_path(tmp_path, street, drive, "front_camera", 3, None).name
+        true_image_path(tmp_path, street, drive, "front_camera", 3, None).name
         for drive in (street.drive, scaled_drive, edited(by(1.0, 1.0, 1.0, actor="car-01"), drive=street.drive))
     }
     assert len(names) == 2

@@ -121,7 +121,7 @@ def test_a_bound_on_the_error_is_in_the_manifest(scenario: Path, tmp_path: Path)
 
 def test_a_bound_that_cannot_be_kept_is_owned_up_to(scenario: Path, tmp_path: Path) -> None:
     said = render(scenario, "--out", tmp_path / "out", "--jobs", 1, "--frames", "2", "--sensors", "front", "--max-error", "150dB")
-    assert "Warning: 1 pictures and sweeps may not keep 150dB, though rendered at the finest settings" in said
+    assert "Warning: 1 images and sweeps may not keep 150dB, though rendered at the finest settings" in said
     manifest = json.loads((tmp_path / "out" / "manifest.json").read_bytes())["max_error"]
     assert not manifest["kept"] and manifest["not_kept"] == ["000002: camera/front"]
     promise = manifest["frames"]["000002"]["camera/front"]

@@ -7,7 +7,7 @@ copies.py       actors copied in front of a camera or behind it, to see what the
 process.py      a process that renders, with an environment of its own
 cases.py        what is measured: shots that take turns
 measure.py      the rounds
-errors.py       how far pictures and depths are from the truth
+errors.py       how far images and depths are from the truth
 figures.py      takes to figures
 pareto.py       what nothing else beats
 machine.py      where it was measured

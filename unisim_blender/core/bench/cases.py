@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ..data.log import Log
 from ..errors import SceneError
-from ..evaluate.recorded import recorded_picture
+from ..evaluate.recorded import recorded_image
 from ..model.scene_file import WEIGHTS_NAME, SceneHeader, read_scene_header
 from ..render.quality import QUALITY, TRUTH
 from ..render.regions import Region
@@ -87,7 +87,7 @@ def subject_of(scene: Path, log: Log | None = None) -> Subject:
 
 
 def windows(width: int, height: int, counts: tuple[int, int], size: tuple[int, int]) -> tuple[Region, ...]:
-    """Regions of ``size`` (width, height), evenly spread in ``counts`` (columns, rows); no larger than the picture."""
+    """Regions of ``size`` (width, height), evenly spread in ``counts`` (columns, rows); no larger than the image."""
     w, h = min(size[0], width), min(size[1], height)
     lefts = [round((i + 0.5) * width / counts[0] - w / 2) for i in range(counts[0])]
     tops = [round((j + 0.5) * height / counts[1] - h / 2) for j in range(counts[1])]
@@ -96,7 +96,7 @@ def windows(width: int, height: int, counts: tuple[int, int], size: tuple[int, i
 
 
 def middle(width: int, height: int, share: float) -> Region:
-    """A region in a picture's middle, of its proportions and this share of its area."""
+    """A region in an image's middle, of its proportions and this share of its area."""
     w, h = max(1, round(width * share**0.5)), max(1, round(height * share**0.5))
     left, top = (width - w) // 2, (height - h) // 2
     return Region(left, top, left + w, top + h)
@@ -143,13 +143,13 @@ def _against_truth(subject: Subject, methods: Sequence[Method], shot: Shot) -> l
 
 
 def camera_case(subject: Subject, methods: Sequence[Method], settings: Settings, width: int, threads: int) -> Case:
-    """Pictures of one width."""
+    """Images of one width."""
     model = subject.model.resized(width)
     regions = windows(width, model.height, settings.windows, settings.window)
     shot = Shot(subject.stage(threads=threads), subject.camera, TRUTH, width, regions)
     recorded = None
     if subject.log is not None:
-        picture = recorded_picture(subject.log, subject.camera, subject.frame, width)
+        picture = recorded_image(subject.log, subject.camera, subject.frame, width)
         recorded = [picture[r.top : r.bottom, r.left : r.right] for r in regions]
     about = {"sensor": subject.camera, "frame": subject.frame, "width": width, "height": model.height}
     return Case("camera", about, _against_truth(subject, methods, shot), recorded)
@@ -169,7 +169,7 @@ def _typical(subject: Subject, width: int, threads: int, regions: tuple[Region, 
 
 
 def pixels_case(subject: Subject, settings: Settings, threads: int) -> Case:
-    """Pictures of growing width."""
+    """Images of growing width."""
     entries = [
         Entry({"width": width, "height": subject.model.resized(width).height}, DEFAULT, _typical(subject, width, threads))
         for width in settings.growth_widths
@@ -178,7 +178,7 @@ def pixels_case(subject: Subject, settings: Settings, threads: int) -> Case:
 
 
 def copies_case(subject: Subject, settings: Settings, threads: int) -> Case:
-    """A picture with more and more copies of an actor, in view and behind the camera."""
+    """An image with more and more copies of an actor, in view and behind the camera."""
     shot = _typical(subject, settings.growth_width, threads)
     entries = [
         Entry(
@@ -191,7 +191,7 @@ def copies_case(subject: Subject, settings: Settings, threads: int) -> Case:
 
 
 def region_case(subject: Subject, settings: Settings, threads: int) -> Case:
-    """A picture, and shares of it rendered alone."""
+    """An image, and shares of it rendered alone."""
     width, height = settings.growth_width, subject.model.resized(settings.growth_width).height
     regions = tuple(middle(width, height, share) for share in settings.shares)
     entries = [Entry({"share": None}, DEFAULT, _typical(subject, width, threads, regions))]
@@ -202,7 +202,7 @@ def region_case(subject: Subject, settings: Settings, threads: int) -> Case:
 
 
 def scenes_case(subjects: Sequence[Subject], settings: Settings, threads: int) -> Case:
-    """A picture and a sweep of each scene."""
+    """An image and a sweep of each scene."""
     entries = []
     for subject in subjects:
         header = subject.header
@@ -222,7 +222,7 @@ def scenes_case(subjects: Sequence[Subject], settings: Settings, threads: int) -
 
 
 def memory_case(subject: Subject, settings: Settings, threads: int) -> Case:
-    """A large picture and a sweep, each in a process of its own."""
+    """A large image and a sweep, each in a process of its own."""
     width = settings.memory_width
     picture = _typical(subject, width, threads)
     entries = [Entry({"what": f"picture, {width} wide"}, DEFAULT, picture, once=True, fresh=True)]

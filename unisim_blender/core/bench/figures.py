@@ -9,7 +9,7 @@ import numpy as np
 
 from ..geometry import BoolArray
 from .cases import Case, Entry
-from .errors import Pieces, depth_error, picture_error
+from .errors import Pieces, depth_error, image_error
 from .pareto import pareto_front
 
 FRONT = {"camera": "delta_e", "lidar": "p90_mm"}
@@ -48,7 +48,7 @@ def _memory(case: Case) -> dict[str, Any]:
 
 
 def _region(case: Case) -> dict[str, Any]:
-    """Beside each share of the picture: its time beside the whole's, and whether its pixels are the whole's to the bit."""
+    """Beside each share of the image: its time beside the whole's, and whether its pixels are the whole's to the bit."""
     whole, *parts = case.entries
     found = []
     for i, entry in enumerate(parts):
@@ -76,7 +76,7 @@ def _against_truth(case: Case, error: Callable[[Pieces, Pieces], dict[str, float
         if "truth" in truths:
             row |= error(take.pieces, truths["truth"])
         if case.recorded is not None:
-            row["recorded_psnr_db"] = picture_error(take.pieces, case.recorded)["psnr_db"]
+            row["recorded_psnr_db"] = image_error(take.pieces, case.recorded)["psnr_db"]
         rows.append(row)
     found: dict[str, Any] = {"entries": rows}
     if len(truths) == 2:
@@ -99,7 +99,7 @@ def _lidar(case: Case) -> dict[str, Any]:
 
 
 SUMMARIES: dict[str, Callable[[Case], dict[str, Any]]] = {
-    "camera": lambda case: _against_truth(case, picture_error),
+    "camera": lambda case: _against_truth(case, image_error),
     "lidar": _lidar,
     "region": _region,
     "memory": _memory,

@@ -46,7 +46,7 @@ class Stage:
 
 @dataclass(frozen=True)
 class Shot:
-    """A camera's picture of ``width``, of which ``regions`` are kept, or a LiDAR's sweep (``width`` 0), of which every
+    """A camera's image of ``width``, of which ``regions`` are kept, or a LiDAR's sweep (``width`` 0), of which every
     ``column_step``-th column is. What is not ``whole`` is rendered where it is kept, nowhere else."""
 
     stage: Stage
@@ -61,7 +61,7 @@ class Shot:
 @dataclass
 class Take:
     """``seconds`` are of what was rendered. ``sensor_rays`` are as many as the whole sensor has, ``rays`` as many as were traced.
-    ``pieces`` are pictures (h, w, 3) of the regions, or one array (beams, columns)
+    ``pieces`` are images (h, w, 3) of the regions, or one array (beams, columns)
     of depths in metres, 0 where there is none. ``peak_bytes`` is the most that this process has held so far."""
 
     seconds: float
@@ -130,14 +130,14 @@ def _rendered(renderer: DriveRenderer, shot: Shot) -> Take:
     stats = RenderStats()
     begun = time.perf_counter()
     if shot.width:
-        pieces, sensor_rays = _picture(renderer, shot, stats)
+        pieces, sensor_rays = _image(renderer, shot, stats)
     else:
         pieces, sensor_rays = _sweep(renderer, shot, stats)
     seconds = time.perf_counter() - begun
     return Take(seconds, sensor_rays, stats.rays, stats.samples_spent, stats.actors_skipped, peak_bytes(), pieces)
 
 
-def _picture(renderer: DriveRenderer, shot: Shot, stats: RenderStats) -> tuple[list[NDArray[np.float32]], int]:
+def _image(renderer: DriveRenderer, shot: Shot, stats: RenderStats) -> tuple[list[NDArray[np.float32]], int]:
     camera = renderer.sized(shot.sensor, shot.width)
     model, state = camera.model, renderer.state(camera, camera.time_s[shot.stage.frame])
     up = renderer.renderer.tracer(state).upsample

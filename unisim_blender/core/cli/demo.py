@@ -1,4 +1,4 @@
-"""The sample, from its recipe to pictures: a street's log, a scenario of edits rendered, measured against the truth."""
+"""The sample, from its recipe to images: a street's log, a scenario of edits rendered, measured against the truth."""
 
 from __future__ import annotations
 

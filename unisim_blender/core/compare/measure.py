@@ -1,4 +1,4 @@
-"""One method at one part: its figures in a file, and some of its pictures beside it."""
+"""One method at one part: its figures in a file, and some of its images beside it."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from ..data.log import Log
 from ..data.own_vehicle import Outline
 from ..evaluate.contact_sheet import CameraRow
 from ..evaluate.fid import Inception, frechet_distance
-from ..evaluate.pictures import Tile
-from ..evaluate.recorded import EvaluationPlan, FramePictures, Perceptual, evaluate, finite
+from ..evaluate.images import Tile
+from ..evaluate.recorded import EvaluationPlan, FrameImages, Perceptual, evaluate, finite
 from ..evaluate.recorded_runs import Progress
 from ..evaluate.true_edits import TrueEdit
 from ..evaluate.truth import summarise_truth
@@ -37,12 +37,12 @@ from .parts import REPLAY, Part
 from .timed import Timed
 
 SHOWN = 2
-"""Frames of a part whose pictures the page shows."""
+"""Frames of a part whose images the page shows."""
 
 
 @dataclass
 class Bench:
-    """What methods are measured on: the log, its street if it is one, and the networks that judge pictures."""
+    """What methods are measured on: the log, its street if it is one, and the networks that judge images."""
 
     log: Log
     street: Street | None
@@ -77,8 +77,8 @@ def measured(bench: Bench, name: str, made: Made, part: Part, progress: Progress
     return document
 
 
-def picture_path(out: Path, part: str, frame: int, camera: str, shows: str) -> Path:
-    """Where a picture for the page is; ``shows`` is a method's name, with "-difference" behind it, or "truth"."""
+def image_path(out: Path, part: str, frame: int, camera: str, shows: str) -> Path:
+    """Where an image for the page is; ``shows`` is a method's name, with "-difference" behind it, or "truth"."""
     return out / "pictures" / part / f"{frame:06d}-{camera}-{shows}.png"
 
 
@@ -119,10 +119,10 @@ def _recorded(bench: Bench, name: str, made: Made, part: Part, progress: Progres
     )
     judged = _Judged(bench, name, part)
 
-    def on_frame(pictures: FramePictures) -> None:
-        for camera, row in zip((c for c in w.cameras if pictures.frame in log.image_frames(c)), pictures.rows, strict=False):
+    def on_frame(images: FrameImages) -> None:
+        for camera, row in zip((c for c in w.cameras if images.frame in log.image_frames(c)), images.rows, strict=False):
             recorded, rendered, difference = row[:3]
-            judged.add(pictures.frame, camera, recorded, rendered, difference)
+            judged.add(images.frame, camera, recorded, rendered, difference)
 
     figures = evaluate(renderer, log, plan, on_frame, lambda frames: progress(frames, f"{name}: {part.name}"))
     return {
@@ -148,9 +148,9 @@ def _true(bench: Bench, name: str, made: Made, part: Part, progress: Progress) -
     run = ScenarioRun(kept, edited, replay, w.width, part.frames, cameras, bench.perceptual, replay_sweeps=False)
     judged, per_frame = _Judged(bench, name, part), []
     for frame in progress(part.frames, f"{name}: {part.name}"):
-        record, pictures = compare_frame(run, frame)
+        record, images = compare_frame(run, frame)
         per_frame.append(record)
-        rows = [row for row in pictures.rows if isinstance(row, CameraRow)]
+        rows = [row for row in images.rows if isinstance(row, CameraRow)]
         for camera, row in zip(record["camera"], rows, strict=True):
             judged.add(frame, camera, row.truth, row.edited, row.difference)
     return {
@@ -170,23 +170,23 @@ def _digest(bench: Bench, part: Part) -> str:
 
 
 class _Judged:
-    """Takes a part's pictures as they are rendered: some for the page, all of them to Inception where it is given."""
+    """Takes a part's images as they are rendered: some for the page, all of them to Inception where it is given."""
 
     def __init__(self, bench: Bench, name: str, part: Part) -> None:
         self.bench, self.name, self.part = bench, name, part
         self._features: tuple[list[FloatArray], list[FloatArray]] = [], []
 
     def add(self, frame: int, camera: str, truth: Tile, rendered: Tile, difference: Tile) -> None:
-        """One picture. Raises `OutputError`."""
+        """One image. Raises `OutputError`."""
         if frame in shown_frames(self.part):
             for shows, tile in (("truth", truth), (self.name, rendered), (f"{self.name}-difference", difference)):
-                write_file(picture_path(self.bench.out, self.part.name, frame, camera, shows), png_bytes(tile.pixels))
+                write_file(image_path(self.bench.out, self.part.name, frame, camera, shows), png_bytes(tile.pixels))
         if self.bench.inception is not None:
             for features, tile in zip(self._features, (truth, rendered), strict=True):
                 features.append(self.bench.inception.features(tile.pixels))
 
     def fid(self) -> dict[str, float]:
-        """The distance of the rendered pictures from the true ones; nothing without Inception."""
+        """The distance of the rendered images from the true ones; nothing without Inception."""
         if self.bench.inception is None or not self._features[0]:
             return {}
         return {"fid": frechet_distance(*(np.stack(features) for features in self._features))}

@@ -1,4 +1,4 @@
-"""Evaluations from paths to files: metrics.json, a page and its pictures."""
+"""Evaluations from paths to files: metrics.json, a page and its images."""
 
 from __future__ import annotations
 

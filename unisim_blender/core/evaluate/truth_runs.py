@@ -20,20 +20,20 @@ from ..render.code_identity import code_identity
 from ..sensors.frames import LidarFrame
 from ..world.drive import Drive
 from .contact_sheet import CameraRow, camera_row, sweep_tile, write_contact_sheet
-from .metrics import Picture
-from .pictures import Tile
-from .recorded import FramePictures, Perceptual, RayRenderer, finite
+from .images import Tile
+from .metrics import ImageArray
+from .recorded import FrameImages, Perceptual, RayRenderer, finite
 from .recorded_runs import EvaluationOptions, Progress, perceptual_metric, trained_frames
 from .report import Report
-from .true_edits import Part, TrueEdit, TruePictures
-from .truth import lidar_figures_beside, picture_figures, summarise_truth
+from .true_edits import Part, TrueEdit, TrueImages
+from .truth import image_figures, lidar_figures_beside, summarise_truth
 
 
 class Truth(Protocol):
     """What an edited drive is compared with: a `TrueEdit`, or one that keeps what it has worked out."""
 
-    def pictures(self, camera: str, frame: int) -> TruePictures:
-        """See `TrueEdit.pictures`."""
+    def images(self, camera: str, frame: int) -> TrueImages:
+        """See `TrueEdit.images`."""
         ...
 
     def sweep(self, part: Part, lidar: str, frame: int) -> LidarFrame | None:
@@ -114,10 +114,10 @@ def evaluate_scenario(
     )
     report, per_frame, rows = Report(out, f"{name} against the truth"), [], []
     for frame in progress(frames, name):
-        record, pictures = compare_frame(run, frame)
+        record, images = compare_frame(run, frame)
         per_frame.append(record)
-        rows += pictures.rows
-        report.add(pictures)
+        rows += images.rows
+        report.add(images)
     figures = summarise_truth(per_frame)
     about = {
         "scenario": {"name": name, "sha256": scenario_hash(rendered.scenario)},
@@ -135,35 +135,35 @@ def evaluate_scenario(
     return figures
 
 
-def compare_frame(run: ScenarioRun, frame: int) -> tuple[dict[str, Any], FramePictures]:
-    """All sensors of one frame: figures, and a row of pictures each."""
-    pictures = FramePictures(frame)
+def compare_frame(run: ScenarioRun, frame: int) -> tuple[dict[str, Any], FrameImages]:
+    """All sensors of one frame: figures, and a row of images each."""
+    images = FrameImages(frame)
     record: dict[str, Any] = {"frame": frame, "camera": {}, "lidar": {}}
     edited = run.truth.drive("edit")
     for name in run.cameras:
         if frame in edited.cameras[name].time_s:
             record["camera"][name], row = _compare_camera(run, name, frame)
-            pictures.rows.append(row)
+            images.rows.append(row)
     for name, lidar in edited.lidars.items():
         if frame in lidar.time_s:
             record["lidar"][name], tiles = _compare_lidar(run, name, frame)
-            pictures.rows.append(tiles)
-    return record, pictures
+            images.rows.append(tiles)
+    return record, images
 
 
 def _compare_camera(run: ScenarioRun, name: str, frame: int) -> tuple[dict[str, Any], CameraRow]:
-    true = run.truth.pictures(name, frame)
-    edited, replay = _picture(run.edited, name, frame, run.width), None
+    true = run.truth.images(name, frame)
+    edited, replay = _image(run.edited, name, frame, run.width), None
     found = {"edit": _figures(run, edited, true.edit, true)}
     if true.replay is not None and run.replay is not None:
-        replay = _picture(run.replay, name, frame, run.width)
+        replay = _image(run.replay, name, frame, run.width)
         if replay.shape == edited.shape:
             found["replay"] = _figures(run, replay, true.replay, true)
     return found, camera_row(f"{name} {frame}", true.replay, replay, edited, true.edit, true.regions.changed)
 
 
-def _figures(run: ScenarioRun, rendered: Picture, truth: Picture, true: TruePictures) -> dict[str, Any]:
-    found = picture_figures(rendered, truth, true.regions)
+def _figures(run: ScenarioRun, rendered: ImageArray, truth: ImageArray, true: TrueImages) -> dict[str, Any]:
+    found = image_figures(rendered, truth, true.regions)
     if run.perceptual is not None:
         found["lpips"] = run.perceptual(rendered, truth)
     return found
@@ -190,5 +190,5 @@ def _compare_lidar(run: ScenarioRun, name: str, frame: int) -> tuple[dict[str, A
     return found, [tiles[key] for key in ("replay truth", "replay", "edit", "edit truth") if key in tiles]
 
 
-def _picture(renderer: RayRenderer, camera: str, frame: int, width: int | None) -> Picture:
+def _image(renderer: RayRenderer, camera: str, frame: int, width: int | None) -> ImageArray:
     return np.clip(renderer.camera(camera, frame, ("rgb",), width).rgb, 0, 1)

@@ -1,6 +1,6 @@
 """Where a sensor's rays hit meshes, and what the meshes show there.
 
-Several rays go through each pixel of an image, so that a mesh's outline is as smooth as the recorded picture; how much of a cell
+Several rays go through each pixel of an image, so that a mesh's outline is as smooth as the recorded image; how much of a cell
 they cover becomes how much of the cell's ray the mesh stops, and so it takes its place among what the fields hold.
 """
 

@@ -42,7 +42,7 @@ def capability_warnings(scene: Path, recorded: Drive, edited: Drive, sweeps: boo
 
 @lru_cache(maxsize=16)
 def _method(stamped: tuple[Any, ...]) -> _Method:
-    """Of the scene that a stamp is of: its header need not be read for every picture of a view."""
+    """Of the scene that a stamp is of: its header need not be read for every image of a view."""
     header = read_scene_header(stamped[0])
     actors = ModelConfig.from_dict(header.model).actors
     return _Method(header.name, actors != "none", "lidar" not in header.training.get("without", ()))

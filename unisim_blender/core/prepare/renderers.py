@@ -85,7 +85,7 @@ def compiled(device: str, scenes: Iterable[Path] = ()) -> bool:
 
 @lru_cache(maxsize=64)
 def _not_taken(stamped: tuple[Any, ...]) -> str:
-    """`not_taken` of the scene that a stamp is of: the header need not be read for every picture of a view."""
+    """`not_taken` of the scene that a stamp is of: the header need not be read for every image of a view."""
     return not_taken(ModelConfig.from_dict(read_scene_header(stamped[0]).model))
 
 
@@ -101,7 +101,7 @@ def environment(device: str, scenes: Iterable[Path] = ()) -> dict[str, str]:
 
 
 def stamp(scene: Path) -> tuple[Any, ...]:
-    """What changes when a trained scene is written anew. A digest would take longer than a picture of the view."""
+    """What changes when a trained scene is written anew. A digest would take longer than an image of the view."""
     files = [scene / name for name in (HEADER_NAME, WEIGHTS_NAME)]
     return scene, *((file.stat().st_mtime_ns, file.stat().st_size) if file.is_file() else None for file in files)
 

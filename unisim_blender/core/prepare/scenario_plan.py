@@ -65,7 +65,7 @@ def plan_scenario(path: Path, options: RenderOptions) -> tuple[RenderPlan, Prepa
     settings = SequenceSettings(
         cameras=tuple(name for name in drive.cameras if name in sensors),
         lidars=tuple(name for name in drive.lidars if name in sensors),
-        # rgb is always there: it is what the picture's files hold
+        # rgb is always there: it is what the image's files hold
         passes=tuple(name for name in CAMERA_PASSES if name in passes or name == "rgb"),
         formats=tuple(name for name in FORMATS if name in (outputs.formats or FORMATS)),
         width=options.width or outputs.width,

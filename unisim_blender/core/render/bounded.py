@@ -1,9 +1,9 @@
 """Frames whose error is bounded: the cheapest settings that keep it, as a sample of rays held against the truth says.
 
 A sweep's beams hang on nothing but themselves, so a sample of them, rendered at every settings and at the truth, says at most how
-large a quantile of all errors is, whatever their distribution. A picture's squared errors are another matter: one pixel in two
+large a quantile of all errors is, whatever their distribution. An image's squared errors are another matter: one pixel in two
 thousand can hold half of their sum, and no sample of a frame meets enough of these. So settings are chosen by pixels of frames
-all over the drive, once for each camera; each picture is then checked by pixels of its own, more of them where it has edges, and
+all over the drive, once for each camera; each image is then checked by pixels of its own, more of them where it has edges, and
 what the worst pixels add to it is taken from the drive's. A frame's settings hang on the drive and on itself alone, never on what
 was rendered before.
 """
@@ -42,17 +42,17 @@ BEAMS = 512
 PIXELS = 1024
 """So many pixels of each of `sample_frames` choose a camera's settings."""
 CHECKED = 900
-"""Pixels of each picture that are checked."""
+"""Pixels of each image that are checked."""
 PATCH, PATCHES, CHECKED_PATCHES = 16, 2, 16
-"""The same where a pixel hangs on others: squares of so many pixels, of each frame and of each picture."""
+"""The same where a pixel hangs on others: squares of so many pixels, of each frame and of each image."""
 WORST = 0.02
-"""This share of a drive's pixels is too rare to be judged by one picture's sample."""
+"""This share of a drive's pixels is too rare to be judged by one image's sample."""
 WORST_MARGIN = 1.5
-"""How much more the worst pixels may add to a picture than to the drive's mean one."""
+"""How much more the worst pixels may add to an image than to the drive's mean one."""
 OF_DRIVE, OF_PICTURE = 1.0, 2.5
-"""How many standard errors are added to a mean over the drive's pixels, and over a picture's."""
+"""How many standard errors are added to a mean over the drive's pixels, and over an image's."""
 START_MARGIN = 1.5
-"""Settings are tried first that the drive's pixels say keep the bound by so much: a second picture costs more."""
+"""Settings are tried first that the drive's pixels say keep the bound by so much: a second image costs more."""
 
 Colours = NDArray[np.float64]
 
@@ -100,18 +100,18 @@ class BoundedRenderer:
         scale = START_MARGIN
         names = list(LADDER)
         while True:
-            # what a picture showed of its own errors moves what is expected of those to come
+            # what an image showed of its own errors moves what is expected of those to come
             name = next((n for n in names if drive.keeps(n, self.of_colour, scale)), names[-1])
             with at_quality(self.renderer, LADDER[name]):
-                picture = self.renderer.camera(camera_id, frame, passes, width)
+                image = self.renderer.camera(camera_id, frame, passes, width)
             if sample is None:
                 rng = np.random.default_rng([self.seed, frame, *camera_id.encode()])
-                sample = _Checked(patches, frame, picture.rgb, rng)
-            checks = tuple(sample.check(bound, picture.rgb, drive.errors(name)) for bound in self.of_colour)
-            picture.error_bound = ErrorBoundResult(name, len(sample.units), checks)
+                sample = _Checked(patches, frame, image.rgb, rng)
+            checks = tuple(sample.check(bound, image.rgb, drive.errors(name)) for bound in self.of_colour)
+            image.error_bound = ErrorBoundResult(name, len(sample.units), checks)
             names = names[names.index(name) + 1 :]
-            if picture.error_bound.kept or not names:
-                return picture
+            if image.error_bound.kept or not names:
+                return image
             scale = max(1.0, max(check.most / max(drive.errors(name).at_most(check.bound), 1e-20) for check in checks))
 
 
@@ -151,7 +151,7 @@ class _Errors:
 
 
 class Patches:
-    """A camera's pictures as squares of ``side`` pixels: single pixels, where each hangs on its own ray alone."""
+    """A camera's images as squares of ``side`` pixels: single pixels, where each hangs on its own ray alone."""
 
     def __init__(self, renderer: DriveRenderer, camera_id: str, width: int | None) -> None:
         self.renderer, self.width = renderer, width
@@ -179,11 +179,11 @@ class Patches:
         areas = [(r.right - r.left) * (r.bottom - r.top) for r in map(self.region, units)] if self.side > 1 else 1
         return np.repeat(np.arange(len(units)), areas)
 
-    def shown(self, picture: NDArray[np.float32], units: NDArray[np.int64]) -> Colours:
-        """What a picture (h, w, 3) shows in these patches (N, 3)."""
+    def shown(self, image: NDArray[np.float32], units: NDArray[np.int64]) -> Colours:
+        """What an image (h, w, 3) shows in these patches (N, 3)."""
         if self.side == 1:
-            return np.clip(picture.reshape(-1, 3)[units], 0, 1).astype(np.float64)
-        parts = [picture[r.top : r.bottom, r.left : r.right].reshape(-1, 3) for r in map(self.region, units)]
+            return np.clip(image.reshape(-1, 3)[units], 0, 1).astype(np.float64)
+        parts = [image[r.top : r.bottom, r.left : r.right].reshape(-1, 3) for r in map(self.region, units)]
         return np.clip(np.concatenate(parts), 0, 1).astype(np.float64)
 
     def rendered(self, frame: int, units: NDArray[np.int64], quality: Quality) -> Colours:
@@ -224,16 +224,16 @@ class _DrivePixels:
         return self._errors[name]
 
     def keeps(self, name: str, bounds: Sequence[ErrorBound], scale: float) -> bool:
-        """Whether settings are expected to keep the bounds in a picture whose errors are ``scale`` times the drive's."""
+        """Whether settings are expected to keep the bounds in an image whose errors are ``scale`` times the drive's."""
         return all(scale * self.errors(name).at_most(bound) <= bound.most for bound in bounds)
 
 
 class _Checked:
-    """Patches of a picture and their truth, drawn where the picture has edges more than elsewhere: there most errors are."""
+    """Patches of an image and their truth, drawn where the image has edges more than elsewhere: there most errors are."""
 
-    def __init__(self, patches: Patches, frame: int, picture: NDArray[np.float32], rng: np.random.Generator) -> None:
+    def __init__(self, patches: Patches, frame: int, image: NDArray[np.float32], rng: np.random.Generator) -> None:
         self.patches = patches
-        weights = edges(picture)
+        weights = edges(image)
         weights += 0.5 * weights.mean() + 1e-6
         side = patches.side
         weights = np.add.reduceat(
@@ -247,22 +247,22 @@ class _Checked:
         self._truth = patches.rendered(frame, self.units, TRUTH)
 
     def _terms(self, of_pixels: FloatArray) -> FloatArray:
-        """What each patch says of the picture's mean (Hansen & Hurwitz 1943)."""
+        """What each patch says of the image's mean (Hansen & Hurwitz 1943)."""
         return np.bincount(self._owners, of_pixels, len(self.units)) * self._scale
 
-    def check(self, bound: ErrorBound, picture: NDArray[np.float32], drive: _Errors) -> BoundCheck:
-        """A bound in a picture of the same frame, beside the drive's errors at the same settings."""
-        errors = colour_errors(self.patches.shown(picture, self.units), self._truth)[bound.unit]
+    def check(self, bound: ErrorBound, image: NDArray[np.float32], drive: _Errors) -> BoundCheck:
+        """A bound in an image of the same frame, beside the drive's errors at the same settings."""
+        errors = colour_errors(self.patches.shown(image, self.units), self._truth)[bound.unit]
         terms, capped = self._terms(errors), self._terms(np.minimum(errors, drive.cap(bound)))
         most = max(mean_at_most(terms, OF_PICTURE), mean_at_most(capped, OF_PICTURE) + WORST_MARGIN * drive.beyond(bound))
         return BoundCheck(bound, float(terms.mean()), most)
 
 
-def edges(picture: NDArray[np.float32]) -> FloatArray:
+def edges(image: NDArray[np.float32]) -> FloatArray:
     """How far each pixel's colour (h, w, 3) is from its four neighbours' at most, the largest of its channels (h, w)."""
-    out = np.zeros(picture.shape[:2])
+    out = np.zeros(image.shape[:2])
     for a, b, axis in ((out[1:], out[:-1], 0), (out[:, 1:], out[:, :-1], 1)):
-        step = np.abs(np.diff(picture, axis=axis)).max(-1)
+        step = np.abs(np.diff(image, axis=axis)).max(-1)
         np.maximum(a, step, out=a)
         np.maximum(b, step, out=b)
     return out

@@ -32,7 +32,7 @@ from ..sensors.rays import Rays
 from ..world.drive import Actor, Camera, Lidar
 from ..world.state import WorldState
 from .contact_shadow import NOTHING_M, shaded
-from .lattice.blocks import CROWDED, Picture
+from .lattice.blocks import CROWDED, SparseImage
 from .lattice.lattice import aligned, grown
 from .passes import fill_passes
 from .regions import Region, Tile
@@ -228,9 +228,9 @@ class Renderer:
                 maps[CROWDED] = beside_boxes(in_view, rays, size / model.fx)
             return image[0], maps
 
-        picture = Picture(shape)
-        for stride, done in grown(picture, size, tracer.quality.spread, trace, coarse, band):
-            values = {name: x.reshape(*shape, *x.shape[1:]) for name, x in picture.values.items() if name != CROWDED}
+        sparse = SparseImage(shape)
+        for stride, done in grown(sparse, size, tracer.quality.spread, trace, coarse, band):
+            values = {name: x.reshape(*shape, *x.shape[1:]) for name, x in sparse.values.items() if name != CROWDED}
             if stride > 1:
                 few = {name: values[name][::stride, ::stride] for name in ("rgb", "support") if name in values}
                 preview = CameraFrame(model, camera.world_from_camera.at(time_s), few["rgb"], unsupported=few.get("support"))

@@ -24,7 +24,7 @@ SAMPLE_FRAMES = 16
 @dataclass(frozen=True)
 class ErrorBound:
     """``limit`` by ``unit``. mm: the ``quantile`` of the absolute depth error of a sweep's beams is at most that; beams that meet
-    something in the truth or in the render count, infinitely wrong where they do in one alone. dB: a picture's PSNR is at least
+    something in the truth or in the render count, infinitely wrong where they do in one alone. dB: an image's PSNR is at least
     that. dE: the mean colour difference (CIE 1976) of its pixels is at most that."""
 
     unit: str

@@ -53,12 +53,12 @@ class Order:
 
 
 def draw_log(out: Path, progress: bool) -> None:
-    """Draw the pictures that the log at ``out`` still lacks. Raises `OutputError`."""
+    """Draw the images that the log at ``out`` still lacks. Raises `OutputError`."""
     _run(Order(out), "pictures", progress)
 
 
 def draw_truths(out: Path, truths: tuple[TruthRequest, ...], width: int | None, progress: bool) -> None:
-    """Draw the pictures of scenarios' edited drives, and of the unedited one, that the street at ``out`` still lacks.
+    """Draw the images of scenarios' edited drives, and of the unedited one, that the street at ``out`` still lacks.
 
     Raises `OutputError`.
     """
@@ -81,7 +81,7 @@ def _run(order: Order, what: str, progress: bool) -> None:
                         bar.reset(event["total"])
                     bar.update("done" in event)
             except BaseException:
-                process.kill()  # pictures appear whole or not at all, so nothing is lost but the one in work
+                process.kill()  # images appear whole or not at all, so nothing is lost but the one in work
                 raise
     if process.returncode != 0:
         raise OutputError(problem or f"{order.out}: Cycles ended with exit code {process.returncode}")

@@ -296,7 +296,7 @@ def preview_frame(trainer: Trainer) -> tuple[str, int]:
 
 
 def preview(trainer: Trainer, file: Path) -> None:
-    """Write a small picture: recorded beside rendered. It changes nothing of the training."""
+    """Write a small image: recorded beside rendered. It changes nothing of the training."""
     name, frame = preview_frame(trainer)
     width = min(PREVIEW_WIDTH, trainer.cameras.cameras[name].model.width)
     trainer.model.eval()

@@ -25,7 +25,7 @@ from ...render.quality import QUALITY
 @click.option("--iterations", type=click.IntRange(min=1), help="Steps of each training, instead of minutes.")
 @click.option("--frames", default="::2", show_default=True, help="Frames to learn from; the others are compared.")
 @click.option("--cameras", default="front_camera", show_default=True, help="Cameras, separated by commas.")
-@click.option("--width", type=click.IntRange(min=16), default=320, show_default=True, help="Width of the pictures.")
+@click.option("--width", type=click.IntRange(min=16), default=320, show_default=True, help="Width of the images.")
 @click.option("--truth-frames", type=click.IntRange(min=1), default=8, show_default=True, help="Frames of each edit.")
 @click.option(
     "--scenario",

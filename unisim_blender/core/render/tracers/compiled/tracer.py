@@ -33,7 +33,7 @@ CHUNK_RAYS = 1 << 18
 EVERY = 16
 """One in so many rays is looked at to say how much was saved."""
 WIDENING = 0.02
-"""How much longer the march's steps may be for each metre of distance, as a share: what is far is small in the picture."""
+"""How much longer the march's steps may be for each metre of distance, as a share: what is far is small in the image."""
 LEAST_SLOPE = 0.2
 """Behind a surface the distance is taken to fall by at least this much a metre."""
 LEAST_STEP_M = 0.01
@@ -197,17 +197,17 @@ class CompiledTracer:
         """See `tracer.Tracer`."""
         cells = sound_directions(directions).reshape(*shape, 3)
 
-        def picture(scene: CompiledScene, feature: Array) -> Array:
+        def decoded(scene: CompiledScene, feature: Array) -> Array:
             code = scene.cameras.index(camera_id) if camera_id in scene.cameras else -1
             return scene.decoder.image(feature.reshape(*shape, -1), cells, code)
 
-        rgb = picture(self.scene, found.feature if found.without_foreign is None else found.without_foreign)
+        rgb = decoded(self.scene, found.feature if found.without_foreign is None else found.without_foreign)
         size = rgb.shape[0], rgb.shape[1]
         for i, foreign in enumerate(self._foreign):
-            # each scene's features are its own decoder's: the pictures are laid over each other, not the features
+            # each scene's features are its own decoder's: the images are laid over each other, not the features
             share = found.foreign_opacity[i].clip(0, 1).reshape(*shape)
             feature = spread_over_edges(found.foreign_features[i].reshape(*shape, -1), share, self._edge)
-            other, alpha = picture(foreign, feature), resized(share[..., None], size)
+            other, alpha = decoded(foreign, feature), resized(share[..., None], size)
             rgb += alpha * (resized(other, size) - rgb)
         return rgb
 

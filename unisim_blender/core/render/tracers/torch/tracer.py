@@ -102,7 +102,7 @@ class TorchTracer:
     @property
     def half(self) -> bool:
         """Whether decoders work in half precision: a pixel's 8 bits need no more, where a device is faster so. The quality may
-        change from one picture to the next."""
+        change from one image to the next."""
         return torch.device(self.device).type == "cuda" and self.quality.samples < EXACT_SAMPLES
 
     @torch.no_grad()
@@ -164,7 +164,7 @@ class TorchTracer:
 
     @torch.no_grad()
     def image(self, found: TraceResult, directions: FloatArray, camera_id: str, shape: tuple[int, ...]) -> Array:
-        """The picture (h up, w up, 3) in 0..1, display-referred sRGB, of cells in ``shape`` (h, w), directions (h w, 3)."""
+        """The image (h up, w up, 3) in 0..1, display-referred sRGB, of cells in ``shape`` (h, w), directions (h w, 3)."""
         along = torch.as_tensor(sound_directions(directions), dtype=torch.float32, device=self.device)
 
         def decoded(network: SceneModel, feature: Tensor) -> Tensor:
@@ -173,12 +173,12 @@ class TorchTracer:
             with torch.autocast(torch.device(self.device).type, torch.float16) if self.half else nullcontext():
                 features = network.ray_head(feature, along, number)
                 # channels come last in memory, as they did in a row of features
-                picture: Tensor = network.camera_decoder(features.view(1, *shape, -1).permute(0, 3, 1, 2))
-            return picture.float()
+                image: Tensor = network.camera_decoder(features.view(1, *shape, -1).permute(0, 3, 1, 2))
+            return image.float()
 
         rgb = decoded(self.scene.model, found.feature if found.without_foreign is None else found.without_foreign)
         for i, actor_set in enumerate(self.tensors.foreign.values()):
-            # each scene's features are its own decoder's: the pictures are laid over each other, not the features
+            # each scene's features are its own decoder's: the images are laid over each other, not the features
             share = found.foreign_opacity[i].clamp(0, 1)
             other = decoded(actor_set.scene, _spread_over_edges(found.foreign_features[i], share, shape, self.edge))
             alpha = F.interpolate(share.view(1, 1, *shape), size=rgb.shape[-2:], mode="bilinear", align_corners=False)

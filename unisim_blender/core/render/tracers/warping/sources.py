@@ -1,4 +1,4 @@
-"""Which recorded images a picture is warped from, and those images, read once."""
+"""Which recorded images an image is warped from, and those images, read once."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ NEAREST = 2
 SHIFT_FRAMES = (0, -4, 4, -8, -12)
 """UniSim's supplementary, 2.1: two images for the recorded way; beside it every fourth from 12 frames before to 4 after."""
 ASIDE_M = 0.5
-"""So far from the way that a camera took a picture counts as beside it."""
+"""So far from the way that a camera took an image counts as beside it."""
 SECOND_M = 0.5
 """A second's difference in time counts as so many metres: where the vehicle stands, what was seen last is nearest."""
 FACING = 0.2
