@@ -1,4 +1,4 @@
-"""What is measured: shots that take turns, so that whatever else the machine does meets all of them."""
+"""What is measured: render requests that take turns, so that whatever else the machine does meets all of them."""
 
 from __future__ import annotations
 
@@ -18,22 +18,23 @@ from ..render.quality import QUALITY, TRUTH
 from ..render.regions import Region
 from ..world.drive import CameraModel, Drive
 from .methods import DEFAULT, DOUBLED, TYPICAL, Method
+from .render_request import Measurement, RenderRequest, SceneSetup
 from .settings import Settings
-from .shot import Shot, Stage, Take
 
 
 @dataclass
 class Entry:
-    """A shot, the process that it is rendered in, and what came of it so far. ``about`` tells the figures what it is."""
+    """A render request, the process that it is rendered in, and what came of it so far. ``about`` tells the figures what it
+    is."""
 
     about: dict[str, Any]
     process: str
-    shot: Shot
+    request: RenderRequest
     once: bool = False
     """The truth is no faster for being rendered again."""
     fresh: bool = False
     """In a process of its own, which has held nothing before."""
-    takes: list[Take] = field(default_factory=list)
+    measurements: list[Measurement] = field(default_factory=list)
 
 
 @dataclass
@@ -58,11 +59,11 @@ class Subject:
     frame: int
     log: Log | None = None
 
-    def stage(self, method: Method | None = None, threads: int = 1) -> Stage:
+    def setup(self, method: Method | None = None, threads: int = 1) -> SceneSetup:
         """Where a method renders it; without one, the compiled tracer."""
         log = None if self.log is None else self.log.path
         tracer, threads = ("compiled", threads) if method is None else (method.tracer, method.threads)
-        return Stage(self.header.path, self.camera, self.frame, tracer, threads, log)
+        return SceneSetup(self.header.path, self.camera, self.frame, tracer, threads, log)
 
 
 def subject_of(scene: Path, log: Log | None = None) -> Subject:
@@ -126,17 +127,17 @@ def _of_method(method: Method) -> dict[str, Any]:
     }
 
 
-def _against_truth(subject: Subject, methods: Sequence[Method], shot: Shot) -> list[Entry]:
-    """The shot by every method, after the truth and twice the truth's samples."""
+def _against_truth(subject: Subject, methods: Sequence[Method], request: RenderRequest) -> list[Entry]:
+    """The render request by every method, after the truth and twice the truth's samples."""
     truths = [
-        Entry({"truth": name}, DEFAULT, replace(shot, quality=quality, whole=False), once=True)
+        Entry({"truth": name}, DEFAULT, replace(request, quality=quality, whole=False), once=True)
         for name, quality in (("truth", TRUTH), ("doubled", DOUBLED))
     ]
     return truths + [
         Entry(
             _of_method(method),
             method.process,
-            replace(shot, stage=subject.stage(method), quality=method.quality, whole=method.whole),
+            replace(request, setup=subject.setup(method), quality=method.quality, whole=method.whole),
         )
         for method in methods
     ]
@@ -146,26 +147,26 @@ def camera_case(subject: Subject, methods: Sequence[Method], settings: Settings,
     """Images of one width."""
     model = subject.model.resized(width)
     regions = windows(width, model.height, settings.windows, settings.window)
-    shot = Shot(subject.stage(threads=threads), subject.camera, TRUTH, width, regions)
+    request = RenderRequest(subject.setup(threads=threads), subject.camera, TRUTH, width, regions)
     recorded = None
     if subject.log is not None:
         picture = recorded_image(subject.log, subject.camera, subject.frame, width)
         recorded = [picture[r.top : r.bottom, r.left : r.right] for r in regions]
     about = {"sensor": subject.camera, "frame": subject.frame, "width": width, "height": model.height}
-    return Case("camera", about, _against_truth(subject, methods, shot), recorded)
+    return Case("camera", about, _against_truth(subject, methods, request), recorded)
 
 
 def lidar_case(subject: Subject, methods: Sequence[Method], settings: Settings, threads: int) -> Case:
     """Sweeps."""
     assert subject.lidar is not None
-    shot = Shot(subject.stage(threads=threads), subject.lidar, TRUTH, column_step=settings.column_step)
+    request = RenderRequest(subject.setup(threads=threads), subject.lidar, TRUTH, column_step=settings.column_step)
     beams, columns = subject.lidar_size
     about = {"sensor": subject.lidar, "frame": subject.frame, "beams": beams, "columns": columns}
-    return Case("lidar", about, _against_truth(subject, methods, shot))
+    return Case("lidar", about, _against_truth(subject, methods, request))
 
 
-def _typical(subject: Subject, width: int, threads: int, regions: tuple[Region, ...] = ()) -> Shot:
-    return Shot(subject.stage(threads=threads), subject.camera, QUALITY[TYPICAL], width, regions)
+def _typical(subject: Subject, width: int, threads: int, regions: tuple[Region, ...] = ()) -> RenderRequest:
+    return RenderRequest(subject.setup(threads=threads), subject.camera, QUALITY[TYPICAL], width, regions)
 
 
 def pixels_case(subject: Subject, settings: Settings, threads: int) -> Case:
@@ -179,10 +180,12 @@ def pixels_case(subject: Subject, settings: Settings, threads: int) -> Case:
 
 def copies_case(subject: Subject, settings: Settings, threads: int) -> Case:
     """An image with more and more copies of an actor, in view and behind the camera."""
-    shot = _typical(subject, settings.growth_width, threads)
+    request = _typical(subject, settings.growth_width, threads)
     entries = [
         Entry(
-            {"copies": copies, "behind": behind}, DEFAULT, replace(shot, stage=replace(shot.stage, copies=copies, behind=behind))
+            {"copies": copies, "behind": behind},
+            DEFAULT,
+            replace(request, setup=replace(request.setup, copies=copies, behind=behind)),
         )
         for copies in settings.copies
         for behind in ((False, True) if copies else (False,))
@@ -196,8 +199,8 @@ def region_case(subject: Subject, settings: Settings, threads: int) -> Case:
     regions = tuple(middle(width, height, share) for share in settings.shares)
     entries = [Entry({"share": None}, DEFAULT, _typical(subject, width, threads, regions))]
     for share, region in zip(settings.shares, regions, strict=True):
-        shot = replace(_typical(subject, width, threads, (region,)), whole=False)
-        entries.append(Entry({"share": share}, DEFAULT, shot))
+        request = replace(_typical(subject, width, threads, (region,)), whole=False)
+        entries.append(Entry({"share": share}, DEFAULT, request))
     return Case("region", {"width": width, "height": height}, entries)
 
 
