@@ -97,7 +97,7 @@ def crossed_cars(order: tuple[str, str] = ("a", "b")) -> Stage:
 def test_order_of_the_actors_changes_nothing() -> None:
     d = fan(400, spread=0.1)
     one, other = crossed_cars().trace(EYE, d), crossed_cars(("b", "a")).trace(EYE, d)
-    for name in ("feature", "depth_m", "opacity", "behind"):
+    for name in ("feature", "depth_m", "opacity", "transmittance_after"):
         assert torch.equal(getattr(one, name), getattr(other, name)), name
     both = (one.feature[:, 1] > 0.01) & (one.feature[:, 2] > 0.01)
     assert int(both.sum()) > 0, "somewhere they mix"
@@ -118,7 +118,7 @@ def test_weights_never_exceed_the_ray() -> None:
     traced = crossed_cars().trace(EYE, fan(600, spread=0.1))
     assert float(traced.feature.sum(1).max()) <= 1 + 1e-4
     torch.testing.assert_close(traced.feature.sum(1), traced.opacity, atol=1e-4, rtol=0)
-    torch.testing.assert_close(traced.opacity + traced.behind, torch.ones(600), atol=1e-5, rtol=0)
+    torch.testing.assert_close(traced.opacity + traced.transmittance_after, torch.ones(600), atol=1e-5, rtol=0)
 
 
 HOLLOW = np.array([6.0, 4.0, 3.0])
@@ -320,7 +320,7 @@ def test_a_look_that_the_scene_does_not_hold() -> None:
 def test_free_space_spends_no_sample() -> None:
     stage = Stage(analytic_scene(sphere([0.0, 0, 1.6], 1.0), {}), drive_of([]))
     away = stage.trace(EYE, [[-1.0, 0, 0], [0, 1, 0], [0.1, 0, 1]], far=False)
-    assert away.samples == 0 and bool((away.depth_m == 0).all()) and bool((away.behind == 1).all())
+    assert away.samples == 0 and bool((away.depth_m == 0).all()) and bool((away.transmittance_after == 1).all())
     toward = stage.trace(EYE, [[1.0, 0, 0]], fine=1.0)
     assert toward.samples == stage.scene.config.samples.static
     t = toward.ray_segments[0].t
@@ -424,7 +424,7 @@ def test_gradients_reach_every_field() -> None:
     batch = RayBatch(scene.frame.recentred(np.tile(EYE, (64, 1))), torch.tensor(drawn).float(), torch.zeros(64).double())
     active = active_actor_tensors(active_actors(whole_state(drive), {"": ("car",)}), {"": (scene, scene.actors.tables())})
     traced = trace(scene, active, batch, Sampling(jitter=True, generator=torch.Generator().manual_seed(2)))
-    (traced.feature.sum() + traced.depth_m.sum() + traced.behind.sum()).backward()
+    (traced.feature.sum() + traced.depth_m.sum() + traced.transmittance_after.sum()).backward()
     for name in (
         "static.grid.table",
         "far.grid.table",

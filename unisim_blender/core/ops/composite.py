@@ -25,9 +25,9 @@ def composite(rays: int, ray_segments: list[RaySegments], width: int, foreign: l
     feature, sums = like.new_zeros(rays, width), like.new_zeros(rays, 3)
     foreign_features = [like.new_zeros(rays, own) for own in foreign]
     foreign_opacity = [like.new_zeros(rays) for _ in foreign]
-    for ray_segment, front in zip(ray_segments, transmittances(rays, ray_segments), strict=True):
-        ray_segment.front = front
-        ray_segment.interval_weight, ray_segment.weight, given = gather(ray_segment, front)
+    for ray_segment, before in zip(ray_segments, transmittances(rays, ray_segments), strict=True):
+        ray_segment.transmittance_before = before
+        ray_segment.interval_weight, ray_segment.weight, given = gather(ray_segment, before)
         part, rest = given.split((ray_segment.features.shape[-1], 3), 1)
         if ray_segment.foreign < 0:
             feature = feature.index_add(0, ray_segment.ray, part)
@@ -38,16 +38,16 @@ def composite(rays: int, ray_segments: list[RaySegments], width: int, foreign: l
     total, depth, tau = sums.unbind(1)
     depth, opacity = depth / total.clamp_min(1e-6), -torch.expm1(-tau)
     return SegmentTrace(
-        feature=feature, depth_m=depth, opacity=opacity, behind=torch.exp(-tau), ray_segments=ray_segments, samples=0,
-        foreign_features=foreign_features, foreign_opacity=foreign_opacity, near_depth_m=depth, near_opacity=opacity,
+        feature=feature, depth_m=depth, opacity=opacity, transmittance_after=torch.exp(-tau), ray_segments=ray_segments,
+        samples=0, foreign_features=foreign_features, foreign_opacity=foreign_opacity, near_depth_m=depth, near_opacity=opacity,
     )  # fmt: skip
 
 
-def gather_reference(ray_segment: RaySegments, front: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """Weights of the intervals and of the samples (P, K) of ray segments with transmittances ``front`` (P, K), and what they give
-    (P, F + 3): features by weight, the weight, distance by weight, optical depth."""
-    interval = front * -torch.expm1(-ray_segment.tau)
-    far_part = front * ray_segment.share
+def gather_reference(ray_segment: RaySegments, before: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """Weights of the intervals and of the samples (P, K) of ray segments with transmittances ``before`` (P, K), and what they
+    give (P, F + 3): features by weight, the weight, distance by weight, optical depth."""
+    interval = before * -torch.expm1(-ray_segment.tau)
+    far_part = before * ray_segment.stop_fraction
     near_part = interval - far_part
     # an interval's weight goes to the samples at its two ends; interval 0 has only its own
     weight = far_part + torch.cat([near_part[:, 1:], torch.zeros_like(near_part[:, :1])], -1)
@@ -56,18 +56,18 @@ def gather_reference(ray_segment: RaySegments, front: Tensor) -> tuple[Tensor, T
     return interval, weight, torch.cat([(weight[..., None] * ray_segment.features).sum(1), torch.stack(sums, 1)], 1)
 
 
-def gather(ray_segment: RaySegments, front: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+def gather(ray_segment: RaySegments, before: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     """`gather_reference`, by the compiled kernels or Triton's where they apply."""
     kernels = _kernels_for([ray_segment])
     if kernels == "triton":
         on_gpu: tuple[Tensor, Tensor, Tensor] = _GatherOnGpu.apply(  # type: ignore[no-untyped-call]
-            ray_segment.t, ray_segment.tau, ray_segment.share, front, ray_segment.features
+            ray_segment.t, ray_segment.tau, ray_segment.stop_fraction, before, ray_segment.features
         )
         return on_gpu
     if kernels is None:
-        return gather_reference(ray_segment, front)
+        return gather_reference(ray_segment, before)
     out: tuple[Tensor, Tensor, Tensor] = _Gather.apply(  # type: ignore[no-untyped-call]
-        ray_segment.ray, ray_segment.t, ray_segment.tau, ray_segment.share, front, ray_segment.features
+        ray_segment.ray, ray_segment.t, ray_segment.tau, ray_segment.stop_fraction, before, ray_segment.features
     )
     return out
 
@@ -76,7 +76,7 @@ def transmittances(rays: int, ray_segments: list[RaySegments]) -> list[Tensor]:
     """`transmittances_reference`, by the compiled kernels where they apply."""
     if not ray_segments or _kernels_for(ray_segments) != "compiled":
         return transmittances_reference(rays, ray_segments)
-    order = [(s.ray, s.t, s.share.detach()) for s in ray_segments]
+    order = [(s.ray, s.t, s.stop_fraction.detach()) for s in ray_segments]
     return list(_Transmittances.apply(rays, order, *(s.tau for s in ray_segments)))  # type: ignore[no-untyped-call]
 
 
@@ -84,12 +84,12 @@ def _kernels_for(ray_segments: list[RaySegments]) -> str | None:
     """The kernels that take these ray segments, see `kernels_for`: none where their places are learnt."""
     if any(s.t.requires_grad for s in ray_segments):
         return None
-    return kernels_for(*(x for s in ray_segments for x in (s.t, s.tau, s.share, s.features)))
+    return kernels_for(*(x for s in ray_segments for x in (s.t, s.tau, s.stop_fraction, s.features)))
 
 
-def _struct(ray: Tensor, t: Tensor, tau: Tensor, share: Tensor) -> native.StrandsStruct:
-    """Contiguous ray (P,) int64, t, tau and share (P, K) in the form that the kernels read."""
-    return native.StrandsStruct(len(t), t.shape[1], *(x.data_ptr() for x in (ray, t, tau, share)))
+def _struct(ray: Tensor, t: Tensor, tau: Tensor, stop_fraction: Tensor) -> native.StrandsStruct:
+    """Contiguous ray (P,) int64, t, tau and stop_fraction (P, K) in the form that the kernels read."""
+    return native.StrandsStruct(len(t), t.shape[1], *(x.data_ptr() for x in (ray, t, tau, stop_fraction)))
 
 
 def _pointers(tensors: list[Tensor]) -> Any:
@@ -105,24 +105,25 @@ class _Transmittances(torch.autograd.Function):
         assert lib is not None
         ctx.rays = rays
         ctx.ray_segments = [
-            tuple(x.contiguous() for x in (ray, t, tau.detach(), share)) for (ray, t, share), tau in zip(order, taus, strict=True)
+            tuple(x.contiguous() for x in (ray, t, tau.detach(), stop_fraction))
+            for (ray, t, stop_fraction), tau in zip(order, taus, strict=True)
         ]
-        front = [torch.empty_like(tau, memory_format=torch.contiguous_format) for tau in taus]
+        before = [torch.empty_like(tau, memory_format=torch.contiguous_format) for tau in taus]
         structs = (native.StrandsStruct * len(taus))(*(_struct(*ray_segment) for ray_segment in ctx.ray_segments))
-        lib.unisim_transmittances_forward(structs, len(taus), rays, _pointers(front), kernel_threads())
-        ctx.save_for_backward(*front)
-        return tuple(front)
+        lib.unisim_transmittances_forward(structs, len(taus), rays, _pointers(before), kernel_threads())
+        ctx.save_for_backward(*before)
+        return tuple(before)
 
     @staticmethod
     @once_differentiable
     def backward(ctx: Any, *grads: Tensor) -> tuple[Tensor | None, ...]:
         lib = native.library()
         assert lib is not None
-        front, of_front = list(ctx.saved_tensors), [g.contiguous() for g in grads]
-        of_tau = [torch.empty_like(f) for f in front]
-        structs = (native.StrandsStruct * len(front))(*(_struct(*ray_segment) for ray_segment in ctx.ray_segments))
+        before, of_before = list(ctx.saved_tensors), [g.contiguous() for g in grads]
+        of_tau = [torch.empty_like(f) for f in before]
+        structs = (native.StrandsStruct * len(before))(*(_struct(*ray_segment) for ray_segment in ctx.ray_segments))
         lib.unisim_transmittances_backward(
-            structs, len(front), ctx.rays, _pointers(front), _pointers(of_front), _pointers(of_tau), kernel_threads()
+            structs, len(before), ctx.rays, _pointers(before), _pointers(of_before), _pointers(of_tau), kernel_threads()
         )  # fmt: skip
         return None, None, *of_tau
 
@@ -132,19 +133,19 @@ class _Gather(torch.autograd.Function):
 
     @staticmethod
     def forward(
-        ctx: Any, ray: Tensor, t: Tensor, tau: Tensor, share: Tensor, front: Tensor, features: Tensor
+        ctx: Any, ray: Tensor, t: Tensor, tau: Tensor, stop_fraction: Tensor, before: Tensor, features: Tensor
     ) -> tuple[Tensor, Tensor, Tensor]:
         lib = native.library()
         assert lib is not None
-        ray, t, tau, share, front = (x.contiguous() for x in (ray, t, tau, share, front))
+        ray, t, tau, stop_fraction, before = (x.contiguous() for x in (ray, t, tau, stop_fraction, before))
         features = _rows_alone(features)
         n, _, length = features.shape
         interval, weight, sums = torch.empty_like(tau), torch.empty_like(tau), tau.new_empty(n, length + 3)
         lib.unisim_gather_forward(
-            ctypes.byref(_struct(ray, t, tau, share)), front.data_ptr(), features.data_ptr(), features.stride(1), length,
+            ctypes.byref(_struct(ray, t, tau, stop_fraction)), before.data_ptr(), features.data_ptr(), features.stride(1), length,
             interval.data_ptr(), weight.data_ptr(), sums.data_ptr(), kernel_threads(),
         )  # fmt: skip
-        ctx.save_for_backward(ray, t, tau, share, front, features, weight)
+        ctx.save_for_backward(ray, t, tau, stop_fraction, before, features, weight)
         return interval, weight, sums
 
     @staticmethod
@@ -152,16 +153,16 @@ class _Gather(torch.autograd.Function):
     def backward(ctx: Any, *grads: Tensor) -> tuple[Tensor | None, ...]:
         lib = native.library()
         assert lib is not None
-        ray, t, tau, share, front, features, weight = ctx.saved_tensors
+        ray, t, tau, stop_fraction, before, features, weight = ctx.saved_tensors
         of_interval, of_weight, of_sums = (g.contiguous() for g in grads)
-        of_tau, of_share, of_front = (torch.empty_like(tau) for _ in range(3))
+        of_tau, of_stop_fraction, of_before = (torch.empty_like(tau) for _ in range(3))
         of_features = features.new_empty(features.shape)
         lib.unisim_gather_backward(
-            ctypes.byref(_struct(ray, t, tau, share)), front.data_ptr(), features.data_ptr(), features.stride(1),
+            ctypes.byref(_struct(ray, t, tau, stop_fraction)), before.data_ptr(), features.data_ptr(), features.stride(1),
             features.shape[2], weight.data_ptr(), of_interval.data_ptr(), of_weight.data_ptr(), of_sums.data_ptr(),
-            of_tau.data_ptr(), of_share.data_ptr(), of_front.data_ptr(), of_features.data_ptr(), kernel_threads(),
+            of_tau.data_ptr(), of_stop_fraction.data_ptr(), of_before.data_ptr(), of_features.data_ptr(), kernel_threads(),
         )  # fmt: skip
-        return None, None, of_tau, of_share, of_front, of_features
+        return None, None, of_tau, of_stop_fraction, of_before, of_features
 
 
 class _GatherOnGpu(torch.autograd.Function):
@@ -169,14 +170,14 @@ class _GatherOnGpu(torch.autograd.Function):
 
     @staticmethod
     def forward(
-        ctx: Any, t: Tensor, tau: Tensor, share: Tensor, front: Tensor, features: Tensor
+        ctx: Any, t: Tensor, tau: Tensor, stop_fraction: Tensor, before: Tensor, features: Tensor
     ) -> tuple[Tensor, Tensor, Tensor]:
         from .triton.gather import gather_forward
 
-        t, tau, share, front = (x.contiguous() for x in (t, tau, share, front))
+        t, tau, stop_fraction, before = (x.contiguous() for x in (t, tau, stop_fraction, before))
         features = _rows_alone(features)
-        interval, weight, sums = gather_forward(t, tau, share, front, features)
-        ctx.save_for_backward(t, tau, share, front, features, weight)
+        interval, weight, sums = gather_forward(t, tau, stop_fraction, before, features)
+        ctx.save_for_backward(t, tau, stop_fraction, before, features, weight)
         return interval, weight, sums
 
     @staticmethod
@@ -196,7 +197,7 @@ def _rows_alone(features: Tensor) -> Tensor:
 
 
 def transmittances_reference(rays: int, ray_segments: list[RaySegments]) -> list[Tensor]:
-    """The transmittance in front of every interval (P, K) of each group of ray segments, all fields of a ray in one order of
+    """The transmittance before every interval (P, K) of each group of ray segments, all fields of a ray in one order of
     depth."""
     if not ray_segments:
         return []
@@ -228,6 +229,6 @@ def transmittances_reference(rays: int, ray_segments: list[RaySegments]) -> list
         place = place.index_put((cell,), torch.nn.functional.pad(ray_segment.stops().detach()[mine], pad, value=float("inf")))
     tau, place = tau.view(rows, -1), place.view(rows, -1)
     by_depth = torch.argsort(place, dim=1, stable=True)
-    front, _ = weights_from_tau(tau.gather(1, by_depth))
-    front = torch.zeros_like(front).scatter(1, by_depth, front).view(rows * slots, longest)
-    return [own.index_put((mine,), front[cell][:, : own.shape[1]]) for own, (mine, cell) in zip(out, at, strict=True)]
+    before, _ = weights_from_tau(tau.gather(1, by_depth))
+    before = torch.zeros_like(before).scatter(1, by_depth, before).view(rows * slots, longest)
+    return [own.index_put((mine,), before[cell][:, : own.shape[1]]) for own, (mine, cell) in zip(out, at, strict=True)]

@@ -29,7 +29,8 @@ class RayBatch:
 
 @dataclass
 class RaySegments:
-    """Ray segments of one field: ray (P,), samples t (P, K), signed distances s, features (P, K, F), tau and share (P, K).
+    """Ray segments of one field: ray (P,), samples t (P, K), signed distances s, features (P, K, F), optical depths tau
+    and stop fractions (P, K).
 
     ``points`` (P, K, 3) in the field's own coordinates (volume, metres; or an actor's unit cube); ``field`` (P,) is -1 for the
     static field, else the actor's number among the active ones.
@@ -40,7 +41,7 @@ class RaySegments:
     s: Tensor
     features: Tensor
     tau: Tensor
-    share: Tensor
+    stop_fraction: Tensor
     points: Tensor
     field: Tensor
     foreign: int = -1
@@ -55,8 +56,8 @@ class RaySegments:
     """Edges of the segment's box (P, 3) in the metres of its field, for an actor."""
     beta: float = 0.0
     """The density's sharpness in this field, 1 / metres."""
-    front: Tensor | None = None
-    """Transmittance in front of the intervals (P, K), once composited."""
+    transmittance_before: Tensor | None = None
+    """Transmittance before the intervals (P, K), once composited."""
     weight: Tensor | None = None
     """Weights of the samples (P, K), once composited."""
     interval_weight: Tensor | None = None
@@ -68,19 +69,20 @@ class RaySegments:
         """Where a ray that stops in an interval is expected to (P, K), metres along the ray."""
         near = torch.cat([self.t[:, :1], self.t[:, :-1]], -1)
         alpha = -torch.expm1(-self.tau)
-        inside = torch.where(alpha > 1e-4, self.share / alpha.clamp_min(1e-4), torch.full_like(alpha, 0.5))
+        inside = torch.where(alpha > 1e-4, self.stop_fraction / alpha.clamp_min(1e-4), torch.full_like(alpha, 0.5))
         return near + inside * (self.t - near)
 
 
 @dataclass
 class SegmentTrace:
     """What the rays met. feature (N, F) composited, the far field and the sky included where they were asked for; depth_m (N,)
-    mean distance of what stopped the ray, 0 where nothing did; opacity (N,) and behind (N,), 1 - opacity, without the sky."""
+    mean distance of what stopped the ray, 0 where nothing did; opacity (N,) and transmittance_after (N,), 1 - opacity, without
+    the sky."""
 
     feature: Tensor
     depth_m: Tensor
     opacity: Tensor
-    behind: Tensor
+    transmittance_after: Tensor
     ray_segments: list[RaySegments]
     samples: int
     foreign_features: list[Tensor]
@@ -89,7 +91,7 @@ class SegmentTrace:
     """Mean distance (N,) of what stopped the ray inside the volume, the far field left out."""
     near_opacity: Tensor
     far: tuple[Tensor, Tensor, Tensor, Tensor] | None = None
-    """What the far field gave: ray (R,), t, tau, and the transmittance in front (R, K)."""
+    """What the far field gave: ray (R,), t, tau, and the transmittance before each place (R, K)."""
     without_foreign: Tensor | None = None
     """``feature`` as if no foreign actor were there; None where none is."""
     mesh_opacity: Tensor | None = None

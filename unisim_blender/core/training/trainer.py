@@ -425,9 +425,9 @@ class Trainer:
         ray_segment = traced.static
         if ray_segment is None or ray_segment.weight is None:
             return
-        assert ray_segment.front is not None
+        assert ray_segment.transmittance_before is not None
         self.occupancy.update(
-            ray_segment.points.reshape(-1, 3), ray_segment.weight.flatten(), ray_segment.front.flatten(),
+            ray_segment.points.reshape(-1, 3), ray_segment.weight.flatten(), ray_segment.transmittance_before.flatten(),
             prune=self.iteration >= self.config.prune_from, settled=self.progress >= self.config.settled_from, camera=camera,
         )  # fmt: skip
 

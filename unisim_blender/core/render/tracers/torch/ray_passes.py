@@ -39,7 +39,7 @@ def ray_passes(scene: Scene, active: ActiveActorTensors, part: RayBatch, traced:
 def _instances(traced: SegmentTrace, rays: int) -> Tensor:
     """1 + the number of the actor with the largest weight on each ray (N,), 0 where the rest outweighs it."""
     best = traced.feature.new_zeros(rays)
-    background = traced.behind.clone()
+    background = traced.transmittance_after.clone()
     actors = []
     for ray_segment in traced.ray_segments:
         assert ray_segment.weight is not None

@@ -73,7 +73,7 @@ def trace(
         seen.append(composite(len(rays), own, scene.config.features, [], rays.origins))
     traced = composite(len(rays), ray_segments, scene.config.features, widths, rays.origins)
     seen.append(traced)
-    far = _far(scene, rays, sampling, seen[0].behind) if sampling.far else None
+    far = _far(scene, rays, sampling, seen[0].transmittance_after) if sampling.far else None
     if far is not None:
         traced.samples += far.t.numel() + len(far.ray)
         for result in seen:
@@ -157,10 +157,10 @@ def _static_segments(
     s, feature = scene.static(points.reshape(-1, 3))
     feature = scene.directed(feature, rays.directions[ray].repeat_interleave(t.shape[1], 0))
     s = _cleared(scene, active, rays, actors, ray, t, points, s.view(t.shape))
-    tau, share = _intervals(scene, s, t, _lengths(scene, o, d, t), actor=False)
+    tau, stop_fraction = _intervals(scene, s, t, _lengths(scene, o, d, t), actor=False)
     field = torch.full_like(ray, -1)
     feature = feature.view(*t.shape, scene.config.features)
-    return RaySegments(ray, t, s, feature, tau, share, points, field, beta=float(scene.beta().detach()))
+    return RaySegments(ray, t, s, feature, tau, stop_fraction, points, field, beta=float(scene.beta().detach()))
 
 
 def _actor_segments(
@@ -203,7 +203,7 @@ def _actor_segments(
     points = unit(t)
     s, feature = scene.actors(actor_set.tables, points.reshape(-1, 3), row.repeat_interleave(t.shape[1]))
     s = s.view(t.shape)
-    tau, share = _intervals(scene, s, field_m(t), length, actor=True)
+    tau, stop_fraction = _intervals(scene, s, field_m(t), length, actor=True)
     if sampling.sky and scene.light is not None:
         middle = rays.origins[hits.ray] + t.gather(1, _median(tau)) * rays.directions[hits.ray]
         place = scene.frame.points(middle) if foreign < 0 else scene.light.home[row]
@@ -221,7 +221,7 @@ def _actor_segments(
             s,
             feature.view(*t.shape, scene.config.features),
             tau,
-            share,
+            stop_fraction,
             points,
             hits.actor + first,
             foreign,
@@ -266,10 +266,10 @@ def _copy_segments(scene: SceneModel, active: ActiveActorTensors, rays: RayBatch
     s = torch.where(scene.ground.above(points.reshape(-1, 3)), s, EMPTY_M).view(t.shape)
     feature = scene.directed(feature, rays.directions[hits.ray].repeat_interleave(t.shape[1], 0))
     length = torch.diff(t, dim=1, prepend=hits.t_near[:, None]) if scene.config.density == "volume" else None
-    tau, share = _intervals(scene, s, t, length, actor=False)
+    tau, stop_fraction = _intervals(scene, s, t, length, actor=False)
     field = torch.full_like(hits.ray, -2)
     feature = feature.view(*t.shape, scene.config.features)
-    ray_segments = RaySegments(hits.ray, t, s, feature, tau, share, points, field, beta=float(scene.beta().detach()))
+    ray_segments = RaySegments(hits.ray, t, s, feature, tau, stop_fraction, points, field, beta=float(scene.beta().detach()))
     ray_segments.world_from_box = hits.world_from_box @ pose[:, :3, :3].mT
     return [ray_segments]
 
@@ -373,8 +373,8 @@ class _Far:
     t: Tensor
     tau: Tensor
     weight: Tensor
-    front: Tensor
-    behind: Tensor
+    transmittance_before: Tensor
+    transmittance_after: Tensor
     feature: Tensor
 
 
@@ -390,23 +390,23 @@ def _far(scene: SceneModel, rays: RayBatch, sampling: Sampling, reach: Tensor) -
     t = _disparity(u, t0, scene.config.far_m)
     density, feature = scene.far(_along(o, d, t).reshape(-1, 3))
     tau = density.view(u.shape) * width
-    front, behind = weights_from_tau(tau)
-    weight = front * -torch.expm1(-tau)
+    before, after = weights_from_tau(tau)
+    weight = before * -torch.expm1(-tau)
     directions = rays.directions[ray]
     feature = scene.directed(feature, directions.repeat_interleave(u.shape[1], 0)).view(*u.shape, -1)
     feature = (weight[..., None] * feature).sum(1)
     if sampling.sky:
-        feature = feature + behind[:, None] * scene.directed(scene.far.sky(d), directions)
-    return _Far(ray, t, tau, weight, front, behind, feature)
+        feature = feature + after[:, None] * scene.directed(scene.far.sky(d), directions)
+    return _Far(ray, t, tau, weight, before, after, feature)
 
 
 def _add_far(far: _Far, traced: SegmentTrace) -> None:
     """Put the far field behind what was met in the volume."""
-    ray, reach = far.ray, traced.behind[far.ray]
+    ray, reach = far.ray, traced.transmittance_after[far.ray]
     stopped = traced.depth_m * traced.opacity
     stopped = stopped.index_add(0, ray, reach * (far.weight * far.t).sum(1))
-    traced.far = (ray, far.t, far.tau, reach[:, None] * far.front)
+    traced.far = (ray, far.t, far.tau, reach[:, None] * far.transmittance_before)
     traced.feature = traced.feature.index_add(0, ray, reach[:, None] * far.feature)
-    traced.behind = traced.behind.index_put((ray,), reach * far.behind)
-    traced.opacity = 1 - traced.behind
+    traced.transmittance_after = traced.transmittance_after.index_put((ray,), reach * far.transmittance_after)
+    traced.opacity = 1 - traced.transmittance_after
     traced.depth_m = stopped / traced.opacity.clamp_min(1e-6)
