@@ -17,7 +17,7 @@ from typing import Any
 import click
 import numpy as np
 
-from unisim_blender.core.prepare.scenario_plan import Wishes, plan_scenario
+from unisim_blender.core.prepare.scenario_plan import RenderOptions, plan_scenario
 from unisim_blender.core.sequence.run import RenderReport, render_sequence
 
 Edit = dict[str, Any]
@@ -50,12 +50,12 @@ def contents(folder: Path) -> dict[str, bytes]:
     return {**found, "manifest.json": json.dumps(manifest).encode()}
 
 
-def rendered(document: dict[str, Any], beside: Path, out: Path, wishes: Wishes, resume: bool) -> RenderReport:
+def rendered(document: dict[str, Any], beside: Path, out: Path, options: RenderOptions, resume: bool) -> RenderReport:
     """Render a scenario's document, whose paths are relative to those of the file ``beside``."""
     path = beside.with_name(f".random_edits_{beside.name}")
     path.write_text(json.dumps(document))
     try:
-        plan, _ = plan_scenario(path, wishes)
+        plan, _ = plan_scenario(path, options)
         return render_sequence(plan, out, resume=resume)
     finally:
         path.unlink()
@@ -72,23 +72,23 @@ def rendered(document: dict[str, Any], beside: Path, out: Path, wishes: Wishes, 
 def main(scenario: Path, out: Path, count: int, seed: int, frames: str, width: int, check_every: int) -> None:
     """Run them."""
     rng, document = np.random.default_rng(seed), json.loads(scenario.read_text())
-    wishes = Wishes(frames=frames, width=width, passes=("rgb", "depth", "instance"))
-    plan, prepared = plan_scenario(scenario, wishes)
+    options = RenderOptions(frames=frames, width=width, passes=("rgb", "depth", "instance"))
+    plan, prepared = plan_scenario(scenario, options)
     taken = {edit["actor"] for edit in document["edits"] if "actor" in edit}
     actors = [uid for uid in prepared.recorded.actors if uid not in taken]
     shutil.rmtree(out, ignore_errors=True)
-    rendered(document, scenario, out / "edited", wishes, resume=False)
+    rendered(document, scenario, out / "edited", options, resume=False)
     again = kept = differ = 0
     for number in range(count):
         # one edit at a time, in place of the one before: what it took away comes back
         edit = random_edit(rng, actors, number)
         edited = {**document, "edits": [*document["edits"], edit]}
-        report = rendered(edited, scenario, out / "edited", wishes, resume=True)
+        report = rendered(edited, scenario, out / "edited", options, resume=True)
         again, kept = again + report.captures, kept + report.captures_kept
         same = "not compared"
         if number % check_every == 0:
             shutil.rmtree(out / "fresh", ignore_errors=True)
-            rendered(edited, scenario, out / "fresh", wishes, resume=False)
+            rendered(edited, scenario, out / "fresh", options, resume=False)
             is_same = contents(out / "edited") == contents(out / "fresh")
             same, differ = ("same bytes" if is_same else "DIFFERENT"), differ + (not is_same)
         print(

@@ -138,8 +138,8 @@ def icon_of(log_path: Path, uid: str, scene_path: Path | None = None) -> int:
     """Return the icon of an actor: recorded, else rendered from the trained scene in a folder, else grey. Reads nothing from disk
     itself and works nothing out, so that drawing may call it."""
     one = _known.get(log_path, {}).get(uid)
-    if one is not None and one.picture is not None:
-        return _loaded(one.picture)
+    if one is not None and one.image is not None:
+        return _loaded(one.image)
     if scene_path is None or (one is None and log_path in _makers):
         return grey()
     key = scene_path, uid

@@ -14,7 +14,7 @@ from unisim_blender.core.prepare.replay import replayed_drive
 from unisim_blender.core.render.drive_renderer import DriveRenderer
 from unisim_blender.core.street.write import write_log
 from unisim_blender.core.training.config import TrainConfig
-from unisim_blender.core.training.learnt import learnt
+from unisim_blender.core.training.load_or_train import load_or_train
 from unisim_blender.core.world.drive import Drive
 
 from .samples import Key, Sample, sample_of
@@ -46,6 +46,6 @@ def _renderer(simulated: SimulatedSet, seed: int) -> tuple[Drive, DriveRenderer]
     scene = folder / f"scene-{simulated.preset}-{simulated.steps}"
     frames = tuple(frame for frame in log.drive.frames if frame % simulated.streets.step)
     config = TrainConfig((CAMERA,), (PANDAR64,), frames, preset=simulated.preset, iterations=simulated.steps)
-    header = learnt(log, config, scene, quiet=True)
+    header = load_or_train(log, config, scene, quiet=True)
     drive = simulated.streets.edited(street, replayed_drive(header, log.drive, log.path))
     return drive, SceneSource(scene, drive)()

@@ -34,7 +34,7 @@ class TrueSet:
         """Of one frame, with the noise of a recorded sweep."""
         street, drive = self._true.street, self._true.edited
         sweep = noisy(truth_lidar(street, drive, PANDAR64, key.frame), street, key.frame)
-        return sample_of(drive, key.frame, CAMERA, self._true.picture("edit", CAMERA, key.frame), sweep)
+        return sample_of(drive, key.frame, CAMERA, self._true.image("edit", CAMERA, key.frame), sweep)
 
     @cached_property  # a set that is whole, or another's, has nothing drawn
     def _true(self) -> TrueEdit:

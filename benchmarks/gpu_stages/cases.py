@@ -17,7 +17,7 @@ from unisim_blender.core.ops.composite import gather, gather_reference
 from unisim_blender.core.ops.grid_shape import GridArrays, GridShape
 from unisim_blender.core.ops.hash_grid import encode, encode_reference
 from unisim_blender.core.ops.march import Segment, Voxels, propose, propose_reference
-from unisim_blender.core.ops.ray_segments import Strands
+from unisim_blender.core.ops.ray_segments import RaySegments
 
 from .kernels import apart, held_against
 
@@ -125,8 +125,8 @@ def _gather(device: str, rays: int, count: int, width: int) -> Errors:
     sets = []
     for kind, dtype in ((gather, torch.float32), (gather_reference, torch.float64), (gather_reference, torch.float32)):
         a, b, c, f = (x.to(dtype, copy=True).requires_grad_() for x in (tau, share, front, features))
-        strand = Strands(ray, t.to(dtype), t.to(dtype), f[..., 1:], a, b, t[..., None], ray)
-        out = kind(strand, c)
+        ray_segment = RaySegments(ray, t.to(dtype), t.to(dtype), f[..., 1:], a, b, t[..., None], ray)
+        out = kind(ray_segment, c)
         torch.autograd.backward(out, [g.to(dtype) for g in given])
         grads = [x.grad for x in (a, b, c, f)]
         sets.append([*(x.detach() for x in out), *(g for g in grads if g is not None)])

@@ -56,10 +56,10 @@ def test_a_process_makes_them_and_they_are_kept(scene: Any, street_log: Path) ->
     made(log)
     found = thumbnails.images_of(log)
     assert set(found) == {o.unisim.uid for o in scene.objects if o.unisim.kind == "ACTOR"} and kept_images(log) == found
-    seen = next(uid for uid, one in found.items() if one.picture)
-    assert str(found[seen].picture) not in thumbnails._collection()
+    seen = next(uid for uid, one in found.items() if one.image)
+    assert str(found[seen].image) not in thumbnails._collection()
     thumbnails.icon_of(log, seen)
-    preview = thumbnails._collection()[str(found[seen].picture)]
+    preview = thumbnails._collection()[str(found[seen].image)]
     pixels = np.array(preview.image_pixels_float[:]).reshape(-1, 4)
     assert len(pixels) > 100 and pixels[:, :3].std() > 0.02
     words = {uid: one.word for uid, one in found.items()}

@@ -18,12 +18,12 @@ from unisim_blender.core.model.config import ModelConfig, preset
 from unisim_blender.core.model.scene import SceneModel
 from unisim_blender.core.model.scene_file import SceneHeader
 from unisim_blender.core.model.volume import Volume
-from unisim_blender.core.ops.ray_segments import RayBatch, Traced
-from unisim_blender.core.render.actor_sets import gather_cast
+from unisim_blender.core.ops.ray_segments import RayBatch, SegmentTrace
+from unisim_blender.core.render.actor_sets import active_actors
 from unisim_blender.core.render.drive_renderer import DriveRenderer
 from unisim_blender.core.render.quality import quality_named
 from unisim_blender.core.render.renderer import Renderer
-from unisim_blender.core.render.tracers.torch.actor_tensors import CastTensors, cast_tensors
+from unisim_blender.core.render.tracers.torch.actor_tensors import ActiveActorTensors, active_actor_tensors
 from unisim_blender.core.render.tracers.torch.trace import Sampling, trace
 from unisim_blender.core.render.tracers.torch.tracer import TorchBackend
 from unisim_blender.core.world.drive import Actor, Box, Camera, CameraModel, Drive, Lidar, LidarModel, Look, StaticCopy
@@ -69,7 +69,7 @@ def union(*parts: Distance) -> Distance:
 
 
 def mark(number: int, width: int) -> Tensor:
-    """A feature that tells one medium from another: 1 in its own place."""
+    """A feature that tells one field from another: 1 in its own place."""
     return torch.nn.functional.one_hot(torch.tensor(number), width).float()
 
 
@@ -156,20 +156,20 @@ def drive_of(actors: Sequence[Actor], copies: tuple[StaticCopy, ...] = (), remov
 
 @dataclass
 class Stage:
-    """A scene with who is on, ready to be traced."""
+    """A scene and its active actors, ready to be traced."""
 
     scene: SceneModel
     drive: Drive
     others: dict[str, SceneModel] = field(default_factory=dict)
 
-    def cast(self) -> CastTensors:
+    def active(self) -> ActiveActorTensors:
         scenes = {path: (scene, tables(scene)) for path, scene in {"": self.scene, **self.others}.items()}
         looks = {path: tuple(scene.actor_ids) for path, (scene, _) in scenes.items()}
-        return cast_tensors(gather_cast(whole_state(self.drive), looks), scenes)
+        return active_actor_tensors(active_actors(whole_state(self.drive), looks), scenes)
 
     def trace(
         self, origins: Any, directions: Any, time_s: Any = 0.0, fine: float = 4.0, far: bool = False, among: Tensor | None = None
-    ) -> Traced:
+    ) -> SegmentTrace:
         """Rays (N, 3) or one (3,), at one time or each at its own; directions need no unit length."""
         o, d = np.broadcast_arrays(np.atleast_2d(origins).astype(float), np.atleast_2d(directions).astype(float))
         d = d / np.linalg.norm(d, axis=1, keepdims=True)
@@ -179,7 +179,7 @@ class Stage:
             torch.tensor(np.broadcast_to(time_s, len(o)).copy(), dtype=torch.float64),
         )
         with torch.no_grad():
-            return trace(self.scene, self.cast(), batch, Sampling(fine=fine, far=far), among)
+            return trace(self.scene, self.active(), batch, Sampling(fine=fine, far=far), among)
 
     def as_scene(self, path: str = "scene") -> Scene:
         """The scene as a renderer takes it."""

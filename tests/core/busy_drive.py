@@ -72,7 +72,7 @@ def busy_drive(folder: Path) -> Drive:
 
 
 def backends(folder: Path) -> dict[str, Backend]:
-    """Two scenes of random weights, the second one for guests, by the kernels where they are built and by torch."""
+    """Two scenes of random weights, the second one for foreign actors, by the kernels where they are built and by torch."""
     scene, other = saved(folder / "scene", TINY), saved(folder / "other", replace(TINY, features=7), seed=1)
     found: dict[str, Backend] = {"torch": TorchBackend(load_scene(scene), others={GUEST_SCENE: load_scene(other)})}
     if native.library() is not None:

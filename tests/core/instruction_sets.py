@@ -14,7 +14,7 @@ from unisim_blender.core.bench.methods import VARIANTS
 
 START = """
 import sys
-sys.path.insert(0, {folder!r})
+sys.path[:0] = {folders!r}
 from unisim_blender.core import native
 assert native.variant() == {name!r}, native.variant()
 """
@@ -29,7 +29,8 @@ def run_with(name: str, script: str, *arguments: object) -> None:
     """Run a script, which finds the tests' modules, with the kernels of one set; the test is skipped where that does not run."""
     if name not in sets_here():
         pytest.skip(f"this processor or build has no {name}")
-    start = START.format(folder=str(Path(__file__).parent), name=name)
+    here = Path(__file__).parent
+    start = START.format(folders=[str(here), str(here.parent / "reference")], name=name)
     command = [sys.executable, "-c", start + script, *map(str, arguments)]
     environment = {**os.environ, "UNISIM_NATIVE_VARIANT": name, "OMP_NUM_THREADS": "1"}
     run = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=300)

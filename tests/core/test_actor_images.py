@@ -207,9 +207,9 @@ def test_images_are_kept_until_the_log_changes(tmp_path: Path, monkeypatch: pyte
     assert kept_images(path) is None
     made = {one.uid: one for one in make_images(log)}
     assert set(made) == set(log.drive.actors) and kept_images(path) == made
-    assert all(one.picture is None or one.picture.read_bytes().startswith(b"\x89PNG") for one in made.values())
-    assert any(one.picture for one in made.values())
-    picture = next(one.picture for one in made.values() if one.picture)
+    assert all(one.image is None or one.image.read_bytes().startswith(b"\x89PNG") for one in made.values())
+    assert any(one.image for one in made.values())
+    picture = next(one.image for one in made.values() if one.image)
     picture.unlink()
     assert kept_images(path) is None  # half of it is none of it
     list(make_images(log))

@@ -19,7 +19,7 @@ from random_scene import CARS, TINY, saved
 from unisim_blender.core import native
 from unisim_blender.core.bench.cases import all_cases, camera_case, middle, state_case, subject_of, windows
 from unisim_blender.core.bench.copies import grid, model_actor, with_copies, with_tracks
-from unisim_blender.core.bench.errors import depth_error, picture_error
+from unisim_blender.core.bench.errors import depth_error, image_error
 from unisim_blender.core.bench.figures import figures_of
 from unisim_blender.core.bench.machine import processor
 from unisim_blender.core.bench.measure import turns
@@ -27,9 +27,9 @@ from unisim_blender.core.bench.methods import DEFAULT, TYPICAL, VARIANTS, all_me
 from unisim_blender.core.bench.pareto import pareto_front
 from unisim_blender.core.bench.plots import pictures
 from unisim_blender.core.bench.process import RendererProcess
+from unisim_blender.core.bench.render_request import Measurement, RenderRequest, RenderSession, SceneSetup
 from unisim_blender.core.bench.run import run_bench
 from unisim_blender.core.bench.settings import QUICK, Settings
-from unisim_blender.core.bench.shot import Shot, Stage, Studio, Take
 from unisim_blender.core.bench.state_cost import STEPS
 from unisim_blender.core.bench.tables import markdown, number
 from unisim_blender.core.cli.commands import bench as command_module
@@ -144,12 +144,12 @@ def test_what_a_state_costs_is_in_the_report(measured: Path, figures: dict[str, 
 @needs_library
 def test_a_state_costs_more_with_more_actors(scene: Path) -> None:
     """By what is bound and culled, whatever the clock says."""
-    subject, studio = subject_of(scene), Studio()
+    subject, session = subject_of(scene), RenderSession()
     found = []
     for actors in (1, 40):
         case = state_case(subject, replace(SETTINGS, state_actors=actors, state_repeats=1), 1)
         for entry in case.entries:
-            entry.takes.append(studio.take(entry.shot))
+            entry.measurements.append(session.render(entry.request))
         found.append(figures_of([case])["state"][0]["entries"])
     for few, many in zip(*found, strict=True):
         # the scene's own actors are there, however few are asked for
@@ -183,16 +183,16 @@ def test_tables_and_pictures(measured: Path, figures: dict[str, Any]) -> None:
 
 @needs_library
 def test_an_interruption_leaves_what_was_measured(scene: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    real, count = RendererProcess.take, 0
+    real, count = RendererProcess.render, 0
 
-    def take(self: RendererProcess, shot: Shot) -> Take:
+    def render(self: RendererProcess, request: RenderRequest) -> Measurement:
         nonlocal count
         count += 1
         if count == 5:
             raise KeyboardInterrupt
-        return real(self, shot)
+        return real(self, request)
 
-    monkeypatch.setattr(RendererProcess, "take", take)
+    monkeypatch.setattr(RendererProcess, "render", render)
     with pytest.raises(KeyboardInterrupt):
         run_bench([scene], None, tmp_path / "out", SETTINGS, lambda sentence: None, quiet=True)
     document = json.loads((tmp_path / "out" / "bench.json").read_text())
@@ -206,34 +206,34 @@ def test_an_interruption_leaves_what_was_measured(scene: Path, tmp_path: Path, m
 def test_faults_of_a_process_come_back(scene: Path) -> None:
     with RendererProcess({}) as process:
         assert process.variant() == native.variant()
-        shot = Shot(Stage(scene / "nowhere", "front", 2), "front", QUALITY["fast"], 48)
+        request = RenderRequest(SceneSetup(scene / "nowhere", "front", 2), "front", QUALITY["fast"], 48)
         with pytest.raises(SceneError, match="nowhere"):
-            process.take(shot)
+            process.render(request)
         process._process.kill()
         with pytest.raises(UnisimError, match="has ended"):
-            process.take(shot)
+            process.render(request)
     with RendererProcess({"UNISIM_NATIVE": "0"}) as process:
         assert process.variant() == "torch"
 
 
 @needs_library
-def test_a_shot_is_what_the_renderer_gives(scene: Path) -> None:
+def test_a_request_renders_what_the_renderer_gives(scene: Path) -> None:
     drive = read_scene_header(scene).drive
     renderer = DriveRenderer(Renderer(make_backend(scene, quality="fine")), drive)
     region = Region(5, 3, 21, 13)
-    shot = Shot(Stage(scene, "front", 2), "front", QUALITY["fine"], 48, (region,))
-    studio = Studio()
-    studio.take(replace(shot, quality=QUALITY["fast"]))
+    request = RenderRequest(SceneSetup(scene, "front", 2), "front", QUALITY["fine"], 48, (region,))
+    session = RenderSession()
+    session.render(replace(request, quality=QUALITY["fast"]))
     expected = renderer.camera("front", 2, width=48)
     for whole in (True, False):
-        take = studio.take(replace(shot, whole=whole))
-        assert np.array_equal(take.pieces[0], expected.rgb[3:13, 5:21])
-        assert take.sensor_rays == 24 * 16 and (take.rays == take.sensor_rays) == whole
+        measurement = session.render(replace(request, whole=whole))
+        assert np.array_equal(measurement.pieces[0], expected.rgb[3:13, 5:21])
+        assert measurement.sensor_rays == 24 * 16 and (measurement.rays == measurement.sensor_rays) == whole
     sweep = renderer.lidar("top", 2)
     for whole in (True, False):
-        take = studio.take(replace(shot, sensor="top", width=0, regions=(), column_step=7, whole=whole))
-        assert np.array_equal(take.pieces[0], sweep.depth_m[:, ::7]) and take.sensor_rays == 4 * 180
-        assert take.rays == (720 if whole else 4 * 26)
+        measurement = session.render(replace(request, sensor="top", width=0, regions=(), column_step=7, whole=whole))
+        assert np.array_equal(measurement.pieces[0], sweep.depth_m[:, ::7]) and measurement.sensor_rays == 4 * 180
+        assert measurement.rays == (720 if whole else 4 * 26)
 
 
 class OneImage:
@@ -257,15 +257,15 @@ class OneImage:
 def test_recorded_pictures_are_compared_where_there_is_a_log(scene: Path) -> None:
     log: Any = OneImage(read_scene_header(scene).drive)
     subject = subject_of(scene, log)
-    assert subject.frame == 4 and subject.stage().log == Path("log")
+    assert subject.frame == 4 and subject.setup().log == Path("log")
     case = camera_case(subject, all_methods({DEFAULT: native.variant()}, 1, torch=False)[:1], SETTINGS, 48, 1)
-    regions = case.entries[0].shot.regions
+    regions = case.entries[0].request.regions
     assert case.recorded is not None and len(case.recorded) == len(regions) == 2
     for piece, r in zip(case.recorded, regions, strict=True):
         assert np.array_equal(piece, log.picture[r.top : r.bottom, r.left : r.right] / np.float32(255))
     # a picture that is off by a tenth everywhere
     off = [np.where(piece < 0.5, piece + np.float32(0.1), piece - np.float32(0.1)) for piece in case.recorded]
-    case.entries[2].takes.append(Take(1.0, 10, 10, 10, 0, 0, off))
+    case.entries[2].measurements.append(Measurement(1.0, 10, 10, 10, 0, 0, off))
     row = figures_of([case])["camera"][0]["entries"][0]
     assert row["recorded_psnr_db"] == pytest.approx(20, abs=0.01) and "psnr_db" not in row
 
@@ -283,10 +283,10 @@ def test_pareto_front_by_hand() -> None:
 def test_errors_of_pictures_and_depths() -> None:
     rng = np.random.default_rng(0)
     pieces = [rng.random((4, 5, 3), np.float32), rng.random((2, 3, 3), np.float32)]
-    same = picture_error(pieces, pieces)
+    same = image_error(pieces, pieces)
     assert same == {"psnr_db": math.inf, "delta_e": 0}
     black, white = [np.zeros((2, 2, 3), np.float32)], [np.ones((2, 2, 3), np.float32)]
-    far = picture_error(black, white)
+    far = image_error(black, white)
     assert far["psnr_db"] == 0 and far["delta_e"] == pytest.approx(100, abs=0.01)
     truth = np.array([10.0, 20.0, 30.0, 0.0, 5.0], np.float32)
     assert depth_error(truth, truth) == {"median_mm": 0, "p90_mm": 0, "p99_mm": 0, "within_2cm": 1, "hits_agree": 1}

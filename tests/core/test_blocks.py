@@ -10,7 +10,7 @@ from unisim_blender.core import native
 from unisim_blender.core.render.lattice import blocks
 from unisim_blender.core.render.lattice.blocks import (
     CROWDED,
-    Picture,
+    SparseImage,
     differ,
     fill,
     foretold,
@@ -23,7 +23,7 @@ pytestmark = pytest.mark.skipif(native.library() is None, reason="the kernels we
 SHAPE = 97, 145
 
 
-def made(seed: int, size: int, roughness: float) -> tuple[Picture, NDArray[np.int64]]:
+def made(seed: int, size: int, roughness: float) -> tuple[SparseImage, NDArray[np.int64]]:
     """A picture traced on a lattice of ``size`` and in every third block's middle, and its blocks. Slopes of all kinds, with
     infinite depths, numbers that are none, and jumps."""
     rng = np.random.default_rng(seed)
@@ -47,7 +47,7 @@ def made(seed: int, size: int, roughness: float) -> tuple[Picture, NDArray[np.in
         "unsupported": rng.random(SHAPE) < 0.01,
         CROWDED: rng.random(SHAPE) < 0.005,
     }
-    picture = Picture(SHAPE)
+    picture = SparseImage(SHAPE)
     corners = (np.mgrid[0 : h - 1 : size, 0 : w - 1 : size]).reshape(2, -1).T
     picture.known[::size, ::size] = True
     middles = corners[::3] + size // 2

@@ -21,9 +21,9 @@ from unisim_blender.core.compare import methods
 from unisim_blender.core.compare.kept_truth import KeptTruth
 from unisim_blender.core.compare.made import make
 from unisim_blender.core.compare.methods import METHODS, USUAL, Method, methods_named
+from unisim_blender.core.compare.options import CompareOptions
 from unisim_blender.core.compare.parts import parts_of, street_at
 from unisim_blender.core.compare.table import Column, Table, cells_of, markdown, tables_of
-from unisim_blender.core.compare.wishes import Wishes
 from unisim_blender.core.data import open_log
 from unisim_blender.core.errors import SceneError, UnisimError
 from unisim_blender.core.evaluate.fid import Inception, frechet_distance
@@ -110,7 +110,7 @@ def test_a_log_whose_truth_nobody_knows_is_compared_with_what_was_recorded(
 
 def test_a_training_that_was_cut_off_goes_on(log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     recorded, folder = open_log(log), tmp_path / "scene"
-    make("unisim", TINY, recorded, folder, Wishes(iterations=2, width=64), quiet=True)
+    make("unisim", TINY, recorded, folder, CompareOptions(iterations=2, width=64), quiet=True)
     (folder / HEADER_NAME).unlink()
     steps: list[int] = []
     plain = Trainer.step
@@ -120,23 +120,23 @@ def test_a_training_that_was_cut_off_goes_on(log: Path, tmp_path: Path, monkeypa
         return plain(trainer)
 
     monkeypatch.setattr(Trainer, "step", counted)
-    done = make("unisim", TINY, recorded, folder, Wishes(iterations=3, width=64), quiet=True)
+    done = make("unisim", TINY, recorded, folder, CompareOptions(iterations=3, width=64), quiet=True)
     assert done.about["iterations"] == 3 and steps == [2]
     with pytest.raises(SceneError, match=r"was trained with width 64, not 32"):
-        make("unisim", TINY, recorded, folder, Wishes(iterations=3, width=32), quiet=True)
+        make("unisim", TINY, recorded, folder, CompareOptions(iterations=3, width=32), quiet=True)
     with pytest.raises(SceneError, match="with disturbed None, not .*0.3"):
-        make("unisim", TINY, recorded, folder, Wishes(iterations=3, width=64, disturb=(0.3, 3.0)), quiet=True)
+        make("unisim", TINY, recorded, folder, CompareOptions(iterations=3, width=64, disturb=(0.3, 3.0)), quiet=True)
 
 
 def test_another_budget_density_or_loss_is_another_training(log: Path, tmp_path: Path) -> None:
-    recorded, folder, wishes = open_log(log), tmp_path / "scene", Wishes(iterations=2, width=64)
-    made = make("unisim", TINY, recorded, folder, wishes, quiet=True)
-    assert make("unisim", TINY, recorded, folder, wishes, quiet=True).key == made.key
+    recorded, folder, options = open_log(log), tmp_path / "scene", CompareOptions(iterations=2, width=64)
+    made = make("unisim", TINY, recorded, folder, options, quiet=True)
+    assert make("unisim", TINY, recorded, folder, options, quiet=True).key == made.key
     for method, wished, problem in (
-        (TINY, Wishes(iterations=4, width=64), "with iterations 2, not 4"),
-        (TINY, Wishes(minutes=5.0, width=64), "with minutes None, not 5.0"),
-        (replace(TINY, density="unisim"), wishes, "with density logistic, not unisim"),
-        (replace(TINY, adversarial=True), wishes, "with adversarial False, not True"),
+        (TINY, CompareOptions(iterations=4, width=64), "with iterations 2, not 4"),
+        (TINY, CompareOptions(minutes=5.0, width=64), "with minutes None, not 5.0"),
+        (replace(TINY, density="unisim"), options, "with density logistic, not unisim"),
+        (replace(TINY, adversarial=True), options, "with adversarial False, not True"),
     ):
         with pytest.raises(SceneError, match=problem):
             make("unisim", method, recorded, folder, wished, quiet=True)
@@ -146,28 +146,28 @@ def test_the_truth_is_kept_and_a_broken_file_is_made_again(log: Path, tmp_path: 
     scenario = log / FOLDER / "removal.json"
     true = TrueEdit.on(log, prepare_scenario(scenario, refined=False), (0, 2), (CAMERA,), 64)
     kept = KeptTruth(true, tmp_path)
-    first = kept.pictures(CAMERA, 1)
+    first = kept.images(CAMERA, 1)
     (file,) = tmp_path.iterdir()
-    again = kept.pictures(CAMERA, 1)
+    again = kept.images(CAMERA, 1)
     assert first.replay is not None and again.replay is not None
     assert np.array_equal(first.edit, again.edit) and np.array_equal(first.replay, again.replay)
     assert np.array_equal(first.regions.edited, again.regions.edited) and first.regions.edited.any()
     file.write_bytes(file.read_bytes()[:100])
-    assert np.array_equal(kept.pictures(CAMERA, 1).edit, first.edit)
+    assert np.array_equal(kept.images(CAMERA, 1).edit, first.edit)
 
 
 def test_parts_are_held_out_frames_and_edits(log: Path, tmp_path: Path) -> None:
     recorded, street = open_log(log), street_at(log)
-    parts = {part.name: part for part in parts_of(recorded, street, tmp_path, Wishes(truth_frames=1))}
+    parts = {part.name: part for part in parts_of(recorded, street, tmp_path, CompareOptions(truth_frames=1))}
     assert parts["replay"].frames == (1, 3) and parts["replay"].scenario == log
     assert {"removal", "insertion", "cones", "retiming"} == {n for n, p in parts.items() if n != "replay" and not p.moves_view}
     assert {"shift-0.5m", "shift-2m", "shift-3m"} == {n for n, p in parts.items() if p.moves_view}
     assert all(len(p.frames) == 1 and p.frames[0] in (1, 3) for n, p in parts.items() if n != "replay")
     with pytest.raises(UnisimError, match="leaves no frame to compare"):
-        parts_of(recorded, street, tmp_path, Wishes(frames=":"))
+        parts_of(recorded, street, tmp_path, CompareOptions(frames=":"))
     with pytest.raises(UnisimError, match="is no street"):
-        parts_of(recorded, None, tmp_path, Wishes(scenarios=(log / FOLDER / "removal.json",)))
-    (part,) = parts_of(recorded, None, tmp_path, Wishes())
+        parts_of(recorded, None, tmp_path, CompareOptions(scenarios=(log / FOLDER / "removal.json",)))
+    (part,) = parts_of(recorded, None, tmp_path, CompareOptions())
     assert part.name == "replay"
 
 
@@ -227,7 +227,7 @@ def test_inception_is_a_file_of_the_users(tmp_path: Path) -> None:
 
 def test_eval_takes_a_scene_for_scenarios_that_name_none(log: Path, tmp_path: Path) -> None:
     scenario = str(log / FOLDER / "removal.json")
-    make("unisim", TINY, open_log(log), tmp_path / "scene", Wishes(iterations=2, width=64), quiet=True)
+    make("unisim", TINY, open_log(log), tmp_path / "scene", CompareOptions(iterations=2, width=64), quiet=True)
     asked = ["eval", "--truth", str(log), scenario, "--frames", "1", "--out", str(tmp_path / "out")]
     found = CliRunner().invoke(unisim, asked)
     assert isinstance(found.exception, UnisimError) and "give one with --scene" in str(found.exception)
@@ -236,7 +236,7 @@ def test_eval_takes_a_scene_for_scenarios_that_name_none(log: Path, tmp_path: Pa
 
 
 def test_a_log_is_rendered_with_a_scene_that_nothing_names(log: Path, tmp_path: Path) -> None:
-    make("unisim", TINY, open_log(log), tmp_path / "scene", Wishes(iterations=2, width=64), quiet=True)
+    make("unisim", TINY, open_log(log), tmp_path / "scene", CompareOptions(iterations=2, width=64), quiet=True)
     out = tmp_path / "out"
     asked = ["render", str(log), "--scene", str(tmp_path / "scene"), "--frames", "1", "--sensors", CAMERA, "--out", str(out)]
     assert run([*asked, "--width", "32", "--jobs", "1"]) == 0

@@ -229,7 +229,7 @@ def test_it_needs_no_torch() -> None:
 
 @pytest.mark.parametrize("cells", (0, 8))
 @pytest.mark.parametrize("shape", ((1, 1), (3, 30), (40, 33)))
-def test_a_guest_is_carried_past_its_edges(shape: tuple[int, int], cells: int) -> None:
+def test_a_foreign_actor_is_carried_past_its_edges(shape: tuple[int, int], cells: int) -> None:
     torch.manual_seed(shape[1])
     share = torch.rand(shape) * (torch.rand(shape) < 0.03)
     share[0, 0] = 5e-4  # too little to be looked at, but something

@@ -1,4 +1,4 @@
-"""The compiled tracer beside torch's, on scenes of random weights: every medium, configuration and pass."""
+"""The compiled tracer beside torch's, on scenes of random weights: every field, configuration and pass."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from whole_drive import bound_to
 from unisim_blender.core import native
 from unisim_blender.core.bench.methods import VARIANTS
 from unisim_blender.core.errors import SceneError, UnisimError
-from unisim_blender.core.meshes.meeting import Met
+from unisim_blender.core.meshes.hits import MeshHits
 from unisim_blender.core.model.checkpoint import load_scene
 from unisim_blender.core.render.quality import QUALITY
-from unisim_blender.core.render.tracer import Found, tiled
+from unisim_blender.core.render.tracer import TraceResult, tiled
 from unisim_blender.core.render.tracers.compiled import tracer as compiled_tracer
 from unisim_blender.core.render.tracers.compiled.scene import CompiledScene
 from unisim_blender.core.render.tracers.compiled.tracer import CompiledBackend, CompiledTracer
@@ -66,7 +66,7 @@ def close(a: Any, b: Any, shape: tuple[int, ...], within: float) -> None:
         assert ((a[y, x] >= low) & (a[y, x] <= high)).all(), f"ray {y, x} is {a[y, x]}, its neighbours from {low} to {high}"
 
 
-def same_find(a: Found, b: Found, shape: tuple[int, ...], within: float = 2e-3) -> None:
+def same_find(a: TraceResult, b: TraceResult, shape: tuple[int, ...], within: float = 2e-3) -> None:
     close(a.feature, b.feature, shape, within)
     close(a.opacity, b.opacity, shape, within)
     close(a.depth_m, b.depth_m, shape, 5 * within)
@@ -74,8 +74,8 @@ def same_find(a: Found, b: Found, shape: tuple[int, ...], within: float = 2e-3) 
     for name in a.maps:
         close(a.maps[name], b.maps[name], shape, 5 * within)
     for x, y in zip(
-        (*a.guest_features, *a.guest_opacity, a.without_guests, a.mesh_opacity),
-        (*b.guest_features, *b.guest_opacity, b.without_guests, b.mesh_opacity),
+        (*a.foreign_features, *a.foreign_opacity, a.without_foreign, a.mesh_opacity),
+        (*b.foreign_features, *b.foreign_opacity, b.without_foreign, b.mesh_opacity),
         strict=True,
     ):
         assert (x is None) == (y is None)
@@ -130,21 +130,23 @@ def test_everything_that_is_recorded(tmp_path: Path, name: str, sky: bool) -> No
 
 @needs_library
 @pytest.mark.parametrize("meshes", (False, True))
-def test_guests_and_meshes(tmp_path: Path, meshes: bool) -> None:
+def test_foreign_actors_and_meshes(tmp_path: Path, meshes: bool) -> None:
     drive = edited()
-    guest = still("guest", (-15, 0, 1.5), (3, 3, 3), yaw=0.3, look=Look("car", "other"))
-    drive = dataclasses.replace(drive, actors={**drive.actors, "guest": guest})
+    foreign = still("guest", (-15, 0, 1.5), (3, 3, 3), yaw=0.3, look=Look("car", "other"))
+    drive = dataclasses.replace(drive, actors={**drive.actors, "guest": foreign})
     wide = dataclasses.replace(TINY, features=7, upsample=1)
     fast, slow = both(saved(tmp_path / "scene", TINY), drive, other=saved(tmp_path / "other", wide, seed=1))
     rays = picture_rays(drive)
-    met = None
+    mesh_hits = None
     if meshes:
         rng = np.random.default_rng(0)
         ray = np.sort(rng.choice(rays.time_s.size, 200, replace=False))
-        met = Met(ray, rng.uniform(3, 15, 200), rng.uniform(0.2, 1, 200), np.tile([0.0, 0, 1], (200, 1)), rng.integers(0, 2, 200))
-    found = fast.trace(rays, PASSES, True, met, RenderStats())
-    expected = slow.trace(rays, PASSES, True, met, RenderStats())
-    assert numbers(expected.guest_opacity[0]).max() > 0.3
+        mesh_hits = MeshHits(
+            ray, rng.uniform(3, 15, 200), rng.uniform(0.2, 1, 200), np.tile([0.0, 0, 1], (200, 1)), rng.integers(0, 2, 200)
+        )
+    found = fast.trace(rays, PASSES, True, mesh_hits, RenderStats())
+    expected = slow.trace(rays, PASSES, True, mesh_hits, RenderStats())
+    assert numbers(expected.foreign_opacity[0]).max() > 0.3
     shape = rays.time_s.shape
     same_find(found, expected, shape)
     pictures = [t.image(f, rays.flat().directions, "front", shape) for t, f in ((fast, found), (slow, expected))]
@@ -154,7 +156,7 @@ def test_guests_and_meshes(tmp_path: Path, meshes: bool) -> None:
     close(returns[0][1], returns[1][1], shape, 5e-3)
 
 
-def bits(found: Found) -> dict[str, NDArray[Any]]:
+def bits(found: TraceResult) -> dict[str, NDArray[Any]]:
     return {"feature": found.feature, "depth_m": found.depth_m, "opacity": found.opacity, **found.maps}
 
 
@@ -224,7 +226,7 @@ from pathlib import Path
 import test_compiled_tracer as t
 for name in ("tiny", "sample"):
     t.test_everything_that_is_recorded(Path(sys.argv[1]) / name, name, True)
-t.test_guests_and_meshes(Path(sys.argv[1]) / "guests", True)
+t.test_foreign_actors_and_meshes(Path(sys.argv[1]) / "foreign", True)
 import test_surface_march
 test_surface_march.test_places_in_a_volume("balanced")
 test_surface_march.test_places_in_a_box("balanced")

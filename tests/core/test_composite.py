@@ -15,7 +15,7 @@ from unisim_blender.core import native
 from unisim_blender.core.bench.methods import VARIANTS
 from unisim_blender.core.ops.composite import composite, gather, gather_reference, transmittances, transmittances_reference
 from unisim_blender.core.ops.density import logistic_intervals, logistic_intervals_reference
-from unisim_blender.core.ops.ray_segments import Strands
+from unisim_blender.core.ops.ray_segments import RaySegments
 
 pytestmark = pytest.mark.skipif(native.library() is None, reason="the compiled kernels are not built")
 RAYS = 300
@@ -36,13 +36,13 @@ def distances(n: int, k: int, seed: int = 0) -> Tensor:
 
 
 def given(function: Callable[[Tensor, Tensor], tuple[Tensor, Tensor]], s: Tensor, beta: float) -> list[Tensor]:
-    """tau and share, then the gradients of s and beta of a weighted sum of both."""
+    """tau and stop_fraction, then the gradients of s and beta of a weighted sum of both."""
     s, sharp = s.clone().requires_grad_(), torch.tensor(beta, dtype=s.dtype, requires_grad=True)
-    tau, share = function(s, sharp)
+    tau, stop_fraction = function(s, sharp)
     weights = (torch.randn(s.shape, generator=generator(seed)).to(s) for seed in (2, 3))
-    (sum((w * x).sum() for w, x in zip(weights, (tau, share), strict=True))).backward()  # type: ignore[union-attr]
+    (sum((w * x).sum() for w, x in zip(weights, (tau, stop_fraction), strict=True))).backward()  # type: ignore[union-attr]
     assert s.grad is not None and sharp.grad is not None
-    return [tau.detach(), share.detach(), s.grad, sharp.grad]
+    return [tau.detach(), stop_fraction.detach(), s.grad, sharp.grad]
 
 
 def errors(found: Tensor, wanted: Tensor) -> tuple[float, float]:
@@ -57,7 +57,7 @@ def test_intervals(shape: tuple[int, int], beta: float) -> None:
     s = distances(*shape)
     fast, single = given(logistic_intervals, s, beta), given(logistic_intervals_reference, s, beta)
     exact = given(logistic_intervals_reference, s.double(), beta)
-    for name, a, b, c in zip(("tau", "share", "s", "beta"), fast, single, exact, strict=True):
+    for name, a, b, c in zip(("tau", "stop_fraction", "s", "beta"), fast, single, exact, strict=True):
         assert a.shape == c.shape
         # differences of two softplus cancel in single precision, for torch as well; beta's gradient is one sum of many
         slack = 2e-4 if name == "beta" else 2e-5
@@ -77,19 +77,19 @@ def test_what_is_not_a_number_stays_so(at: int) -> None:
     assert tau[17].isnan().nonzero()[:, 0].tolist() == [at, at + 1][: 12 - at]
 
 
-def strands_of(seed: int, groups: tuple[tuple[int, int], ...], features: int = 5) -> list[Strands]:
-    """Groups of (strands, samples) over RAYS rays; those of the first are on rays of their own each, so that rays with one
-    strand, with several, and with several of one medium are among them."""
+def ray_segments_of(seed: int, groups: tuple[tuple[int, int], ...], features: int = 5) -> list[RaySegments]:
+    """Groups of (ray segments, samples) over RAYS rays; those of the first are on rays of their own each, so that rays with one
+    ray segment, with several, and with several of one field are among them."""
     out = []
     for g, (n, k) in enumerate(groups):
         r = generator(seed + g)
         ray = torch.randperm(RAYS, generator=r)[:n].sort()[0] if g == 0 else torch.randint(RAYS // 2, (n,), generator=r).sort()[0]
         t = 1 + 20 * torch.rand(n, k, generator=r).sort(1)[0]
         tau = torch.rand(n, k, generator=r) ** 4 * 2
-        share = -torch.expm1(-tau) * torch.rand(n, k, generator=r)
-        share[:, :1] = 0
+        stop_fraction = -torch.expm1(-tau) * torch.rand(n, k, generator=r)
+        stop_fraction[:, :1] = 0
         look = torch.randn(n, k, features + 1, generator=r)[..., 1:]
-        out.append(Strands(ray, t, t, look, tau, share, t, ray, beta=1.0))
+        out.append(RaySegments(ray, t, t, look, tau, stop_fraction, t, ray, beta=1.0))
     return out
 
 
@@ -100,17 +100,18 @@ KINDS: dict[str, tuple[Callable[..., list[Tensor]], Callable[..., tuple[Tensor, 
 }
 
 
-def composited(kind: str, strands: list[Strands], dtype: torch.dtype) -> list[Tensor]:
-    """Transmittances, weights and sums of every group, then the gradients of tau, share and features of a weighted sum of all."""
+def composited(kind: str, ray_segments: list[RaySegments], dtype: torch.dtype) -> list[Tensor]:
+    """Transmittances, weights and sums of every group, then the gradients of tau, stop_fraction and features of a weighted sum of
+    all."""
     own, leaves = [], []
-    for s in strands:
-        tau, share, look = (x.detach().to(dtype).requires_grad_() for x in (s.tau, s.share, s.features))
-        leaves += [tau, share, look]
-        own.append(replace(s, t=s.t.to(dtype), tau=tau, share=share, features=look))
+    for s in ray_segments:
+        tau, stop_fraction, look = (x.detach().to(dtype).requires_grad_() for x in (s.tau, s.stop_fraction, s.features))
+        leaves += [tau, stop_fraction, look]
+        own.append(replace(s, t=s.t.to(dtype), tau=tau, stop_fraction=stop_fraction, features=look))
     order, sums = KINDS[kind]
     out: list[Tensor] = []
-    for s, front in zip(own, order(RAYS, own), strict=True):
-        out += [front, *sums(s, front)]
+    for s, before in zip(own, order(RAYS, own), strict=True):
+        out += [before, *sums(s, before)]
     total = sum((x * torch.randn(x.shape, generator=generator(i)).to(dtype)).sum() for i, x in enumerate(out))
     assert isinstance(total, Tensor)
     total.backward()
@@ -119,11 +120,11 @@ def composited(kind: str, strands: list[Strands], dtype: torch.dtype) -> list[Te
 
 @pytest.mark.parametrize("groups", (GROUPS, GROUPS[:1], ((0, 4),), ((5, 1), (7, 1))))
 def test_values_and_gradients(groups: tuple[tuple[int, int], ...]) -> None:
-    strands = strands_of(10, groups)
+    ray_segments = ray_segments_of(10, groups)
     if groups is GROUPS:
-        counts = torch.bincount(torch.cat([s.ray for s in strands]), minlength=RAYS)
+        counts = torch.bincount(torch.cat([s.ray for s in ray_segments]), minlength=RAYS)
         assert int((counts == 1).sum()) > 30 and int((counts == 2).sum()) > 30 and int((counts > 2).sum()) > 10
-    fast, plain = composited("compiled", strands, torch.float32), composited("plain", strands, torch.float64)
+    fast, plain = composited("compiled", ray_segments, torch.float32), composited("plain", ray_segments, torch.float64)
     assert len(fast) == len(plain) == 7 * len(groups)
     for a, b in zip(fast, plain, strict=True):
         assert a.shape == b.shape
@@ -131,18 +132,20 @@ def test_values_and_gradients(groups: tuple[tuple[int, int], ...]) -> None:
 
 
 def test_a_whole_picture_is_the_same() -> None:
-    """Guests apart; the reference takes over where a place is learnt."""
-    strands = [replace(s, guest=guest) for s, guest in zip(strands_of(20, GROUPS), (-1, 0, -1, 0), strict=True)]
-    found = composite(RAYS, strands, 5, [5], strands[0].t)
-    plain = composite(RAYS, [replace(s, t=s.t.clone().requires_grad_()) for s in strands], 5, [5], strands[0].t)
-    for name in ("feature", "depth_m", "opacity", "behind"):
+    """Foreign actors apart; the reference takes over where a place is learnt."""
+    ray_segments = [replace(s, foreign=foreign) for s, foreign in zip(ray_segments_of(20, GROUPS), (-1, 0, -1, 0), strict=True)]
+    found = composite(RAYS, ray_segments, 5, [5], ray_segments[0].t)
+    plain = composite(RAYS, [replace(s, t=s.t.clone().requires_grad_()) for s in ray_segments], 5, [5], ray_segments[0].t)
+    for name in ("feature", "depth_m", "opacity", "transmittance_after"):
         torch.testing.assert_close(getattr(found, name), getattr(plain, name).detach(), rtol=1e-5, atol=1e-5)
-    torch.testing.assert_close(found.guest_features[0], plain.guest_features[0].detach(), rtol=1e-5, atol=1e-5)
-    torch.testing.assert_close(found.guest_opacity[0], plain.guest_opacity[0].detach(), rtol=1e-5, atol=1e-5)
+    torch.testing.assert_close(found.foreign_features[0], plain.foreign_features[0].detach(), rtol=1e-5, atol=1e-5)
+    torch.testing.assert_close(found.foreign_opacity[0], plain.foreign_opacity[0].detach(), rtol=1e-5, atol=1e-5)
 
 
 def everything() -> list[Tensor]:
-    return given(logistic_intervals, distances(500, 12), 20.0) + composited("compiled", strands_of(10, GROUPS), torch.float32)
+    return given(logistic_intervals, distances(500, 12), 20.0) + composited(
+        "compiled", ray_segments_of(10, GROUPS), torch.float32
+    )
 
 
 def test_any_number_of_threads_gives_the_same_bits() -> None:

@@ -15,12 +15,12 @@ BETAS = (1.0, 20.0, 300.0, 1e4)
 
 def weights(t: Tensor, s: Tensor, beta: float) -> tuple[Tensor, Tensor]:
     """Mean stopping distance (N,) times the opacity, and the opacity (N,), as `trace` sums them up."""
-    tau, share = logistic_intervals(s, beta)
-    front, behind = weights_from_tau(tau)
-    total, far = front * -torch.expm1(-tau), front * share
+    tau, stop_fraction = logistic_intervals(s, beta)
+    before, after = weights_from_tau(tau)
+    total, far = before * -torch.expm1(-tau), before * stop_fraction
     near = total - far
     place = total[:, 0] * t[:, 0] + (near[:, 1:] * t[:, :-1] + far[:, 1:] * t[:, 1:]).sum(-1)
-    return place, 1 - behind
+    return place, 1 - after
 
 
 def walk(n: int, k: int, seed: int = 0) -> tuple[Tensor, Tensor]:
@@ -81,12 +81,12 @@ def test_weights_converge_as_steps_shrink() -> None:
 def test_shares_lie_between_nothing_and_alpha(beta: float, dtype: torch.dtype) -> None:
     _, s = walk(500, 24)
     s = torch.cat([s, 30 * s, 1e-4 * s, s.sign() * 100]).to(dtype)
-    tau, share = logistic_intervals(s, beta)
+    tau, stop_fraction = logistic_intervals(s, beta)
     alpha = -torch.expm1(-tau)
     assert bool(torch.isfinite(tau).all()) and bool((tau >= 0).all())
     # two ways to round alpha
-    assert bool((share >= 0).all()) and bool((share <= alpha * (1 + 4 * torch.finfo(dtype).eps)).all())
-    assert bool((share[:, 0] == 0).all())
+    assert bool((stop_fraction >= 0).all()) and bool((stop_fraction <= alpha * (1 + 4 * torch.finfo(dtype).eps)).all())
+    assert bool((stop_fraction[:, 0] == 0).all())
 
 
 @pytest.mark.parametrize("beta", BETAS)
@@ -99,18 +99,18 @@ def test_single_precision_agrees_with_double(beta: float) -> None:
 
 def test_transmittance_keeps_its_digits_behind_something_dense() -> None:
     tau = torch.tensor([[0.3, 3.0e6, 1.0]])
-    front, behind = weights_from_tau(tau)
-    torch.testing.assert_close(front, torch.tensor([[1.0, np.exp(-0.3), 0.0]], dtype=torch.float32))
-    assert behind.item() == 0
+    before, after = weights_from_tau(tau)
+    torch.testing.assert_close(before, torch.tensor([[1.0, np.exp(-0.3), 0.0]], dtype=torch.float32))
+    assert after.item() == 0
 
 
 @pytest.mark.parametrize("beta", BETAS)
 def test_gradients_are_finite_far_inside_and_far_outside(beta: float) -> None:
     s = torch.tensor([[50.0, 30.0, 1e-6, 0.0, -1e-6, -40.0, -100.0, 80.0, 0.2, 0.2, 0.2]], requires_grad=True)
     sharpness = torch.tensor(beta, requires_grad=True)
-    tau, share = logistic_intervals(s, sharpness)
-    front, _ = weights_from_tau(tau)
-    (front * (share - torch.expm1(-tau))).sum().backward()
+    tau, stop_fraction = logistic_intervals(s, sharpness)
+    before, _ = weights_from_tau(tau)
+    (before * (stop_fraction - torch.expm1(-tau))).sum().backward()
     assert s.grad is not None and sharpness.grad is not None
     assert bool(torch.isfinite(s.grad).all()) and bool(torch.isfinite(sharpness.grad))
 
@@ -123,9 +123,9 @@ def test_gradients_against_finite_differences() -> None:
     beta = torch.tensor(7.0, dtype=torch.float64, requires_grad=True)
 
     def both(s: Tensor, beta: Tensor) -> Tensor:
-        tau, share = logistic_intervals(s, beta)
-        front, _ = weights_from_tau(tau)
-        return torch.stack([front * share, -torch.expm1(-tau)])
+        tau, stop_fraction = logistic_intervals(s, beta)
+        before, _ = weights_from_tau(tau)
+        return torch.stack([before * stop_fraction, -torch.expm1(-tau)])
 
     assert torch.autograd.gradcheck(both, (s, beta), eps=1e-6, atol=1e-6)
 
@@ -139,20 +139,20 @@ def test_share_is_the_integral_inside_the_interval() -> None:
         ).numpy()
         stop = -np.diff(survival)
         expected = float((stop * (x[1:] + x[:-1]) / 2).sum())
-        share = logistic_intervals(torch.tensor([[a, b]], dtype=torch.float64), beta)[1][0, 1].item()
-        assert share == pytest.approx(expected, rel=0.02, abs=1e-5), (a, b, beta)
+        stop_fraction = logistic_intervals(torch.tensor([[a, b]], dtype=torch.float64), beta)[1][0, 1].item()
+        assert stop_fraction == pytest.approx(expected, rel=0.02, abs=1e-5), (a, b, beta)
 
 
 def test_unisim_density_is_the_papers_at_its_own_step() -> None:
     rng = np.random.default_rng(5)
     s = torch.tensor(rng.uniform(-0.3, 0.5, (30, 12)))
     t = 3.0 + 0.2 * torch.arange(12, dtype=torch.float64).expand(30, 12)
-    tau, share = unisim_intervals(s, t, 20.0, 0.2)
+    tau, stop_fraction = unisim_intervals(s, t, 20.0, 0.2)
     alpha = torch.sigmoid(-20.0 * s)
     torch.testing.assert_close(-torch.expm1(-tau), alpha)
     # all of an interval's weight stands at its far sample; interval 0 has no other
-    torch.testing.assert_close(share[:, 1:], alpha[:, 1:])
-    assert bool((share[:, 0] == 0).all())
+    torch.testing.assert_close(stop_fraction[:, 1:], alpha[:, 1:])
+    assert bool((stop_fraction[:, 0] == 0).all())
 
 
 def test_unisim_density_of_other_steps_adds_up() -> None:
@@ -176,8 +176,8 @@ def loop(alpha: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def test_weights_against_a_plain_loop() -> None:
     tau = torch.tensor(np.random.default_rng(6).exponential(0.5, (20, 15)))
-    front, behind = weights_from_tau(tau)
-    w = torch.cat([front * -torch.expm1(-tau), behind[:, None]], -1).numpy()
+    before, after = weights_from_tau(tau)
+    w = torch.cat([before * -torch.expm1(-tau), after[:, None]], -1).numpy()
     for row, alpha in zip(w, -np.expm1(-tau.numpy()), strict=True):
         np.testing.assert_allclose(row, loop(alpha), rtol=1e-10)
     np.testing.assert_allclose(w.sum(1), 1, rtol=1e-12)

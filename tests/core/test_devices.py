@@ -17,7 +17,7 @@ from whole_drive import bound_to
 
 from unisim_blender.core import native
 from unisim_blender.core.data import open_log
-from unisim_blender.core.meshes.meeting import Met
+from unisim_blender.core.meshes.hits import MeshHits
 from unisim_blender.core.model.checkpoint import load_scene
 from unisim_blender.core.ops.devices import kernel_threads, torch_threads
 from unisim_blender.core.render.tracers.torch.tracer import TorchBackend
@@ -97,8 +97,8 @@ def test_a_training_keeps_to_its_device(tmp_path: Path, plain: pytest.MonkeyPatc
 @pytest.mark.parametrize("name", CONFIGS)
 def test_a_render_keeps_to_its_device(tmp_path: Path, plain: pytest.MonkeyPatch, name: str) -> None:
     drive = edited()
-    guest = still("guest", (-15, 0, 1.5), (3.9, 2.4, 3.0), yaw=0.3, look=Look("car", "other"), scale=(1.3, 0.8, 1.0))
-    drive = dataclasses.replace(drive, actors={**drive.actors, "guest": guest})
+    foreign = still("guest", (-15, 0, 1.5), (3.9, 2.4, 3.0), yaw=0.3, look=Look("car", "other"), scale=(1.3, 0.8, 1.0))
+    drive = dataclasses.replace(drive, actors={**drive.actors, "guest": foreign})
     folder = saved(tmp_path / "scene", CONFIGS[name])
     other = saved(tmp_path / "other", dataclasses.replace(TINY, features=7, upsample=CONFIGS[name].upsample), seed=1)
 
@@ -110,8 +110,8 @@ def test_a_render_keeps_to_its_device(tmp_path: Path, plain: pytest.MonkeyPatch,
             (lidar_rays(drive.lidars["top"], drive.lidars["top"].time_s[2]), False),
         ):
             few = np.arange(0, rays.time_s.size, 37)
-            met = Met(few, np.full(len(few), 3.0), np.full(len(few), 0.5), np.zeros((len(few), 3)) + 0.5, few % 2)
-            found = tracer.trace(rays, PASSES, sky, met, RenderStats())
+            mesh_hits = MeshHits(few, np.full(len(few), 3.0), np.full(len(few), 0.5), np.zeros((len(few), 3)) + 0.5, few % 2)
+            found = tracer.trace(rays, PASSES, sky, mesh_hits, RenderStats())
             out += [found.maps[key] for key in sorted(found.maps)]
             directions = rays.flat().directions
             out += [tracer.image(found, directions, "front", rays.time_s.shape)] if sky else tracer.returns(found, directions)

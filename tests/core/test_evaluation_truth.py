@@ -7,14 +7,14 @@ import pytest
 from tiny_drive import GreyRenderer, tiny_drive
 
 from unisim_blender.core.cli.demo import demo_frames
-from unisim_blender.core.evaluate.metrics import Picture
-from unisim_blender.core.evaluate.pictures import Tile, depth_picture, difference_picture, outline, sheet, sweep_picture, turbo
+from unisim_blender.core.evaluate.images import Tile, depth_image, difference_image, outline, sheet, sweep_image, turbo
+from unisim_blender.core.evaluate.metrics import ImageArray
 from unisim_blender.core.evaluate.recorded_runs import mean_figures
-from unisim_blender.core.evaluate.truth import EditRegions, lidar_figures_beside, picture_figures, summarise_truth
+from unisim_blender.core.evaluate.truth import EditRegions, image_figures, lidar_figures_beside, summarise_truth
 from unisim_blender.core.geometry import FloatArray
 
 
-def grey(value: float) -> Picture:
+def grey(value: float) -> ImageArray:
     return np.full((12, 12, 3), value, np.float32)
 
 
@@ -29,7 +29,7 @@ def test_regions_are_measured_apart() -> None:
     rendered[:2] += 0.1
     rendered[2] += 0.2
     rendered[3:, 6:] += 0.01
-    found = picture_figures(rendered, truth, regions())
+    found = image_figures(rendered, truth, regions())
     error = {name: found[name]["mean_squared_error"] for name in regions().masks()}
     assert error["edited_without_shadow"] == pytest.approx(0.01, rel=1e-4)
     assert error["edited"] == pytest.approx((2 * 0.01 + 0.04) / 3, rel=1e-4)
@@ -42,8 +42,8 @@ def test_regions_are_measured_apart() -> None:
 
 
 def test_cost_of_an_edit_is_beside_the_replay() -> None:
-    edit = picture_figures(grey(0.5 + 0.1), grey(0.5), regions())
-    replay = picture_figures(grey(0.5 + 0.05), grey(0.5), regions())
+    edit = image_figures(grey(0.5 + 0.1), grey(0.5), regions())
+    replay = image_figures(grey(0.5 + 0.05), grey(0.5), regions())
     cost = summarise_truth([{"camera": {"front": {"edit": edit, "replay": replay}}, "lidar": {}}])["camera"]["edit_costs_db"]
     assert cost["frame"] == pytest.approx(20 * np.log10(2), abs=1e-3)
     assert cost["edited"] == cost["edited_beside_whole_replay"] == pytest.approx(20 * np.log10(2), abs=1e-3)
@@ -82,12 +82,12 @@ def test_demo_prefers_frames_that_were_not_trained_on() -> None:
 
 def test_pictures_of_numbers() -> None:
     depth = np.array([[2.0, 20.0, np.inf]], np.float32)
-    picture = depth_picture(depth)
+    picture = depth_image(depth)
     assert picture[0, 2].tolist() == [0, 0, 0] and picture[0, 0, 0] > picture[0, 1, 0], "near is red"
-    assert difference_picture(grey(0.5), grey(0.25)).min() == 255 and difference_picture(grey(0.5), grey(0.5)).max() == 0
+    assert difference_image(grey(0.5), grey(0.25)).min() == 255 and difference_image(grey(0.5), grey(0.5)).max() == 0
     assert turbo(np.array([0.5])).shape == (1, 3)
     points: FloatArray = np.array([[10.0, 0.0, 0.0], [0.0, 1000.0, 0.0]])
-    above = sweep_picture(points, np.ones(2), 100, 200, 0.2).astype(int)
+    above = sweep_image(points, np.ones(2), 100, 200, 0.2).astype(int)
     lit = np.argwhere(above.max(-1) > 50)
     assert lit.tolist() == [[50, 50]], "10 m ahead is 50 pixels above the middle, and what is outside is left out"
     mask = np.zeros((12, 12), bool)

@@ -12,7 +12,7 @@ from torch import Tensor
 
 from unisim_blender.core import native
 from unisim_blender.core.bench.methods import VARIANTS
-from unisim_blender.core.ops.gradient_sink import GradientSink, add_to_table, as_share
+from unisim_blender.core.ops.gradient_sink import GradientSink, add_to_table, as_branch
 from unisim_blender.core.ops.grid_shape import GridArrays, GridShape
 from unisim_blender.core.ops.hash_grid import encode, encode_reference
 
@@ -111,9 +111,9 @@ def test_a_sink_adds_up_by_shares_whichever_comes_first() -> None:
     sums = []
     for order in ((0, 1, 2), (2, 0, 1), (1, 2, 0)):
         sink, into = GradientSink(), torch.zeros_like(table(grid, 0))
-        for share in order:
-            with as_share(share):
-                sink.put(grid, x, None, parts[share])
+        for branch in order:
+            with as_branch(branch):
+                sink.put(grid, x, None, parts[branch])
         sink.pour(into)
         sums.append(into)
     assert torch.equal(sums[0], sums[1]) and torch.equal(sums[0], sums[2])

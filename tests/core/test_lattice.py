@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from unisim_blender.core.render.lattice.blocks import Picture
+from unisim_blender.core.render.lattice.blocks import SparseImage
 from unisim_blender.core.render.lattice.lattice import aligned, grown
 from unisim_blender.core.render.tracer import Maps
 
@@ -40,7 +40,7 @@ class Scene:
         return self.rgb.reshape(-1, 3)[numbers], {name: values[numbers] for name, values in self.maps.items()}
 
     def picture(self, shape: tuple[int, int], size: int = 4, spread: float = 0.05) -> tuple[NDArray[np.float32], Maps]:
-        picture = Picture(shape)
+        picture = SparseImage(shape)
         for _ in grown(picture, size, spread, self.trace):
             pass
         return picture.values.pop("rgb"), picture.values

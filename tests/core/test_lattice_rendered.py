@@ -35,7 +35,7 @@ def scene() -> CompiledScene:
 
 @pytest.fixture(scope="module")
 def busy(scene: CompiledScene, tmp_path_factory: pytest.TempPathFactory) -> Drive:
-    """The sample's drive with a ball, a rod as thick as a finger, and a guest in front of the camera."""
+    """The sample's drive with a ball, a rod as thick as a finger, and a foreign actor in front of the camera."""
     folder = tmp_path_factory.mktemp("meshes")
     for name, mesh in (("ball", trimesh.creation.icosphere(3, 0.8)), ("rod", trimesh.creation.cylinder(0.02, 3.0))):
         mesh.visual.face_colors = [20, 180, 40, 255]
@@ -69,7 +69,7 @@ def arrays(frame: CameraFrame) -> dict[str, NDArray[np.generic]]:
 
 
 @pytest.mark.parametrize("passes", (("rgb",), CAMERA_PASSES))
-def test_meshes_and_guests_are_as_sharp_as_with_every_pixel_traced(
+def test_meshes_and_foreign_actors_are_as_sharp_as_with_every_pixel_traced(
     scene: CompiledScene, busy: Drive, passes: tuple[str, ...]
 ) -> None:
     every = renderer(scene, busy, 1).camera(CAMERA, FRAME, ("rgb", "instance"), WIDTH)

@@ -1,4 +1,5 @@
-"""An actor follows the light on the ground under it, for cameras; a guest brings its own; mirrored looks keep their geometry."""
+"""An actor follows the light on the ground under it, for cameras; a foreign actor brings its own; mirrored looks keep their
+geometry."""
 
 from __future__ import annotations
 
@@ -68,7 +69,7 @@ def test_mirrored_directions_flip_across_the_box_alone() -> None:
 
 
 def test_the_light_is_that_of_the_median_sample() -> None:
-    """Of a strand that stops 1 - e^-2 of its ray, half is stopped at depth ln(2 / (1 + e^-2)) = 0.566."""
+    """Of a ray segment that stops 1 - e^-2 of its ray, half is stopped at depth ln(2 / (1 + e^-2)) = 0.566."""
     tau = torch.tensor([
         [0.5, 0.5, 0.5, 0.5],
         [0.0, 0.0, 0.0, 9.0],

@@ -15,20 +15,20 @@ from torch import Tensor
 
 from unisim_blender.core.errors import UnisimError
 from unisim_blender.core.ops.composite import composite
-from unisim_blender.core.ops.ray_segments import RayBatch, Strands
+from unisim_blender.core.ops.ray_segments import RayBatch, RaySegments
 from unisim_blender.core.training.adversarial import Adversary, PatchDiscriminator, shifted
 from unisim_blender.core.training.data import LidarBatch, PatchBatch
 from unisim_blender.core.training.losses import (
     colour_squares,
-    distance_band,
+    distortion,
     eikonal,
     expected_error,
     gradient_difference,
     lidar_terms,
+    normal_smoothness,
     perceptual_stand_in,
-    spread,
+    sdf_band_loss,
     ssim,
-    turning,
 )
 from unisim_blender.core.training.perceptual import VggLoss
 
@@ -101,13 +101,13 @@ def test_gradient_difference_by_hand() -> None:
     ),
 )
 def test_distances_about_a_return(offset: float, s: float, loss: float) -> None:
-    assert float(distance_band(torch.tensor([s]), torch.tensor([offset]))) == pytest.approx(loss, abs=1e-6)
+    assert float(sdf_band_loss(torch.tensor([s]), torch.tensor([offset]))) == pytest.approx(loss, abs=1e-6)
 
 
 def test_turning_is_the_angle_between_normals_however_long() -> None:
     a = torch.tensor([[2.0, 0, 0], [0, 3, 0], [0, 0, 0.5]])
     b = torch.tensor([[0.1, 0, 0], [0, -1, 0], [0, 1.0, 0]])
-    assert float(turning(a, b)) == pytest.approx((0 + 2 + 2**0.5) / 3)
+    assert float(normal_smoothness(a, b)) == pytest.approx((0 + 2 + 2**0.5) / 3)
 
 
 def test_eikonal() -> None:
@@ -126,12 +126,12 @@ def rays(n: int = 60) -> tuple[np.ndarray, np.ndarray]:  # type: ignore[type-arg
 
 def test_spread_is_mip_nerfs_distortion() -> None:
     traced = scene().trace(*rays(), fine=1.0)
-    strand = traced.strands[0]
-    assert strand.interval_weight is not None
-    place = strand.stops().log()
-    w = strand.interval_weight
+    ray_segment = traced.ray_segments[0]
+    assert ray_segment.interval_weight is not None
+    place = ray_segment.stops().log()
+    w = ray_segment.interval_weight
     plain = (w[:, :, None] * w[:, None] * (place[:, :, None] - place[:, None]).abs()).sum((1, 2)).mean()
-    assert float(spread(traced)) == pytest.approx(float(plain), rel=1e-4) and float(plain) > 1e-4
+    assert float(distortion(traced)) == pytest.approx(float(plain), rel=1e-4) and float(plain) > 1e-4
 
 
 def measured(n: int, factor: float = 1.0, returned: float = 1.0) -> tuple[Stage, LidarBatch]:
@@ -163,7 +163,7 @@ def test_the_expected_error_is_least_at_the_median() -> None:
     t = torch.tensor([[10.0, 40.0]])
     tau = -torch.log1p(-torch.tensor([[0.9, 0.999]]))
     share = torch.tensor([[0.0, 0.999]])
-    leak = [Strands(torch.tensor([0]), t, t, torch.zeros(1, 2, 1), tau, share, torch.zeros(1, 2, 3), torch.tensor([-1]))]
+    leak = [RaySegments(torch.tensor([0]), t, t, torch.zeros(1, 2, 1), tau, share, torch.zeros(1, 2, 3), torch.tensor([-1]))]
     traced = composite(1, leak, 1, [], torch.zeros(1, 3))
     at = {d: float(expected_error(traced, torch.tensor([d]), worst_m=100.0)) for d in (9.0, 10.0, 11.0, 13.0)}
     assert min(at, key=lambda d: at[d]) == 10.0 and float(traced.near_depth_m) == pytest.approx(13.0, abs=0.1)

@@ -26,7 +26,7 @@ from unisim_blender.core.render.drive_renderer import DriveRenderer
 from unisim_blender.core.render.quality import LADDER, TRUTH
 from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.render.tracers.torch.tracer import TorchBackend, TorchTracer
-from unisim_blender.core.sensors.error_bound import Bound, depth_errors, drawn, parse_bounds, quantile_check, quantile_rank
+from unisim_blender.core.sensors.error_bound import ErrorBound, depth_errors, drawn, parse_bounds, quantile_check, quantile_rank
 from unisim_blender.core.sensors.frames import CameraFrame, LidarFrame, RenderStats
 from unisim_blender.core.world.drive import Drive
 
@@ -36,10 +36,10 @@ needs_library = pytest.mark.skipif(native.library() is None, reason="the compile
 
 def test_bounds_are_read_as_they_are_written() -> None:
     bounds = parse_bounds(["1mm", "p90:20mm", "40dB", "1.5de", "40 db"])
-    assert set(bounds) == {Bound("mm", 1.0), Bound("mm", 20.0, 0.9), Bound("dB", 40.0), Bound("dE", 1.5)}
+    assert set(bounds) == {ErrorBound("mm", 1.0), ErrorBound("mm", 20.0, 0.9), ErrorBound("dB", 40.0), ErrorBound("dE", 1.5)}
     assert {str(bound) for bound in bounds} == {"1mm", "p90:20mm", "40dB", "1.5dE"}
     assert bounds == parse_bounds(["1.5dE", "40dB", "p90:20mm", "1mm"]), "their order changes nothing"
-    assert Bound("dB", 40.0).most == pytest.approx(1e-4) and Bound("dB", 40.0).shown(1e-4) == pytest.approx(40)
+    assert ErrorBound("dB", 40.0).most == pytest.approx(1e-4) and ErrorBound("dB", 40.0).shown(1e-4) == pytest.approx(40)
 
 
 @pytest.mark.parametrize("text", ("1", "mm", "1m", "-1mm", "0mm", "p90:40dB", "p0:1mm", "p100:1mm", "40dB,1mm"))
@@ -77,11 +77,11 @@ def test_a_quantiles_bound_holds_whatever_the_errors_are() -> None:
     everything[:3000], everything[3000:7000] = 1.0, np.inf
     for quantile in (0.5, 0.75):
         true = np.quantile(everything, quantile, method="inverted_cdf")
-        checks = [quantile_check(Bound("mm", 1.0, quantile), rng.choice(everything, 256, False)) for _ in range(2000)]
+        checks = [quantile_check(ErrorBound("mm", 1.0, quantile), rng.choice(everything, 256, False)) for _ in range(2000)]
         assert np.mean([check.most < true for check in checks]) <= 0.005
         assert np.mean([check.estimate < true for check in checks]) > 0.3, "it is the margin that does it"
-    assert quantile_check(Bound("mm", 1.0, 0.9), everything[:20]).most == math.inf, "too few say nothing of a tail"
-    assert quantile_check(Bound("mm", 1.0), np.zeros(0)).kept
+    assert quantile_check(ErrorBound("mm", 1.0, 0.9), everything[:20]).most == math.inf, "too few say nothing of a tail"
+    assert quantile_check(ErrorBound("mm", 1.0), np.zeros(0)).kept
 
 
 def test_units_are_drawn_in_proportion_and_all_over() -> None:
@@ -102,7 +102,7 @@ def narrowed(drive: Drive, columns: int) -> Drive:
     return dataclasses.replace(drive, lidars=lidars)
 
 
-def whole(frame: CameraFrame | LidarFrame, truth: CameraFrame | LidarFrame, bound: Bound) -> float:
+def whole(frame: CameraFrame | LidarFrame, truth: CameraFrame | LidarFrame, bound: ErrorBound) -> float:
     """A whole frame's error."""
     if isinstance(frame, LidarFrame) and isinstance(truth, LidarFrame):
         errors = depth_errors(frame.depth_m, truth.depth_m)
@@ -146,10 +146,10 @@ def test_the_sample_street_keeps_what_it_promises(street: DriveRenderer) -> None
         bounded.of_depth, bounded.of_colour = ((bound,), ()) if of_depth else ((), (bound,))
         found: CameraFrame | LidarFrame
         found = bounded.lidar("pandar64", 13) if of_depth else bounded.camera("front_camera", 13, width=64)
-        assert found.promise is not None
-        assert found.promise.kept == (str(bound) not in ("90dB", "1e-05mm")), (bound, found.promise)
-        assert not found.promise.kept or whole(found, truths[of_depth], bound) <= bound.most, (bound, found.promise)
-        used[str(bound)] = found.promise.settings
+        assert found.error_bound is not None
+        assert found.error_bound.kept == (str(bound) not in ("90dB", "1e-05mm")), (bound, found.error_bound)
+        assert not found.error_bound.kept or whole(found, truths[of_depth], bound) <= bound.most, (bound, found.error_bound)
+        used[str(bound)] = found.error_bound.settings
     assert used["20dB"] == used["500mm"] == "fast"
     assert "fast" not in (used["38dB"], used["0.1mm"])
     assert used["90dB"] == used["1e-05mm"] == list(LADDER)[-1]
@@ -170,19 +170,19 @@ def test_scenes_of_random_weights_keep_what_they_promise(seed: int, tmp_path: Pa
         bounded = BoundedRenderer(renderer, [bound], seed)
         of_depth = bound.unit == "mm"
         found: CameraFrame | LidarFrame = bounded.lidar("top", 2) if of_depth else bounded.camera("front", 2)
-        assert found.promise is not None
-        if found.promise.kept:
+        assert found.error_bound is not None
+        if found.error_bound.kept:
             kept += 1
-            assert whole(found, truths[of_depth], bound) <= bound.most, (bound, found.promise)
+            assert whole(found, truths[of_depth], bound) <= bound.most, (bound, found.error_bound)
         else:
-            assert found.promise.settings == list(LADDER)[-1]
+            assert found.error_bound.settings == list(LADDER)[-1]
     assert kept, "a test of promises needs some"
 
 
 def test_sensors_without_a_bound_are_rendered_as_ever(street: DriveRenderer) -> None:
     bounded = BoundedRenderer(street, parse_bounds(["40dB"]))
     sweep = bounded.lidar("pandar64", 3)
-    assert sweep.promise is None
+    assert sweep.error_bound is None
     assert np.array_equal(sweep.depth_m, street.lidar("pandar64", 3).depth_m)
 
 

@@ -10,19 +10,19 @@ import torch
 from analytic_scene import Stage, analytic_scene, block, drive_of, empty, ground, sphere, still, union, wall
 
 from unisim_blender.core.model.config import preset
-from unisim_blender.core.ops.ray_segments import Traced
+from unisim_blender.core.ops.ray_segments import SegmentTrace
 from unisim_blender.core.render.tracers.torch.median import median_depth
 
 EYE = np.array([-20.0, 0.0, 1.6])
 
 
-def searched(traced: Traced, ray: int) -> float:
+def searched(traced: SegmentTrace, ray: int) -> float:
     """Where the transmittance of one ray falls past half of what it loses: intervals cut into 2000 pieces, in depth order."""
     beta = 30.0
     pieces = []
-    for strand in traced.strands:
-        for row in torch.nonzero(strand.ray == ray)[:, 0].tolist():
-            t, s = strand.t[row].double(), strand.s[row].double()
+    for ray_segment in traced.ray_segments:
+        for row in torch.nonzero(ray_segment.ray == ray)[:, 0].tolist():
+            t, s = ray_segment.t[row].double(), ray_segment.s[row].double()
             pieces.append((t[:1], torch.nn.functional.softplus(-beta * s[:1])))
             for k in range(1, len(t)):
                 u = torch.linspace(0, 1, 2001, dtype=torch.float64)
@@ -45,7 +45,7 @@ def test_median_on_a_plane(angle_deg: float) -> None:
 
 
 def test_median_against_a_search() -> None:
-    """One medium on each ray, blurred: edges, grazing rays, rays that are stopped in part."""
+    """One field on each ray, blurred: edges, grazing rays, rays that are stopped in part."""
     stage = Stage(analytic_scene(union(ground, wall(9.0), sphere([-4.0, 1.0, 1.5], 1.2)), {}, beta=30.0), drive_of([]))
     d = np.random.default_rng(0).normal([1, 0, -0.03], [0, 0.15, 0.06], (60, 3))
     traced = stage.trace(EYE, d, fine=2.0)
@@ -104,7 +104,7 @@ def test_a_ray_that_starts_inside_something_stops_at_once() -> None:
     stage = Stage(analytic_scene(wall(-21.0), {}), drive_of([]))
     stage.scene.occupancy.values.fill_(255)
     traced = stage.trace(EYE, [1.0, 0, 0])
-    assert float(median_depth(stage.scene, traced)) == pytest.approx(float(traced.strands[0].t[0, 0]))
+    assert float(median_depth(stage.scene, traced)) == pytest.approx(float(traced.ray_segments[0].t[0, 0]))
 
 
 def test_median_of_the_papers_density() -> None:

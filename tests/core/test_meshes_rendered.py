@@ -102,11 +102,11 @@ def test_edges_are_as_smooth_as_what_they_cover(cube: Path) -> None:
         cells = pixel_grid(camera.model, 2)
         time_s = camera.time_s[0]
         centres = camera_rays(camera, time_s, *cells).flat()
-        cast = renderer.renderer.tracer(renderer.state(camera, time_s)).cast
-        met = cast.extras.met_by_camera(camera, time_s, cells, centres, 2, 0.5, lambda actor: np.ones(3))
-        assert met is not None and met.pixels is not None
-        covered.append(float(met.pixels[..., 3].sum()))
-        partly += int(((met.pixels[..., 3] > 0) & (met.pixels[..., 3] < 1)).sum())
+        active = renderer.renderer.tracer(renderer.state(camera, time_s)).active
+        mesh_hits = active.mesh_actors.hit_by_camera(camera, time_s, cells, centres, 2, 0.5, lambda actor: np.ones(3))
+        assert mesh_hits is not None and mesh_hits.pixels is not None
+        covered.append(float(mesh_hits.pixels[..., 3].sum()))
+        partly += int(((mesh_hits.pixels[..., 3] > 0) & (mesh_hits.pixels[..., 3] < 1)).sum())
     assert partly > 20
     np.testing.assert_allclose(covered, (40 * 2 / 10) ** 2, rtol=0.05)
 

@@ -22,10 +22,10 @@ from unisim_blender.core.ops.composite import gather, gather_reference
 from unisim_blender.core.ops.grid_shape import GridArrays, GridShape
 from unisim_blender.core.ops.hash_grid import encode, encode_reference
 from unisim_blender.core.ops.march import Segment, Voxels, propose, propose_reference
-from unisim_blender.core.ops.ray_segments import RayBatch, Strands
-from unisim_blender.core.render.actor_sets import gather_cast
-from unisim_blender.core.render.tracer import Found
-from unisim_blender.core.render.tracers.torch.actor_tensors import cast_tensors
+from unisim_blender.core.ops.ray_segments import RayBatch, RaySegments
+from unisim_blender.core.render.actor_sets import active_actors
+from unisim_blender.core.render.tracer import TraceResult
+from unisim_blender.core.render.tracers.torch.actor_tensors import active_actor_tensors
 from unisim_blender.core.render.tracers.torch.trace import Sampling, trace
 from unisim_blender.core.render.tracers.torch.tracer import TorchBackend, TorchTracer
 
@@ -132,8 +132,8 @@ def test_gathering_and_its_gradients() -> None:
     for kind, dtype in ((gather, torch.float32), (gather_reference, torch.float64)):
         a, b, c, f = (x.to(dtype, copy=True).requires_grad_() for x in (tau, share, front, features))
         one = torch.zeros(n, dtype=torch.long)
-        strand = Strands(one, t.to(dtype), t.to(dtype), f[..., 1:], a, b, t[..., None], one)
-        out = kind(strand, c)
+        ray_segment = RaySegments(one, t.to(dtype), t.to(dtype), f[..., 1:], a, b, t[..., None], one)
+        out = kind(ray_segment, c)
         torch.autograd.backward(out, [g.to(dtype) for g in given])
         found.append([*(x.detach() for x in out), a.grad, b.grad, c.grad, f.grad])
     for got, want in zip(*found, strict=True):
@@ -175,10 +175,10 @@ def traced(seed: int) -> list[Tensor]:
         scene.occupancy.values.copy_((torch.rand(scene.occupancy.values.shape) < 0.3) * 255)
     way = torch.nn.functional.normalize(torch.randn(48, 3) * 0.2 + torch.tensor([1.0, 0.0, 0.0]), dim=-1)
     eye = scene.frame.recentred(np.tile([-20.0, 0.0, 1.6], (48, 1)))
-    cast = cast_tensors(gather_cast(whole_state(drive), {"": ("car",)}), {"": (scene, scene.actors.tables())})
+    active = active_actor_tensors(active_actors(whole_state(drive), {"": ("car",)}), {"": (scene, scene.actors.tables())})
     rays = RayBatch(eye, way, torch.zeros(48).double())
-    found = trace(scene, cast, rays, Sampling(jitter=True, generator=torch.Generator().manual_seed(2)))
-    assert len(found.strands) == 2
+    found = trace(scene, active, rays, Sampling(jitter=True, generator=torch.Generator().manual_seed(2)))
+    assert len(found.ray_segments) == 2
     outs = [found.feature, found.depth_m, found.opacity]
     sum(out.square().mean() for out in outs).backward()  # type: ignore[union-attr]
     names = (
@@ -214,7 +214,7 @@ def test_pictures_decoded_in_half_precision(name: str) -> None:
     n, ways = 24 * 16, np.tile([1.0, 0.0, 0.0], (24 * 16, 1))
     width = stage.scene.config.features
     nothing = torch.zeros(n)
-    found = Found(torch.randn(n, width), nothing, nothing, {}, [], [], None, None)
+    found = TraceResult(torch.randn(n, width), nothing, nothing, {}, [], [], None, None)
     plain = tracer.image(found, ways, "front", (16, 24))
     assert not tracer.half and plain.std() > 0.02
     with pytest.MonkeyPatch.context() as patch:

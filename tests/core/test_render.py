@@ -249,7 +249,7 @@ def test_drawn_returns_follow_their_probability(stage: Stage) -> None:
     assert (drawn[0] != drawn[2]).any()
 
 
-def guest_stage(features: int, upsample: int) -> Stage:
+def foreign_stage(features: int, upsample: int) -> Stage:
     config = replace(preset("tiny"), features=features, upsample=upsample)
     other = analytic_scene(empty, {"car": (block([3.6, 1.8, 1.6]), SIZE)}, config)
     drive = drive_of([still("new", [-6, 1.5, 1.6], SIZE, look=Look("car", "elsewhere"))])
@@ -257,8 +257,8 @@ def guest_stage(features: int, upsample: int) -> Stage:
 
 
 @pytest.mark.parametrize(("features", "upsample"), ((15, 2), (7, 3)))
-def test_a_guest_is_laid_over_the_picture(features: int, upsample: int) -> None:
-    stage = guest_stage(features, upsample)
+def test_a_foreign_actor_is_laid_over_the_picture(features: int, upsample: int) -> None:
+    stage = foreign_stage(features, upsample)
     others = {"elsewhere": Stage(stage.others["elsewhere"], drive_of([])).as_scene("elsewhere")}
     frame = renderer_of(stage.as_scene(), stage.drive, others=others).camera("front", 0, CAMERA_PASSES)
     bare = renderer_of(stage.as_scene(), drive_of([])).camera("front", 0, CAMERA_PASSES)
@@ -274,8 +274,8 @@ def test_a_guest_is_laid_over_the_picture(features: int, upsample: int) -> None:
     assert np.abs(frame.rgb - bare.rgb)[there].mean() > 1e-4
 
 
-def test_a_guest_in_a_sweep() -> None:
-    stage = guest_stage(7, 3)
+def test_a_foreign_actor_in_a_sweep() -> None:
+    stage = foreign_stage(7, 3)
     others = {"elsewhere": Stage(stage.others["elsewhere"], drive_of([])).as_scene("elsewhere")}
     sweep = renderer_of(stage.as_scene(), stage.drive, others=others).lidar("top", 0)
     hit = sweep.instance == 1
@@ -284,8 +284,8 @@ def test_a_guest_in_a_sweep() -> None:
     np.testing.assert_allclose(np.median(points[:, 0]), -6 - 1.8, atol=0.1)
 
 
-def test_a_guest_answers_a_lidar_as_in_its_own_scene() -> None:
-    stage = guest_stage(7, 3)
+def test_a_foreign_actor_answers_a_lidar_as_in_its_own_scene() -> None:
+    stage = foreign_stage(7, 3)
     home = drive_of([replace(stage.drive.actors["new"], look=Look("car"))])
     other = Stage(stage.others["elsewhere"], home).as_scene("elsewhere")
     there = renderer_of(other, home).lidar("top", 0)

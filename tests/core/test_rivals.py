@@ -167,11 +167,11 @@ def test_saved_and_loaded_it_gives_the_same_picture(log: Log, runs: dict[str, Ru
 
 @pytest.mark.parametrize("head", ("ray", "sample"))
 def test_what_nobody_saw_teaches_no_network_its_colours(log: Log, head: str) -> None:
-    """Whatever stands at the view direction's place: `Hidden` moves the tables of hidden places alone."""
+    """Whatever stands at the view direction's place: `UnobservedPrior` moves the tables of unobserved places alone."""
     PRESETS["tiny-head"] = replace(preset("tiny"), head=head)  # type: ignore[arg-type]
     trainer = Trainer(log, replace(config_of("no decoder"), preset="tiny-head"))
     assert trainer.model.config.colour == "sample" and trainer.model.config.head == head
-    loss = trainer.hidden.loss(torch.Generator().manual_seed(0))
+    loss = trainer.unobserved.loss(torch.Generator().manual_seed(0))
     colours, static = list(trainer.model.colour_head.parameters()), list(trainer.model.static.network.parameters())
     assert all(parameter.requires_grad for parameter in colours), "and afterwards they learn again"
     found = torch.autograd.grad(loss, [*colours, *static], allow_unused=True)

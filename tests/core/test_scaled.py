@@ -20,7 +20,7 @@ from whole_drive import bound_to, whole_state
 from unisim_blender.core import native
 from unisim_blender.core.errors import ScenarioError
 from unisim_blender.core.geometry import FloatArray, Trajectory, intersect_boxes, invert_pose, make_pose, quaternion_from_yaw
-from unisim_blender.core.meshes.meeting import Extras
+from unisim_blender.core.meshes.hits import MeshActors
 from unisim_blender.core.model.checkpoint import load_scene, save_scene
 from unisim_blender.core.model.config import ModelConfig, preset
 from unisim_blender.core.model.scene import SceneModel
@@ -31,8 +31,7 @@ from unisim_blender.core.render.quality import QUALITY
 from unisim_blender.core.render.tracers.compiled.scene import CompiledScene
 from unisim_blender.core.render.tracers.compiled.tracer import CompiledBackend
 from unisim_blender.core.render.tracers.surfels.model import SurfelSet
-from unisim_blender.core.render.tracers.surfels.stage import Stage as SurfelStage
-from unisim_blender.core.render.tracers.surfels.stage import carried
+from unisim_blender.core.render.tracers.surfels.placed import PlacedSurfels, carried
 from unisim_blender.core.render.tracers.torch.tracer import TorchBackend
 from unisim_blender.core.scenario import scenario_from_json
 from unisim_blender.core.scenario.edits import apply_scenario
@@ -45,7 +44,7 @@ from unisim_blender.core.street.shapes import Cone, Ellipsoid, box
 from unisim_blender.core.street.street import Street, build_street
 from unisim_blender.core.street.surface_hits import look_up
 from unisim_blender.core.street.trace import Asset, Part, Placement, trace
-from unisim_blender.core.street.true_pictures import picture_path
+from unisim_blender.core.street.true_images import true_image_path
 from unisim_blender.core.street.truth import truth_camera, truth_lidar
 from unisim_blender.core.world.drive import Actor, Drive, Look
 
@@ -382,15 +381,15 @@ def test_a_scaled_mesh_is_the_mesh_of_that_size(cube: Path) -> None:
     actor = replace(actor, look=Look("cube", mesh=str(cube)))
     times = np.random.default_rng(1).uniform(0, 0.5, 200)
     directions = aimed(actor, 200, times)
-    met = Extras([actor]).met_by_rays(Rays(np.tile(EYE, (200, 1)), directions, times), 0.5)
-    assert met is not None and len(met.ray) == 200
+    mesh_hits = MeshActors([actor]).hit_by_rays(Rays(np.tile(EYE, (200, 1)), directions, times), 0.5)
+    assert mesh_hits is not None and len(mesh_hits.ray) == 200
     poses = actor.world_from_actor.at(times)
     near, _ = intersect_boxes(np.tile(EYE, (200, 1)), directions, invert_pose(poses)[:, None], actor.size_m[None])
-    np.testing.assert_allclose(met.t, near[:, 0], atol=1e-6)
-    local = np.einsum("nji,nj->ni", poses[:, :3, :3], met.normals)
+    np.testing.assert_allclose(mesh_hits.t, near[:, 0], atol=1e-6)
+    local = np.einsum("nji,nj->ni", poses[:, :3, :3], mesh_hits.normals)
     np.testing.assert_allclose(np.sort(np.abs(local), axis=1), np.tile([0.0, 0, 1], (200, 1)), atol=1e-6)
     # what lies nearer than near_m along the ray in the world is passed over
-    behind = Extras([actor]).met_by_rays(Rays(np.tile(EYE, (200, 1)), directions, times), float(near.max()) + 0.01)
+    behind = MeshActors([actor]).hit_by_rays(Rays(np.tile(EYE, (200, 1)), directions, times), float(near.max()) + 0.01)
     assert behind is not None and (behind.t > near.max()).all()
 
 
@@ -421,8 +420,8 @@ def test_scaled_surfels_are_faces_with_scaled_corners() -> None:
     by_hand = replace(faces, vertices=larger, normals=normals.astype(np.float32))
     size = actor.size_m * factors
     times = np.random.default_rng(1).uniform(0, 0.5, 400)
-    ours = SurfelStage(nothing, [(scaled(actor, *FACTORS), faces)])
-    theirs = SurfelStage(nothing, [(replace(actor, size_m=size), by_hand)])
+    ours = PlacedSurfels(nothing, [(scaled(actor, *FACTORS), faces)])
+    theirs = PlacedSurfels(nothing, [(replace(actor, size_m=size), by_hand)])
     rays = Rays(np.tile(EYE, (400, 1)), aimed(scaled(actor, *FACTORS), 400, times), times)
     a, b = ours.first(rays, 0.5), theirs.first(rays, 0.5)
     assert (a.owner == 0).sum() > 200
@@ -515,7 +514,7 @@ def test_the_street_shows_a_larger_car(street: Street) -> None:
 def test_a_picture_that_cycles_drew_is_kept_under_another_name(street: Street, tmp_path: Path) -> None:
     scaled_drive = edited(by(1.4, 1.0, 1.0, actor="car-01"), drive=street.drive)
     names = {
-        picture_path(tmp_path, street, drive, "front_camera", 3, None).name
+        true_image_path(tmp_path, street, drive, "front_camera", 3, None).name
         for drive in (street.drive, scaled_drive, edited(by(1.0, 1.0, 1.0, actor="car-01"), drive=street.drive))
     }
     assert len(names) == 2

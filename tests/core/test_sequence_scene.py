@@ -145,7 +145,7 @@ def test_a_bound_on_the_error_is_in_the_manifest(scenario: Path, tmp_path: Path)
 
 def test_a_bound_that_cannot_be_kept_is_owned_up_to(scenario: Path, tmp_path: Path) -> None:
     said = render(scenario, "--out", tmp_path / "out", "--jobs", 1, "--frames", "2", "--sensors", "front", "--max-error", "150dB")
-    assert "Warning: 1 pictures and sweeps may not keep 150dB, though rendered at the finest settings" in said
+    assert "Warning: 1 images and sweeps may not keep 150dB, though rendered at the finest settings" in said
     manifest = json.loads((tmp_path / "out" / "manifest.json").read_bytes())["max_error"]
     assert not manifest["kept"] and manifest["not_kept"] == ["000002: camera/front"]
     promise = manifest["frames"]["000002"]["camera/front"]
@@ -201,11 +201,11 @@ def test_unknown_names_are_refused_before_anything_is_written(
 
 
 def test_edits_change_the_key_and_paths_do_not(scenario: Path) -> None:
-    from unisim_blender.core.prepare.scenario_plan import Wishes, plan_scenario
+    from unisim_blender.core.prepare.scenario_plan import RenderOptions, plan_scenario
     from unisim_blender.core.sequence.identity import CaptureIdentities
 
-    plan, _ = plan_scenario(scenario, Wishes())
-    other, _ = plan_scenario(scenario, Wishes(frames="0:2"))
+    plan, _ = plan_scenario(scenario, RenderOptions())
+    other, _ = plan_scenario(scenario, RenderOptions(frames="0:2"))
     identities = CaptureIdentities(plan).of_frame(1)
     assert CaptureIdentities(other).of_frame(1) == identities, "which frames are asked for changes none of them"
     rescened = CaptureIdentities(replace(plan, scenes={"": "0" * 64})).of_frame(1)

@@ -15,7 +15,7 @@ from unisim_blender.core.model.config import preset
 from unisim_blender.core.model.occupancy import OccupancyTrainer
 from unisim_blender.core.model.scene import SceneModel
 from unisim_blender.core.model.volume import Volume
-from unisim_blender.core.ops.ray_segments import RayBatch, Strands
+from unisim_blender.core.ops.ray_segments import RayBatch, RaySegments
 from unisim_blender.core.training.data import LidarBatch
 from unisim_blender.core.training.shape import Shape
 
@@ -32,10 +32,10 @@ def sweep(n: int = 512) -> LidarBatch:
     return LidarBatch(rays, WALL_X_M * ones, 0.5 * ones, torch.ones(n, dtype=torch.bool), ones)
 
 
-def met(n: int, strands: tuple[Any, ...] = (), stop_m: float | None = None) -> Any:
-    """What n rays met: strands, and something that stopped them all at a distance, or nothing."""
+def met(n: int, ray_segments: tuple[Any, ...] = (), stop_m: float | None = None) -> Any:
+    """What n rays met: ray segments, and something that stopped them all at a distance, or nothing."""
     return SimpleNamespace(
-        strands=list(strands), static=None, feature=torch.zeros(1), near_depth_m=torch.full((n,), stop_m or 0.0),
+        ray_segments=list(ray_segments), static=None, feature=torch.zeros(1), near_depth_m=torch.full((n,), stop_m or 0.0),
         near_opacity=torch.full((n,), 0.0 if stop_m is None else 1.0),
     )  # fmt: skip
 
@@ -57,7 +57,7 @@ def test_a_solid_that_beams_passed_through_goes(beams: bool) -> None:
             batch = sweep()
             if not beams:
                 batch = LidarBatch(batch.rays, batch.depth_m, batch.intensity, torch.zeros_like(batch.returned), batch.weight)
-            band, _ = shape.band(torch.zeros(0), met(len(batch.rays)), batch, generator)
+            band, _ = shape.sdf_band(torch.zeros(0), met(len(batch.rays)), batch, generator)
             loss = band + 0 * model.static.distance(x).sum()
         loss.backward()
         optimiser.step()
@@ -77,11 +77,11 @@ def box_ahead(size_m: tuple[float, float, float], beams: LidarBatch, depth_m: fl
     across = torch.rand(n, 1, 2, generator=torch.Generator().manual_seed(1)).expand(n, 5, 2)
     points = torch.cat([((t - near[:, None]) / size_m[0])[..., None], across], -1)
     nothing = torch.zeros(n, 5)
-    strand = Strands(
+    ray_segment = RaySegments(
         torch.arange(n), t, nothing, nothing[..., None], nothing, nothing, points, torch.zeros(n, dtype=torch.long),
         bounds=(near, far), size_m=torch.tensor([size_m]).expand(n, 3),
     )  # fmt: skip
-    return met(len(beams.rays), (strand,))
+    return met(len(beams.rays), (ray_segment,))
 
 
 SHELL_M = 0.06
@@ -112,7 +112,7 @@ def test_behind_a_return_an_actor_is_solid(field: str, size_m: tuple[float, floa
     model.actors.distance = distance  # type: ignore[method-assign]
     model.static.distance = lambda x: WALL_X_M - x[:, 0]  # type: ignore[method-assign]
     with torch.no_grad():
-        band, near = shape.band(torch.zeros(0), box_ahead(size_m, beams, WALL_X_M), beams, torch.Generator().manual_seed(0))
+        band, near = shape.sdf_band(torch.zeros(0), box_ahead(size_m, beams, WALL_X_M), beams, torch.Generator().manual_seed(0))
     assert len(near) == len(beams.rays) // 2, "returns in a box are none of the static field's"
     room_m = size_m[0] - 0.5
     assert max(deepest) == pytest.approx(min(reach_m, room_m), rel=0.01)
@@ -132,7 +132,7 @@ def test_behind_a_return_a_wall_is_solid(field: str, room_m: float) -> None:
     shape = Shape(model, OccupancyTrainer(model.occupancy), torch.zeros(0, 2))
     model.static.distance = lambda x: 2 * FIELDS[field]((x[:, 0] - WALL_X_M) / 2)  # type: ignore[method-assign]
     with torch.no_grad():
-        band, _ = shape.band(torch.zeros(0), met(len(beams.rays)), beams, torch.Generator().manual_seed(0))
+        band, _ = shape.sdf_band(torch.zeros(0), met(len(beams.rays)), beams, torch.Generator().manual_seed(0))
     behind = torch.linspace(0.1, 0.3, 10_001)
     lacks = torch.relu(2 * FIELDS[field](behind / 2) + 0.2 * behind.clamp_max(0.1)) * (behind < room_m)
     assert float(band) == pytest.approx(float(lacks.mean()), rel=0.05, abs=1e-6)
@@ -158,7 +158,7 @@ def test_free_space_is_asked_for_where_a_ray_stops_too_early(
 
     model.static.distance = distance  # type: ignore[method-assign]
     with torch.no_grad():
-        shape.band(torch.zeros(0), met(len(beams.rays), stop_m=stop_m), beams, torch.Generator().manual_seed(0))
+        shape.sdf_band(torch.zeros(0), met(len(beams.rays), stop_m=stop_m), beams, torch.Generator().manual_seed(0))
     (free,) = (x for x in asked if float(x.max()) < WALL_X_M - 0.29)
     assert len(free) == len(beams.rays)
     assert float(free.min()) == pytest.approx(low_m, abs=0.01) and float(free.max()) == pytest.approx(high_m, abs=0.01)

@@ -32,7 +32,7 @@ from unisim_blender.core.street.street import Street, build_street, load_street
 from unisim_blender.core.street.tessellate import tessellated
 from unisim_blender.core.street.trace import Asset, trace
 from unisim_blender.core.street.triangles import Triangles
-from unisim_blender.core.street.true_pictures import keep_picture, lacks_pictures, picture_path, true_picture
+from unisim_blender.core.street.true_images import keep_image, lacks_images, true_image, true_image_path
 from unisim_blender.core.street.truth import truth_camera, truth_lidar
 from unisim_blender.core.street.usual_edits import spread_frames, usual_edits, write_scenarios
 from unisim_blender.core.street.world import make_world
@@ -234,7 +234,7 @@ def test_the_usual_insertion_has_a_look_that_was_recorded_and_is_seen(seed: int)
 
 def test_pictures_are_kept_by_what_they_show(street: Street, tmp_path: Path) -> None:
     def path(drive: Drive, frame: int = 1, width: int | None = None) -> Path:
-        return picture_path(tmp_path, street, drive, CAMERA, frame, width)
+        return true_image_path(tmp_path, street, drive, CAMERA, frame, width)
 
     drive = street.drive
     unseen = replace(drive, actors={uid: actor for uid, actor in drive.actors.items()}, name="the same by another name")
@@ -246,13 +246,13 @@ def test_pictures_are_kept_by_what_they_show(street: Street, tmp_path: Path) -> 
     others.append(path(replace(drive, static_removals=(Box(np.eye(4), np.ones(3)),))))
     others.append(path(replace(drive, cameras={CAMERA: replace(camera, model=replace(camera.model, cx=30.0))})))
     assert len({path(drive), *others}) == 1 + len(others)
-    assert lacks_pictures(tmp_path, street, (drive,), (CAMERA,), (1,), None)
+    assert lacks_images(tmp_path, street, (drive,), (CAMERA,), (1,), None)
     with pytest.raises(OutputError, match="not drawn yet"):
-        true_picture(tmp_path, street, drive, CAMERA, 1, None)
+        true_image(tmp_path, street, drive, CAMERA, 1, None)
     rgb = np.random.default_rng(0).integers(0, 256, (36, 64, 3)).astype(np.uint8)
-    keep_picture(path(drive), rgb)
-    np.testing.assert_array_equal(true_picture(tmp_path, street, drive, CAMERA, 1, None), rgb)
-    assert not lacks_pictures(tmp_path, street, (drive,), (CAMERA,), (1,), None)
+    keep_image(path(drive), rgb)
+    np.testing.assert_array_equal(true_image(tmp_path, street, drive, CAMERA, 1, None), rgb)
+    assert not lacks_images(tmp_path, street, (drive,), (CAMERA,), (1,), None)
 
 
 def test_smaller_truths_are_made_of_drawn_ones(street: Street, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -260,7 +260,7 @@ def test_smaller_truths_are_made_of_drawn_ones(street: Street, tmp_path: Path, m
     monkeypatch.setattr(true_edits, "draw_truths", lambda path, wanted, width, progress: asked.append(width))
     drive = street.drive
     rgb = np.random.default_rng(0).integers(0, 256, (SIZE["height"], SIZE["width"], 3)).astype(np.uint8)
-    keep_picture(picture_path(tmp_path, street, drive, CAMERA, 1, None), rgb)
+    keep_image(true_image_path(tmp_path, street, drive, CAMERA, 1, None), rgb)
 
     def truth(width: int | None) -> TrueEdit:
         return TrueEdit(tmp_path, street, drive, drive, (0,), (CAMERA,), width)
@@ -270,7 +270,7 @@ def test_smaller_truths_are_made_of_drawn_ones(street: Street, tmp_path: Path, m
     assert not asked
     expected = resize_image(rgb, drive.cameras[CAMERA].model.resized(half)).astype(np.float32) / 255
     assert expected.shape[1] == half
-    np.testing.assert_allclose(truth(half).pictures(CAMERA, 1).edit, expected, atol=1e-7)
+    np.testing.assert_allclose(truth(half).images(CAMERA, 1).edit, expected, atol=1e-7)
     truth(2 * SIZE["width"]).draw(tmp_path / "scenario.json", (1,), (CAMERA,))
     assert asked == [2 * SIZE["width"]]
 
@@ -305,6 +305,6 @@ def test_a_log_of_the_other_engine_is_left_alone(solid: Street, tmp_path: Path) 
 
 def test_meshes_from_files_are_refused(street: Street, tmp_path: Path) -> None:
     actor = street.drive.actors["car-01"]
-    guest = replace(actor, look=replace(actor.look, mesh="deer.glb"))
+    replaced = replace(actor, look=replace(actor.look, mesh="deer.glb"))
     with pytest.raises(ScenarioError, match=r"deer\.glb"):
-        picture_path(tmp_path, street, replace(street.drive, actors={"car-01": guest}), CAMERA, 1, None)
+        true_image_path(tmp_path, street, replace(street.drive, actors={"car-01": replaced}), CAMERA, 1, None)

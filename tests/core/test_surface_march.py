@@ -535,7 +535,7 @@ def test_qualities_beside_the_truth(looks: dict[str, Look], sensor: str) -> None
 
 
 @needs_library
-def test_every_medium_beside_the_quantiles(tmp_path: Path) -> None:
+def test_every_field_beside_the_quantiles(tmp_path: Path) -> None:
     """Actors that overlap, an emptied box and a copy, on fields of random weights, which are rougher than any trained one."""
     drive = edited()
     tracer = bound_to(CompiledBackend(CompiledScene(saved(tmp_path / "scene", CONFIGS["tiny"]))), drive)

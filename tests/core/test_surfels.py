@@ -32,7 +32,7 @@ from unisim_blender.core.render.tracers.surfels.build import Step, build_surfels
 from unisim_blender.core.render.tracers.surfels.cache import NOT_SURFELS, build_key, surfels_of
 from unisim_blender.core.render.tracers.surfels.exposure import Exposures
 from unisim_blender.core.render.tracers.surfels.model import LIDARSIM, SurfelScene
-from unisim_blender.core.render.tracers.surfels.stage import Stage
+from unisim_blender.core.render.tracers.surfels.placed import PlacedSurfels
 from unisim_blender.core.render.tracers.surfels.tracer import SurfelBackend
 from unisim_blender.core.render.tracers.surfels.views import open_view
 from unisim_blender.core.render.tracers.warping.tracer import WarpTracer
@@ -201,7 +201,7 @@ def test_a_scaled_actor_is_looked_up_in_images_from_its_own_side(scenes: dict[st
     drive = edited(log, {"type": "scale", "actor": uid, "factors": [1.4, 1, 1]})
     tracer = bound_to(untrained_backend("warp", scenes["warp"], log, SOURCES), drive)
     assert isinstance(tracer, WarpTracer)
-    number = tracer.cast.own.uids.index(uid)
+    number = tracer.active.own.uids.index(uid)
     assert tracer.edited == [i == number for i in range(len(tracer.edited))]
     # what its recorded box hid shows nothing of what is behind it now
     assert tracer.elsewhere == (uid,)
@@ -362,12 +362,12 @@ def test_an_actor_of_another_scene_is_a_sentence(log: Log, scenes: dict[str, Sur
 
 
 def test_what_shows_the_vehicle_itself_colours_nothing(scenes: dict[str, SurfelScene], log: Log) -> None:
-    stage = Stage(scenes["surfel"].static)
+    placed = PlacedSurfels(scenes["surfel"].static)
     model = log.drive.cameras[CAMERA].model
     row = model.height // 2
     outlines = {CAMERA: (np.full(model.width, row), model.height)}
-    plain = open_view(log, CAMERA, 2, model.width, model.width, stage, (), {})
-    view = open_view(log, CAMERA, 2, model.width, model.width, stage, (), outlines)
+    plain = open_view(log, CAMERA, 2, model.width, model.width, placed, (), {})
+    view = open_view(log, CAMERA, 2, model.width, model.width, placed, (), outlines)
     assert view.own[row:].all() and not view.own[: row - 1].any() and not plain.own.any()
     v, u = np.mgrid[: model.height, : model.width].reshape(2, -1) + 0.5
     seen, before = (

@@ -15,8 +15,8 @@ from unisim_blender.core.geometry import FloatArray, Trajectory, intersect_boxes
 from unisim_blender.core.model.config import preset
 from unisim_blender.core.model.scene import SceneModel
 from unisim_blender.core.ops.ray_segments import RayBatch
-from unisim_blender.core.render.actor_sets import gather_cast
-from unisim_blender.core.render.tracers.torch.actor_tensors import cast_tensors
+from unisim_blender.core.render.actor_sets import active_actors
+from unisim_blender.core.render.tracers.torch.actor_tensors import active_actor_tensors
 from unisim_blender.core.render.tracers.torch.trace import Sampling, trace
 from unisim_blender.core.world.drive import Box, Look, StaticCopy
 
@@ -97,7 +97,7 @@ def crossed_cars(order: tuple[str, str] = ("a", "b")) -> Stage:
 def test_order_of_the_actors_changes_nothing() -> None:
     d = fan(400, spread=0.1)
     one, other = crossed_cars().trace(EYE, d), crossed_cars(("b", "a")).trace(EYE, d)
-    for name in ("feature", "depth_m", "opacity", "behind"):
+    for name in ("feature", "depth_m", "opacity", "transmittance_after"):
         assert torch.equal(getattr(one, name), getattr(other, name)), name
     both = (one.feature[:, 1] > 0.01) & (one.feature[:, 2] > 0.01)
     assert int(both.sum()) > 0, "somewhere they mix"
@@ -118,7 +118,7 @@ def test_weights_never_exceed_the_ray() -> None:
     traced = crossed_cars().trace(EYE, fan(600, spread=0.1))
     assert float(traced.feature.sum(1).max()) <= 1 + 1e-4
     torch.testing.assert_close(traced.feature.sum(1), traced.opacity, atol=1e-4, rtol=0)
-    torch.testing.assert_close(traced.opacity + traced.behind, torch.ones(600), atol=1e-5, rtol=0)
+    torch.testing.assert_close(traced.opacity + traced.transmittance_after, torch.ones(600), atol=1e-5, rtol=0)
 
 
 HOLLOW = np.array([6.0, 4.0, 3.0])
@@ -168,7 +168,7 @@ def test_rays_that_meet_nothing_but_a_removal() -> None:
     scene = analytic_scene(empty, {})
     box = Box(make_pose(np.zeros(3), LEVEL), np.ones(3))
     traced = Stage(scene, drive_of([], removals=(box,))).trace(EYE, fan(5))
-    assert not traced.strands and bool((traced.opacity == 0).all())
+    assert not traced.ray_segments and bool((traced.opacity == 0).all())
 
 
 def test_an_actor_before_a_distant_wall_hides_it() -> None:
@@ -245,58 +245,58 @@ def test_a_static_copy_brings_no_ground_along() -> None:
 GUEST = "elsewhere"
 
 
-def stage_with_guest(x_m: float, static: object = None, features: int = 15) -> Stage:
+def stage_with_foreign(x_m: float, static: object = None, features: int = 15) -> Stage:
     """A wall at x = 8 and an actor of another scene at ``x_m``."""
     size = np.array([3.0, 3.0, 3.0])
     config = replace(preset("tiny"), features=features)
     other = analytic_scene(empty, {"car": (block([2.0, 2.0, 2.0]), size), "bus": (empty, size)}, config, beta=300.0)
-    guest = still("new", [x_m, 0, 1.6], size, look=Look("car", GUEST))
+    foreign = still("new", [x_m, 0, 1.6], size, look=Look("car", GUEST))
     own = analytic_scene(static or wall(8.0), {"bike": (block([1.0, 1, 1]), size)})  # type: ignore[arg-type]
-    return Stage(own, drive_of([guest, still("bike", [-5, 5, 1.6], size)]), {GUEST: other})
+    return Stage(own, drive_of([foreign, still("bike", [-5, 5, 1.6], size)]), {GUEST: other})
 
 
 @pytest.mark.parametrize("features", (15, 7))
-def test_a_guest_hides_what_is_behind_it(features: int) -> None:
-    traced = stage_with_guest(2.0, features=features).trace(EYE, fan(50, spread=0.01))
-    np.testing.assert_allclose(traced.guest_opacity[0], 1, atol=1e-3)
-    np.testing.assert_allclose(traced.guest_features[0][:, 2], 1, atol=1e-3)
-    assert traced.guest_features[0].shape == (50, features)
+def test_a_foreign_actor_hides_what_is_behind_it(features: int) -> None:
+    traced = stage_with_foreign(2.0, features=features).trace(EYE, fan(50, spread=0.01))
+    np.testing.assert_allclose(traced.foreign_opacity[0], 1, atol=1e-3)
+    np.testing.assert_allclose(traced.foreign_features[0][:, 2], 1, atol=1e-3)
+    assert traced.foreign_features[0].shape == (50, features)
     np.testing.assert_allclose(traced.feature.abs().max(), 0, atol=1e-3)
-    assert traced.without_guests is not None
-    np.testing.assert_allclose(traced.without_guests[:, 0], 1, atol=1e-3)
+    assert traced.without_foreign is not None
+    np.testing.assert_allclose(traced.without_foreign[:, 0], 1, atol=1e-3)
     np.testing.assert_allclose(traced.depth_m, 21, atol=0.1)
 
 
-def test_a_guest_is_hidden_by_what_stands_before_it() -> None:
-    traced = stage_with_guest(12.0).trace(EYE, fan(50, spread=0.01))
-    np.testing.assert_allclose(traced.guest_opacity[0], 0, atol=1e-3)
+def test_a_foreign_actor_is_hidden_by_what_stands_before_it() -> None:
+    traced = stage_with_foreign(12.0).trace(EYE, fan(50, spread=0.01))
+    np.testing.assert_allclose(traced.foreign_opacity[0], 0, atol=1e-3)
     np.testing.assert_allclose(traced.feature[:, 0], 1, atol=1e-3)
 
 
-def test_own_actors_hide_guests_and_guests_own_actors() -> None:
+def test_own_actors_hide_foreign_ones_and_foreign_ones_own_actors() -> None:
     size = np.array([2.0, 3.0, 3.0])
     body = block([1.4, 2.6, 2.6])
     other = analytic_scene(empty, {"car": (body, size)})
-    for own_x, guest_x in ((-4.0, 4.0), (4.0, -4.0)):
-        actors = [still("own", [own_x, 0, 1.6], size), still("new", [guest_x, 0, 1.6], size, look=Look("car", GUEST))]
+    for own_x, foreign_x in ((-4.0, 4.0), (4.0, -4.0)):
+        actors = [still("own", [own_x, 0, 1.6], size), still("new", [foreign_x, 0, 1.6], size, look=Look("car", GUEST))]
         traced = Stage(analytic_scene(empty, {"own": (body, size)}), drive_of(actors), {GUEST: other}).trace(
             EYE, fan(50, spread=0.01)
         )
-        expected = float(own_x < guest_x)
+        expected = float(own_x < foreign_x)
         np.testing.assert_allclose(traced.feature[:, 1], expected, atol=1e-3)
-        np.testing.assert_allclose(traced.guest_opacity[0], 1 - expected, atol=1e-3)
+        np.testing.assert_allclose(traced.foreign_opacity[0], 1 - expected, atol=1e-3)
 
 
-def test_two_actors_on_one_ray_and_a_guest_on_another() -> None:
-    """Where no static voxel is met, strands of the first medium must still see each other."""
+def test_two_actors_on_one_ray_and_a_foreign_actor_on_another() -> None:
+    """Where no static voxel is met, ray segments of the first field must still see each other."""
     size = np.array([2.0, 3.0, 3.0])
     body = (block([1.4, 2.6, 2.6]), size)
-    guest = still("new", [0, 8, 1.6], size, look=Look("car", GUEST))
-    actors = [still("a", [3.0, 0, 1.6], size), still("b", [-3.0, 0, 1.6], size), guest]
+    foreign = still("new", [0, 8, 1.6], size, look=Look("car", GUEST))
+    actors = [still("a", [3.0, 0, 1.6], size), still("b", [-3.0, 0, 1.6], size), foreign]
     stage = Stage(analytic_scene(empty, {"a": body, "b": body}), drive_of(actors), {GUEST: analytic_scene(empty, {"car": body})})
     traced = stage.trace(EYE, [[20.0, 0, 0], [20, 8, 0]])
     np.testing.assert_allclose(traced.feature[:, 1:3], [[0, 1], [0, 0]], atol=1e-3)
-    np.testing.assert_allclose(traced.guest_opacity[0], [0, 1], atol=1e-3)
+    np.testing.assert_allclose(traced.foreign_opacity[0], [0, 1], atol=1e-3)
     np.testing.assert_allclose(traced.depth_m[0], 20 - 3 - 0.7, atol=0.05)
 
 
@@ -311,19 +311,19 @@ def test_duplicates_of_an_actor_share_its_look() -> None:
 def test_a_look_that_the_scene_does_not_hold() -> None:
     stage = Stage(analytic_scene(empty, {}), drive_of([still("car", [0, 0, 1], [1, 1, 1], look=Look("lorry"))]))
     with pytest.raises(SceneError, match="'car' has the look of 'lorry'"):
-        stage.cast()
+        stage.active()
     absent = Stage(analytic_scene(empty, {}), drive_of([still("car", [0, 0, 1], [1, 1, 1], look=Look("car", GUEST))]))
     with pytest.raises(SceneError, match=GUEST):
-        absent.cast()
+        absent.active()
 
 
 def test_free_space_spends_no_sample() -> None:
     stage = Stage(analytic_scene(sphere([0.0, 0, 1.6], 1.0), {}), drive_of([]))
     away = stage.trace(EYE, [[-1.0, 0, 0], [0, 1, 0], [0.1, 0, 1]], far=False)
-    assert away.samples == 0 and bool((away.depth_m == 0).all()) and bool((away.behind == 1).all())
+    assert away.samples == 0 and bool((away.depth_m == 0).all()) and bool((away.transmittance_after == 1).all())
     toward = stage.trace(EYE, [[1.0, 0, 0]], fine=1.0)
     assert toward.samples == stage.scene.config.samples.static
-    t = toward.strands[0].t
+    t = toward.ray_segments[0].t
     assert 17 < float(t.min()) and float(t.max()) < 23, "all of them near the sphere"
 
 
@@ -408,12 +408,12 @@ def test_a_look_is_mirrored_on_all_rays_or_on_none() -> None:
     sides = []
     for seed in range(12):
         sampling = Sampling(fine=4.0, far=False, mirror=torch.tensor([0.5]), generator=torch.Generator().manual_seed(seed))
-        met = trace(stage.scene, stage.cast(), rays, sampling).opacity > 0.5
+        met = trace(stage.scene, stage.active(), rays, sampling).opacity > 0.5
         sides.append((bool(met[across[:, 1] > 0.4].all()), bool(met[across[:, 1] < -0.4].all())))
     assert set(sides) == {(True, False), (False, True)}, "one side or the other, never some rays of each"
 
 
-def test_gradients_reach_every_medium() -> None:
+def test_gradients_reach_every_field() -> None:
     torch.manual_seed(1)
     size = np.array([4.0, 3.0, 3.0])
     drive = drive_of([still("car", [0, 0, 1.0], size)])
@@ -422,9 +422,9 @@ def test_gradients_reach_every_medium() -> None:
     scene.occupancy.values.fill_(255)
     drawn = fan(64, spread=0.1)
     batch = RayBatch(scene.frame.recentred(np.tile(EYE, (64, 1))), torch.tensor(drawn).float(), torch.zeros(64).double())
-    cast = cast_tensors(gather_cast(whole_state(drive), {"": ("car",)}), {"": (scene, scene.actors.tables())})
-    traced = trace(scene, cast, batch, Sampling(jitter=True, generator=torch.Generator().manual_seed(2)))
-    (traced.feature.sum() + traced.depth_m.sum() + traced.behind.sum()).backward()
+    active = active_actor_tensors(active_actors(whole_state(drive), {"": ("car",)}), {"": (scene, scene.actors.tables())})
+    traced = trace(scene, active, batch, Sampling(jitter=True, generator=torch.Generator().manual_seed(2)))
+    (traced.feature.sum() + traced.depth_m.sum() + traced.transmittance_after.sum()).backward()
     for name in (
         "static.grid.table",
         "far.grid.table",

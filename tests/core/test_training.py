@@ -27,7 +27,7 @@ from unisim_blender.core.data.pandaset.writer import PandasetWriter
 from unisim_blender.core.errors import LogError, SceneError
 from unisim_blender.core.model.checkpoint import load_scene
 from unisim_blender.core.model.config import PRESETS, preset
-from unisim_blender.core.ops.ray_segments import Traced
+from unisim_blender.core.ops.ray_segments import SegmentTrace
 from unisim_blender.core.render.drive_renderer import DriveRenderer
 from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.render.tracers.torch.trace import Sampling, trace
@@ -364,9 +364,9 @@ def test_samples_stand_still_in_the_end_and_rates_fall_further(log: Log, monkeyp
     trainer = Trainer(log, config)
     drawn: list[bool] = []
 
-    def spy(model: Any, cast: Any, rays: Any, sampling: Sampling) -> Traced:
+    def spy(model: Any, active: Any, rays: Any, sampling: Sampling) -> SegmentTrace:
         drawn.append(sampling.jitter)
-        return trace(model, cast, rays, sampling)
+        return trace(model, active, rays, sampling)
 
     monkeypatch.setattr("unisim_blender.core.training.trainer.trace", spy)
     rates = []

@@ -71,7 +71,7 @@ def test_free_space_between_samples_has_no_density(gap_m: float) -> None:
     alone the density would stop all but exp(-4). A bit more than that, for an interval has its far end's density throughout."""
     traced = staged(fog(0.4, (0.0, 2.0), (2.0 + gap_m, 4.0 + gap_m))).trace(STARTS, [1.0, 0.05, 0.02], fine=20.0)
     length = 4 * np.linalg.norm([1.0, 0.05, 0.02])
-    np.testing.assert_allclose(-traced.behind.log().mean(), 0.4 * length, rtol=0.15)
+    np.testing.assert_allclose(-traced.transmittance_after.log().mean(), 0.4 * length, rtol=0.15)
 
 
 def test_a_wall_stops_rays_at_its_face() -> None:
@@ -88,8 +88,8 @@ def test_an_actors_density_fills_its_box_and_clears_it_of_the_scenes() -> None:
     size = np.array([3.0, 2.0, 2.0])
     car = still("car", [0, 0, 2.0], size)
     stage = staged(fog(0.3, (-1.5, 1.5)), {"car": (fog(0.5, (-9.0, 9.0)), size)}, drive_of([car]))
-    np.testing.assert_allclose(stage.trace(EYE, [1.0, 0, 0], fine=16.0).behind, np.exp(-0.5 * 3), rtol=0.03)
+    np.testing.assert_allclose(stage.trace(EYE, [1.0, 0, 0], fine=16.0).transmittance_after, np.exp(-0.5 * 3), rtol=0.03)
     gone = replace(stage, drive=drive_of([], removals=whole_state(drive_of([]), drive_of([car])).removed_boxes))
-    np.testing.assert_allclose(gone.trace(EYE, [1.0, 0, 0], fine=16.0).behind, 1, atol=1e-3)
+    np.testing.assert_allclose(gone.trace(EYE, [1.0, 0, 0], fine=16.0).transmittance_after, 1, atol=1e-3)
     beside = replace(stage, drive=drive_of([], removals=(Box(make_pose(np.array([0, 9.0, 2]), np.array([1.0, 0, 0, 0])), size),)))
-    np.testing.assert_allclose(-beside.trace(STARTS, [1.0, 0, 0], fine=16.0).behind.log().mean(), 0.3 * 3, rtol=0.08)
+    np.testing.assert_allclose(-beside.trace(STARTS, [1.0, 0, 0], fine=16.0).transmittance_after.log().mean(), 0.3 * 3, rtol=0.08)

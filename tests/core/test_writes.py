@@ -59,7 +59,7 @@ def write_checkpoint(folder: Path) -> Path:
         iteration=1, elapsed_s=1.0, config=TrainConfig(cameras=("front",), lidars=(), frames=(0,)), model=module,
         tracklets=module, camera_poses=module, occupancy=SimpleNamespace(state=dict), choice=SimpleNamespace(state=dict),
         adversary=None,
-        optimiser=torch.optim.Adam([weight]), slow=torch.optim.Adam([weight]), held_gradients=dict,
+        optimiser=torch.optim.Adam([weight]), slow=torch.optim.Adam([weight]), deferred_gradients=dict,
     )  # fmt: skip
     run.save_checkpoint(folder / run.CHECKPOINT, trainer)
     return folder / run.CHECKPOINT

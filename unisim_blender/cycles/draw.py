@@ -12,10 +12,10 @@ from ..core.data.pandaset.sensors import CAMERAS
 from ..core.data.pandaset.writer import PandasetWriter
 from ..core.prepare.scenario import prepare_scenario
 from ..core.prepare.street import street_of
-from ..core.street.path_tracer import Order, Wanted
+from ..core.street.path_tracer import Order, TruthRequest
 from ..core.street.stage import Workshop
 from ..core.street.street import Street, load_street
-from ..core.street.true_pictures import keep_picture, picture_path, shown
+from ..core.street.true_images import keep_image, shown, true_image_path
 from ..core.world.drive import Drive
 from .painter import Painter
 
@@ -58,7 +58,7 @@ def log_jobs(out: Path) -> list[Job]:
     ]
 
 
-def truth_jobs(out: Path, truths: tuple[Wanted, ...], width: int | None) -> list[Job]:
+def truth_jobs(out: Path, truths: tuple[TruthRequest, ...], width: int | None) -> list[Job]:
     """Pictures of scenarios' edited drives and of the unedited one, where ``out`` lacks them; each once."""
     jobs: dict[Path, Job] = {}
     home = load_street(out)
@@ -66,14 +66,14 @@ def truth_jobs(out: Path, truths: tuple[Wanted, ...], width: int | None) -> list
         prepared = prepare_scenario(wanted.scenario, refined=False)
         street = street_of(home, prepared.edited)
         for drive, name, frame in shown((prepared.edited, prepared.recorded), wanted.cameras, wanted.frames):
-            path = picture_path(out, street, drive, name, frame, width)
+            path = true_image_path(out, street, drive, name, frame, width)
             if not path.exists() and path not in jobs:
                 jobs[path] = Job(street, drive, name, frame, width, _keeper(path))
     return list(jobs.values())
 
 
 def _keeper(path: Path) -> Keep:
-    return lambda rgb: keep_picture(path, rgb)
+    return lambda rgb: keep_image(path, rgb)
 
 
 def noise_seed(camera: str, frame: int) -> int:

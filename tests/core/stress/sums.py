@@ -10,17 +10,17 @@ from torch import Tensor
 
 from unisim_blender.core.ops.composite import composite
 from unisim_blender.core.ops.density import weights_from_tau
-from unisim_blender.core.ops.ray_segments import Strands
+from unisim_blender.core.ops.ray_segments import RaySegments
 from unisim_blender.core.render.tracers.compiled.structs import address
 
 from .measures import Bench, Measure, most
 from .probe import probed
 
 
-def strands_of(tau: Tensor, t: Tensor, ray: Tensor) -> Strands:
+def ray_segments_of(tau: Tensor, t: Tensor, ray: Tensor) -> RaySegments:
     zero = torch.zeros_like(tau)
     points = torch.zeros(*tau.shape, 3, dtype=tau.dtype)
-    return Strands(ray, t, zero, zero[..., None] + 1, tau, tau * 0, points, torch.full_like(ray, -1))
+    return RaySegments(ray, t, zero, zero[..., None] + 1, tau, tau * 0, points, torch.full_like(ray, -1))
 
 
 def accumulated(bench: Bench) -> Iterator[Measure]:
@@ -38,13 +38,13 @@ def accumulated(bench: Bench) -> Iterator[Measure]:
         front, behind = weights_from_tau(torch.as_tensor(tau)[None])
         yield Measure(f"torch: transmittance, {name}", most(front[0], np.exp(-before[:-1])), 1e-6)
         yield Measure(f"torch: transmittance behind all, {name}", abs(float(behind) - float(np.exp(-before[-1]))), 1e-6)
-        # a ray of one strand, and of two whose intervals take turns
+        # a ray of one ray segment, and of two whose intervals take turns
         depths, rays = torch.as_tensor(t), torch.zeros(1, dtype=torch.long)
-        whole = composite(1, [strands_of(torch.as_tensor(tau)[None], depths[None], rays)], 1, [], depths)
-        halves = [strands_of(torch.as_tensor(tau[i::2].copy())[None], depths[i::2][None], rays) for i in range(2)]
+        whole = composite(1, [ray_segments_of(torch.as_tensor(tau)[None], depths[None], rays)], 1, [], depths)
+        halves = [ray_segments_of(torch.as_tensor(tau[i::2].copy())[None], depths[i::2][None], rays) for i in range(2)]
         split = composite(1, halves, 1, [], depths)
         weight = np.exp(-before[:-1]) * -np.expm1(-tau.astype(np.float64))
-        for what, traced in (("one strand", whole), ("two strands", split)):
+        for what, traced in (("one ray segment", whole), ("two ray segments", split)):
             yield Measure(f"torch: weights' sum, {name}, {what}", abs(float(traced.feature) - float(weight.sum())), 2e-5)
             yield Measure(f"torch: opacity, {name}, {what}", abs(float(traced.opacity) + float(np.expm1(-before[-1]))), 2e-5)
         probe = probed()
@@ -59,7 +59,7 @@ def accumulated(bench: Bench) -> Iterator[Measure]:
         two = [np.ascontiguousarray(np.stack([x[0::2], x[1::2]])) for x in (t, tau, share)]
         merged = np.empty((2, n // 2), np.float32)
         depth = probe.probe_merge(2, n // 2, *map(address, two), address(merged))
-        # an interval stands in its middle, the first ones at their samples; of two at one place the first strand's comes first
+        # an interval stands in its middle, the first ones at their samples; of two at one place the first segment's comes first
         near = np.concatenate([two[0][:, :1], two[0][:, :-1]], 1)
         order = np.argsort((near + np.float32(0.5) * (two[0] - near)).reshape(-1), kind="stable")
         exact = np.empty(n)

@@ -20,13 +20,13 @@ from unisim_blender.core.geometry import (
 )
 from unisim_blender.core.model.checkpoint import load_scene
 from unisim_blender.core.model.tracklets import Tracklets
-from unisim_blender.core.ops.ray_segments import RayBatch, Traced
-from unisim_blender.core.render.actor_sets import gather_cast
+from unisim_blender.core.ops.ray_segments import RayBatch, SegmentTrace
+from unisim_blender.core.render.actor_sets import active_actors
 from unisim_blender.core.render.quality import QUALITY, quality_named
-from unisim_blender.core.render.tracer import Found
+from unisim_blender.core.render.tracer import TraceResult
 from unisim_blender.core.render.tracers.compiled.scene import CompiledScene
 from unisim_blender.core.render.tracers.compiled.tracer import CompiledBackend, CompiledTracer
-from unisim_blender.core.render.tracers.torch.actor_tensors import CastTensors, cast_tensors
+from unisim_blender.core.render.tracers.torch.actor_tensors import ActiveActorTensors, active_actor_tensors
 from unisim_blender.core.render.tracers.torch.median import median_depth
 from unisim_blender.core.render.tracers.torch.trace import Sampling, trace
 from unisim_blender.core.render.tracers.torch.tracer import TorchBackend, TorchTracer
@@ -49,24 +49,24 @@ def exactly(tracklets: Tracklets, actors: tuple[Actor, ...]) -> None:
         tracklets.sizes_m[i] = torch.as_tensor(actor.size_m).float()
 
 
-def truth(folder: Path, drive: Drive, rays: Rays, quality: str = "balanced", sky: bool = True) -> tuple[Traced, FloatArray]:
+def truth(folder: Path, drive: Drive, rays: Rays, quality: str = "balanced", sky: bool = True) -> tuple[SegmentTrace, FloatArray]:
     """What flat rays meet, and their median depths (N,), by torch in float64 throughout."""
     scene = load_scene(folder)
     model, tables = scene.model.double(), scene.actor_tables.double()
     model.frame.rotation.copy_(torch.as_tensor(model.volume.world_from_volume[:3, :3].T))
-    cast = gather_cast(whole_state(drive, scene.header.drive), {"": tuple(model.actor_ids)})
-    tensors: CastTensors = cast_tensors(cast, {"": (model, tables)})
-    exactly(tensors.own.tracklets, cast.own.actors)
+    active = active_actors(whole_state(drive, scene.header.drive), {"": tuple(model.actor_ids)})
+    tensors: ActiveActorTensors = active_actor_tensors(active, {"": (model, tables)})
+    exactly(tensors.own.tracklets, active.own.actors)
     corner = model.volume.corner
 
     def recentred(pose: FloatArray) -> FloatArray:
         return np.vstack([np.c_[pose[:3, :3], pose[:3, 3] - corner], pose[3:]])
 
     if tensors.copies is not None:
-        exactly(tensors.copies, cast.targets)
-        tensors.copy_source = torch.as_tensor(np.stack([recentred(box.world_from_box) for box in cast.sources]))
+        exactly(tensors.copies, active.targets)
+        tensors.copy_source = torch.as_tensor(np.stack([recentred(box.world_from_box) for box in active.sources]))
     if tensors.removals is not None:
-        poses = np.stack([invert_pose(recentred(box.world_from_box)) for box in cast.removals])
+        poses = np.stack([invert_pose(recentred(box.world_from_box)) for box in active.removals])
         tensors.removals = torch.as_tensor(poses), tensors.removals[1].double()
     batch = RayBatch(model.frame.recentred(rays.origins), torch.as_tensor(rays.directions), torch.as_tensor(rays.time_s))
     assert batch.origins.dtype == torch.float64
@@ -89,13 +89,13 @@ def tracers(folder: Path, drive: Drive, quality: str = "balanced") -> Tracers:
     return out
 
 
-def arrays_of(found: Found) -> dict[str, NDArray[Any]]:
+def arrays_of(found: TraceResult) -> dict[str, NDArray[Any]]:
     """All that was found, in numpy."""
     named = {"feature": found.feature, "depth_m": found.depth_m, "opacity": found.opacity, **found.maps}
     return {name: np.asarray(values) for name, values in named.items()}
 
 
-def not_finite(found: Found) -> float:
+def not_finite(found: TraceResult) -> float:
     """How many numbers are not finite; the depth pass is infinite where nothing solid is."""
     arrays = arrays_of(found)
     if "depth" in arrays:

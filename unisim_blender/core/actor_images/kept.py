@@ -37,7 +37,7 @@ class ActorImage:
 
     uid: str
     word: str
-    picture: Path | None
+    image: Path | None
 
 
 def kept_folder(log_path: Path) -> Path:
@@ -63,7 +63,7 @@ def kept_images(log_path: Path) -> dict[str, ActorImage] | None:
         }
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
         return None
-    return entries if all(one.picture is None or one.picture.is_file() for one in entries.values()) else None
+    return entries if all(one.image is None or one.image.is_file() for one in entries.values()) else None
 
 
 def make_images(log: Log) -> Iterator[ActorImage]:
@@ -81,7 +81,7 @@ def make_images(log: Log) -> Iterator[ActorImage]:
     for uid in sorted(set(actors) - set(made)):
         made[uid] = ActorImage(uid, "", None)
         yield made[uid]
-    entries = {uid: {"word": one.word, "picture": one.picture.name if one.picture else ""} for uid, one in sorted(made.items())}
+    entries = {uid: {"word": one.word, "picture": one.image.name if one.image else ""} for uid, one in sorted(made.items())}
     document = {"format": "unisim-actor-images", "version": VERSION, "log": str(log.path.resolve()), "actors": entries}
     write_file(folder / INDEX, json.dumps(document, indent=1).encode())
 
@@ -113,7 +113,7 @@ def _from_images(log: Log, actors: dict[str, Actor], views: dict[str, list[View]
         for number, view in enumerate(wanted):
             asked.setdefault((view.frame, view.camera), []).append((uid, number))
     tones: dict[str, list[tuple[Tone | None, float]]] = {uid: [] for uid in views}
-    pictures: dict[str, Path] = {}
+    images: dict[str, Path] = {}
     for (frame, camera), those in sorted(asked.items()):
         try:
             image = log.image(camera, frame)
@@ -124,18 +124,18 @@ def _from_images(log: Log, actors: dict[str, Actor], views: dict[str, list[View]
             if image is not None:
                 model = log.drive.cameras[camera].model
                 if number == 0:
-                    pictures[uid] = folder / f"{numbers[uid]}.png"
-                    write_file(pictures[uid], png(crop(image, view)))
+                    images[uid] = folder / f"{numbers[uid]}.png"
+                    write_file(images[uid], png(crop(image, view)))
                 if view in telling(views[uid]):
                     tones[uid].append((paint_tone(image, model, actor.label, actor.size_m, view), view.score))
             left[uid] -= 1
             if left[uid] == 0:
-                yield ActorImage(uid, word_of(tones[uid]), pictures.get(uid))
+                yield ActorImage(uid, word_of(tones[uid]), images.get(uid))
 
 
 def tell(log: Log) -> None:
     """Make a log's thumbnails and words, and write a line of JSON for each actor to standard output."""
     for one in make_images(log):
-        line = {"uid": one.uid, "word": one.word, "picture": str(one.picture) if one.picture else ""}
+        line = {"uid": one.uid, "word": one.word, "picture": str(one.image) if one.image else ""}
         sys.stdout.write(json.dumps(line) + "\n")
         sys.stdout.flush()

@@ -2,14 +2,14 @@
 
 settings.py     how large, how often
 methods.py      what renders: tracer, quality, instruction set, threads
-shot.py         one render, and what came of it
+render_request.py   one render, and its measurement
 copies.py       actors copied in front of a camera or behind it, to see what they cost
 state_cost.py   what a state of many actors costs before a ray is traced
 process.py      a process that renders, with an environment of its own
-cases.py        what is measured: shots that take turns
+cases.py        what is measured: render requests that take turns
 measure.py      the rounds
-errors.py       how far pictures and depths are from the truth
-figures.py      takes to figures
+errors.py       how far images and depths are from the truth
+figures.py      measurements to figures
 pareto.py       what nothing else beats
 machine.py      where it was measured
 tables.py plots.py report.py    figures to files

@@ -1,4 +1,4 @@
-"""What is measured: shots that take turns, so that whatever else the machine does meets all of them."""
+"""What is measured: render requests that take turns, so that whatever else the machine does meets all of them."""
 
 from __future__ import annotations
 
@@ -12,29 +12,30 @@ from numpy.typing import NDArray
 
 from ..data.log import Log
 from ..errors import SceneError
-from ..evaluate.recorded import recorded_picture
+from ..evaluate.recorded import recorded_image
 from ..model.scene_file import WEIGHTS_NAME, SceneHeader, read_scene_header
 from ..render.quality import QUALITY, TRUTH
 from ..render.regions import Region
 from ..world.drive import CameraModel, Drive
 from .methods import DEFAULT, DOUBLED, TYPICAL, Method
+from .render_request import Measurement, RenderRequest, SceneSetup
 from .settings import Settings
-from .shot import Shot, Stage, Take
 from .state_cost import Crowd
 
 
 @dataclass
 class Entry:
-    """A shot, the process that it is rendered in, and what came of it so far. ``about`` tells the figures what it is."""
+    """A render request, the process that it is rendered in, and what came of it so far. ``about`` tells the figures what it
+    is."""
 
     about: dict[str, Any]
     process: str
-    shot: Shot
+    request: RenderRequest
     once: bool = False
     """The truth is no faster for being rendered again."""
     fresh: bool = False
     """In a process of its own, which has held nothing before."""
-    takes: list[Take] = field(default_factory=list)
+    measurements: list[Measurement] = field(default_factory=list)
 
 
 @dataclass
@@ -59,11 +60,11 @@ class Subject:
     frame: int
     log: Log | None = None
 
-    def stage(self, method: Method | None = None, threads: int = 1) -> Stage:
+    def setup(self, method: Method | None = None, threads: int = 1) -> SceneSetup:
         """Where a method renders it; without one, the compiled tracer."""
         log = None if self.log is None else self.log.path
         tracer, threads = ("compiled", threads) if method is None else (method.tracer, method.threads)
-        return Stage(self.header.path, self.camera, self.frame, tracer, threads, log)
+        return SceneSetup(self.header.path, self.camera, self.frame, tracer, threads, log)
 
 
 def subject_of(scene: Path, log: Log | None = None) -> Subject:
@@ -88,7 +89,7 @@ def subject_of(scene: Path, log: Log | None = None) -> Subject:
 
 
 def windows(width: int, height: int, counts: tuple[int, int], size: tuple[int, int]) -> tuple[Region, ...]:
-    """Regions of ``size`` (width, height), evenly spread in ``counts`` (columns, rows); no larger than the picture."""
+    """Regions of ``size`` (width, height), evenly spread in ``counts`` (columns, rows); no larger than the image."""
     w, h = min(size[0], width), min(size[1], height)
     lefts = [round((i + 0.5) * width / counts[0] - w / 2) for i in range(counts[0])]
     tops = [round((j + 0.5) * height / counts[1] - h / 2) for j in range(counts[1])]
@@ -97,7 +98,7 @@ def windows(width: int, height: int, counts: tuple[int, int], size: tuple[int, i
 
 
 def middle(width: int, height: int, share: float) -> Region:
-    """A region in a picture's middle, of its proportions and this share of its area."""
+    """A region in an image's middle, of its proportions and this share of its area."""
     w, h = max(1, round(width * share**0.5)), max(1, round(height * share**0.5))
     left, top = (width - w) // 2, (height - h) // 2
     return Region(left, top, left + w, top + h)
@@ -128,50 +129,50 @@ def _of_method(method: Method) -> dict[str, Any]:
     }
 
 
-def _against_truth(subject: Subject, methods: Sequence[Method], shot: Shot) -> list[Entry]:
-    """The shot by every method, after the truth and twice the truth's samples."""
+def _against_truth(subject: Subject, methods: Sequence[Method], request: RenderRequest) -> list[Entry]:
+    """The render request by every method, after the truth and twice the truth's samples."""
     truths = [
-        Entry({"truth": name}, DEFAULT, replace(shot, quality=quality, whole=False), once=True)
+        Entry({"truth": name}, DEFAULT, replace(request, quality=quality, whole=False), once=True)
         for name, quality in (("truth", TRUTH), ("doubled", DOUBLED))
     ]
     return truths + [
         Entry(
             _of_method(method),
             method.process,
-            replace(shot, stage=subject.stage(method), quality=method.quality, whole=method.whole),
+            replace(request, setup=subject.setup(method), quality=method.quality, whole=method.whole),
         )
         for method in methods
     ]
 
 
 def camera_case(subject: Subject, methods: Sequence[Method], settings: Settings, width: int, threads: int) -> Case:
-    """Pictures of one width."""
+    """Images of one width."""
     model = subject.model.resized(width)
     regions = windows(width, model.height, settings.windows, settings.window)
-    shot = Shot(subject.stage(threads=threads), subject.camera, TRUTH, width, regions)
+    request = RenderRequest(subject.setup(threads=threads), subject.camera, TRUTH, width, regions)
     recorded = None
     if subject.log is not None:
-        picture = recorded_picture(subject.log, subject.camera, subject.frame, width)
+        picture = recorded_image(subject.log, subject.camera, subject.frame, width)
         recorded = [picture[r.top : r.bottom, r.left : r.right] for r in regions]
     about = {"sensor": subject.camera, "frame": subject.frame, "width": width, "height": model.height}
-    return Case("camera", about, _against_truth(subject, methods, shot), recorded)
+    return Case("camera", about, _against_truth(subject, methods, request), recorded)
 
 
 def lidar_case(subject: Subject, methods: Sequence[Method], settings: Settings, threads: int) -> Case:
     """Sweeps."""
     assert subject.lidar is not None
-    shot = Shot(subject.stage(threads=threads), subject.lidar, TRUTH, column_step=settings.column_step)
+    request = RenderRequest(subject.setup(threads=threads), subject.lidar, TRUTH, column_step=settings.column_step)
     beams, columns = subject.lidar_size
     about = {"sensor": subject.lidar, "frame": subject.frame, "beams": beams, "columns": columns}
-    return Case("lidar", about, _against_truth(subject, methods, shot))
+    return Case("lidar", about, _against_truth(subject, methods, request))
 
 
-def _typical(subject: Subject, width: int, threads: int, regions: tuple[Region, ...] = ()) -> Shot:
-    return Shot(subject.stage(threads=threads), subject.camera, QUALITY[TYPICAL], width, regions)
+def _typical(subject: Subject, width: int, threads: int, regions: tuple[Region, ...] = ()) -> RenderRequest:
+    return RenderRequest(subject.setup(threads=threads), subject.camera, QUALITY[TYPICAL], width, regions)
 
 
 def pixels_case(subject: Subject, settings: Settings, threads: int) -> Case:
-    """Pictures of growing width."""
+    """Images of growing width."""
     entries = [
         Entry({"width": width, "height": subject.model.resized(width).height}, DEFAULT, _typical(subject, width, threads))
         for width in settings.growth_widths
@@ -180,11 +181,13 @@ def pixels_case(subject: Subject, settings: Settings, threads: int) -> Case:
 
 
 def copies_case(subject: Subject, settings: Settings, threads: int) -> Case:
-    """A picture with more and more copies of an actor, in view and behind the camera."""
-    shot = _typical(subject, settings.growth_width, threads)
+    """An image with more and more copies of an actor, in view and behind the camera."""
+    request = _typical(subject, settings.growth_width, threads)
     entries = [
         Entry(
-            {"copies": copies, "behind": behind}, DEFAULT, replace(shot, stage=replace(shot.stage, copies=copies, behind=behind))
+            {"copies": copies, "behind": behind},
+            DEFAULT,
+            replace(request, setup=replace(request.setup, copies=copies, behind=behind)),
         )
         for copies in settings.copies
         for behind in ((False, True) if copies else (False,))
@@ -206,18 +209,18 @@ def state_case(subject: Subject, settings: Settings, threads: int) -> Case:
 
 
 def region_case(subject: Subject, settings: Settings, threads: int) -> Case:
-    """A picture, and shares of it rendered alone."""
+    """An image, and shares of it rendered alone."""
     width, height = settings.growth_width, subject.model.resized(settings.growth_width).height
     regions = tuple(middle(width, height, share) for share in settings.shares)
     entries = [Entry({"share": None}, DEFAULT, _typical(subject, width, threads, regions))]
     for share, region in zip(settings.shares, regions, strict=True):
-        shot = replace(_typical(subject, width, threads, (region,)), whole=False)
-        entries.append(Entry({"share": share}, DEFAULT, shot))
+        request = replace(_typical(subject, width, threads, (region,)), whole=False)
+        entries.append(Entry({"share": share}, DEFAULT, request))
     return Case("region", {"width": width, "height": height}, entries)
 
 
 def scenes_case(subjects: Sequence[Subject], settings: Settings, threads: int) -> Case:
-    """A picture and a sweep of each scene."""
+    """An image and a sweep of each scene."""
     entries = []
     for subject in subjects:
         header = subject.header
@@ -237,7 +240,7 @@ def scenes_case(subjects: Sequence[Subject], settings: Settings, threads: int) -
 
 
 def memory_case(subject: Subject, settings: Settings, threads: int) -> Case:
-    """A large picture and a sweep, each in a process of its own."""
+    """A large image and a sweep, each in a process of its own."""
     width = settings.memory_width
     picture = _typical(subject, width, threads)
     entries = [Entry({"what": f"picture, {width} wide"}, DEFAULT, picture, once=True, fresh=True)]

@@ -1,4 +1,4 @@
-"""How far pictures and depths are from the truth."""
+"""How far images and depths are from the truth."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ NEAR_ENOUGH_MM = 20.0
 Pieces = Sequence[NDArray[np.float32]]
 
 
-def picture_error(rendered: Pieces, truth: Pieces) -> dict[str, float]:
-    """Of pieces of a picture (h, w, 3), sRGB in 0..1, over all their pixels: PSNR in dB, inf where they are equal, and the mean
+def image_error(rendered: Pieces, truth: Pieces) -> dict[str, float]:
+    """Of pieces of an image (h, w, 3), sRGB in 0..1, over all their pixels: PSNR in dB, inf where they are equal, and the mean
     colour difference of CIE 1976 (L*a*b*, D65)."""
     from skimage.color import rgb2lab
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..geometry import BoolArray
 from .cases import Case, Entry
-from .errors import Pieces, depth_error, picture_error
+from .errors import Pieces, depth_error, image_error
 from .pareto import pareto_front
 
 FRONT = {"camera": "delta_e", "lidar": "p90_mm"}
@@ -20,33 +20,33 @@ def figures_of(cases: Sequence[Case]) -> dict[str, list[dict[str, Any]]]:
     """By kind, each case that has begun: what it is about, and its entries."""
     found: dict[str, list[dict[str, Any]]] = {}
     for case in cases:
-        if any(entry.takes for entry in case.entries):
+        if any(entry.measurements for entry in case.entries):
             found.setdefault(case.kind, []).append({**case.about, **SUMMARIES.get(case.kind, _plain)(case)})
     return found
 
 
 def _median(entry: Entry) -> dict[str, Any]:
-    seconds = [take.seconds for take in entry.takes]
-    take = entry.takes[0]
+    seconds = [measurement.seconds for measurement in entry.measurements]
+    measurement = entry.measurements[0]
     return {
         **entry.about,
         "seconds": float(np.median(seconds)),
         "rounds_s": seconds,
-        "rays": take.rays,
-        "samples_per_ray": take.samples / max(take.rays, 1),
-        "actors_skipped": take.actors_skipped,
+        "rays": measurement.rays,
+        "samples_per_ray": measurement.samples / max(measurement.rays, 1),
+        "actors_skipped": measurement.actors_skipped,
     }
 
 
 def _plain(case: Case) -> dict[str, Any]:
-    return {"entries": [_median(entry) for entry in case.entries if entry.takes]}
+    return {"entries": [_median(entry) for entry in case.entries if entry.measurements]}
 
 
 def _state(case: Case) -> dict[str, Any]:
     """Milliseconds of processor time of each step, and their sum."""
     rows = []
     for entry in case.entries:
-        cost = entry.takes[0].state if entry.takes else None
+        cost = entry.measurements[0].state if entry.measurements else None
         if cost is not None:
             steps = {f"{name}_ms": 1e3 * seconds for name, seconds in cost.steps_s.items()}
             counts = {"actors": cost.actors, "keys": cost.keys, "seen": cost.seen, "in_reach": cost.in_reach, "rays": cost.rays}
@@ -55,40 +55,48 @@ def _state(case: Case) -> dict[str, Any]:
 
 
 def _memory(case: Case) -> dict[str, Any]:
-    entries = [_median(entry) | {"peak_mb": entry.takes[0].peak_bytes / 1e6} for entry in case.entries if entry.takes]
+    entries = [
+        _median(entry) | {"peak_mb": entry.measurements[0].peak_bytes / 1e6} for entry in case.entries if entry.measurements
+    ]
     return {"entries": entries}
 
 
 def _region(case: Case) -> dict[str, Any]:
-    """Beside each share of the picture: its time beside the whole's, and whether its pixels are the whole's to the bit."""
+    """Beside each share of the image: its time beside the whole's, and whether its pixels are the whole's to the bit."""
     whole, *parts = case.entries
     found = []
     for i, entry in enumerate(parts):
-        if entry.takes and whole.takes:
+        if entry.measurements and whole.measurements:
             row = _median(entry)
             row["of_whole"] = row["seconds"] / _median(whole)["seconds"]
-            row["same_bits"] = all(np.array_equal(take.pieces[0], whole.takes[0].pieces[i]) for take in entry.takes)
+            row["same_bits"] = all(
+                np.array_equal(measurement.pieces[0], whole.measurements[0].pieces[i]) for measurement in entry.measurements
+            )
             found.append(row)
-    return {"whole_s": _median(whole)["seconds"] if whole.takes else None, "entries": found}
+    return {"whole_s": _median(whole)["seconds"] if whole.measurements else None, "entries": found}
 
 
 def _against_truth(case: Case, error: Callable[[Pieces, Pieces], dict[str, float]]) -> dict[str, Any]:
-    truths = {entry.about["truth"]: entry.takes[0].pieces for entry in case.entries if "truth" in entry.about and entry.takes}
+    truths = {
+        entry.about["truth"]: entry.measurements[0].pieces
+        for entry in case.entries
+        if "truth" in entry.about and entry.measurements
+    }
     rows = []
     for entry in case.entries:
-        if not entry.takes or "truth" in entry.about:
+        if not entry.measurements or "truth" in entry.about:
             continue
-        row, take = _median(entry), entry.takes[0]
+        row, measurement = _median(entry), entry.measurements[0]
         if row["scaled"]:
-            row["seconds"] *= take.sensor_rays / take.rays
+            row["seconds"] *= measurement.sensor_rays / measurement.rays
         else:
-            row["traced"] = take.rays / take.sensor_rays
+            row["traced"] = measurement.rays / measurement.sensor_rays
         row["per_second"] = 1 / row["seconds"]
         row["rays_per_second"] = row["rays"] / float(np.median(row["rounds_s"]))
         if "truth" in truths:
-            row |= error(take.pieces, truths["truth"])
+            row |= error(measurement.pieces, truths["truth"])
         if case.recorded is not None:
-            row["recorded_psnr_db"] = picture_error(take.pieces, case.recorded)["psnr_db"]
+            row["recorded_psnr_db"] = image_error(measurement.pieces, case.recorded)["psnr_db"]
         rows.append(row)
     found: dict[str, Any] = {"entries": rows}
     if len(truths) == 2:
@@ -111,7 +119,7 @@ def _lidar(case: Case) -> dict[str, Any]:
 
 
 SUMMARIES: dict[str, Callable[[Case], dict[str, Any]]] = {
-    "camera": lambda case: _against_truth(case, picture_error),
+    "camera": lambda case: _against_truth(case, image_error),
     "lidar": _lidar,
     "region": _region,
     "memory": _memory,

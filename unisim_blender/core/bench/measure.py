@@ -1,4 +1,4 @@
-"""The rounds: every process is started once, and in each round every shot is rendered once, one after the other."""
+"""The rounds: every process is started once, and in each round every render request is rendered once, one after the other."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Processes:
 
 
 def turns(cases: Sequence[Case], rounds: int) -> int:
-    """How many shots `measure` renders."""
+    """How many requests `measure` renders."""
     return sum(1 if entry.once else rounds for case in cases for entry in case.entries)
 
 
@@ -48,17 +48,18 @@ def measure(
     begin: Callable[[str], object] = lambda kind: None,
     end: Callable[[], object] = lambda: None,
 ) -> None:
-    """Render every case's shots in turn, ``rounds`` times; takes go to their entries as they come, so that an interruption leaves
-    what was measured. ``begin`` is told the case's kind before each shot, ``end`` is called after it."""
+    """Render every case's requests, interleaved, ``rounds`` times; measurements go to their entries as they come, so that an
+    interruption leaves what was measured. ``begin`` is told the case's kind before each render request, ``end`` is called after
+    it."""
     for case in cases:
         for _ in range(rounds):
             for entry in case.entries:
-                if entry.once and entry.takes:
+                if entry.once and entry.measurements:
                     continue
                 begin(case.kind)
                 if entry.fresh:
                     with RendererProcess(ENVIRONMENTS[entry.process]) as process:
-                        entry.takes.append(process.take(entry.shot))
+                        entry.measurements.append(process.render(entry.request))
                 else:
-                    entry.takes.append(processes[entry.process].take(entry.shot))
+                    entry.measurements.append(processes[entry.process].render(entry.request))
                 end()

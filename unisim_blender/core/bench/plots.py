@@ -1,4 +1,4 @@
-"""Figures as pictures. Needs matplotlib, which the extra `bench` brings."""
+"""Figures as images. Needs matplotlib, which the extra `bench` brings."""
 
 from __future__ import annotations
 

@@ -11,7 +11,7 @@ from typing import Any
 
 from ..errors import UnisimError
 from ..processes import end_with_parent, wait_briefly
-from .shot import Shot, Studio, Take
+from .render_request import Measurement, RenderRequest, RenderSession
 
 ABOUT = "about"
 
@@ -30,11 +30,11 @@ class RendererProcess:
         """The instruction set of its kernels; "torch" where it has none."""
         return str(self._ask(ABOUT))
 
-    def take(self, shot: Shot) -> Take:
+    def render(self, request: RenderRequest) -> Measurement:
         """Render there. Raises what was raised there, and `UnisimError` where the process ended."""
-        take = self._ask(shot)
-        assert isinstance(take, Take)
-        return take
+        measurement = self._ask(request)
+        assert isinstance(measurement, Measurement)
+        return measurement
 
     def _ask(self, what: Any) -> Any:
         try:
@@ -62,14 +62,14 @@ def _serve(connection: Connection, environment: dict[str, str]) -> None:
     os.environ.update(environment)
     wait_briefly()
     end_with_parent()
-    studio = Studio()
+    session = RenderSession()
     while True:
         try:
             asked = connection.recv()
         except EOFError:
             return
         try:
-            connection.send(_variant() if asked == ABOUT else studio.take(asked))
+            connection.send(_variant() if asked == ABOUT else session.render(asked))
         except Exception as fault:
             connection.send(fault)
 

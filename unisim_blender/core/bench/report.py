@@ -1,4 +1,4 @@
-"""A measurement's files: bench.json, bench.md, and pictures where matplotlib is installed."""
+"""A measurement's files: bench.json, bench.md, and images where matplotlib is installed."""
 
 from __future__ import annotations
 

@@ -39,7 +39,7 @@ def run_bench(
         complete = True
     finally:
         processes.close()
-        if any(entry.takes for case in cases for entry in case.entries):
+        if any(entry.measurements for case in cases for entry in case.entries):
             found = document(cases, str(scenes[0]), settings, where, left_out, complete)
             try:
                 written = write_report(out, found)

@@ -1,4 +1,4 @@
-"""The sample, from its recipe to pictures: a street's log, a scenario of edits rendered, measured against the truth."""
+"""The sample, from its recipe to images: a street's log, a scenario of edits rendered, measured against the truth."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import ScenarioError
-from ..evaluate.recorded_runs import EvaluationWishes, Progress, trained_frames
+from ..evaluate.recorded_runs import EvaluationOptions, Progress, trained_frames
 from ..evaluate.truth_runs import evaluate_scenario
 from ..model.scene_file import read_scene_header
-from ..prepare.scenario_plan import Wishes, plan_scenario
+from ..prepare.scenario_plan import RenderOptions, plan_scenario
 from ..scenario import load_scenario
 from ..scenario.types import StreetLog
 from ..sequence.plan import RenderPlan
@@ -41,15 +41,15 @@ def run_demo(
     Raises `UnisimError`.
     """
     log = ensure_street_log(scenario, make_log, say)
-    plan, prepared = plan_scenario(scenario, Wishes())
+    plan, prepared = plan_scenario(scenario, RenderOptions())
     assert prepared.scene_path is not None
     frames = demo_frames(plan, trained_frames(read_scene_header(prepared.scene_path)), count)
     text = ",".join(map(str, frames))
-    plan, _ = plan_scenario(scenario, Wishes(frames=text))
+    plan, _ = plan_scenario(scenario, RenderOptions(frames=text))
     say(f"Rendering the edited drive, frames {text}")
     render_sequence(plan, out / "frames", jobs, resume=True)
     say("Comparing with the truth of the edit")
-    figures = evaluate_scenario(log, scenario, out / "truth", EvaluationWishes(frames=text), progress)
+    figures = evaluate_scenario(log, scenario, out / "truth", EvaluationOptions(frames=text), progress)
     return DemoResult(figures, frames, out / "frames", out / "truth" / "contact_sheet.png", out / "truth" / "index.html")
 
 

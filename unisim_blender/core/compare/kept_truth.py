@@ -1,4 +1,4 @@
-"""A street's truth, worked out once for all methods: each picture and sweep in a file that may be deleted at any time."""
+"""A street's truth, worked out once for all methods: each image and sweep in a file that may be deleted at any time."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..evaluate.true_edits import Part, TrueEdit, TruePictures
+from ..evaluate.true_edits import Part, TrueEdit, TrueImages
 from ..evaluate.truth import EditRegions
 from ..files import write_file
 from ..sensors.frames import LidarFrame
@@ -32,16 +32,16 @@ class KeptTruth:
         """See `TrueEdit.drive`."""
         return self.true.drive(part)
 
-    def pictures(self, camera: str, frame: int) -> TruePictures:
-        """See `TrueEdit.pictures`."""
+    def images(self, camera: str, frame: int) -> TrueImages:
+        """See `TrueEdit.images`."""
 
         def work_out() -> Arrays:
-            true = self.true.pictures(camera, frame)
+            true = self.true.images(camera, frame)
             regions = {name: getattr(true.regions, name) for name in ("edited", "shadow", "seen")}
             return {"edit": true.edit, **regions, **({} if true.replay is None else {"replay": true.replay})}
 
         arrays = _kept(self.folder / f"{camera}-{frame:06d}.npz", work_out)
-        return TruePictures(arrays["edit"], arrays.get("replay"), EditRegions(arrays["edited"], arrays["shadow"], arrays["seen"]))
+        return TrueImages(arrays["edit"], arrays.get("replay"), EditRegions(arrays["edited"], arrays["shadow"], arrays["seen"]))
 
     def sweep(self, part: Part, lidar: str, frame: int) -> LidarFrame | None:
         """See `TrueEdit.sweep`: sweeps are quick to trace."""

@@ -17,10 +17,10 @@ from ..render.renderer import Renderer
 from ..render.tracers.surfels.build import Step, finished
 from ..render.tracers.surfels.cache import build_key, surfels_of
 from ..training.config import TrainConfig
-from ..training.learnt import learnt
+from ..training.load_or_train import load_or_train
 from ..world.drive import Drive
 from .methods import Method
-from .wishes import Wishes
+from .options import CompareOptions
 
 
 @dataclass(frozen=True)
@@ -35,32 +35,32 @@ class Made:
     renderer: Callable[[Drive], DriveRenderer]
 
 
-def make(name: str, method: Method, log: Log, folder: Path, wishes: Wishes, quiet: bool) -> Made:
+def make(name: str, method: Method, log: Log, folder: Path, options: CompareOptions, quiet: bool) -> Made:
     """Train the scene in ``folder``, or make the surfels, where that is not done. Raises `UnisimError`; KeyboardInterrupt leaves
     a checkpoint."""
     if method.untrained is not None:
-        return _untrained(method.untrained, log, wishes)
-    header = learnt(log, _config(method, log, wishes), folder, quiet)
+        return _untrained(method.untrained, log, options)
+    header = load_or_train(log, _config(method, log, options), folder, quiet)
     seconds, steps = header.training["seconds"], header.training["iterations"]
     about = {"training_s": seconds, "iterations": steps}
 
     def renderer(drive: Drive) -> DriveRenderer:
-        return SceneSource(folder, drive, wishes.quality, wishes.device)()
+        return SceneSource(folder, drive, options.quality, options.device)()
 
     return Made(folder, header, scene_hash(folder), about, renderer)
 
 
-def _config(method: Method, log: Log, wishes: Wishes) -> TrainConfig:
+def _config(method: Method, log: Log, options: CompareOptions) -> TrainConfig:
     return TrainConfig(
-        cameras=wishes.cameras, lidars=beam_lidars(log), frames=wishes.learnt(log.drive), width=wishes.width,
+        cameras=options.cameras, lidars=beam_lidars(log), frames=options.training_frames(log.drive), width=options.width,
         preset=method.preset, without=method.without, density=method.density, adversarial=method.adversarial,
-        disturb=wishes.disturb, minutes=None if wishes.iterations else wishes.minutes, iterations=wishes.iterations,
-        device=wishes.device, seed=wishes.seed,
+        disturb=options.disturb, minutes=None if options.iterations else options.minutes, iterations=options.iterations,
+        device=options.device, seed=options.seed,
     )  # fmt: skip
 
 
-def _untrained(renderer: str, log: Log, wishes: Wishes) -> Made:
-    frames = wishes.learnt(log.drive)
+def _untrained(renderer: str, log: Log, options: CompareOptions) -> Made:
+    frames = options.training_frames(log.drive)
     begun = time.perf_counter()
     steps: list[Step] = []
     scene = finished(surfels_of(log, UNTRAINED[renderer], frames), steps.append)
@@ -68,6 +68,6 @@ def _untrained(renderer: str, log: Log, wishes: Wishes) -> Made:
     about = {"training_s": round(time.perf_counter() - begun, 1)} if steps else {}
 
     def make_renderer(drive: Drive) -> DriveRenderer:
-        return DriveRenderer(Renderer(untrained_backend(renderer, scene, log, frames, wishes.quality)), drive)
+        return DriveRenderer(Renderer(untrained_backend(renderer, scene, log, frames, options.quality)), drive)
 
     return Made(None, None, build_key(log, UNTRAINED[renderer], frames), about, make_renderer)

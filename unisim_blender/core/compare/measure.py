@@ -1,4 +1,4 @@
-"""One method at one part: its figures in a file, and some of its pictures beside it."""
+"""One method at one part: its figures in a file, and some of its images beside it."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from ..data.log import Log
 from ..data.own_vehicle import Outline
 from ..evaluate.contact_sheet import CameraRow
 from ..evaluate.fid import Inception, frechet_distance
-from ..evaluate.pictures import Tile
-from ..evaluate.recorded import EvaluationPlan, FramePictures, Perceptual, evaluate, finite
+from ..evaluate.images import Tile
+from ..evaluate.recorded import EvaluationPlan, FrameImages, Perceptual, evaluate, finite
 from ..evaluate.recorded_runs import Progress
 from ..evaluate.true_edits import TrueEdit
 from ..evaluate.truth import summarise_truth
@@ -32,30 +32,30 @@ from ..render.tracers.surfels.views import outline_in
 from ..street.street import Street
 from .kept_truth import KeptTruth
 from .made import Made
+from .options import CompareOptions
 from .parts import REPLAY, Part
 from .timed import Timed
-from .wishes import Wishes
 
 SHOWN = 2
-"""Frames of a part whose pictures the page shows."""
+"""Frames of a part whose images the page shows."""
 
 
 @dataclass
 class Bench:
-    """What methods are measured on: the log, its street if it is one, and the networks that judge pictures."""
+    """What methods are measured on: the log, its street if it is one, and the networks that judge images."""
 
     log: Log
     street: Street | None
     out: Path
-    wishes: Wishes
+    options: CompareOptions
     perceptual: Perceptual | None = None
     inception: Inception | None = None
 
     @cached_property
     def outlines(self) -> dict[str, tuple[Outline, int]]:
         """The recording vehicle's in its images, for all methods alike: what shows it is not compared. Raises `LogError`."""
-        frames = self.wishes.learnt(self.log.drive)
-        return {key: found for name in self.wishes.cameras for key, found in outline_in(self.log, name, frames).items()}
+        frames = self.options.training_frames(self.log.drive)
+        return {key: found for name in self.options.cameras for key, found in outline_in(self.log, name, frames).items()}
 
 
 def measured(bench: Bench, name: str, made: Made, part: Part, progress: Progress) -> dict[str, Any]:
@@ -77,8 +77,8 @@ def measured(bench: Bench, name: str, made: Made, part: Part, progress: Progress
     return document
 
 
-def picture_path(out: Path, part: str, frame: int, camera: str, shows: str) -> Path:
-    """Where a picture for the page is; ``shows`` is a method's name, with "-difference" behind it, or "truth"."""
+def image_path(out: Path, part: str, frame: int, camera: str, shows: str) -> Path:
+    """Where an image for the page is; ``shows`` is a method's name, with "-difference" behind it, or "truth"."""
     return out / "pictures" / part / f"{frame:06d}-{camera}-{shows}.png"
 
 
@@ -90,7 +90,7 @@ def shown_frames(part: Part) -> tuple[int, ...]:
 
 def _key(bench: Bench, made: Made, part: Part) -> dict[str, Any]:
     """All that the figures depend on."""
-    w = bench.wishes
+    w = bench.options
     return {
         "renders": made.key,
         "scenario": None if part.name == REPLAY else sha256_of_file(part.scenario),
@@ -105,7 +105,7 @@ def _key(bench: Bench, made: Made, part: Part) -> dict[str, Any]:
 
 def _recorded(bench: Bench, name: str, made: Made, part: Part, progress: Progress) -> dict[str, Any]:
     """The replay beside a real log."""
-    log, w = bench.log, bench.wishes
+    log, w = bench.log, bench.options
     drive = log.drive if made.header is None else replayed_drive(made.header, log.drive, log.path)
     renderer = Timed(made.renderer(drive))
     plan = EvaluationPlan(
@@ -113,16 +113,16 @@ def _recorded(bench: Bench, name: str, made: Made, part: Part, progress: Progres
         cameras=w.cameras,
         lidars=beam_lidars(log),
         width=w.width,
-        trained=w.learnt(log.drive),
+        trained=w.training_frames(log.drive),
         perceptual=bench.perceptual,
         outlines=bench.outlines,
     )
     judged = _Judged(bench, name, part)
 
-    def on_frame(pictures: FramePictures) -> None:
-        for camera, row in zip((c for c in w.cameras if pictures.frame in log.image_frames(c)), pictures.rows, strict=False):
+    def on_frame(images: FrameImages) -> None:
+        for camera, row in zip((c for c in w.cameras if images.frame in log.image_frames(c)), images.rows, strict=False):
             recorded, rendered, difference = row[:3]
-            judged.add(pictures.frame, camera, recorded, rendered, difference)
+            judged.add(images.frame, camera, recorded, rendered, difference)
 
     figures = evaluate(renderer, log, plan, on_frame, lambda frames: progress(frames, f"{name}: {part.name}"))
     return {
@@ -136,10 +136,10 @@ def _recorded(bench: Bench, name: str, made: Made, part: Part, progress: Progres
 
 def _true(bench: Bench, name: str, made: Made, part: Part, progress: Progress) -> dict[str, Any]:
     """A street's replay or edit beside its truth."""
-    w = bench.wishes
+    w = bench.options
     rendered = prepare_scenario(part.scenario, scene=made.scene, refined=made.scene is not None)
     true = prepare_scenario(part.scenario, refined=False)
-    truth = TrueEdit.on(bench.log.path, true, w.learnt(bench.log.drive), w.cameras, w.width)
+    truth = TrueEdit.on(bench.log.path, true, w.training_frames(bench.log.drive), w.cameras, w.width)
     cameras = tuple(camera for camera in w.cameras if camera in true.edited.cameras)
     truth.draw(part.scenario, part.frames, cameras)
     kept = KeptTruth(truth, bench.out / "truth" / f"{part.name}-{_digest(bench, part)}")
@@ -148,9 +148,9 @@ def _true(bench: Bench, name: str, made: Made, part: Part, progress: Progress) -
     run = ScenarioRun(kept, edited, replay, w.width, part.frames, cameras, bench.perceptual, replay_sweeps=False)
     judged, per_frame = _Judged(bench, name, part), []
     for frame in progress(part.frames, f"{name}: {part.name}"):
-        record, pictures = compare_frame(run, frame)
+        record, images = compare_frame(run, frame)
         per_frame.append(record)
-        rows = [row for row in pictures.rows if isinstance(row, CameraRow)]
+        rows = [row for row in images.rows if isinstance(row, CameraRow)]
         for camera, row in zip(record["camera"], rows, strict=True):
             judged.add(frame, camera, row.truth, row.edited, row.difference)
     return {
@@ -163,30 +163,30 @@ def _true(bench: Bench, name: str, made: Made, part: Part, progress: Progress) -
 
 def _digest(bench: Bench, part: Part) -> str:
     """What a part's truth depends on besides the street, short."""
-    w = bench.wishes
+    w = bench.options
     scenario = "" if part.name == REPLAY else sha256_of_file(part.scenario)
     text = json.dumps([scenario, w.width, w.frames, list(w.cameras)])
     return hashlib.sha256(text.encode()).hexdigest()[:12]
 
 
 class _Judged:
-    """Takes a part's pictures as they are rendered: some for the page, all of them to Inception where it is given."""
+    """Takes a part's images as they are rendered: some for the page, all of them to Inception where it is given."""
 
     def __init__(self, bench: Bench, name: str, part: Part) -> None:
         self.bench, self.name, self.part = bench, name, part
         self._features: tuple[list[FloatArray], list[FloatArray]] = [], []
 
     def add(self, frame: int, camera: str, truth: Tile, rendered: Tile, difference: Tile) -> None:
-        """One picture. Raises `OutputError`."""
+        """One image. Raises `OutputError`."""
         if frame in shown_frames(self.part):
             for shows, tile in (("truth", truth), (self.name, rendered), (f"{self.name}-difference", difference)):
-                write_file(picture_path(self.bench.out, self.part.name, frame, camera, shows), png_bytes(tile.pixels))
+                write_file(image_path(self.bench.out, self.part.name, frame, camera, shows), png_bytes(tile.pixels))
         if self.bench.inception is not None:
             for features, tile in zip(self._features, (truth, rendered), strict=True):
                 features.append(self.bench.inception.features(tile.pixels))
 
     def fid(self) -> dict[str, float]:
-        """The distance of the rendered pictures from the true ones; nothing without Inception."""
+        """The distance of the rendered images from the true ones; nothing without Inception."""
         if self.bench.inception is None or not self._features[0]:
             return {}
         return {"fid": frechet_distance(*(np.stack(features) for features in self._features))}

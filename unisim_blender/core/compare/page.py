@@ -1,4 +1,4 @@
-"""The comparison's page: its tables, and the methods' pictures side by side, in any browser, without a network."""
+"""The comparison's page: its tables, and the methods' images side by side, in any browser, without a network."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ..evaluate.report import STYLE, figure_html, page_html
-from .measure import picture_path, shown_frames
+from .measure import image_path, shown_frames
 from .parts import REPLAY, Part
 from .table import Table, cells_of
 
@@ -24,7 +24,7 @@ def page(
     parts: list[Part],
     cameras: tuple[str, ...],
 ) -> str:
-    """The page's text; its pictures are files below ``out``."""
+    """The page's text; its images are files below ``out``."""
     body = [f"<h1>{escape(title)}</h1><p>{escape(about)}</p>"]
     body += [_table(table, rows) for table in tables]
     for part in parts:
@@ -49,13 +49,13 @@ def _table(table: Table, rows: dict[str, dict[str, Any]]) -> str:
 
 
 def _figures(out: Path, part: Part, frame: int, camera: str, rows: dict[str, dict[str, Any]]) -> Iterator[str]:
-    """The truth, every method's picture, and under them how far each is from the truth."""
-    truth = picture_path(out, part.name, frame, camera, "truth")
+    """The truth, every method's image, and under them how far each is from the truth."""
+    truth = image_path(out, part.name, frame, camera, "truth")
     if truth.is_file():
         yield _figure(out, truth, "recorded" if part.name == REPLAY else "truth")
     for suffix in ("", "-difference"):
         for name, row in rows.items():
-            path = picture_path(out, part.name, frame, camera, name + suffix)
+            path = image_path(out, part.name, frame, camera, name + suffix)
             if path.is_file():
                 value = row.get(part.name, {}).get("psnr_db", {}).get(str(frame), {}).get(camera)
                 found = "" if value is None or suffix else f", {value:.2f} dB"

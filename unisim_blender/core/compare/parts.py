@@ -12,7 +12,7 @@ from ..scenario.types import Ego
 from ..street.street import RECIPE_FILE, Street, load_street
 from ..street.usual_edits import FOLDER, spread_frames, write_scenarios
 from ..world.drive import Drive
-from .wishes import Wishes
+from .options import CompareOptions
 
 REPLAY = "replay"
 
@@ -33,34 +33,34 @@ def street_at(log: Path) -> Street | None:
     return load_street(log) if (log / RECIPE_FILE).is_file() else None
 
 
-def parts_of(log: Log, street: Street | None, out: Path, wishes: Wishes) -> list[Part]:
+def parts_of(log: Log, street: Street | None, out: Path, options: CompareOptions) -> list[Part]:
     """The replay, and on a street the wished scenarios, or the usual edits, which are written to ``out`` where the log has none
     of its own. Raises `UnisimError`."""
-    learnt = wishes.learnt(log.drive)
-    held_out = tuple(frame for frame in log.drive.frames if frame not in learnt)
+    training_frames = options.training_frames(log.drive)
+    held_out = tuple(frame for frame in log.drive.frames if frame not in training_frames)
     if not held_out:
-        raise UnisimError(f"{log.path}: --frames {wishes.frames} leaves no frame to compare")
+        raise UnisimError(f"{log.path}: --frames {options.frames} leaves no frame to compare")
     parts = [Part(REPLAY, log.path, held_out)]
-    for scenario in _scenarios(log.path, street, out, wishes):
+    for scenario in _scenarios(log.path, street, out, options):
         prepared = prepare_scenario(scenario, refined=False)
         edits, name = prepared.scenario.edits, prepared.scenario.name
         if any(part.name == name for part in parts):
             raise UnisimError(f"{scenario}: is a second part named {name!r}")
-        frames = _spread(prepared.edited, learnt, wishes.truth_frames)
+        frames = _spread(prepared.edited, training_frames, options.truth_frames)
         parts.append(Part(name, scenario, frames, all(isinstance(edit, Ego) for edit in edits)))
     return parts
 
 
-def _scenarios(log: Path, street: Street | None, out: Path, wishes: Wishes) -> tuple[Path, ...]:
+def _scenarios(log: Path, street: Street | None, out: Path, options: CompareOptions) -> tuple[Path, ...]:
     if street is None:
-        if wishes.scenarios:
-            raise UnisimError(f"{log}: is no street, so {wishes.scenarios[0]} has no truth to compare with")
+        if options.scenarios:
+            raise UnisimError(f"{log}: is no street, so {options.scenarios[0]} has no truth to compare with")
         return ()
-    if wishes.scenarios is not None:
-        return wishes.scenarios
+    if options.scenarios is not None:
+        return options.scenarios
     return tuple(sorted((log / FOLDER).glob("*.json"))) or write_scenarios(street, out, log)
 
 
-def _spread(edited: Drive, learnt: tuple[int, ...], count: int) -> tuple[int, ...]:
+def _spread(edited: Drive, training_frames: tuple[int, ...], count: int) -> tuple[int, ...]:
     """``count`` of an edited drive's frames that nobody learnt from, of all where there are none."""
-    return spread_frames(edited, count, [frame for frame in edited.frames if frame not in learnt])
+    return spread_frames(edited, count, [frame for frame in edited.frames if frame not in training_frames])

@@ -22,32 +22,34 @@ from ..street.street import recipe_document
 from .made import Made, make
 from .measure import Bench, measured
 from .methods import METHODS, methods_named
+from .options import CompareOptions
 from .page import page
 from .parts import Part, parts_of, street_at
 from .table import markdown, tables_of
-from .wishes import Wishes
 
 ROWS = "comparison.json"
 
 
-def compare(log_path: Path, out: Path, wishes: Wishes, say: Callable[[str], object], progress: Progress, quiet: bool) -> str:
+def compare(
+    log_path: Path, out: Path, options: CompareOptions, say: Callable[[str], object], progress: Progress, quiet: bool
+) -> str:
     """Make and measure every method that is wished for, and write comparison.json, comparison.md and index.html to ``out`` after
     each; the Markdown. Methods that an earlier run measured there stay in the table. Raises `UnisimError`."""
-    methods = methods_named(wishes.methods)
+    methods = methods_named(options.methods)
     log = open_log(log_path)
-    check_names("camera", wishes.cameras, [c for c in log.drive.cameras if log.image_frames(c)])
-    bench = Bench(log, street_at(log_path), out, wishes, perceptual_metric(wishes.lpips), _inception(wishes.fid))
-    parts = parts_of(log, bench.street, out, wishes)
+    check_names("camera", options.cameras, [c for c in log.drive.cameras if log.image_frames(c)])
+    bench = Bench(log, street_at(log_path), out, options, perceptual_metric(options.lpips), _inception(options.fid))
+    parts = parts_of(log, bench.street, out, options)
     about = _about(bench, parts)
     rows = _earlier(out / ROWS, about)
     for name, method in methods.items():
         say(f"{method.title}: making it")
-        made = make(name, method, log, out / "scenes" / name, wishes, quiet)
+        made = make(name, method, log, out / "scenes" / name, options, quiet)
         row = {"title": method.title, "made": made.about or rows.get(name, {}).get("made", {}), **_boxes(made, log)}
         for part in parts:
             row[part.name] = measured(bench, name, made, part, progress)
         rows[name] = row
-        text = _write(out, log, about, parts, wishes, {n: rows[n] for n in METHODS if n in rows})
+        text = _write(out, log, about, parts, options, {n: rows[n] for n in METHODS if n in rows})
     return text
 
 
@@ -63,17 +65,17 @@ def _boxes(made: Made, log: Log) -> dict[str, Any]:
 
 def _about(bench: Bench, parts: list[Part]) -> dict[str, Any]:
     """What all rows of a table have in common."""
-    wishes = bench.wishes
+    options = bench.options
     return {
         "log": bench.log.drive.name,
         # streets of one seed have one name, whoever drew them
         "street": None if bench.street is None else json.loads(json.dumps(recipe_document(bench.street.recipe))),
-        "cameras": list(wishes.cameras),
-        "frames": wishes.frames,
-        "width": wishes.width,
-        "budget": f"{wishes.iterations} steps" if wishes.iterations else f"{wishes.minutes:g} minutes",
-        "quality": wishes.quality,
-        "disturb": None if wishes.disturb is None else list(wishes.disturb),
+        "cameras": list(options.cameras),
+        "frames": options.frames,
+        "width": options.width,
+        "budget": f"{options.iterations} steps" if options.iterations else f"{options.minutes:g} minutes",
+        "quality": options.quality,
+        "disturb": None if options.disturb is None else list(options.disturb),
         "parts": {part.name: {"frames": list(part.frames), "moves_view": part.moves_view} for part in parts},
     }
 
@@ -96,17 +98,19 @@ def _earlier(path: Path, about: dict[str, Any]) -> dict[str, dict[str, Any]]:
     return kept
 
 
-def _write(out: Path, log: Log, about: dict[str, Any], parts: list[Part], wishes: Wishes, rows: dict[str, dict[str, Any]]) -> str:
+def _write(
+    out: Path, log: Log, about: dict[str, Any], parts: list[Part], options: CompareOptions, rows: dict[str, dict[str, Any]]
+) -> str:
     title = f"Methods on {log.drive.name}"
-    noise = "" if wishes.disturb is None else ", boxes disturbed by {:g} m and {:g} degrees".format(*wishes.disturb)
+    noise = "" if options.disturb is None else ", boxes disturbed by {:g} m and {:g} degrees".format(*options.disturb)
     words = (
-        f"Learnt from frames {wishes.frames} of {', '.join(wishes.cameras)}, {wishes.width} pixels wide, {about['budget']} of "
-        f"training each{noise}; rendered at quality {wishes.quality}. PSNR over all pixels of a frame, frames averaged; inside "
+        f"Learnt from frames {options.frames} of {', '.join(options.cameras)}, {options.width} pixels wide, {about['budget']} of "
+        f"training each{noise}; rendered at quality {options.quality}. PSNR over all pixels of a frame, frames averaged; inside "
         "regions over all their pixels. Bold: the best of a column. Cost: dB below the replay of the same pixels."
     )
     tables = tables_of({part.name: part.moves_view for part in parts})
     text = markdown(title, words, tables, rows)
     write_file(out / ROWS, json_bytes({"about": about, "code": code_identity(), "rows": rows}))
     write_file(out / "comparison.md", text.encode())
-    write_file(out / "index.html", page(out, title, words, tables, rows, parts, wishes.cameras).encode())
+    write_file(out / "index.html", page(out, title, words, tables, rows, parts, options.cameras).encode())
     return text

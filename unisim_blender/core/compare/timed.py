@@ -23,9 +23,9 @@ class Timed:
     def camera(self, camera_id: str, frame: int, passes: tuple[str, ...] = ("rgb",), width: int | None = None) -> CameraFrame:
         """See `DriveRenderer.camera`."""
         begun = time.perf_counter()
-        picture = self.renderer.camera(camera_id, frame, passes, width)
+        image = self.renderer.camera(camera_id, frame, passes, width)
         self.seconds["camera"].append(time.perf_counter() - begun)
-        return picture
+        return image
 
     def rays_lidar(
         self, origins: FloatArray, directions: FloatArray, time_s: FloatArray

@@ -1,4 +1,4 @@
-"""Fréchet inception distance of two sets of pictures, with a network whose weights the user gives."""
+"""Fréchet inception distance of two sets of images, with a network whose weights the user gives."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def frechet_distance(a: FloatArray, b: FloatArray) -> float:
     tr(C_a + C_b - 2 (C_a C_b)^(1/2)), Heusel et al., "GANs trained by a two time-scale update rule" (2017), eq. 6.
 
     NaN where a set has fewer than two members. The trace of the root is the nuclear norm of A B^T, where A^T A = C_a and
-    B^T B = C_b: fewer pictures than features need no root of a large, singular matrix.
+    B^T B = C_b: fewer images than features need no root of a large, singular matrix.
     """
     if min(len(a), len(b)) < 2:
         return float("nan")
@@ -30,7 +30,7 @@ def frechet_distance(a: FloatArray, b: FloatArray) -> float:
 
 
 class Inception:
-    """Features of pictures by a TorchScript file of Inception-v3, as StyleGAN's authors publish it: bytes (N, 3, H, W) and
+    """Features of images by a TorchScript file of Inception-v3, as StyleGAN's authors publish it: bytes (N, 3, H, W) and
     ``return_features`` in, features (N, F) out. UnisimError where the file is none."""
 
     def __init__(self, path: Path) -> None:
@@ -42,13 +42,13 @@ class Inception:
             raise UnisimError(f"{path}: is no TorchScript of Inception: {str(error).splitlines()[0]}") from error
         self.path = path
 
-    def features(self, picture: NDArray[np.uint8]) -> FloatArray:
-        """Of a picture (H, W, 3): (F,)."""
+    def features(self, image: NDArray[np.uint8]) -> FloatArray:
+        """Of an image (H, W, 3): (F,)."""
         import torch
 
         with torch.no_grad():
             try:
-                out = self.network(torch.as_tensor(picture.copy()).permute(2, 0, 1)[None], return_features=True)
+                out = self.network(torch.as_tensor(image.copy()).permute(2, 0, 1)[None], return_features=True)
             except RuntimeError as error:
-                raise UnisimError(f"{self.path}: gives no features of a picture: {str(error).splitlines()[-1]}") from error
+                raise UnisimError(f"{self.path}: gives no features of an image: {str(error).splitlines()[-1]}") from error
         return np.asarray(out.reshape(-1).double().numpy())

@@ -1,4 +1,4 @@
-"""Perceptual distance of two pictures (Zhang et al., "The unreasonable effectiveness of deep features as a perceptual metric",
+"""Perceptual distance of two images (Zhang et al., "The unreasonable effectiveness of deep features as a perceptual metric",
 CVPR 2018), with weights from a file that the user gives: none are part of this project.
 
 The file is the state of the authors' ``lpips.LPIPS(net="alex")`` or ``net="vgg"``, version 0.1, as .safetensors or as .pth read
@@ -20,7 +20,7 @@ from safetensors.torch import load_file
 from torch import Tensor
 
 from ..errors import UnisimError
-from .metrics import Picture
+from .metrics import ImageArray
 
 SHIFT = (-0.030, -0.088, -0.188)
 SCALE = (0.458, 0.448, 0.450)
@@ -54,7 +54,7 @@ BACKBONES: dict[str, tuple[Slice, ...]] = {
 
 
 class Lpips:
-    """The distance of pictures (H, W, 3), sRGB in 0..1, of at least 64 x 64 pixels."""
+    """The distance of images (H, W, 3), sRGB in 0..1, of at least 64 x 64 pixels."""
 
     def __init__(self, path: Path) -> None:
         """Read the weights; which backbone they are of follows from their names. Raises `UnisimError`."""
@@ -67,16 +67,16 @@ class Lpips:
                     raise UnisimError(f"{path}: holds no {name}, so these are no LPIPS weights (AlexNet or VGG-16, version 0.1)")
 
     @torch.no_grad()
-    def __call__(self, rendered: Picture, recorded: Picture) -> float:
-        """The distance, 0 for equal pictures."""
+    def __call__(self, rendered: ImageArray, recorded: ImageArray) -> float:
+        """The distance, 0 for equal images."""
         total = 0.0
         for number, (a, b) in enumerate(zip(self._features(rendered), self._features(recorded), strict=True)):
             weight = self._state[f"lin{number}.model.1.weight"]
             total += float(F.conv2d((_unit(a) - _unit(b)) ** 2, weight).mean())
         return total
 
-    def _features(self, picture: Picture) -> list[Tensor]:
-        x = torch.from_numpy(np.ascontiguousarray(picture, np.float32)).permute(2, 0, 1)[None] * 2 - 1
+    def _features(self, image: ImageArray) -> list[Tensor]:
+        x = torch.from_numpy(np.ascontiguousarray(image, np.float32)).permute(2, 0, 1)[None] * 2 - 1
         x = (x - torch.tensor(SHIFT).view(1, 3, 1, 1)) / torch.tensor(SCALE).view(1, 3, 1, 1)
         out = []
         for number, part in enumerate(self._slices):

@@ -1,6 +1,6 @@
 """How far a rendered frame is from a recorded or true one.
 
-Pictures are sRGB in 0..1, as they are shown. PSNR = -10 log10(mean squared error over all pixels and channels). SSIM follows Wang
+Images are sRGB in 0..1, as they are shown. PSNR = -10 log10(mean squared error over all pixels and channels). SSIM follows Wang
 et al., "Image quality assessment" (2004): an 11 x 11 Gaussian window with sigma 1.5, K1 = .01, K2 = .03, population covariance,
 colour channels averaged, a border of 5 pixels left out.
 """
@@ -16,11 +16,11 @@ from skimage.metrics import structural_similarity
 
 from ..geometry import BoolArray, FloatArray
 
-Picture = NDArray[np.float32]
+ImageArray = NDArray[np.float32]
 SSIM_WINDOW = 11
 
 
-def mean_squared_error(rendered: Picture, recorded: Picture, mask: BoolArray | None = None) -> float:
+def mean_squared_error(rendered: ImageArray, recorded: ImageArray, mask: BoolArray | None = None) -> float:
     """Mean of squared differences (H, W, 3) over the mask's pixels (H, W); NaN where the mask is empty."""
     squares = (np.asarray(rendered, np.float64) - np.asarray(recorded, np.float64)) ** 2
     if mask is not None:
@@ -29,19 +29,19 @@ def mean_squared_error(rendered: Picture, recorded: Picture, mask: BoolArray | N
 
 
 def psnr_from_error(mean_square: float) -> float:
-    """Peak signal-to-noise ratio in dB for a peak of 1; inf where the pictures are equal."""
+    """Peak signal-to-noise ratio in dB for a peak of 1; inf where the images are equal."""
     return float("inf") if mean_square == 0 else -10 * float(np.log10(mean_square))
 
 
-def psnr(rendered: Picture, recorded: Picture, mask: BoolArray | None = None) -> float:
-    """PSNR in dB of pictures (H, W, 3), within the mask (H, W) where one is given; NaN where it is empty."""
+def psnr(rendered: ImageArray, recorded: ImageArray, mask: BoolArray | None = None) -> float:
+    """PSNR in dB of images (H, W, 3), within the mask (H, W) where one is given; NaN where it is empty."""
     return psnr_from_error(mean_squared_error(rendered, recorded, mask))
 
 
-def ssim(rendered: Picture, recorded: Picture, mask: BoolArray | None = None) -> float:
-    """Structural similarity of pictures (H, W, 3), averaged over windows centred in the mask (H, W) where one is given.
+def ssim(rendered: ImageArray, recorded: ImageArray, mask: BoolArray | None = None) -> float:
+    """Structural similarity of images (H, W, 3), averaged over windows centred in the mask (H, W) where one is given.
 
-    NaN where a picture is smaller than the window or the mask is empty.
+    NaN where an image is smaller than the window or the mask is empty.
     """
     if min(recorded.shape[:2]) < SSIM_WINDOW:
         return float("nan")

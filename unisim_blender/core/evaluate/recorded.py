@@ -1,7 +1,7 @@
 """A trained scene against the recorded frames it was not trained on.
 
 Full-frame figures are means over frames (and cameras) of the frames' own figures. Figures inside actors' boxes pool the squared
-errors of all frames' pixels first, for a box is a few pixels in one frame and half the picture in another. LiDAR figures are
+errors of all frames' pixels first, for a box is a few pixels in one frame and half the image in another. LiDAR figures are
 means over sweeps.
 """
 
@@ -20,15 +20,15 @@ from ..data.own_vehicle import Outline, shows_scene
 from ..geometry import BoolArray, FloatArray, invert_pose, transform_points
 from ..sensors.frames import CameraFrame
 from ..world.drive import Camera, Drive
+from .images import Tile, depth_image, difference_image, outline, sweep_image
 from .masks import actor_mask
-from .metrics import Picture, chamfer, lidar_metrics, mean_of, mean_squared_error, psnr, psnr_from_error, ssim
-from .pictures import Tile, depth_picture, difference_picture, outline, sweep_picture
+from .metrics import ImageArray, chamfer, lidar_metrics, mean_of, mean_squared_error, psnr, psnr_from_error, ssim
 
 DRIVING_M_S = 0.5
 """Frames in which the ego vehicle is faster count as driving."""
 
-Perceptual = Callable[[Picture, Picture], float]
-"""LPIPS of a rendered and a recorded picture (H, W, 3)."""
+Perceptual = Callable[[ImageArray, ImageArray], float]
+"""LPIPS of a rendered and a recorded image (H, W, 3)."""
 
 
 class RayRenderer(Protocol):
@@ -47,7 +47,7 @@ class RayRenderer(Protocol):
 
 @dataclass(frozen=True)
 class EvaluationPlan:
-    """What is compared: ``width`` is the pictures' (None: as recorded); ``trained`` the frames that neighbours are taken from."""
+    """What is compared: ``width`` is the images' (None: as recorded); ``trained`` the frames that neighbours are taken from."""
 
     frames: tuple[int, ...]
     cameras: tuple[str, ...]
@@ -60,8 +60,8 @@ class EvaluationPlan:
 
 
 @dataclass
-class FramePictures:
-    """One frame's pictures for the report, one row a sensor."""
+class FrameImages:
+    """One frame's images for the report, one row a sensor."""
 
     frame: int
     rows: list[Sequence[Tile]] = field(default_factory=list)
@@ -71,13 +71,13 @@ def evaluate(
     renderer: RayRenderer,
     log: Log,
     plan: EvaluationPlan,
-    on_frame: Callable[[FramePictures], None] = lambda pictures: None,
+    on_frame: Callable[[FrameImages], None] = lambda images: None,
     progress: Callable[[Iterable[int]], Iterable[int]] = lambda frames: frames,
 ) -> dict[str, Any]:
     """Render the plan's frames and compare them with the log; the figures as a JSON object (None where there are none)."""
     per_frame = []
     for frame in progress(plan.frames):
-        pictures = FramePictures(frame)
+        images = FrameImages(frame)
         speed = ego_speed(log.drive, frame)
         record: dict[str, Any] = {
             "frame": frame,
@@ -89,13 +89,13 @@ def evaluate(
         for name in plan.cameras:
             if frame in log.image_frames(name):
                 record["camera"][name], row = _camera_frame(renderer, log, plan, name, frame)
-                pictures.rows.append(row)
+                images.rows.append(row)
         for name in plan.lidars:
             if frame in log.sweep_frames(name):
                 record["lidar"][name], row = _lidar_frame(renderer, log, name, frame)
-                pictures.rows.append(row)
+                images.rows.append(row)
         per_frame.append(record)
-        on_frame(pictures)
+        on_frame(images)
     figures: dict[str, Any] = finite({**summarise(per_frame), "per_frame": per_frame})
     return figures
 
@@ -111,24 +111,24 @@ def ego_speed(drive: Drive, frame: int) -> float:
     return float(np.linalg.norm(positions[1] - positions[0]) / (end - start))
 
 
-def recorded_picture(log: Log, camera: str, frame: int, width: int | None) -> Picture:
+def recorded_image(log: Log, camera: str, frame: int, width: int | None) -> ImageArray:
     """The recorded image (H, W, 3) in 0..1; at another width every pixel is the mean of what it covers."""
     image = resize_image(log.image(camera, frame), resized_camera(log.drive.cameras[camera], width).model)
     return np.asarray(image, np.float32) / np.float32(255)
 
 
-def neighbour_average(log: Log, plan: EvaluationPlan, camera: str, frame: int) -> Picture | None:
+def neighbour_average(log: Log, plan: EvaluationPlan, camera: str, frame: int) -> ImageArray | None:
     """The mean of the nearest recorded frames before and after that were trained on; None where one side has none."""
     images = [other for other in log.image_frames(camera) if other in plan.trained and other != frame]
     before = [other for other in images if other < frame]
     after = [other for other in images if other > frame]
     if not before or not after:
         return None
-    return (recorded_picture(log, camera, before[-1], plan.width) + recorded_picture(log, camera, after[0], plan.width)) / 2
+    return (recorded_image(log, camera, before[-1], plan.width) + recorded_image(log, camera, after[0], plan.width)) / 2
 
 
 def resized_camera(camera: Camera, width: int | None) -> Camera:
-    """The camera with its pictures at another width."""
+    """The camera with its images at another width."""
     model = camera.model if width is None else camera.model.resized(width)
     return Camera(camera.sensor_id, model, camera.world_from_camera, camera.time_s)
 
@@ -142,13 +142,13 @@ def scene_mask(plan: EvaluationPlan, camera: str, shape: tuple[int, ...]) -> Boo
     return shows_scene(*plan.outlines[camera], u, v, (width, height))
 
 
-def psnr_over(rendered: Picture, recorded: Picture, scene: BoolArray | None) -> float:
+def psnr_over(rendered: ImageArray, recorded: ImageArray, scene: BoolArray | None) -> float:
     """PSNR over the pixels of a mask; over all without one."""
     return psnr(rendered, recorded) if scene is None else psnr_from_error(mean_squared_error(rendered, recorded, scene))
 
 
-def picture_metrics(
-    rendered: Picture, recorded: Picture, masks: dict[str, BoolArray], scene: BoolArray | None = None
+def image_metrics(
+    rendered: ImageArray, recorded: ImageArray, masks: dict[str, BoolArray], scene: BoolArray | None = None
 ) -> dict[str, Any]:
     """PSNR and SSIM over the frame, or the part of it that is ``scene``, and within each mask with its pixels and mean squared
     error, from which PSNR is pooled."""
@@ -167,7 +167,7 @@ def picture_metrics(
 def _camera_frame(
     renderer: RayRenderer, log: Log, plan: EvaluationPlan, name: str, frame: int
 ) -> tuple[dict[str, Any], list[Tile]]:
-    recorded = recorded_picture(log, name, frame, plan.width)
+    recorded = recorded_image(log, name, frame, plan.width)
     image = renderer.camera(name, frame, ("rgb", "depth"), plan.width)
     rendered = np.clip(image.rgb, 0, 1)
     camera = resized_camera(log.drive.cameras[name], plan.width)
@@ -182,7 +182,7 @@ def _camera_frame(
     scene = scene_mask(plan, name, recorded.shape[:2])
     if scene is not None:
         masks = {key: mask & scene for key, mask in masks.items()}
-    found = picture_metrics(rendered, recorded, masks, scene)
+    found = image_metrics(rendered, recorded, masks, scene)
     if plan.perceptual is not None:
         found["lpips"] = plan.perceptual(rendered, recorded)
     neighbours = neighbour_average(log, plan, name, frame)
@@ -191,10 +191,10 @@ def _camera_frame(
     tiles = [
         Tile(f"{name} {frame}: recorded", outline(shown, inside)),
         Tile(f"rendered {found['psnr_db']:.2f} dB", (rendered * 255).astype(np.uint8)),
-        Tile("difference (white: 0.25)", difference_picture(rendered, recorded)),
+        Tile("difference (white: 0.25)", difference_image(rendered, recorded)),
     ]
     if image.depth_m is not None:
-        tiles.append(Tile("depth (2 to 120 m)", depth_picture(image.depth_m)))
+        tiles.append(Tile("depth (2 to 120 m)", depth_image(image.depth_m)))
     return found, tiles
 
 
@@ -217,11 +217,11 @@ def _lidar_frame(renderer: RayRenderer, log: Log, name: str, frame: int) -> tupl
     tiles = [
         Tile(
             f"{name} {frame}: recorded, from above",
-            sweep_picture(transform_points(ego_from_world, recorded), grid.intensity[cells][recorded_returned], *size),
+            sweep_image(transform_points(ego_from_world, recorded), grid.intensity[cells][recorded_returned], *size),
         ),
         Tile(
             f"rendered, median {found['depth_median_m'] * 100:.1f} cm",
-            sweep_picture(transform_points(ego_from_world, rendered), intensity[returned], *size),
+            sweep_image(transform_points(ego_from_world, rendered), intensity[returned], *size),
         ),
     ]
     return found, tiles

@@ -1,4 +1,4 @@
-"""Evaluations from paths to files: metrics.json, a page and its pictures."""
+"""Evaluations from paths to files: metrics.json, a page and its images."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ Progress = Callable[[Iterable[int], str], Iterable[int]]
 
 
 @dataclass(frozen=True)
-class EvaluationWishes:
+class EvaluationOptions:
     """What the command line asks for; None leaves it to what the scene was trained on."""
 
     frames: str | None = None
@@ -40,15 +40,15 @@ class EvaluationWishes:
     device: str = "cpu"
 
 
-def evaluate_scene(scene: Path, log_path: Path, out: Path, wishes: EvaluationWishes, progress: Progress) -> dict[str, Any]:
+def evaluate_scene(scene: Path, log_path: Path, out: Path, options: EvaluationOptions, progress: Progress) -> dict[str, Any]:
     """Compare a trained scene's frames with a log's and write ``out``; the figures without those of single frames.
 
     Raises `UnisimError`.
     """
     header, log = read_scene_header(scene), open_log(log_path)
     drive = replayed_drive(header, log.drive, log_path)
-    plan = _plan(header, log.drive, wishes)
-    renderer = SceneSource(scene, drive, wishes.quality, wishes.device)()
+    plan = _plan(header, log.drive, options)
+    renderer = SceneSource(scene, drive, options.quality, options.device)()
     report = Report(out, f"{header.name} against {log.drive.name}")
     figures = evaluate(renderer, log, plan, report.add, lambda frames: progress(frames, log.drive.name))
     if (noise := disturbance_taken_back(header, log.drive)) is not None:
@@ -57,7 +57,7 @@ def evaluate_scene(scene: Path, log_path: Path, out: Path, wishes: EvaluationWis
         "scene": {"name": header.name, "sha256": scene_hash(scene)},
         "log": log.drive.name,
         "code": code_identity(),
-        "quality": wishes.quality,
+        "quality": options.quality,
         "width": plan.width,
         "frames": list(plan.frames),
     }
@@ -68,7 +68,7 @@ def evaluate_scene(scene: Path, log_path: Path, out: Path, wishes: EvaluationWis
 
 
 def evaluate_split(
-    logs: tuple[str, ...], scenes: Path, log_root: Path, out: Path, wishes: EvaluationWishes, progress: Progress
+    logs: tuple[str, ...], scenes: Path, log_root: Path, out: Path, options: EvaluationOptions, progress: Progress
 ) -> dict[str, Any]:
     """Evaluate the scene in ``scenes``/NAME against the log in ``log_root``/NAME for every name; the logs' mean figures.
 
@@ -77,7 +77,7 @@ def evaluate_split(
     for folder in (path / name for name in logs for path in (scenes, log_root)):
         if not folder.is_dir():
             raise UnisimError(f"{folder}: is missing; the split has the logs {', '.join(logs)}")
-    per_log = {name: evaluate_scene(scenes / name, log_root / name, out / name, wishes, progress) for name in logs}
+    per_log = {name: evaluate_scene(scenes / name, log_root / name, out / name, options, progress) for name in logs}
     figures = mean_figures(list(per_log.values()))
     write_file(out / "metrics.json", json_bytes({**figures, "per_log": per_log}))
     Report(out, f"{len(logs)} logs").finish({**figures, "per_log": per_log})
@@ -110,22 +110,22 @@ def perceptual_metric(weights: Path | None) -> Perceptual | None:
     return Lpips(weights)
 
 
-def _plan(header: SceneHeader, recorded: Drive, wishes: EvaluationWishes) -> EvaluationPlan:
+def _plan(header: SceneHeader, recorded: Drive, options: EvaluationOptions) -> EvaluationPlan:
     trained = trained_frames(header)
-    if wishes.frames is None:
+    if options.frames is None:
         frames = tuple(frame for frame in recorded.frames if frame not in trained)
         if not frames:
             raise UnisimError(f"{header.path}: was trained on all of the log's frames; name some with --frames")
     else:
-        frames = select_frames(wishes.frames, recorded.frames)
-    cameras = wishes.cameras or tuple(header.training.get("cameras", header.drive.cameras))
+        frames = select_frames(options.frames, recorded.frames)
+    cameras = options.cameras or tuple(header.training.get("cameras", header.drive.cameras))
     check_names("camera", cameras, recorded.cameras)
     return EvaluationPlan(
         frames=frames,
         cameras=cameras,
         lidars=tuple(name for name in header.training.get("lidars") or header.drive.lidars if name in recorded.lidars),
-        width=wishes.width or header.training.get("width"),
+        width=options.width or header.training.get("width"),
         trained=trained or tuple(frame for frame in recorded.frames if frame not in frames),
-        perceptual=perceptual_metric(wishes.lpips_weights),
+        perceptual=perceptual_metric(options.lpips_weights),
         outlines=outlines_from_json(header.training.get("own_vehicle")),
     )

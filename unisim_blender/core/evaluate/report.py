@@ -1,4 +1,4 @@
-"""A page of pictures and figures that opens from a folder, in any browser, without a network."""
+"""A page of images and figures that opens from a folder, in any browser, without a network."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 from ..files import write_file
 from ..output.frame_files import png_bytes
-from .recorded import FramePictures
+from .recorded import FrameImages
 
 STYLE = """
 body { background: #181818; color: #e6e6e6; font: 14px/1.5 sans-serif; margin: 2em; }
@@ -20,23 +20,23 @@ figcaption { color: #bbb; } img { max-width: 46vw; image-rendering: auto; } h2 {
 
 
 class Report:
-    """Collects frames' pictures under ``out``/pictures and writes ``out``/index.html."""
+    """Collects frames' images under ``out``/pictures and writes ``out``/index.html."""
 
     def __init__(self, out: Path, title: str) -> None:
         self.out = out
         self.title = title
         self._sections: list[str] = []
 
-    def add(self, pictures: FramePictures) -> None:
-        """Write one frame's pictures. Raises `OutputError`."""
+    def add(self, images: FrameImages) -> None:
+        """Write one frame's images. Raises `OutputError`."""
         figures = []
-        for number, row in enumerate(pictures.rows):
+        for number, row in enumerate(images.rows):
             for place, tile in enumerate(row):
-                name = f"pictures/{pictures.frame:06d}_{number}_{place}.png"
+                name = f"pictures/{images.frame:06d}_{number}_{place}.png"
                 write_file(self.out / name, png_bytes(tile.pixels))
                 figures.append(figure_html(name, tile.label))
             figures.append("<br>")
-        self._sections.append(f"<h2>Frame {pictures.frame}</h2>\n" + "\n".join(figures))
+        self._sections.append(f"<h2>Frame {images.frame}</h2>\n" + "\n".join(figures))
 
     def finish(self, figures: dict[str, Any]) -> Path:
         """Write the page with a table of ``figures``, a nested object of numbers; the page's path. Raises `OutputError`."""
@@ -54,7 +54,7 @@ def page_html(title: str, parts: list[str], style: str = STYLE) -> str:
 
 
 def figure_html(source: str, caption: str) -> str:
-    """A picture with words under it."""
+    """An image with words under it."""
     source, caption = escape(source), escape(caption)
     return f'<figure><img src="{source}" alt="{caption}"><figcaption>{caption}</figcaption></figure>'
 

@@ -13,31 +13,31 @@ from ..prepare.scenario import PreparedScenario
 from ..prepare.street import street_of
 from ..sensors.frames import LidarFrame
 from ..street.edit_masks import edit_masks
-from ..street.path_tracer import Wanted, draw_truths
+from ..street.path_tracer import TruthRequest, draw_truths
 from ..street.street import Street, load_street
-from ..street.true_pictures import lacks_pictures, true_picture
+from ..street.true_images import lacks_images, true_image
 from ..street.truth import resize, truth_camera, truth_lidar
 from ..world.drive import Drive
-from .metrics import Picture
+from .metrics import ImageArray
 from .truth import EditRegions
 
 Part = Literal["edit", "replay"]
 
 
 @dataclass(frozen=True)
-class TruePictures:
-    """A camera's true pictures (H, W, 3) of one frame: of the edit, of the recorded drive where that has the camera, and the
+class TrueImages:
+    """A camera's true images (H, W, 3) of one frame: of the edit, of the recorded drive where that has the camera, and the
     regions of the edit's."""
 
-    edit: Picture
-    replay: Picture | None
+    edit: ImageArray
+    replay: ImageArray | None
     regions: EditRegions
 
 
 @dataclass(frozen=True)
 class TrueEdit:
     """A scenario on the street at ``path``: the drive as it was recorded and edited, with the log's own poses; the frames and
-    cameras that count as seen; the pictures' width."""
+    cameras that count as seen; the images' width."""
 
     path: Path
     street: Street
@@ -59,27 +59,27 @@ class TrueEdit:
         )
 
     def draw(self, scenario: Path, frames: tuple[int, ...], cameras: tuple[str, ...]) -> None:
-        """Have the pictures drawn that only a path tracer can draw, and that are not there. Raises `UnisimError`."""
-        if lacks_pictures(self.path, self.street, (self.edited, self.recorded), cameras, frames, self._drawn_width):
-            draw_truths(self.path, (Wanted(scenario, frames, cameras),), self._drawn_width, progress=True)
+        """Have the images drawn that only a path tracer can draw, and that are not there. Raises `UnisimError`."""
+        if lacks_images(self.path, self.street, (self.edited, self.recorded), cameras, frames, self._drawn_width):
+            draw_truths(self.path, (TruthRequest(scenario, frames, cameras),), self._drawn_width, progress=True)
 
-    def pictures(self, camera: str, frame: int) -> TruePictures:
+    def images(self, camera: str, frame: int) -> TrueImages:
         """What a camera sees. Raises `UnisimError`."""
         masks = edit_masks(
             self.street, self.recorded, self.edited, camera, frame, self.trained_frames, self.trained_cameras or None, self.width
         )
-        return TruePictures(
-            self.picture("edit", camera, frame),
-            self.picture("replay", camera, frame) if camera in self.recorded.cameras else None,
+        return TrueImages(
+            self.image("edit", camera, frame),
+            self.image("replay", camera, frame) if camera in self.recorded.cameras else None,
             EditRegions(masks.edited, masks.shadow, masks.seen),
         )
 
-    def picture(self, part: Part, camera: str, frame: int) -> Picture:
+    def image(self, part: Part, camera: str, frame: int) -> ImageArray:
         """What a camera of the drive sees (H, W, 3), drawn now, or by Cycles before. Raises `UnisimError`."""
         drive = self.drive(part)
         if self.street.recipe.engine == "exact":
             return truth_camera(self.street, drive, camera, frame, self.width).rgb
-        drawn = true_picture(self.path, self.street, drive, camera, frame, self._drawn_width)
+        drawn = true_image(self.path, self.street, drive, camera, frame, self._drawn_width)
         return resize_image(drawn, resize(drive.cameras[camera], self.width).model).astype(np.float32) / np.float32(255)
 
     def sweep(self, part: Part, lidar: str, frame: int) -> LidarFrame | None:
@@ -93,7 +93,7 @@ class TrueEdit:
 
     @property
     def _drawn_width(self) -> int | None:
-        """The width at which Cycles draws: the cameras' own, and smaller pictures are made of those as of recorded ones, so they
+        """The width at which Cycles draws: the cameras' own, and smaller images are made of those as of recorded ones, so they
         are as sharp and need not be drawn again; only what is wider is drawn wider."""
         own = min((camera.model.width for camera in self.edited.cameras.values()), default=0)
         return None if self.width is None or self.width <= own else self.width

@@ -1,7 +1,7 @@
 """Edited frames against the truth of their edit, and beside them the unedited drive's frames against theirs.
 
 The edited region is where the truth itself changes: pixels that show something else than before, and shadow pixels, whose light
-alone changed. A pixel is seen where what it shows stood in some picture that was trained on. The replay's figures are measured on
+alone changed. A pixel is seen where what it shows stood in some image that was trained on. The replay's figures are measured on
 the same frames, and within the same pixels, so that the cost of an edit can be read off as their difference.
 """
 
@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from ..geometry import BoolArray, FloatArray
 from ..sensors.frames import LidarFrame
-from .metrics import Picture, chamfer, lidar_metrics, mean_of
-from .recorded import RayRenderer, camera_figures, finite, picture_metrics
+from .metrics import ImageArray, chamfer, lidar_metrics, mean_of
+from .recorded import RayRenderer, camera_figures, finite, image_metrics
 
 REGIONS = (
     "edited",
@@ -58,9 +58,9 @@ class EditRegions:
         }
 
 
-def picture_figures(rendered: Picture, truth: Picture, regions: EditRegions) -> dict[str, Any]:
-    """Figures of a rendered picture over the frame and within each region."""
-    return picture_metrics(rendered, truth, regions.masks())
+def image_figures(rendered: ImageArray, truth: ImageArray, regions: EditRegions) -> dict[str, Any]:
+    """Figures of a rendered image over the frame and within each region."""
+    return image_metrics(rendered, truth, regions.masks())
 
 
 @dataclass(frozen=True)

@@ -20,20 +20,20 @@ from ..render.code_identity import code_identity
 from ..sensors.frames import LidarFrame
 from ..world.drive import Drive
 from .contact_sheet import CameraRow, camera_row, sweep_tile, write_contact_sheet
-from .metrics import Picture
-from .pictures import Tile
-from .recorded import FramePictures, Perceptual, RayRenderer, finite
-from .recorded_runs import EvaluationWishes, Progress, perceptual_metric, trained_frames
+from .images import Tile
+from .metrics import ImageArray
+from .recorded import FrameImages, Perceptual, RayRenderer, finite
+from .recorded_runs import EvaluationOptions, Progress, perceptual_metric, trained_frames
 from .report import Report
-from .true_edits import Part, TrueEdit, TruePictures
-from .truth import lidar_figures_beside, picture_figures, summarise_truth
+from .true_edits import Part, TrueEdit, TrueImages
+from .truth import image_figures, lidar_figures_beside, summarise_truth
 
 
 class Truth(Protocol):
     """What an edited drive is compared with: a `TrueEdit`, or one that keeps what it has worked out."""
 
-    def pictures(self, camera: str, frame: int) -> TruePictures:
-        """See `TrueEdit.pictures`."""
+    def images(self, camera: str, frame: int) -> TrueImages:
+        """See `TrueEdit.images`."""
         ...
 
     def sweep(self, part: Part, lidar: str, frame: int) -> LidarFrame | None:
@@ -64,7 +64,7 @@ def evaluate_scenarios(
     street_path: Path,
     scenarios: tuple[Path, ...],
     out: Path,
-    wishes: EvaluationWishes,
+    options: EvaluationOptions,
     progress: Progress,
     scene: Path | None = None,
 ) -> dict[str, Any]:
@@ -74,10 +74,10 @@ def evaluate_scenarios(
     below ``out``. Raises `UnisimError`.
     """
     if len(scenarios) == 1:
-        return evaluate_scenario(street_path, scenarios[0], out, wishes, progress, scene)
+        return evaluate_scenario(street_path, scenarios[0], out, options, progress, scene)
     figures = {}
     for path in scenarios:
-        figures[path.stem] = evaluate_scenario(street_path, path, out / path.stem, wishes, progress, scene)
+        figures[path.stem] = evaluate_scenario(street_path, path, out / path.stem, options, progress, scene)
     write_file(out / "metrics.json", json_bytes(figures))
     Report(out, "Edits against the truth").finish(figures)
     return figures
@@ -87,7 +87,7 @@ def evaluate_scenario(
     street_path: Path,
     scenario: Path,
     out: Path,
-    wishes: EvaluationWishes,
+    options: EvaluationOptions,
     progress: Progress,
     scene: Path | None = None,
 ) -> dict[str, Any]:
@@ -96,35 +96,35 @@ def evaluate_scenario(
     if rendered.scene_path is None:
         raise ScenarioError(f"{scenario}: scene: names no trained scene to render with; give one with --scene")
     header = read_scene_header(rendered.scene_path)
-    name, width = rendered.scenario.name, wishes.width or header.training.get("width")
+    name, width = rendered.scenario.name, options.width or header.training.get("width")
     drive = rendered.edited
-    frames = drive.frames if wishes.frames is None else select_frames(wishes.frames, sorted(drive.time_s))
-    cameras = wishes.cameras or tuple(drive.cameras)
+    frames = drive.frames if options.frames is None else select_frames(options.frames, sorted(drive.time_s))
+    cameras = options.cameras or tuple(drive.cameras)
     check_names("camera", cameras, drive.cameras)
     truth = TrueEdit.on(street_path, true, trained_frames(header), tuple(header.training.get("cameras", ())), width)
     truth.draw(scenario, frames, cameras)
     run = ScenarioRun(
         truth,
-        SceneSource(rendered.scene_path, drive, wishes.quality, wishes.device)(),
-        SceneSource(rendered.scene_path, rendered.recorded, wishes.quality, wishes.device)(),
+        SceneSource(rendered.scene_path, drive, options.quality, options.device)(),
+        SceneSource(rendered.scene_path, rendered.recorded, options.quality, options.device)(),
         width,
         frames,
         cameras,
-        perceptual_metric(wishes.lpips_weights),
+        perceptual_metric(options.lpips_weights),
     )
     report, per_frame, rows = Report(out, f"{name} against the truth"), [], []
     for frame in progress(frames, name):
-        record, pictures = compare_frame(run, frame)
+        record, images = compare_frame(run, frame)
         per_frame.append(record)
-        rows += pictures.rows
-        report.add(pictures)
+        rows += images.rows
+        report.add(images)
     figures = summarise_truth(per_frame)
     about = {
         "scenario": {"name": name, "sha256": scenario_hash(rendered.scenario)},
         "scene": {"name": header.name, "sha256": scene_hash(header.path)},
         "street": truth.street.drive.name,
         "code": code_identity(),
-        "quality": wishes.quality,
+        "quality": options.quality,
         "width": width,
         "frames": list(frames),
         "trained_frames": list(trained_frames(header)),
@@ -135,35 +135,35 @@ def evaluate_scenario(
     return figures
 
 
-def compare_frame(run: ScenarioRun, frame: int) -> tuple[dict[str, Any], FramePictures]:
-    """All sensors of one frame: figures, and a row of pictures each."""
-    pictures = FramePictures(frame)
+def compare_frame(run: ScenarioRun, frame: int) -> tuple[dict[str, Any], FrameImages]:
+    """All sensors of one frame: figures, and a row of images each."""
+    images = FrameImages(frame)
     record: dict[str, Any] = {"frame": frame, "camera": {}, "lidar": {}}
     edited = run.truth.drive("edit")
     for name in run.cameras:
         if frame in edited.cameras[name].time_s:
             record["camera"][name], row = _compare_camera(run, name, frame)
-            pictures.rows.append(row)
+            images.rows.append(row)
     for name, lidar in edited.lidars.items():
         if frame in lidar.time_s:
             record["lidar"][name], tiles = _compare_lidar(run, name, frame)
-            pictures.rows.append(tiles)
-    return record, pictures
+            images.rows.append(tiles)
+    return record, images
 
 
 def _compare_camera(run: ScenarioRun, name: str, frame: int) -> tuple[dict[str, Any], CameraRow]:
-    true = run.truth.pictures(name, frame)
-    edited, replay = _picture(run.edited, name, frame, run.width), None
+    true = run.truth.images(name, frame)
+    edited, replay = _image(run.edited, name, frame, run.width), None
     found = {"edit": _figures(run, edited, true.edit, true)}
     if true.replay is not None and run.replay is not None:
-        replay = _picture(run.replay, name, frame, run.width)
+        replay = _image(run.replay, name, frame, run.width)
         if replay.shape == edited.shape:
             found["replay"] = _figures(run, replay, true.replay, true)
     return found, camera_row(f"{name} {frame}", true.replay, replay, edited, true.edit, true.regions.changed)
 
 
-def _figures(run: ScenarioRun, rendered: Picture, truth: Picture, true: TruePictures) -> dict[str, Any]:
-    found = picture_figures(rendered, truth, true.regions)
+def _figures(run: ScenarioRun, rendered: ImageArray, truth: ImageArray, true: TrueImages) -> dict[str, Any]:
+    found = image_figures(rendered, truth, true.regions)
     if run.perceptual is not None:
         found["lpips"] = run.perceptual(rendered, truth)
     return found
@@ -190,5 +190,5 @@ def _compare_lidar(run: ScenarioRun, name: str, frame: int) -> tuple[dict[str, A
     return found, [tiles[key] for key in ("replay truth", "replay", "edit", "edit truth") if key in tiles]
 
 
-def _picture(renderer: RayRenderer, camera: str, frame: int, width: int | None) -> Picture:
+def _image(renderer: RayRenderer, camera: str, frame: int, width: int | None) -> ImageArray:
     return np.clip(renderer.camera(camera, frame, ("rgb",), width).rgb, 0, 1)

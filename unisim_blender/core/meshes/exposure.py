@@ -1,4 +1,4 @@
-"""How bright a mesh is in a recorded picture: as the ground beside it is."""
+"""How bright a mesh is in a recorded image: as the ground beside it is."""
 
 from __future__ import annotations
 

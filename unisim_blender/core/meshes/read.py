@@ -82,7 +82,7 @@ def _from_trimesh(path: Path) -> MeshModel:
 
 
 def _piece(mesh: Any, linear: bool, textures: list[NDArray[np.uint8]]) -> tuple[NDArray[Any], ...]:
-    """Normals, colours, uv and texture of one part's triangles; its picture is added to ``textures``."""
+    """Normals, colours, uv and texture of one part's triangles; its image is added to ``textures``."""
     faces = mesh.faces
     normals = np.asarray(mesh.vertex_normals)[faces]
     flat = face_normals(np.asarray(mesh.vertices, np.float32), faces.astype(np.int32))[:, None]
@@ -97,12 +97,12 @@ def _piece(mesh: Any, linear: bool, textures: list[NDArray[np.uint8]]) -> tuple[
         factor = getattr(material, "diffuse", None) if factor is None else factor
         if factor is not None:
             colours[:] = np.asarray(factor, float)[:3] / (255 if np.asarray(factor).dtype == np.uint8 else 1)
-        picture = getattr(material, "baseColorTexture", None) or getattr(material, "image", None)
-        if picture is not None and visual.uv is not None:
+        image = getattr(material, "baseColorTexture", None) or getattr(material, "image", None)
+        if image is not None and visual.uv is not None:
             if factor is None:
                 colours[:] = 1.0
             uv, texture[:] = np.asarray(visual.uv)[faces], len(textures)
-            textures.append(np.asarray(picture.convert("RGB"), np.uint8))
+            textures.append(np.asarray(image.convert("RGB"), np.uint8))
     elif visual.kind == "vertex":
         colours = visual.vertex_colors[faces][..., :3] / 255
     elif visual.kind == "face":

@@ -29,11 +29,11 @@ def colours_at(model: MeshModel, hits: FirstHits) -> FloatArray:
     """Colours (N, 3) of the surface, linear Rec.709 in 0..1."""
     colours = _at(model.colours, hits).astype(np.float64)
     texture = model.texture[hits.face]
-    for i, picture in enumerate(model.textures):
+    for i, image in enumerate(model.textures):
         mine = texture == i
         if mine.any():
             uv = _at(model.uv, FirstHits(hits.t[mine], hits.face[mine], hits.uv[mine]))
-            colours[mine] *= _bilinear(picture, uv)
+            colours[mine] *= _bilinear(image, uv)
     return colours
 
 
@@ -57,15 +57,15 @@ def _at(values: NDArray[np.float32], hits: FirstHits) -> NDArray[np.float32]:
     return np.asarray(a * (1 - u - v) + b * u + c * v)
 
 
-def _bilinear(picture: NDArray[np.uint8], uv: NDArray[np.float32]) -> FloatArray:
+def _bilinear(image: NDArray[np.uint8], uv: NDArray[np.float32]) -> FloatArray:
     """A texture's linear colours (N, 3) at uv (N, 2), repeated beyond its edges."""
-    height, width = picture.shape[:2]
+    height, width = image.shape[:2]
     x, y = uv[:, 0] * width - 0.5, (1 - uv[:, 1]) * height - 0.5
     column, row = np.floor(x).astype(np.int64), np.floor(y).astype(np.int64)
     right, down = (x - column)[:, None], (y - row)[:, None]
 
     def texel(r: NDArray[np.int64], c: NDArray[np.int64]) -> NDArray[np.float32]:
-        return _LINEAR[picture[r % height, c % width]]
+        return _LINEAR[image[r % height, c % width]]
 
     top = texel(row, column) * (1 - right) + texel(row, column + 1) * right
     bottom = texel(row + 1, column) * (1 - right) + texel(row + 1, column + 1) * right

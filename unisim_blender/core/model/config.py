@@ -146,7 +146,7 @@ PRESETS: dict[str, ModelConfig] = {
         upsample=3,
     ),
 }
-"""``tiny`` for tests, ``compact`` for scenes of some megabytes, ``small`` for two CPU cores, ``hd`` for pictures that are learnt
+"""``tiny`` for tests, ``compact`` for scenes of some megabytes, ``small`` for two CPU cores, ``hd`` for images that are learnt
 and rendered 1920 wide, ``paper`` with the re-implementation's sizes; ``ngp`` and ``nsg`` are the rivals."""
 
 PRESETS["hd"] = dataclasses.replace(PRESETS["small"], upsample=3)

@@ -48,7 +48,7 @@ class SampleColours(nn.Module):
 
 
 class NoDecoder(nn.Module):
-    """In `CameraDecoder`'s place: colours (B, 3, H, W) are the picture."""
+    """In `CameraDecoder`'s place: colours (B, 3, H, W) are the image."""
 
     reach = 0
 

@@ -20,7 +20,7 @@ HIDDEN = 16
 class Light(nn.Module):
     """Looks of the ground (N, F) to scales and shifts of an actor's features.
 
-    ``home`` (actors, 3), volume coordinates, is where each actor was recorded: a guest in another scene, whose looks mean
+    ``home`` (actors, 3), volume coordinates, is where each actor was recorded: a foreign actor in another scene, whose looks mean
     something else, brings the light from there.
     """
 

@@ -89,7 +89,7 @@ class OccupancyTrainer:
         values[unique] = torch.where(alive, value, torch.zeros_like(value)).to(torch.uint8)
 
     @torch.no_grad()
-    def hidden(self, x: Tensor) -> Tensor:
+    def unobserved(self, x: Tensor) -> Tensor:
         """Which points (N, 3), volume coordinates, lie where no ray looked, in voxels that are not free: (N,) bool."""
         cells = self.occupancy.cells(x)
         return ~self.seen[cells] & (self.occupancy.values.view(-1)[cells] > FREE)
@@ -102,7 +102,7 @@ class OccupancyTrainer:
         values[self.beside & (~self.visited | (self.score < _PRUNE_BELOW))] = FREE
 
     @torch.no_grad()
-    def free_hidden(self, through: Tensor, continued: Callable[[], Tensor]) -> None:
+    def free_unobserved(self, through: Tensor, continued: Callable[[], Tensor]) -> None:
         """Voxels in which no beam returned and nobody looked are free too, all but those ``continued`` (M,), flat numbers.
 
         ``through`` (V,) bool are voxels that images look through: those, and what LiDAR passed, hide nothing, though pruned as

@@ -25,11 +25,11 @@ from .kernel_choice import kernels_for
 
 
 def logistic_intervals_reference(s: Tensor, beta: Tensor | float) -> tuple[Tensor, Tensor]:
-    """Optical depths tau (N, K) and shares (N, K) of intervals between samples with signed distances s (N, K), metres.
+    """Optical depths tau (N, K) and stop fractions (N, K) of intervals between samples with signed distances s (N, K), metres.
 
     Interval k > 0 lies between samples k - 1 and k; interval 0 has no length and stands at sample 0: what a ray that starts
-    behind a surface has already met. ``share`` times alpha is the expected place of stopping inside the interval, from 0 at its
-    near end to 1 at its far one: with s linear in between, the integral of the transmittance is a difference of softplus.
+    behind a surface has already met. ``stop_fraction`` times alpha is the expected place of stopping inside the interval, from 0
+    at its near end to 1 at its far one: with s linear in between, the integral of the transmittance is a difference of softplus.
     """
     a = -beta * s
     outside = F.softplus(a)  # -log Phi
@@ -45,8 +45,8 @@ def logistic_intervals_reference(s: Tensor, beta: Tensor | float) -> tuple[Tenso
     # behind the surface Phi is exp(-a) to 1 %, and the difference above would cancel
     mean = torch.where(deep, -torch.expm1(-safe.clamp_min(1e-2)) / safe.clamp_min(1e-2), mean)
     mean = torch.where(flat, 1 - alpha / 2, mean)
-    share = torch.minimum((mean - torch.exp(-tau)).clamp_min(0.0), alpha)
-    return torch.cat([tau0, tau], -1), torch.cat([torch.zeros_like(tau0), share], -1)
+    stop_fraction = torch.minimum((mean - torch.exp(-tau)).clamp_min(0.0), alpha)
+    return torch.cat([tau0, tau], -1), torch.cat([torch.zeros_like(tau0), stop_fraction], -1)
 
 
 class _LogisticIntervals(torch.autograd.Function):
@@ -57,13 +57,13 @@ class _LogisticIntervals(torch.autograd.Function):
         lib = native.library()
         assert lib is not None
         s, sharp = s.contiguous(), float(beta)
-        tau, share = torch.empty_like(s), torch.empty_like(s)
+        tau, stop_fraction = torch.empty_like(s), torch.empty_like(s)
         lib.unisim_intervals_forward(
-            s.data_ptr(), *s.shape, sharp, tau.data_ptr(), share.data_ptr(), kernel_threads()
+            s.data_ptr(), *s.shape, sharp, tau.data_ptr(), stop_fraction.data_ptr(), kernel_threads()
         )  # fmt: skip
         ctx.sharp = sharp
         ctx.save_for_backward(s)
-        return tau, share
+        return tau, stop_fraction
 
     @staticmethod
     @once_differentiable
@@ -71,11 +71,11 @@ class _LogisticIntervals(torch.autograd.Function):
         lib = native.library()
         assert lib is not None
         (s,) = ctx.saved_tensors
-        of_tau, of_share = (g.contiguous() for g in grads)
+        of_tau, of_stop_fraction = (g.contiguous() for g in grads)
         of_s, of_beta = torch.empty_like(s), torch.empty(())
         lib.unisim_intervals_backward(
-            s.data_ptr(), *s.shape, ctx.sharp, of_tau.data_ptr(), of_share.data_ptr(), of_s.data_ptr(), of_beta.data_ptr(),
-            kernel_threads(),
+            s.data_ptr(), *s.shape, ctx.sharp, of_tau.data_ptr(), of_stop_fraction.data_ptr(), of_s.data_ptr(),
+            of_beta.data_ptr(), kernel_threads(),
         )  # fmt: skip
         return of_s, of_beta
 
@@ -84,8 +84,8 @@ def logistic_intervals(s: Tensor, beta: Tensor | float) -> tuple[Tensor, Tensor]
     """`logistic_intervals_reference`, by the compiled kernels where they apply."""
     if kernels_for(s) != "compiled":
         return logistic_intervals_reference(s, beta)
-    tau, share = _LogisticIntervals.apply(s, torch.as_tensor(beta))  # type: ignore[no-untyped-call]
-    return tau, share
+    tau, stop_fraction = _LogisticIntervals.apply(s, torch.as_tensor(beta))  # type: ignore[no-untyped-call]
+    return tau, stop_fraction
 
 
 def unisim_intervals(s: Tensor, t: Tensor, beta: Tensor | float, step_m: float) -> tuple[Tensor, Tensor]:

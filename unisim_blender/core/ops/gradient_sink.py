@@ -17,17 +17,17 @@ from .. import native
 from .devices import kernel_threads
 from .grid_shape import GridArrays
 
-_SHARE: ContextVar[int] = ContextVar("share", default=0)
+_BRANCH: ContextVar[int] = ContextVar("branch", default=0)
 
 
 @contextmanager
-def as_share(number: int) -> Iterator[None]:
-    """What goes into sinks inside, in this thread, comes after what shares with lower numbers put there."""
-    token = _SHARE.set(number)
+def as_branch(number: int) -> Iterator[None]:
+    """What goes into sinks inside, in this thread, comes after what branches with lower numbers put there."""
+    token = _BRANCH.set(number)
     try:
         yield
     finally:
-        _SHARE.reset(token)
+        _BRANCH.reset(token)
 
 
 class GradientSink:
@@ -38,10 +38,10 @@ class GradientSink:
 
     def put(self, grid: GridArrays, x: Tensor, index: Tensor | None, grad: Tensor) -> None:
         """Gradients (N, width) of encodings of points x (N, 3), with the number of each point's grid in ``index`` (N,) int32."""
-        self._waiting.setdefault(_SHARE.get(), []).append((grid, x, index, grad))
+        self._waiting.setdefault(_BRANCH.get(), []).append((grid, x, index, grad))
 
     def pour(self, into: Tensor) -> None:
-        """Add everything that was put here to a gradient of the table's shape, by shares and then in its order."""
+        """Add everything that was put here to a gradient of the table's shape, by branches and then in its order."""
         for _, parts in sorted(self._waiting.items()):
             for grid, x, index, grad in parts:
                 add_to_table(grid, x, index, grad, into)

@@ -1,6 +1,6 @@
 """Rays, what they run through, and what they met: the types that tracing, compositing and the passes share.
 
-A *strand* is one ray inside one medium (the static field, one actor's box, one copied box of space); it has K samples and K
+A *ray segment* is one ray inside one field (the static field, one actor's box, one copied box of space); it has K samples and K
 intervals, see `density.logistic_intervals`.
 """
 
@@ -28,11 +28,12 @@ class RayBatch:
 
 
 @dataclass
-class Strands:
-    """Strands of one medium: ray (P,), samples t (P, K), signed distances s, features (P, K, F), tau and share (P, K).
+class RaySegments:
+    """Ray segments of one field: ray (P,), samples t (P, K), signed distances s, features (P, K, F), optical depths tau
+    and stop fractions (P, K).
 
-    ``points`` (P, K, 3) in the medium's own coordinates (volume, metres; or an actor's unit cube); ``medium`` (P,) is -1 for the
-    static field, else the actor's number in the cast.
+    ``points`` (P, K, 3) in the field's own coordinates (volume, metres; or an actor's unit cube); ``field`` (P,) is -1 for the
+    static field, else the actor's number among the active ones.
     """
 
     ray: Tensor
@@ -40,61 +41,63 @@ class Strands:
     s: Tensor
     features: Tensor
     tau: Tensor
-    share: Tensor
+    stop_fraction: Tensor
     points: Tensor
-    medium: Tensor
-    guest: int = -1
-    """Which guest troupe's features these are; -1 for the scene's own; meshes, which have none, come after the guests."""
+    field: Tensor
+    foreign: int = -1
+    """Which foreign actor set's features these are; -1 for the scene's own; meshes, which have none, come after the foreign
+    actors."""
     bounds: tuple[Tensor, Tensor] | None = None
-    """Where the strand enters and leaves its box (P,), (P,)."""
+    """Where the ray segment enters and leaves its box (P,), (P,)."""
     world_from_box: Tensor | None = None
-    """Rotation of the strand's box (P, 3, 3), for an actor after the inverse of its scale, so that gradients in the field's
+    """Rotation of the segment's box (P, 3, 3), for an actor after the inverse of its scale, so that gradients in the field's
     metres become directions of the world; for a copied box the one from the source to the copy."""
     size_m: Tensor | None = None
-    """Edges of the strand's box (P, 3) in the metres of its field, for an actor."""
+    """Edges of the segment's box (P, 3) in the metres of its field, for an actor."""
     beta: float = 0.0
-    """The density's sharpness in this medium, 1 / metres."""
-    front: Tensor | None = None
-    """Transmittance in front of the intervals (P, K), once composited."""
+    """The density's sharpness in this field, 1 / metres."""
+    transmittance_before: Tensor | None = None
+    """Transmittance before the intervals (P, K), once composited."""
     weight: Tensor | None = None
     """Weights of the samples (P, K), once composited."""
     interval_weight: Tensor | None = None
     """Weights of the intervals (P, K), once composited."""
     normals: Tensor | None = None
-    """Unit normals (P, 3), world frame, of strands that are surfaces and no field."""
+    """Unit normals (P, 3), world frame, of ray segments that are surfaces and no field."""
 
     def stops(self) -> Tensor:
         """Where a ray that stops in an interval is expected to (P, K), metres along the ray."""
         near = torch.cat([self.t[:, :1], self.t[:, :-1]], -1)
         alpha = -torch.expm1(-self.tau)
-        inside = torch.where(alpha > 1e-4, self.share / alpha.clamp_min(1e-4), torch.full_like(alpha, 0.5))
+        inside = torch.where(alpha > 1e-4, self.stop_fraction / alpha.clamp_min(1e-4), torch.full_like(alpha, 0.5))
         return near + inside * (self.t - near)
 
 
 @dataclass
-class Traced:
+class SegmentTrace:
     """What the rays met. feature (N, F) composited, the far field and the sky included where they were asked for; depth_m (N,)
-    mean distance of what stopped the ray, 0 where nothing did; opacity (N,) and behind (N,), 1 - opacity, without the sky."""
+    mean distance of what stopped the ray, 0 where nothing did; opacity (N,) and transmittance_after (N,), 1 - opacity, without
+    the sky."""
 
     feature: Tensor
     depth_m: Tensor
     opacity: Tensor
-    behind: Tensor
-    strands: list[Strands]
+    transmittance_after: Tensor
+    ray_segments: list[RaySegments]
     samples: int
-    guest_features: list[Tensor]
-    guest_opacity: list[Tensor]
+    foreign_features: list[Tensor]
+    foreign_opacity: list[Tensor]
     near_depth_m: Tensor
     """Mean distance (N,) of what stopped the ray inside the volume, the far field left out."""
     near_opacity: Tensor
     far: tuple[Tensor, Tensor, Tensor, Tensor] | None = None
-    """What the far field gave: ray (R,), t, tau, and the transmittance in front (R, K)."""
-    without_guests: Tensor | None = None
-    """``feature`` as if no guest were there; None where none is."""
+    """What the far field gave: ray (R,), t, tau, and the transmittance before each place (R, K)."""
+    without_foreign: Tensor | None = None
+    """``feature`` as if no foreign actor were there; None where none is."""
     mesh_opacity: Tensor | None = None
     """How much of each ray (N,) meshes stop; None where there are none."""
 
     @property
-    def static(self) -> Strands | None:
-        """The strands through the static field; None where no ray met it."""
-        return next((strand for strand in self.strands if strand.bounds is None), None)
+    def static(self) -> RaySegments | None:
+        """The ray segments through the static field; None where no ray met it."""
+        return next((ray_segment for ray_segment in self.ray_segments if ray_segment.bounds is None), None)

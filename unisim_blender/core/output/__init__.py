@@ -1,1 +1,1 @@
-"""One frame's files: pictures, sweeps and labels, and films of many."""
+"""One frame's files: images, sweeps and labels, and films of many."""

@@ -1,4 +1,4 @@
-"""One frame's files: pictures, sweeps and labels. The same frame gives the same bytes."""
+"""One frame's files: images, sweeps and labels. The same frame gives the same bytes."""
 
 from __future__ import annotations
 

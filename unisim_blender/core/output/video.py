@@ -1,4 +1,4 @@
-"""A camera's pictures as one film."""
+"""A camera's images as one film."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from ..errors import OutputError
 from ..files import partial_file
 
 
-def write_video(pictures: list[Path], path: Path, frames_per_second: float) -> None:
+def write_video(images: list[Path], path: Path, frames_per_second: float) -> None:
     """Write PNG files of one size as H.264 in MP4; an odd last row or column is cut off. Raises `OutputError`."""
     with partial_file(path) as temporary:
-        _encode(pictures, temporary, frames_per_second)
+        _encode(images, temporary, frames_per_second)
         count = _frames_of(temporary)
-        if count != len(pictures):
-            raise OutputError(f"{path}: cannot be written: the encoder left {count} of {len(pictures)} frames; is the disk full?")
+        if count != len(images):
+            raise OutputError(f"{path}: cannot be written: the encoder left {count} of {len(images)} frames; is the disk full?")
 
 
-def _encode(pictures: list[Path], path: Path, frames_per_second: float) -> None:
-    width, height = Image.open(pictures[0]).size
+def _encode(images: list[Path], path: Path, frames_per_second: float) -> None:
+    width, height = Image.open(images[0]).size
     width, height = width // 2 * 2, height // 2 * 2
     untyped: Any = imageio_ffmpeg.write_frames
     writer = untyped(
@@ -36,8 +36,8 @@ def _encode(pictures: list[Path], path: Path, frames_per_second: float) -> None:
         output_params=["-f", "mp4"],
     )
     writer.send(None)
-    for picture in pictures:
-        rgb = np.asarray(Image.open(picture).convert("RGB"))[:height, :width]
+    for image in images:
+        rgb = np.asarray(Image.open(image).convert("RGB"))[:height, :width]
         try:
             writer.send(np.ascontiguousarray(rgb))
         except OSError:

@@ -34,7 +34,7 @@ from ..render.tracers.surfels.cache import build_key, surfels_of
 from ..render.tracers.surfels.model import LIDARSIM, PROXY, SurfelScene, SurfelSettings
 from ..render.tracers.surfels.tracer import SurfelBackend
 from ..render.tracers.warping.tracer import WarpBackend
-from ..sensors.error_bound import Bound
+from ..sensors.error_bound import ErrorBound
 from ..world.drive import Drive
 from ..world.replay import DriveStates, parked_boxes
 
@@ -85,7 +85,7 @@ def compiled(device: str, scenes: Iterable[Path] = ()) -> bool:
 
 @lru_cache(maxsize=64)
 def _not_taken(stamped: tuple[Any, ...]) -> str:
-    """`not_taken` of the scene that a stamp is of: the header need not be read for every picture of a view."""
+    """`not_taken` of the scene that a stamp is of: the header need not be read for every image of a view."""
     return not_taken(ModelConfig.from_dict(read_scene_header(stamped[0]).model))
 
 
@@ -101,7 +101,7 @@ def environment(device: str, scenes: Iterable[Path] = ()) -> dict[str, str]:
 
 
 def stamp(scene: Path) -> tuple[Any, ...]:
-    """What changes when a trained scene is written anew. A digest would take longer than a picture of the view."""
+    """What changes when a trained scene is written anew. A digest would take longer than an image of the view."""
     files = [scene / name for name in (HEADER_NAME, WEIGHTS_NAME)]
     return scene, *((file.stat().st_mtime_ns, file.stat().st_size) if file.is_file() else None for file in files)
 
@@ -178,7 +178,7 @@ class BoundedSource:
     """The same of a renderer whose error is bounded."""
 
     source: SceneSource
-    bounds: tuple[Bound, ...]
+    bounds: tuple[ErrorBound, ...]
 
     def __call__(self) -> BoundedRenderer:
         """Load what the source loads. Raises `SceneError`."""
@@ -261,7 +261,7 @@ class Source(Protocol):
         ...
 
 
-class Wanted(NamedTuple):
+class RendererSpec(NamedTuple):
     """What a renderer is made for: a log's folder, a trained scene's, the edited drive, settings, frames to learn from."""
 
     log: Path
@@ -279,22 +279,22 @@ def method_of(scene: Path) -> str:
     return ModelConfig.from_dict(read_scene_header(scene).model).method
 
 
-def _trained(name: str, wanted: Wanted) -> Source:
-    if wanted.scene is None:
-        raise ScenarioError(f'{wanted.log}: has no trained scene to render with; train one with "unisim train"')
-    if (method := method_of(wanted.scene)) != name:
-        raise ScenarioError(f'{wanted.scene}: was trained by the method "{method}", not by "{name}"')
-    return SceneSource(wanted.scene, wanted.drive, wanted.quality, wanted.device, wanted.draw, wanted.shadows)
+def _trained(name: str, spec: RendererSpec) -> Source:
+    if spec.scene is None:
+        raise ScenarioError(f'{spec.log}: has no trained scene to render with; train one with "unisim train"')
+    if (method := method_of(spec.scene)) != name:
+        raise ScenarioError(f'{spec.scene}: was trained by the method "{method}", not by "{name}"')
+    return SceneSource(spec.scene, spec.drive, spec.quality, spec.device, spec.draw, spec.shadows)
 
 
-def _untrained(name: str, wanted: Wanted) -> Source:
-    return LogSource(name, wanted.log, wanted.drive, wanted.frames, wanted.quality, wanted.draw, wanted.shadows)
+def _untrained(name: str, spec: RendererSpec) -> Source:
+    return LogSource(name, spec.log, spec.drive, spec.frames, spec.quality, spec.draw, spec.shadows)
 
 
 class RendererKind(NamedTuple):
     """``source`` makes a renderer's source. ``trained`` renderers see the drive as their trained scene refined it."""
 
-    source: Callable[[Wanted], Source]
+    source: Callable[[RendererSpec], Source]
     trained: bool
 
 

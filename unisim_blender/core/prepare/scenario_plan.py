@@ -1,4 +1,4 @@
-"""From a scenario's file to what is rendered: its own wishes, and over them the command line's."""
+"""From a scenario's file to what is rendered: its own options, and over them the command line's."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from ..errors import ScenarioError, UnisimError
 from ..output.frame_files import FORMATS
 from ..scenario import scenario_to_json
 from ..scenario.types import Outputs, Scenario
-from ..sensors.error_bound import Bound
+from ..sensors.error_bound import ErrorBound
 from ..sensors.frames import CAMERA_PASSES
 from ..sequence.plan import FrameRenderer, RenderPlan, SequenceSettings
-from .cannot import warnings
-from .renderers import RENDERERS, UNTRAINED_DEFAULT, BoundedSource, SceneSource, Wanted, environment, method_of, scene_paths
+from .capabilities import capability_warnings
+from .renderers import RENDERERS, UNTRAINED_DEFAULT, BoundedSource, RendererSpec, SceneSource, environment, method_of, scene_paths
 from .scenario import PreparedScenario, prepare_scenario
 from .selection import check_names, select_frames
 
@@ -26,7 +26,7 @@ SEQUENCE_FORMATS = ("pandaset", "video")
 
 
 @dataclass(frozen=True)
-class Wishes:
+class RenderOptions:
     """What the command line asks for; None leaves it to the scenario, and then to the defaults."""
 
     frames: str | None = None
@@ -36,54 +36,54 @@ class Wishes:
     quality: str | None = None
     device: str = "cpu"
     draw: int | None = None
-    max_error: tuple[Bound, ...] = ()
+    max_error: tuple[ErrorBound, ...] = ()
     renderer: str | None = None
     sources: str | None = None
     scene: Path | None = None
 
 
-def plan_scenario(path: Path, wishes: Wishes) -> tuple[RenderPlan, PreparedScenario]:
+def plan_scenario(path: Path, options: RenderOptions) -> tuple[RenderPlan, PreparedScenario]:
     """Open a scenario, or a log alone, and say what to render of it: by the renderer that is wished for, else with its trained
     scene, and by surfels where it names none. Raises `UnisimError`."""
-    prepared = prepare_scenario(path, wishes.renderer is None or RENDERERS[wishes.renderer].trained, wishes.scene)
-    name = wishes.renderer or (UNTRAINED_DEFAULT if prepared.scene_path is None else method_of(prepared.scene_path))
+    prepared = prepare_scenario(path, options.renderer is None or RENDERERS[options.renderer].trained, options.scene)
+    name = options.renderer or (UNTRAINED_DEFAULT if prepared.scene_path is None else method_of(prepared.scene_path))
     if RENDERERS[name].trained and prepared.scene_path is None:
         raise ScenarioError(
             f'{path}: scene: names no trained scene to render with; give one with --scene, or train one with "unisim train"'
         )
-    if wishes.sources is not None and RENDERERS[name].trained:
+    if options.sources is not None and RENDERERS[name].trained:
         raise ScenarioError(f'{path}: what the renderer "{name}" learnt from was chosen when it was trained, not by --sources')
     drive, outputs = prepared.edited, prepared.scenario.outputs or Outputs()
     # a log's plain points, without a beam table, are no sensor that could be simulated
     there = (*drive.cameras, *(name for name, lidar in drive.lidars.items() if lidar.model.beams))
-    sensors = there if wishes.sensors is None else wishes.sensors
+    sensors = there if options.sensors is None else options.sensors
     check_names("sensor", sensors, there)
-    passes = wishes.passes or outputs.passes or ("rgb",)
+    passes = options.passes or outputs.passes or ("rgb",)
     check_names("pass", passes, CAMERA_PASSES)
-    frames = drive.frames if wishes.frames is None else select_frames(wishes.frames, sorted(drive.time_s))
-    quality = wishes.quality or outputs.quality or "balanced"
+    frames = drive.frames if options.frames is None else select_frames(options.frames, sorted(drive.time_s))
+    quality = options.quality or outputs.quality or "balanced"
     settings = SequenceSettings(
         cameras=tuple(name for name in drive.cameras if name in sensors),
         lidars=tuple(name for name in drive.lidars if name in sensors),
-        # rgb is always there: it is what the picture's files hold
+        # rgb is always there: it is what the image's files hold
         passes=tuple(name for name in CAMERA_PASSES if name in passes or name == "rgb"),
         formats=tuple(name for name in FORMATS if name in (outputs.formats or FORMATS)),
-        width=wishes.width or outputs.width,
+        width=options.width or outputs.width,
         quality=quality,
-        device=wishes.device,
-        draw=wishes.draw,
+        device=options.device,
+        draw=options.draw,
         contact_shadows=bool(outputs.contact_shadows),
-        max_error=tuple(map(str, wishes.max_error)),
+        max_error=tuple(map(str, options.max_error)),
         renderer=name,
     )
-    sources = None if wishes.sources is None else select_frames(wishes.sources, prepared.recorded.frames, "--sources")
+    sources = None if options.sources is None else select_frames(options.sources, prepared.recorded.frames, "--sources")
     about: dict[str, Any] = {
         "scenario": {"name": prepared.scenario.name, "sha256": scenario_hash(prepared.scenario)},
         "log": {"name": drive.name, "world_origin": drive.world_origin.tolist()},
     }
     source = RENDERERS[name].source(
-        Wanted(
-            prepared.scenario.log_path, prepared.scene_path, drive, quality, wishes.device, wishes.draw,
+        RendererSpec(
+            prepared.scenario.log_path, prepared.scene_path, drive, quality, options.device, options.draw,
             settings.contact_shadows, sources,
         )
     )  # fmt: skip
@@ -92,13 +92,13 @@ def plan_scenario(path: Path, wishes: Wishes) -> tuple[RenderPlan, PreparedScena
     scenes: tuple[Path, ...] = ()
     if isinstance(source, SceneSource):
         scenes = tuple(scene_paths(source.scene, drive))
-        if cannot := warnings(source.scene, prepared.recorded, drive, bool(settings.lidars)):
-            about["warnings"] = cannot
-        if wishes.max_error:
-            make = BoundedSource(source, wishes.max_error)
-    elif wishes.max_error:
-        raise UnisimError(f"--max-error {wishes.max_error[0]}: holds for trained scenes, not for --renderer {name}")
-    plan = RenderPlan(drive, frames, settings, make, hashes, environment(wishes.device, scenes), about, source.captures())
+        if missing := capability_warnings(source.scene, prepared.recorded, drive, bool(settings.lidars)):
+            about["warnings"] = missing
+        if options.max_error:
+            make = BoundedSource(source, options.max_error)
+    elif options.max_error:
+        raise UnisimError(f"--max-error {options.max_error[0]}: holds for trained scenes, not for --renderer {name}")
+    plan = RenderPlan(drive, frames, settings, make, hashes, environment(options.device, scenes), about, source.captures())
     return plan, prepared
 
 

@@ -1,4 +1,4 @@
-"""Who is on: a state's actors, copied and removed boxes of space, and whose looks they have. A tracer makes its tables of it."""
+"""The active actors of a state by the scene of their appearances, and copied and removed boxes of space."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ import numpy as np
 
 from ..errors import SceneError
 from ..geometry import Trajectory
-from ..meshes.meeting import Extras
+from ..meshes.hits import MeshActors
 from ..world.drive import Actor, Box, Look, StaticCopy
 from ..world.state import WorldState
 
 
 @dataclass(frozen=True)
-class Troupe:
+class ActorSet:
     """Actors whose looks come from one scene, and each one's row of that scene's tables."""
 
     actors: tuple[Actor, ...]
@@ -28,47 +28,47 @@ class Troupe:
 
 
 @dataclass(frozen=True)
-class Cast:
-    """``own`` are actors with looks of the scene itself, ``guests`` those of other scenes by their paths, in order; ``extras``
-    are meshes. ``removals`` are boxes in which nothing stands above the ground; ``targets`` are boxes of copies, as actors that
-    stand still throughout, and ``sources`` where each one's content is."""
+class ActiveActors:
+    """``own`` are actors with looks of the scene itself, ``foreign`` those of other scenes by their paths, in order;
+    ``mesh_actors`` are meshes. ``removals`` are boxes in which nothing stands above the ground; ``targets`` are boxes of copies,
+    as actors that stand still throughout, and ``sources`` where each one's content is."""
 
-    own: Troupe
-    guests: dict[str, Troupe] = field(default_factory=dict)
+    own: ActorSet
+    foreign: dict[str, ActorSet] = field(default_factory=dict)
     removals: tuple[Box, ...] = ()
     targets: tuple[Actor, ...] = ()
     sources: tuple[Box, ...] = ()
-    extras: Extras = field(default_factory=lambda: Extras(()))
+    mesh_actors: MeshActors = field(default_factory=lambda: MeshActors(()))
 
     @property
     def uids(self) -> tuple[str, ...]:
-        """Every actor's id: own ones, then guests', then meshes'; instance n + 1 is the n-th of them."""
-        return self.own.uids + tuple(uid for troupe in self.guests.values() for uid in troupe.uids) + self.extras.uids
+        """Every actor's id: own ones, then foreign actors', then meshes'; instance n + 1 is the n-th of them."""
+        return self.own.uids + tuple(uid for actor_set in self.foreign.values() for uid in actor_set.uids) + self.mesh_actors.uids
 
 
-def gather_cast(state: WorldState, looks: Mapping[str, Sequence[str] | None]) -> Cast:
-    """The cast of a state. ``looks`` are the actors that the rows of each scene's tables belong to, the scene's own under "",
-    others' under their paths, None for a scene that is one field: it has no own actors, and what a state says of them is left
-    out. Raises `SceneError`."""
+def active_actors(state: WorldState, looks: Mapping[str, Sequence[str] | None]) -> ActiveActors:
+    """The active actors of a state. ``looks`` are the actors that the rows of each scene's tables belong to, the scene's own
+    under "", others' under their paths, None for a scene that is one field: it has no own actors, and what a state says of them
+    is left out. Raises `SceneError`."""
     one_field = looks[""] is None
     actors = [a for a in state.actors if not one_field or a.look.scene or a.look.mesh]
-    guests = {}
+    foreign = {}
     for path in sorted({a.look.scene for a in actors if a.look.scene}):
         if path not in looks:
             raise SceneError(f"{path}: this trained scene is needed for an inserted actor and was not loaded")
-        guests[path] = _troupe(looks[path], [a for a in actors if a.look.scene == path])
-    return Cast(
-        own=_troupe(looks[""], [a for a in actors if not a.look.scene and not a.look.mesh]),
-        guests=guests,
+        foreign[path] = _actor_set(looks[path], [a for a in actors if a.look.scene == path])
+    return ActiveActors(
+        own=_actor_set(looks[""], [a for a in actors if not a.look.scene and not a.look.mesh]),
+        foreign=foreign,
         removals=state.removed_boxes,
         targets=tuple(_target(state, copy) for copy in state.static_copies),
         sources=tuple(copy.source for copy in state.static_copies),
         # ego bodies last: the numbers of other meshes are the same for sensors that do not see them
-        extras=Extras(sorted((a for a in actors if a.look.mesh), key=lambda a: a.is_ego_body)),
+        mesh_actors=MeshActors(sorted((a for a in actors if a.look.mesh), key=lambda a: a.is_ego_body)),
     )
 
 
-def _troupe(looks: Sequence[str] | None, actors: list[Actor]) -> Troupe:
+def _actor_set(looks: Sequence[str] | None, actors: list[Actor]) -> ActorSet:
     rows = {uid: row for row, uid in enumerate(looks or ())}
     for actor in actors:
         if actor.look.actor not in rows:
@@ -76,7 +76,7 @@ def _troupe(looks: Sequence[str] | None, actors: list[Actor]) -> Troupe:
             raise SceneError(
                 f"actor {actor.uid!r} has the look of {actor.look.actor!r}, which the trained scene{where} does not hold"
             )
-    return Troupe(tuple(actors), tuple(rows[actor.look.actor] for actor in actors))
+    return ActorSet(tuple(actors), tuple(rows[actor.look.actor] for actor in actors))
 
 
 def _target(state: WorldState, copy: StaticCopy) -> Actor:

@@ -1,9 +1,9 @@
 """Frames whose error is bounded: the cheapest settings that keep it, as a sample of rays held against the truth says.
 
 A sweep's beams hang on nothing but themselves, so a sample of them, rendered at every settings and at the truth, says at most how
-large a quantile of all errors is, whatever their distribution. A picture's squared errors are another matter: one pixel in two
+large a quantile of all errors is, whatever their distribution. An image's squared errors are another matter: one pixel in two
 thousand can hold half of their sum, and no sample of a frame meets enough of these. So settings are chosen by pixels of frames
-all over the drive, once for each camera; each picture is then checked by pixels of its own, more of them where it has edges, and
+all over the drive, once for each camera; each image is then checked by pixels of its own, more of them where it has edges, and
 what the worst pixels add to it is taken from the drive's. A frame's settings hang on the drive and on itself alone, never on what
 was rendered before.
 """
@@ -21,7 +21,16 @@ from numpy.typing import NDArray
 from ..colour import lab_from_srgb
 from ..geometry import FloatArray
 from ..sensors.camera import pixel_grid
-from ..sensors.error_bound import Bound, Check, Promise, depth_errors, drawn, mean_at_most, quantile_check, sample_frames
+from ..sensors.error_bound import (
+    BoundCheck,
+    ErrorBound,
+    ErrorBoundResult,
+    depth_errors,
+    drawn,
+    mean_at_most,
+    quantile_check,
+    sample_frames,
+)
 from ..sensors.frames import CameraFrame, LidarFrame
 from .drive_renderer import DriveRenderer
 from .quality import LADDER, TRUTH, Quality
@@ -33,17 +42,17 @@ BEAMS = 512
 PIXELS = 1024
 """So many pixels of each of `sample_frames` choose a camera's settings."""
 CHECKED = 900
-"""Pixels of each picture that are checked."""
+"""Pixels of each image that are checked."""
 PATCH, PATCHES, CHECKED_PATCHES = 16, 2, 16
-"""The same where a pixel hangs on others: squares of so many pixels, of each frame and of each picture."""
+"""The same where a pixel hangs on others: squares of so many pixels, of each frame and of each image."""
 WORST = 0.02
-"""This share of a drive's pixels is too rare to be judged by one picture's sample."""
+"""This share of a drive's pixels is too rare to be judged by one image's sample."""
 WORST_MARGIN = 1.5
-"""How much more the worst pixels may add to a picture than to the drive's mean one."""
+"""How much more the worst pixels may add to an image than to the drive's mean one."""
 OF_DRIVE, OF_PICTURE = 1.0, 2.5
-"""How many standard errors are added to a mean over the drive's pixels, and over a picture's."""
+"""How many standard errors are added to a mean over the drive's pixels, and over an image's."""
 START_MARGIN = 1.5
-"""Settings are tried first that the drive's pixels say keep the bound by so much: a second picture costs more."""
+"""Settings are tried first that the drive's pixels say keep the bound by so much: a second image costs more."""
 
 Colours = NDArray[np.float64]
 
@@ -52,7 +61,7 @@ class BoundedRenderer:
     """Renders a drive so that ``bounds`` are kept; sensors that none is for at the renderer's own quality. ``seed`` is of the
     samples."""
 
-    def __init__(self, renderer: DriveRenderer, bounds: Sequence[Bound], seed: int = 0) -> None:
+    def __init__(self, renderer: DriveRenderer, bounds: Sequence[ErrorBound], seed: int = 0) -> None:
         self.renderer, self.seed = renderer, seed
         self.of_depth = tuple(bound for bound in bounds if bound.unit == "mm")
         self.of_colour = tuple(bound for bound in bounds if bound.unit != "mm")
@@ -72,12 +81,12 @@ class BoundedRenderer:
         for name, quality in LADDER.items():
             with at_quality(self.renderer, quality):
                 errors = depth_errors(self.renderer.rays_lidar(*sample)[0], truth)
-            promise = Promise(name, BEAMS, tuple(quantile_check(bound, errors) for bound in self.of_depth))
-            if promise.kept:
+            error_bound = ErrorBoundResult(name, BEAMS, tuple(quantile_check(bound, errors) for bound in self.of_depth))
+            if error_bound.kept:
                 break
         with at_quality(self.renderer, quality):
             sweep = self.renderer.lidar(lidar_id, frame)
-        sweep.promise = promise
+        sweep.error_bound = error_bound
         return sweep
 
     def camera(self, camera_id: str, frame: int, passes: Sequence[str] = ("rgb",), width: int | None = None) -> CameraFrame:
@@ -91,18 +100,18 @@ class BoundedRenderer:
         scale = START_MARGIN
         names = list(LADDER)
         while True:
-            # what a picture showed of its own errors moves what is expected of those to come
+            # what an image showed of its own errors moves what is expected of those to come
             name = next((n for n in names if drive.keeps(n, self.of_colour, scale)), names[-1])
             with at_quality(self.renderer, LADDER[name]):
-                picture = self.renderer.camera(camera_id, frame, passes, width)
+                image = self.renderer.camera(camera_id, frame, passes, width)
             if sample is None:
                 rng = np.random.default_rng([self.seed, frame, *camera_id.encode()])
-                sample = _Checked(patches, frame, picture.rgb, rng)
-            checks = tuple(sample.check(bound, picture.rgb, drive.errors(name)) for bound in self.of_colour)
-            picture.promise = Promise(name, len(sample.units), checks)
+                sample = _Checked(patches, frame, image.rgb, rng)
+            checks = tuple(sample.check(bound, image.rgb, drive.errors(name)) for bound in self.of_colour)
+            image.error_bound = ErrorBoundResult(name, len(sample.units), checks)
             names = names[names.index(name) + 1 :]
-            if picture.promise.kept or not names:
-                return picture
+            if image.error_bound.kept or not names:
+                return image
             scale = max(1.0, max(check.most / max(drive.errors(name).at_most(check.bound), 1e-20) for check in checks))
 
 
@@ -118,31 +127,31 @@ def at_quality(renderer: DriveRenderer, quality: Quality) -> Iterator[None]:
 
 
 def colour_errors(rgb: Colours, truth: Colours) -> dict[str, FloatArray]:
-    """Errors (N,) of colours (N, 3), by `Bound.unit`: mean squares, and colour differences."""
+    """Errors (N,) of colours (N, 3), by `ErrorBound.unit`: mean squares, and colour differences."""
     lab = [lab_from_srgb(np.asarray(x, np.float32)) for x in (rgb, truth)]
     return {"dB": ((rgb - truth) ** 2).mean(-1), "dE": np.linalg.norm(lab[0] - lab[1], axis=-1)}
 
 
 @dataclass(frozen=True)
 class _Errors:
-    """Of a drive's pixels at one settings, by `Bound.unit`."""
+    """Of a drive's pixels at one settings, by `ErrorBound.unit`."""
 
     of_pixels: dict[str, FloatArray]
 
-    def at_most(self, bound: Bound) -> float:
+    def at_most(self, bound: ErrorBound) -> float:
         return mean_at_most(self.of_pixels[bound.unit], OF_DRIVE)
 
-    def cap(self, bound: Bound) -> float:
+    def cap(self, bound: ErrorBound) -> float:
         """The error that the WORST pixels exceed."""
         return float(np.quantile(self.of_pixels[bound.unit], 1 - WORST))
 
-    def beyond(self, bound: Bound) -> float:
+    def beyond(self, bound: ErrorBound) -> float:
         """What errors add to their mean by what they exceed the cap, at most."""
         return mean_at_most(np.maximum(self.of_pixels[bound.unit] - self.cap(bound), 0), OF_DRIVE)
 
 
 class Patches:
-    """A camera's pictures as squares of ``side`` pixels: single pixels, where each hangs on its own ray alone."""
+    """A camera's images as squares of ``side`` pixels: single pixels, where each hangs on its own ray alone."""
 
     def __init__(self, renderer: DriveRenderer, camera_id: str, width: int | None) -> None:
         self.renderer, self.width = renderer, width
@@ -170,11 +179,11 @@ class Patches:
         areas = [(r.right - r.left) * (r.bottom - r.top) for r in map(self.region, units)] if self.side > 1 else 1
         return np.repeat(np.arange(len(units)), areas)
 
-    def shown(self, picture: NDArray[np.float32], units: NDArray[np.int64]) -> Colours:
-        """What a picture (h, w, 3) shows in these patches (N, 3)."""
+    def shown(self, image: NDArray[np.float32], units: NDArray[np.int64]) -> Colours:
+        """What an image (h, w, 3) shows in these patches (N, 3)."""
         if self.side == 1:
-            return np.clip(picture.reshape(-1, 3)[units], 0, 1).astype(np.float64)
-        parts = [picture[r.top : r.bottom, r.left : r.right].reshape(-1, 3) for r in map(self.region, units)]
+            return np.clip(image.reshape(-1, 3)[units], 0, 1).astype(np.float64)
+        parts = [image[r.top : r.bottom, r.left : r.right].reshape(-1, 3) for r in map(self.region, units)]
         return np.clip(np.concatenate(parts), 0, 1).astype(np.float64)
 
     def rendered(self, frame: int, units: NDArray[np.int64], quality: Quality) -> Colours:
@@ -214,17 +223,17 @@ class _DrivePixels:
             self._errors[name] = _Errors(colour_errors(self._rendered(LADDER[name]), self._truth))
         return self._errors[name]
 
-    def keeps(self, name: str, bounds: Sequence[Bound], scale: float) -> bool:
-        """Whether settings are expected to keep the bounds in a picture whose errors are ``scale`` times the drive's."""
+    def keeps(self, name: str, bounds: Sequence[ErrorBound], scale: float) -> bool:
+        """Whether settings are expected to keep the bounds in an image whose errors are ``scale`` times the drive's."""
         return all(scale * self.errors(name).at_most(bound) <= bound.most for bound in bounds)
 
 
 class _Checked:
-    """Patches of a picture and their truth, drawn where the picture has edges more than elsewhere: there most errors are."""
+    """Patches of an image and their truth, drawn where the image has edges more than elsewhere: there most errors are."""
 
-    def __init__(self, patches: Patches, frame: int, picture: NDArray[np.float32], rng: np.random.Generator) -> None:
+    def __init__(self, patches: Patches, frame: int, image: NDArray[np.float32], rng: np.random.Generator) -> None:
         self.patches = patches
-        weights = edges(picture)
+        weights = edges(image)
         weights += 0.5 * weights.mean() + 1e-6
         side = patches.side
         weights = np.add.reduceat(
@@ -238,22 +247,22 @@ class _Checked:
         self._truth = patches.rendered(frame, self.units, TRUTH)
 
     def _terms(self, of_pixels: FloatArray) -> FloatArray:
-        """What each patch says of the picture's mean (Hansen & Hurwitz 1943)."""
+        """What each patch says of the image's mean (Hansen & Hurwitz 1943)."""
         return np.bincount(self._owners, of_pixels, len(self.units)) * self._scale
 
-    def check(self, bound: Bound, picture: NDArray[np.float32], drive: _Errors) -> Check:
-        """A bound in a picture of the same frame, beside the drive's errors at the same settings."""
-        errors = colour_errors(self.patches.shown(picture, self.units), self._truth)[bound.unit]
+    def check(self, bound: ErrorBound, image: NDArray[np.float32], drive: _Errors) -> BoundCheck:
+        """A bound in an image of the same frame, beside the drive's errors at the same settings."""
+        errors = colour_errors(self.patches.shown(image, self.units), self._truth)[bound.unit]
         terms, capped = self._terms(errors), self._terms(np.minimum(errors, drive.cap(bound)))
         most = max(mean_at_most(terms, OF_PICTURE), mean_at_most(capped, OF_PICTURE) + WORST_MARGIN * drive.beyond(bound))
-        return Check(bound, float(terms.mean()), most)
+        return BoundCheck(bound, float(terms.mean()), most)
 
 
-def edges(picture: NDArray[np.float32]) -> FloatArray:
+def edges(image: NDArray[np.float32]) -> FloatArray:
     """How far each pixel's colour (h, w, 3) is from its four neighbours' at most, the largest of its channels (h, w)."""
-    out = np.zeros(picture.shape[:2])
+    out = np.zeros(image.shape[:2])
     for a, b, axis in ((out[1:], out[:-1], 0), (out[:, 1:], out[:, :-1], 1)):
-        step = np.abs(np.diff(picture, axis=axis)).max(-1)
+        step = np.abs(np.diff(image, axis=axis)).max(-1)
         np.maximum(a, step, out=a)
         np.maximum(b, step, out=b)
     return out

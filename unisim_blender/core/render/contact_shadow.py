@@ -26,7 +26,7 @@ NOTHING_M = 5 * REACH_M
 def shaded(
     rgb: NDArray[np.float32], points: FloatArray, ground: BoolArray, actors: Iterable[Actor], time_s: float
 ) -> NDArray[np.float32]:
-    """The picture (H, W, 3), display-referred sRGB, with shadows of ``actors`` at a time.
+    """The image (H, W, 3), display-referred sRGB, with shadows of ``actors`` at a time.
 
     points (H, W, 3) are what the pixels show, in the world; ``ground`` (H, W) those that show no actor.
     """

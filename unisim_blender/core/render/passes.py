@@ -1,4 +1,4 @@
-"""What a picture holds beside its colours: depth, normal, instance, opacity, and what nothing recorded supports."""
+"""What an image holds beside its colours: depth, normal, instance, opacity, and what nothing recorded supports."""
 
 from __future__ import annotations
 

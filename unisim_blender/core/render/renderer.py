@@ -2,7 +2,7 @@
 
 camera_rays / lidar_rays    which rays, when, from where                   sensors/
 Backend.bind                the scene, ready for this state                tracer.py
-met_by_camera, met_by_rays  where rays meet meshes                         meshes/
+hit_by_camera, hit_by_rays  where rays meet meshes                         meshes/
 Tracer.trace                samples, fields, depth order, passes
 Tracer.image, returns       features to pixels, to intensity and returns
 shaded, fill_passes         contact shadows, cells to pixels               contact_shadow.py, passes.py
@@ -32,7 +32,7 @@ from ..sensors.rays import Rays
 from ..world.drive import Actor, Camera, Lidar
 from ..world.state import WorldState
 from .contact_shadow import NOTHING_M, shaded
-from .lattice.blocks import CROWDED, Picture
+from .lattice.blocks import CROWDED, SparseImage
 from .lattice.lattice import aligned, grown
 from .passes import fill_passes
 from .regions import Region, Tile
@@ -168,7 +168,7 @@ class Renderer:
         """Return whether a pixel's colour depends on its own ray and on nothing else."""
         tracer = self.tracer(state)
         single = tracer.reach == 0 and tracer.upsample == 1
-        return single and not tracer.cast.extras.seen_by(camera).actors and not self._shadowing(state, camera)
+        return single and not tracer.active.mesh_actors.seen_by(camera).actors and not self._shadowing(state, camera)
 
     def pixels(self, state: WorldState, camera: Camera, time_s: float, u: FloatArray, v: FloatArray) -> NDArray[np.float32]:
         """Return colours (N, 3) of pixels (N,) that are `alone`."""
@@ -212,22 +212,25 @@ class Renderer:
         # centres of columns (1, W) and of rows (H, 1)
         u, v = np.arange(columns.start, columns.stop)[None] + 0.5, np.arange(rows.start, rows.stop)[:, None] + 0.5
         shape = v.shape[0], u.shape[1]
-        cast = tracer.cast
-        crowd = [*cast.extras.seen_by(camera).actors, *(a for troupe in cast.guests.values() for a in troupe.actors)]
+        active = tracer.active
+        in_view = [
+            *active.mesh_actors.seen_by(camera).actors,
+            *(a for actor_set in active.foreign.values() for a in actor_set.actors),
+        ]
 
         def trace(numbers: NDArray[np.int64]) -> tuple[NDArray[np.float32], Maps]:
             y, x = np.divmod(numbers, shape[1])
             cells = u[:, x], v[y].T
             rays = camera_rays(camera, time_s, *cells).flat()
             image, maps = self._seen(exposure, cells, rays, 1)
-            if crowd and size > 1:
+            if in_view and size > 1:
                 # meshes are sharper than what the scene learnt, and so may be what others learnt
-                maps[CROWDED] = beside_boxes(crowd, rays, size / model.fx)
+                maps[CROWDED] = beside_boxes(in_view, rays, size / model.fx)
             return image[0], maps
 
-        picture = Picture(shape)
-        for stride, done in grown(picture, size, tracer.quality.spread, trace, coarse, band):
-            values = {name: x.reshape(*shape, *x.shape[1:]) for name, x in picture.values.items() if name != CROWDED}
+        sparse = SparseImage(shape)
+        for stride, done in grown(sparse, size, tracer.quality.spread, trace, coarse, band):
+            values = {name: x.reshape(*shape, *x.shape[1:]) for name, x in sparse.values.items() if name != CROWDED}
             if stride > 1:
                 few = {name: values[name][::stride, ::stride] for name in ("rgb", "unsupported") if name in values}
                 preview = CameraFrame(model, camera.world_from_camera.at(time_s), few["rgb"], unsupported=few.get("unsupported"))
@@ -258,12 +261,12 @@ class Renderer:
                 exposure.lights[actor.uid] = self._light(exposure, actor)
             return exposure.lights[actor.uid]
 
-        seen = tracer.cast.extras.seen_by(exposure.camera)
-        met = seen.met_by_camera(exposure.camera, exposure.time_s, (u, v), flat, up, NEAR_M, light)
-        found = tracer.trace(rays, exposure.needed, True, met, exposure.stats)
+        seen = tracer.active.mesh_actors.seen_by(exposure.camera)
+        mesh_hits = seen.hit_by_camera(exposure.camera, exposure.time_s, (u, v), flat, up, NEAR_M, light)
+        found = tracer.trace(rays, exposure.needed, True, mesh_hits, exposure.stats)
         image = tracer.image(found, flat.directions, exposure.camera.sensor_id, u.shape)
-        if met is not None and found.mesh_opacity is not None:
-            image = met.over(image, found.mesh_opacity, u.shape)
+        if mesh_hits is not None and found.mesh_opacity is not None:
+            image = mesh_hits.over(image, found.mesh_opacity, u.shape)
         return image, found.maps
 
     def _frame(
@@ -284,7 +287,7 @@ class Renderer:
             image = self._shaded(exposure, image, rays, maps)
         exposure.stats.seconds["picture"] = time.perf_counter() - exposure.begun
         pose = camera.world_from_camera.at(time_s)
-        out = CameraFrame(camera.model, pose, image[inner], instances=exposure.tracer.cast.uids, stats=exposure.stats)
+        out = CameraFrame(camera.model, pose, image[inner], instances=exposure.tracer.active.uids, stats=exposure.stats)
         shape = -(-image.shape[0] // up), -(-image.shape[1] // up)
         fill_passes(out, {name: x for name, x in maps.items() if name in exposure.passes}, along, shape, up, inner)
         return out
@@ -334,7 +337,7 @@ class Renderer:
         stats.seconds = {"trace": time.perf_counter() - begun}
         return LidarFrame(
             lidar.model, lidar.world_from_lidar.at(time_s), rays.origins, rays.directions, rays.time_s,
-            depth, intensity, probability, returned, instance, self.tracer(state).cast.uids, stats,
+            depth, intensity, probability, returned, instance, self.tracer(state).active.uids, stats,
         )  # fmt: skip
 
     def beams(
@@ -345,13 +348,13 @@ class Renderer:
         without it, all is seen."""
         stats = RenderStats() if stats is None else stats
         flat, tracer = rays.flat(), self.tracer(state)
-        extras = tracer.cast.extras
-        met = (extras if lidar is None else extras.seen_by(lidar)).met_by_rays(flat, NEAR_M)
-        found = tracer.trace(rays, {"instance", "depth"}, False, met, stats)
+        mesh_actors = tracer.active.mesh_actors
+        mesh_hits = (mesh_actors if lidar is None else mesh_actors.seen_by(lidar)).hit_by_rays(flat, NEAR_M)
+        found = tracer.trace(rays, {"instance", "depth"}, False, mesh_hits, stats)
         intensity, probability = tracer.returns(found, flat.directions)
-        if met is not None and found.mesh_opacity is not None:
+        if mesh_hits is not None and found.mesh_opacity is not None:
             bright = np.zeros_like(intensity)
-            bright[met.ray] = met.intensity
+            bright[mesh_hits.ray] = mesh_hits.intensity
             intensity = _laid_over(intensity, bright, found.mesh_opacity)
             probability = _laid_over(probability, 1.0, found.mesh_opacity)
         depth = np.nan_to_num(found.maps["depth"], posinf=0.0)

@@ -14,12 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry import FloatArray
-from ..meshes.meeting import Met
+from ..meshes.hits import MeshHits
 from ..sensors.frames import RenderStats
 from ..sensors.rays import Rays
 from ..world.drive import Box
 from ..world.state import WorldState
-from .actor_sets import Cast
+from .actor_sets import ActiveActors
 from .quality import Quality
 
 Array = NDArray[np.float32]
@@ -32,13 +32,13 @@ NEAR_M = 0.5
 SIDE = 8
 """Of the square of rays that are traced together."""
 EDGE_CELLS = 8
-"""How far past its edges a guest is carried on, for the decoder to look at."""
+"""How far past its edges a foreign actor is carried on, for the decoder to look at."""
 UNIFORM_STEP_M = 0.2
 """What saved samples are counted beside: a march through the volume in steps of this length."""
 
 
 @dataclass
-class Found:
+class TraceResult:
     """What rays (N,) met. feature (N, F) composited, the far field and the sky included where they were asked for; depth_m (N,)
     the mean distance of what stopped the ray, 0 where nothing did; opacity (N,); maps, one array (N, ...) for each pass."""
 
@@ -46,12 +46,12 @@ class Found:
     depth_m: Own
     opacity: Own
     maps: Maps
-    guest_features: list[Own] = field(default_factory=list)
-    """For each guest scene, by weight, features (N, F') of its own."""
-    guest_opacity: list[Own] = field(default_factory=list)
-    """How much of each ray (N,) each guest scene's actors stop."""
-    without_guests: Own | None = None
-    """``feature`` as if no guest and no mesh were there; None where none is."""
+    foreign_features: list[Own] = field(default_factory=list)
+    """For each foreign scene, by weight, features (N, F') of its own."""
+    foreign_opacity: list[Own] = field(default_factory=list)
+    """How much of each ray (N,) each foreign scene's actors stop."""
+    without_foreign: Own | None = None
+    """``feature`` as if no foreign actor and no mesh were there; None where none is."""
     mesh_opacity: Array | None = None
     """How much of each ray (N,) meshes stop; None where there are none."""
 
@@ -78,21 +78,21 @@ class Tracer(Protocol):
     """Image pixels along one edge of a cell of the feature map."""
     reach: int
     """How many cells away a pixel of `image` can depend on."""
-    cast: Cast
+    active: ActiveActors
     """The actors of the state, by the scene that their looks come from."""
     quality: Quality
     """What may be saved; it may be changed between two calls."""
     trained_width: int | None
     """Width in pixels of the images that the scene learnt from; None for the recorded one."""
 
-    def trace(self, rays: Rays, passes: set[str], sky: bool, met: Met | None, stats: RenderStats) -> Found:
+    def trace(self, rays: Rays, passes: set[str], sky: bool, mesh_hits: MeshHits | None, stats: RenderStats) -> TraceResult:
         """What rays (h, w), or (N,), meet, as flat arrays, with maps of these passes and no other. ``sky`` asks for what gives a
-        camera its background, ``met`` is where the rays meet meshes."""
+        camera its background, ``mesh_hits`` is where the rays meet meshes."""
 
-    def image(self, found: Found, directions: FloatArray, camera_id: str, shape: tuple[int, ...]) -> Array:
-        """The picture (h up, w up, 3) in 0..1, display-referred sRGB, of cells in ``shape`` (h, w), directions (h w, 3)."""
+    def image(self, found: TraceResult, directions: FloatArray, camera_id: str, shape: tuple[int, ...]) -> Array:
+        """The image (h up, w up, 3) in 0..1, display-referred sRGB, of cells in ``shape`` (h, w), directions (h w, 3)."""
 
-    def returns(self, found: Found, directions: FloatArray) -> tuple[Array, Array]:
+    def returns(self, found: TraceResult, directions: FloatArray) -> tuple[Array, Array]:
         """A LiDAR's intensities in 0..1 (N,), and the probabilities (N,) of a return."""
 
     def heights(self, points: FloatArray) -> FloatArray:

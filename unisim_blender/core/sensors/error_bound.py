@@ -1,4 +1,4 @@
-"""Errors that a user bounds, and what a sample of a frame says about them."""
+"""Bounds on a frame's error, and checks of them by a sample of the frame."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ SAMPLE_FRAMES = 16
 
 
 @dataclass(frozen=True)
-class Bound:
+class ErrorBound:
     """``limit`` by ``unit``. mm: the ``quantile`` of the absolute depth error of a sweep's beams is at most that; beams that meet
-    something in the truth or in the render count, infinitely wrong where they do in one alone. dB: a picture's PSNR is at least
+    something in the truth or in the render count, infinitely wrong where they do in one alone. dB: an image's PSNR is at least
     that. dE: the mean colour difference (CIE 1976) of its pixels is at most that."""
 
     unit: str
@@ -46,26 +46,27 @@ class Bound:
 
 
 @dataclass(frozen=True)
-class Check:
-    """What a sample says of a bound: the error's ``estimate``, and what it is at ``most``, as `Bound.most` counts."""
+class BoundCheck:
+    """A bound checked by a sample: the error's ``estimate``, and what it is at ``most``, as `ErrorBound.most` counts."""
 
-    bound: Bound
+    bound: ErrorBound
     estimate: float
     most: float
 
     @property
     def kept(self) -> bool:
-        """Whether the bound is kept even then."""
+        """Whether the error is within the bound even then."""
         return self.most <= self.bound.most
 
 
 @dataclass(frozen=True)
-class Promise:
-    """A frame's: the ``settings``' name in `quality.LADDER`, what was said of each bound, of how many rays or patches."""
+class ErrorBoundResult:
+    """Checks of a frame's bounds: the ``settings``' name in `quality.LADDER`, how many rays or patches the ``sample`` has, and
+    one check for each bound."""
 
     settings: str
     sample: int
-    checks: tuple[Check, ...] = field(default=())
+    checks: tuple[BoundCheck, ...] = field(default=())
 
     @property
     def kept(self) -> bool:
@@ -87,7 +88,7 @@ def sample_frames(time_s: Collection[int]) -> list[int]:
     return [there[i] for i in sorted({round(x) for x in np.linspace(0, len(there) - 1, SAMPLE_FRAMES)})]
 
 
-def parse_bounds(texts: Sequence[str]) -> tuple[Bound, ...]:
+def parse_bounds(texts: Sequence[str]) -> tuple[ErrorBound, ...]:
     """Bounds as the command line writes them: "1mm", "p90:20mm", "40dB", "1.5dE". Raises `UnisimError`."""
     found = []
     for text in texts:
@@ -97,29 +98,29 @@ def parse_bounds(texts: Sequence[str]) -> tuple[Bound, ...]:
                 f'--max-error "{text}": must be a median depth error like 1mm, another percentile of it like p90:20mm, '
                 "a PSNR like 40dB, or a mean colour difference like 1.5dE, above 0"
             )
-        found.append(Bound(UNITS[match[3].lower()], float(match[2]), float(match[1]) / 100 if match[1] else 0.5))
+        found.append(ErrorBound(UNITS[match[3].lower()], float(match[2]), float(match[1]) / 100 if match[1] else 0.5))
     return tuple(sorted(set(found), key=str))
 
 
 def depth_errors(depth_m: NDArray[np.float32], truth_m: NDArray[np.float32]) -> FloatArray:
-    """Absolute errors in mm of depths (...), 0 where a ray meets nothing, as `Bound` counts them: of those that meet something in
-    either (M,)."""
+    """Absolute errors in mm of depths (...), 0 where a ray meets nothing, as `ErrorBound` counts them: of those that meet
+    something in either (M,)."""
     a, b = (np.asarray(x, np.float64).reshape(-1) for x in (depth_m, truth_m))
     both, either = (a > 0) & (b > 0), (a > 0) | (b > 0)
     return np.where(both, np.abs(a - b) * 1e3, np.inf)[either]
 
 
-def quantile_check(bound: Bound, errors: FloatArray) -> Check:
+def quantile_check(bound: ErrorBound, errors: FloatArray) -> BoundCheck:
     """Of a stratified or simple random sample of errors (M,): the quantile, and the order statistic that the frame's quantile
     exceeds with a probability of at most DOUBT, whatever the errors' distribution (David & Nagaraja, "Order Statistics", 7.1;
     Hoeffding 1956 for strata). None met anything: no error."""
     n = len(errors)
     if n == 0:
-        return Check(bound, 0.0, 0.0)
+        return BoundCheck(bound, 0.0, 0.0)
     ordered = np.sort(errors)
     estimate = ordered[max(0, math.ceil(n * bound.quantile) - 1)]
     rank = quantile_rank(n, bound.quantile)
-    return Check(bound, float(estimate), float(ordered[rank - 1]) if rank <= n else math.inf)
+    return BoundCheck(bound, float(estimate), float(ordered[rank - 1]) if rank <= n else math.inf)
 
 
 def quantile_rank(n: int, quantile: float) -> int:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ..geometry import FloatArray
 from ..world.drive import CameraModel, LidarModel
-from .error_bound import Promise
+from .error_bound import ErrorBoundResult
 
 CAMERA_PASSES = ("rgb", "depth", "normal", "instance", "opacity", "unsupported")
 """Passes a camera frame can hold; ``rgb`` alone is rendered where nothing else was asked for."""
@@ -57,7 +57,7 @@ class CameraFrame:
     unsupported: NDArray[np.bool_] | None = None
     instances: tuple[str, ...] = ()
     stats: RenderStats = field(default_factory=RenderStats)
-    promise: Promise | None = None
+    error_bound: ErrorBoundResult | None = None
 
 
 @dataclass
@@ -80,4 +80,4 @@ class LidarFrame:
     instance: NDArray[np.int32]
     instances: tuple[str, ...] = ()
     stats: RenderStats = field(default_factory=RenderStats)
-    promise: Promise | None = None
+    error_bound: ErrorBoundResult | None = None

@@ -170,7 +170,7 @@ def render_frame(plan: RenderPlan, renderer: FrameRenderer, out: Path, work: Wor
             files = write_lidar(out, sensor, frame, plan.drive.lidars[sensor].time_s[frame], sweep, settings.formats)
         identity, sees = work.wanted[name]
         digests = {path.relative_to(out).as_posix(): sha256_of_file(path) for path in files}
-        error = None if shot.promise is None else shot.promise.to_json()
+        error = None if shot.error_bound is None else shot.error_bound.to_json()
         captures[name] = CaptureRecord(identity, digests, sees, _counts(shot.stats), error)
         write_record(out, frame, captures, finished=False)
         seconds[name] = time.monotonic() - started

@@ -1,6 +1,6 @@
-"""The street's paint laid out in pictures: every face of an asset gets its place in an atlas that its material has painted.
+"""The street's paint laid out in images: every face of an asset gets its place in an atlas that its material has painted.
 
-A material is a rule that paints points; a path tracer wants pictures. Flat faces of one plane share a chart, drawn as they lie;
+A material is a rule that paints points; a path tracer wants images. Flat faces of one plane share a chart, drawn as they lie;
 curved surfaces are drawn from the six sides, as rays along the axes meet them; each small face of what is speckled takes one of
 a few colours. Charts are as fine as a camera could see them.
 """
@@ -96,15 +96,15 @@ class _Chart:
 
 
 def painted(asset: Asset, detail: Detail) -> Model:
-    """The asset with its paint in pictures; its parts are `Triangles`. A gap of a texel is between charts."""
+    """The asset with its paint in images; its parts are `Triangles`. A gap of a texel is between charts."""
     charts: list[_Chart] = []
     for number, part in enumerate(asset.parts):
         assert isinstance(part.shape, Triangles), part.shape
         charts += _speckled(number, part, part.shape) if part.shape.speckled else _charts(number, part, part.shape, detail)
     pages = _pack(charts)
     for chart in charts:
-        picture = _speckle_texels(chart) if chart.speckles is not None else _paint(asset.parts[chart.part], chart)
-        pages[chart.page][chart.y : chart.y + chart.height, chart.x : chart.x + chart.width] = picture
+        image = _speckle_texels(chart) if chart.speckles is not None else _paint(asset.parts[chart.part], chart)
+        pages[chart.page][chart.y : chart.y + chart.height, chart.x : chart.x + chart.width] = image
     return _model(asset, charts, pages)
 
 

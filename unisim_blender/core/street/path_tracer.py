@@ -22,7 +22,7 @@ def check_blender() -> None:
 
 
 @dataclass(frozen=True)
-class Wanted:
+class TruthRequest:
     """A scenario whose truth is to be drawn: of which frames, with which cameras."""
 
     scenario: Path
@@ -35,7 +35,7 @@ class Order:
     """What is to be drawn of the street at ``out``: truths, ``width`` pixels wide if not as the log; None: the log's images."""
 
     out: Path
-    truths: tuple[Wanted, ...] | None = None
+    truths: tuple[TruthRequest, ...] | None = None
     width: int | None = None
 
     def text(self) -> str:
@@ -48,17 +48,17 @@ class Order:
         values = json.loads(text)
         truths = values["truths"]
         if truths is not None:
-            truths = tuple(Wanted(Path(t["scenario"]), tuple(t["frames"]), tuple(t["cameras"])) for t in truths)
+            truths = tuple(TruthRequest(Path(t["scenario"]), tuple(t["frames"]), tuple(t["cameras"])) for t in truths)
         return Order(Path(values["out"]), truths, values["width"])
 
 
 def draw_log(out: Path, progress: bool) -> None:
-    """Draw the pictures that the log at ``out`` still lacks. Raises `OutputError`."""
+    """Draw the images that the log at ``out`` still lacks. Raises `OutputError`."""
     _run(Order(out), "pictures", progress)
 
 
-def draw_truths(out: Path, truths: tuple[Wanted, ...], width: int | None, progress: bool) -> None:
-    """Draw the pictures of scenarios' edited drives, and of the unedited one, that the street at ``out`` still lacks.
+def draw_truths(out: Path, truths: tuple[TruthRequest, ...], width: int | None, progress: bool) -> None:
+    """Draw the images of scenarios' edited drives, and of the unedited one, that the street at ``out`` still lacks.
 
     Raises `OutputError`.
     """
@@ -81,7 +81,7 @@ def _run(order: Order, what: str, progress: bool) -> None:
                         bar.reset(event["total"])
                     bar.update("done" in event)
             except BaseException:
-                process.kill()  # pictures appear whole or not at all, so nothing is lost but the one in work
+                process.kill()  # images appear whole or not at all, so nothing is lost but the one in work
                 raise
     if process.returncode != 0:
         raise OutputError(problem or f"{order.out}: Cycles ended with exit code {process.returncode}")

@@ -1,4 +1,4 @@
-"""What a path tracer draws for one picture of a drive: models, where they are while the shutter passes, and the camera."""
+"""What a path tracer draws for one image of a drive: models, where they are while the shutter passes, and the camera."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _MARGIN_RAD = 0.15
 
 @dataclass(frozen=True, eq=False)
 class Item:
-    """A model in a picture: poses (K, 4, 4) street frame at `SHUTTER_KEYS` even times, one where it stands still; scale (3,), how
+    """A model in an image: poses (K, 4, 4) street frame at `SHUTTER_KEYS` even times, one where it stands still; scale (3,), how
     many times larger than the model it is along its own axes."""
 
     name: str
@@ -38,7 +38,7 @@ class Item:
 
 @dataclass(frozen=True, eq=False)
 class Stage:
-    """One picture: its items, the camera with the picture's size, and its poses (K, 4, 4), street frame."""
+    """One image: its items, the camera with the image's size, and its poses (K, 4, 4), street frame."""
 
     items: list[Item]
     camera: Camera
@@ -47,14 +47,14 @@ class Stage:
 
 @dataclass
 class Workshop:
-    """Paints assets, each once, and stages pictures of drives through a street."""
+    """Paints assets, each once, and stages images of drives through a street."""
 
     street: Street
     _models: dict[Asset, Model] = field(default_factory=dict)
     _cut: dict[tuple[object, ...], Model] = field(default_factory=dict)
 
     def stage(self, drive: Drive, camera_id: str, frame: int, width: int | None = None) -> Stage:
-        """A picture of a drive. Who comes or goes while the shutter passes is there if the middle row sees it."""
+        """An image of a drive. Who comes or goes while the shutter passes is there if the middle row sees it."""
         world = make_world(self.street, drive)
         camera = resize(drive.cameras[camera_id], width)
         times = shutter_times(camera, frame)
@@ -77,7 +77,7 @@ class Workshop:
         boxes = placement.holes if placement.clip is None else (placement.clip,)
         if not boxes:
             return model
-        # an edited drive is staged for many pictures: what its boxes leave is worked out once
+        # an edited drive is staged for many images: what its boxes leave is worked out once
         key = (asset, placement.clip is None, *(box.world_from_box.tobytes() + np.asarray(box.size_m).tobytes() for box in boxes))
         if key not in self._cut:
             self._cut[key] = outside(model, boxes) if placement.clip is None else inside(model, boxes[0])

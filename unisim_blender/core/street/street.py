@@ -42,7 +42,7 @@ MOUNTS: dict[str, tuple[tuple[float, float, float], float, float, float]] = {
 class Recipe:
     """All that a street depends on. ``range_noise_m``: deviation of the recorded LiDAR ranges; the truth has none.
 
-    engine: who draws its pictures, one of `ENGINES`; paths: how many paths a pixel Cycles traces.
+    engine: who draws its images, one of `ENGINES`; paths: how many paths a pixel Cycles traces.
     """
 
     seed: int = 0

@@ -80,7 +80,7 @@ class TrainConfig:
     step tell about one pose, and taking a gradient through the hypernetwork costs the same for one step as for four."""
     checkpoint_s: float = 120.0
     preview_s: float | None = None
-    """At most how often a held-out picture is rendered and left in the folder; None: never."""
+    """At most how often a held-out image is rendered and left in the folder; None: never."""
     vgg: str | None = None
     adversarial: bool = False
     weights: LossWeights = field(default_factory=LossWeights)

@@ -6,7 +6,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-from ..ops.ray_segments import Traced
+from ..ops.ray_segments import SegmentTrace
 from .data import LidarBatch
 
 SURFACE_M, SURFACE_SHARE = 0.2, 0.04
@@ -57,7 +57,7 @@ def colour_squares(wrong: Tensor, chroma: float) -> Tensor:
     return wrong.square() + chroma * (wrong - wrong.mean(1, keepdim=True)).square()
 
 
-def lidar_terms(traced: Traced, batch: LidarBatch, inside: Tensor, keep: float = 0.95) -> tuple[dict[str, Tensor], Tensor]:
+def lidar_terms(traced: SegmentTrace, batch: LidarBatch, inside: Tensor, keep: float = 0.95) -> tuple[dict[str, Tensor], Tensor]:
     """Depth and free-space terms of LiDAR rays, and which rays (N,) are among the best ``keep`` of those that returned.
 
     The depth term is the expected error of a ray that stops at random, not the error of the expected depth: with that, a surface
@@ -79,29 +79,29 @@ def lidar_terms(traced: Traced, batch: LidarBatch, inside: Tensor, keep: float =
         reach = F.smooth_l1_loss(traced.depth_m[far].clamp_min(1).log(), batch.depth_m[far].log(), beta=0.05)
         opacity = opacity - torch.log(traced.opacity[far].clamp_min(1e-4)).mean() * far.sum() / near.sum().clamp_min(1)
     free, surface_m = traced.feature.new_zeros(()), SURFACE_M + SURFACE_SHARE * batch.depth_m
-    for strand in traced.strands:
-        assert strand.interval_weight is not None
-        gap, surface = strand.stops() - batch.depth_m[strand.ray, None], surface_m[strand.ray, None]
+    for ray_segment in traced.ray_segments:
+        assert ray_segment.interval_weight is not None
+        gap, surface = ray_segment.stops() - batch.depth_m[ray_segment.ray, None], surface_m[ray_segment.ray, None]
         # a beam that came back was free up to where it did, also among the worst: a false surface that stops a whole wall's rays
         # makes them the worst, and would stay for ever
-        wrong = (gap < -surface) & batch.returned[strand.ray, None] | (gap > surface) & good[strand.ray, None]
+        wrong = (gap < -surface) & batch.returned[ray_segment.ray, None] | (gap > surface) & good[ray_segment.ray, None]
         # the weight itself, not its square: a thousandth far behind moves a mean depth by metres
-        free = free + (strand.interval_weight * wrong).sum()
+        free = free + (ray_segment.interval_weight * wrong).sum()
     return {"depth": depth, "reach": reach, "opacity": opacity, "free": free / batch.returned.sum().clamp_min(1)}, good
 
 
-def expected_error(traced: Traced, depth_m: Tensor, worst_m: float = 10.0) -> Tensor:
+def expected_error(traced: SegmentTrace, depth_m: Tensor, worst_m: float = 10.0) -> Tensor:
     """Mean distance in metres (N,) between where rays stop inside the volume and depths (N,), at most ``worst_m`` each, which
     also counts for what is not stopped. It is least where half of what stops a ray has done so at the depth."""
     error = (1 - traced.near_opacity) * worst_m
-    for strand in traced.strands:
-        assert strand.interval_weight is not None
-        gap = (strand.stops() - depth_m[strand.ray, None]).abs().clamp_max(worst_m)
-        error = error.index_add(0, strand.ray, (strand.interval_weight * gap).sum(1))
+    for ray_segment in traced.ray_segments:
+        assert ray_segment.interval_weight is not None
+        gap = (ray_segment.stops() - depth_m[ray_segment.ray, None]).abs().clamp_max(worst_m)
+        error = error.index_add(0, ray_segment.ray, (ray_segment.interval_weight * gap).sum(1))
     return error
 
 
-def distance_band(s: Tensor, offset_m: Tensor) -> Tensor:
+def sdf_band_loss(s: Tensor, offset_m: Tensor) -> Tensor:
     """Signed distances s (N,) at points ``offset_m`` (N,) before (+) or behind (-) a LiDAR return along its ray.
 
     At the return the distance is 0; before it, it is positive and at most the offset; behind, negative and at least it.
@@ -111,7 +111,7 @@ def distance_band(s: Tensor, offset_m: Tensor) -> Tensor:
 
 
 def wrong_side(s: Tensor, offset_m: Tensor) -> Tensor:
-    """What signed distances s (N,) lack to a fifth of ``offset_m`` (N,), each as in `distance_band`: (N,)."""
+    """What signed distances s (N,) lack to a fifth of ``offset_m`` (N,), each as in `sdf_band_loss`: (N,)."""
     return F.relu(0.2 * offset_m.abs() - torch.sign(offset_m) * s)
 
 
@@ -120,7 +120,7 @@ def eikonal(differences: Tensor) -> Tensor:
     return ((differences.norm(dim=-1) - 1) ** 2).mean()
 
 
-def turning(a: Tensor, b: Tensor) -> Tensor:
+def normal_smoothness(a: Tensor, b: Tensor) -> Tensor:
     """How much directions turn from gradients a (N, 3) to b (N, 3): mean length of the difference of their unit vectors.
 
     The length, not its square: edges turn a lot, and are meant to.
@@ -128,13 +128,13 @@ def turning(a: Tensor, b: Tensor) -> Tensor:
     return (F.normalize(a, dim=-1) - F.normalize(b, dim=-1)).norm(dim=-1).mean()
 
 
-def spread(traced: Traced) -> Tensor:
-    """How far a ray's weight is spread in log depth: the distortion of mip-NeRF 360 (eq. 15), on the static strands."""
-    strand = traced.static
-    if strand is None:
+def distortion(traced: SegmentTrace) -> Tensor:
+    """How far a ray's weight is spread in log depth: the distortion of mip-NeRF 360 (eq. 15), on the static segments."""
+    ray_segment = traced.static
+    if ray_segment is None:
         return traced.feature.new_zeros(())
-    w = strand.interval_weight
+    w = ray_segment.interval_weight
     assert w is not None
-    place = torch.log(strand.stops().detach().clamp_min(0.1))
+    place = torch.log(ray_segment.stops().detach().clamp_min(0.1))
     total, first = w.cumsum(-1) - w, (w * place).cumsum(-1) - w * place
     return 2 * (w * (place * total - first)).sum(-1).mean()

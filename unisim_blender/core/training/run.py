@@ -155,7 +155,7 @@ def _state(trainer: Trainer) -> dict[str, Tensor]:
     for name, optimiser in _optimisers(trainer):
         for number, state in optimiser.state_dict()["state"].items():
             tensors |= {f"{name}.{number}.{k}": v for k, v in state.items()}
-    tensors |= {f"held.{k}": v for k, v in trainer.held_gradients().items()}
+    tensors |= {f"held.{k}": v for k, v in trainer.deferred_gradients().items()}
     return {k: v.detach().cpu().contiguous() for k, v in tensors.items()}
 
 
@@ -208,7 +208,7 @@ def load_checkpoint(file: Path, trainer: Trainer) -> None:
         trainer.occupancy.load_state({k: v.to(trainer.occupancy.state()[k].dtype) for k, v in under("occupancy.").items()})
         for prefix, optimiser in _optimisers(trainer):
             _load_optimiser(optimiser, under(f"{prefix}."))
-        trainer.hold_gradients(under("held."))
+        trainer.load_deferred_gradients(under("held."))
         trainer.iteration, trainer.elapsed_s = int(about["iteration"]), float(about["elapsed_s"])
     except (RuntimeError, KeyError, ValueError, TypeError, IndexError, AttributeError) as error:
         raise SceneError(f"{file} does not fit this log or version: {in_a_line(error)}") from error
@@ -282,7 +282,7 @@ def finish(trainer: Trainer, out: Path) -> SceneHeader:
     trainer.occupancy.free_unshown()
     through = observe(scene, trainer.config.cameras, trainer.config.frames, trainer.lidar.points)
     if trainer.recipe.weights.hidden:
-        trainer.occupancy.free_hidden(through, trainer.hidden.continued)
+        trainer.occupancy.free_unobserved(through, trainer.unobserved.continued)
     save_scene(out, scene.header, trainer.model, cells_to_store)
     return scene.header
 
@@ -296,7 +296,7 @@ def preview_frame(trainer: Trainer) -> tuple[str, int]:
 
 
 def preview(trainer: Trainer, file: Path) -> None:
-    """Write a small picture: recorded beside rendered. It changes nothing of the training."""
+    """Write a small image: recorded beside rendered. It changes nothing of the training."""
     name, frame = preview_frame(trainer)
     width = min(PREVIEW_WIDTH, trainer.cameras.cameras[name].model.width)
     trainer.model.eval()

@@ -10,9 +10,9 @@ from ..model.gradient import CORNERS, distance_gradient
 from ..model.occupancy import OccupancyTrainer
 from ..model.scene import SceneModel
 from ..ops.constants import GROUND_CELL_M
-from ..ops.ray_segments import Strands, Traced
+from ..ops.ray_segments import RaySegments, SegmentTrace
 from .data import LidarBatch
-from .losses import distance_band, eikonal, turning, wrong_side
+from .losses import eikonal, normal_smoothness, sdf_band_loss, wrong_side
 
 _BAND_M = 0.3
 """So far before a return the distance is between bounds that the way to it gives."""
@@ -39,7 +39,9 @@ class Shape:
     def __init__(self, model: SceneModel, occupancy: OccupancyTrainer, known_ground: Tensor) -> None:
         self.model, self.occupancy, self.known_ground = model, occupancy, known_ground
 
-    def band(self, tables: Tensor, swept: Traced, lidar: LidarBatch, generator: torch.Generator) -> tuple[Tensor, Tensor]:
+    def sdf_band(
+        self, tables: Tensor, swept: SegmentTrace, lidar: LidarBatch, generator: torch.Generator
+    ) -> tuple[Tensor, Tensor]:
         """What signed distances at and before LiDAR returns miss, and points (N, 3) of the static field near such returns.
 
         ``tables`` are the actors' grids; ``swept`` is what the rays of ``lidar`` met.
@@ -50,49 +52,57 @@ class Shape:
         end = o + d * lidar.depth_m[:, None]
         above = model.ground.above(end)
         band = o.new_zeros(())
-        for strand in swept.strands:
-            if strand.bounds is None:
+        for ray_segment in swept.ray_segments:
+            if ray_segment.bounds is None:
                 continue
-            depth = lidar.depth_m[strand.ray]
-            met = lidar.returned[strand.ray] & above[strand.ray] & (depth > strand.bounds[0]) & (depth < strand.bounds[1])
-            in_box[strand.ray[met]] = True
+            depth = lidar.depth_m[ray_segment.ray]
+            met = (
+                lidar.returned[ray_segment.ray]
+                & above[ray_segment.ray]
+                & (depth > ray_segment.bounds[0])
+                & (depth < ray_segment.bounds[1])
+            )
+            in_box[ray_segment.ray[met]] = True
             if not bool(met.any()):
                 continue
-            band = band + self._actor_band(strand, met, depth[met], tables, generator)
+            band = band + self._actor_band(ray_segment, met, depth[met], tables, generator)
         static = lidar.returned & model.frame.inside(end) & ~in_box
         o, d, depth_m = o[static], d[static], lidar.depth_m[static]
         offset = self._offsets(len(o), generator, _BAND_M)
         x = o + d * (depth_m - offset)[:, None]
-        band = band + distance_band(model.static.distance(x), offset) + self._ground_band(end[static & ~above], generator)
+        band = band + sdf_band_loss(model.static.distance(x), offset) + self._ground_band(end[static & ~above], generator)
         # a ray that grazes the road is early as often as late
         stops = above & (swept.near_opacity > 0.5)
         stop_m = torch.where(stops, swept.near_depth_m.detach(), torch.inf)[static]
         band = band + self._passed(o, d, depth_m, stop_m, generator) + self._wall_band(o, d, depth_m, generator)
         return band, x.detach()
 
-    def _actor_band(self, strand: Strands, met: Tensor, depth_m: Tensor, tables: Tensor, generator: torch.Generator) -> Tensor:
-        """What actors' distances miss about returns in their boxes, at depth_m (M,) of those strands (P,) bool that ``met`` one.
+    def _actor_band(
+        self, ray_segment: RaySegments, met: Tensor, depth_m: Tensor, tables: Tensor, generator: torch.Generator
+    ) -> Tensor:
+        """What actors' distances miss about returns in their boxes, at depth_m (M,) of those ray segments (P,) bool that ``met``
+        one.
 
         Behind what it returned an actor is solid. Of a mere shell most of a ray's samples know nothing, and images paint it onto
         what is far behind: a lorry that drives ahead keeps its bearing, as the street's end does.
         """
-        # a strand's points lie on a line: where it is at any depth follows from two of them
-        t0, t1 = strand.t[met, :1], strand.t[met, -1:]
-        p0, p1 = strand.points[met, 0], strand.points[met, -1]
+        # a segment's points lie on a line: where it is at any depth follows from two of them
+        t0, t1 = ray_segment.t[met, :1], ray_segment.t[met, -1:]
+        p0, p1 = ray_segment.points[met, 0], ray_segment.points[met, -1]
 
         def place(offset: Tensor) -> Tensor:
             return p0 + (depth_m[:, None] - offset[:, None] - t0) / (t1 - t0).clamp_min(1e-4) * (p1 - p0)
 
-        assert strand.size_m is not None
-        actor = strand.medium[met]
+        assert ray_segment.size_m is not None
+        actor = ray_segment.field[met]
         offset = self._offsets(len(actor), generator, 0.15)
-        band = distance_band(self.model.actors.distance(tables, place(offset).clamp(0, 1), actor), offset)
-        reach = (_SOLID_SHARE * strand.size_m[met].amin(-1)).clamp_max(_SOLID_M)
+        band = sdf_band_loss(self.model.actors.distance(tables, place(offset).clamp(0, 1), actor), offset)
+        reach = (_SOLID_SHARE * ray_segment.size_m[met].amin(-1)).clamp_max(_SOLID_M)
         behind = _behind(reach, generator)
         x = place(-behind)
         inside = ((x > 0) & (x < 1)).all(-1)
         s = self.model.actors.distance(tables, x.clamp(0, 1), actor)
-        return band + _hollow(s, behind, inside)
+        return band + _hinge(s, behind, inside)
 
     def _wall_band(self, o: Tensor, d: Tensor, depth_m: Tensor, generator: torch.Generator) -> Tensor:
         """What the static distances lack behind returns, on rays o, d (N, 3) at depth_m (N,): walls are solid as actors are."""
@@ -100,9 +110,11 @@ class Shape:
             return depth_m.new_zeros(())
         behind = _behind(torch.full_like(depth_m, _WALL_M), generator)
         x = o + d * (depth_m + behind)[:, None]
-        return _hollow(self.model.static.distance(x), behind, self.model.frame.inside(x) & self.model.ground.above(x))
+        return _hinge(self.model.static.distance(x), behind, self.model.frame.inside(x) & self.model.ground.above(x))
 
-    def slopes(self, tables: Tensor, swept: Traced, seen: Traced, near: Tensor, generator: torch.Generator) -> dict[str, Tensor]:
+    def slopes(
+        self, tables: Tensor, swept: SegmentTrace, seen: SegmentTrace, near: Tensor, generator: torch.Generator
+    ) -> dict[str, Tensor]:
         """``eikonal``: gradients of length 1; ``flat``: normals that turn little.
 
         ``swept`` and ``seen`` are what LiDAR's and the cameras' rays met, of which only places count; ``near`` (N, 3) are points
@@ -110,8 +122,8 @@ class Shape:
         """
         centre = near[torch.randperm(len(near), generator=generator, device=near.device)[:512]]
         gradients = [self._static_gradient(centre)]
-        for strand in (*seen.strands, *swept.strands):
-            gradients.append(self._gradient(strand, tables, generator))
+        for ray_segment in (*seen.ray_segments, *swept.ray_segments):
+            gradients.append(self._gradient(ray_segment, tables, generator))
         return {"eikonal": eikonal(torch.cat(gradients)), "flat": self._flatness(seen, generator)}
 
     def _passed(self, o: Tensor, d: Tensor, depth_m: Tensor, stop_m: Tensor, generator: torch.Generator) -> Tensor:
@@ -130,15 +142,15 @@ class Shape:
         x = (o + d * t[:, None])[t > _SENSOR_M]
         return F.relu(_FREE_M - self.model.static.distance(x)).sum() / len(o)
 
-    def _flatness(self, seen: Traced, generator: torch.Generator) -> Tensor:
+    def _flatness(self, seen: SegmentTrace, generator: torch.Generator) -> Tensor:
         """How much the normals of what images alone show turn within _FLAT_M along the surface: mean length of the difference.
 
         No LiDAR reaches high up and far away, and a drive straight on tells images little about depth.
         """
-        strand = seen.static
-        if strand is None:
+        ray_segment = seen.static
+        if ray_segment is None:
             return seen.feature.new_zeros(())
-        x = strand.points.detach().reshape(-1, 3)[self._likely(strand, 512, generator)]
+        x = ray_segment.points.detach().reshape(-1, 3)[self._likely(ray_segment, 512, generator)]
         x = x[~self.occupancy.met(x)]
         if len(x) == 0:
             return seen.feature.new_zeros(())
@@ -148,30 +160,30 @@ class Shape:
             beside = F.normalize(beside - (beside * normal).sum(-1, keepdim=True) * normal, dim=-1)
             beside = x + _FLAT_M * torch.rand(len(x), 1, generator=generator, device=x.device) * beside
         both = self._static_gradient(torch.cat([x, beside])).view(2, -1, 3)
-        return turning(both[0], both[1])
+        return normal_smoothness(both[0], both[1])
 
     def _static_gradient(self, x: Tensor) -> Tensor:
         return distance_gradient(self.model.static.distance, x, _STEP_M)
 
-    def _likely(self, strand: Strands, count: int, generator: torch.Generator) -> Tensor:
-        """Numbers (count,) of random samples of a strand that carry weight; none (0,) where it has none."""
-        assert strand.weight is not None
-        likely = torch.nonzero(strand.weight.detach().flatten() > 0.02)[:, 0]
+    def _likely(self, ray_segment: RaySegments, count: int, generator: torch.Generator) -> Tensor:
+        """Numbers (count,) of random samples of a ray segment that carry weight; none (0,) where it has none."""
+        assert ray_segment.weight is not None
+        likely = torch.nonzero(ray_segment.weight.detach().flatten() > 0.02)[:, 0]
         if len(likely) == 0:
             return likely
         return likely[torch.randint(len(likely), (count,), generator=generator, device=likely.device)]
 
-    def _gradient(self, strand: Strands, tables: Tensor, generator: torch.Generator) -> Tensor:
-        """Gradients (N, 3) of the distance at some of a strand's samples that carry weight."""
-        pick = self._likely(strand, 384, generator)
-        x = strand.points.detach().reshape(-1, 3)[pick]
+    def _gradient(self, ray_segment: RaySegments, tables: Tensor, generator: torch.Generator) -> Tensor:
+        """Gradients (N, 3) of the distance at some of a segment's samples that carry weight."""
+        pick = self._likely(ray_segment, 384, generator)
+        x = ray_segment.points.detach().reshape(-1, 3)[pick]
         if len(pick) == 0:
             return x
-        if strand.size_m is None:
+        if ray_segment.size_m is None:
             return self._static_gradient(x)
-        row = pick // strand.t.shape[1]
-        actor = strand.medium[row].repeat_interleave(CORNERS)
-        return distance_gradient(lambda y: self.model.actors.distance(tables, y, actor), x, _STEP_M, strand.size_m[row])
+        row = pick // ray_segment.t.shape[1]
+        actor = ray_segment.field[row].repeat_interleave(CORNERS)
+        return distance_gradient(lambda y: self.model.actors.distance(tables, y, actor), x, _STEP_M, ray_segment.size_m[row])
 
     def _ground_band(self, returns: Tensor, generator: torch.Generator) -> Tensor:
         """Over and under returns from the ground (N, 3) the distance is the height; deeper, anywhere, it is well below zero.
@@ -184,7 +196,7 @@ class Shape:
         height = torch.rand(len(returns), generator=generator, device=device) * 0.6 - 0.4
         height = torch.where(height > 0.1, torch.zeros_like(height), height)
         s = self.model.static.distance(returns + F.pad(height[:, None], (2, 0)))
-        band = distance_band(s, height) + F.relu(s - 0.8 * height)[height < 0].sum() / len(returns)
+        band = sdf_band_loss(s, height) + F.relu(s - 0.8 * height)[height < 0].sum() / len(returns)
         cells = self.known_ground[torch.randint(len(self.known_ground), (256,), generator=generator, device=device)]
         place = (cells + torch.rand(256, 2, generator=generator, device=device)) * GROUND_CELL_M
         deep = 0.15 + 0.35 * torch.rand(256, generator=generator, device=device)
@@ -206,6 +218,6 @@ def _behind(reach_m: Tensor, generator: torch.Generator) -> Tensor:
     return nearest + (reach_m - nearest) * torch.rand(len(reach_m), generator=generator, device=reach_m.device)
 
 
-def _hollow(s: Tensor, behind_m: Tensor, there: Tensor) -> Tensor:
+def _hinge(s: Tensor, behind_m: Tensor, there: Tensor) -> Tensor:
     """Mean of what distances s (N,) lack so far behind returns, (N,), of a solid; those not ``there`` lack nothing."""
     return (wrong_side(s, -behind_m.clamp_max(_DEEP_M)) * there).sum() / len(s)

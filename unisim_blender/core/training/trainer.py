@@ -27,8 +27,8 @@ from ..model.volume import Volume
 from ..ops.constants import VEHICLES
 from ..ops.devices import kernel_threads, module_to, tensor_to, torch_threads
 from ..ops.gradient_sink import GradientSink
-from ..ops.ray_segments import RayBatch, Traced
-from ..render.tracers.torch.actor_tensors import CastTensors, TroupeTensors
+from ..ops.ray_segments import RayBatch, SegmentTrace
+from ..render.tracers.torch.actor_tensors import ActiveActorTensors, ActorSetTensors
 from ..render.tracers.torch.trace import Sampling, trace
 from ..world.drive import Actor, Drive
 from ..world.replay import with_windows
@@ -39,14 +39,14 @@ from .data import CameraData, LidarBatch, LidarData, PatchBatch
 from .disturb import with_drive
 from .fitted_ways import fitted
 from .ground_heights import driven_places, ground_heights
-from .hidden import Hidden
-from .losses import colour_squares, lidar_terms, perceptual_stand_in, spread
+from .losses import colour_squares, distortion, lidar_terms, perceptual_stand_in
+from .parallel_losses import BranchGradients, run_branches
 from .perceptual import VggLoss
 from .pixels import Draw, PixelChoice
 from .recipe import recipe
 from .seed_voxels import seed_voxels
 from .shape import Shape
-from .shares import Gradients, run_shares
+from .unobserved import UnobservedPrior
 
 BETA_MAX = 100.0
 """Sharper than this, 1 / metres, a surface is far thinner than the finest cell, and no gradient comes from beside it."""
@@ -55,26 +55,26 @@ LAST_RATE = 0.1
 
 
 @dataclass(frozen=True)
-class _Start:
-    """What a share of a step starts with: the training's progress, the cast, whose actors have these ``tables``, random numbers
-    and gradients of its own, and what the cameras' rays meet, once it is known."""
+class _BranchStart:
+    """What a branch of a step starts with: the training's progress, the active actors, whose actors have these ``tables``, random
+    numbers and gradients of its own, and what the cameras' rays meet, once it is known."""
 
     done: float
-    cast: CastTensors
+    active: ActiveActorTensors
     tables: Tensor
     rng: np.random.Generator
     generator: torch.Generator
-    gradients: Gradients
-    seen: Future[Traced]
+    gradients: BranchGradients
+    seen: Future[SegmentTrace]
 
 
 @dataclass(frozen=True)
-class _Share:
-    """What a share of a step leaves: the values of its terms, figures, what its rays met, recorded and made-up images."""
+class _Branch:
+    """What a branch of a step leaves: the values of its terms, figures, what its rays met, recorded and made-up images."""
 
     terms: dict[str, float]
     figures: dict[str, float]
-    traced: Traced | None
+    traced: SegmentTrace | None
     fake: tuple[Tensor, Tensor] | None
 
 
@@ -116,7 +116,7 @@ class Trainer:
         mirrored = [self.recipe.mirrored * any(word in a.label.lower() for word in VEHICLES) for a in actors]
         self.mirror = torch.tensor(mirrored, device=config.device)
         self.shape = Shape(self.model, self.occupancy, self.known_ground)
-        self.hidden = Hidden(
+        self.unobserved = UnobservedPrior(
             self.model, self.occupancy, self.known_ground, self._still_boxes(drive), torch.as_tensor(points).float()
         )
         self.perceptual = VggLoss(Path(config.vgg)).to(config.device) if config.vgg else perceptual_stand_in
@@ -178,9 +178,9 @@ class Trainer:
         assert self.config.minutes is not None
         return min(1.0, self.elapsed_s / (self.config.minutes * 60))
 
-    def _cast(self, tables: Tensor, keys: tuple[Tensor, Tensor]) -> CastTensors:
+    def _active(self, tables: Tensor, keys: tuple[Tensor, Tensor]) -> ActiveActorTensors:
         uids = tuple(self.model.actor_ids)
-        return CastTensors(TroupeTensors(self.model, tables, self.tracklets, self.rows, uids, keys))
+        return ActiveActorTensors(ActorSetTensors(self.model, tables, self.tracklets, self.rows, uids, keys))
 
     def step(self) -> dict[str, float]:
         """One batch, one update; the figures of its loss."""
@@ -192,44 +192,46 @@ class Trainer:
     def _step(self, together: bool) -> dict[str, float]:
         w, done = self.recipe.weights, self.progress
         self._set_rates(done)
-        held = self.held()
-        seen: Future[Traced] = Future()
-        work = [self._camera_share] + [self._lidar_share] * bool(self.recipe.uses_lidar or w.hidden)
-        starts = [self._start(number, done, held, seen) for number in range(len(work))]
-        for sink, _ in self._sinks_of(held["tables"]):
+        deferred = self.deferred()
+        seen: Future[SegmentTrace] = Future()
+        work = [self._camera_branch] + [self._lidar_branch] * bool(self.recipe.uses_lidar or w.hidden)
+        starts = [self._start(number, done, deferred, seen) for number in range(len(work))]
+        for sink, _ in self._sinks_of(deferred["tables"]):
             sink.clear()
-        shares = run_shares([partial(f, start) for f, start in zip(work, starts, strict=True)], together)
-        self._update(starts, held["tables"])
+        branches = run_branches([partial(f, start) for f, start in zip(work, starts, strict=True)], together)
+        self._update(starts, deferred["tables"])
         if not self._lidar_follows:
-            for share in shares:
-                if share.traced is not None:
-                    self._update_occupancy(share.traced, camera=share is shares[0])
-        if self.adversary and shares[0].fake is not None:
-            self.adversary.update(*shares[0].fake)
+            for branch in branches:
+                if branch.traced is not None:
+                    self._update_occupancy(branch.traced, camera=branch is branches[0])
+        if self.adversary and branches[0].fake is not None:
+            self.adversary.update(*branches[0].fake)
         self.iteration += 1
-        terms = {name: value for share in shares for name, value in share.terms.items()}
-        return {**terms, "loss": sum(terms.values()), **{k: v for share in shares for k, v in share.figures.items()}}
+        terms = {name: value for branch in branches for name, value in branch.terms.items()}
+        return {**terms, "loss": sum(terms.values()), **{k: v for branch in branches for k, v in branch.figures.items()}}
 
-    def _start(self, number: int, done: float, held: dict[str, Tensor], seen: Future[Traced]) -> _Start:
+    def _start(self, number: int, done: float, deferred: dict[str, Tensor], seen: Future[SegmentTrace]) -> _BranchStart:
         # seeded by the iteration: a resumed run draws what an uninterrupted one would
         c, seed = self.config, (self.config.seed * 1_000_003 + self.iteration) * 2 + number
         rng = np.random.default_rng([c.seed, self.iteration, number])
         generator = torch.Generator(device=c.device).manual_seed(seed)
         groups = (*self.optimiser.param_groups, *self.slow.param_groups)
-        leaves = [p for group in groups for p in group["params"]] + [held["tables"]]
-        keys = held["positions"], held["quaternions"]
+        leaves = [p for group in groups for p in group["params"]] + [deferred["tables"]]
+        keys = deferred["positions"], deferred["quaternions"]
         if self.recipe.refines_tracklets and done >= c.poses_from:
             leaves += keys
         else:
             keys = keys[0].detach(), keys[1].detach()
-        return _Start(done, self._cast(held["tables"], keys), held["tables"], rng, generator, Gradients(leaves), seen)
+        return _BranchStart(
+            done, self._active(deferred["tables"], keys), deferred["tables"], rng, generator, BranchGradients(leaves), seen
+        )
 
     @property
     def _lidar_follows(self) -> bool:
-        """Whether the LiDAR's share updates the occupancy: it has time to, and no ray of the cameras is traced any more."""
+        """Whether the LiDAR's branch updates the occupancy: it has time to, and no ray of the cameras is traced any more."""
         return self.recipe.uses_lidar and self.adversary is None
 
-    def _camera_share(self, start: _Start) -> _Share:
+    def _camera_branch(self, start: _BranchStart) -> _Branch:
         """What the cameras' rays teach. Leaves what they met as soon as that is known."""
         try:
             return self._camera_terms(start)
@@ -238,8 +240,8 @@ class Trainer:
                 start.seen.set_exception(error)
             raise
 
-    def _camera_terms(self, start: _Start) -> _Share:
-        c, w, done, cast, generator = self.config, self.recipe.weights, start.done, start.cast, start.generator
+    def _camera_terms(self, start: _BranchStart) -> _Branch:
+        c, w, done, active, generator = self.config, self.recipe.weights, start.done, start.active, start.generator
         batches, draw = self._draw_pixels(start.rng)
         sampling = self._sampling(start)
         # gradients with respect to the static field's points are dear: most steps go without
@@ -247,7 +249,7 @@ class Trainer:
         batches = [
             dataclasses.replace(b, rays=self.camera_poses(b.rays, b.camera, b.world_from_camera, learn_cameras)) for b in batches
         ]
-        seen = trace(self.model, cast, _together([b.rays for b in batches]), sampling)
+        seen = trace(self.model, active, _together([b.rays for b in batches]), sampling)
         start.seen.set_result(seen)
         features = seen.feature.split([len(b.rays) for b in batches])
         images = [self._decode(f, b, generator) for f, b in zip(features, batches, strict=True)]
@@ -260,13 +262,13 @@ class Trainer:
         image, patch = images[0], batches[0]
         terms = {"rgb": w.rgb * _mean(squares, weight)}
         if w.spread:
-            terms["spread"] = w.spread * spread(seen)
+            terms["spread"] = w.spread * distortion(seen)
         if w.perceptual and done >= c.perceptual_from:
             terms["perceptual"] = w.perceptual * self.perceptual(image, patch.target)
         fake = None
         if self.adversary and done >= c.poses_from:
             beside = shifted(patch, generator)
-            fake = self._decode(trace(self.model, cast, beside.rays, sampling).feature, beside, generator)
+            fake = self._decode(trace(self.model, active, beside.rays, sampling).feature, beside, generator)
             terms["adversarial"] = w.adversarial * self.adversary.generator_loss(fake)
         penalty = self.model.actors.penalty()
         if penalty is not None:
@@ -274,9 +276,9 @@ class Trainer:
         self._take(start, terms)
         mse = _mean([d.detach().square() for d in wrong], weight)
         figures = {"psnr": -10 * float(torch.log10(mse.clamp_min(1e-10)))}
-        return _Share(_values(terms), figures, seen, None if fake is None else (patch.target, fake))
+        return _Branch(_values(terms), figures, seen, None if fake is None else (patch.target, fake))
 
-    def _lidar_share(self, start: _Start) -> _Share:
+    def _lidar_branch(self, start: _BranchStart) -> _Branch:
         """What beams and places teach. What needs the cameras' rays comes last."""
         c, w, tables, generator = self.config, self.recipe.weights, start.tables, start.generator
         terms: dict[str, Tensor] = {}
@@ -284,15 +286,15 @@ class Trainer:
         swept, near = None, None
         if self.recipe.uses_lidar:
             lidar = self._to_device(self.lidar.sample(start.rng, c.lidar_rays))
-            swept = trace(self.model, start.cast, lidar.rays, self._sampling(start, sky=False))
+            swept = trace(self.model, start.active, lidar.rays, self._sampling(start, sky=False))
             terms = self._lidar_loss(swept, lidar)
             if w.band or w.eikonal or w.flat:
-                band, near = self.shape.band(tables, swept, lidar, generator)
+                band, near = self.shape.sdf_band(tables, swept, lidar, generator)
                 terms["band"] = w.band * band
             self._take(start, terms)
             figures["lidar_m"] = float((swept.near_depth_m - lidar.depth_m)[lidar.returned].detach().abs().median())
         if w.hidden and start.done >= c.hidden_from:
-            terms["hidden"] = w.hidden * self.hidden.loss(generator)
+            terms["hidden"] = w.hidden * self.unobserved.loss(generator)
             self._take(start, {"hidden": terms["hidden"]})
         seen = start.seen.result()
         if swept is not None and near is not None:
@@ -303,13 +305,13 @@ class Trainer:
         if swept is not None and self._lidar_follows:
             self._update_occupancy(seen, camera=True)
             self._update_occupancy(swept, camera=False)
-        return _Share(_values(terms), figures, swept, None)
+        return _Branch(_values(terms), figures, swept, None)
 
-    def _sampling(self, start: _Start, sky: bool = True) -> Sampling:
+    def _sampling(self, start: _BranchStart, sky: bool = True) -> Sampling:
         return Sampling(jitter=not self._still(start.done), sky=sky, mirror=self.mirror, generator=start.generator)
 
-    def _take(self, start: _Start, terms: dict[str, Tensor]) -> None:
-        """Have a share's gradients of the sum of terms, whose graph is then gone."""
+    def _take(self, start: _BranchStart, terms: dict[str, Tensor]) -> None:
+        """Have a branch's gradients of the sum of terms, whose graph is then gone."""
         loss = torch.stack(list(terms.values())).sum()
         if not bool(torch.isfinite(loss)):
             bad = [name for name, value in terms.items() if not bool(torch.isfinite(value))]
@@ -320,8 +322,8 @@ class Trainer:
         own = self.model.actors.sink
         return self._sinks if own is None else [*self._sinks, (own, tables)]
 
-    def _update(self, starts: list[_Start], tables: Tensor) -> None:
-        """Add the shares' gradients up, in their order, and update what they are of; ``tables`` are the actors'."""
+    def _update(self, starts: list[_BranchStart], tables: Tensor) -> None:
+        """Add the branches' gradients up, in their order, and update what they are of; ``tables`` are the actors'."""
         with torch_threads(None):
             self.optimiser.zero_grad(set_to_none=False)
         for start in starts:
@@ -337,7 +339,7 @@ class Trainer:
             with torch_threads(None):
                 self._update_slow()
 
-    def held(self) -> dict[str, Tensor]:
+    def deferred(self) -> dict[str, Tensor]:
         """What the slow parameters make, as it stands between two slow updates: every actor's grid (``tables``), the tracklets'
         keys (``positions``, ``quaternions``). Their gradients, of many encodings and steps, are added up."""
         if self._held is None:
@@ -361,18 +363,18 @@ class Trainer:
         self.slow.zero_grad()
         self._held = None
 
-    def held_gradients(self) -> dict[str, Tensor]:
+    def deferred_gradients(self) -> dict[str, Tensor]:
         """What has been added up since the last slow update, by name."""
         parameters = [p for group in self.slow.param_groups for p in group["params"]]
         named = {str(i): p for i, p in enumerate(parameters)} | (self._held[1] if self._held is not None else {})
         return {name: tensor.grad for name, tensor in named.items() if tensor.grad is not None}
 
-    def hold_gradients(self, held: dict[str, Tensor]) -> None:
-        """The inverse of `held_gradients`."""
+    def load_deferred_gradients(self, deferred: dict[str, Tensor]) -> None:
+        """The inverse of `deferred_gradients`."""
         parameters = [p for group in self.slow.param_groups for p in group["params"]]
         self._held = None
-        for name, value in held.items():
-            parameter = parameters[int(name)] if name.isdigit() else self.held()[name]
+        for name, value in deferred.items():
+            parameter = parameters[int(name)] if name.isdigit() else self.deferred()[name]
             parameter.grad = value.to(parameter.device)
 
     def _still(self, done: float) -> float:
@@ -407,7 +409,7 @@ class Trainer:
         image: Tensor = self.model.camera_decoder(features)
         return image
 
-    def _lidar_loss(self, swept: Traced, lidar: LidarBatch) -> dict[str, Tensor]:
+    def _lidar_loss(self, swept: SegmentTrace, lidar: LidarBatch) -> dict[str, Tensor]:
         w = self.recipe.weights
         end = self.model.frame.points(lidar.rays.origins + lidar.rays.directions * lidar.depth_m[:, None])
         terms, good = lidar_terms(swept, lidar, self.model.frame.inside(end))
@@ -419,13 +421,13 @@ class Trainer:
         }
 
     @torch.no_grad()
-    def _update_occupancy(self, traced: Traced, camera: bool) -> None:
-        strand = traced.static
-        if strand is None or strand.weight is None:
+    def _update_occupancy(self, traced: SegmentTrace, camera: bool) -> None:
+        ray_segment = traced.static
+        if ray_segment is None or ray_segment.weight is None:
             return
-        assert strand.front is not None
+        assert ray_segment.transmittance_before is not None
         self.occupancy.update(
-            strand.points.reshape(-1, 3), strand.weight.flatten(), strand.front.flatten(),
+            ray_segment.points.reshape(-1, 3), ray_segment.weight.flatten(), ray_segment.transmittance_before.flatten(),
             prune=self.iteration >= self.config.prune_from, settled=self.progress >= self.config.settled_from, camera=camera,
         )  # fmt: skip
 

@@ -1,4 +1,4 @@
-"""What the worker can be asked for: what it is, pictures, sweeps. Each job is a generator of events."""
+"""What the worker can be asked for: what it is, images, sweeps. Each job is a generator of events."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ..data import open_log
 from ..data.log import Log
-from ..prepare.cannot import warnings
+from ..prepare.capabilities import capability_warnings
 from ..prepare.renderers import (
     UNTRAINED,
     UNTRAINED_DEFAULT,
@@ -64,7 +64,7 @@ class Jobs:
         yield {"event": "about", **about()}
 
     def camera(self, request: Message) -> Iterator[Message]:
-        """A picture, in bands of rows from the top.
+        """An image, in bands of rows from the top.
 
         Of the request: ``scenario`` (its document), ``path`` (what its paths are relative to), ``camera``, ``time_s``, ``model``,
         ``passes``, ``quality``, ``device``; ``rows`` and ``columns`` (first, past the last) where not all are wanted, and
@@ -79,7 +79,7 @@ class Jobs:
         yield from self._warnings(scenario, drive, sweeps=False)
         name, passes = str(request["camera"]), tuple(request.get("passes", ("rgb",)))
         model = CameraModel.from_dict(request["model"])
-        # as `unisim render` resizes a camera: its own width decides how finely a picture is traced
+        # as `unisim render` resizes a camera: its own width decides how finely an image is traced
         own = drive.cameras[name].model.width
         camera = replace(drive.cameras[name], model=model, time_s={NOW: float(request["time_s"])}, full_width=own)
         renderer = yield from self._renderer(request, scenario, replace(drive, cameras={name: camera}, lidars={}))
@@ -122,7 +122,7 @@ class Jobs:
         """What comes out otherwise than the edits ask for."""
         if scenario.scene_path is not None:
             (recorded,) = self.recorded.values()
-            for sentence in warnings(scenario.scene_path, recorded, drive, sweeps):
+            for sentence in capability_warnings(scenario.scene_path, recorded, drive, sweeps):
                 yield {"event": "warning", "text": sentence}
 
     def _renderer(self, request: Message, scenario: Scenario, drive: Drive) -> Generator[Message, None, DriveRenderer]:
@@ -189,10 +189,10 @@ class Jobs:
         return {"event": "arrays", "file": path.name, "arrays": places, **more}
 
 
-def _arrays(picture: CameraFrame) -> dict[str, NDArray[Any]]:
-    """A picture's colours and the passes that it has."""
+def _arrays(image: CameraFrame) -> dict[str, NDArray[Any]]:
+    """An image's colours and the passes that it has."""
     names = ("rgb", "depth_m", "z_depth_m", "normal", "instance", "opacity", "unsupported")
-    return {name: value for name in names if (value := getattr(picture, name)) is not None}
+    return {name: value for name in names if (value := getattr(image, name)) is not None}
 
 
 def all_jobs(folder: Path) -> dict[str, Job]:

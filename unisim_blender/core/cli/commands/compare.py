@@ -25,7 +25,7 @@ from ...render.quality import QUALITY
 @click.option("--iterations", type=click.IntRange(min=1), help="Steps of each training, instead of minutes.")
 @click.option("--frames", default="::2", show_default=True, help="Frames to learn from; the others are compared.")
 @click.option("--cameras", default="front_camera", show_default=True, help="Cameras, separated by commas.")
-@click.option("--width", type=click.IntRange(min=16), default=320, show_default=True, help="Width of the pictures.")
+@click.option("--width", type=click.IntRange(min=16), default=320, show_default=True, help="Width of the images.")
 @click.option("--truth-frames", type=click.IntRange(min=1), default=8, show_default=True, help="Frames of each edit.")
 @click.option(
     "--scenario",
@@ -56,12 +56,12 @@ def command(  # noqa: PLR0913
     A street's edits are compared with their truth; of a real log, replay alone has one. Everything is kept in the folder: the
     same command goes on where it was cut off, and one with more methods adds rows to the table.
     """
+    from ...compare.options import CompareOptions
     from ...compare.run import compare
-    from ...compare.wishes import Wishes
 
     if not minutes > 0:
         raise click.UsageError("--minutes must be positive")
-    wishes = Wishes(
+    options = CompareOptions(
         split_names(methods), minutes, iterations, frames, split_names(cameras) or (), width, truth_frames, scenarios or None,
         disturb, quality, device, seed, lpips, fid,
     )  # fmt: skip
@@ -69,5 +69,5 @@ def command(  # noqa: PLR0913
     def progress(items: Iterable[int], what: str) -> Iterable[int]:
         return Bar(items, desc=what, unit="frame", dynamic_ncols=True, disable=quiet)
 
-    click.echo(compare(log, out, wishes, lambda sentence: click.echo(sentence, err=True), progress, quiet))
+    click.echo(compare(log, out, options, lambda sentence: click.echo(sentence, err=True), progress, quiet))
     click.echo(f"Table: {out / 'comparison.md'}   page: {out / 'index.html'}")

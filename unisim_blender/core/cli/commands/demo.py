@@ -1,4 +1,4 @@
-"""`unisim demo`: the sample street, its scene and its edits, measured against the truth, in pictures."""
+"""`unisim demo`: the sample street, its scene and its edits, measured against the truth, in images."""
 
 from __future__ import annotations
 

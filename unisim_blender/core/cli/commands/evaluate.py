@@ -21,14 +21,14 @@ LEFT_TO_THE_FILE = ("by_sensor", "pixels", "chamfer_squared_m2", "depth_median_s
 
 @click.command()
 @click.argument("paths", nargs=-1, metavar="SCENE LOG | SCENARIO...", type=click.Path(path_type=Path))
-@click.option("--out", required=True, type=click.Path(path_type=Path), help="Folder for metrics.json, index.html and pictures.")
+@click.option("--out", required=True, type=click.Path(path_type=Path), help="Folder for metrics.json, index.html and images.")
 @click.option("--truth", metavar="STREET", type=click.Path(path_type=Path), help="Measure scenarios against this street's truth.")
 @click.option(
     "--scene", type=click.Path(path_type=Path), help="With --truth: the trained scene, in place of those that scenarios name."
 )
 @click.option("--frames", metavar="START:STOP:STEP", help="Frames by number. [default: those that were not trained on]")
 @click.option("--cameras", metavar="A,B", help="Cameras by name. [default: those that were trained on]")
-@click.option("--width", type=click.IntRange(min=16), help="Width of the pictures. [default: the width that was trained at]")
+@click.option("--width", type=click.IntRange(min=16), help="Width of the images. [default: the width that was trained at]")
 @click.option("--split", type=click.Choice(sorted(SPLITS)), help="SCENE and LOG hold a folder for each log of this split.")
 @click.option(
     "--quality",
@@ -55,16 +55,16 @@ def command(
     device: str,
 ) -> None:
     """Render held-out frames of SCENE and compare them with LOG; with --truth, compare SCENARIOs with a street's truth."""
-    from ...evaluate.recorded_runs import EvaluationWishes, evaluate_scene, evaluate_split
+    from ...evaluate.recorded_runs import EvaluationOptions, evaluate_scene, evaluate_split
     from ...evaluate.report import flat_figures
 
-    wishes = EvaluationWishes(frames, split_names(cameras), width, quality, lpips_weights, device)
+    options = EvaluationOptions(frames, split_names(cameras), width, quality, lpips_weights, device)
     if truth is not None:
         from ...evaluate.truth_runs import evaluate_scenarios
 
         if not paths or split is not None:
             raise click.UsageError("--truth takes scenarios, and no --split")
-        figures = evaluate_scenarios(truth, paths, out, wishes, _progress, scene)
+        figures = evaluate_scenarios(truth, paths, out, options, _progress, scene)
     else:
         if scene is not None:
             raise click.UsageError("--scene goes with --truth: without it, the scene is the first argument")
@@ -72,14 +72,14 @@ def command(
             raise click.UsageError("eval takes a trained scene and a log, or --truth STREET and scenarios")
         trained, log = paths
         if split is None:
-            figures = evaluate_scene(trained, log, out, wishes, _progress)
+            figures = evaluate_scene(trained, log, out, options, _progress)
         else:
-            wishes = EvaluationWishes(frames or HELD_OUT, split_names(cameras), width, quality, lpips_weights, device)
-            figures = evaluate_split(SPLITS[split], trained, log, out, wishes, _progress)
+            options = EvaluationOptions(frames or HELD_OUT, split_names(cameras), width, quality, lpips_weights, device)
+            figures = evaluate_split(SPLITS[split], trained, log, out, options, _progress)
     for name, value in flat_figures(figures):
         if not any(part in LEFT_TO_THE_FILE for part in name.split(".")):
             click.echo(f"{name:45} {value}")
-    click.echo(f"Figures: {out / 'metrics.json'}   pictures: {out / 'index.html'}")
+    click.echo(f"Figures: {out / 'metrics.json'}   images: {out / 'index.html'}")
 
 
 def _progress(frames: Any, what: str) -> Any:

@@ -10,7 +10,7 @@ import click
 
 from ...errors import UnisimError
 from ...output.frame_files import camera_path
-from ...prepare.scenario_plan import SEQUENCE_FORMATS, Wishes, plan_scenario, sequence_formats
+from ...prepare.scenario_plan import SEQUENCE_FORMATS, RenderOptions, plan_scenario, sequence_formats
 from ...prepare.selection import split_names
 from ...progress import Bar
 from ...render.quality import QUALITY
@@ -38,7 +38,7 @@ MOST_JOBS = 8
     metavar="ERROR",
     multiple=True,
     help="Instead of --quality, the cheapest settings that keep every frame to it: 1mm (a sweep's median depth error) or another "
-    "percentile of it (p90:20mm), 40dB (a picture's PSNR), 1.5dE (its mean colour difference). Several, one option each.",
+    "percentile of it (p90:20mm), 40dB (an image's PSNR), 1.5dE (its mean colour difference). Several, one option each.",
 )
 @click.option(
     "--jobs", type=click.IntRange(min=1), help=f"Processes, of one thread each. [default: one a core, at most {MOST_JOBS}]"
@@ -82,16 +82,16 @@ def command(
     sources: str | None,
     device: str,
 ) -> None:
-    """Render SCENARIO's sensors, or a log's, into a folder: pictures, sweeps, labels and a manifest."""
+    """Render SCENARIO's sensors, or a log's, into a folder: images, sweeps, labels and a manifest."""
     from ...prepare.renderers import Source, pick_device
 
     if quality and max_error:
         raise UnisimError(f"--quality {quality} and --max-error {max_error[0]}: give one of the two")
     device, bounds = pick_device(device), parse_bounds(max_error)
-    wishes = Wishes(
+    options = RenderOptions(
         frames, split_names(sensors), pass_names(passes), width, quality, device, draw, bounds, renderer, sources, scene
     )
-    plan, prepared = plan_scenario(scenario, wishes)
+    plan, prepared = plan_scenario(scenario, options)
     for sentence in plan.about.get("warnings", ()):
         click.echo(f"Warning: {sentence}", err=True)
     with Bar(total=1.0, bar_format="{desc}: {percentage:3.0f}%|{bar}| {elapsed}", dynamic_ncols=True, delay=0.5) as bar:
@@ -108,7 +108,7 @@ def command(
             WRITERS[name](plan, out)
     if report.broken:
         many, wanted_errors = len(report.broken), ", ".join(plan.settings.max_error)
-        sentence = f"{many} pictures and sweeps may not keep {wanted_errors}, though rendered at the finest settings"
+        sentence = f"{many} images and sweeps may not keep {wanted_errors}, though rendered at the finest settings"
         click.echo(f"Warning: {sentence}: {out / MANIFEST_NAME}", err=True)
     kept = f", {len(report.kept)} were there already" if report.kept else ""
     parts = f" ({report.captures} images and sweeps, {report.captures_kept} kept)" if report.captures_kept else ""
@@ -141,10 +141,10 @@ def _write_videos(plan: RenderPlan, out: Path) -> None:
     times = [plan.drive.time_s[frame] for frame in plan.frames]
     rate = (len(times) - 1) / (times[-1] - times[0]) if len(times) > 1 else 10.0
     for name in plan.settings.cameras:
-        pictures = [camera_path(out, name, frame, ".png") for frame in plan.frames]
-        pictures = [path for path in pictures if path.is_file()]
-        if pictures:
-            write_video(pictures, out / "camera" / f"{name}.mp4", rate)
+        images = [camera_path(out, name, frame, ".png") for frame in plan.frames]
+        images = [path for path in images if path.is_file()]
+        if images:
+            write_video(images, out / "camera" / f"{name}.mp4", rate)
 
 
 WRITERS = {"pandaset": _write_pandaset, "video": _write_videos}

@@ -54,7 +54,7 @@ def command(
     engine cycles draws with light that bounces, by Blender's module; what is there already is not drawn again.
     """
     from ...prepare.scenario import prepare_scenario
-    from ...street.path_tracer import Wanted, draw_truths
+    from ...street.path_tracer import TruthRequest, draw_truths
     from ...street.street import build_street
     from ...street.usual_edits import spread_frames, write_scenarios
     from ...street.write import write_log
@@ -69,7 +69,7 @@ def command(
     truths = []
     for scenario in scenarios if engine == "cycles" else ():
         drive = prepare_scenario(scenario, refined=False).edited
-        truths.append(Wanted(scenario.resolve(), spread_frames(drive, truth_frames), tuple(drive.cameras)))
+        truths.append(TruthRequest(scenario.resolve(), spread_frames(drive, truth_frames), tuple(drive.cameras)))
     if truths:
         draw_truths(out, tuple(truths), None, progress=not quiet)
     click.echo(f"{out}: {frames} frames of street {seed}, {len(street.drive.actors)} actors; recipe in {out / 'street.json'}")

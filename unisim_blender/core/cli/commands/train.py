@@ -43,7 +43,7 @@ import click
     "--preview",
     type=click.FloatRange(min=0.0),
     metavar="SECONDS",
-    help="Leave a held-out picture, recorded beside rendered, in the folder at most this often, for at most 1 % of the time.",
+    help="Leave a held-out image, recorded beside rendered, in the folder at most this often, for at most 1 % of the time.",
 )
 @click.option("--quiet", is_flag=True, help="No progress bar.")
 def command(  # noqa: PLR0913

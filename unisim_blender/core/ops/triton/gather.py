@@ -1,6 +1,7 @@
-"""Weights of samples along strands and what they add up to, on a GPU: what `composite.gather_reference` says, and its gradients.
+"""Weights of samples along ray segments and what they add up to, on a GPU: what `composite.gather_reference` says, and its
+gradients.
 
-A program goes along BLOCK strands, interval by interval; what a strand gives stays with it until its end.
+A program goes along BLOCK ray segments, interval by interval; what a ray segment gives stays with it until its end.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ def _stopped(tau):
 
 @triton.jit
 def _numbered(n, WIDTH: tl.constexpr, WIDE: tl.constexpr, BLOCK: tl.constexpr):
-    # numbers of the program's strands and of features, which strands there are, and of which a feature
+    # numbers of the program's ray segments and of features, which ray segments there are, and of which a feature
     p = tl.program_id(0).to(tl.int64) * BLOCK + tl.arange(0, BLOCK)
     f = tl.arange(0, WIDE)
     return p, f, p < n, (p < n)[:, None] & (f < WIDTH)[None, :]

@@ -1,4 +1,4 @@
-"""Blocks of a picture that is traced where it must be: whose corners differ, whose middles these foretell, what lies between.
+"""Blocks of an image that is traced where it must be: whose corners differ, whose middles these foretell, what lies between.
 
 Plain numpy is the specification, and what runs without the compiled kernels; these (native/blocks.cpp) give the same bits.
 """
@@ -35,7 +35,7 @@ MOST_CHANNELS = 4
 
 
 @dataclass
-class Picture:
+class SparseImage:
     """Colours (h w, 3) and maps (h w, ...), and which pixels (h, w) were traced."""
 
     shape: tuple[int, int]
@@ -60,41 +60,41 @@ class Picture:
         return self.values[name][steps[:, None] + number]
 
 
-def differ(picture: Picture, blocks: Blocks, size: int, spread: float) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+def differ(image: SparseImage, blocks: Blocks, size: int, spread: float) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Which blocks (N,) have corners that are not alike, and of which others their middles are to tell."""
-    planes = _planes(picture)
+    planes = _planes(image)
     if planes is None:
-        return plain_differ(picture, blocks, size, spread)
+        return plain_differ(image, blocks, size, spread)
     verdict = np.empty(len(blocks), np.uint8)
-    _call("differ", planes, picture, blocks, size, ctypes.byref(_likeness(spread)), verdict.ctypes.data)
+    _call("differ", planes, image, blocks, size, ctypes.byref(_likeness(spread)), verdict.ctypes.data)
     return verdict == 1, verdict == 2
 
 
-def foretold(picture: Picture, blocks: Blocks, size: int, spread: float) -> NDArray[np.bool_]:
+def foretold(image: SparseImage, blocks: Blocks, size: int, spread: float) -> NDArray[np.bool_]:
     """Whether what was traced in the middles of blocks (N,) is what stands at their corners."""
-    planes = _planes(picture)
+    planes = _planes(image)
     if planes is None:
-        return plain_foretold(picture, blocks, size, spread)
+        return plain_foretold(image, blocks, size, spread)
     alike = np.empty(len(blocks), bool)
-    _call("foretold", planes, picture, blocks, size, ctypes.byref(_likeness(spread)), alike.ctypes.data)
+    _call("foretold", planes, image, blocks, size, ctypes.byref(_likeness(spread)), alike.ctypes.data)
     return alike
 
 
-def fill(picture: Picture, blocks: Blocks, size: int) -> None:
+def fill(image: SparseImage, blocks: Blocks, size: int) -> None:
     """Values in blocks whose corners are alike, at pixels that were not traced: bilinear, and bent to a middle that was traced,
     less and less towards the edges."""
-    planes = _planes(picture)
+    planes = _planes(image)
     if planes is None:
-        return plain_fill(picture, blocks, size)
-    _call("fill", planes, picture, blocks, size, picture.known.ctypes.data)
+        return plain_fill(image, blocks, size)
+    _call("fill", planes, image, blocks, size, image.known.ctypes.data)
 
 
-def _planes(picture: Picture) -> ctypes.Array[PlaneStruct] | None:
-    """A picture's maps as the kernels read them; None where they cannot."""
+def _planes(image: SparseImage) -> ctypes.Array[PlaneStruct] | None:
+    """An image's maps as the kernels read them; None where they cannot."""
     if native.library() is None:
         return None
     planes = []
-    for name, values in picture.values.items():
+    for name, values in image.values.items():
         number = values.dtype.kind == "f"
         kind = KINDS.get(name, 3 if number else 6)
         channels = values[0].size
@@ -110,48 +110,48 @@ def _likeness(spread: float) -> LikenessStruct:
     return LikenessStruct(spread, CONTRAST * spread, FORETOLD * spread, DISPARITY_RANGE, DISPARITY_TWIST)
 
 
-def _call(name: str, planes: ctypes.Array[PlaneStruct], picture: Picture, blocks: Blocks, size: int, *rest: Any) -> None:
+def _call(name: str, planes: ctypes.Array[PlaneStruct], image: SparseImage, blocks: Blocks, size: int, *rest: Any) -> None:
     blocks = np.ascontiguousarray(blocks)
     getattr(native.library(), f"unisim_blocks_{name}")(
-        planes, len(planes), blocks.ctypes.data, len(blocks), picture.shape[1], size, *rest, native.threads()
+        planes, len(planes), blocks.ctypes.data, len(blocks), image.shape[1], size, *rest, native.threads()
     )
 
 
-def plain_differ(picture: Picture, blocks: Blocks, size: int, spread: float) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+def plain_differ(image: SparseImage, blocks: Blocks, size: int, spread: float) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Which blocks (N,) have corners that are not alike, and of which others their middles are to tell."""
-    rgb = picture.corners("rgb", blocks, size)
+    rgb = image.corners("rgb", blocks, size)
     range_of = (rgb.max(0) - rgb.min(0)).max(1)
     apart = range_of > CONTRAST * spread
-    if CROWDED in picture.values:
-        apart |= picture.corners(CROWDED, blocks, size).any(0)
+    if CROWDED in image.values:
+        apart |= image.corners(CROWDED, blocks, size).any(0)
     for name in ("instance", "unsupported"):
-        if name in picture.values:
-            values = picture.corners(name, blocks, size)
+        if name in image.values:
+            values = image.corners(name, blocks, size)
             apart |= (values != values[0]).any(0)
-    if "depth" in picture.values:
-        disparity = 1 / picture.corners("depth", blocks, size)
+    if "depth" in image.values:
+        disparity = 1 / image.corners("depth", blocks, size)
         largest = disparity.max(0)
         twist = np.abs(disparity[0] + disparity[3] - disparity[1] - disparity[2])
         apart |= (largest - disparity.min(0) > DISPARITY_RANGE * largest) | (twist > DISPARITY_TWIST * largest)
     return apart, (range_of > spread) & ~apart
 
 
-def plain_foretold(picture: Picture, blocks: Blocks, size: int, spread: float) -> NDArray[np.bool_]:
+def plain_foretold(image: SparseImage, blocks: Blocks, size: int, spread: float) -> NDArray[np.bool_]:
     """Whether what was traced in the middles of blocks (N,) is what stands at their corners."""
     y, x = (blocks + size // 2).T
-    number = y * picture.shape[1] + x
-    rgb = picture.corners("rgb", blocks, size)
-    alike = np.abs(picture.values["rgb"][number] - rgb.mean(0)).max(1) <= FORETOLD * spread
+    number = y * image.shape[1] + x
+    rgb = image.corners("rgb", blocks, size)
+    alike = np.abs(image.values["rgb"][number] - rgb.mean(0)).max(1) <= FORETOLD * spread
     for name in ("instance", "unsupported"):
-        if name in picture.values:
-            alike &= picture.values[name][number] == picture.corners(name, blocks, size)[0]
-    if "depth" in picture.values:
-        disparity = 1 / picture.corners("depth", blocks, size)
-        alike &= np.abs(1 / picture.values["depth"][number] - disparity.mean(0)) <= DISPARITY_TWIST * disparity.max(0)
+        if name in image.values:
+            alike &= image.values[name][number] == image.corners(name, blocks, size)[0]
+    if "depth" in image.values:
+        disparity = 1 / image.corners("depth", blocks, size)
+        alike &= np.abs(1 / image.values["depth"][number] - disparity.mean(0)) <= DISPARITY_TWIST * disparity.max(0)
     return alike
 
 
-def plain_fill(picture: Picture, blocks: Blocks, size: int) -> None:
+def plain_fill(image: SparseImage, blocks: Blocks, size: int) -> None:
     """Values in blocks whose corners are alike, at pixels that were not traced: bilinear, and bent to a middle that was traced,
     less and less towards the edges."""
     steps = np.arange(size, dtype=np.float32) / np.float32(size)
@@ -160,14 +160,14 @@ def plain_fill(picture: Picture, blocks: Blocks, size: int) -> None:
     v, u = (x.reshape(-1, 1) for x in np.meshgrid(steps, steps, indexing="ij"))
     weights = np.stack([(1 - v) * (1 - u), (1 - v) * u, v * (1 - u), v * u])
     y, x = blocks.T
-    inner = (np.arange(size)[:, None] * picture.shape[1] + np.arange(size)).reshape(-1, 1)
-    numbers = inner + (y * picture.shape[1] + x)
+    inner = (np.arange(size)[:, None] * image.shape[1] + np.arange(size)).reshape(-1, 1)
+    numbers = inner + (y * image.shape[1] + x)
     middle = numbers[size // 2 * (size + 1)]
-    asked = picture.known.reshape(-1)[middle]
-    unknown = ~picture.known.reshape(-1)[numbers]
+    asked = image.known.reshape(-1)[middle]
+    unknown = ~image.known.reshape(-1)[numbers]
     numbers = numbers[unknown]
-    for name, values in picture.values.items():
-        corners = picture.corners(name, blocks, size)
+    for name, values in image.values.items():
+        corners = image.corners(name, blocks, size)
         if values.dtype.kind != "f":
             # alike in all four
             values[numbers] = np.broadcast_to(corners[0], unknown.shape)[unknown]

@@ -64,7 +64,7 @@ class Decoder:
         self._ray = perceptron("ray_head.network", f + SH_WIDTH + CODE, hidden, c)
         blocks = [f"blocks.{i}.{part}" for i in range(config.decoder_blocks) for part in ("first", "second")]
         last = convolution("last", 3 * up**2, min(k, 3))
-        # a cell's pixels by row, column and colour, as they lie in the picture
+        # a cell's pixels by row, column and colour, as they lie in the image
         order = np.arange(3 * up**2).reshape(3, up, up).transpose(1, 2, 0).reshape(-1)
         assert last.bias is not None
         self._convolutions = [*(convolution(name, c, k) for name in blocks), _Layer(last.weight[order], last.bias[order])]
@@ -74,7 +74,7 @@ class Decoder:
             self._sample = _Head(f, 0, perceptron("sample_head", f + SH_WIDTH, hidden, hidden, f))
 
     def image(self, features: NDArray[Any], directions: NDArray[Any], camera: int = -1) -> Array:
-        """The picture (h up, w up, 3) in 0..1, display-referred sRGB, of features (h, w, F) seen along unit directions (h, w, 3).
+        """The image (h up, w up, 3) in 0..1, display-referred sRGB, of features (h, w, F) seen along unit directions (h, w, 3).
 
         ``camera`` numbers the camera codes; -1 stands for a camera that was not trained and takes their mean.
         """
@@ -162,7 +162,7 @@ def sigmoid(x: Array) -> Array:
 
 
 def spread_over_edges(feature: NDArray[Any], share: NDArray[Any], cells: int) -> Array:
-    """A guest's features (h, w, F), divided by its share of the ray (h, w) and carried ``cells`` past its edges.
+    """A foreign actor's features (h, w, F), divided by its share of the ray (h, w) and carried ``cells`` past its edges.
 
     A cell that it has no share of takes the mean of the nine about it, those beyond the image counting as empty.
     """

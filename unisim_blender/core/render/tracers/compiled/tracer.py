@@ -12,18 +12,18 @@ from numpy.typing import NDArray
 
 from .... import native
 from ....geometry import FloatArray
-from ....meshes.meeting import Met
+from ....meshes.hits import MeshHits
 from ....ops.constants import OPAQUE, WHOLE
 from ....sensors.frames import RenderStats
 from ....sensors.rays import Rays, sound_directions
 from ....world.drive import Box
 from ....world.replay import parked_boxes
 from ....world.state import WorldState
-from ...actor_sets import gather_cast
+from ...actor_sets import active_actors
 from ...observed_space import Observed, ObservedSpace
 from ...quality import QUALITY, Quality
-from ...tracer import EDGE_CELLS, NEAR_M, UNIFORM_STEP_M, Array, Found, Maps, tiled
-from .cast import CompiledCast
+from ...tracer import EDGE_CELLS, NEAR_M, UNIFORM_STEP_M, Array, Maps, TraceResult, tiled
+from .actors import CompiledActors
 from .decoder import resized, sigmoid, spread_over_edges
 from .scene import CompiledScene
 from .structs import FoundStruct, MeshHitsStruct, RaysStruct, SamplingStruct, address, doubles, floats
@@ -33,7 +33,7 @@ CHUNK_RAYS = 1 << 18
 EVERY = 16
 """One in so many rays is looked at to say how much was saved."""
 WIDENING = 0.02
-"""How much longer the march's steps may be for each metre of distance, as a share: what is far is small in the picture."""
+"""How much longer the march's steps may be for each metre of distance, as a share: what is far is small in the image."""
 LEAST_SLOPE = 0.2
 """Behind a surface the distance is taken to fall by at least this much a metre."""
 LEAST_STEP_M = 0.01
@@ -79,28 +79,28 @@ class CompiledTracer:
         scene, others = backend.scene, backend.others
         self.scene, self.quality = scene, backend.quality
         self.space, self.clipped = backend.space, backend.clipped
-        self.cast = gather_cast(state, {"": scene.looks, **{path: other.looks for path, other in others.items()}})
-        self._guests = [others[path] for path in self.cast.guests]
-        self._cast = CompiledCast(self.cast, scene, others)
+        self.active = active_actors(state, {"": scene.looks, **{path: other.looks for path, other in others.items()}})
+        self._foreign = [others[path] for path in self.active.foreign]
+        self._compiled_actors = CompiledActors(self.active, scene, others)
         self.upsample, self.trained_width = scene.config.upsample, scene.header.training.get("width")
-        # decoders that look aside see past a guest's edges
-        alone = all(s.decoder.reach == 0 and s.config.upsample == 1 for s in (scene, *self._guests))
+        # decoders that look aside see past a foreign actor's edges
+        alone = all(s.decoder.reach == 0 and s.config.upsample == 1 for s in (scene, *self._foreign))
         self._edge = 0 if alone else EDGE_CELLS
-        self.reach = scene.decoder.reach + (self._edge if self._guests else 0)
+        self.reach = scene.decoder.reach + (self._edge if self._foreign else 0)
 
-    def trace(self, rays: Rays, passes: set[str], sky: bool, met: Met | None, stats: RenderStats) -> Found:
+    def trace(self, rays: Rays, passes: set[str], sky: bool, mesh_hits: MeshHits | None, stats: RenderStats) -> TraceResult:
         """See `tracer.Tracer`."""
         order = tiled(rays.time_s.shape)
         # of a list the order is its own, and its parts need no copies
         listed, flat = rays.time_s.ndim < 2, rays.flat().sound()
         rays = Rays(doubles(flat.origins), doubles(flat.directions), doubles(flat.time_s))
         n, features = len(rays.time_s), self.scene.config.features
-        found = Found(np.empty((n, features), np.float32), np.empty(n, np.float32), np.empty(n, np.float32), {})
-        found.guest_features = [np.empty((n, guest.config.features), np.float32) for guest in self._guests]
-        found.guest_opacity = [np.empty(n, np.float32) for _ in self._guests]
-        if met is not None or self._guests:
-            found.without_guests = np.empty_like(found.feature)
-        if met is not None:
+        found = TraceResult(np.empty((n, features), np.float32), np.empty(n, np.float32), np.empty(n, np.float32), {})
+        found.foreign_features = [np.empty((n, foreign.config.features), np.float32) for foreign in self._foreign]
+        found.foreign_opacity = [np.empty(n, np.float32) for _ in self._foreign]
+        if mesh_hits is not None or self._foreign:
+            found.without_foreign = np.empty_like(found.feature)
+        if mesh_hits is not None:
             found.mesh_opacity = np.empty(n, np.float32)
         starts = self.space.starts(flat) if self.space is not None and self.clipped else None
         maps: Maps = {}
@@ -114,7 +114,7 @@ class CompiledTracer:
             part = order[begin : begin + CHUNK_RAYS]
             at = slice(begin, begin + CHUNK_RAYS) if listed else part
             some = Rays(rays.origins[at], rays.directions[at], rays.time_s[at])
-            self._run(rays, part, some, sky, met, found, maps, stats, starts)
+            self._run(rays, part, some, sky, mesh_hits, found, maps, stats, starts)
         solid = found.opacity > 0.5
         if "depth" in maps:
             maps["depth"][~solid] = np.inf
@@ -134,8 +134,8 @@ class CompiledTracer:
         order: NDArray[np.int64],
         some: Rays,
         sky: bool,
-        met: Met | None,
-        found: Found,
+        mesh_hits: MeshHits | None,
+        found: TraceResult,
         maps: Maps,
         stats: RenderStats,
         starts: Array | None = None,
@@ -144,22 +144,22 @@ class CompiledTracer:
         library = native.library()
         assert library is not None
         struct = RaysStruct(len(order), *map(address, (rays.origins, rays.directions, rays.time_s, order, starts)))
-        cast, _kept, skipped = self._cast.struct(some)
-        meshes = None if met is None else _MeshHits(met)
+        active, _kept, skipped = self._compiled_actors.struct(some)
+        meshes = None if mesh_hits is None else _MeshHitArrays(mesh_hits)
         samples = np.zeros(1, np.int64)
-        guests = len(self._guests)
+        foreign = len(self._foreign)
         out = FoundStruct(
             *map(address, (found.feature, found.depth_m, found.opacity)),
             *(address(maps.get(name)) for name in ("depth", "instance", "normal")),
-            address(found.without_guests),
-            ctypes.addressof(features := (ctypes.c_void_p * guests)(*map(address, found.guest_features))),
-            ctypes.addressof(opacities := (ctypes.c_void_p * guests)(*map(address, found.guest_opacity))),
+            address(found.without_foreign),
+            ctypes.addressof(features := (ctypes.c_void_p * foreign)(*map(address, found.foreign_features))),
+            ctypes.addressof(opacities := (ctypes.c_void_p * foreign)(*map(address, found.foreign_opacity))),
             address(found.mesh_opacity),
             address(samples),
         )
         scene = self.scene.observed_struct if self.clipped else self.scene.struct
         library.unisim_trace(
-            ctypes.byref(scene), ctypes.byref(cast), ctypes.byref(struct),
+            ctypes.byref(scene), ctypes.byref(active), ctypes.byref(struct),
             None if meshes is None else ctypes.byref(meshes.struct), ctypes.byref(self._sampling(sky)), ctypes.byref(out),
             native.threads(),
         )  # fmt: skip
@@ -193,32 +193,32 @@ class CompiledTracer:
         near, far = np.minimum(a, b).max(1).clip(NEAR_M), np.maximum(a, b).min(1)
         return EVERY * int(np.ceil(np.maximum(far - near, 0) / UNIFORM_STEP_M).sum())
 
-    def image(self, found: Found, directions: FloatArray, camera_id: str, shape: tuple[int, ...]) -> Array:
+    def image(self, found: TraceResult, directions: FloatArray, camera_id: str, shape: tuple[int, ...]) -> Array:
         """See `tracer.Tracer`."""
         cells = sound_directions(directions).reshape(*shape, 3)
 
-        def picture(scene: CompiledScene, feature: Array) -> Array:
+        def decoded(scene: CompiledScene, feature: Array) -> Array:
             code = scene.cameras.index(camera_id) if camera_id in scene.cameras else -1
             return scene.decoder.image(feature.reshape(*shape, -1), cells, code)
 
-        rgb = picture(self.scene, found.feature if found.without_guests is None else found.without_guests)
+        rgb = decoded(self.scene, found.feature if found.without_foreign is None else found.without_foreign)
         size = rgb.shape[0], rgb.shape[1]
-        for i, guest in enumerate(self._guests):
-            # each scene's features are its own decoder's: the pictures are laid over each other, not the features
-            share = found.guest_opacity[i].clip(0, 1).reshape(*shape)
-            feature = spread_over_edges(found.guest_features[i].reshape(*shape, -1), share, self._edge)
-            other, alpha = picture(guest, feature), resized(share[..., None], size)
+        for i, foreign in enumerate(self._foreign):
+            # each scene's features are its own decoder's: the images are laid over each other, not the features
+            share = found.foreign_opacity[i].clip(0, 1).reshape(*shape)
+            feature = spread_over_edges(found.foreign_features[i].reshape(*shape, -1), share, self._edge)
+            other, alpha = decoded(foreign, feature), resized(share[..., None], size)
             rgb += alpha * (resized(other, size) - rgb)
         return rgb
 
-    def returns(self, found: Found, directions: FloatArray) -> tuple[Array, Array]:
+    def returns(self, found: TraceResult, directions: FloatArray) -> tuple[Array, Array]:
         """See `tracer.Tracer`."""
         directions = sound_directions(directions)
         intensity, logit = self.scene.decoder.returns(found.feature, directions, found.depth_m, found.opacity)
-        for i, guest in enumerate(self._guests):
-            share = found.guest_opacity[i].clip(0, 1)
-            own = found.guest_features[i] / share.clip(1e-3)[:, None]
-            theirs = guest.decoder.returns(own, directions, found.depth_m, found.opacity)
+        for i, foreign in enumerate(self._foreign):
+            share = found.foreign_opacity[i].clip(0, 1)
+            own = found.foreign_features[i] / share.clip(1e-3)[:, None]
+            theirs = foreign.decoder.returns(own, directions, found.depth_m, found.opacity)
             intensity, logit = (a + share * (b - a) for a, b in zip((intensity, logit), theirs, strict=True))
         # what meets nothing returns nothing
         return intensity, sigmoid(logit) * (found.opacity > 0.5)
@@ -228,14 +228,14 @@ class CompiledTracer:
         return self.scene.height_above_ground(points)
 
 
-class _MeshHits:
+class _MeshHitArrays:
     """Where rays meet meshes, as the kernels read it."""
 
-    def __init__(self, met: Met) -> None:
-        share = np.minimum(met.share, 1 - WHOLE)
+    def __init__(self, mesh_hits: MeshHits) -> None:
+        share = np.minimum(mesh_hits.share, 1 - WHOLE)
         self._arrays: list[NDArray[Any]] = [
-            np.ascontiguousarray(met.ray, np.int64),
-            *map(floats, (met.t, -np.log1p(-share), met.normals)),
-            np.ascontiguousarray(met.actor, np.int32),
+            np.ascontiguousarray(mesh_hits.ray, np.int64),
+            *map(floats, (mesh_hits.t, -np.log1p(-share), mesh_hits.normals)),
+            np.ascontiguousarray(mesh_hits.actor, np.int32),
         ]
-        self.struct = MeshHitsStruct(len(met.ray), *map(address, self._arrays))
+        self.struct = MeshHitsStruct(len(mesh_hits.ray), *map(address, self._arrays))

@@ -22,8 +22,8 @@ from .drops import DropTable
 from .exposure import Exposures
 from .ground import HeightGrid, height_grid
 from .model import SurfelScene, SurfelSet, SurfelSettings, joined, make_faces
+from .placed import NOBODY, STATIC, PlacedSurfels, carried
 from .planes import Neighbours
-from .stage import NOBODY, STATIC, Stage, carried
 from .views import open_view, outline_in
 
 NEIGHBOURS, RADIUS_M = 200, 0.2
@@ -100,15 +100,15 @@ def build_surfels(log: Log, settings: SurfelSettings, frames: Sequence[int] | No
     laid = yield from _told(_faces(_fine(static), settings), "Laying faces", 0.45, 0.1)
     everywhere = joined([laid, _gaps(laid, ground, drive.world_from_ego.positions)])
     yield Step("Sorting faces", 0.55)
-    stage = Stage(everywhere, [(actor, sets[actor.uid]) for actor in actors])
+    surfels = PlacedSurfels(everywhere, [(actor, sets[actor.uid]) for actor in actors])
     _ = everywhere.triangles  # made once: it takes seconds
     beams = [(name, frame) for name, frame in sweeps if drive.lidars[name].model.beams]
     for number, (name, frame) in enumerate(_spread(beams, PRUNING_SWEEPS)):
         yield Step("Removing what beams went through", 0.57 + 0.05 * number / PRUNING_SWEEPS)
-        stage = _pruned(stage, log, name, frame)
-    everywhere = stage.static
-    sets = {actor.uid: faces for actor, faces in stage.placed}
-    painter = Painter(stage)
+        surfels = _pruned(surfels, log, name, frame)
+    everywhere = surfels.static
+    sets = {actor.uid: faces for actor, faces in surfels.placed}
+    painter = Painter(surfels)
     outlines: dict[str, tuple[Outline, int]] = {}
     for name in drive.cameras:
         yield Step("Looking for the vehicle itself", 0.62)
@@ -116,7 +116,7 @@ def build_surfels(log: Log, settings: SurfelSettings, frames: Sequence[int] | No
     images = [(name, frame) for name in drive.cameras for frame in _chosen_images(log, name, chosen)]
     for number, (name, frame) in enumerate(images):
         yield Step("Painting faces from images", 0.63 + 0.32 * number / len(images))
-        painter.paint(open_view(log, name, frame, IMAGE_WIDTH, DEPTH_WIDTH, stage, actors, outlines))
+        painter.paint(open_view(log, name, frame, IMAGE_WIDTH, DEPTH_WIDTH, surfels, actors, outlines))
     gains = painter.gains()
     times = [drive.cameras[name].time_s[frame] for name, frame in images]
     exposures = Exposures.of([name for name, _ in images], times, gains)
@@ -125,7 +125,7 @@ def build_surfels(log: Log, settings: SurfelSettings, frames: Sequence[int] | No
     drops = DropTable.empty()
     for name, frame in _spread(beams, DROP_SWEEPS):
         yield Step("Counting dropped beams", 0.97)
-        drops = _count_drops(drops, log, name, frame, stage)
+        drops = _count_drops(drops, log, name, frame, surfels)
     yield SurfelScene(settings, everywhere, sets, ground, dome, dome_seen, drops, outlines, exposures)
 
 
@@ -260,31 +260,31 @@ def _spread(items: Sequence[Item], count: int) -> list[Item]:
     return [items[i] for i in sorted(set(np.linspace(0, len(items) - 1, count).round().astype(int).tolist()))]
 
 
-def _pruned(stage: Stage, log: Log, name: str, frame: int) -> Stage:
-    """The stage less faces that a sweep's beams went through more often than they returned there."""
+def _pruned(surfels: PlacedSurfels, log: Log, name: str, frame: int) -> PlacedSurfels:
+    """The placed surfels less faces that a sweep's beams went through more often than they returned there."""
     grid = log.sweep_grid(name, frame)
     rays = Rays(grid.origins[grid.returned], grid.directions[grid.returned], grid.time_s[grid.returned])
     depth = grid.depth_m[grid.returned].astype(np.float64)
     for _ in range(PRUNING_ROUNDS):
-        met = stage.first(rays, NEAR_M)
-        through = met.t < depth * (1 - THROUGH_SHARE) - THROUGH_M
-        sets = {STATIC: stage.static, **{number: faces for number, (_, faces) in enumerate(stage.placed)}}
-        for owner in np.unique(met.owner[through]).tolist():
-            mine, count = met.owner == owner, len(sets[owner])
-            passed = np.bincount(met.face[mine & through], minlength=count)
-            stopped = np.bincount(met.face[mine & ~through], minlength=count)
+        hits = surfels.first(rays, NEAR_M)
+        through = hits.t < depth * (1 - THROUGH_SHARE) - THROUGH_M
+        sets = {STATIC: surfels.static, **{number: faces for number, (_, faces) in enumerate(surfels.placed)}}
+        for owner in np.unique(hits.owner[through]).tolist():
+            mine, count = hits.owner == owner, len(sets[owner])
+            passed = np.bincount(hits.face[mine & through], minlength=count)
+            stopped = np.bincount(hits.face[mine & ~through], minlength=count)
             sets[owner] = sets[owner].without(passed > stopped)
         static = sets.pop(STATIC)
-        stage = Stage(static, [(actor, sets[number]) for number, (actor, _) in enumerate(stage.placed)])
-    return stage
+        surfels = PlacedSurfels(static, [(actor, sets[number]) for number, (actor, _) in enumerate(surfels.placed)])
+    return surfels
 
 
-def _count_drops(drops: DropTable, log: Log, name: str, frame: int, stage: Stage) -> DropTable:
+def _count_drops(drops: DropTable, log: Log, name: str, frame: int, surfels: PlacedSurfels) -> DropTable:
     grid = log.sweep_grid(name, frame)
     cells = ~grid.blocked
     rays = Rays(grid.origins[cells], grid.directions[cells], grid.time_s[cells])
-    met = stage.first(rays, NEAR_M)
-    hit = met.owner != NOBODY
-    cosine = np.abs(np.einsum("ni,ni->n", stage.normals(met, rays), rays.directions))
-    intensity = stage.gathered(met, "intensity", (), np.float64)
-    return drops.counted(met.t[hit], cosine[hit], intensity[hit], grid.returned[cells][hit])
+    hits = surfels.first(rays, NEAR_M)
+    hit = hits.owner != NOBODY
+    cosine = np.abs(np.einsum("ni,ni->n", surfels.normals(hits, rays), rays.directions))
+    intensity = surfels.gathered(hits, "intensity", (), np.float64)
+    return drops.counted(hits.t[hit], cosine[hit], intensity[hit], grid.returned[cells][hit])

@@ -13,7 +13,7 @@ from .cloud import cube_keys, summed
 from .exposure import Looks, exposure_gains
 from .ground import fill
 from .model import SurfelSet
-from .stage import Stage
+from .placed import PlacedSurfels
 from .views import View
 
 TILE_M = 8.0
@@ -45,14 +45,14 @@ class _Canvas:
 
 
 class Painter:
-    """Paints the sets of a stage, in place, with one image after the other; each face is left with the colours of the image that
-    showed it largest, as if all images were exposed alike."""
+    """Paints the sets of placed surfels, in place, with one image after the other; each face is left with the colours of the
+    image that showed it largest, as if all images were exposed alike."""
 
-    def __init__(self, stage: Stage) -> None:
-        self.stage = stage
-        self.static = _Canvas.of(stage.static)
-        self.placed = [_Canvas.of(faces) for _, faces in stage.placed]
-        cube = np.floor(self.static.centres / TILE_M).astype(np.int64) if len(stage.static) else np.zeros((0, 3), np.int64)
+    def __init__(self, surfels: PlacedSurfels) -> None:
+        self.surfels = surfels
+        self.static = _Canvas.of(surfels.static)
+        self.placed = [_Canvas.of(faces) for _, faces in surfels.placed]
+        cube = np.floor(self.static.centres / TILE_M).astype(np.int64) if len(surfels.static) else np.zeros((0, 3), np.int64)
         self.tiles, self.tile_of = np.unique(cube, axis=0, return_inverse=True)
         self.order = np.argsort(self.tile_of.reshape(-1), kind="stable")
         self.starts = np.searchsorted(self.tile_of.reshape(-1)[self.order], np.arange(len(self.tiles) + 1))
@@ -67,7 +67,7 @@ class Painter:
         chosen = self._in_sight(view)
         self._faces(view, self.static, chosen, view.of_static, True)
         first, last = view.ends()
-        for (actor, _), canvas in zip(self.stage.placed, self.placed, strict=True):
+        for (actor, _), canvas in zip(self.surfels.placed, self.placed, strict=True):
             way = actor.world_from_actor
             there = actor.start_s <= min(first, last) and max(first, last) <= actor.end_s and len(canvas.faces)
             if there and _in_frustum(view, way.at(first)[None, :3, 3], float(np.linalg.norm(actor.size_m)))[0]:

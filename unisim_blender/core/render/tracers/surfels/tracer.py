@@ -10,19 +10,19 @@ from numpy.typing import NDArray
 
 from ....errors import SceneError
 from ....geometry import BoolArray, FloatArray, Trajectory, invert_pose, points_in_box, transform_points
-from ....meshes.meeting import Met
+from ....meshes.hits import MeshHits
 from ....sensors.frames import RenderStats
 from ....sensors.rays import Rays
 from ....world.drive import Box, Drive
 from ....world.replay import parked_boxes
 from ....world.state import WorldState
-from ...actor_sets import gather_cast
+from ...actor_sets import active_actors
 from ...quality import QUALITY, Quality
-from ...tracer import NEAR_M, Array, Found, Maps
+from ...tracer import NEAR_M, Array, Maps, TraceResult
 from .cloud import MARGIN_M
 from .colours import dome_cell, dome_colours
 from .model import SurfelScene, SurfelSet
-from .stage import NOBODY, Meeting, Stage
+from .placed import NOBODY, PlacedSurfels, SurfelHits
 
 CHUNK_RAYS = 1 << 18
 """So many at a time: between two chunks Python can be interrupted."""
@@ -82,12 +82,12 @@ class SurfelTracer:
                     "actors alone can be rendered, and meshes"
                 )
         self.scene, self.quality = backend.scene, backend.quality
-        self.cast = gather_cast(state, {"": tuple(self.scene.actors)})
+        self.active = active_actors(state, {"": tuple(self.scene.actors)})
         static, copies = backend.static_world(state)
-        own = [(actor, self.scene.actors[actor.look.actor]) for actor in self.cast.own.actors]
-        self.stage = Stage(static, [*own, *zip(self.cast.targets, copies, strict=True)])
+        own = [(actor, self.scene.actors[actor.look.actor]) for actor in self.active.own.actors]
+        self.surfels = PlacedSurfels(static, [*own, *zip(self.active.targets, copies, strict=True)])
 
-    def trace(self, rays: Rays, passes: set[str], sky: bool, met: Met | None, stats: RenderStats) -> Found:
+    def trace(self, rays: Rays, passes: set[str], sky: bool, mesh_hits: MeshHits | None, stats: RenderStats) -> TraceResult:
         """See `tracer.Tracer`. A camera's feature is its colour, whatever the exposure, and the time, on which that depends; a
         LiDAR's is intensity and the probability of a return."""
         flat = rays.flat().sound()
@@ -104,19 +104,19 @@ class SurfelTracer:
             np.concatenate([part[1] for part in parts]),
             {name: np.concatenate([part[2][name] for part in parts]) for name in parts[0][2]},
         )
-        found = Found(feature, np.where(np.isfinite(depth), depth, 0.0), np.isfinite(depth).astype(np.float32), {})
+        found = TraceResult(feature, np.where(np.isfinite(depth), depth, 0.0), np.isfinite(depth).astype(np.float32), {})
         found.maps = {name: maps[name] for name in maps if name in passes}
-        if met is not None:
-            found.without_guests = feature
-            found.mesh_opacity = self._with_meshes(found.maps, depth, met)
+        if mesh_hits is not None:
+            found.without_foreign = feature
+            found.mesh_opacity = self._with_meshes(found.maps, depth, mesh_hits)
         return found
 
-    def image(self, found: Found, directions: FloatArray, camera_id: str, shape: tuple[int, ...]) -> Array:
+    def image(self, found: TraceResult, directions: FloatArray, camera_id: str, shape: tuple[int, ...]) -> Array:
         """See `tracer.Tracer`."""
         gain = self.scene.exposures.at(camera_id, found.feature[:, 3])
         return np.asarray(np.clip(found.feature[:, :3] * gain, 0, 1).reshape(*shape, 3), np.float32)
 
-    def returns(self, found: Found, directions: FloatArray) -> tuple[Array, Array]:
+    def returns(self, found: TraceResult, directions: FloatArray) -> tuple[Array, Array]:
         """See `tracer.Tracer`."""
         return found.feature[:, 0], found.feature[:, 1]
 
@@ -125,62 +125,62 @@ class SurfelTracer:
         return np.asarray(points[:, 2] - self.scene.ground.at(points))
 
     def _part(self, rays: Rays, passes: set[str], sky: bool, pixel_rad: float) -> tuple[Array, Array, Maps]:
-        met = self.stage.first(rays, NEAR_M)
-        hit = met.owner != NOBODY
+        hits = self.surfels.first(rays, NEAR_M)
+        hit = hits.owner != NOBODY
         needs_normal = "normal" in passes or not sky
-        normals = self.stage.normals(met, rays) if needs_normal else None
+        normals = self.surfels.normals(hits, rays) if needs_normal else None
         if sky:
-            colours, unsupported = self.colours(rays, met, pixel_rad)
+            colours, unsupported = self.colours(rays, hits, pixel_rad)
             feature = np.concatenate([colours, rays.time_s[:, None].astype(np.float32)], -1)
         else:
-            feature, unsupported = self._beams(rays, met, normals), ~hit
-        own = len(self.cast.own.actors)
+            feature, unsupported = self._beams(rays, hits, normals), ~hit
+        own = len(self.active.own.actors)
         maps: Maps = {
-            "depth": met.t.astype(np.float32),
-            "instance": np.where((met.owner >= 0) & (met.owner < own), met.owner + 1, 0).astype(np.int32),
+            "depth": hits.t.astype(np.float32),
+            "instance": np.where((hits.owner >= 0) & (hits.owner < own), hits.owner + 1, 0).astype(np.int32),
             "opacity": hit.astype(np.float32),
             "unsupported": unsupported,
         }
         if normals is not None:
             maps["normal"] = normals.astype(np.float32)
-        return feature, met.t.astype(np.float32), maps
+        return feature, hits.t.astype(np.float32), maps
 
-    def colours(self, rays: Rays, met: Meeting, pixel_rad: float) -> tuple[Array, BoolArray]:
+    def colours(self, rays: Rays, hits: SurfelHits, pixel_rad: float) -> tuple[Array, BoolArray]:
         """Colours (N, 3) in 0..1 of flat rays, ``pixel_rad`` apart, and what they met; where (N,) nothing recorded is
         behind them."""
-        hit = met.owner != NOBODY
-        colours = self.stage.colours(met)
+        hit = hits.owner != NOBODY
+        colours = self.surfels.colours(hits)
         dome = self.scene.dome
         colours[~hit] = dome_colours(dome, rays.directions[~hit])
-        known = self.stage.gathered(met, "seen", (), np.bool_) & self.stage.gathered(met, "painted", (), np.bool_)
+        known = self.surfels.gathered(hits, "seen", (), np.bool_) & self.surfels.gathered(hits, "painted", (), np.bool_)
         known[~hit] = self.scene.dome_seen.reshape(-1)[dome_cell(rays.directions[~hit], dome.shape)]
         return colours, ~known
 
-    def _beams(self, rays: Rays, met: Meeting, normals: FloatArray | None) -> Array:
+    def _beams(self, rays: Rays, hits: SurfelHits, normals: FloatArray | None) -> Array:
         assert normals is not None
-        hit = met.owner != NOBODY
-        intensity = self.stage.gathered(met, "intensity", (), np.float64)
+        hit = hits.owner != NOBODY
+        intensity = self.surfels.gathered(hits, "intensity", (), np.float64)
         cosine = np.abs(np.einsum("ni,ni->n", normals, rays.directions))
-        returned = self.scene.drops.probability(np.where(hit, met.t, 0.0), cosine, intensity)
+        returned = self.scene.drops.probability(np.where(hit, hits.t, 0.0), cosine, intensity)
         return np.stack([intensity, np.where(hit, returned, 0.0)], -1).astype(np.float32)
 
-    def _with_meshes(self, maps: Maps, depth: Array, met: Met) -> NDArray[np.float32]:
+    def _with_meshes(self, maps: Maps, depth: Array, mesh_hits: MeshHits) -> NDArray[np.float32]:
         """How much of each ray (N,) meshes stop: what they cover of those that meet nothing before. The passes show them where
         that is the larger part."""
         stopped = np.zeros(len(depth), np.float32)
-        front = met.t < depth[met.ray]
-        stopped[met.ray[front]] = met.share[front]
-        shown = front & (met.share > 0.5)
-        first = len(self.cast.uids) - len(self.cast.extras.uids)
+        front = mesh_hits.t < depth[mesh_hits.ray]
+        stopped[mesh_hits.ray[front]] = mesh_hits.share[front]
+        shown = front & (mesh_hits.share > 0.5)
+        first = len(self.active.uids) - len(self.active.mesh_actors.uids)
         values = {
-            "depth": met.t,
-            "normal": met.normals,
-            "instance": first + met.actor + 1,
-            "opacity": np.ones(len(met.ray)),
-            "unsupported": np.zeros(len(met.ray), bool),
+            "depth": mesh_hits.t,
+            "normal": mesh_hits.normals,
+            "instance": first + mesh_hits.actor + 1,
+            "opacity": np.ones(len(mesh_hits.ray)),
+            "unsupported": np.zeros(len(mesh_hits.ray), bool),
         }
         for name, array in maps.items():
-            array[met.ray[shown]] = values[name][shown]
+            array[mesh_hits.ray[shown]] = values[name][shown]
         return stopped
 
 

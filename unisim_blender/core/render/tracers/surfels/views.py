@@ -18,7 +18,7 @@ from ....sensors.camera import camera_rays, pixel_grid, row_times
 from ....sensors.rays import Rays
 from ....world.drive import Actor, Camera
 from ...tracer import NEAR_M
-from .stage import Stage
+from .placed import PlacedSurfels
 
 NEARER_SHARE, NEARER_M = 0.02, 0.2
 """A place farther than the first surface by more than this is hidden."""
@@ -154,17 +154,17 @@ def open_view(
     frame: int,
     width: int,
     depth_width: int,
-    stage: Stage,
+    surfels: PlacedSurfels,
     boxed: Iterable[Actor],
     outlines: Mapping[str, tuple[Outline, int]],
 ) -> View:
-    """A recorded image at most ``width`` pixels wide, with depths of the stage, and of the boxes of ``boxed`` actors, on a
-    grid ``depth_width`` wide; ``outlines`` are the recording vehicle's. Raises `LogError`."""
+    """A recorded image at most ``width`` pixels wide, with depths of the placed surfels, and of the boxes of ``boxed`` actors, on
+    a grid ``depth_width`` wide; ``outlines`` are the recording vehicle's. Raises `LogError`."""
     camera = resized(log.drive.cameras[camera_id], width)
     coarse = resized(camera, depth_width)
     u, v = pixel_grid(coarse.model)
     rays = camera_rays(coarse, coarse.time_s[frame], u, v).flat()
-    depth = stage.first(rays, NEAR_M).t.reshape(u.shape).astype(np.float32)
+    depth = surfels.first(rays, NEAR_M).t.reshape(u.shape).astype(np.float32)
     padded = np.pad(depth, 1, mode="edge")
     clear = sliding_window_view(padded, (3, 3)).min((2, 3))
     image = resize_image(log.image(camera_id, frame), camera.model)

@@ -1,4 +1,4 @@
-"""The cast as tensors that rays are traced against."""
+"""The active actors as tensors that rays are traced against."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from ....model.scene import SceneModel
 from ....model.tracklets import Tracklets
 from ....ops.devices import module_to
 from ....world.drive import Actor
-from ...actor_sets import Cast, Troupe
+from ...actor_sets import ActiveActors, ActorSet
 
 
 @dataclass
-class TroupeTensors:
+class ActorSetTensors:
     """Actors whose looks come from one scene: boxes on their ways, and each one's row of that scene's tables."""
 
     scene: SceneModel
@@ -31,22 +31,24 @@ class TroupeTensors:
 
 
 @dataclass
-class CastTensors:
-    """``own`` are actors with looks of the scene itself, ``guests`` those of other scenes by their paths.
+class ActiveActorTensors:
+    """``own`` are actors with looks of the scene itself, ``foreign`` those of other scenes by their paths.
 
     Places are measured from the corner of the own scene's volume, along the world's axes. removals: (box_from_world (R, 4, 4),
     size_m (R, 3)); copies: tracklets of the target boxes, copy_source: world_from_source (C, 4, 4).
     """
 
-    own: TroupeTensors
-    guests: dict[str, TroupeTensors] = field(default_factory=dict)
+    own: ActorSetTensors
+    foreign: dict[str, ActorSetTensors] = field(default_factory=dict)
     removals: tuple[Tensor, Tensor] | None = None
     copies: Tracklets | None = None
     copy_source: Tensor | None = None
 
 
-def cast_tensors(cast: Cast, scenes: Mapping[str, tuple[SceneModel, Tensor]], device: torch.device | str = "cpu") -> CastTensors:
-    """A cast on a device; ``scenes`` are models and their baked actor grids by path, the scene's own under ""."""
+def active_actor_tensors(
+    active: ActiveActors, scenes: Mapping[str, tuple[SceneModel, Tensor]], device: torch.device | str = "cpu"
+) -> ActiveActorTensors:
+    """The active actors on a device; ``scenes`` are models and their baked actor grids by path, the scene's own under ""."""
     corner = scenes[""][0].volume.corner
 
     def tracklets(actors: Sequence[Actor]) -> Tracklets:
@@ -55,18 +57,20 @@ def cast_tensors(cast: Cast, scenes: Mapping[str, tuple[SceneModel, Tensor]], de
     def recentred(pose: FloatArray) -> FloatArray:
         return np.block([[pose[:3, :3], (pose[:3, 3] - corner)[:, None]], [pose[3:]]])
 
-    def troupe(path: str, actors: Troupe) -> TroupeTensors:
+    def actor_set(path: str, actors: ActorSet) -> ActorSetTensors:
         rows = torch.tensor(actors.rows, dtype=torch.long, device=device)
-        return TroupeTensors(*scenes[path], tracklets(actors.actors), rows, actors.uids)
+        return ActorSetTensors(*scenes[path], tracklets(actors.actors), rows, actors.uids)
 
     def stacked(arrays: list[FloatArray]) -> Tensor:
         return torch.as_tensor(np.stack(arrays)).float().to(device)
 
-    out = CastTensors(troupe("", cast.own), {path: troupe(path, actors) for path, actors in cast.guests.items()})
-    if cast.removals:
-        poses = [invert_pose(recentred(box.world_from_box)) for box in cast.removals]
-        out.removals = stacked(poses), stacked([box.size_m for box in cast.removals])
-    if cast.targets:
-        out.copies = tracklets(cast.targets)
-        out.copy_source = stacked([recentred(box.world_from_box) for box in cast.sources])
+    out = ActiveActorTensors(
+        actor_set("", active.own), {path: actor_set(path, actors) for path, actors in active.foreign.items()}
+    )
+    if active.removals:
+        poses = [invert_pose(recentred(box.world_from_box)) for box in active.removals]
+        out.removals = stacked(poses), stacked([box.size_m for box in active.removals])
+    if active.targets:
+        out.copies = tracklets(active.targets)
+        out.copy_source = stacked([recentred(box.world_from_box) for box in active.sources])
     return out

@@ -11,37 +11,39 @@ import torch.nn.functional as F
 from torch import Tensor
 
 from ....model.scene import SceneModel
-from ....ops.ray_segments import Strands, Traced
+from ....ops.ray_segments import RaySegments, SegmentTrace
 
 
 @torch.no_grad()
-def median_depth(scene: SceneModel, traced: Traced) -> Tensor:
+def median_depth(scene: SceneModel, traced: SegmentTrace) -> Tensor:
     """Median distance (N,) in metres of what stopped each ray, the far field included, the sky left out; 0 where nothing did."""
-    target = (1 + traced.behind) / 2
+    target = (1 + traced.transmittance_after) / 2
     depth = torch.zeros_like(traced.opacity)
-    for strand in traced.strands:
-        assert strand.front is not None
-        wanted = target[strand.ray][:, None]
-        after = strand.front * torch.exp(-strand.tau)
-        row, k = torch.nonzero((strand.front > wanted) & (after <= wanted), as_tuple=True)
-        near = strand.t[row, (k - 1).clamp_min(0)]
-        share = _share(scene, strand, row, k, wanted[row, 0])
-        depth[strand.ray[row]] = near + torch.where(k > 0, share, torch.zeros_like(share)) * (strand.t[row, k] - near)
+    for ray_segment in traced.ray_segments:
+        assert ray_segment.transmittance_before is not None
+        wanted = target[ray_segment.ray][:, None]
+        after = ray_segment.transmittance_before * torch.exp(-ray_segment.tau)
+        row, k = torch.nonzero((ray_segment.transmittance_before > wanted) & (after <= wanted), as_tuple=True)
+        near = ray_segment.t[row, (k - 1).clamp_min(0)]
+        fraction = _fraction(scene, ray_segment, row, k, wanted[row, 0])
+        depth[ray_segment.ray[row]] = near + torch.where(k > 0, fraction, torch.zeros_like(fraction)) * (
+            ray_segment.t[row, k] - near
+        )
     if traced.far is not None:
-        ray, t, tau, front = traced.far
-        after = front * torch.exp(-tau)
-        row, k = torch.nonzero((front > target[ray][:, None]) & (after <= target[ray][:, None]), as_tuple=True)
+        ray, t, tau, before = traced.far
+        after = before * torch.exp(-tau)
+        row, k = torch.nonzero((before > target[ray][:, None]) & (after <= target[ray][:, None]), as_tuple=True)
         depth[ray[row]] = t[row, k]
     return depth
 
 
-def _share(scene: SceneModel, strand: Strands, row: Tensor, k: Tensor, wanted: Tensor) -> Tensor:
+def _fraction(scene: SceneModel, ray_segment: RaySegments, row: Tensor, k: Tensor, wanted: Tensor) -> Tensor:
     """How far into interval k of each row the transmittance falls to ``wanted``, 0 to 1; the distance is linear in between."""
     if scene.config.density != "logistic":
         return torch.ones_like(wanted)
-    assert strand.front is not None
-    s1, s2 = strand.s[row, (k - 1).clamp_min(0)], strand.s[row, k]
+    assert ray_segment.transmittance_before is not None
+    s1, s2 = ray_segment.s[row, (k - 1).clamp_min(0)], ray_segment.s[row, k]
     # -log Phi at the place, then its distance: the inverse of softplus(-beta s)
-    y = F.softplus(-strand.beta * s1) + torch.log(strand.front[row, k] / wanted)
-    at = -(y + torch.log(-torch.expm1(-y.clamp_min(1e-12)))) / strand.beta
+    y = F.softplus(-ray_segment.beta * s1) + torch.log(ray_segment.transmittance_before[row, k] / wanted)
+    at = -(y + torch.log(-torch.expm1(-y.clamp_min(1e-12)))) / ray_segment.beta
     return ((s1 - at) / (s1 - s2).clamp_min(1e-9)).clamp(0, 1)

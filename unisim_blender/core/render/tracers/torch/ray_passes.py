@@ -11,13 +11,13 @@ from torch import Tensor
 from ....model.checkpoint import Scene
 from ....model.gradient import CORNERS, distance_gradient
 from ....ops.constants import NORMAL_STEP_M
-from ....ops.ray_segments import RayBatch, Strands, Traced
+from ....ops.ray_segments import RayBatch, RaySegments, SegmentTrace
 from ...tracer import Maps
-from .actor_tensors import CastTensors
+from .actor_tensors import ActiveActorTensors
 from .median import median_depth
 
 
-def ray_passes(scene: Scene, cast: CastTensors, part: RayBatch, traced: Traced, passes: set[str]) -> Maps:
+def ray_passes(scene: Scene, active: ActiveActorTensors, part: RayBatch, traced: SegmentTrace, passes: set[str]) -> Maps:
     """One array (N, ...) for each pass asked for, of rays that were traced."""
     maps: Maps = {}
     solid = traced.opacity > 0.5
@@ -30,65 +30,65 @@ def ray_passes(scene: Scene, cast: CastTensors, part: RayBatch, traced: Traced, 
     if "instance" in passes:
         maps["instance"] = _instances(traced, len(part)).cpu().numpy()
     if "normal" in passes:
-        maps["normal"] = _normals(scene, cast, traced, part, solid).cpu().numpy()
+        maps["normal"] = _normals(scene, active, traced, part, solid).cpu().numpy()
     if "unsupported" in passes:
         maps["unsupported"] = (~_supported(scene, traced, part, depth)).cpu().numpy()
     return maps
 
 
-def _instances(traced: Traced, rays: int) -> Tensor:
+def _instances(traced: SegmentTrace, rays: int) -> Tensor:
     """1 + the number of the actor with the largest weight on each ray (N,), 0 where the rest outweighs it."""
     best = traced.feature.new_zeros(rays)
-    background = traced.behind.clone()
+    background = traced.transmittance_after.clone()
     actors = []
-    for strand in traced.strands:
-        assert strand.weight is not None
-        total = strand.weight.sum(1)
-        if strand.bounds is None:
-            background.index_add_(0, strand.ray, total)
+    for ray_segment in traced.ray_segments:
+        assert ray_segment.weight is not None
+        total = ray_segment.weight.sum(1)
+        if ray_segment.bounds is None:
+            background.index_add_(0, ray_segment.ray, total)
         else:
-            actors.append((strand, total))
-            best.scatter_reduce_(0, strand.ray, total, "amax")
+            actors.append((ray_segment, total))
+            best.scatter_reduce_(0, ray_segment.ray, total, "amax")
     out = torch.zeros(rays, dtype=torch.long, device=best.device)
-    for strand, total in actors:
-        heaviest = total == best[strand.ray]
-        # of several strands of one ray one order must decide: writing to one place by turns has none
-        out.scatter_reduce_(0, strand.ray[heaviest], strand.medium[heaviest] + 1, "amax")
+    for ray_segment, total in actors:
+        heaviest = total == best[ray_segment.ray]
+        # of several ray segments of one ray one order must decide: writing to one place by turns has none
+        out.scatter_reduce_(0, ray_segment.ray[heaviest], ray_segment.field[heaviest] + 1, "amax")
     return torch.where(best > background, out, torch.zeros_like(out))
 
 
-def _normals(scene: Scene, cast: CastTensors, traced: Traced, part: RayBatch, solid: Tensor) -> Tensor:
-    """Unit normals (N, 3), world frame, 0 where nothing solid is: each strand's gradient of the distance at its heaviest sample,
-    by central differences on a tetrahedron, weighted with what the strand gives to the ray."""
+def _normals(scene: Scene, active: ActiveActorTensors, traced: SegmentTrace, part: RayBatch, solid: Tensor) -> Tensor:
+    """Unit normals (N, 3), world frame, 0 where nothing solid is: each segment's gradient of the distance at its heaviest sample,
+    by central differences on a tetrahedron, weighted with what the ray segment gives to the ray."""
     out = torch.zeros_like(part.directions)
-    for strand in traced.strands:
-        assert strand.weight is not None
-        weight, heaviest = strand.weight.sum(1), strand.weight.argmax(1)
-        if strand.normals is not None:
-            out.index_add_(0, strand.ray, weight[:, None] * strand.normals)
+    for ray_segment in traced.ray_segments:
+        assert ray_segment.weight is not None
+        weight, heaviest = ray_segment.weight.sum(1), ray_segment.weight.argmax(1)
+        if ray_segment.normals is not None:
+            out.index_add_(0, ray_segment.ray, weight[:, None] * ray_segment.normals)
             continue
-        x = strand.points[torch.arange(len(heaviest), device=heaviest.device), heaviest]
-        gradient = distance_gradient(_distance_of(scene, cast, strand), x, NORMAL_STEP_M, strand.size_m)
-        if strand.bounds is None:
+        x = ray_segment.points[torch.arange(len(heaviest), device=heaviest.device), heaviest]
+        gradient = distance_gradient(_distance_of(scene, active, ray_segment), x, NORMAL_STEP_M, ray_segment.size_m)
+        if ray_segment.bounds is None:
             gradient = gradient @ scene.model.frame.rotation
-        if strand.world_from_box is not None:
-            gradient = torch.einsum("nij,nj->ni", strand.world_from_box, gradient)
-        out.index_add_(0, strand.ray, weight[:, None] * F.normalize(gradient, dim=-1))
+        if ray_segment.world_from_box is not None:
+            gradient = torch.einsum("nij,nj->ni", ray_segment.world_from_box, gradient)
+        out.index_add_(0, ray_segment.ray, weight[:, None] * F.normalize(gradient, dim=-1))
     return torch.where(solid[:, None], F.normalize(out, dim=-1), torch.zeros_like(out))
 
 
-def _distance_of(scene: Scene, cast: CastTensors, strand: Strands) -> Callable[[Tensor], Tensor]:
-    """The signed distance in a strand's medium, of points in its own coordinates, `CORNERS` for each row."""
-    if strand.bounds is None:
+def _distance_of(scene: Scene, active: ActiveActorTensors, ray_segment: RaySegments) -> Callable[[Tensor], Tensor]:
+    """The signed distance in a segment's field, of points in its own coordinates, `CORNERS` for each row."""
+    if ray_segment.bounds is None:
         return scene.model.static.distance
-    troupes = [cast.own, *cast.guests.values()]
-    troupe = troupes[strand.guest + 1]
-    first = sum(len(t.uids) for t in troupes[: strand.guest + 1])
-    row = troupe.rows[strand.medium - first].repeat_interleave(CORNERS)
-    return lambda y: troupe.scene.actors.distance(troupe.tables, y, row)
+    actor_sets = [active.own, *active.foreign.values()]
+    actor_set = actor_sets[ray_segment.foreign + 1]
+    first = sum(len(t.uids) for t in actor_sets[: ray_segment.foreign + 1])
+    row = actor_set.rows[ray_segment.field - first].repeat_interleave(CORNERS)
+    return lambda y: actor_set.scene.actors.distance(actor_set.tables, y, row)
 
 
-def _supported(scene: Scene, traced: Traced, part: RayBatch, depth_m: Tensor) -> Tensor:
+def _supported(scene: Scene, traced: SegmentTrace, part: RayBatch, depth_m: Tensor) -> Tensor:
     """Which rays (N,) end where the recording saw something: an observed voxel, an actor, or beyond the volume."""
     model = scene.model
     x = model.frame.points(part.origins + part.directions * torch.nan_to_num(depth_m, posinf=1e6)[:, None])

@@ -13,16 +13,16 @@ import torch.nn.functional as F
 from numpy.typing import NDArray
 from torch import Tensor
 
-from ....meshes.meeting import Met
+from ....meshes.hits import MeshHits
 from ....model.scene import SceneModel
 from ....model.tracklets import Hits
 from ....ops.composite import composite
 from ....ops.constants import CLEARANCE_M, EMPTY_M, OPAQUE, WHOLE
 from ....ops.density import logistic_intervals, unisim_intervals, volume_density, volume_intervals, weights_from_tau
 from ....ops.march import Segment, propose, refine_by_density, refine_quantiles, stratified
-from ....ops.ray_segments import RayBatch, Strands, Traced
+from ....ops.ray_segments import RayBatch, RaySegments, SegmentTrace
 from ...tracer import NEAR_M
-from .actor_tensors import CastTensors, TroupeTensors
+from .actor_tensors import ActiveActorTensors, ActorSetTensors
 
 _LOOKS = 3
 """Places between two samples at which the voxels are asked how much of the way is free."""
@@ -45,39 +45,45 @@ class Sampling:
 
 
 def trace(
-    scene: SceneModel, cast: CastTensors, rays: RayBatch, sampling: Sampling, among: Tensor | None = None, met: Met | None = None
-) -> Traced:
-    """Features, depths and opacities of rays. ``among`` names the own actors that can be met, the others are skipped; ``met`` is
-    where rays meet meshes."""
-    actors = _actor_strands(cast.own, rays, sampling, among, first=0, guest=-1)
-    first = len(cast.own.uids)
-    for i, troupe in enumerate(cast.guests.values()):
-        actors += _actor_strands(troupe, rays, sampling, None, first=first, guest=i)
-        first += len(troupe.uids)
-    static = _static_strands(scene, cast, rays, sampling, actors)
-    strands = [s for s in (static, *actors, *_copy_strands(scene, cast, rays, sampling)) if len(s.ray)]
-    widths = [troupe.scene.config.features for troupe in cast.guests.values()]
+    scene: SceneModel,
+    active: ActiveActorTensors,
+    rays: RayBatch,
+    sampling: Sampling,
+    among: Tensor | None = None,
+    mesh_hits: MeshHits | None = None,
+) -> SegmentTrace:
+    """Features, depths and opacities of rays. ``among`` names the own actors that can be mesh_hits, the others are skipped;
+    ``mesh_hits`` is where rays meet meshes."""
+    actors = _actor_segments(active.own, rays, sampling, among, first=0, foreign=-1)
+    first = len(active.own.uids)
+    for i, actor_set in enumerate(active.foreign.values()):
+        actors += _actor_segments(actor_set, rays, sampling, None, first=first, foreign=i)
+        first += len(actor_set.uids)
+    static = _static_segments(scene, active, rays, sampling, actors)
+    ray_segments = [s for s in (static, *actors, *_copy_segments(scene, active, rays, sampling)) if len(s.ray)]
+    widths = [actor_set.scene.config.features for actor_set in active.foreign.values()]
     seen = []
-    if met is not None:
-        strands += [_surfaces(met, rays, first, len(widths))] if len(met.ray) else []
+    if mesh_hits is not None:
+        ray_segments += [_surfaces(mesh_hits, rays, first, len(widths))] if len(mesh_hits.ray) else []
         widths.append(1)
-    if cast.guests or met is not None:
-        # what the scene's own decoder is to see: everything but the guests. First, for strands keep the weights of the last
-        own = [strand for strand in strands if strand.guest < 0]
+    if active.foreign or mesh_hits is not None:
+        # what the scene's own decoder is to see: everything but the foreign actors. First, for ray segments keep the weights of
+        # the last
+        own = [ray_segment for ray_segment in ray_segments if ray_segment.foreign < 0]
         seen.append(composite(len(rays), own, scene.config.features, [], rays.origins))
-    traced = composite(len(rays), strands, scene.config.features, widths, rays.origins)
+    traced = composite(len(rays), ray_segments, scene.config.features, widths, rays.origins)
     seen.append(traced)
-    far = _far(scene, rays, sampling, seen[0].behind) if sampling.far else None
+    far = _far(scene, rays, sampling, seen[0].transmittance_after) if sampling.far else None
     if far is not None:
         traced.samples += far.t.numel() + len(far.ray)
         for result in seen:
             _add_far(far, result)
-    if cast.guests or met is not None:
-        traced.without_guests = seen[0].feature
-    if met is not None:
-        traced.mesh_opacity = traced.guest_opacity.pop()
-        traced.guest_features.pop()
-    traced.samples += sum(s.t.numel() for s in strands)
+    if active.foreign or mesh_hits is not None:
+        traced.without_foreign = seen[0].feature
+    if mesh_hits is not None:
+        traced.mesh_opacity = traced.foreign_opacity.pop()
+        traced.foreign_features.pop()
+    traced.samples += sum(s.t.numel() for s in ray_segments)
     return traced
 
 
@@ -126,7 +132,9 @@ def _far_count(n: int, sampling: Sampling) -> int:
     return max(2, round(n * sampling.far_fine))
 
 
-def _static_strands(scene: SceneModel, cast: CastTensors, rays: RayBatch, sampling: Sampling, actors: list[Strands]) -> Strands:
+def _static_segments(
+    scene: SceneModel, active: ActiveActorTensors, rays: RayBatch, sampling: Sampling, actors: list[RaySegments]
+) -> RaySegments:
     o, d = scene.frame.points(rays.origins), scene.frame.vectors(rays.directions)
     t_near, t_far = scene.frame.span(o, d, NEAR_M)
     if rays.starts is not None:
@@ -141,30 +149,30 @@ def _static_strands(scene: SceneModel, cast: CastTensors, rays: RayBatch, sampli
         segment = Segment(o, d, t_near[ray], t_far[ray])
         points = _along(o, d, t)
         s = scene.static.distance(points.reshape(-1, 3)).view(t.shape)
-        s = _cleared(scene, cast, rays, actors, ray, t, points, s)
+        s = _cleared(scene, active, rays, actors, ray, t, points, s)
         jitter = stratified(len(ray), _count(samples.static, sampling), sampling.jitter, o, sampling.generator)
         quantiles = _refined(scene, u, t, s, _lengths(scene, o, d, t), jitter)
         t, _ = propose(scene.occupancy.voxels, segment, quantiles)
     points = _along(o, d, t)
     s, feature = scene.static(points.reshape(-1, 3))
     feature = scene.directed(feature, rays.directions[ray].repeat_interleave(t.shape[1], 0))
-    s = _cleared(scene, cast, rays, actors, ray, t, points, s.view(t.shape))
-    tau, share = _intervals(scene, s, t, _lengths(scene, o, d, t), actor=False)
-    medium = torch.full_like(ray, -1)
+    s = _cleared(scene, active, rays, actors, ray, t, points, s.view(t.shape))
+    tau, stop_fraction = _intervals(scene, s, t, _lengths(scene, o, d, t), actor=False)
+    field = torch.full_like(ray, -1)
     feature = feature.view(*t.shape, scene.config.features)
-    return Strands(ray, t, s, feature, tau, share, points, medium, beta=float(scene.beta().detach()))
+    return RaySegments(ray, t, s, feature, tau, stop_fraction, points, field, beta=float(scene.beta().detach()))
 
 
-def _actor_strands(
-    troupe: TroupeTensors, rays: RayBatch, sampling: Sampling, among: Tensor | None, first: int, guest: int
-) -> list[Strands]:
-    if not troupe.uids or (among is not None and len(among) == 0):
+def _actor_segments(
+    actor_set: ActorSetTensors, rays: RayBatch, sampling: Sampling, among: Tensor | None, first: int, foreign: int
+) -> list[RaySegments]:
+    if not actor_set.uids or (among is not None and len(among) == 0):
         return []
-    hits = troupe.tracklets.hits(rays.origins, rays.directions, rays.time_s, NEAR_M, among, troupe.keys)
+    hits = actor_set.tracklets.hits(rays.origins, rays.directions, rays.time_s, NEAR_M, among, actor_set.keys)
     if len(hits.ray) == 0:
         return []
-    scene, samples = troupe.scene, troupe.scene.config.samples
-    size, row = troupe.tracklets.sizes_m[hits.actor], troupe.rows[hits.actor]
+    scene, samples = actor_set.scene, actor_set.scene.config.samples
+    size, row = actor_set.tracklets.sizes_m[hits.actor], actor_set.rows[hits.actor]
     flip = None
     if sampling.mirror is not None:
         # an actor at a time: rays that turned one by one would be noise, which the decoder learns to blur
@@ -187,18 +195,18 @@ def _actor_strands(
         count = _count(samples.actor_proposals, sampling)
         u = stratified(len(row), count, sampling.jitter, span, sampling.generator)
         t = hits.t_near[:, None] + u * span
-        s = scene.actors.distance(troupe.tables, unit(t).reshape(-1, 3), row.repeat_interleave(count)).view(t.shape)
+        s = scene.actors.distance(actor_set.tables, unit(t).reshape(-1, 3), row.repeat_interleave(count)).view(t.shape)
         jitter = stratified(len(row), _count(samples.actor, sampling), sampling.jitter, span, sampling.generator)
         even = field_m((span / count).expand_as(t)) if scene.config.density == "volume" else None
         t = hits.t_near[:, None] + _refined(scene, u, field_m(t), s, even, jitter) * span
         length = field_m(torch.diff(t, dim=1, prepend=hits.t_near[:, None])) if even is not None else None
     points = unit(t)
-    s, feature = scene.actors(troupe.tables, points.reshape(-1, 3), row.repeat_interleave(t.shape[1]))
+    s, feature = scene.actors(actor_set.tables, points.reshape(-1, 3), row.repeat_interleave(t.shape[1]))
     s = s.view(t.shape)
-    tau, share = _intervals(scene, s, field_m(t), length, actor=True)
+    tau, stop_fraction = _intervals(scene, s, field_m(t), length, actor=True)
     if sampling.sky and scene.light is not None:
         middle = rays.origins[hits.ray] + t.gather(1, _median(tau)) * rays.directions[hits.ray]
-        place = scene.frame.points(middle) if guest < 0 else scene.light.home[row]
+        place = scene.frame.points(middle) if foreign < 0 else scene.light.home[row]
         feature = scene.lit(feature.view(*t.shape, -1), place).flatten(0, 1)
     # a scaled actor too is looked at along the ray as it is in the world, as heads do that see a ray's sum: what the direction
     # tells is the light, which an edit of the size leaves
@@ -207,16 +215,16 @@ def _actor_strands(
         directions = _mirrored(directions, hits.world_from_box[:, :, 1], flip)
     feature = scene.directed(feature, directions.repeat_interleave(t.shape[1], 0))
     return [
-        Strands(
+        RaySegments(
             hits.ray,
             t,
             s,
             feature.view(*t.shape, scene.config.features),
             tau,
-            share,
+            stop_fraction,
             points,
             hits.actor + first,
-            guest,
+            foreign,
             (hits.t_near, hits.t_far),
             hits.world_from_box,
             size,
@@ -227,7 +235,8 @@ def _actor_strands(
 
 @torch.no_grad()
 def _median(tau: Tensor) -> Tensor:
-    """The sample (P, 1) at which a strand with optical depths tau (P, K) alone has stopped half of what it stops of its ray."""
+    """The sample (P, 1) at which a ray segment with optical depths tau (P, K) alone has stopped half of what it stops of its
+    ray."""
     stopped = -torch.expm1(-tau.cumsum(1))
     return (stopped[:, :-1] < stopped[:, -1:] / 2).sum(1, keepdim=True)
 
@@ -237,15 +246,15 @@ def _mirrored(directions: Tensor, across: Tensor, flip: Tensor) -> Tensor:
     return directions + ((flip - 1) * (directions * across).sum(-1))[:, None] * across
 
 
-def _copy_strands(scene: SceneModel, cast: CastTensors, rays: RayBatch, sampling: Sampling) -> list[Strands]:
+def _copy_segments(scene: SceneModel, active: ActiveActorTensors, rays: RayBatch, sampling: Sampling) -> list[RaySegments]:
     """What stands above the ground in a source box, seen where its copy stands."""
-    if cast.copies is None or cast.copy_source is None:
+    if active.copies is None or active.copy_source is None:
         return []
-    hits: Hits = cast.copies.hits(rays.origins, rays.directions, rays.time_s, NEAR_M)
+    hits: Hits = active.copies.hits(rays.origins, rays.directions, rays.time_s, NEAR_M)
     if len(hits.ray) == 0:
         return []
     samples = scene.config.samples
-    pose = cast.copy_source[hits.actor]
+    pose = active.copy_source[hits.actor]
     o = scene.frame.points(torch.einsum("pij,pj->pi", pose[:, :3, :3], hits.origins) + pose[:, :3, 3])
     d = scene.frame.vectors(torch.einsum("pij,pj->pi", pose[:, :3, :3], hits.directions))
     span = (hits.t_far - hits.t_near)[:, None]
@@ -257,39 +266,46 @@ def _copy_strands(scene: SceneModel, cast: CastTensors, rays: RayBatch, sampling
     s = torch.where(scene.ground.above(points.reshape(-1, 3)), s, EMPTY_M).view(t.shape)
     feature = scene.directed(feature, rays.directions[hits.ray].repeat_interleave(t.shape[1], 0))
     length = torch.diff(t, dim=1, prepend=hits.t_near[:, None]) if scene.config.density == "volume" else None
-    tau, share = _intervals(scene, s, t, length, actor=False)
-    medium = torch.full_like(hits.ray, -2)
+    tau, stop_fraction = _intervals(scene, s, t, length, actor=False)
+    field = torch.full_like(hits.ray, -2)
     feature = feature.view(*t.shape, scene.config.features)
-    strands = Strands(hits.ray, t, s, feature, tau, share, points, medium, beta=float(scene.beta().detach()))
-    strands.world_from_box = hits.world_from_box @ pose[:, :3, :3].mT
-    return [strands]
+    ray_segments = RaySegments(hits.ray, t, s, feature, tau, stop_fraction, points, field, beta=float(scene.beta().detach()))
+    ray_segments.world_from_box = hits.world_from_box @ pose[:, :3, :3].mT
+    return [ray_segments]
 
 
-def _surfaces(met: Met, rays: RayBatch, first: int, guest: int) -> Strands:
-    """Meshes as strands of one sample: opaque there as far as they cover the ray. They have no features."""
+def _surfaces(mesh_hits: MeshHits, rays: RayBatch, first: int, foreign: int) -> RaySegments:
+    """Meshes as ray segments of one sample: opaque there as far as they cover the ray. They have no features."""
 
     def tensor(values: NDArray[Any]) -> Tensor:
         return torch.as_tensor(values).to(rays.origins.device, rays.origins.dtype)
 
-    t = tensor(met.t)[:, None]
-    tau = -torch.log1p(-tensor(met.share).clamp_max(1 - WHOLE))[:, None]
-    nothing, number = torch.zeros_like(t), torch.as_tensor(met.actor, device=t.device) + first
-    ray, points = torch.as_tensor(met.ray, device=t.device), rays.origins.new_zeros(len(t), 1, 3)
+    t = tensor(mesh_hits.t)[:, None]
+    tau = -torch.log1p(-tensor(mesh_hits.share).clamp_max(1 - WHOLE))[:, None]
+    nothing, number = torch.zeros_like(t), torch.as_tensor(mesh_hits.actor, device=t.device) + first
+    ray, points = torch.as_tensor(mesh_hits.ray, device=t.device), rays.origins.new_zeros(len(t), 1, 3)
     bounds = t[:, 0], t[:, 0]
-    return Strands(
-        ray, t, nothing, nothing[..., None], tau, nothing, points, number, guest, bounds, normals=tensor(met.normals)
+    return RaySegments(
+        ray, t, nothing, nothing[..., None], tau, nothing, points, number, foreign, bounds, normals=tensor(mesh_hits.normals)
     )  # fmt: skip
 
 
 def _cleared(
-    scene: SceneModel, cast: CastTensors, rays: RayBatch, actors: list[Strands], ray: Tensor, t: Tensor, points: Tensor, s: Tensor
+    scene: SceneModel,
+    active: ActiveActorTensors,
+    rays: RayBatch,
+    actors: list[RaySegments],
+    ray: Tensor,
+    t: Tensor,
+    points: Tensor,
+    s: Tensor,
 ) -> Tensor:
     """The static field's distances s (P, K) at samples t (P, K), points (P, K, 3), of rays (P,), as a ray may meet them.
 
     Inside a present actor's box, and in a removed box, nothing stands above the ground: the ground is then all that is near. A
     density is nothing there.
     """
-    inside = _in_boxes(cast, rays, actors, ray, t)
+    inside = _in_boxes(active, rays, actors, ray, t)
     rows, columns = torch.nonzero(inside, as_tuple=True)
     if len(rows) == 0:
         return s
@@ -301,21 +317,21 @@ def _cleared(
 
 
 @torch.no_grad()
-def _in_boxes(cast: CastTensors, rays: RayBatch, actors: list[Strands], ray: Tensor, t: Tensor) -> Tensor:
+def _in_boxes(active: ActiveActorTensors, rays: RayBatch, actors: list[RaySegments], ray: Tensor, t: Tensor) -> Tensor:
     """Which samples t (P, K) of rays (P,) lie in the box of an actor that the ray meets, or in a removed one: (P, K)."""
     covers = torch.zeros_like(t)
     row_of_ray = torch.full((len(rays),), -1, dtype=torch.long, device=t.device)
     row_of_ray[ray] = torch.arange(len(ray), device=t.device)
-    for strand in actors:
-        assert strand.bounds is not None
-        row = row_of_ray[strand.ray]
+    for ray_segment in actors:
+        assert ray_segment.bounds is not None
+        row = row_of_ray[ray_segment.ray]
         known = row >= 0
-        row, near, far = row[known], strand.bounds[0][known], strand.bounds[1][known]
+        row, near, far = row[known], ray_segment.bounds[0][known], ray_segment.bounds[1][known]
         covered = (t[row] >= near[:, None]) & (t[row] <= far[:, None])
         covers.index_put_((row,), covered.to(covers.dtype), accumulate=True)
     inside = covers > 0
-    if cast.removals is not None:
-        for pose, size in zip(*cast.removals, strict=True):
+    if active.removals is not None:
+        for pose, size in zip(*active.removals, strict=True):
             x = rays.origins[ray][:, None] + t[..., None] * rays.directions[ray][:, None]
             inside |= ((x @ pose[:3, :3].mT + pose[:3, 3]).abs() <= size / 2).all(-1)
     return inside
@@ -357,8 +373,8 @@ class _Far:
     t: Tensor
     tau: Tensor
     weight: Tensor
-    front: Tensor
-    behind: Tensor
+    transmittance_before: Tensor
+    transmittance_after: Tensor
     feature: Tensor
 
 
@@ -374,23 +390,23 @@ def _far(scene: SceneModel, rays: RayBatch, sampling: Sampling, reach: Tensor) -
     t = _disparity(u, t0, scene.config.far_m)
     density, feature = scene.far(_along(o, d, t).reshape(-1, 3))
     tau = density.view(u.shape) * width
-    front, behind = weights_from_tau(tau)
-    weight = front * -torch.expm1(-tau)
+    before, after = weights_from_tau(tau)
+    weight = before * -torch.expm1(-tau)
     directions = rays.directions[ray]
     feature = scene.directed(feature, directions.repeat_interleave(u.shape[1], 0)).view(*u.shape, -1)
     feature = (weight[..., None] * feature).sum(1)
     if sampling.sky:
-        feature = feature + behind[:, None] * scene.directed(scene.far.sky(d), directions)
-    return _Far(ray, t, tau, weight, front, behind, feature)
+        feature = feature + after[:, None] * scene.directed(scene.far.sky(d), directions)
+    return _Far(ray, t, tau, weight, before, after, feature)
 
 
-def _add_far(far: _Far, traced: Traced) -> None:
+def _add_far(far: _Far, traced: SegmentTrace) -> None:
     """Put the far field behind what was met in the volume."""
-    ray, reach = far.ray, traced.behind[far.ray]
+    ray, reach = far.ray, traced.transmittance_after[far.ray]
     stopped = traced.depth_m * traced.opacity
     stopped = stopped.index_add(0, ray, reach * (far.weight * far.t).sum(1))
-    traced.far = (ray, far.t, far.tau, reach[:, None] * far.front)
+    traced.far = (ray, far.t, far.tau, reach[:, None] * far.transmittance_before)
     traced.feature = traced.feature.index_add(0, ray, reach[:, None] * far.feature)
-    traced.behind = traced.behind.index_put((ray,), reach * far.behind)
-    traced.opacity = 1 - traced.behind
+    traced.transmittance_after = traced.transmittance_after.index_put((ray,), reach * far.transmittance_after)
+    traced.opacity = 1 - traced.transmittance_after
     traced.depth_m = stopped / traced.opacity.clamp_min(1e-6)

@@ -19,24 +19,24 @@ import torch.nn.functional as F
 from torch import Tensor
 
 from ....geometry import FloatArray
-from ....meshes.meeting import Met
+from ....meshes.hits import MeshHits
 from ....model.checkpoint import Scene
 from ....model.frozen import shallow
 from ....model.scene import SceneModel
 from ....model.volume_frame import VolumeFrame
 from ....ops.devices import tensor_to
-from ....ops.ray_segments import RayBatch, Traced
+from ....ops.ray_segments import RayBatch, SegmentTrace
 from ....sensors.bounds import Bounds
 from ....sensors.frames import RenderStats
 from ....sensors.rays import Rays, sound_directions
 from ....world.drive import Box
 from ....world.replay import parked_boxes
 from ....world.state import WorldState
-from ...actor_sets import gather_cast
+from ...actor_sets import active_actors
 from ...observed_space import Observed, ObservedSpace
 from ...quality import QUALITY, Quality
-from ...tracer import EDGE_CELLS, NEAR_M, UNIFORM_STEP_M, Array, Found
-from .actor_tensors import cast_tensors
+from ...tracer import EDGE_CELLS, NEAR_M, UNIFORM_STEP_M, Array, TraceResult
+from .actor_tensors import active_actor_tensors
 from .ray_passes import ray_passes
 from .trace import Sampling, trace
 
@@ -89,24 +89,24 @@ class TorchTracer:
         scene = backend.scene
         self.scene, self.device, self.quality = scene, backend.device, backend.quality
         self.space, self.clipped = backend.space, backend.clipped
-        self.cast = gather_cast(state, backend.looks)
-        self.tensors = cast_tensors(self.cast, backend.scenes, self.device)
-        self.bounds = Bounds(self.cast.own.actors)
+        self.active = active_actors(state, backend.looks)
+        self.tensors = active_actor_tensors(self.active, backend.scenes, self.device)
+        self.bounds = Bounds(self.active.own.actors)
         self.upsample, self.trained_width = scene.model.config.upsample, scene.header.training.get("width")
-        models = [scene.model, *(troupe.scene for troupe in self.tensors.guests.values())]
-        # decoders that look aside see past a guest's edges
+        models = [scene.model, *(actor_set.scene for actor_set in self.tensors.foreign.values())]
+        # decoders that look aside see past a foreign actor's edges
         alone = all(model.camera_decoder.reach == 0 and model.config.upsample == 1 for model in models)
         self.edge = 0 if alone else EDGE_CELLS
-        self.reach = scene.model.camera_decoder.reach + (self.edge if self.cast.guests else 0)
+        self.reach = scene.model.camera_decoder.reach + (self.edge if self.active.foreign else 0)
 
     @property
     def half(self) -> bool:
         """Whether decoders work in half precision: a pixel's 8 bits need no more, where a device is faster so. The quality may
-        change from one picture to the next."""
+        change from one image to the next."""
         return torch.device(self.device).type == "cuda" and self.quality.samples < EXACT_SAMPLES
 
     @torch.no_grad()
-    def trace(self, rays: Rays, passes: set[str], sky: bool, met: Met | None, stats: RenderStats) -> Found:
+    def trace(self, rays: Rays, passes: set[str], sky: bool, mesh_hits: MeshHits | None, stats: RenderStats) -> TraceResult:
         """All rays in chunks; features joined, and for each pass one array (N, ...)."""
         rays = rays.flat().sound()
         batch = to_batch(rays, self.scene.model.frame)
@@ -116,7 +116,7 @@ class TorchTracer:
         told, asked = self.space is not None and "unsupported" in passes, passes
         passes = passes - {"unsupported"} | {"depth", "instance"} if told else passes
         near = self.bounds.in_reach(rays)
-        stats.actors_skipped += len(self.cast.own.actors) - len(near)
+        stats.actors_skipped += len(self.active.own.actors) - len(near)
         among = torch.tensor(near, dtype=torch.long, device=self.device)
         sampling = Sampling(fine=self.quality.samples, far_fine=self.quality.far, sky=sky)
         pieces, maps = [], []
@@ -124,11 +124,11 @@ class TorchTracer:
             part = RayBatch(*(x[begin : begin + CHUNK_RAYS] for x in (batch.origins, batch.directions, batch.time_s)))
             if starts is not None:
                 part = replace(part, starts=starts[begin : begin + CHUNK_RAYS])
-            surfaces = None if met is None else met.between(begin, begin + CHUNK_RAYS)
+            surfaces = None if mesh_hits is None else mesh_hits.between(begin, begin + CHUNK_RAYS)
             traced = trace(self.scene.model, self.tensors, part, sampling, among, surfaces)
             self._count(part, traced, stats)
             maps.append(ray_passes(self.scene, self.tensors, part, traced, passes))
-            traced.strands = []
+            traced.ray_segments = []
             pieces.append(traced)
         covered = _joined([p.mesh_opacity for p in pieces])
         joined = {name: np.concatenate([m[name] for m in maps]) for name in maps[0]}
@@ -136,18 +136,18 @@ class TorchTracer:
             assert self.space is not None
             joined["unsupported"] = ~self.space.supported(rays, joined["depth"], joined["instance"], self.clipped)
             joined = {name: x for name, x in joined.items() if name in asked}
-        return Found(
+        return TraceResult(
             feature=torch.cat([p.feature for p in pieces]),
             depth_m=torch.cat([p.depth_m for p in pieces]),
             opacity=torch.cat([p.opacity for p in pieces]),
             maps=joined,
-            guest_features=[torch.cat(parts) for parts in zip(*(p.guest_features for p in pieces), strict=True)],
-            guest_opacity=[torch.cat(parts) for parts in zip(*(p.guest_opacity for p in pieces), strict=True)],
-            without_guests=_joined([p.without_guests for p in pieces]),
+            foreign_features=[torch.cat(parts) for parts in zip(*(p.foreign_features for p in pieces), strict=True)],
+            foreign_opacity=[torch.cat(parts) for parts in zip(*(p.foreign_opacity for p in pieces), strict=True)],
+            without_foreign=_joined([p.without_foreign for p in pieces]),
             mesh_opacity=None if covered is None else covered.cpu().numpy(),
         )
 
-    def _count(self, part: RayBatch, traced: Traced, stats: RenderStats) -> None:
+    def _count(self, part: RayBatch, traced: SegmentTrace, stats: RenderStats) -> None:
         frame = self.scene.model.frame
         near, far = frame.span(frame.points(part.origins), frame.vectors(part.directions), NEAR_M)
         uniform = int(((far - near) / UNIFORM_STEP_M).ceil().sum())
@@ -155,7 +155,7 @@ class TorchTracer:
         # what places a sample costs a distance query too
         spent = traced.samples + sum(
             len(s.ray) * (config.static_proposals if s.bounds is None else config.actor_proposals)
-            for s in traced.strands
+            for s in traced.ray_segments
             if s.normals is None
         )
         stats.rays += len(part)
@@ -163,8 +163,8 @@ class TorchTracer:
         stats.samples_saved += max(0, uniform - spent)
 
     @torch.no_grad()
-    def image(self, found: Found, directions: FloatArray, camera_id: str, shape: tuple[int, ...]) -> Array:
-        """The picture (h up, w up, 3) in 0..1, display-referred sRGB, of cells in ``shape`` (h, w), directions (h w, 3)."""
+    def image(self, found: TraceResult, directions: FloatArray, camera_id: str, shape: tuple[int, ...]) -> Array:
+        """The image (h up, w up, 3) in 0..1, display-referred sRGB, of cells in ``shape`` (h, w), directions (h w, 3)."""
         along = torch.as_tensor(sound_directions(directions), dtype=torch.float32, device=self.device)
 
         def decoded(network: SceneModel, feature: Tensor) -> Tensor:
@@ -173,14 +173,14 @@ class TorchTracer:
             with torch.autocast(torch.device(self.device).type, torch.float16) if self.half else nullcontext():
                 features = network.ray_head(feature, along, number)
                 # channels come last in memory, as they did in a row of features
-                picture: Tensor = network.camera_decoder(features.view(1, *shape, -1).permute(0, 3, 1, 2))
-            return picture.float()
+                image: Tensor = network.camera_decoder(features.view(1, *shape, -1).permute(0, 3, 1, 2))
+            return image.float()
 
-        rgb = decoded(self.scene.model, found.feature if found.without_guests is None else found.without_guests)
-        for i, troupe in enumerate(self.tensors.guests.values()):
-            # each scene's features are its own decoder's: the pictures are laid over each other, not the features
-            share = found.guest_opacity[i].clamp(0, 1)
-            other = decoded(troupe.scene, _spread_over_edges(found.guest_features[i], share, shape, self.edge))
+        rgb = decoded(self.scene.model, found.feature if found.without_foreign is None else found.without_foreign)
+        for i, actor_set in enumerate(self.tensors.foreign.values()):
+            # each scene's features are its own decoder's: the images are laid over each other, not the features
+            share = found.foreign_opacity[i].clamp(0, 1)
+            other = decoded(actor_set.scene, _spread_over_edges(found.foreign_features[i], share, shape, self.edge))
             alpha = F.interpolate(share.view(1, 1, *shape), size=rgb.shape[-2:], mode="bilinear", align_corners=False)
             if other.shape != rgb.shape:
                 other = F.interpolate(other, size=rgb.shape[-2:], mode="bilinear", align_corners=False)
@@ -188,15 +188,15 @@ class TorchTracer:
         return rgb[0].permute(1, 2, 0).cpu().numpy().astype(np.float32)
 
     @torch.no_grad()
-    def returns(self, found: Found, directions: FloatArray) -> tuple[Array, Array]:
+    def returns(self, found: TraceResult, directions: FloatArray) -> tuple[Array, Array]:
         """A LiDAR's intensities in 0..1 (N,), and the probabilities (N,) of a return."""
         along = torch.as_tensor(sound_directions(directions), dtype=torch.float32, device=self.device)
         intensity, logit = self.scene.model.lidar_head(found.feature, along, found.depth_m, found.opacity)
-        for i, troupe in enumerate(self.tensors.guests.values()):
-            share = found.guest_opacity[i].clamp(0, 1)
-            own = found.guest_features[i] / share.clamp_min(1e-3)[:, None]
-            i_guest, l_guest = troupe.scene.lidar_head(own, along, found.depth_m, found.opacity)
-            intensity, logit = torch.lerp(intensity, i_guest, share), torch.lerp(logit, l_guest, share)
+        for i, actor_set in enumerate(self.tensors.foreign.values()):
+            share = found.foreign_opacity[i].clamp(0, 1)
+            own = found.foreign_features[i] / share.clamp_min(1e-3)[:, None]
+            i_foreign, l_foreign = actor_set.scene.lidar_head(own, along, found.depth_m, found.opacity)
+            intensity, logit = torch.lerp(intensity, i_foreign, share), torch.lerp(logit, l_foreign, share)
         # what meets nothing returns nothing
         probability = torch.sigmoid(logit) * (found.opacity > 0.5)
         return intensity.cpu().numpy(), probability.cpu().numpy()
@@ -223,7 +223,8 @@ def _joined(parts: list[Tensor | None]) -> Tensor | None:
 
 
 def _spread_over_edges(feature: Tensor, share: Tensor, shape: tuple[int, ...], cells: int) -> Tensor:
-    """A guest's features (N, F), divided by its share of the ray and carried so far past its edges, where decoders look too."""
+    """A foreign actor's features (N, F), divided by its share of the ray and carried so far past its edges, where decoders look
+    too."""
     f = feature.view(1, *shape, -1).permute(0, 3, 1, 2)
     a = share.view(1, 1, *shape)
     for _ in range(cells):

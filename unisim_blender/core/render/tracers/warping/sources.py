@@ -1,4 +1,4 @@
-"""Which recorded images a picture is warped from, and those images, read once."""
+"""Which recorded images an image is warped from, and those images, read once."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from ....world.drive import Actor
 from ....world.replay import with_windows
 from ....world.state import WorldState
 from ..surfels.model import SurfelScene
-from ..surfels.stage import Stage
+from ..surfels.placed import PlacedSurfels
 from ..surfels.views import View, open_view
 
 NEAREST = 2
 SHIFT_FRAMES = (0, -4, 4, -8, -12)
 """UniSim's supplementary, 2.1: two images for the recorded way; beside it every fourth from 12 frames before to 4 after."""
 ASIDE_M = 0.5
-"""So far from the way that a camera took a picture counts as beside it."""
+"""So far from the way that a camera took an image counts as beside it."""
 SECOND_M = 0.5
 """A second's difference in time counts as so many metres: where the vehicle stands, what was seen last is nearest."""
 FACING = 0.2
@@ -54,7 +54,7 @@ class Sources:
                 self.poses[name] = times, camera.world_from_camera.at(times)
         self.recorded = {actor.uid: actor for actor in with_windows(self.drive, self.drive.actors.values())}
         self.outlines, self.exposures = scene.outlines, scene.exposures
-        self.stage = Stage(scene.static, [(actor, scene.actors[uid]) for uid, actor in self.recorded.items()])
+        self.surfels = PlacedSurfels(scene.static, [(actor, scene.actors[uid]) for uid, actor in self.recorded.items()])
         self._views: OrderedDict[tuple[Any, ...], View] = OrderedDict()
 
     def elsewhere(self, state: WorldState) -> tuple[str, ...]:
@@ -71,7 +71,7 @@ class Sources:
             width = max(1, self.drive.cameras[source.camera].model.width // shrink)
             depth_width = min(width, DEPTH_WIDTH)
             hiding = [self.recorded[uid] for uid in elsewhere]
-            view = open_view(self.log, *source, width, depth_width, self.stage, hiding, self.outlines)
+            view = open_view(self.log, *source, width, depth_width, self.surfels, hiding, self.outlines)
             time_s = np.array([view.camera.time_s[source.frame]])
             self._views[key] = replace(view, gain=self.exposures.at(source.camera, time_s)[0])
             while len(self._views) > KEPT:

@@ -19,7 +19,7 @@ from ....world.state import WorldState
 from ...quality import QUALITY, Quality
 from ...tracer import Array
 from ..surfels.model import SurfelScene
-from ..surfels.stage import NOBODY, STATIC, Meeting, carried
+from ..surfels.placed import NOBODY, STATIC, SurfelHits, carried
 from ..surfels.tracer import SurfelBackend, SurfelTracer
 from ..surfels.views import View
 from .sources import Source, Sources
@@ -53,26 +53,26 @@ class WarpTracer(SurfelTracer):
         super().__init__(backend, state)
         self.sources = backend.sources
         self.elsewhere = self.sources.elsewhere(state)
-        self.edited = [not self.sources.unedited(actor, state) for actor in self.cast.own.actors]
+        self.edited = [not self.sources.unedited(actor, state) for actor in self.active.own.actors]
 
-    def colours(self, rays: Rays, met: Meeting, pixel_rad: float) -> tuple[Array, BoolArray]:
+    def colours(self, rays: Rays, hits: SurfelHits, pixel_rad: float) -> tuple[Array, BoolArray]:
         """See `SurfelTracer.colours`."""
-        painted, unsupported = super().colours(rays, met, pixel_rad)
+        painted, unsupported = super().colours(rays, hits, pixel_rad)
         total = np.zeros((len(painted), 4))
-        own, copies = len(self.cast.own.actors), met.owner >= len(self.cast.own.actors)
-        moved = np.zeros(len(met.t), bool)
-        for number in np.unique(met.owner[(met.owner >= 0) & (met.owner < own)]).tolist():
+        own, copies = len(self.active.own.actors), hits.owner >= len(self.active.own.actors)
+        moved = np.zeros(len(hits.t), bool)
+        for number in np.unique(hits.owner[(hits.owner >= 0) & (hits.owner < own)]).tolist():
             if self.edited[number]:
-                moved |= met.owner == number
-                self._add_edited(total, rays, met, number, pixel_rad)
+                moved |= hits.owner == number
+                self._add_edited(total, rays, hits, number, pixel_rad)
         for part, origin, direction, time_s in _rows(rays):
             here = part[~moved[part] & ~copies[part]]
             for source in self.sources.about(origin, direction, time_s):
-                self._add(total, rays, met, here, source, pixel_rad)
+                self._add(total, rays, hits, here, source, pixel_rad)
             bare = here[total[here, 3] == 0]
-            bare = bare[met.owner[bare] != NOBODY]
+            bare = bare[hits.owner[bare] != NOBODY]
             for source in self.sources.farther(origin, direction, time_s) if len(bare) else ():
-                self._add(total, rays, met, bare, source, pixel_rad)
+                self._add(total, rays, hits, bare, source, pixel_rad)
                 bare = bare[total[bare, 3] == 0]
                 if len(bare) == 0:
                     break
@@ -80,38 +80,38 @@ class WarpTracer(SurfelTracer):
         painted[some] = (total[some, :3] / total[some, 3:] / 255).astype(np.float32)
         return painted, unsupported & ~some
 
-    def _add_edited(self, total: FloatArray, rays: Rays, met: Meeting, number: int, pixel_rad: float) -> None:
+    def _add_edited(self, total: FloatArray, rays: Rays, hits: SurfelHits, number: int, pixel_rad: float) -> None:
         """Colours of an actor that goes another way than it was recorded on, or is scaled, from the images that show it from the
         same side."""
-        actor = self.cast.own.actors[number]
-        mine = np.flatnonzero(met.owner == number)
+        actor = self.active.own.actors[number]
+        mine = np.flatnonzero(hits.owner == number)
         middle = mine[len(mine) // 2]
         time = rays.time_s[middle : middle + 1]
         place = carried(actor, time, rays.origins[middle : middle + 1], back=True)[0]
         recorded = self.sources.recorded.get(actor.look.actor)
         if recorded is not None:
             for source in self.sources.of_actor(recorded.uid, place, rays.directions[middle]):
-                self._add(total, rays, met, mine, source, pixel_rad)
+                self._add(total, rays, hits, mine, source, pixel_rad)
 
-    def _add(self, total: FloatArray, rays: Rays, met: Meeting, chosen: Numbers, source: Source, pixel_rad: float) -> None:
+    def _add(self, total: FloatArray, rays: Rays, hits: SurfelHits, chosen: Numbers, source: Source, pixel_rad: float) -> None:
         """Add to sums (N, 4) of weighted colours and weights what an image shows of the chosen rays."""
         if len(chosen) == 0:
             return
         view = self.sources.view(source, self.sources.shrink(source.camera, pixel_rad), self.elsewhere)
-        for owner in np.unique(met.owner[chosen]).tolist():
-            mine = chosen[met.owner[chosen] == owner]
+        for owner in np.unique(hits.owner[chosen]).tolist():
+            mine = chosen[hits.owner[chosen] == owner]
             if owner == NOBODY:
                 self._add_beyond(total, rays, mine[total[mine, 3] == 0], view)
             elif owner == STATIC:
-                points = rays.origins[mine] + rays.directions[mine] * met.t[mine, None]
+                points = rays.origins[mine] + rays.directions[mine] * hits.t[mine, None]
                 self._add_seen(total, rays.directions[mine], points, mine, view, view.of_static(points), True)
-            elif owner < len(self.cast.own.actors):
-                actor = self.cast.own.actors[owner]
+            elif owner < len(self.active.own.actors):
+                actor = self.active.own.actors[owner]
                 recorded = self.sources.recorded.get(actor.look.actor)
                 first, last = view.ends()
                 if recorded is None or not recorded.start_s <= min(first, last) or not max(first, last) <= recorded.end_s:
                     continue
-                points = rays.origins[mine] + rays.directions[mine] * met.t[mine, None]
+                points = rays.origins[mine] + rays.directions[mine] * hits.t[mine, None]
                 local = carried(actor, rays.time_s[mine], points, back=True)
                 inward = carried(actor, rays.time_s[mine], rays.origins[mine], back=True)
                 then = carried(recorded, np.full(len(mine), (first + last) / 2), local)

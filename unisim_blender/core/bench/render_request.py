@@ -1,4 +1,4 @@
-"""One render of one sensor, and what came of it. Torch is imported where its tracer is asked for."""
+"""One render of one sensor, and its measurement. Torch is imported where its tracer is asked for."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ CORNER, WARM_COLUMNS = Region(0, 0, 8, 8), 64
 
 
 @dataclass(frozen=True)
-class Stage:
+class SceneSetup:
     """A scene's drive, or a log's where one is named; ``copies`` of an actor stand before or ``behind`` the camera's ``view``
     at ``frame``. ``tracer`` is "compiled" or "torch"."""
 
@@ -46,12 +46,12 @@ class Stage:
 
 
 @dataclass(frozen=True)
-class Shot:
-    """A camera's picture of ``width``, of which ``regions`` are kept, or a LiDAR's sweep (``width`` 0), of which every
+class RenderRequest:
+    """A camera's image of ``width``, of which ``regions`` are kept, or a LiDAR's sweep (``width`` 0), of which every
     ``column_step``-th column is. What is not ``whole`` is rendered where it is kept, nowhere else. With a
     ``crowd`` nothing is rendered: what its state costs is measured."""
 
-    stage: Stage
+    setup: SceneSetup
     sensor: str
     quality: Quality
     width: int = 0
@@ -62,9 +62,9 @@ class Shot:
 
 
 @dataclass
-class Take:
+class Measurement:
     """``seconds`` are of what was rendered. ``sensor_rays`` are as many as the whole sensor has, ``rays`` as many as were traced.
-    ``pieces`` are pictures (h, w, 3) of the regions, or one array (beams, columns)
+    ``pieces`` are images (h, w, 3) of the regions, or one array (beams, columns)
     of depths in metres, 0 where there is none. ``peak_bytes`` is the most that this process has held so far. Of a crowd there is
     ``state``, and ``seconds`` are processor time."""
 
@@ -78,44 +78,44 @@ class Take:
     state: StateCost | None = None
 
 
-class Studio:
-    """Renders shots; keeps what it has loaded."""
+class RenderSession:
+    """Renders requests; keeps the scenes that it has loaded."""
 
     def __init__(self) -> None:
-        self._backends: dict[Stage, tuple[Backend, Drive]] = {}
+        self._backends: dict[SceneSetup, tuple[Backend, Drive]] = {}
         self._scenes: dict[Any, dict[object, Any]] = {}
 
-    def take(self, shot: Shot) -> Take:
+    def render(self, request: RenderRequest) -> Measurement:
         """Render it. Loading a scene, and what is read from disk by the first rays of all, are not timed. Raises `SceneError`."""
-        stage = shot.stage
-        os.environ["OMP_NUM_THREADS"] = str(stage.threads)
-        fresh = stage not in self._backends
+        setup = request.setup
+        os.environ["OMP_NUM_THREADS"] = str(setup.threads)
+        fresh = setup not in self._backends
         if fresh:
-            self._backends[stage] = self._open(stage)
-        backend, drive = self._backends[stage]
-        if stage.tracer == "torch":
+            self._backends[setup] = self._open(setup)
+        backend, drive = self._backends[setup]
+        if setup.tracer == "torch":
             import torch
 
-            torch.set_num_threads(stage.threads)
+            torch.set_num_threads(setup.threads)
         renderer = DriveRenderer(Renderer(backend), drive)
-        renderer.renderer.quality = shot.quality
+        renderer.renderer.quality = request.quality
         if fresh:
-            _rendered(renderer, replace(shot, whole=False, regions=shot.regions[:1] or (CORNER,), column_step=WARM_COLUMNS))
-        return _rendered(renderer, shot) if shot.crowd is None else _measured(renderer, shot, shot.crowd)
+            _rendered(renderer, replace(request, whole=False, regions=request.regions[:1] or (CORNER,), column_step=WARM_COLUMNS))
+        return _rendered(renderer, request) if request.crowd is None else _measured(renderer, request, request.crowd)
 
-    def _open(self, stage: Stage) -> tuple[Backend, Drive]:
-        header = read_scene_header(stage.scene)
+    def _open(self, setup: SceneSetup) -> tuple[Backend, Drive]:
+        header = read_scene_header(setup.scene)
         drive = header.drive
-        if stage.log is not None:
-            drive = replayed_drive(header, open_log(stage.log).drive, stage.log)
-        make = _torch_backend if stage.tracer == "torch" else _compiled_backend
+        if setup.log is not None:
+            drive = replayed_drive(header, open_log(setup.log).drive, setup.log)
+        make = _torch_backend if setup.tracer == "torch" else _compiled_backend
         # a decoder keeps the threads that it was made with
-        kept = self._scenes.setdefault((stage.scene, stage.tracer, stage.threads), {})
-        if stage.copies:
-            backend, start_s = make(stage.scene, drive, kept), drive.time_s[drive.frames[0]]
+        kept = self._scenes.setdefault((setup.scene, setup.tracer, setup.threads), {})
+        if setup.copies:
+            backend, start_s = make(setup.scene, drive, kept), drive.time_s[drive.frames[0]]
             heights = backend.bind(DriveStates(drive, backend.parked).state(start_s, start_s)).heights
-            drive = with_copies(drive, heights, stage.view, stage.frame, stage.copies, stage.behind)
-        return make(stage.scene, drive, kept), drive
+            drive = with_copies(drive, heights, setup.view, setup.frame, setup.copies, setup.behind)
+        return make(setup.scene, drive, kept), drive
 
 
 def _compiled_backend(scene: Path, drive: Drive, kept: dict[object, Any]) -> Backend:
@@ -131,48 +131,48 @@ def _torch_backend(scene: Path, drive: Drive, kept: dict[object, Any]) -> Backen
     return TorchBackend(kept[scene])
 
 
-def _rendered(renderer: DriveRenderer, shot: Shot) -> Take:
+def _rendered(renderer: DriveRenderer, request: RenderRequest) -> Measurement:
     stats = RenderStats()
     begun = time.perf_counter()
-    if shot.width:
-        pieces, sensor_rays = _picture(renderer, shot, stats)
+    if request.width:
+        pieces, sensor_rays = _image(renderer, request, stats)
     else:
-        pieces, sensor_rays = _sweep(renderer, shot, stats)
+        pieces, sensor_rays = _sweep(renderer, request, stats)
     seconds = time.perf_counter() - begun
-    return Take(seconds, sensor_rays, stats.rays, stats.samples_spent, stats.actors_skipped, peak_bytes(), pieces)
+    return Measurement(seconds, sensor_rays, stats.rays, stats.samples_spent, stats.actors_skipped, peak_bytes(), pieces)
 
 
-def _picture(renderer: DriveRenderer, shot: Shot, stats: RenderStats) -> tuple[list[NDArray[np.float32]], int]:
-    camera = renderer.sized(shot.sensor, shot.width)
-    model, state = camera.model, renderer.state(camera, camera.time_s[shot.stage.frame])
+def _image(renderer: DriveRenderer, request: RenderRequest, stats: RenderStats) -> tuple[list[NDArray[np.float32]], int]:
+    camera = renderer.sized(request.sensor, request.width)
+    model, state = camera.model, renderer.state(camera, camera.time_s[request.setup.frame])
     up = renderer.renderer.tracer(state).upsample
     cells = -(-model.width // up) * -(-model.height // up)
-    regions = (None,) if shot.whole else shot.regions
-    frames = [renderer.camera(shot.sensor, shot.stage.frame, width=shot.width, region=region) for region in regions]
+    regions = (None,) if request.whole else request.regions
+    frames = [renderer.camera(request.sensor, request.setup.frame, width=request.width, region=region) for region in regions]
     for frame in frames:
         stats.add(frame.stats)
-    if not shot.whole:
+    if not request.whole:
         return [frame.rgb for frame in frames], cells
-    return [frames[0].rgb[r.top : r.bottom, r.left : r.right].copy() for r in shot.regions], cells
+    return [frames[0].rgb[r.top : r.bottom, r.left : r.right].copy() for r in request.regions], cells
 
 
-def _sweep(renderer: DriveRenderer, shot: Shot, stats: RenderStats) -> tuple[list[NDArray[np.float32]], int]:
-    if shot.whole:
-        frame = renderer.lidar(shot.sensor, shot.stage.frame)
+def _sweep(renderer: DriveRenderer, request: RenderRequest, stats: RenderStats) -> tuple[list[NDArray[np.float32]], int]:
+    if request.whole:
+        frame = renderer.lidar(request.sensor, request.setup.frame)
         stats.add(frame.stats)
-        return [frame.depth_m[:, :: shot.column_step].copy()], frame.depth_m.size
-    _, rays = renderer.sweep_rays(shot.sensor, shot.stage.frame)
-    some = [x[:, :: shot.column_step] for x in (rays.origins, rays.directions, rays.time_s)]
+        return [frame.depth_m[:, :: request.column_step].copy()], frame.depth_m.size
+    _, rays = renderer.sweep_rays(request.sensor, request.setup.frame)
+    some = [x[:, :: request.column_step] for x in (rays.origins, rays.directions, rays.time_s)]
     shape = some[2].shape
     depth = renderer.rays_lidar(some[0].reshape(-1, 3), some[1].reshape(-1, 3), some[2].reshape(-1), stats)[0]
     return [depth.reshape(shape)], rays.time_s.size
 
 
-def _measured(renderer: DriveRenderer, shot: Shot, crowd: Crowd) -> Take:
-    sensor = renderer.sized(shot.sensor, shot.width) if shot.width else renderer.lidar_named(shot.sensor)
-    cost = state_cost(renderer.renderer, renderer.drive, sensor, shot.stage.frame, crowd)
+def _measured(renderer: DriveRenderer, request: RenderRequest, crowd: Crowd) -> Measurement:
+    sensor = renderer.sized(request.sensor, request.width) if request.width else renderer.lidar_named(request.sensor)
+    cost = state_cost(renderer.renderer, renderer.drive, sensor, request.setup.frame, crowd)
     skipped = cost.actors - cost.in_reach
-    return Take(sum(cost.steps_s.values()), cost.rays, cost.rays, 0, skipped, peak_bytes(), [], cost)
+    return Measurement(sum(cost.steps_s.values()), cost.rays, cost.rays, 0, skipped, peak_bytes(), [], cost)
 
 
 def peak_bytes() -> int:

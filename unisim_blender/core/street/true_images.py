@@ -1,6 +1,6 @@
-"""Pictures of edited drives that Cycles has drawn, kept in the street's own folder, each under a name that says what it shows.
+"""Images of edited drives that Cycles has drawn, kept in the street's own folder, each under a name that says what it shows.
 
-A picture's name holds a digest of all that it depends on, so that drives that look alike at a moment share theirs, and an edit
+An image's name holds a digest of all that it depends on, so that drives that look alike at a moment share theirs, and an edit
 that changes anything asks for a new one.
 """
 
@@ -30,8 +30,8 @@ _DIGITS = 6
 """Decimals of metres and of rotation matrices by which poses differ."""
 
 
-def picture_path(folder: Path, street: Street, drive: Drive, camera_id: str, frame: int, width: int | None) -> Path:
-    """Where a picture of a drive through the street at ``folder`` is kept. Raises `ScenarioError` for looks that are unknown."""
+def true_image_path(folder: Path, street: Street, drive: Drive, camera_id: str, frame: int, width: int | None) -> Path:
+    """Where an image of a drive through the street at ``folder`` is kept. Raises `ScenarioError` for looks that are unknown."""
     world = make_world(street, drive)
     camera = resize(drive.cameras[camera_id], width)
     times = shutter_times(camera, frame)
@@ -61,7 +61,7 @@ def picture_path(folder: Path, street: Street, drive: Drive, camera_id: str, fra
     return folder / FOLDER / camera_id / f"{frame:06d}-{digest}.png"
 
 
-def lacks_pictures(
+def lacks_images(
     folder: Path,
     street: Street,
     drives: Sequence[Drive],
@@ -69,15 +69,15 @@ def lacks_pictures(
     frames: Sequence[int],
     width: int | None,
 ) -> bool:
-    """Whether some picture of the drives is yet to be drawn; never of a street that draws its own."""
+    """Whether some image of the drives is yet to be drawn; never of a street that draws its own."""
     return street.recipe.engine != "exact" and any(
-        not picture_path(folder, street, drive, name, frame, width).exists()
+        not true_image_path(folder, street, drive, name, frame, width).exists()
         for drive, name, frame in shown(drives, cameras, frames)
     )
 
 
 def shown(drives: Sequence[Drive], cameras: Sequence[str], frames: Sequence[int]) -> Iterator[tuple[Drive, str, int]]:
-    """The pictures that drives have, of those cameras at those frames."""
+    """The images that drives have, of those cameras at those frames."""
     for drive in drives:
         for name in cameras:
             for frame in frames:
@@ -85,20 +85,20 @@ def shown(drives: Sequence[Drive], cameras: Sequence[str], frames: Sequence[int]
                     yield drive, name, frame
 
 
-def true_picture(folder: Path, street: Street, drive: Drive, camera_id: str, frame: int, width: int | None) -> NDArray[np.uint8]:
-    """The picture (H, W, 3), sRGB. Raises `OutputError` where it was not drawn yet."""
+def true_image(folder: Path, street: Street, drive: Drive, camera_id: str, frame: int, width: int | None) -> NDArray[np.uint8]:
+    """The image (H, W, 3), sRGB. Raises `OutputError` where it was not drawn yet."""
     from PIL import Image
 
-    path = picture_path(folder, street, drive, camera_id, frame, width)
+    path = true_image_path(folder, street, drive, camera_id, frame, width)
     try:
-        with Image.open(path) as picture:
-            return np.asarray(picture.convert("RGB"))
+        with Image.open(path) as image:
+            return np.asarray(image.convert("RGB"))
     except FileNotFoundError as error:
-        raise OutputError(f"{path}: this picture of {drive.name} is not drawn yet") from error
+        raise OutputError(f"{path}: this image of {drive.name} is not drawn yet") from error
 
 
-def keep_picture(path: Path, rgb: NDArray[np.uint8]) -> None:
-    """Write a picture (H, W, 3), sRGB."""
+def keep_image(path: Path, rgb: NDArray[np.uint8]) -> None:
+    """Write an image (H, W, 3), sRGB."""
     from PIL import Image
 
     buffer = io.BytesIO()

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ....geometry import FloatArray
-from ....meshes.meeting import moments, near_actor
+from ....meshes.hits import moments, near_actor
 from ....meshes.placed import first_hits_on, normals_of
 from ....sensors.bounds import Bounds
 from ....sensors.rays import Rays
@@ -24,7 +24,7 @@ BUNDLE = 1 << 13
 
 
 @dataclass(frozen=True)
-class Meeting:
+class SurfelHits:
     """Of rays (N,): t metres, inf where nothing is met; owner, a number of the placed sets, `STATIC` or `NOBODY`; face of the
     owner's; uv (N, 2), where on it, towards its second and third corner."""
 
@@ -34,7 +34,7 @@ class Meeting:
     uv: NDArray[np.float32]
 
 
-class Stage:
+class PlacedSurfels:
     """A static set, and sets that go along with actors, present in their windows."""
 
     def __init__(self, static: SurfelSet, placed: Sequence[tuple[Actor, SurfelSet]] = ()) -> None:
@@ -45,7 +45,7 @@ class Stage:
         """The set of an owner."""
         return self.static if owner == STATIC else self.placed[owner][1]
 
-    def first(self, rays: Rays, near_m: float) -> Meeting:
+    def first(self, rays: Rays, near_m: float) -> SurfelHits:
         """What flat rays (N,) meet first beyond ``near_m``."""
         hits = self.static.triangles.first_hits(rays.origins, rays.directions, near_m)
         t, face, uv = hits.t.copy(), hits.face.astype(np.int64), hits.uv.copy()
@@ -67,29 +67,29 @@ class Stage:
                 nearer = (own.face >= 0) & (own.t < t[part[mine]])
                 at = part[mine[nearer]]
                 t[at], owner[at], face[at], uv[at] = own.t[nearer], number, own.face[nearer], own.uv[nearer]
-        return Meeting(t, owner, face, uv)
+        return SurfelHits(t, owner, face, uv)
 
-    def gathered(self, met: Meeting, name: str, width: tuple[int, ...], kind: type) -> NDArray[Any]:
+    def gathered(self, hits: SurfelHits, name: str, width: tuple[int, ...], kind: type) -> NDArray[Any]:
         """An attribute (N, *width) of the faces that were met; 0 where none was."""
-        out: NDArray[Any] = np.zeros((len(met.t), *width), kind)
-        for owner in np.unique(met.owner):
+        out: NDArray[Any] = np.zeros((len(hits.t), *width), kind)
+        for owner in np.unique(hits.owner):
             if owner != NOBODY:
-                mine = met.owner == owner
-                out[mine] = getattr(self.owned(int(owner)), name)[met.face[mine]]
+                mine = hits.owner == owner
+                out[mine] = getattr(self.owned(int(owner)), name)[hits.face[mine]]
         return out
 
-    def colours(self, met: Meeting) -> NDArray[np.float32]:
+    def colours(self, hits: SurfelHits) -> NDArray[np.float32]:
         """Colours (N, 3) in 0..1 between the corners' where rays met."""
-        corners = self.gathered(met, "colours", (3, 3), np.float32)
-        u, v = met.uv[:, :1], met.uv[:, 1:]
+        corners = self.gathered(hits, "colours", (3, 3), np.float32)
+        u, v = hits.uv[:, :1], hits.uv[:, 1:]
         return np.asarray((corners[:, 0] * (1 - u - v) + corners[:, 1] * u + corners[:, 2] * v) / 255, np.float32)
 
-    def normals(self, met: Meeting, rays: Rays) -> FloatArray:
+    def normals(self, hits: SurfelHits, rays: Rays) -> FloatArray:
         """Unit normals (N, 3), world frame, on the rays' side; 0 where nothing was met."""
-        normals = self.gathered(met, "normals", (3,), np.float64)
-        for owner in np.unique(met.owner):
+        normals = self.gathered(hits, "normals", (3,), np.float64)
+        for owner in np.unique(hits.owner):
             if owner >= 0:
-                mine = np.flatnonzero(met.owner == owner)
+                mine = np.flatnonzero(hits.owner == owner)
                 normals[mine] = turned(self.placed[owner][0], rays.time_s[mine], normals[mine])
         against = np.einsum("ni,ni->n", normals, rays.directions) > 0
         return np.where(against[:, None], -normals, normals)

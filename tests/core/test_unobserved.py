@@ -11,7 +11,7 @@ from unisim_blender.core.model.decode import CameraDecoder
 from unisim_blender.core.model.occupancy import OccupancyTrainer
 from unisim_blender.core.model.scene import SceneModel
 from unisim_blender.core.model.volume import Volume
-from unisim_blender.core.training.hidden import Hidden
+from unisim_blender.core.training.unobserved import UnobservedPrior
 
 GROUND_M = 2.0
 WALL_X_M = 6.0
@@ -28,7 +28,7 @@ def model() -> SceneModel:
     return model
 
 
-def learn(model: SceneModel, hidden: Hidden, teach: bool, steps: int = 120) -> None:
+def learn(model: SceneModel, unobserved: UnobservedPrior, teach: bool, steps: int = 120) -> None:
     generator = torch.Generator().manual_seed(0)
     optimiser = torch.optim.Adam(model.static.parameters(), lr=1e-2)
     for _ in range(steps):
@@ -37,7 +37,7 @@ def learn(model: SceneModel, hidden: Hidden, teach: bool, steps: int = 120) -> N
         wanted = (WALL_X_M - x[:, 0]).clamp(-0.3, 0.3)
         loss = (model.static.distance(x) - wanted).abs().mean()
         if teach:
-            loss = loss + hidden.loss(generator)
+            loss = loss + unobserved.loss(generator)
         optimiser.zero_grad()
         loss.backward()
         optimiser.step()
@@ -46,8 +46,8 @@ def learn(model: SceneModel, hidden: Hidden, teach: bool, steps: int = 120) -> N
 def test_a_wall_that_was_seen_above_goes_down_to_the_ground(model: SceneModel) -> None:
     occupancy = OccupancyTrainer(model.occupancy)
     cells = torch.as_tensor(np.argwhere(np.ones((10, 10), bool))).float()
-    hidden = Hidden(model, occupancy, cells, None, NOTHING)
-    learn(model, hidden, teach=True)
+    unobserved = UnobservedPrior(model, occupancy, cells, None, NOTHING)
+    learn(model, unobserved, teach=True)
     y = torch.linspace(1, 9, 50)
     low = torch.stack([torch.full_like(y, 5.0), y, torch.full_like(y, GROUND_M + 0.6)], -1)
     behind = low + torch.tensor([2.0, 0, 0])
@@ -70,8 +70,8 @@ def test_voxels_under_a_wall_stay_and_hidden_air_is_free(model: SceneModel) -> N
     for _ in range(300):
         occupancy.update(above, (wall | crown).float(), ones, prune=True, settled=True, camera=True)
     occupancy.free_unshown()
-    hidden = Hidden(model, occupancy, torch.cartesian_prod(torch.arange(10.0), torch.arange(10.0)), None, NOTHING)
-    occupancy.free_hidden(torch.zeros_like(occupancy.seen), hidden.continued)
+    unobserved = UnobservedPrior(model, occupancy, torch.cartesian_prod(torch.arange(10.0), torch.arange(10.0)), None, NOTHING)
+    occupancy.free_unobserved(torch.zeros_like(occupancy.seen), unobserved.continued)
     low = everywhere[(everywhere[:, 2] > GROUND_M) & (everywhere[:, 2] < GROUND_M + 1)]
     alive = model.occupancy.values.view(-1)[model.occupancy.cells(low)] > 0
     assert torch.equal(alive, (low[:, 0] - 6.25).abs() < 0.1), "the wall's foot and nothing else"
@@ -85,10 +85,10 @@ def test_what_was_looked_through_is_not_continued(model: SceneModel) -> None:
     top = torch.tensor([[6.25, 5.25, GROUND_M + 2.25]])
     occupancy.update(top, torch.ones(1), torch.ones(1), prune=True, settled=True, camera=True)
     occupancy.free_unshown()
-    hidden = Hidden(model, occupancy, torch.tensor([[6.0, 5.0]]), None, NOTHING)
+    unobserved = UnobservedPrior(model, occupancy, torch.tensor([[6.0, 5.0]]), None, NOTHING)
     through = torch.zeros_like(occupancy.seen)
     through[model.occupancy.cells(top - torch.tensor([0, 0, 1.0]))] = True
-    occupancy.free_hidden(through, hidden.continued)
+    occupancy.free_unobserved(through, unobserved.continued)
     column = top - torch.tensor([0, 0, 0.5]) * torch.arange(5)[:, None]
     alive = model.occupancy.values.view(-1)[model.occupancy.cells(column)] > 0
     assert alive.tolist() == [True, True, False, False, False]
@@ -99,19 +99,19 @@ def test_what_was_seen_is_left_alone(model: SceneModel) -> None:
     everywhere = torch.cartesian_prod(*[torch.arange(0.25, 10, 0.5)] * 3)
     ones = torch.ones(len(everywhere))
     occupancy.update(everywhere, ones, ones, prune=False, settled=False, camera=True)
-    assert bool(occupancy.hidden(everywhere).all())
+    assert bool(occupancy.unobserved(everywhere).all())
     occupancy.update(everywhere, ones, torch.full_like(ones, 0.1), prune=False, settled=True, camera=True)
-    assert bool(occupancy.hidden(everywhere).all())  # behind something
+    assert bool(occupancy.unobserved(everywhere).all())  # behind something
     occupancy.update(everywhere, ones, ones, prune=False, settled=True, camera=True)
-    assert not bool(occupancy.hidden(everywhere).any())
-    hidden = Hidden(model, occupancy, torch.zeros(1, 2), None, NOTHING)
-    assert len(hidden.continued()) == 0
-    assert float(hidden.loss(torch.Generator().manual_seed(0))) == 0.0
+    assert not bool(occupancy.unobserved(everywhere).any())
+    unobserved = UnobservedPrior(model, occupancy, torch.zeros(1, 2), None, NOTHING)
+    assert len(unobserved.continued()) == 0
+    assert float(unobserved.loss(torch.Generator().manual_seed(0))) == 0.0
 
 
 def test_without_known_ground_nothing_is_continued(model: SceneModel) -> None:
-    hidden = Hidden(model, OccupancyTrainer(model.occupancy), torch.zeros(0, 2), None, NOTHING)
-    assert float(hidden.loss(torch.Generator().manual_seed(0))) == 0.0 and len(hidden.continued()) == 0
+    unobserved = UnobservedPrior(model, OccupancyTrainer(model.occupancy), torch.zeros(0, 2), None, NOTHING)
+    assert float(unobserved.loss(torch.Generator().manual_seed(0))) == 0.0 and len(unobserved.continued()) == 0
 
 
 @pytest.mark.parametrize("teach", (True, False))
@@ -121,14 +121,14 @@ def test_lidar_sees_no_looks(model: SceneModel, teach: bool) -> None:
     everywhere = torch.cartesian_prod(*[torch.arange(0.25, 10, 0.5)] * 3)
     ones = torch.ones(len(everywhere))
     occupancy.update(everywhere, ones, ones, prune=False, settled=True, camera=False)
-    assert not bool(occupancy.hidden(everywhere).any()) and not bool(occupancy.in_view(everywhere).any())
+    assert not bool(occupancy.unobserved(everywhere).any()) and not bool(occupancy.in_view(everywhere).any())
     high = everywhere[everywhere[:, 2] > GROUND_M + 1]
     occupancy.update(high, ones[: len(high)], ones[: len(high)], prune=False, settled=True, camera=True)
     assert bool(occupancy.in_view(high).all())
     y = torch.linspace(1, 9, 40)
     foot = torch.stack([torch.full_like(y, WALL_X_M), y, torch.full_like(y, GROUND_M + 0.7)], -1)
     wall = torch.cat([foot + torch.tensor([0, 0, up]) for up in (0.6, 1.2, 1.8)])
-    hidden = Hidden(model, occupancy, torch.zeros(0, 2), None, torch.cat([foot, wall]))
+    unobserved = UnobservedPrior(model, occupancy, torch.zeros(0, 2), None, torch.cat([foot, wall]))
     wanted = torch.linspace(-1, 1, model.config.features)
     assert isinstance(model.camera_decoder, CameraDecoder)
     with torch.no_grad():
@@ -149,7 +149,7 @@ def test_lidar_sees_no_looks(model: SceneModel, teach: bool) -> None:
     for _ in range(200):
         loss = (model.static(wall)[1] - wanted).square().mean()
         optimiser.zero_grad()
-        (loss + hidden.loss(generator) if teach else loss).backward()
+        (loss + unobserved.loss(generator) if teach else loss).backward()
         optimiser.step()
     assert apart() < 0.01 if teach else apart() > 0.03
 
@@ -160,12 +160,12 @@ def test_over_clear_ground_that_no_image_shows_there_is_nothing(model: SceneMode
     axis = torch.arange(0.25, 9, 0.5)
     ground = torch.cat([torch.cartesian_prod(axis, axis), torch.full((len(axis) ** 2, 1), GROUND_M)], -1)
     bin_ = torch.tensor([[2.25, 2.25, GROUND_M + 0.6]])
-    hidden = Hidden(model, occupancy, cells, None, torch.cat([ground, bin_]))
+    unobserved = UnobservedPrior(model, occupancy, cells, None, torch.cat([ground, bin_]))
     clear = torch.zeros(20, 20, dtype=torch.bool)
     clear[:18, :18] = True
     clear[3:6, 3:6] = False
-    assert torch.equal(hidden.clear.view(20, 20), clear), "where a beam met the ground, and nothing stands"
-    learn(model, hidden, teach=True)
+    assert torch.equal(unobserved.clear.view(20, 20), clear), "where a beam met the ground, and nothing stands"
+    learn(model, unobserved, teach=True)
     x = torch.rand(200, 3) * torch.tensor([3.0, 3, 0.3]) + torch.tensor([5.5, 5.5, GROUND_M + 0.12])
     with torch.no_grad():
         error = (model.static.distance(x) - (x[:, 2] - GROUND_M).clamp_max(0.3)).abs()
@@ -174,7 +174,9 @@ def test_over_clear_ground_that_no_image_shows_there_is_nothing(model: SceneMode
 
 def test_only_tables_learn_from_hidden_places(model: SceneModel) -> None:
     cells = torch.as_tensor(np.argwhere(np.ones((10, 10), bool))).float()
-    hidden = Hidden(model, OccupancyTrainer(model.occupancy), cells, (torch.eye(4)[None], torch.full((1, 3), 2.0)), NOTHING)
-    hidden.loss(torch.Generator().manual_seed(0)).backward()
+    unobserved = UnobservedPrior(
+        model, OccupancyTrainer(model.occupancy), cells, (torch.eye(4)[None], torch.full((1, 3), 2.0)), NOTHING
+    )
+    unobserved.loss(torch.Generator().manual_seed(0)).backward()
     assert all(p.grad is None and p.requires_grad for p in model.static.network.parameters())
     assert model.static.grid.table.grad is not None and bool((model.static.grid.table.grad != 0).any())

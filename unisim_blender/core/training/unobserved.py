@@ -29,8 +29,8 @@ _CLEAR_M = (0.25, 1.0)
 """Where LiDAR met the ground, and nothing between these heights above it, the ground is all there is."""
 
 
-class Hidden:
-    """Draws hidden places and compares them with what is next to them.
+class UnobservedPrior:
+    """Draws unobserved places and compares them with what is next to them.
 
     ``known_ground`` (C, 2) are the cells whose ground height can be trusted; ``still_boxes`` the poses (B, 4, 4), box to world,
     and sizes (B, 3) of actors that never move, whose inside the static field is never asked for; ``returns`` (R, 3) what LiDAR
@@ -63,7 +63,7 @@ class Hidden:
         return out.view(shape[0], shape[1])
 
     def loss(self, generator: torch.Generator) -> Tensor:
-        """Mean disagreement of hidden places with their surroundings."""
+        """Mean disagreement of unobserved places with their surroundings."""
         total, model = self.model.ground.heights.new_zeros(()), _with_tables_alone(self.model)
         if len(self.known_ground):
             total = total + self._aloft(model, generator) + self._on_ground(model, generator)
@@ -81,7 +81,7 @@ class Hidden:
         return self.model.ground.under(place)
 
     def _aloft(self, model: SceneModel, generator: torch.Generator) -> Tensor:
-        """What stands above hidden places goes on downwards; close over clear ground there is nothing."""
+        """What stands above unobserved places goes on downwards; close over clear ground there is nothing."""
         device = self.known_ground.device
         x = self._known_places(generator)
         low = torch.arange(len(x), device=device) % 2 == 0
@@ -90,7 +90,7 @@ class Hidden:
         x = x + F.pad(height[:, None], (2, 0))
         column = model.occupancy.cells(x) // model.occupancy.values.shape[2]
         clear = low & self.clear[column] & ~self.occupancy.in_view(x)
-        pick = torch.nonzero(clear | (~low & self.occupancy.hidden(x)))[: 2 * _POINTS, 0]
+        pick = torch.nonzero(clear | (~low & self.occupancy.unobserved(x)))[: 2 * _POINTS, 0]
         if len(pick) == 0:
             return x.new_zeros(())
         x, height, clear = x[pick], height[pick], clear[pick]
@@ -134,7 +134,7 @@ class Hidden:
     def _alike(self, model: SceneModel, look: Tensor, at: Tensor, generator: torch.Generator) -> Tensor:
         """How unlike looks (N, F) are to those at points (N, 3), of which the ones count that some image shows.
 
-        Hidden places that copy each other drift: nothing holds their looks.
+        Unobserved places that copy each other drift: nothing holds their looks.
         """
         with torch.no_grad():
             _, wanted = model.static(at)
@@ -178,7 +178,7 @@ class Hidden:
 
     @torch.no_grad()
     def continued(self) -> Tensor:
-        """Hidden voxels (M,), flat numbers, under something that was seen: it goes on down to the ground.
+        """Unobserved voxels (M,), flat numbers, under something that was seen: it goes on down to the ground.
 
         Voxels decide, not the field: where nobody looked it has surfaces of its own making.
         """

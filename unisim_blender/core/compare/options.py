@@ -1,4 +1,4 @@
-"""What a comparison is asked for."""
+"""Options of a comparison."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from ..world.drive import Drive
 
 
 @dataclass(frozen=True)
-class Wishes:
+class CompareOptions:
     """Each training has ``minutes``, or ``iterations`` where those are given. ``frames`` are trained on and looked at; every
     other one is compared in the replay, and ``truth_frames`` of them in each edit. ``scenarios``: None for a street's usual
     edits. ``disturb`` is the noise on moving actors' boxes, metres and degrees, that trainings begin with."""
@@ -30,6 +30,6 @@ class Wishes:
     lpips: Path | None = None
     fid: Path | None = None
 
-    def learnt(self, drive: Drive) -> tuple[int, ...]:
-        """The frames of a drive that are learnt from. Raises `UnisimError`."""
+    def training_frames(self, drive: Drive) -> tuple[int, ...]:
+        """Return the frames of a drive to train on. Raises `UnisimError`."""
         return select_frames(self.frames, drive.frames)

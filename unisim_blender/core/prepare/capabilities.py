@@ -1,4 +1,4 @@
-"""What a scenario asks for and the method that a scene was trained by cannot give, in sentences."""
+"""Capability check: what a scenario asks for and the method that a scene was trained by cannot give, in sentences."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class _Method(NamedTuple):
     has_lidar: bool
 
 
-def warnings(scene: Path, recorded: Drive, edited: Drive, sweeps: bool) -> list[str]:
+def capability_warnings(scene: Path, recorded: Drive, edited: Drive, sweeps: bool) -> list[str]:
     """One sentence for each thing that comes out otherwise than asked; ``sweeps`` says whether any are wanted. Raises
     `SceneError`."""
     method, found = _method(stamp(scene)), []
@@ -42,7 +42,7 @@ def warnings(scene: Path, recorded: Drive, edited: Drive, sweeps: bool) -> list[
 
 @lru_cache(maxsize=16)
 def _method(stamped: tuple[Any, ...]) -> _Method:
-    """Of the scene that a stamp is of: its header need not be read for every picture of a view."""
+    """Of the scene that a stamp is of: its header need not be read for every image of a view."""
     header = read_scene_header(stamped[0])
     actors = ModelConfig.from_dict(header.model).actors
     return _Method(header.name, actors != "none", "lidar" not in header.training.get("without", ()))

@@ -1,4 +1,4 @@
-"""Who is on, as the kernels read it: boxes on their ways, copied and removed boxes of space."""
+"""The active actors as the kernels read them: boxes on their trajectories, copied and removed boxes of space."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from ....sensors.bounds import Bounds
 from ....sensors.rays import Rays
 from ....world.drive import Actor
 from ....world.keys import PaddedKeys
-from ...actor_sets import Cast
+from ...actor_sets import ActiveActors
 from .scene import CompiledScene
 from .structs import CastStruct, TroupeStruct, address, doubles, floats
 
 
-class _Ways:
-    """Boxes with looks of one scene."""
+class _BoxTrajectories:
+    """Trajectories of boxes whose appearances come from one scene."""
 
     def __init__(self, scene: CompiledScene, actors: Sequence[Actor], rows: Sequence[int]) -> None:
         self.scene, self.count = scene, len(actors)
@@ -49,33 +49,34 @@ class _Ways:
         ), candidates
 
 
-class CompiledCast:
-    """A drive's cast with looks of ``scene`` and of ``others`` by their paths."""
+class CompiledActors:
+    """A drive's active actors with looks of ``scene`` and of ``others`` by their paths."""
 
-    def __init__(self, cast: Cast, scene: CompiledScene, others: dict[str, CompiledScene]) -> None:
-        scenes = [scene, *(others[path] for path in cast.guests)]
-        self.troupes = [
-            _Ways(own, troupe.actors, troupe.rows) for own, troupe in zip(scenes, (cast.own, *cast.guests.values()), strict=True)
+    def __init__(self, active: ActiveActors, scene: CompiledScene, others: dict[str, CompiledScene]) -> None:
+        scenes = [scene, *(others[path] for path in active.foreign)]
+        self.actor_sets = [
+            _BoxTrajectories(own, actor_set.actors, actor_set.rows)
+            for own, actor_set in zip(scenes, (active.own, *active.foreign.values()), strict=True)
         ]
-        self.copies = _Ways(scene, cast.targets, [0] * len(cast.targets)) if cast.targets else None
-        self._sources = doubles([box.world_from_box[:3] for box in cast.sources])
-        self._removals = doubles([invert_pose(box.world_from_box)[:3] for box in cast.removals])
-        self._removal_sizes = floats([box.size_m for box in cast.removals])
+        self.copies = _BoxTrajectories(scene, active.targets, [0] * len(active.targets)) if active.targets else None
+        self._sources = doubles([box.world_from_box[:3] for box in active.sources])
+        self._removals = doubles([invert_pose(box.world_from_box)[:3] for box in active.removals])
+        self._removal_sizes = floats([box.size_m for box in active.removals])
 
     def struct(self, rays: Rays) -> tuple[CastStruct, list[Any], int]:
         """The structure for these flat rays, what it points to beside this object's arrays, and how many actors they miss."""
-        among = [ways.bounds.in_reach(rays) for ways in self.troupes]
-        pairs = [ways.struct(some) for ways, some in zip(self.troupes, among, strict=True)]
-        troupes = (TroupeStruct * len(pairs))(*(pair[0] for pair in pairs))
-        kept: list[Any] = [troupes, *(pair[1] for pair in pairs)]
+        among = [boxes.bounds.in_reach(rays) for boxes in self.actor_sets]
+        pairs = [boxes.struct(some) for boxes, some in zip(self.actor_sets, among, strict=True)]
+        actor_sets = (TroupeStruct * len(pairs))(*(pair[0] for pair in pairs))
+        kept: list[Any] = [actor_sets, *(pair[1] for pair in pairs)]
         copies = None
         if self.copies is not None:
             copy, candidates = self.copies.struct(range(self.copies.count))
             copies = ctypes.pointer(copy)
             kept += [copy, candidates]
-        skipped = sum(ways.count for ways in self.troupes) - sum(map(len, among))
+        skipped = sum(boxes.count for boxes in self.actor_sets) - sum(map(len, among))
         struct = CastStruct(
-            troupes, len(pairs), copies, address(self._sources), len(self._removals), address(self._removals),
+            actor_sets, len(pairs), copies, address(self._sources), len(self._removals), address(self._removals),
             address(self._removal_sizes),
         )  # fmt: skip
         return struct, kept, skipped

@@ -1,8 +1,8 @@
 """How often `--max-error` keeps its promise, against whole frames at the truth, and what it costs beside the cheapest of the
 fixed settings that keep the bound in every frame.
 
-python benchmarks/promise.py FILE --scene sample/scene --width 320 --frames 0:20:2 --bound 40dB --bound 1mm --seeds 2
-python benchmarks/promise.py FILE
+python benchmarks/error_bound.py FILE --scene sample/scene --width 320 --frames 0:20:2 --bound 40dB --bound 1mm --seeds 2
+python benchmarks/error_bound.py FILE
 
 FILE has a line for each frame and sensor, and grows: a frame that it has already is not rendered again. Without a scene it is
 summed up. Seconds are of the processor, for one thread.
@@ -28,7 +28,7 @@ from unisim_blender.core.render.bounded import BoundedRenderer, at_quality, colo
 from unisim_blender.core.render.drive_renderer import DriveRenderer
 from unisim_blender.core.render.quality import LADDER, TRUTH
 from unisim_blender.core.render.renderer import Renderer
-from unisim_blender.core.sensors.error_bound import Bound, depth_errors, parse_bounds
+from unisim_blender.core.sensors.error_bound import ErrorBound, depth_errors, parse_bounds
 from unisim_blender.core.sensors.frames import CameraFrame, LidarFrame
 
 Frame = CameraFrame | LidarFrame
@@ -36,7 +36,7 @@ Row = dict[str, Any]
 
 
 def errors_of(frame: Frame, truth: Frame) -> dict[str, FloatArray]:
-    """Every pixel's or beam's errors, by `Bound.unit`."""
+    """Every pixel's or beam's errors, by `ErrorBound.unit`."""
     if isinstance(frame, LidarFrame) and isinstance(truth, LidarFrame):
         return {"mm": depth_errors(frame.depth_m, truth.depth_m)}
     assert isinstance(frame, CameraFrame) and isinstance(truth, CameraFrame)
@@ -44,8 +44,8 @@ def errors_of(frame: Frame, truth: Frame) -> dict[str, FloatArray]:
     return colour_errors(a, b)
 
 
-def true_error(bound: Bound, errors: dict[str, FloatArray]) -> float:
-    """A whole frame's, as `Bound.most` counts."""
+def true_error(bound: ErrorBound, errors: dict[str, FloatArray]) -> float:
+    """A whole frame's, as `ErrorBound.most` counts."""
     of = errors[bound.unit]
     return float(np.quantile(of, bound.quantile, method="inverted_cdf") if bound.unit == "mm" else of.mean())
 
@@ -53,7 +53,7 @@ def true_error(bound: Bound, errors: dict[str, FloatArray]) -> float:
 class Sensor:
     """A camera or a LiDAR of a scene, rendered in several ways."""
 
-    def __init__(self, renderer: DriveRenderer, name: str, width: int | None, bounds: list[Bound], seeds: int) -> None:
+    def __init__(self, renderer: DriveRenderer, name: str, width: int | None, bounds: list[ErrorBound], seeds: int) -> None:
         self.renderer, self.name, self.width = renderer, name, width
         self.bounds, self.seeds = bounds, [BoundedRenderer(renderer, bounds, seed) for seed in range(seeds)]
 
@@ -77,10 +77,10 @@ class Sensor:
             for bounded in self.seeds:
                 bounded.of_depth, bounded.of_colour = ((bound,), ()) if bound.unit == "mm" else ((), (bound,))
                 found, seconds = self.render(bounded, frame)
-                assert found.promise is not None
-                check = found.promise.checks[0]
+                assert found.error_bound is not None
+                check = found.error_bound.checks[0]
                 promises.append({
-                    "bound": str(bound), "limit": bound.most, "seed": bounded.seed, "settings": found.promise.settings,
+                    "bound": str(bound), "limit": bound.most, "seed": bounded.seed, "settings": found.error_bound.settings,
                     "estimate": check.estimate, "most": check.most, "true": true_error(bound, errors_of(found, truth)),
                     "seconds": seconds,
                 })  # fmt: skip

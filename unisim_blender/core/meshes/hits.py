@@ -1,6 +1,6 @@
-"""Which meshes a sensor's rays meet, and what they show there.
+"""Where a sensor's rays hit meshes, and what the meshes show there.
 
-An image's pixels are met by several rays each, so that a mesh's outline is as smooth as the recorded picture; how much of a cell
+Several rays go through each pixel of an image, so that a mesh's outline is as smooth as the recorded image; how much of a cell
 they cover becomes how much of the cell's ray the mesh stops, and so it takes its place among what the fields hold.
 """
 
@@ -25,17 +25,17 @@ from .read import read_mesh
 from .surface import colours_at, lit, normals_at, reflectivity
 
 SIDE = 3
-"""A pixel is met by SIDE x SIDE rays."""
+"""SIDE x SIDE rays go through a pixel."""
 CHUNK_RAYS = 1 << 18
 Level = Callable[[Actor], FloatArray]
 """Light (3,) that white level ground under an actor sends out, linear."""
 
 
 @dataclass(frozen=True)
-class Met:
-    """Rays that meet a mesh: their numbers ray (P,), rising; t (P,) metres; share (P,) of the ray that the mesh covers; normals
-    (P, 3), world frame; actor (P,) in the extras' order. For a camera ``pixels`` (P, up, up, 4): what the cell's pixels show,
-    linear, and how much of each the mesh covers; for a LiDAR ``intensity`` (P,)."""
+class MeshHits:
+    """Rays that hit a mesh: their numbers ray (P,), rising; t (P,) metres; share (P,) of the ray that the mesh covers; normals
+    (P, 3), world frame; actor (P,) in the mesh actors' order. For a camera ``pixels`` (P, up, up, 4): what the cell's pixels
+    show, linear, and how much of each the mesh covers; for a LiDAR ``intensity`` (P,)."""
 
     ray: NDArray[np.int64]
     t: FloatArray
@@ -45,10 +45,10 @@ class Met:
     pixels: NDArray[np.float32] | None = None
     intensity: FloatArray | None = None
 
-    def between(self, begin: int, end: int) -> Met:
+    def between(self, begin: int, end: int) -> MeshHits:
         """Those of the rays from ``begin`` to before ``end``, numbered from there."""
         first, last = np.searchsorted(self.ray, [begin, end])
-        return Met(
+        return MeshHits(
             self.ray[first:last] - begin,
             self.t[first:last],
             self.share[first:last],
@@ -70,7 +70,7 @@ class Met:
         return image + layer[..., 3:] * (layer[..., :3] - image)
 
 
-class Extras:
+class MeshActors:
     """Actors that are meshes; bodies of the ego vehicle come last."""
 
     def __init__(self, actors: Sequence[Actor]) -> None:
@@ -81,21 +81,21 @@ class Extras:
         """Their ids."""
         return tuple(actor.uid for actor in self.actors)
 
-    def seen_by(self, sensor: Camera | Lidar) -> Extras:
+    def seen_by(self, sensor: Camera | Lidar) -> MeshActors:
         """Those that a sensor can see; each has the same number as among all."""
         return self if sensor.sees_ego_body else self._without_bodies
 
     @cached_property
-    def _without_bodies(self) -> Extras:
+    def _without_bodies(self) -> MeshActors:
         others = [actor for actor in self.actors if not actor.is_ego_body]
-        return self if len(others) == len(self.actors) else Extras(others)
+        return self if len(others) == len(self.actors) else MeshActors(others)
 
     @cached_property
     def meshes(self) -> list[Mesh]:
         """Their meshes; one for all that share a file."""
         return [ready(read_mesh(Path(actor.look.mesh))) for actor in self.actors]
 
-    def met_by_camera(
+    def hit_by_camera(
         self,
         camera: Camera,
         time_s: float,
@@ -104,7 +104,7 @@ class Extras:
         up: int,
         near_m: float,
         level: Level,
-    ) -> Met | None:
+    ) -> MeshHits | None:
         """What ``cells`` of ``up`` x ``up`` pixels with centres (u, v) (h, w), and rays (h w,) through those, show of the meshes;
         None where they show none."""
         if not self.actors:
@@ -133,7 +133,7 @@ class Extras:
             found.append(_cell_means(part, up, hit, t, actor, normals, np.clip(light, 0, 1)))
         return _joined(found)
 
-    def met_by_rays(self, rays: Rays, near_m: float) -> Met | None:
+    def hit_by_rays(self, rays: Rays, near_m: float) -> MeshHits | None:
         """What single rays (N, 3), (N, 3), (N,) meet, as a LiDAR's beams do; None where they meet nothing."""
         if not self.actors:
             return None
@@ -145,7 +145,7 @@ class Extras:
             return None
         cosine = (normals[hit] * part.directions[hit]).sum(1)
         intensity = reflectivity(colours[hit], cosine)
-        return Met(near[hit], t[hit], np.ones(hit.sum()), normals[hit], actor[hit], intensity=intensity)
+        return MeshHits(near[hit], t[hit], np.ones(hit.sum()), normals[hit], actor[hit], intensity=intensity)
 
     def _near(self, rays: Rays, widening: float) -> BoolArray:
         """Which rays come near some mesh: into the sphere round its box, that much wider for each metre of distance."""
@@ -200,7 +200,7 @@ def _cell_means(
     actor: NDArray[np.int64],
     normals: FloatArray,
     light: FloatArray,
-) -> Met:
+) -> MeshHits:
     """One entry a cell of many rays' (cells * side * side) hits; cells without any are left out."""
     per_cell = (len(cells), (up * SIDE) ** 2)
     hits = hit.reshape(per_cell)
@@ -216,15 +216,15 @@ def _cell_means(
     covered = hit.reshape(fine).mean((2, 4))
     shown = np.where(hit[:, None], light, 0.0).reshape(*fine, 3).mean((2, 4)) / np.maximum(covered, 1e-9)[..., None]
     pixels = np.concatenate([shown, covered[..., None]], -1).astype(np.float32)
-    return Met(cells[some], depth[some], hits.mean(1)[some], mean[some], owner[some, 0], pixels[some])
+    return MeshHits(cells[some], depth[some], hits.mean(1)[some], mean[some], owner[some, 0], pixels[some])
 
 
-def _joined(found: Sequence[Met]) -> Met | None:
-    found = [met for met in found if len(met.ray)]
+def _joined(found: Sequence[MeshHits]) -> MeshHits | None:
+    found = [mesh_hits for mesh_hits in found if len(mesh_hits.ray)]
     if not found:
         return None
-    pixels = np.concatenate([met.pixels for met in found if met.pixels is not None])
+    pixels = np.concatenate([mesh_hits.pixels for mesh_hits in found if mesh_hits.pixels is not None])
     ray, t, share, normals, actor = (
         np.concatenate(column) for column in zip(*((m.ray, m.t, m.share, m.normals, m.actor) for m in found), strict=True)
     )
-    return Met(ray, t, share, normals, actor, pixels)
+    return MeshHits(ray, t, share, normals, actor, pixels)

@@ -1,4 +1,4 @@
-"""The scene that a training leaves: read where it is there, learnt where it is not, gone on with where it was cut off."""
+"""The scene that a training leaves: loaded where it is finished, trained where it is missing, resumed where it was cut off."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from .config import TrainConfig
 from .recipe import recipe
 
 
-def learnt(log: Log, config: TrainConfig, folder: Path, quiet: bool = False) -> SceneHeader:
+def load_or_train(log: Log, config: TrainConfig, folder: Path, quiet: bool = False) -> SceneHeader:
     """``log``'s scene in ``folder``, trained by ``config`` if it is not yet. Raises SceneError where another was trained there;
     KeyboardInterrupt leaves a checkpoint."""
     if (folder / HEADER_NAME).is_file():
         header = read_scene_header(folder)
         _check(header, config)
         return header
-    # torch takes seconds to import, and reading what is learnt needs none
+    # torch takes seconds to import, and reading a trained scene needs none
     from .run import CHECKPOINT, train
 
     return train(log, config, folder, resume=(folder / CHECKPOINT).is_file(), quiet=quiet)

@@ -1,4 +1,5 @@
-"""A step's shares: parts of its loss whose graphs are apart, worked out at once, each forward and backward in its own thread."""
+"""Parallel branches of a training step's loss: their graphs share only leaves, so each goes forward and backward in its own
+thread."""
 
 from __future__ import annotations
 
@@ -10,35 +11,35 @@ from typing import TypeVar
 import torch
 from torch import Tensor
 
-from ..ops.gradient_sink import as_share
+from ..ops.gradient_sink import as_branch
 
 T = TypeVar("T")
 
 
-def run_shares(shares: Sequence[Callable[[], T]], together: bool) -> list[T]:
-    """What each share gives; ``together`` runs them at once, else one comes after the other.
+def run_branches(branches: Sequence[Callable[[], T]], together: bool) -> list[T]:
+    """Return each branch's result; ``together`` runs them at once, else one comes after the other.
 
-    A share may wait for what one before it leaves, none for one behind it. Of errors the first share's is raised, when all have
+    A branch may wait for what one before it leaves, none for one behind it. Of errors the first branch's is raised, when all have
     ended.
     """
     threads = torch.get_num_threads()
-    results: list[T | BaseException | None] = [None] * len(shares)
+    results: list[T | BaseException | None] = [None] * len(branches)
 
     def work(number: int) -> None:
         try:
             # of its own accord a new thread takes all cores in some of torch's libraries
             torch.set_num_threads(threads)
-            with as_share(number):
-                results[number] = shares[number]()
+            with as_branch(number):
+                results[number] = branches[number]()
         except BaseException as error:  # noqa: BLE001
             results[number] = error
 
     others = []
-    for number in range(1, len(shares) if together else 1):
+    for number in range(1, len(branches) if together else 1):
         thread = threading.Thread(target=contextvars.copy_context().run, args=(work, number))
         thread.start()
         others.append(thread)
-    for number in range(1 if together else len(shares)):
+    for number in range(1 if together else len(branches)):
         work(number)
     for thread in others:
         thread.join()
@@ -50,8 +51,8 @@ def run_shares(shares: Sequence[Callable[[], T]], together: bool) -> list[T]:
     return out
 
 
-class Gradients:
-    """What a share's terms make of the gradients of some leaves; nobody else sees it until it is added to theirs."""
+class BranchGradients:
+    """What a branch's terms make of the gradients of some leaves; nobody else sees it until it is added to theirs."""
 
     def __init__(self, leaves: Sequence[Tensor]) -> None:
         self.leaves = leaves

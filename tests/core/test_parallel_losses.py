@@ -1,4 +1,4 @@
-"""A step in shares at once: the gradients are those of its whole loss, and threads change no bit of it."""
+"""A step in branches at once: the gradients are those of its whole loss, and threads change no bit of it."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ from unisim_blender.core.model.frozen import frozen, shallow
 from unisim_blender.core.model.networks import mlp
 from unisim_blender.core.training import trainer as module
 from unisim_blender.core.training.config import TrainConfig
+from unisim_blender.core.training.parallel_losses import BranchGradients, run_branches
 from unisim_blender.core.training.run import _state
-from unisim_blender.core.training.shares import Gradients, run_shares
 from unisim_blender.core.training.trainer import Trainer
 
 EVERYTHING = TrainConfig(
@@ -32,14 +32,14 @@ EVERYTHING = TrainConfig(
 
 @pytest.fixture(scope="module")
 def log(tmp_path_factory: pytest.TempPathFactory) -> Log:
-    out = tmp_path_factory.mktemp("shares") / "log"
+    out = tmp_path_factory.mktemp("branches") / "log"
     write_small_log(out)
     return open_log(out)
 
 
 def leaves_of(trainer: Trainer) -> list[Tensor]:
     groups = (*trainer.optimiser.param_groups, *trainer.slow.param_groups)
-    return [*(p for group in groups for p in group["params"]), *trainer.held().values()]
+    return [*(p for group in groups for p in group["params"]), *trainer.deferred().values()]
 
 
 @pytest.mark.parametrize("adversarial", (False, True))
@@ -56,7 +56,7 @@ def test_a_step_is_the_same_to_the_bit_at_once_and_one_after_the_other(log: Log,
         assert all(torch.equal(value, state[name]) for name, value in states[0][1].items())
 
 
-def gradients_of_a_step(log: Log, patch: pytest.MonkeyPatch, in_shares: bool) -> list[Tensor]:
+def gradients_of_a_step(log: Log, patch: pytest.MonkeyPatch, in_branches: bool) -> list[Tensor]:
     """Of every leaf, in the third step; the plain way is one graph for everything, in which autograd alone adds up."""
     trainer = Trainer(log, EVERYTHING)
     for _ in range(2):
@@ -71,7 +71,7 @@ def gradients_of_a_step(log: Log, patch: pytest.MonkeyPatch, in_shares: bool) ->
             got.append(leaf.grad.clone())
 
     patch.setattr(trainer.optimiser, "step", record)
-    if not in_shares:
+    if not in_branches:
         terms: list[Tensor] = []
         for field in (trainer.model.static.grid, trainer.model.far.grid, trainer.model.actors):
             field.sink = None
@@ -82,7 +82,7 @@ def gradients_of_a_step(log: Log, patch: pytest.MonkeyPatch, in_shares: bool) ->
 
         patch.setattr(trainer, "_take", lambda start, given: terms.extend(given.values()))
         patch.setattr(trainer, "_update", whole)
-    trainer._step(together=in_shares)
+    trainer._step(together=in_branches)
     return got
 
 
@@ -90,8 +90,8 @@ def gradients_of_a_step(log: Log, patch: pytest.MonkeyPatch, in_shares: bool) ->
 def test_shares_have_the_gradients_of_the_whole_loss(log: Log, monkeypatch: pytest.MonkeyPatch, compiled: bool) -> None:
     if not compiled:
         monkeypatch.setattr(native, "library", lambda: None)
-    shares, whole = (gradients_of_a_step(log, monkeypatch, in_shares) for in_shares in (True, False))
-    for a, b in zip(shares, whole, strict=True):
+    branches, whole = (gradients_of_a_step(log, monkeypatch, in_branches) for in_branches in (True, False))
+    for a, b in zip(branches, whole, strict=True):
         torch.testing.assert_close(a, b, rtol=2e-4, atol=1e-7 + 1e-5 * float(b.abs().max()))
     assert sum(bool((b != 0).any()) for b in whole) > 20, "most parameters learn something"
 
@@ -107,7 +107,7 @@ def test_a_share_waits_for_what_one_before_it_leaves() -> None:
         def second(seen: Future[int] = seen) -> tuple[int, int]:
             return seen.result(), threading.get_ident()
 
-        (one, here), (three, there) = run_shares([first, second], together)
+        (one, here), (three, there) = run_branches([first, second], together)
         assert (one, three) == (1, 3) and here == threading.get_ident() and (there != here) is together
 
 
@@ -120,13 +120,13 @@ def test_the_first_shares_error_is_raised_when_all_have_ended(together: bool) ->
         raise SceneError(message)
 
     with pytest.raises(SceneError, match="the first"):
-        run_shares([lambda: fails("the first"), lambda: fails("the second")], together)
+        run_branches([lambda: fails("the first"), lambda: fails("the second")], together)
     assert sorted(ended) == ["the first", "the second"]
 
 
 @pytest.mark.parametrize("together", (True, False))
 def test_a_step_that_fails_leaves_nothing_waiting(log: Log, monkeypatch: pytest.MonkeyPatch, together: bool) -> None:
-    """The LiDAR's share, which waits for what cameras see, ends too; the next step is what it would have been."""
+    """The LiDAR's branch, which waits for what cameras see, ends too; the next step is what it would have been."""
     whole, broken = Trainer(log, EVERYTHING), Trainer(log, EVERYTHING)
     with monkeypatch.context() as patch:
         patch.setattr(broken, "_draw_pixels", lambda rng: 1 / 0)
@@ -136,7 +136,7 @@ def test_a_step_that_fails_leaves_nothing_waiting(log: Log, monkeypatch: pytest.
     kept = _state(broken)
     assert all(torch.equal(value, kept[name]) for name, value in _state(whole).items())
     with monkeypatch.context() as patch:
-        patch.setattr(module, "spread", lambda seen: torch.tensor(float("nan")))
+        patch.setattr(module, "distortion", lambda seen: torch.tensor(float("nan")))
         with pytest.raises(SceneError, match="training diverged at iteration 1: spread is not a finite number"):
             broken._step(together)
 
@@ -146,7 +146,7 @@ def test_a_shares_threads_are_as_many_as_its_callers() -> None:
     try:
         for threads in (1, 2):
             torch.set_num_threads(threads)
-            assert run_shares([torch.get_num_threads] * 3, together=True) == [threads] * 3
+            assert run_branches([torch.get_num_threads] * 3, together=True) == [threads] * 3
     finally:
         torch.set_num_threads(before)
 
@@ -154,7 +154,7 @@ def test_a_shares_threads_are_as_many_as_its_callers() -> None:
 def test_gradients_are_added_in_one_go() -> None:
     a, b, unused = (torch.tensor([float(i), 2.0], requires_grad=True) for i in range(3))
     a.grad = torch.ones(2)
-    gradients = Gradients([a, b, unused])
+    gradients = BranchGradients([a, b, unused])
     gradients.take((a * b).sum())
     gradients.take(a.square().sum())
     gradients.take(torch.zeros(()))

@@ -1,4 +1,4 @@
-"""Numbers as pictures for people: depth, differences, sweeps from above, and sheets of labelled pictures."""
+"""Numbers as images for people: depth, differences, sweeps from above, and sheets of labelled images."""
 
 from __future__ import annotations
 
@@ -36,22 +36,22 @@ def turbo(values: NDArray[Any]) -> Pixels:
     return bytes_from_srgb((powers @ coefficients.T).astype(np.float32))
 
 
-def depth_picture(depth_m: NDArray[np.float32], nearest_m: float = 2.0, furthest_m: float = 120.0) -> Pixels:
+def depth_image(depth_m: NDArray[np.float32], nearest_m: float = 2.0, furthest_m: float = 120.0) -> Pixels:
     """Depth (H, W) by its logarithm, near in red; black where nothing was hit."""
     hit = np.isfinite(depth_m)
     scale = np.log(np.where(hit, np.maximum(depth_m, nearest_m), furthest_m) / nearest_m) / np.log(furthest_m / nearest_m)
     return np.where(hit[..., None], turbo(1 - scale), np.uint8(0))
 
 
-def difference_picture(a: NDArray[np.float32], b: NDArray[np.float32], full_at: float = 0.25) -> Pixels:
-    """How far two sRGB pictures (H, W, 3) are apart, channels averaged: black is equal, white ``full_at`` or more."""
+def difference_image(a: NDArray[np.float32], b: NDArray[np.float32], full_at: float = 0.25) -> Pixels:
+    """How far two sRGB images (H, W, 3) are apart, channels averaged: black is equal, white ``full_at`` or more."""
     distance = np.abs(np.asarray(a, np.float32) - b).mean(-1) / full_at
     return np.repeat(bytes_from_srgb(distance)[..., None], 3, -1)
 
 
-def sweep_picture(points: FloatArray, intensity: NDArray[Any], width: int, height: int, metres_per_pixel: float = 0.2) -> Pixels:
+def sweep_image(points: FloatArray, intensity: NDArray[Any], width: int, height: int, metres_per_pixel: float = 0.2) -> Pixels:
     """Points (N, 3) from above, x up and y left, the origin in the middle; brightness by intensity (N,), hue by height."""
-    picture = np.full((height, width, 3), BACKGROUND // 2, np.uint8)
+    image = np.full((height, width, 3), BACKGROUND // 2, np.uint8)
     column = np.floor(width / 2 - points[:, 1] / metres_per_pixel).astype(np.int64)
     row = np.floor(height / 2 - points[:, 0] / metres_per_pixel).astype(np.int64)
     seen = (column >= 0) & (column < width) & (row >= 0) & (row < height)
@@ -59,32 +59,32 @@ def sweep_picture(points: FloatArray, intensity: NDArray[Any], width: int, heigh
     row, column = row[seen][order], column[seen][order]
     z, brightness = points[seen, 2][order], np.asarray(intensity)[seen][order]
     colours = turbo(0.15 + 0.7 * np.clip((z + 2.5) / 6, 0, 1))
-    picture[row, column] = (colours * (0.45 + 0.55 * np.clip(brightness, 0, 1))[:, None]).astype(np.uint8)
-    return picture
+    image[row, column] = (colours * (0.45 + 0.55 * np.clip(brightness, 0, 1))[:, None]).astype(np.uint8)
+    return image
 
 
-def outline(picture: Pixels, mask: BoolArray, colour: tuple[int, int, int] = (255, 220, 0)) -> Pixels:
-    """The picture with the border of a mask (H, W) drawn into it."""
+def outline(image: Pixels, mask: BoolArray, colour: tuple[int, int, int] = (255, 220, 0)) -> Pixels:
+    """The image with the border of a mask (H, W) drawn into it."""
     inner = mask.copy()
     inner[1:] &= mask[:-1]
     inner[:-1] &= mask[1:]
     inner[:, 1:] &= mask[:, :-1]
     inner[:, :-1] &= mask[:, 1:]
-    out = picture.copy()
+    out = image.copy()
     out[mask & ~inner] = colour
     return out
 
 
 @dataclass(frozen=True)
 class Tile:
-    """A picture with words above it."""
+    """An image with words above it."""
 
     label: str
     pixels: Pixels
 
 
 def sheet(rows: Sequence[Sequence[Tile]]) -> Pixels:
-    """Rows of labelled pictures on one sheet (H, W, 3), each column as wide as its widest picture."""
+    """Rows of labelled images on one sheet (H, W, 3), each column as wide as its widest image."""
     columns = max(len(row) for row in rows)
     widths = [max((row[i].pixels.shape[1] for row in rows if i < len(row)), default=0) for i in range(columns)]
     heights = [LABEL_HEIGHT + max(tile.pixels.shape[0] for tile in row) for row in rows]
