@@ -300,6 +300,7 @@ def opened_file() -> Iterator[float]:
     yield from click()
     yield from until(lambda: "frames" in told(), "no progress is shown", 60)
     yield from to(*middle(area("VIEW_3D")))
+    yield 2.0  # while the scene is read, nothing but Esc is heard
     yield from key("O", ctrl=True)
     yield from choose_path(other)
     yield from until(lambda: Path(bpy.data.filepath) == other, "not opened", 10)
@@ -449,7 +450,7 @@ def points() -> Iterator[float]:
     here: dict[str, list[Place]] = {}
     yield from buttons(area("VIEW_3D"), "UI", here, columns)
     if name not in here:
-        yield from open_panel("Show", name, 0.3)
+        yield from open_panel("Show", "show_ways")
     yield from place_of(name, columns=columns)
     yield from redraw_alone()
     without = heart.longest
