@@ -62,7 +62,7 @@ def peak_memory(device: str) -> dict[str, int]:
 
 def train_scene(settings: Settings, found: Findings, preset: str) -> None:
     """Train a preset for the time given; note steps, losses, and how well a frame that was held out is rendered."""
-    from unisim_blender.core.evaluate.recorded import recorded_picture
+    from unisim_blender.core.evaluate.recorded import recorded_image
     from unisim_blender.core.model.checkpoint import load_scene
     from unisim_blender.core.render.drive_renderer import DriveRenderer
     from unisim_blender.core.render.renderer import Renderer
@@ -96,7 +96,7 @@ def train_scene(settings: Settings, found: Findings, preset: str) -> None:
     scene, frame = load_scene(scene_of(settings, preset), settings.device), held_out(log)
     drive = scene.header.drive
     picture = DriveRenderer(Renderer(TorchBackend(scene)), drive).camera(CAMERA, frame).rgb
-    error = float(np.mean((np.clip(picture, 0, 1) - recorded_picture(log, CAMERA, frame, None)) ** 2))
+    error = float(np.mean((np.clip(picture, 0, 1) - recorded_image(log, CAMERA, frame, None)) ** 2))
     found.note(
         held_out_frame=frame, psnr_db=round(-10 * float(np.log10(max(error, 1e-10))), 2), peak=peak_memory(settings.device)
     )
