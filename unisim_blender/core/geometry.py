@@ -198,6 +198,11 @@ class Trajectory:
             object.__setattr__(part, name, getattr(self, name)[first:end])
         return part
 
+    def content(self) -> bytes:
+        """Return the keys as bytes, for digests; their number comes first, so the end of the content follows from it."""
+        arrays = (self.times_s, self.positions, self.quaternions_wxyz)
+        return len(self.times_s).to_bytes(4, "little") + b"".join(array.tobytes() for array in arrays)
+
     def transformed(self, left: FloatArray | None = None, right: FloatArray | None = None) -> Trajectory:
         """The trajectory ``left @ pose @ right`` with constant poses (4, 4), or one for each key (T, 4, 4)."""
         poses = self.poses

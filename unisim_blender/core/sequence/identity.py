@@ -13,7 +13,6 @@ from collections.abc import Iterator
 from dataclasses import asdict, replace
 from typing import Any
 
-from ..geometry import Trajectory
 from ..model.scene_file import drive_to_json
 from ..render.code_identity import code_identity
 from ..sensors.error_bound import parse_bounds, sample_frames
@@ -111,15 +110,9 @@ def _sensor_parts(sensor: Camera | Lidar, frame: int) -> Iterator[bytes]:
     yield json.dumps(about, sort_keys=True).encode()
     window = exposure_window(sensor, time_s)
     if isinstance(sensor, Camera):
-        yield from _trajectory_parts(sensor.world_from_camera.between(*window))
+        yield sensor.world_from_camera.between(*window).content()
         return
-    yield from _trajectory_parts(sensor.world_from_lidar.between(*window))
+    yield sensor.world_from_lidar.between(*window).content()
     yield sensor.model.elevation_rad.tobytes()
     yield sensor.model.azimuth_offset_rad.tobytes()
     yield b"" if sensor.blocked is None else sensor.blocked.tobytes()
-
-
-def _trajectory_parts(trajectory: Trajectory) -> Iterator[bytes]:
-    yield trajectory.times_s.tobytes()
-    yield trajectory.positions.tobytes()
-    yield trajectory.quaternions_wxyz.tobytes()

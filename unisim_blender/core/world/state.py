@@ -55,14 +55,14 @@ class WorldState:
     def _parts(self) -> Iterator[bytes]:
         """Yield the content in parts, each of a length that follows from what comes before it."""
         yield np.array([self.start_s, self.end_s, len(self.actors), len(self.static_copies), len(self.removed_boxes)]).tobytes()
-        yield from _trajectory_parts(self.world_from_ego)
+        yield self.world_from_ego.content()
         for actor in self.actors:
             look = actor.look
             words = (actor.uid, actor.label, look.actor, look.scene, look.mesh)
             flags = (actor.is_moving, actor.inserted, actor.is_ego_body)
             yield "\0".join(words).encode() + b"\0" + bytes(flags)
             yield np.array([*actor.size_m, *actor.scale, actor.start_s, actor.end_s]).tobytes()
-            yield from _trajectory_parts(actor.world_from_actor)
+            yield actor.world_from_actor.content()
         for copy in self.static_copies:
             yield copy.uid.encode() + b"\0"
             yield from _box_parts(copy.source)
@@ -77,13 +77,6 @@ class StateSource(Protocol):
     def state(self, start_s: float, end_s: float) -> WorldState:
         """Return the world from ``start_s`` to ``end_s``, seconds."""
         ...
-
-
-def _trajectory_parts(trajectory: Trajectory) -> Iterator[bytes]:
-    yield len(trajectory.times_s).to_bytes(4, "little")
-    yield trajectory.times_s.tobytes()
-    yield trajectory.positions.tobytes()
-    yield trajectory.quaternions_wxyz.tobytes()
 
 
 def _box_parts(box: Box) -> Iterator[bytes]:
