@@ -17,6 +17,9 @@ from typing import Any
 import click
 import numpy as np
 
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "core"))
+from rendered_folder import contents
+
 from unisim_blender.core.prepare.scenario_plan import RenderOptions, plan_scenario
 from unisim_blender.core.sequence.run import RenderReport, render_sequence
 
@@ -39,15 +42,6 @@ def random_edit(rng: np.random.Generator, actors: list[str], number: int) -> Edi
         {"type": "retime", "actor": actor, "offset_s": float(rng.uniform(-0.8, 0.8)), "outside": "hold"},
     ]
     return kinds[int(rng.integers(len(kinds)))]
-
-
-def contents(folder: Path) -> dict[str, bytes]:
-    """Return every file's bytes by its name, but the timings and what the manifest says of the last run."""
-    found = {str(path.relative_to(folder)): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
-    found.pop("timings.json")
-    manifest = json.loads(found["manifest.json"])
-    del manifest["last_run"]
-    return {**found, "manifest.json": json.dumps(manifest).encode()}
 
 
 def rendered(document: dict[str, Any], beside: Path, out: Path, options: RenderOptions, resume: bool) -> RenderReport:
