@@ -7,6 +7,7 @@ simulator are sources of it. See `drive.py` for frames of reference and units.
 from __future__ import annotations
 
 import hashlib
+import json
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -60,11 +61,11 @@ class WorldState:
             look = actor.look
             words = (actor.uid, actor.label, look.actor, look.scene, look.mesh)
             flags = (actor.is_moving, actor.inserted, actor.is_ego_body)
-            yield "\0".join(words).encode() + b"\0" + bytes(flags)
+            yield json.dumps(words).encode() + bytes(flags)
             yield np.array([*actor.size_m, *actor.scale, actor.start_s, actor.end_s]).tobytes()
             yield actor.world_from_actor.content()
         for copy in self.static_copies:
-            yield copy.uid.encode() + b"\0"
+            yield json.dumps(copy.uid).encode()
             yield from _box_parts(copy.source)
             yield np.ascontiguousarray(copy.world_from_target, np.float64).tobytes()
         for box in self.removed_boxes:
