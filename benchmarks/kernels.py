@@ -16,8 +16,9 @@ from torch import Tensor, nn
 from unisim_blender.core import native
 from unisim_blender.core.model.config import preset
 from unisim_blender.core.model.networks import mlp, run_mlp
+from unisim_blender.core.ops.encode import encode
+from unisim_blender.core.ops.encode.reference import encode as encode_reference
 from unisim_blender.core.ops.grid_shape import GridArrays, GridShape
-from unisim_blender.core.ops.hash_grid import encode, encode_reference
 
 Case = tuple[str, Callable[[], Tensor], Callable[[], Tensor]]
 

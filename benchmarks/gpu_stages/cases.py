@@ -13,10 +13,14 @@ from torch import Tensor
 from unisim_blender.core.model.config import ModelConfig, preset
 from unisim_blender.core.model.fields import query
 from unisim_blender.core.model.networks import mlp, run_mlp
-from unisim_blender.core.ops.composite import gather, gather_reference
+from unisim_blender.core.ops.encode import encode
+from unisim_blender.core.ops.encode.reference import encode as encode_reference
+from unisim_blender.core.ops.gather import gather
+from unisim_blender.core.ops.gather.reference import gather as gather_reference
 from unisim_blender.core.ops.grid_shape import GridArrays, GridShape
-from unisim_blender.core.ops.hash_grid import encode, encode_reference
-from unisim_blender.core.ops.march import Segment, Voxels, propose, propose_reference
+from unisim_blender.core.ops.propose import propose
+from unisim_blender.core.ops.propose.reference import propose as propose_reference
+from unisim_blender.core.ops.propose.voxels import Segment, Voxels
 from unisim_blender.core.ops.ray_segments import RaySegments
 
 from .kernels import apart, held_against
@@ -71,7 +75,7 @@ def _drawn(device: str, grid: GridArrays, grids: int, samples: int) -> tuple[Ten
 
 
 def _probe(device: str) -> Errors:
-    from unisim_blender.core.ops.triton.probe import probe
+    from unisim_blender.core.ops.triton_probe import probe
 
     probe(device)  # it raises where a kernel does not what it says
     return {"value": {"max_abs": 0.0, "bound": 0.0, "pass": True}}
@@ -125,7 +129,7 @@ def _gather(device: str, rays: int, count: int, width: int) -> Errors:
     sets = []
     for kind, dtype in ((gather, torch.float32), (gather_reference, torch.float64), (gather_reference, torch.float32)):
         a, b, c, f = (x.to(dtype, copy=True).requires_grad_() for x in (tau, share, front, features))
-        ray_segment = RaySegments(ray, t.to(dtype), t.to(dtype), f[..., 1:], a, b, t[..., None], ray)
+        ray_segment = RaySegments(ray, t.to(dtype), f[..., 1:], a, b)
         out = kind(ray_segment, c)
         torch.autograd.backward(out, [g.to(dtype) for g in given])
         grads = [x.grad for x in (a, b, c, f)]

@@ -24,7 +24,7 @@ from .settings import Findings, Settings
 BOUND = 2e-5
 APART = 0.01
 """Share of rays or places that may be apart where rounding chooses between two voxels."""
-READY = "unisim_blender.core.ops.kernel_choice.ready"
+READY = "unisim_blender.core.ops.dispatch.ready"
 
 
 def held_against(got: Tensor, want: Tensor, plain: Tensor) -> dict[str, Any]:
@@ -51,17 +51,18 @@ def apart(got: Tensor, want: Tensor, near: float) -> dict[str, Any]:
 
 
 def kernel_names() -> set[str]:
-    """Return the kernels that are launched, as module.function: functions of `triton.jit` that no other of their module calls."""
-    names = set()
-    for file in sorted((CORE / "ops" / "triton").glob("*.py")):
-        jitted = [
-            node for node in ast.parse(file.read_text(encoding="utf-8")).body
-            if isinstance(node, ast.FunctionDef) and any("triton.jit" in ast.unparse(d) for d in node.decorator_list)
-        ]  # fmt: skip
-        calls = [c for node in jitted for c in ast.walk(node) if isinstance(c, ast.Call)]
-        helpers = {call.func.id for call in calls if isinstance(call.func, ast.Name)}
-        names |= {f"{file.stem}.{node.name}" for node in jitted if node.name not in helpers}
-    return names
+    """Return the kernels that are launched, as module.function of `core.ops`: functions of `triton.jit` that no other calls."""
+    jitted: dict[str, ast.FunctionDef] = {}
+    helpers: set[str] = set()
+    for file in sorted((CORE / "ops").rglob("*.py")):
+        module = ".".join(file.relative_to(CORE / "ops").with_suffix("").parts)
+        for node in ast.parse(file.read_text(encoding="utf-8")).body:
+            if isinstance(node, ast.FunctionDef) and any("triton.jit" in ast.unparse(d) for d in node.decorator_list):
+                jitted[f"{module}.{node.name}"] = node
+                calls = [call.func for call in ast.walk(node) if isinstance(call, ast.Call)]
+                # helpers that another module calls are imported by the same name
+                helpers |= {function.id for function in calls if isinstance(function, ast.Name)}
+    return {name for name, node in jitted.items() if node.name not in helpers}
 
 
 class _Noted:
@@ -81,9 +82,9 @@ def noted_launches() -> Iterator[set[str]]:
     launched: set[str] = set()
     patches = []
     for name in kernel_names():
-        module = importlib.import_module(f"unisim_blender.core.ops.triton.{name.split('.')[0]}")
-        kernel = getattr(module, name.split(".")[1])
-        patches.append(patch.object(module, name.split(".")[1], _Noted(kernel, name, launched)))
+        path, _, function = name.rpartition(".")
+        module = importlib.import_module(f"unisim_blender.core.ops.{path}")
+        patches.append(patch.object(module, function, _Noted(getattr(module, function), name, launched)))
     for each in patches:
         each.start()
     try:

@@ -18,13 +18,16 @@ from unisim_blender.core.model.config import ModelConfig, preset
 from unisim_blender.core.model.scene import SceneModel
 from unisim_blender.core.model.scene_file import SceneHeader
 from unisim_blender.core.model.volume import Volume
-from unisim_blender.core.ops.ray_segments import RayBatch, SegmentTrace
+from unisim_blender.core.ops.field_values import FieldValues, LogDensities, SignedDistances
+from unisim_blender.core.ops.ray_segments import RayBatch
+from unisim_blender.core.ops.segment_trace import SegmentTrace
 from unisim_blender.core.render.actor_sets import active_actors
 from unisim_blender.core.render.drive_renderer import DriveRenderer
 from unisim_blender.core.render.quality import quality_named
 from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.render.tracers.torch.actor_tensors import ActiveActorTensors, active_actor_tensors
-from unisim_blender.core.render.tracers.torch.trace import Sampling, trace
+from unisim_blender.core.render.tracers.torch.sampling import Sampling
+from unisim_blender.core.render.tracers.torch.trace import trace
 from unisim_blender.core.render.tracers.torch.tracer import TorchBackend
 from unisim_blender.core.world.drive import Actor, Box, Camera, CameraModel, Drive, Lidar, LidarModel, Look, StaticCopy
 
@@ -33,7 +36,7 @@ GROUND_M = 0.0
 EMPTY = 9.0
 Points = Sequence[float] | FloatArray
 Distance = Callable[[Tensor], Tensor]
-"""Signed distances (N,) in metres at points (N, 3)."""
+"""Signed distances (N,) in metres at points (N, 3); logarithms of densities, where the configuration has these."""
 
 
 def empty(x: Tensor) -> Tensor:
@@ -112,9 +115,18 @@ def analytic_scene(
     scene.occupancy.values.copy_(near.view(scene.occupancy.values.shape) * 255)
     marks = torch.stack([mark(n, config.features) for n in range(len(uids) + 1)])
     parts: Any = (scene.static, scene.actors, scene.far)
-    parts[0].distance, parts[1].distance = static_distance, actor_distance
-    parts[0].forward = lambda x: (static_distance(x), marks[:1].expand(len(x), -1))
-    parts[1].forward = lambda tables, x, row: (actor_distance(tables, x, row), marks[row + 1])
+
+    kind = LogDensities if config.density == "volume" else SignedDistances
+
+    def static_values(x: Tensor) -> FieldValues:
+        return kind(static_distance(x))
+
+    def actor_values(tables: Tensor, x: Tensor, row: Tensor) -> FieldValues:
+        return kind(actor_distance(tables, x, row))
+
+    parts[0].values, parts[1].values = static_values, actor_values
+    parts[0].forward = lambda x: (static_values(x), marks[:1].expand(len(x), -1))
+    parts[1].forward = lambda tables, x, row: (actor_values(tables, x, row), marks[row + 1])
     # nothing but the sky lies beyond the volume
     parts[2].forward = lambda x: (torch.zeros_like(x[:, 0]), x.new_zeros(len(x), config.features))
     parts[2].density = lambda x: torch.zeros_like(x[:, 0])
@@ -168,7 +180,13 @@ class Stage:
         return active_actor_tensors(active_actors(whole_state(self.drive), looks), scenes)
 
     def trace(
-        self, origins: Any, directions: Any, time_s: Any = 0.0, fine: float = 4.0, far: bool = False, among: Tensor | None = None
+        self,
+        origins: Any,
+        directions: Any,
+        time_s: Any = 0.0,
+        fine: float = 4.0,
+        background: bool = False,
+        among: Tensor | None = None,
     ) -> SegmentTrace:
         """Rays (N, 3) or one (3,), at one time or each at its own; directions need no unit length."""
         o, d = np.broadcast_arrays(np.atleast_2d(origins).astype(float), np.atleast_2d(directions).astype(float))
@@ -179,7 +197,7 @@ class Stage:
             torch.tensor(np.broadcast_to(time_s, len(o)).copy(), dtype=torch.float64),
         )
         with torch.no_grad():
-            return trace(self.scene, self.active(), batch, Sampling(fine=fine, far=far), among)
+            return trace(self.scene, self.active(), batch, Sampling(fine=fine, background=background), among)
 
     def as_scene(self, path: str = "scene") -> Scene:
         """The scene as a renderer takes it."""

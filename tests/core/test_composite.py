@@ -13,9 +13,17 @@ from torch import Tensor
 
 from unisim_blender.core import native
 from unisim_blender.core.bench.methods import VARIANTS
-from unisim_blender.core.ops.composite import composite, gather, gather_reference, transmittances, transmittances_reference
-from unisim_blender.core.ops.density import logistic_intervals, logistic_intervals_reference
-from unisim_blender.core.ops.ray_segments import RaySegments
+from unisim_blender.core.ops.composite import composite
+from unisim_blender.core.ops.density import logistic_intervals
+from unisim_blender.core.ops.density.reference import logistic_intervals as logistic_intervals_reference
+from unisim_blender.core.ops.field_values import SignedDistances
+from unisim_blender.core.ops.gather import OPERATION as GATHER
+from unisim_blender.core.ops.gather import gather
+from unisim_blender.core.ops.gather.reference import gather as gather_reference
+from unisim_blender.core.ops.ray_segments import ActorSegments, MeshSegments, RaySegments
+from unisim_blender.core.ops.transmittances import OPERATION as TRANSMITTANCES
+from unisim_blender.core.ops.transmittances import transmittances
+from unisim_blender.core.ops.transmittances.reference import transmittances as transmittances_reference
 
 pytestmark = pytest.mark.skipif(native.library() is None, reason="the compiled kernels are not built")
 RAYS = 300
@@ -89,7 +97,7 @@ def ray_segments_of(seed: int, groups: tuple[tuple[int, int], ...], features: in
         stop_fraction = -torch.expm1(-tau) * torch.rand(n, k, generator=r)
         stop_fraction[:, :1] = 0
         look = torch.randn(n, k, features + 1, generator=r)[..., 1:]
-        out.append(RaySegments(ray, t, t, look, tau, stop_fraction, t, ray, beta=1.0))
+        out.append(RaySegments(ray, t, look, tau, stop_fraction))
     return out
 
 
@@ -131,15 +139,44 @@ def test_values_and_gradients(groups: tuple[tuple[int, int], ...]) -> None:
         torch.testing.assert_close(a.double(), b, rtol=1e-4, atol=1e-5)
 
 
+def of_actor_set(number: int, segments: RaySegments) -> ActorSegments:
+    """The same ray segments, through the boxes of an actor set."""
+    one, size = torch.ones(len(segments)), torch.ones(len(segments), 3)
+    return ActorSegments(
+        **vars(segments), values=SignedDistances(segments.t), points=segments.t, density="logistic", beta=1.0, actor_set=number,
+        actor=segments.ray, t_near=one, t_far=one, world_from_box=size, size_m=size,
+    )  # fmt: skip
+
+
 def test_a_whole_picture_is_the_same() -> None:
-    """Foreign actors apart; the reference takes over where a place is learnt."""
-    ray_segments = [replace(s, foreign=foreign) for s, foreign in zip(ray_segments_of(20, GROUPS), (-1, 0, -1, 0), strict=True)]
-    found = composite(RAYS, ray_segments, 5, [5], ray_segments[0].t)
-    plain = composite(RAYS, [replace(s, t=s.t.clone().requires_grad_()) for s in ray_segments], 5, [5], ray_segments[0].t)
-    for name in ("feature", "depth_m", "opacity", "transmittance_after"):
-        torch.testing.assert_close(getattr(found, name), getattr(plain, name).detach(), rtol=1e-5, atol=1e-5)
-    torch.testing.assert_close(found.foreign_features[0], plain.foreign_features[0].detach(), rtol=1e-5, atol=1e-5)
-    torch.testing.assert_close(found.foreign_opacity[0], plain.foreign_opacity[0].detach(), rtol=1e-5, atol=1e-5)
+    """Foreign actors and meshes apart; the reference takes over where a place is learnt."""
+    own, foreign, more, nothing = ray_segments_of(20, GROUPS)
+    mesh = MeshSegments(**vars(ray_segments_of(30, ((50, 1),), 1)[0]), actor=torch.zeros(50), normals=torch.zeros(50, 3))
+    ray_segments = [own, of_actor_set(1, foreign), of_actor_set(0, more), of_actor_set(1, nothing), mesh]
+    found = composite(RAYS, ray_segments, [5, 5], own.t)
+    learnt = [replace(s, t=s.t.clone().requires_grad_()) for s in ray_segments]
+    assert TRANSMITTANCES.chosen(RAYS, learnt) == GATHER.chosen(learnt[0], own.tau) == "reference"
+    plain = composite(RAYS, learnt, [5, 5], own.t)
+    names = ("feature", "depth_m", "opacity", "transmittance_after", "mesh_opacity")
+    for a, b in [
+        *((getattr(found, name), getattr(plain, name)) for name in names),
+        *zip((*found.foreign_features, *found.foreign_opacity), (*plain.foreign_features, *plain.foreign_opacity), strict=True),
+    ]:
+        assert bool((a != 0).any())
+        torch.testing.assert_close(a, b.detach(), rtol=1e-5, atol=1e-5)
+
+
+def test_compositing_changes_nothing_that_it_is_given() -> None:
+    """So it may be done again, and gives the same."""
+    ray_segments = ray_segments_of(20, GROUPS)
+    kept = [{name: value.clone() for name, value in vars(s).items()} for s in ray_segments]
+    one, other = (composite(RAYS, ray_segments, [5], ray_segments[0].t) for _ in range(2))
+    for before, after in zip(kept, ray_segments, strict=True):
+        assert before.keys() == vars(after).keys()
+        assert all(torch.equal(value, getattr(after, name)) for name, value in before.items())
+    for a, b in zip(one.weights, other.weights, strict=True):
+        assert all(torch.equal(x, getattr(b, name)) for name, x in vars(a).items())
+    assert torch.equal(one.feature, other.feature)
 
 
 def everything() -> list[Tensor]:

@@ -21,7 +21,7 @@ from unisim_blender.core.model.volume import Volume
 from unisim_blender.core.render.quality import QUALITY
 from unisim_blender.core.render.tracers.compiled.scene import CompiledScene
 from unisim_blender.core.render.tracers.compiled.tracer import CompiledBackend
-from unisim_blender.core.render.tracers.torch.trace import _median, _mirrored
+from unisim_blender.core.render.tracers.torch.segments import _median, _mirrored
 from unisim_blender.core.render.tracers.torch.tracer import TorchBackend
 from unisim_blender.core.sensors.frames import RenderStats
 

@@ -16,6 +16,7 @@ from torch import Tensor
 from unisim_blender.core.errors import UnisimError
 from unisim_blender.core.ops.composite import composite
 from unisim_blender.core.ops.ray_segments import RayBatch, RaySegments
+from unisim_blender.core.ops.segment_trace import SegmentTrace
 from unisim_blender.core.training.adversarial import Adversary, PatchDiscriminator, shifted
 from unisim_blender.core.training.data import LidarBatch, PatchBatch
 from unisim_blender.core.training.losses import (
@@ -126,10 +127,9 @@ def rays(n: int = 60) -> tuple[np.ndarray, np.ndarray]:  # type: ignore[type-arg
 
 def test_spread_is_mip_nerfs_distortion() -> None:
     traced = scene().trace(*rays(), fine=1.0)
-    ray_segment = traced.ray_segments[0]
-    assert ray_segment.interval_weight is not None
+    ray_segment, weights = traced.ray_segments[0], traced.weights[0]
     place = ray_segment.stops().log()
-    w = ray_segment.interval_weight
+    w = weights.intervals
     plain = (w[:, :, None] * w[:, None] * (place[:, :, None] - place[:, None]).abs()).sum((1, 2)).mean()
     assert float(distortion(traced)) == pytest.approx(float(plain), rel=1e-4) and float(plain) > 1e-4
 
@@ -162,11 +162,15 @@ def test_the_expected_error_is_least_at_the_median() -> None:
     """A tenth of a ray leaks to 40 m: what stops the rest belongs where the beam returned, not in front of it."""
     t = torch.tensor([[10.0, 40.0]])
     tau = -torch.log1p(-torch.tensor([[0.9, 0.999]]))
-    share = torch.tensor([[0.0, 0.999]])
-    leak = [RaySegments(torch.tensor([0]), t, t, torch.zeros(1, 2, 1), tau, share, torch.zeros(1, 2, 3), torch.tensor([-1]))]
-    traced = composite(1, leak, 1, [], torch.zeros(1, 3))
+    stop_fraction = torch.tensor([[0.0, 0.999]])
+    leak = [RaySegments(torch.tensor([0]), t, torch.zeros(1, 2, 1), tau, stop_fraction)]
+    found = composite(1, leak, [1], torch.zeros(1, 3))
+    traced = SegmentTrace(
+        found.feature, found.depth_m, found.opacity, found.transmittance_after, found.depth_m, found.opacity, tuple(leak),
+        found.weights, 0,
+    )  # fmt: skip
     at = {d: float(expected_error(traced, torch.tensor([d]), worst_m=100.0)) for d in (9.0, 10.0, 11.0, 13.0)}
-    assert min(at, key=lambda d: at[d]) == 10.0 and float(traced.near_depth_m) == pytest.approx(13.0, abs=0.1)
+    assert min(at, key=lambda d: at[d]) == 10.0 and float(traced.volume_depth_m) == pytest.approx(13.0, abs=0.1)
     # a ten-thousandth is never stopped
     assert at[10.0] == pytest.approx(0.0999 * 30.0 + 1e-4 * 100.0, abs=1e-3)
 

@@ -8,7 +8,10 @@ import torch
 from torch import Tensor
 
 from unisim_blender.core import native
-from unisim_blender.core.ops.march import Segment, Voxels, propose, propose_reference, refine_quantiles, stratified
+from unisim_blender.core.ops.propose import propose
+from unisim_blender.core.ops.propose.reference import propose as propose_reference
+from unisim_blender.core.ops.propose.voxels import Segment, Voxels
+from unisim_blender.core.ops.quantiles import refine_quantiles, stratified
 
 needs_library = pytest.mark.skipif(native.library() is None, reason="the compiled kernels are not built")
 VOXEL_M = 0.5

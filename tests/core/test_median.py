@@ -10,7 +10,9 @@ import torch
 from analytic_scene import Stage, analytic_scene, block, drive_of, empty, ground, sphere, still, union, wall
 
 from unisim_blender.core.model.config import preset
-from unisim_blender.core.ops.ray_segments import SegmentTrace
+from unisim_blender.core.ops.field_values import signed_distances
+from unisim_blender.core.ops.ray_segments import StaticSegments
+from unisim_blender.core.ops.segment_trace import SegmentTrace
 from unisim_blender.core.render.tracers.torch.median import median_depth
 
 EYE = np.array([-20.0, 0.0, 1.6])
@@ -21,8 +23,9 @@ def searched(traced: SegmentTrace, ray: int) -> float:
     beta = 30.0
     pieces = []
     for ray_segment in traced.ray_segments:
+        assert isinstance(ray_segment, StaticSegments)
         for row in torch.nonzero(ray_segment.ray == ray)[:, 0].tolist():
-            t, s = ray_segment.t[row].double(), ray_segment.s[row].double()
+            t, s = ray_segment.t[row].double(), signed_distances(ray_segment.values)[row].double()
             pieces.append((t[:1], torch.nn.functional.softplus(-beta * s[:1])))
             for k in range(1, len(t)):
                 u = torch.linspace(0, 1, 2001, dtype=torch.float64)
@@ -41,7 +44,7 @@ def test_median_on_a_plane(angle_deg: float) -> None:
     yaw = np.radians(np.arange(0, 360, 30))
     d = np.stack([np.cos(slope) * np.cos(yaw), np.cos(slope) * np.sin(yaw), np.full_like(yaw, -np.sin(slope))], -1)
     traced = stage.trace([0.0, 0, 1.2], d)
-    np.testing.assert_allclose(median_depth(stage.scene, traced), 1.2 / np.sin(slope), rtol=3e-3)
+    np.testing.assert_allclose(median_depth(traced), 1.2 / np.sin(slope), rtol=3e-3)
 
 
 def test_median_against_a_search() -> None:
@@ -50,7 +53,7 @@ def test_median_against_a_search() -> None:
     d = np.random.default_rng(0).normal([1, 0, -0.03], [0, 0.15, 0.06], (60, 3))
     traced = stage.trace(EYE, d, fine=2.0)
     expected = [searched(traced, ray) for ray in range(60)]
-    np.testing.assert_allclose(median_depth(stage.scene, traced), expected, rtol=1e-3, atol=5e-3)
+    np.testing.assert_allclose(median_depth(traced), expected, rtol=1e-3, atol=5e-3)
 
 
 def test_median_of_rays_that_are_stopped_in_part() -> None:
@@ -60,7 +63,7 @@ def test_median_of_rays_that_are_stopped_in_part() -> None:
     part = torch.nonzero((traced.opacity > 0.02) & (traced.opacity < 0.6))[:, 0].tolist()
     assert len(part) > 8
     expected = [searched(traced, ray) for ray in part]
-    np.testing.assert_allclose(median_depth(stage.scene, traced)[part], expected, rtol=1e-3, atol=5e-3)
+    np.testing.assert_allclose(median_depth(traced)[part], expected, rtol=1e-3, atol=5e-3)
 
 
 def test_between_an_edge_and_the_wall_behind_it_lies_nothing() -> None:
@@ -70,7 +73,7 @@ def test_between_an_edge_and_the_wall_behind_it_lies_nothing() -> None:
     )
     across = np.linspace(0.9, 1.1, 81) / 19.5
     traced = stage.trace(EYE, np.stack([np.ones(81), across, np.zeros(81)], -1))
-    depth = median_depth(stage.scene, traced).numpy()
+    depth = median_depth(traced).numpy()
     mean = traced.depth_m.numpy()
     on_car, on_wall = np.abs(depth - 19.6) < 1.3, np.abs(depth - 29) < 0.3
     assert (on_car | on_wall).all() and on_car.sum() > 20 and on_wall.sum() > 20
@@ -80,23 +83,23 @@ def test_between_an_edge_and_the_wall_behind_it_lies_nothing() -> None:
 def test_a_veil_moves_the_mean_and_not_the_median() -> None:
     stage = Stage(analytic_scene(union(wall(9.0), lambda x: sphere([-10.0, 0, 1.6], 1.0)(x)), {}, beta=4.0), drive_of([]))
     traced = stage.trace(EYE, [1.0, 0.132, 0.0], fine=8.0)
-    depth, mean = float(median_depth(stage.scene, traced)), float(traced.depth_m)
+    depth, mean = float(median_depth(traced)), float(traced.depth_m)
     exact = 29 * np.sqrt(1 + 0.132**2)
     assert exact - mean > 2 and abs(depth - exact) < 0.5
 
 
 def test_where_nothing_is_met() -> None:
     stage = Stage(analytic_scene(sphere([0.0, 0, 1.6], 1.0), {}), drive_of([]))
-    traced = stage.trace(EYE, [[-1.0, 0, 0], [0, 1, 0]], far=True)
-    np.testing.assert_allclose(median_depth(stage.scene, traced), 0, atol=1e-6)
+    traced = stage.trace(EYE, [[-1.0, 0, 0], [0, 1, 0]], background=True)
+    np.testing.assert_allclose(median_depth(traced), 0, atol=1e-6)
 
 
-def test_the_far_field_counts() -> None:
+def test_the_background_model_counts() -> None:
     stage = Stage(analytic_scene(empty, {}), drive_of([]))
     features = stage.scene.config.features
     stage.scene.far.forward = lambda x: (torch.full_like(x[:, 0], 50.0), x.new_ones(len(x), features))  # type: ignore[method-assign]
-    traced = stage.trace(EYE, [1.0, 0, 0], far=True)
-    depth = float(median_depth(stage.scene, traced))
+    traced = stage.trace(EYE, [1.0, 0, 0], background=True)
+    depth = float(median_depth(traced))
     assert depth == pytest.approx(float(traced.depth_m), rel=1e-4) and depth > 45
 
 
@@ -104,11 +107,11 @@ def test_a_ray_that_starts_inside_something_stops_at_once() -> None:
     stage = Stage(analytic_scene(wall(-21.0), {}), drive_of([]))
     stage.scene.occupancy.values.fill_(255)
     traced = stage.trace(EYE, [1.0, 0, 0])
-    assert float(median_depth(stage.scene, traced)) == pytest.approx(float(traced.ray_segments[0].t[0, 0]))
+    assert float(median_depth(traced)) == pytest.approx(float(traced.ray_segments[0].t[0, 0]))
 
 
 def test_median_of_the_papers_density() -> None:
     config = replace(preset("tiny"), density="unisim", unisim_step_m=0.2)
     stage = Stage(analytic_scene(wall(4.0), {}, config, beta=40.0), drive_of([]))
-    depth = median_depth(stage.scene, stage.trace(EYE, [[1.0, 0, 0], [1.0, 0.1, 0]], fine=8.0))
+    depth = median_depth(stage.trace(EYE, [[1.0, 0, 0], [1.0, 0.1, 0]], fine=8.0))
     np.testing.assert_allclose(depth, [24, 24 * np.sqrt(1.01)], atol=0.3)

@@ -18,20 +18,25 @@ from unisim_blender.core.model.config import preset
 from unisim_blender.core.model.fields import query
 from unisim_blender.core.model.networks import mlp, run_mlp
 from unisim_blender.core.model.scene import SceneModel
-from unisim_blender.core.ops.composite import gather, gather_reference
+from unisim_blender.core.ops.encode import encode
+from unisim_blender.core.ops.encode.reference import encode as encode_reference
+from unisim_blender.core.ops.gather import gather
+from unisim_blender.core.ops.gather.reference import gather as gather_reference
 from unisim_blender.core.ops.grid_shape import GridArrays, GridShape
-from unisim_blender.core.ops.hash_grid import encode, encode_reference
-from unisim_blender.core.ops.march import Segment, Voxels, propose, propose_reference
+from unisim_blender.core.ops.propose import propose
+from unisim_blender.core.ops.propose.reference import propose as propose_reference
+from unisim_blender.core.ops.propose.voxels import Segment, Voxels
 from unisim_blender.core.ops.ray_segments import RayBatch, RaySegments
 from unisim_blender.core.render.actor_sets import active_actors
 from unisim_blender.core.render.tracer import TraceResult
 from unisim_blender.core.render.tracers.torch.actor_tensors import active_actor_tensors
-from unisim_blender.core.render.tracers.torch.trace import Sampling, trace
+from unisim_blender.core.render.tracers.torch.sampling import Sampling
+from unisim_blender.core.render.tracers.torch.trace import trace
 from unisim_blender.core.render.tracers.torch.tracer import TorchBackend, TorchTracer
 
 pytest.importorskip("triton", reason="Triton is not installed")
 
-READY = "unisim_blender.core.ops.kernel_choice.ready"
+READY = "unisim_blender.core.ops.dispatch.ready"
 """What says whether kernels for GPUs run."""
 
 SHAPES = {
@@ -132,7 +137,7 @@ def test_gathering_and_its_gradients() -> None:
     for kind, dtype in ((gather, torch.float32), (gather_reference, torch.float64)):
         a, b, c, f = (x.to(dtype, copy=True).requires_grad_() for x in (tau, share, front, features))
         one = torch.zeros(n, dtype=torch.long)
-        ray_segment = RaySegments(one, t.to(dtype), t.to(dtype), f[..., 1:], a, b, t[..., None], one)
+        ray_segment = RaySegments(one, t.to(dtype), f[..., 1:], a, b)
         out = kind(ray_segment, c)
         torch.autograd.backward(out, [g.to(dtype) for g in given])
         found.append([*(x.detach() for x in out), a.grad, b.grad, c.grad, f.grad])
@@ -227,18 +232,22 @@ COMPILED = """
 import triton
 from triton.backends.compiler import GPUTarget
 from triton.compiler import ASTSource
-from unisim_blender.core.ops.triton import gather, grid, probe, propose
+from unisim_blender.core.ops import triton_probe
+from unisim_blender.core.ops.encode import gpu as encode
+from unisim_blender.core.ops.field import gpu as field
+from unisim_blender.core.ops.gather import gpu as gather
+from unisim_blender.core.ops.propose import gpu as propose
 
 NUMBERS = {"n": "i32", "rows": "i32", "count": "i32", "row": "i32", "nx": "i32", "ny": "i32", "nz": "i32",
            "per_m": "fp32", "step": "fp32", "decay": "fp32"}
 INTEGERS = {"index": "*i32", "offset": "*i32", "size": "*i32", "stride_y": "*i32", "stride_z": "*i32", "values": "*u8"}
 GRID = {"INDEXED": True, "WIDTH": 32, "WIDE": 32, "F": 4, "BLOCK": 64}
 KERNELS = [
-    (probe._increment, {"BLOCK": 16}),
-    (grid._forward, GRID), (grid._backward, {**GRID, "TABLE": True, "POINTS": True}),
-    (grid._backward, {**GRID, "TABLE": True, "POINTS": False, "WIDTH": 24}),
-    (grid._field, {**GRID, "HIDDEN": 64, "UNITS": 64, "OUTPUTS": 32, "NUMBERS": 32}),
-    (grid._field, {**GRID, "INDEXED": False, "HIDDEN": 64, "UNITS": 64, "OUTPUTS": 1, "NUMBERS": 16}),
+    (triton_probe._increment, {"BLOCK": 16}),
+    (encode._forward, GRID), (encode._backward, {**GRID, "TABLE": True, "POINTS": True}),
+    (encode._backward, {**GRID, "TABLE": True, "POINTS": False, "WIDTH": 24}),
+    (field._field, {**GRID, "HIDDEN": 64, "UNITS": 64, "OUTPUTS": 32, "NUMBERS": 32}),
+    (field._field, {**GRID, "INDEXED": False, "HIDDEN": 64, "UNITS": 64, "OUTPUTS": 1, "NUMBERS": 16}),
     (propose._propose, {"COUNT": 12, "WIDE": 16, "BLOCK": 32}),
     (gather._forward, {"WIDTH": 31, "WIDE": 32, "BLOCK": 32}), (gather._backward, {"WIDTH": 31, "WIDE": 32, "BLOCK": 32}),
 ]

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -15,7 +13,10 @@ from unisim_blender.core.model.config import preset
 from unisim_blender.core.model.occupancy import OccupancyTrainer
 from unisim_blender.core.model.scene import SceneModel
 from unisim_blender.core.model.volume import Volume
-from unisim_blender.core.ops.ray_segments import RayBatch, RaySegments
+from unisim_blender.core.ops.composite import SegmentWeights
+from unisim_blender.core.ops.field_values import SignedDistances
+from unisim_blender.core.ops.ray_segments import ActorSegments, RayBatch, RaySegments
+from unisim_blender.core.ops.segment_trace import SegmentTrace
 from unisim_blender.core.training.data import LidarBatch
 from unisim_blender.core.training.shape import Shape
 
@@ -32,12 +33,11 @@ def sweep(n: int = 512) -> LidarBatch:
     return LidarBatch(rays, WALL_X_M * ones, 0.5 * ones, torch.ones(n, dtype=torch.bool), ones)
 
 
-def met(n: int, ray_segments: tuple[Any, ...] = (), stop_m: float | None = None) -> Any:
+def met(n: int, ray_segments: tuple[RaySegments, ...] = (), stop_m: float | None = None) -> SegmentTrace:
     """What n rays met: ray segments, and something that stopped them all at a distance, or nothing."""
-    return SimpleNamespace(
-        ray_segments=list(ray_segments), static=None, feature=torch.zeros(1), near_depth_m=torch.full((n,), stop_m or 0.0),
-        near_opacity=torch.full((n,), 0.0 if stop_m is None else 1.0),
-    )  # fmt: skip
+    depth_m, opacity = torch.full((n,), stop_m or 0.0), torch.full((n,), 0.0 if stop_m is None else 1.0)
+    weights = tuple(SegmentWeights(s.tau, s.tau, s.tau) for s in ray_segments)
+    return SegmentTrace(torch.zeros(n, 1), depth_m, opacity, 1 - opacity, depth_m, opacity, ray_segments, weights, samples=0)
 
 
 @pytest.mark.parametrize("beams", (True, False))
@@ -52,23 +52,23 @@ def test_a_solid_that_beams_passed_through_goes(beams: bool) -> None:
         optimiser.zero_grad()
         if step < 150:
             wanted = torch.where((x[:, 0] > WALL_X_M - 2) & (x[:, 0] < WALL_X_M - 0.5), -0.4, 0.3)
-            loss = (model.static.distance(x) - wanted).abs().mean()
+            loss = (model.static.signed_distance(x) - wanted).abs().mean()
         else:
             batch = sweep()
             if not beams:
                 batch = LidarBatch(batch.rays, batch.depth_m, batch.intensity, torch.zeros_like(batch.returned), batch.weight)
             band, _ = shape.sdf_band(torch.zeros(0), met(len(batch.rays)), batch, generator)
-            loss = band + 0 * model.static.distance(x).sum()
+            loss = band + 0 * model.static.signed_distance(x).sum()
         loss.backward()
         optimiser.step()
     with torch.no_grad():
         y = torch.linspace(2, 8, 60)
         solid = torch.stack([torch.full_like(y, WALL_X_M - 1.2), y, torch.full_like(y, 6.0)], -1)
-        s = model.static.distance(solid)
+        s = model.static.signed_distance(solid)
     assert float(s.median()) > -0.05 if beams else float(s.median()) < -0.3
 
 
-def box_ahead(size_m: tuple[float, float, float], beams: LidarBatch, depth_m: float) -> Any:
+def box_ahead(size_m: tuple[float, float, float], beams: LidarBatch, depth_m: float) -> SegmentTrace:
     """What the first half of level beams meets of an upright box whose face stands 0.5 m nearer than where they come back."""
     n = len(beams.rays) // 2
     near = torch.full((n,), depth_m - 0.5)
@@ -77,11 +77,13 @@ def box_ahead(size_m: tuple[float, float, float], beams: LidarBatch, depth_m: fl
     across = torch.rand(n, 1, 2, generator=torch.Generator().manual_seed(1)).expand(n, 5, 2)
     points = torch.cat([((t - near[:, None]) / size_m[0])[..., None], across], -1)
     nothing = torch.zeros(n, 5)
-    ray_segment = RaySegments(
-        torch.arange(n), t, nothing, nothing[..., None], nothing, nothing, points, torch.zeros(n, dtype=torch.long),
-        bounds=(near, far), size_m=torch.tensor([size_m]).expand(n, 3),
+    segments = ActorSegments(
+        ray=torch.arange(n), t=t, features=nothing[..., None], tau=nothing, stop_fraction=nothing,
+        values=SignedDistances(nothing), points=points, density="logistic", beta=20.0, actor_set=0,
+        actor=torch.zeros(n, dtype=torch.long), t_near=near, t_far=far, world_from_box=torch.eye(3).expand(n, 3, 3),
+        size_m=torch.tensor([size_m]).expand(n, 3),
     )  # fmt: skip
-    return met(len(beams.rays), (ray_segment,))
+    return met(len(beams.rays), (segments,))
 
 
 SHELL_M = 0.06
@@ -109,8 +111,8 @@ def test_behind_a_return_an_actor_is_solid(field: str, size_m: tuple[float, floa
         deepest.append(float(behind.max()))
         return FIELDS[field](behind)
 
-    model.actors.distance = distance  # type: ignore[method-assign]
-    model.static.distance = lambda x: WALL_X_M - x[:, 0]  # type: ignore[method-assign]
+    model.actors.signed_distance = distance  # type: ignore[method-assign]
+    model.static.signed_distance = lambda x: WALL_X_M - x[:, 0]  # type: ignore[method-assign]
     with torch.no_grad():
         band, near = shape.sdf_band(torch.zeros(0), box_ahead(size_m, beams, WALL_X_M), beams, torch.Generator().manual_seed(0))
     assert len(near) == len(beams.rays) // 2, "returns in a box are none of the static field's"
@@ -130,7 +132,7 @@ def test_behind_a_return_a_wall_is_solid(field: str, room_m: float) -> None:
     model = SceneModel(preset("tiny"), Volume(np.eye(4), np.array([WALL_X_M + room_m, 40, 40])), (), ())
     model.ground.heights.fill_(-5)
     shape = Shape(model, OccupancyTrainer(model.occupancy), torch.zeros(0, 2))
-    model.static.distance = lambda x: 2 * FIELDS[field]((x[:, 0] - WALL_X_M) / 2)  # type: ignore[method-assign]
+    model.static.signed_distance = lambda x: 2 * FIELDS[field]((x[:, 0] - WALL_X_M) / 2)  # type: ignore[method-assign]
     with torch.no_grad():
         band, _ = shape.sdf_band(torch.zeros(0), met(len(beams.rays)), beams, torch.Generator().manual_seed(0))
     behind = torch.linspace(0.1, 0.3, 10_001)
@@ -156,7 +158,7 @@ def test_free_space_is_asked_for_where_a_ray_stops_too_early(
         asked.append(x[:, 0])
         return WALL_X_M - x[:, 0]
 
-    model.static.distance = distance  # type: ignore[method-assign]
+    model.static.signed_distance = distance  # type: ignore[method-assign]
     with torch.no_grad():
         shape.sdf_band(torch.zeros(0), met(len(beams.rays), stop_m=stop_m), beams, torch.Generator().manual_seed(0))
     (free,) = (x for x in asked if float(x.max()) < WALL_X_M - 0.29)

@@ -40,7 +40,8 @@ from whole_drive import bound_to
 
 from unisim_blender.core import native
 from unisim_blender.core.model.checkpoint import load_scene
-from unisim_blender.core.ops.density import logistic_intervals, weights_from_tau
+from unisim_blender.core.ops.density import logistic_intervals
+from unisim_blender.core.ops.optical_depth import weights_from_tau
 from unisim_blender.core.render.quality import QUALITY, Quality
 from unisim_blender.core.render.tracers.compiled.scene import CompiledScene
 from unisim_blender.core.render.tracers.compiled.structs import SamplingStruct, SceneStruct, address, floats
@@ -339,7 +340,7 @@ def test_cells_of_random_scenes(tmp_path: Path, name: str) -> None:
     corners = np.stack(np.unravel_index(known, shape), -1)
     places = (corners[:, None] * voxel + grid((side,) * 3) * gap).reshape(-1, 3)
     with torch.no_grad():
-        told = model.static.distance(torch.tensor(places, dtype=torch.float32)).numpy()
+        told = model.static.signed_distance(torch.tensor(places, dtype=torch.float32)).numpy()
     # what nobody knows is open
     s = np.full((24, 40, shape[2], side, side, side), 1e3, np.float32)
     s[tuple(corners.T)] = told.reshape(-1, side, side, side)
@@ -361,7 +362,7 @@ def test_cells_of_random_actors(tmp_path: Path) -> None:
     places = torch.tensor(grid((side,) * 3) / side, dtype=torch.float32)
     for row in range(count):
         with torch.no_grad():
-            told = loaded.model.actors.distance(loaded.actor_tables, places, torch.full((len(places),), row))
+            told = loaded.model.actors.signed_distance(loaded.actor_tables, places, torch.full((len(places),), row))
         s, gap = told.numpy().reshape(side, side, side), float(sizes[row].max()) / side
         same_cells(kinds[row], raised(kinds_of(s, gap)), limits_are_near(s, gap))
 

@@ -17,7 +17,8 @@ from unisim_blender.core.model.scene import SceneModel
 from unisim_blender.core.ops.ray_segments import RayBatch
 from unisim_blender.core.render.actor_sets import active_actors
 from unisim_blender.core.render.tracers.torch.actor_tensors import active_actor_tensors
-from unisim_blender.core.render.tracers.torch.trace import Sampling, trace
+from unisim_blender.core.render.tracers.torch.sampling import Sampling
+from unisim_blender.core.render.tracers.torch.trace import trace
 from unisim_blender.core.world.drive import Box, Look, StaticCopy
 
 LEVEL = np.array([1.0, 0, 0, 0])
@@ -319,7 +320,7 @@ def test_a_look_that_the_scene_does_not_hold() -> None:
 
 def test_free_space_spends_no_sample() -> None:
     stage = Stage(analytic_scene(sphere([0.0, 0, 1.6], 1.0), {}), drive_of([]))
-    away = stage.trace(EYE, [[-1.0, 0, 0], [0, 1, 0], [0.1, 0, 1]], far=False)
+    away = stage.trace(EYE, [[-1.0, 0, 0], [0, 1, 0], [0.1, 0, 1]], background=False)
     assert away.samples == 0 and bool((away.depth_m == 0).all()) and bool((away.transmittance_after == 1).all())
     toward = stage.trace(EYE, [[1.0, 0, 0]], fine=1.0)
     assert toward.samples == stage.scene.config.samples.static
@@ -327,34 +328,34 @@ def test_free_space_spends_no_sample() -> None:
     assert 17 < float(t.min()) and float(t.max()) < 23, "all of them near the sphere"
 
 
-def test_the_far_field_is_asked_only_where_it_is_seen() -> None:
+def test_the_background_model_is_queried_only_where_it_is_seen() -> None:
     stage = Stage(analytic_scene(wall(4.0), {}), drive_of([]))
     asked: list[int] = []
     forward = stage.scene.far.forward
     stage.scene.far.forward = lambda x: (asked.append(len(x)), forward(x))[1]  # type: ignore[method-assign, func-returns-value]
-    stage.trace(EYE, [[1.0, 0, 0], [1.0, 0.1, 0], [-1.0, 0, 0]], far=True)
+    stage.trace(EYE, [[1.0, 0, 0], [1.0, 0.1, 0], [-1.0, 0, 0]], background=True)
     assert asked == [stage.scene.config.samples.far]
 
 
-def test_a_ray_that_never_enters_the_volume_sees_the_far_field() -> None:
+def test_a_ray_that_never_enters_the_volume_sees_the_background_model() -> None:
     stage = Stage(analytic_scene(wall(4.0), {}), drive_of([]))
-    traced = stage.trace([0.0, 0, 100.0], [[0.0, 0, 1], [1, 0, 0], [0.6, 0.0, 0.8]], far=True)
+    traced = stage.trace([0.0, 0, 100.0], [[0.0, 0, 1], [1, 0, 0], [0.6, 0.0, 0.8]], background=True)
     assert bool(torch.isfinite(traced.feature).all()) and bool((traced.feature.abs().sum(1) > 0).all())
     assert bool((traced.opacity == 0).all())
 
 
 def test_what_lies_beyond_the_volume_has_a_depth_and_the_sky_has_none() -> None:
     stage = Stage(analytic_scene(wall(4.0), {}), drive_of([]))
-    sky = stage.trace(EYE, [-1.0, 0, 0.05], far=True)
+    sky = stage.trace(EYE, [-1.0, 0, 0.05], background=True)
     assert float(sky.opacity) == 0 and float(sky.depth_m) < 1e-6 and float(sky.feature.abs().sum()) > 0
     features = stage.scene.config.features
     stage.scene.far.forward = lambda x: (torch.full_like(x[:, 0], 50.0), x.new_ones(len(x), features))  # type: ignore[method-assign]
-    hill = stage.trace(EYE, [-1.0, 0, 0.05], far=True)
+    hill = stage.trace(EYE, [-1.0, 0, 0.05], background=True)
     assert float(hill.opacity) == pytest.approx(1) and 10 < float(hill.depth_m) < 3000
     torch.testing.assert_close(hill.feature, torch.ones_like(hill.feature))
 
 
-def test_the_far_fields_samples_go_where_it_is_dense() -> None:
+def test_the_background_models_samples_go_where_it_is_dense() -> None:
     stage = Stage(analytic_scene(empty, {}), drive_of([]))
     scene, ahead = stage.scene, torch.tensor([1.0, 0.0, 0.0])
     at = scene.frame.points(scene.frame.recentred(EYE))
@@ -365,20 +366,20 @@ def test_the_far_fields_samples_go_where_it_is_dense() -> None:
     scene.far.density = density  # type: ignore[method-assign]
     scene.far.forward = lambda x: (density(x), x.new_ones(len(x), scene.config.features))  # type: ignore[method-assign]
     scene.config = replace(scene.config, samples=replace(scene.config.samples, far_proposals=32, far=6))
-    traced = stage.trace(EYE, ahead.tolist(), far=True)
-    assert traced.far is not None
-    assert int(((traced.far[1] - 400).abs() < 60).sum()) >= 3, "most of the samples lie in the shell"
+    traced = stage.trace(EYE, ahead.tolist(), background=True)
+    assert traced.background is not None
+    assert int(((traced.background.t - 400).abs() < 60).sum()) >= 3, "most of the samples lie in the shell"
     assert float(traced.depth_m) == pytest.approx(400, abs=60)
 
 
-def test_even_places_of_the_far_field_share_its_way() -> None:
+def test_even_places_of_the_background_model_share_its_way() -> None:
     stage = Stage(analytic_scene(empty, {}), drive_of([]))
     scene = stage.scene
     scene.far.density = lambda x: torch.full_like(x[:, 0], 0.7)  # type: ignore[method-assign]
     scene.far.forward = lambda x: (torch.full_like(x[:, 0], 0.7), x.new_ones(len(x), scene.config.features))  # type: ignore[method-assign]
     for samples in (2, 9):
         scene.config = replace(scene.config, samples=replace(scene.config.samples, far=samples))
-        traced = stage.trace(EYE, [1.0, 0, 0], far=True)
+        traced = stage.trace(EYE, [1.0, 0, 0], background=True)
         assert float(traced.opacity) == pytest.approx(1 - np.exp(-0.7), rel=1e-5), "however many there are"
 
 
@@ -407,7 +408,7 @@ def test_a_look_is_mirrored_on_all_rays_or_on_none() -> None:
     )
     sides = []
     for seed in range(12):
-        sampling = Sampling(fine=4.0, far=False, mirror=torch.tensor([0.5]), generator=torch.Generator().manual_seed(seed))
+        sampling = Sampling(fine=4.0, background=False, mirror=torch.tensor([0.5]), generator=torch.Generator().manual_seed(seed))
         met = trace(stage.scene, stage.active(), rays, sampling).opacity > 0.5
         sides.append((bool(met[across[:, 1] > 0.4].all()), bool(met[across[:, 1] < -0.4].all())))
     assert set(sides) == {(True, False), (False, True)}, "one side or the other, never some rays of each"

@@ -22,13 +22,13 @@ from unisim_blender.core.geometry import (
 from unisim_blender.core.model.tracklets import (
     SMOOTH_S,
     Tracklets,
-    near_spheres,
-    near_spheres_reference,
     quaternion_from_rotation,
     rotation_from_6d,
     rotation_from_quaternion,
     slerp,
 )
+from unisim_blender.core.ops.near_spheres import near_spheres
+from unisim_blender.core.ops.near_spheres.reference import near_spheres as near_spheres_reference
 from unisim_blender.core.sensors.bounds import Bounds
 from unisim_blender.core.world.drive import Actor, Look
 from unisim_blender.core.world.replay import with_windows

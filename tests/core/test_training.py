@@ -27,10 +27,11 @@ from unisim_blender.core.data.pandaset.writer import PandasetWriter
 from unisim_blender.core.errors import LogError, SceneError
 from unisim_blender.core.model.checkpoint import load_scene
 from unisim_blender.core.model.config import PRESETS, preset
-from unisim_blender.core.ops.ray_segments import SegmentTrace
+from unisim_blender.core.ops.segment_trace import SegmentTrace
 from unisim_blender.core.render.drive_renderer import DriveRenderer
 from unisim_blender.core.render.renderer import Renderer
-from unisim_blender.core.render.tracers.torch.trace import Sampling, trace
+from unisim_blender.core.render.tracers.torch.sampling import Sampling
+from unisim_blender.core.render.tracers.torch.trace import trace
 from unisim_blender.core.render.tracers.torch.tracer import TorchBackend
 from unisim_blender.core.sensors.camera import camera_rays, pixel_grid
 from unisim_blender.core.street.street import build_street

@@ -35,7 +35,7 @@ def learn(model: SceneModel, unobserved: UnobservedPrior, teach: bool, steps: in
         x = torch.rand(1024, 3, generator=generator) * 10
         x[:, 2] = GROUND_M + 1.2 + x[:, 2] / 10 * 2
         wanted = (WALL_X_M - x[:, 0]).clamp(-0.3, 0.3)
-        loss = (model.static.distance(x) - wanted).abs().mean()
+        loss = (model.static.signed_distance(x) - wanted).abs().mean()
         if teach:
             loss = loss + unobserved.loss(generator)
         optimiser.zero_grad()
@@ -52,8 +52,8 @@ def test_a_wall_that_was_seen_above_goes_down_to_the_ground(model: SceneModel) -
     low = torch.stack([torch.full_like(y, 5.0), y, torch.full_like(y, GROUND_M + 0.6)], -1)
     behind = low + torch.tensor([2.0, 0, 0])
     with torch.no_grad():
-        free, solid = model.static.distance(low), model.static.distance(behind)
-        ground = model.static.distance(low - torch.tensor([0, 0, 0.6]))
+        free, solid = model.static.signed_distance(low), model.static.signed_distance(behind)
+        ground = model.static.signed_distance(low - torch.tensor([0, 0, 0.6]))
     assert float(free.median()) > 0.15 and float(solid.median()) < -0.15
     assert float(ground.abs().median()) < 0.1
 
@@ -168,7 +168,7 @@ def test_over_clear_ground_that_no_image_shows_there_is_nothing(model: SceneMode
     learn(model, unobserved, teach=True)
     x = torch.rand(200, 3) * torch.tensor([3.0, 3, 0.3]) + torch.tensor([5.5, 5.5, GROUND_M + 0.12])
     with torch.no_grad():
-        error = (model.static.distance(x) - (x[:, 2] - GROUND_M).clamp_max(0.3)).abs()
+        error = (model.static.signed_distance(x) - (x[:, 2] - GROUND_M).clamp_max(0.3)).abs()
     assert float(error.median()) < 0.08
 
 

@@ -14,9 +14,9 @@ from whole_drive import whole_state
 
 from unisim_blender.core.geometry import FloatArray, make_pose
 from unisim_blender.core.model.config import preset
-from unisim_blender.core.ops.constants import EMPTY_M
-from unisim_blender.core.ops.density import volume_intervals
-from unisim_blender.core.ops.march import refine_by_density
+from unisim_blender.core.ops.constants import EMPTY_LOG_DENSITY
+from unisim_blender.core.ops.density.volume import volume_intervals
+from unisim_blender.core.ops.quantiles import refine_by_density
 from unisim_blender.core.render.tracers.torch.median import median_depth
 from unisim_blender.core.world.drive import Box
 
@@ -27,13 +27,13 @@ STARTS = EYE + np.linspace(0, 1, 64)[:, None] * np.array([1.0, 0, 0])
 
 
 def fog(density: float, *spans: tuple[float, float]) -> object:
-    """A density between some x, as fields give it; nothing elsewhere."""
+    """A density between some x, as its logarithm; nothing elsewhere."""
 
-    def s(x: Tensor) -> Tensor:
+    def logs(x: Tensor) -> Tensor:
         inside = torch.stack([(x[:, 0] >= a) & (x[:, 0] <= b) for a, b in spans]).any(0)
-        return torch.where(inside, torch.full_like(x[:, 0], -np.log(density)), torch.full_like(x[:, 0], EMPTY_M))
+        return torch.where(inside, torch.full_like(x[:, 0], np.log(density)), torch.full_like(x[:, 0], EMPTY_LOG_DENSITY))
 
-    return s
+    return logs
 
 
 def staged(static: object, actors: dict[str, tuple[object, FloatArray]] | None = None, drive: object = None) -> Stage:
@@ -42,14 +42,14 @@ def staged(static: object, actors: dict[str, tuple[object, FloatArray]] | None =
     shape, step = scene.occupancy.values.shape, CONFIG.voxel_m
     axes = (torch.arange(n) * step + step / 2 for n in shape)
     x = torch.stack(torch.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3)
-    there = (scene.static.distance(x) < EMPTY_M).view(1, *shape).float()
+    there = (scene.static.log_density(x) > EMPTY_LOG_DENSITY).view(1, *shape).float()
     scene.occupancy.values.copy_(F.max_pool3d(there, 3, 1, 1)[0] * 255)
     return Stage(scene, drive or drive_of([]))  # type: ignore[arg-type]
 
 
 def test_intervals_by_hand() -> None:
     """Densities 1 and 2 over 0.5 m and 1 m: depths of 0.5 and 2, weights at the far samples."""
-    tau, share = volume_intervals(torch.tensor([[0.0, -float(np.log(2))]]), torch.tensor([[0.5, 1.0]]))
+    tau, share = volume_intervals(torch.tensor([[0.0, float(np.log(2))]]), torch.tensor([[0.5, 1.0]]))
     torch.testing.assert_close(tau, torch.tensor([[0.5, 2.0]]))
     torch.testing.assert_close(share, torch.tensor([[0.0, 1 - float(np.exp(-2.0))]]))
     assert bool(torch.isfinite(volume_intervals(torch.tensor([[-1e4, 1e4]]), torch.ones(1, 2))[0]).all())
@@ -80,7 +80,7 @@ def test_a_wall_stops_rays_at_its_face() -> None:
     reach = 24 * np.linalg.norm([[1.0, 0, 0], [1.0, 0.2, 0.05]], axis=1)
     assert float(traced.opacity.min()) > 0.999
     np.testing.assert_allclose(traced.depth_m, reach, atol=0.15)
-    np.testing.assert_allclose(median_depth(stage.scene, traced), reach, atol=0.15)
+    np.testing.assert_allclose(median_depth(traced), reach, atol=0.15)
 
 
 def test_an_actors_density_fills_its_box_and_clears_it_of_the_scenes() -> None:

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from unisim_blender.core.ops.composite import composite
-from unisim_blender.core.ops.density import weights_from_tau
+from unisim_blender.core.ops.optical_depth import weights_from_tau
 from unisim_blender.core.ops.ray_segments import RaySegments
 from unisim_blender.core.render.tracers.compiled.structs import address
 
@@ -18,9 +18,7 @@ from .probe import probed
 
 
 def ray_segments_of(tau: Tensor, t: Tensor, ray: Tensor) -> RaySegments:
-    zero = torch.zeros_like(tau)
-    points = torch.zeros(*tau.shape, 3, dtype=tau.dtype)
-    return RaySegments(ray, t, zero, zero[..., None] + 1, tau, tau * 0, points, torch.full_like(ray, -1))
+    return RaySegments(ray, t, torch.ones_like(tau)[..., None], tau, tau * 0)
 
 
 def accumulated(bench: Bench) -> Iterator[Measure]:
@@ -40,9 +38,9 @@ def accumulated(bench: Bench) -> Iterator[Measure]:
         yield Measure(f"torch: transmittance behind all, {name}", abs(float(behind) - float(np.exp(-before[-1]))), 1e-6)
         # a ray of one ray segment, and of two whose intervals take turns
         depths, rays = torch.as_tensor(t), torch.zeros(1, dtype=torch.long)
-        whole = composite(1, [ray_segments_of(torch.as_tensor(tau)[None], depths[None], rays)], 1, [], depths)
+        whole = composite(1, [ray_segments_of(torch.as_tensor(tau)[None], depths[None], rays)], [1], depths)
         halves = [ray_segments_of(torch.as_tensor(tau[i::2].copy())[None], depths[i::2][None], rays) for i in range(2)]
-        split = composite(1, halves, 1, [], depths)
+        split = composite(1, halves, [1], depths)
         weight = np.exp(-before[:-1]) * -np.expm1(-tau.astype(np.float64))
         for what, traced in (("one ray segment", whole), ("two ray segments", split)):
             yield Measure(f"torch: weights' sum, {name}, {what}", abs(float(traced.feature) - float(weight.sum())), 2e-5)

@@ -20,7 +20,8 @@ from unisim_blender.core.geometry import (
 )
 from unisim_blender.core.model.checkpoint import load_scene
 from unisim_blender.core.model.tracklets import Tracklets
-from unisim_blender.core.ops.ray_segments import RayBatch, SegmentTrace
+from unisim_blender.core.ops.ray_segments import RayBatch
+from unisim_blender.core.ops.segment_trace import SegmentTrace
 from unisim_blender.core.render.actor_sets import active_actors
 from unisim_blender.core.render.quality import QUALITY, quality_named
 from unisim_blender.core.render.tracer import TraceResult
@@ -28,7 +29,8 @@ from unisim_blender.core.render.tracers.compiled.scene import CompiledScene
 from unisim_blender.core.render.tracers.compiled.tracer import CompiledBackend, CompiledTracer
 from unisim_blender.core.render.tracers.torch.actor_tensors import ActiveActorTensors, active_actor_tensors
 from unisim_blender.core.render.tracers.torch.median import median_depth
-from unisim_blender.core.render.tracers.torch.trace import Sampling, trace
+from unisim_blender.core.render.tracers.torch.sampling import Sampling
+from unisim_blender.core.render.tracers.torch.trace import trace
 from unisim_blender.core.render.tracers.torch.tracer import TorchBackend, TorchTracer
 from unisim_blender.core.sensors.frames import RenderStats
 from unisim_blender.core.sensors.rays import Rays
@@ -72,7 +74,7 @@ def truth(folder: Path, drive: Drive, rays: Rays, quality: str = "balanced", sky
     assert batch.origins.dtype == torch.float64
     with torch.no_grad():
         traced = trace(model, tensors, batch, Sampling(fine=quality_named(quality).samples, sky=sky))
-        return traced, median_depth(model, traced).numpy()
+        return traced, median_depth(traced).numpy()
 
 
 Tracers = dict[str, CompiledTracer | TorchTracer]

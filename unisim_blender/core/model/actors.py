@@ -12,13 +12,14 @@ from collections.abc import Callable
 import torch
 from torch import Tensor, nn
 
-from ..ops.gradient_sink import GradientSink
+from ..ops.encode.gradient_sink import GradientSink
+from ..ops.field_values import FieldValues, log_densities, signed_distances
 from ..ops.grid_shape import GridArrays, GridShape
 from .config import ModelConfig
-from .fields import parts, query, start_at
+from .fields import Density, parts, query, start_at, values_of
 from .networks import mlp, run_mlp
 
-INITIAL = {"logistic": 0.3, "unisim": 0.3, "volume": 1.5}
+INITIAL_M, INITIAL_LOG_DENSITY = 0.3, -1.5
 """An actor's box is entered from outside: there its field must not stop a ray from the start."""
 FREQUENCIES, LAYERS = 6, 4
 """Of the network that latents condition: octaves in which it is told where a point is, and its depth."""
@@ -32,17 +33,18 @@ class ActorField(nn.Module, ABC):
     row: tuple[int, ...]
     network: nn.Sequential
 
-    def __init__(self) -> None:
+    def __init__(self, density: Density) -> None:
         super().__init__()
+        self.density = density
         self.sink: GradientSink | None = None
-        """Where training set it, hash grids leave their gradients here, see `hash_grid.encode`."""
+        """Where training set it, hash grids leave their gradients here, see `encode`."""
 
     @abstractmethod
     def tables(self) -> Tensor:
         """Every actor's own (actors, *row)."""
 
     @abstractmethod
-    def _ask(self, tables: Tensor, x: Tensor, actor: Tensor, outputs: int | None) -> Tensor: ...
+    def _query(self, tables: Tensor, x: Tensor, actor: Tensor, outputs: int | None) -> Tensor: ...
 
     def own(self) -> list[nn.Parameter]:
         """The parameters that `tables` is made of."""
@@ -57,13 +59,22 @@ class ActorField(nn.Module, ABC):
         """Mean square of the latents, where there are any."""
         return self.get_parameter("latents").square().mean() if "latents" in self.OWN else None
 
-    def forward(self, tables: Tensor, x: Tensor, actor: Tensor) -> tuple[Tensor, Tensor]:
-        """s (N,), see fields.py, and features (N, F) at points x (N, 3) in the unit cube of each point's actor (N,)."""
-        return parts(self._ask(tables, x, actor, None))
+    def forward(self, tables: Tensor, x: Tensor, actor: Tensor) -> tuple[FieldValues, Tensor]:
+        """Values (N,) and features (N, F) at points x (N, 3) in the unit cube of each point's actor (N,)."""
+        output, feature = parts(self._query(tables, x, actor, None))
+        return values_of(self.density, output), feature
 
-    def distance(self, tables: Tensor, x: Tensor, actor: Tensor) -> Tensor:
-        """s (N,) alone."""
-        return self._ask(tables, x, actor, 1)[:, 0]
+    def values(self, tables: Tensor, x: Tensor, actor: Tensor) -> FieldValues:
+        """Values (N,) alone."""
+        return values_of(self.density, self._query(tables, x, actor, 1)[:, 0])
+
+    def signed_distance(self, tables: Tensor, x: Tensor, actor: Tensor) -> Tensor:
+        """Signed distances (N,) in metres; TypeError where the field says densities."""
+        return signed_distances(self.values(tables, x, actor))
+
+    def log_density(self, tables: Tensor, x: Tensor, actor: Tensor) -> Tensor:
+        """Logarithms (N,) of densities in 1 / metres; TypeError where the field says signed distances."""
+        return log_densities(self.values(tables, x, actor))
 
 
 class GridActors(ActorField):
@@ -72,13 +83,13 @@ class GridActors(ActorField):
     OWN: tuple[str, ...] = ("own_tables",)
 
     def __init__(self, config: ModelConfig, actors: int) -> None:
-        super().__init__()
+        super().__init__(config.density)
         g = config.actor_grid
         self.grid = GridArrays(GridShape.unit(int(g.coarsest), int(g.finest), g.levels, g.features, g.log2_table))
         self.row = self.grid.rows, g.features
         self._make_own(config, actors)
         self.network = mlp(self.grid.shape.width, config.hidden, 1 + config.features)
-        start_at(self.network, INITIAL[config.density])
+        start_at(self.network, self.density, INITIAL_M, INITIAL_LOG_DENSITY)
 
     def _make_own(self, config: ModelConfig, actors: int) -> None:
         self.own_tables = nn.Parameter(torch.empty(actors, *self.row).uniform_(-1e-4, 1e-4))
@@ -87,7 +98,7 @@ class GridActors(ActorField):
         """Every actor's grid (actors, rows, features)."""
         return self.own_tables
 
-    def _ask(self, tables: Tensor, x: Tensor, actor: Tensor, outputs: int | None) -> Tensor:
+    def _query(self, tables: Tensor, x: Tensor, actor: Tensor, outputs: int | None) -> Tensor:
         return query(self.grid, tables, self.network, x, actor, outputs, self.sink)
 
 
@@ -118,11 +129,11 @@ class LatentActors(ActorField):
     OWN = ("latents",)
 
     def __init__(self, config: ModelConfig, actors: int) -> None:
-        super().__init__()
+        super().__init__(config.density)
         self.row = (config.latent,)
         self.latents = nn.Parameter(torch.randn(actors, config.latent))
         self.network = mlp(3 + 6 * FREQUENCIES + config.latent, config.hidden, 1 + config.features, LAYERS)
-        start_at(self.network, INITIAL[config.density])
+        start_at(self.network, self.density, INITIAL_M, INITIAL_LOG_DENSITY)
         octaves = math.pi * 2.0 ** torch.arange(FREQUENCIES)
         self.register_buffer("octaves", octaves, persistent=False)
 
@@ -132,7 +143,7 @@ class LatentActors(ActorField):
         """Every actor's latent (actors, latent)."""
         return self.latents
 
-    def _ask(self, tables: Tensor, x: Tensor, actor: Tensor, outputs: int | None) -> Tensor:
+    def _query(self, tables: Tensor, x: Tensor, actor: Tensor, outputs: int | None) -> Tensor:
         y = 2 * x - 1
         angles = (y[..., None] * self.octaves).flatten(1)
         inputs = torch.cat([y, torch.sin(angles), torch.cos(angles), tables.index_select(0, actor)], -1)

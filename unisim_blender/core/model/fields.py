@@ -1,33 +1,33 @@
 """What stands still and what is far away; actors are in actors.py. Each field maps points to one number and a feature.
 
-The number s says what stops a ray: it is a signed distance in metres or, where the configuration's density is ``volume``, minus
-the logarithm of a density in 1 / metres. Either way it rises towards what is empty. The far field gives densities.
+The number says what stops a ray: it is a signed distance in metres or, where the configuration's density is
+``volume``, minus the logarithm of a density in 1 / metres. A field gives it as what it is, see `FieldValues`. The
+background model gives densities.
 """
 
 from __future__ import annotations
 
-import ctypes
+from typing import Literal
 
 import torch
 from torch import Tensor, nn
 
-from .. import native
+from ..ops import field
 from ..ops.constants import MAX_LOG_DENSITY
-from ..ops.devices import kernel_threads
-from ..ops.gradient_sink import GradientSink
+from ..ops.encode.gradient_sink import GradientSink
+from ..ops.field_values import FieldValues, LogDensities, SignedDistances, log_densities, signed_distances
 from ..ops.grid_shape import GridArrays, GridShape
-from ..ops.hash_grid import encode, tensors_of
-from ..ops.kernel_choice import kernels_for
 from .config import ModelConfig
-from .networks import mlp, network_struct, run_mlp
+from .networks import mlp, two_layers_of
 from .volume import Volume
 from .volume_frame import VolumeFrame, contract, contract_direction
 
-INITIAL = {"logistic": 0.1, "unisim": 0.1, "volume": 3.5}
-"""What a new static field says everywhere: a distance of 0.1 m, or a density that lets most of a ray through for 30 m."""
+Density = Literal["logistic", "unisim", "volume"]
 
-INITIAL_LOG_DENSITY = -1.0
-"""Of the far field."""
+INITIAL_M, INITIAL_LOG_DENSITY = 0.1, -3.5
+"""What a new static field says everywhere: a distance, or the logarithm of a density that lets most of a ray through
+for 30 m."""
+INITIAL_BACKGROUND_LOG_DENSITY = -1.0
 
 
 def query(
@@ -39,32 +39,22 @@ def query(
     outputs: int | None = None,
     sink: GradientSink | None = None,
 ) -> Tensor:
-    """What ``network`` says of the encodings of points x (N, 3) in the unit cube: its first ``outputs`` columns, or all.
+    """What ``network``, of two layers, says of the encodings of points x (N, 3) in the unit cube: its first
+    ``outputs`` columns, or all."""
+    return field.query(grid, table, x, *two_layers_of(network, outputs), index, sink)
 
-    `encode` and `run_mlp`, as one kernel where no gradient is asked for.
-    """
-    first, last = network[0], network[-1]
-    assert isinstance(first, nn.Linear) and isinstance(last, nn.Linear)
-    learns = torch.is_grad_enabled() and (x.requires_grad or table.requires_grad or last.weight.requires_grad)
-    kernels = None if learns or len(network) != 3 else kernels_for(x, table, last.weight)
-    if kernels is None:
-        return run_mlp(network, encode(grid, table, x, index, sink), outputs)
-    w1, w2, bias = (w.detach().contiguous() for w in (first.weight, last.weight[:outputs], last.bias[:outputs]))
-    x, table = x.detach().contiguous(), table.detach().contiguous()
-    numbers = None if index is None else index.to(torch.int32).contiguous()
-    if kernels == "triton":
-        from ..ops.triton.grid import field_forward
 
-        return field_forward(tensors_of(grid.shape, str(x.device)), table, x, numbers, w1, w2, bias)
-    lib = native.library()
-    assert lib is not None
-    out = torch.empty(len(x), len(w2))
-    status = lib.unisim_field_forward(
-        ctypes.byref(grid.struct), x.data_ptr(), None if numbers is None else numbers.data_ptr(), len(x), table.data_ptr(),
-        ctypes.byref(network_struct(w1, w2, bias)), out.data_ptr(), kernel_threads(),
-    )  # fmt: skip
-    assert status == 0, status
-    return out
+def values_of(density: Density, output: Tensor) -> FieldValues:
+    """What the first output (...) of a field's network says."""
+    return LogDensities(-output) if density == "volume" else SignedDistances(output)
+
+
+def start_at(network: nn.Sequential, density: Density, distance_m: float, log_density: float) -> None:
+    """Set a new field to one value, a distance or the logarithm of a density: it is empty, a ray comes through it."""
+    last = network[-1]
+    assert isinstance(last, nn.Linear)
+    with torch.no_grad():
+        last.bias[0] = -log_density if density == "volume" else distance_m
 
 
 class HashTable(nn.Module):
@@ -76,17 +66,9 @@ class HashTable(nn.Module):
         self.table = nn.Parameter(torch.empty(shape.rows, shape.features).uniform_(-1e-4, 1e-4))
         self.sink: GradientSink | None = None
 
-    def ask(self, network: nn.Sequential, x: Tensor, outputs: int | None = None) -> Tensor:
+    def query(self, network: nn.Sequential, x: Tensor, outputs: int | None = None) -> Tensor:
         """What a network says of the encodings of points (N, 3) in the unit cube."""
         return query(self.grid, self.table, network, x, outputs=outputs, sink=self.sink)
-
-
-def start_at(network: nn.Sequential, s: float) -> None:
-    """A new field is empty: a ray comes through it."""
-    last = network[-1]
-    assert isinstance(last, nn.Linear)
-    with torch.no_grad():
-        last.bias[0] = s
 
 
 def parts(out: Tensor) -> tuple[Tensor, Tensor]:
@@ -95,7 +77,7 @@ def parts(out: Tensor) -> tuple[Tensor, Tensor]:
     return first[:, 0], others
 
 
-def _density(raw: Tensor) -> Tensor:
+def _bounded_density(raw: Tensor) -> Tensor:
     return torch.exp(raw.clamp_max(MAX_LOG_DENSITY))
 
 
@@ -109,20 +91,30 @@ class StaticField(nn.Module):
         self.grid = HashTable(GridShape.cubic(extent, g.coarsest, g.finest, g.levels, g.features, g.log2_table))
         self.network = mlp(self.grid.grid.shape.width, config.hidden, 1 + config.features)
         self.register_buffer("size_m", torch.as_tensor(volume.size_m).float(), persistent=False)
-        start_at(self.network, INITIAL[config.density])
+        self.density: Density = config.density
+        start_at(self.network, self.density, INITIAL_M, INITIAL_LOG_DENSITY)
 
     size_m: Tensor
 
-    def forward(self, x: Tensor) -> tuple[Tensor, Tensor]:
-        """s (N,) and features (N, F) at points (N, 3) in volume coordinates."""
-        return parts(self.grid.ask(self.network, x / self.size_m))
+    def forward(self, x: Tensor) -> tuple[FieldValues, Tensor]:
+        """Values (N,) and features (N, F) at points (N, 3) in volume coordinates."""
+        output, feature = parts(self.grid.query(self.network, x / self.size_m))
+        return values_of(self.density, output), feature
 
-    def distance(self, x: Tensor) -> Tensor:
-        """s (N,) alone: the last layer's other rows are not computed."""
-        return self.grid.ask(self.network, x / self.size_m, 1)[:, 0]
+    def values(self, x: Tensor) -> FieldValues:
+        """Values (N,) alone: the last layer's other rows are not computed."""
+        return values_of(self.density, self.grid.query(self.network, x / self.size_m, 1)[:, 0])
+
+    def signed_distance(self, x: Tensor) -> Tensor:
+        """Signed distances (N,) in metres; TypeError where the field says densities."""
+        return signed_distances(self.values(x))
+
+    def log_density(self, x: Tensor) -> Tensor:
+        """Logarithms (N,) of densities in 1 / metres; TypeError where the field says signed distances."""
+        return log_densities(self.values(x))
 
 
-class FarField(nn.Module):
+class BackgroundModel(nn.Module):
     """Everything beyond the volume, up to the sky, in contracted coordinates about the volume's centre."""
 
     def __init__(self, config: ModelConfig, volume: Volume) -> None:
@@ -136,21 +128,21 @@ class FarField(nn.Module):
         assert isinstance(last, nn.Linear)
         with torch.no_grad():
             # nearly empty: the sky comes first, and matter where it moves against the sky
-            last.bias[0] = INITIAL_LOG_DENSITY
+            last.bias[0] = INITIAL_BACKGROUND_LOG_DENSITY
 
     def forward(self, x: Tensor) -> tuple[Tensor, Tensor]:
-        """Densities (N,), optical depth over the whole way beyond the volume, even in disparity, and features (N, F) at points
-        (N, 3) in volume coordinates."""
-        raw, feature = parts(self.grid.ask(self.network, self._contracted(x)))
-        return _density(raw), feature
+        """Densities (N,), optical depth over the whole way beyond the volume, even in disparity, and features (N, F)
+        at points (N, 3) in volume coordinates."""
+        raw, feature = parts(self.grid.query(self.network, self._contracted(x)))
+        return _bounded_density(raw), feature
 
     def density(self, x: Tensor) -> Tensor:
         """Densities (N,) alone."""
-        return _density(self.grid.ask(self.network, self._contracted(x), 1)[:, 0])
+        return _bounded_density(self.grid.query(self.network, self._contracted(x), 1)[:, 0])
 
     def _contracted(self, x: Tensor) -> Tensor:
         return contract(x - self.frame.size_m / 2, self.radius_m)
 
     def sky(self, d: Tensor) -> Tensor:
         """Features (N, F) at infinity, along directions (N, 3) in volume axes."""
-        return self.grid.ask(self.network, contract_direction(d))[:, 1:]
+        return self.grid.query(self.network, contract_direction(d))[:, 1:]

@@ -2,16 +2,10 @@
 
 from __future__ import annotations
 
-import ctypes
-from typing import Any
-
 import torch
 from torch import Tensor, nn
-from torch.autograd.function import once_differentiable
 
-from .. import native
-from ..ops.devices import kernel_threads
-from ..ops.kernel_choice import kernels_for
+from ..ops.mlp import two_layers
 
 SH_WIDTH = 16
 
@@ -28,52 +22,23 @@ def mlp(width_in: int, hidden: int, width_out: int, layers: int = 2) -> nn.Seque
     return nn.Sequential(*parts)
 
 
-class _TwoLayers(torch.autograd.Function):
-    """A perceptron of two layers through the compiled kernels, forward and backward."""
-
-    @staticmethod
-    def forward(ctx: Any, x: Tensor, w1: Tensor, w2: Tensor, bias: Tensor) -> Tensor:
-        lib = native.library()
-        assert lib is not None
-        x, w1, w2, bias = x.contiguous(), w1.contiguous(), w2.contiguous(), bias.contiguous()
-        out = torch.empty(len(x), len(w2))
-        net = network_struct(w1, w2, bias)
-        lib.unisim_mlp_forward(ctypes.byref(net), x.data_ptr(), len(x), out.data_ptr(), kernel_threads())
-        ctx.save_for_backward(x, w1, w2, bias)
-        return out
-
-    @staticmethod
-    @once_differentiable
-    def backward(ctx: Any, *grads: Tensor) -> tuple[Tensor, Tensor | None, Tensor | None, Tensor | None]:
-        lib = native.library()
-        assert lib is not None
-        x, w1, w2, bias = ctx.saved_tensors
-        grad, grad_x = grads[0].contiguous(), torch.empty_like(x)
-        learnt = [torch.zeros_like(w) for w in (w1, w2, bias)] if any(ctx.needs_input_grad[1:]) else [None] * 3
-        lib.unisim_mlp_backward(
-            ctypes.byref(network_struct(w1, w2, bias)), x.data_ptr(), len(x), grad.data_ptr(), grad_x.data_ptr(),
-            *(None if w is None else w.data_ptr() for w in learnt), kernel_threads(),
-        )  # fmt: skip
-        return grad_x, *learnt
-
-
-def network_struct(w1: Tensor, w2: Tensor, bias: Tensor) -> native.MlpStruct:
-    """Contiguous weights (H, I), (O, H) and bias (O,) in the form that the kernels read."""
-    return native.MlpStruct(w1.shape[1], len(w1), len(w2), w1.data_ptr(), w2.data_ptr(), bias.data_ptr())
-
-
 def run_mlp(network: nn.Sequential, x: Tensor, outputs: int | None = None) -> Tensor:
     """``network``, as `mlp` makes it, at x (N, width); its first ``outputs`` columns alone, where that is given.
 
-    Through the compiled kernels where it has two layers and the tensors are float32 on the CPU, else in plain torch.
+    One of two layers is the operation `two_layers`, deeper ones are plain torch.
     """
-    first, last = network[0], network[-1]
+    if len(network) == 3:
+        return two_layers(x, *two_layers_of(network, outputs))
+    last = network[-1]
+    assert isinstance(last, nn.Linear)
+    return nn.functional.linear(network[:-1](x), last.weight[:outputs], last.bias[:outputs])
+
+
+def two_layers_of(network: nn.Sequential, outputs: int | None = None) -> tuple[Tensor, Tensor, Tensor]:
+    """Weights (H, I) and (O, H) and bias (O,) of a network of two layers, for its first ``outputs`` columns or all."""
+    first, _, last = network
     assert isinstance(first, nn.Linear) and isinstance(last, nn.Linear)
-    w2, bias = last.weight[:outputs], last.bias[:outputs]
-    if len(network) == 3 and kernels_for(x, w2) == "compiled":
-        out: Tensor = _TwoLayers.apply(x, first.weight, w2, bias)  # type: ignore[no-untyped-call]
-        return out
-    return nn.functional.linear(network[:-1](x), w2, bias)
+    return first.weight, last.weight[:outputs], last.bias[:outputs]
 
 
 def spherical_harmonics(d: Tensor) -> Tensor:

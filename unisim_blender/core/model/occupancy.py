@@ -9,7 +9,7 @@ import torch
 from torch import Tensor, nn
 
 from ..geometry import FloatArray
-from ..ops.march import Voxels
+from ..ops.propose.voxels import Voxels
 
 FREE, UNKNOWN, BESIDE, HIT = 0, 20, 254, 255
 """BESIDE is next to a return."""

@@ -11,7 +11,7 @@ from torch import Tensor, nn
 from .actors import actor_field
 from .config import ModelConfig
 from .decode import CameraDecoder, ColourHead, LidarHead, NoDecoder, RayHead, SampleColours
-from .fields import FarField, StaticField
+from .fields import BackgroundModel, StaticField
 from .ground import Ground
 from .light import Light
 from .networks import SH_WIDTH, mlp, spherical_harmonics
@@ -31,7 +31,7 @@ class SceneModel(nn.Module):
         self.camera_ids = {uid: i for i, uid in enumerate(cameras)}
         self.frame = VolumeFrame(volume)
         self.static = StaticField(config, volume)
-        self.far = FarField(config, volume)
+        self.far = BackgroundModel(config, volume)
         self.actors = actor_field(config, len(self.actor_ids))
         self.occupancy = Occupancy(volume.size_m, config.voxel_m)
         self.ground = Ground(volume.size_m)

@@ -9,10 +9,8 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from .. import native
 from ..geometry import FloatArray, matrix_from_quaternion
-from ..ops.devices import kernel_threads
-from ..ops.kernel_choice import kernels_for
+from ..ops.near_spheres import near_spheres
 from ..sensors.bounds import BIN_S, Bounds
 from ..world.drive import Actor
 from ..world.keys import PaddedKeys
@@ -85,32 +83,6 @@ def _smoothing(times_s: Tensor) -> Tensor:
     t = torch.where(real, times_s, torch.zeros_like(times_s))
     w = torch.exp(-(((t[:, :, None] - t[:, None]) / SMOOTH_S) ** 2) / 2) * real[:, None]
     return (w / w.sum(-1, keepdim=True).clamp_min(1e-12)).float()
-
-
-@torch.no_grad()
-def near_spheres_reference(origins: Tensor, directions: Tensor, bins: Tensor, centres: Tensor, radii: Tensor) -> Tensor:
-    """Which rays (N, 3), directions of length 1, pass through which spheres: (N, A) bool.
-
-    centres (T, A, 3) and radii (T, A), negative for none, are the spheres in each bin of time; a ray's bin (N,) is -1 for none.
-    """
-    at = bins.clamp_min(0)
-    c, r = centres[at] - origins[:, None], radii[at]
-    along = (c * directions[:, None]).sum(-1)
-    return ((c * c).sum(-1) - along.clamp_min(0) ** 2 <= r * r) & (r > 0) & (bins >= 0)[:, None]
-
-
-@torch.no_grad()
-def near_spheres(origins: Tensor, directions: Tensor, bins: Tensor, centres: Tensor, radii: Tensor) -> Tensor:
-    """`near_spheres_reference`, by the compiled kernels where they apply."""
-    if kernels_for(origins, directions, centres) != "compiled":
-        return near_spheres_reference(origins, directions, bins, centres, radii)
-    lib = native.library()
-    assert lib is not None
-    arrays = [x.contiguous() for x in (origins, directions, bins, centres, radii)]
-    o, d, b, c, r = (x.data_ptr() for x in arrays)
-    near = torch.empty(len(origins), radii.shape[1], dtype=torch.bool)
-    lib.unisim_near_spheres(o, d, b, len(origins), c, r, radii.shape[1], near.data_ptr(), kernel_threads())
-    return near
 
 
 @dataclass(frozen=True)

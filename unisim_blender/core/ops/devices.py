@@ -15,8 +15,8 @@ _kernels: int | None = None
 
 
 def has_float64(device: torch.device | str) -> bool:
-    """Whether a device knows float64. Without it times are float32: within 60 microseconds after a quarter of an hour, in
-    which nothing on a street moves 3 mm."""
+    """Whether a device knows float64. Without it times are float32: within 60 microseconds after a quarter of an
+    hour, in which nothing on a street moves 3 mm."""
     return torch.device(device).type != "mps"
 
 
@@ -39,8 +39,8 @@ def kernel_threads() -> int:
 
 @contextmanager
 def torch_threads(count: int | None) -> Iterator[None]:
-    """Let torch's own operations take ``count`` threads, and the compiled kernels as many as torch had before; None, inside of
-    another such block, gives torch those back."""
+    """Let torch's own operations take ``count`` threads, and the compiled kernels as many as torch had before; None,
+    inside of another such block, gives torch those back."""
     global _kernels
     torch_had, kernels_had = torch.get_num_threads(), _kernels
     _kernels = kernel_threads()

@@ -1,21 +1,26 @@
-"""Rays, what they run through, and what they met: the types that tracing, compositing and the passes share.
+"""Rays, and the kinds of ray segments.
 
-A *ray segment* is one ray inside one field (the static field, one actor's box, one copied box of space); it has K samples and K
-intervals, see `density.logistic_intervals`.
+A *ray segment* is one ray inside one field (the static field, an actor's box, a copied box of space), or one hit of a
+mesh. Those of one field are kept together; each has K samples and K intervals, see `density.logistic_intervals`.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any, Literal, TypeVar
 
 import torch
 from torch import Tensor
 
+from .field_values import FieldValues, LogDensities, SignedDistances
+
+Segments = TypeVar("Segments", bound="RaySegments")
+
 
 @dataclass(frozen=True)
 class RayBatch:
-    """Rays as tensors: origins, from the volume's corner (`VolumeFrame.recentred`), and directions (N, 3), both along the world's
-    axes, float32; time_s (N,) float64 where the device has it."""
+    """Rays as tensors: origins, from the volume's corner (`VolumeFrame.recentred`), and directions (N, 3), both along
+    the world's axes, float32; time_s (N,) float64 where the device has it."""
 
     origins: Tensor
     directions: Tensor
@@ -27,43 +32,19 @@ class RayBatch:
         return len(self.origins)
 
 
-@dataclass
+@dataclass(frozen=True)
 class RaySegments:
-    """Ray segments of one field: ray (P,), samples t (P, K), signed distances s, features (P, K, F), optical depths tau
-    and stop fractions (P, K).
-
-    ``points`` (P, K, 3) in the field's own coordinates (volume, metres; or an actor's unit cube); ``field`` (P,) is -1 for the
-    static field, else the actor's number among the active ones.
-    """
+    """What compositing needs of ray segments of any kind: ray (P,), samples t (P, K) in metres along the ray,
+    features (P, K, F), optical depths tau and stop fractions (P, K)."""
 
     ray: Tensor
     t: Tensor
-    s: Tensor
     features: Tensor
     tau: Tensor
     stop_fraction: Tensor
-    points: Tensor
-    field: Tensor
-    foreign: int = -1
-    """Which foreign actor set's features these are; -1 for the scene's own; meshes, which have none, come after the foreign
-    actors."""
-    bounds: tuple[Tensor, Tensor] | None = None
-    """Where the ray segment enters and leaves its box (P,), (P,)."""
-    world_from_box: Tensor | None = None
-    """Rotation of the segment's box (P, 3, 3), for an actor after the inverse of its scale, so that gradients in the field's
-    metres become directions of the world; for a copied box the one from the source to the copy."""
-    size_m: Tensor | None = None
-    """Edges of the segment's box (P, 3) in the metres of its field, for an actor."""
-    beta: float = 0.0
-    """The density's sharpness in this field, 1 / metres."""
-    transmittance_before: Tensor | None = None
-    """Transmittance before the intervals (P, K), once composited."""
-    weight: Tensor | None = None
-    """Weights of the samples (P, K), once composited."""
-    interval_weight: Tensor | None = None
-    """Weights of the intervals (P, K), once composited."""
-    normals: Tensor | None = None
-    """Unit normals (P, 3), world frame, of ray segments that are surfaces and no field."""
+
+    def __len__(self) -> int:
+        return len(self.ray)
 
     def stops(self) -> Tensor:
         """Where a ray that stops in an interval is expected to (P, K), metres along the ray."""
@@ -73,31 +54,66 @@ class RaySegments:
         return near + inside * (self.t - near)
 
 
-@dataclass
-class SegmentTrace:
-    """What the rays met. feature (N, F) composited, the far field and the sky included where they were asked for; depth_m (N,)
-    mean distance of what stopped the ray, 0 where nothing did; opacity (N,) and transmittance_after (N,), 1 - opacity, without
-    the sky."""
+@dataclass(frozen=True)
+class FieldSegments(RaySegments):
+    """Ray segments inside a field: what it says at the samples, ``values`` (P, K), and ``points`` (P, K, 3) in its
+    own coordinates (volume, metres; or an actor's unit cube). ``density`` is how its values stop a ray, ``beta`` its
+    sharpness, 1 / metres."""
 
-    feature: Tensor
-    depth_m: Tensor
-    opacity: Tensor
-    transmittance_after: Tensor
-    ray_segments: list[RaySegments]
-    samples: int
-    foreign_features: list[Tensor]
-    foreign_opacity: list[Tensor]
-    near_depth_m: Tensor
-    """Mean distance (N,) of what stopped the ray inside the volume, the far field left out."""
-    near_opacity: Tensor
-    far: tuple[Tensor, Tensor, Tensor, Tensor] | None = None
-    """What the far field gave: ray (R,), t, tau, and the transmittance before each place (R, K)."""
-    without_foreign: Tensor | None = None
-    """``feature`` as if no foreign actor were there; None where none is."""
-    mesh_opacity: Tensor | None = None
-    """How much of each ray (N,) meshes stop; None where there are none."""
+    values: FieldValues
+    points: Tensor
+    density: Literal["logistic", "unisim", "volume"]
+    beta: float
 
-    @property
-    def static(self) -> RaySegments | None:
-        """The ray segments through the static field; None where no ray met it."""
-        return next((ray_segment for ray_segment in self.ray_segments if ray_segment.bounds is None), None)
+
+@dataclass(frozen=True)
+class StaticSegments(FieldSegments):
+    """Ray segments through the static field."""
+
+
+@dataclass(frozen=True)
+class CopiedBoxSegments(FieldSegments):
+    """Ray segments through the static field inside of a copied box, where the copy stands. ``copy_from_source`` (P,
+    3, 3) turns directions of the world at the source into those at the copy."""
+
+    copy_from_source: Tensor
+
+
+@dataclass(frozen=True)
+class ActorSegments(FieldSegments):
+    """Ray segments through the boxes of one actor set: 0 for the scene's own, from 1 on for foreign ones.
+
+    ``actor`` (P,) is the actor's number among all that are active, meshes last. A ray enters its box at ``t_near``
+    and leaves it at ``t_far`` (P,). ``world_from_box`` (P, 3, 3) is the box's rotation after the inverse of its
+    scale, so that gradients in the field's metres become directions of the world; ``size_m`` (P, 3) are the box's
+    edges in the metres of its field.
+    """
+
+    actor_set: int
+    actor: Tensor
+    t_near: Tensor
+    t_far: Tensor
+    world_from_box: Tensor
+    size_m: Tensor
+
+
+@dataclass(frozen=True)
+class MeshSegments(RaySegments):
+    """Hits of meshes as ray segments of one sample; what shows of them is not composited, and ``features`` (P, 1, 1)
+    are 0.
+
+    ``actor`` (P,) is numbered as in `ActorSegments`; ``normals`` (P, 3) are unit, world frame.
+    """
+
+    actor: Tensor
+    normals: Tensor
+
+
+def rows_of(ray_segments: Segments, which: Tensor) -> Segments:
+    """Some of a field's ray segments, by numbers or by a mask (P,)."""
+    chosen: dict[str, Any] = {
+        name: value[which] if isinstance(value, Tensor) else value.rows(which)
+        for name, value in vars(ray_segments).items()
+        if isinstance(value, Tensor | SignedDistances | LogDensities)
+    }
+    return replace(ray_segments, **chosen)

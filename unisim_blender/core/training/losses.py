@@ -6,7 +6,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-from ..ops.ray_segments import SegmentTrace
+from ..ops.segment_trace import SegmentTrace
 from .data import LidarBatch
 
 SURFACE_M, SURFACE_SHARE = 0.2, 0.04
@@ -62,8 +62,8 @@ def lidar_terms(traced: SegmentTrace, batch: LidarBatch, inside: Tensor, keep: f
 
     The depth term is the expected error of a ray that stops at random, not the error of the expected depth: with that, a surface
     moves towards the sensor to make up for what leaks through it. It leaves out the rays with the largest errors (glass, leaves,
-    boxes that do not fit), as in UniSim. ``inside`` (N,) says which returns lie in the volume: there the far field must not
-    stand in for what stopped the ray.
+    boxes that do not fit), as in UniSim. ``inside`` (N,) says which returns lie in the volume: there the background model
+    must not stand in for what stopped the ray.
     """
     near = batch.returned & inside
     miss = expected_error(traced, batch.depth_m)
@@ -72,32 +72,30 @@ def lidar_terms(traced: SegmentTrace, batch: LidarBatch, inside: Tensor, keep: f
         good = near & (miss <= limit)
     depth = miss[good].sum() / good.sum().clamp_min(1)
     # whatever returned a beam is there, also where the depth is among the worst
-    opacity = -torch.log(traced.near_opacity[near].clamp_min(1e-4)).mean()
+    opacity = -torch.log(traced.volume_opacity[near].clamp_min(1e-4)).mean()
     far = batch.returned & ~inside
     reach = traced.feature.new_zeros(())
     if bool(far.any()):
         reach = F.smooth_l1_loss(traced.depth_m[far].clamp_min(1).log(), batch.depth_m[far].log(), beta=0.05)
         opacity = opacity - torch.log(traced.opacity[far].clamp_min(1e-4)).mean() * far.sum() / near.sum().clamp_min(1)
     free, surface_m = traced.feature.new_zeros(()), SURFACE_M + SURFACE_SHARE * batch.depth_m
-    for ray_segment in traced.ray_segments:
-        assert ray_segment.interval_weight is not None
-        gap, surface = ray_segment.stops() - batch.depth_m[ray_segment.ray, None], surface_m[ray_segment.ray, None]
+    for segments, weights in traced.weighted():
+        gap, surface = segments.stops() - batch.depth_m[segments.ray, None], surface_m[segments.ray, None]
         # a beam that came back was free up to where it did, also among the worst: a false surface that stops a whole wall's rays
         # makes them the worst, and would stay for ever
-        wrong = (gap < -surface) & batch.returned[ray_segment.ray, None] | (gap > surface) & good[ray_segment.ray, None]
+        wrong = (gap < -surface) & batch.returned[segments.ray, None] | (gap > surface) & good[segments.ray, None]
         # the weight itself, not its square: a thousandth far behind moves a mean depth by metres
-        free = free + (ray_segment.interval_weight * wrong).sum()
+        free = free + (weights.intervals * wrong).sum()
     return {"depth": depth, "reach": reach, "opacity": opacity, "free": free / batch.returned.sum().clamp_min(1)}, good
 
 
 def expected_error(traced: SegmentTrace, depth_m: Tensor, worst_m: float = 10.0) -> Tensor:
     """Mean distance in metres (N,) between where rays stop inside the volume and depths (N,), at most ``worst_m`` each, which
     also counts for what is not stopped. It is least where half of what stops a ray has done so at the depth."""
-    error = (1 - traced.near_opacity) * worst_m
-    for ray_segment in traced.ray_segments:
-        assert ray_segment.interval_weight is not None
-        gap = (ray_segment.stops() - depth_m[ray_segment.ray, None]).abs().clamp_max(worst_m)
-        error = error.index_add(0, ray_segment.ray, (ray_segment.interval_weight * gap).sum(1))
+    error = (1 - traced.volume_opacity) * worst_m
+    for segments, weights in traced.weighted():
+        gap = (segments.stops() - depth_m[segments.ray, None]).abs().clamp_max(worst_m)
+        error = error.index_add(0, segments.ray, (weights.intervals * gap).sum(1))
     return error
 
 
@@ -130,11 +128,10 @@ def normal_smoothness(a: Tensor, b: Tensor) -> Tensor:
 
 def distortion(traced: SegmentTrace) -> Tensor:
     """How far a ray's weight is spread in log depth: the distortion of mip-NeRF 360 (eq. 15), on the static segments."""
-    ray_segment = traced.static
-    if ray_segment is None:
+    if traced.static is None:
         return traced.feature.new_zeros(())
-    w = ray_segment.interval_weight
-    assert w is not None
-    place = torch.log(ray_segment.stops().detach().clamp_min(0.1))
+    segments, weights = traced.static
+    w = weights.intervals
+    place = torch.log(segments.stops().detach().clamp_min(0.1))
     total, first = w.cumsum(-1) - w, (w * place).cumsum(-1) - w * place
     return 2 * (w * (place * total - first)).sum(-1).mean()

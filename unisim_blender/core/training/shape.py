@@ -6,11 +6,13 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-from ..model.gradient import CORNERS, distance_gradient
+from ..model.gradient import CORNERS, outward_gradient
 from ..model.occupancy import OccupancyTrainer
 from ..model.scene import SceneModel
+from ..ops.composite import SegmentWeights
 from ..ops.constants import GROUND_CELL_M
-from ..ops.ray_segments import RaySegments, SegmentTrace
+from ..ops.ray_segments import ActorSegments, FieldSegments
+from ..ops.segment_trace import SegmentTrace
 from .data import LidarBatch
 from .losses import eikonal, normal_smoothness, sdf_band_loss, wrong_side
 
@@ -52,33 +54,28 @@ class Shape:
         end = o + d * lidar.depth_m[:, None]
         above = model.ground.above(end)
         band = o.new_zeros(())
-        for ray_segment in swept.ray_segments:
-            if ray_segment.bounds is None:
+        for segments in swept.ray_segments:
+            if not isinstance(segments, ActorSegments):
                 continue
-            depth = lidar.depth_m[ray_segment.ray]
-            met = (
-                lidar.returned[ray_segment.ray]
-                & above[ray_segment.ray]
-                & (depth > ray_segment.bounds[0])
-                & (depth < ray_segment.bounds[1])
-            )
-            in_box[ray_segment.ray[met]] = True
+            depth = lidar.depth_m[segments.ray]
+            met = lidar.returned[segments.ray] & above[segments.ray] & (depth > segments.t_near) & (depth < segments.t_far)
+            in_box[segments.ray[met]] = True
             if not bool(met.any()):
                 continue
-            band = band + self._actor_band(ray_segment, met, depth[met], tables, generator)
+            band = band + self._actor_band(segments, met, depth[met], tables, generator)
         static = lidar.returned & model.frame.inside(end) & ~in_box
         o, d, depth_m = o[static], d[static], lidar.depth_m[static]
         offset = self._offsets(len(o), generator, _BAND_M)
         x = o + d * (depth_m - offset)[:, None]
-        band = band + sdf_band_loss(model.static.distance(x), offset) + self._ground_band(end[static & ~above], generator)
+        band = band + sdf_band_loss(model.static.signed_distance(x), offset) + self._ground_band(end[static & ~above], generator)
         # a ray that grazes the road is early as often as late
-        stops = above & (swept.near_opacity > 0.5)
-        stop_m = torch.where(stops, swept.near_depth_m.detach(), torch.inf)[static]
+        stops = above & (swept.volume_opacity > 0.5)
+        stop_m = torch.where(stops, swept.volume_depth_m.detach(), torch.inf)[static]
         band = band + self._passed(o, d, depth_m, stop_m, generator) + self._wall_band(o, d, depth_m, generator)
         return band, x.detach()
 
     def _actor_band(
-        self, ray_segment: RaySegments, met: Tensor, depth_m: Tensor, tables: Tensor, generator: torch.Generator
+        self, segments: ActorSegments, met: Tensor, depth_m: Tensor, tables: Tensor, generator: torch.Generator
     ) -> Tensor:
         """What actors' distances miss about returns in their boxes, at depth_m (M,) of those ray segments (P,) bool that ``met``
         one.
@@ -87,21 +84,20 @@ class Shape:
         what is far behind: a lorry that drives ahead keeps its bearing, as the street's end does.
         """
         # a segment's points lie on a line: where it is at any depth follows from two of them
-        t0, t1 = ray_segment.t[met, :1], ray_segment.t[met, -1:]
-        p0, p1 = ray_segment.points[met, 0], ray_segment.points[met, -1]
+        t0, t1 = segments.t[met, :1], segments.t[met, -1:]
+        p0, p1 = segments.points[met, 0], segments.points[met, -1]
 
         def place(offset: Tensor) -> Tensor:
             return p0 + (depth_m[:, None] - offset[:, None] - t0) / (t1 - t0).clamp_min(1e-4) * (p1 - p0)
 
-        assert ray_segment.size_m is not None
-        actor = ray_segment.field[met]
+        actor = segments.actor[met]
         offset = self._offsets(len(actor), generator, 0.15)
-        band = sdf_band_loss(self.model.actors.distance(tables, place(offset).clamp(0, 1), actor), offset)
-        reach = (_SOLID_SHARE * ray_segment.size_m[met].amin(-1)).clamp_max(_SOLID_M)
+        band = sdf_band_loss(self.model.actors.signed_distance(tables, place(offset).clamp(0, 1), actor), offset)
+        reach = (_SOLID_SHARE * segments.size_m[met].amin(-1)).clamp_max(_SOLID_M)
         behind = _behind(reach, generator)
         x = place(-behind)
         inside = ((x > 0) & (x < 1)).all(-1)
-        s = self.model.actors.distance(tables, x.clamp(0, 1), actor)
+        s = self.model.actors.signed_distance(tables, x.clamp(0, 1), actor)
         return band + _hinge(s, behind, inside)
 
     def _wall_band(self, o: Tensor, d: Tensor, depth_m: Tensor, generator: torch.Generator) -> Tensor:
@@ -110,7 +106,7 @@ class Shape:
             return depth_m.new_zeros(())
         behind = _behind(torch.full_like(depth_m, _WALL_M), generator)
         x = o + d * (depth_m + behind)[:, None]
-        return _hinge(self.model.static.distance(x), behind, self.model.frame.inside(x) & self.model.ground.above(x))
+        return _hinge(self.model.static.signed_distance(x), behind, self.model.frame.inside(x) & self.model.ground.above(x))
 
     def slopes(
         self, tables: Tensor, swept: SegmentTrace, seen: SegmentTrace, near: Tensor, generator: torch.Generator
@@ -122,8 +118,9 @@ class Shape:
         """
         centre = near[torch.randperm(len(near), generator=generator, device=near.device)[:512]]
         gradients = [self._static_gradient(centre)]
-        for ray_segment in (*seen.ray_segments, *swept.ray_segments):
-            gradients.append(self._gradient(ray_segment, tables, generator))
+        for segments, weights in (*seen.weighted(), *swept.weighted()):
+            assert isinstance(segments, FieldSegments)
+            gradients.append(self._gradient(segments, weights, tables, generator))
         return {"eikonal": eikonal(torch.cat(gradients)), "flat": self._flatness(seen, generator)}
 
     def _passed(self, o: Tensor, d: Tensor, depth_m: Tensor, stop_m: Tensor, generator: torch.Generator) -> Tensor:
@@ -140,17 +137,17 @@ class Shape:
         back = torch.where(early > _BAND_M, (early - _SHEET_M * behind).clamp_min(_BAND_M), back)
         t = depth_m - back
         x = (o + d * t[:, None])[t > _SENSOR_M]
-        return F.relu(_FREE_M - self.model.static.distance(x)).sum() / len(o)
+        return F.relu(_FREE_M - self.model.static.signed_distance(x)).sum() / len(o)
 
     def _flatness(self, seen: SegmentTrace, generator: torch.Generator) -> Tensor:
         """How much the normals of what images alone show turn within _FLAT_M along the surface: mean length of the difference.
 
         No LiDAR reaches high up and far away, and a drive straight on tells images little about depth.
         """
-        ray_segment = seen.static
-        if ray_segment is None:
+        if seen.static is None:
             return seen.feature.new_zeros(())
-        x = ray_segment.points.detach().reshape(-1, 3)[self._likely(ray_segment, 512, generator)]
+        segments, weights = seen.static
+        x = segments.points.detach().reshape(-1, 3)[self._likely(weights, 512, generator)]
         x = x[~self.occupancy.met(x)]
         if len(x) == 0:
             return seen.feature.new_zeros(())
@@ -163,27 +160,26 @@ class Shape:
         return normal_smoothness(both[0], both[1])
 
     def _static_gradient(self, x: Tensor) -> Tensor:
-        return distance_gradient(self.model.static.distance, x, _STEP_M)
+        return outward_gradient(self.model.static.signed_distance, x, _STEP_M)
 
-    def _likely(self, ray_segment: RaySegments, count: int, generator: torch.Generator) -> Tensor:
-        """Numbers (count,) of random samples of a ray segment that carry weight; none (0,) where it has none."""
-        assert ray_segment.weight is not None
-        likely = torch.nonzero(ray_segment.weight.detach().flatten() > 0.02)[:, 0]
+    def _likely(self, weights: SegmentWeights, count: int, generator: torch.Generator) -> Tensor:
+        """Numbers (count,) of random samples that carry weight; none (0,) where none does."""
+        likely = torch.nonzero(weights.samples.detach().flatten() > 0.02)[:, 0]
         if len(likely) == 0:
             return likely
         return likely[torch.randint(len(likely), (count,), generator=generator, device=likely.device)]
 
-    def _gradient(self, ray_segment: RaySegments, tables: Tensor, generator: torch.Generator) -> Tensor:
-        """Gradients (N, 3) of the distance at some of a segment's samples that carry weight."""
-        pick = self._likely(ray_segment, 384, generator)
-        x = ray_segment.points.detach().reshape(-1, 3)[pick]
+    def _gradient(self, segments: FieldSegments, weights: SegmentWeights, tables: Tensor, generator: torch.Generator) -> Tensor:
+        """Gradients (N, 3) of the distance at some samples that carry weight."""
+        pick = self._likely(weights, 384, generator)
+        x = segments.points.detach().reshape(-1, 3)[pick]
         if len(pick) == 0:
             return x
-        if ray_segment.size_m is None:
+        if not isinstance(segments, ActorSegments):
             return self._static_gradient(x)
-        row = pick // ray_segment.t.shape[1]
-        actor = ray_segment.field[row].repeat_interleave(CORNERS)
-        return distance_gradient(lambda y: self.model.actors.distance(tables, y, actor), x, _STEP_M, ray_segment.size_m[row])
+        row = pick // segments.t.shape[1]
+        actor = segments.actor[row].repeat_interleave(CORNERS)
+        return outward_gradient(lambda y: self.model.actors.signed_distance(tables, y, actor), x, _STEP_M, segments.size_m[row])
 
     def _ground_band(self, returns: Tensor, generator: torch.Generator) -> Tensor:
         """Over and under returns from the ground (N, 3) the distance is the height; deeper, anywhere, it is well below zero.
@@ -195,13 +191,13 @@ class Shape:
             return returns.new_zeros(())
         height = torch.rand(len(returns), generator=generator, device=device) * 0.6 - 0.4
         height = torch.where(height > 0.1, torch.zeros_like(height), height)
-        s = self.model.static.distance(returns + F.pad(height[:, None], (2, 0)))
+        s = self.model.static.signed_distance(returns + F.pad(height[:, None], (2, 0)))
         band = sdf_band_loss(s, height) + F.relu(s - 0.8 * height)[height < 0].sum() / len(returns)
         cells = self.known_ground[torch.randint(len(self.known_ground), (256,), generator=generator, device=device)]
         place = (cells + torch.rand(256, 2, generator=generator, device=device)) * GROUND_CELL_M
         deep = 0.15 + 0.35 * torch.rand(256, generator=generator, device=device)
         x = self.model.ground.under(place) - F.pad(deep[:, None], (2, 0))
-        return band + F.relu(self.model.static.distance(x) + 0.1).mean()
+        return band + F.relu(self.model.static.signed_distance(x) + 0.1).mean()
 
     def _offsets(self, count: int, generator: torch.Generator, reach_m: float) -> Tensor:
         """Offsets (N,) before (+) and, a third as far, behind (-) a return, as dense on both sides: returns scatter, and more of

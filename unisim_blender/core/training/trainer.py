@@ -26,10 +26,12 @@ from ..model.tracklets import Tracklets
 from ..model.volume import Volume
 from ..ops.constants import VEHICLES
 from ..ops.devices import kernel_threads, module_to, tensor_to, torch_threads
-from ..ops.gradient_sink import GradientSink
-from ..ops.ray_segments import RayBatch, SegmentTrace
+from ..ops.encode.gradient_sink import GradientSink
+from ..ops.ray_segments import RayBatch
+from ..ops.segment_trace import SegmentTrace
 from ..render.tracers.torch.actor_tensors import ActiveActorTensors, ActorSetTensors
-from ..render.tracers.torch.trace import Sampling, trace
+from ..render.tracers.torch.sampling import Sampling
+from ..render.tracers.torch.trace import trace
 from ..world.drive import Actor, Drive
 from ..world.replay import with_windows
 from .adversarial import Adversary, shifted
@@ -292,7 +294,7 @@ class Trainer:
                 band, near = self.shape.sdf_band(tables, swept, lidar, generator)
                 terms["band"] = w.band * band
             self._take(start, terms)
-            figures["lidar_m"] = float((swept.near_depth_m - lidar.depth_m)[lidar.returned].detach().abs().median())
+            figures["lidar_m"] = float((swept.volume_depth_m - lidar.depth_m)[lidar.returned].detach().abs().median())
         if w.hidden and start.done >= c.hidden_from:
             terms["hidden"] = w.hidden * self.unobserved.loss(generator)
             self._take(start, {"hidden": terms["hidden"]})
@@ -422,12 +424,11 @@ class Trainer:
 
     @torch.no_grad()
     def _update_occupancy(self, traced: SegmentTrace, camera: bool) -> None:
-        ray_segment = traced.static
-        if ray_segment is None or ray_segment.weight is None:
+        if traced.static is None:
             return
-        assert ray_segment.transmittance_before is not None
+        segments, weights = traced.static
         self.occupancy.update(
-            ray_segment.points.reshape(-1, 3), ray_segment.weight.flatten(), ray_segment.transmittance_before.flatten(),
+            segments.points.reshape(-1, 3), weights.samples.flatten(), weights.transmittance_before.flatten(),
             prune=self.iteration >= self.config.prune_from, settled=self.progress >= self.config.settled_from, camera=camera,
         )  # fmt: skip
 

@@ -15,6 +15,7 @@ from ..model.frozen import frozen, shallow
 from ..model.occupancy import OccupancyTrainer
 from ..model.scene import SceneModel
 from ..ops.constants import GROUND_CELL_M
+from ..ops.field_values import signed_distances
 
 REACH_M = 2.0
 """How high above the ground things are continued downwards: a van's height."""
@@ -94,10 +95,10 @@ class UnobservedPrior:
         if len(pick) == 0:
             return x.new_zeros(())
         x, height, clear = x[pick], height[pick], clear[pick]
-        s = model.static.distance(x)
+        s = model.static.signed_distance(x)
         with torch.no_grad():
             above = x + F.pad(0.1 + 0.5 * torch.rand(len(x), 1, generator=generator, device=device), (2, 0))
-            expected = torch.where(clear, height, torch.minimum(model.static.distance(above), height))
+            expected = torch.where(clear, height, torch.minimum(model.static.signed_distance(above), height))
         return F.smooth_l1_loss(s.clamp(-_BAND_M, _BAND_M), expected.clamp(-_BAND_M, _BAND_M), beta=0.05)
 
     def _on_ground(self, model: SceneModel, generator: torch.Generator) -> Tensor:
@@ -107,10 +108,10 @@ class UnobservedPrior:
         x = x[~self.occupancy.in_view(x)][:_POINTS]
         if len(x) == 0:
             return x.new_zeros(())
-        s, look = model.static(x)
+        values, look = model.static(x)
         reach = torch.tensor([_ALONG_M, _ACROSS_M], device=device)
         beside = model.ground.under(x[:, :2] + reach * (2 * torch.rand(len(x), 2, generator=generator, device=device) - 1))
-        return s.abs().mean() + self._alike(model, look, beside, generator)
+        return signed_distances(values).abs().mean() + self._alike(model, look, beside, generator)
 
     def _looks_of_returns(self, model: SceneModel, generator: torch.Generator) -> Tensor:
         """What LiDAR met above the ground and no image shows looks like what it met near by and one does."""
@@ -166,15 +167,15 @@ class UnobservedPrior:
 
         inside = place(unit * sizes[which])
         on_ground = model.ground.under(inside)
-        s = model.static.distance(inside)
+        s = model.static.signed_distance(inside)
         expected = (inside - on_ground)[:, 2].clamp(-_BAND_M, _BAND_M)
         height = F.smooth_l1_loss(s.clamp(-_BAND_M, _BAND_M), expected, beta=0.05)
         # the nearer long side, and a little beyond it
         side = torch.sign(unit[:, 1]) * (0.5 * sizes[which][:, 1] + 0.2 + 0.8 * torch.rand(n, generator=generator, device=device))
         beyond = place(torch.stack([unit[:, 0] * sizes[which][:, 0], side, unit[:, 2] * 0], -1))
         beyond = model.ground.under(beyond)
-        s_ground, look = model.static(on_ground)
-        return height + s_ground.abs().mean() + self._alike(model, look, beyond, generator)
+        values, look = model.static(on_ground)
+        return height + signed_distances(values).abs().mean() + self._alike(model, look, beyond, generator)
 
     @torch.no_grad()
     def continued(self) -> Tensor:

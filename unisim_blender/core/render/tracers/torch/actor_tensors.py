@@ -34,8 +34,8 @@ class ActorSetTensors:
 class ActiveActorTensors:
     """``own`` are actors with looks of the scene itself, ``foreign`` those of other scenes by their paths.
 
-    Places are measured from the corner of the own scene's volume, along the world's axes. removals: (box_from_world (R, 4, 4),
-    size_m (R, 3)); copies: tracklets of the target boxes, copy_source: world_from_source (C, 4, 4).
+    Places are measured from the corner of the own scene's volume, along the world's axes. removals: (box_from_world
+    (R, 4, 4), size_m (R, 3)); copies: tracklets of the target boxes, copy_source: world_from_source (C, 4, 4).
     """
 
     own: ActorSetTensors
@@ -44,11 +44,17 @@ class ActiveActorTensors:
     copies: Tracklets | None = None
     copy_source: Tensor | None = None
 
+    @property
+    def sets(self) -> list[ActorSetTensors]:
+        """All actor sets: the scene's own first, then the foreign ones."""
+        return [self.own, *self.foreign.values()]
+
 
 def active_actor_tensors(
     active: ActiveActors, scenes: Mapping[str, tuple[SceneModel, Tensor]], device: torch.device | str = "cpu"
 ) -> ActiveActorTensors:
-    """The active actors on a device; ``scenes`` are models and their baked actor grids by path, the scene's own under ""."""
+    """The active actors on a device; ``scenes`` are models and their baked actor grids by path, the scene's own under
+    ""."""
     corner = scenes[""][0].volume.corner
 
     def tracklets(actors: Sequence[Actor]) -> Tracklets:

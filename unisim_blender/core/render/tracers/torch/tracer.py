@@ -1,7 +1,7 @@
 """The tracer in torch: the reference, what training renders with, and every device's but the CPU's way.
 
-trace                      samples, fields, depth order, features  trace.py, march.py, fields/, density.py, composite.py
-ray_passes                 depth, normal, instance, support        ray_passes.py
+trace                      samples, fields, depth order, features  trace.py, segments.py, background.py
+ray_passes                 depth, normal, instance, unsupported    ray_passes.py
 ray_head, camera_decoder   features to pixels                      decode.py
 lidar_head                 features to intensity and returns       decode.py
 """
@@ -25,7 +25,8 @@ from ....model.frozen import shallow
 from ....model.scene import SceneModel
 from ....model.volume_frame import VolumeFrame
 from ....ops.devices import tensor_to
-from ....ops.ray_segments import RayBatch, SegmentTrace
+from ....ops.ray_segments import ActorSegments, MeshSegments, RayBatch
+from ....ops.segment_trace import SegmentTrace
 from ....sensors.bounds import Bounds
 from ....sensors.frames import RenderStats
 from ....sensors.rays import Rays, sound_directions
@@ -38,7 +39,8 @@ from ...quality import QUALITY, Quality
 from ...tracer import EDGE_CELLS, NEAR_M, UNIFORM_STEP_M, Array, TraceResult
 from .actor_tensors import active_actor_tensors
 from .ray_passes import ray_passes
-from .trace import Sampling, trace
+from .sampling import Sampling
+from .trace import trace
 
 CHUNK_RAYS = 16384
 EXACT_SAMPLES = QUALITY["reference"].samples
@@ -46,8 +48,8 @@ EXACT_SAMPLES = QUALITY["reference"].samples
 
 
 class TorchBackend:
-    """Trained scenes on a device, loaded once: a `tracer.Backend`. ``others`` are scenes by path, for actors that come from
-    them."""
+    """Trained scenes on a device, loaded once: a `tracer.Backend`. ``others`` are scenes by path, for actors that
+    come from them."""
 
     sees_all = False
 
@@ -101,8 +103,8 @@ class TorchTracer:
 
     @property
     def half(self) -> bool:
-        """Whether decoders work in half precision: a pixel's 8 bits need no more, where a device is faster so. The quality may
-        change from one image to the next."""
+        """Whether decoders work in half precision: a pixel's 8 bits need no more, where a device is faster so. The
+        quality may change from one image to the next."""
         return torch.device(self.device).type == "cuda" and self.quality.samples < EXACT_SAMPLES
 
     @torch.no_grad()
@@ -118,7 +120,7 @@ class TorchTracer:
         near = self.bounds.in_reach(rays)
         stats.actors_skipped += len(self.active.own.actors) - len(near)
         among = torch.tensor(near, dtype=torch.long, device=self.device)
-        sampling = Sampling(fine=self.quality.samples, far_fine=self.quality.far, sky=sky)
+        sampling = Sampling(fine=self.quality.samples, background_fine=self.quality.far, sky=sky)
         pieces, maps = [], []
         for begin in range(0, len(batch), CHUNK_RAYS):
             part = RayBatch(*(x[begin : begin + CHUNK_RAYS] for x in (batch.origins, batch.directions, batch.time_s)))
@@ -128,8 +130,8 @@ class TorchTracer:
             traced = trace(self.scene.model, self.tensors, part, sampling, among, surfaces)
             self._count(part, traced, stats)
             maps.append(ray_passes(self.scene, self.tensors, part, traced, passes))
-            traced.ray_segments = []
-            pieces.append(traced)
+            # samples of all chunks together would be too many to keep
+            pieces.append(replace(traced, ray_segments=(), weights=(), background=None))
         covered = _joined([p.mesh_opacity for p in pieces])
         joined = {name: np.concatenate([m[name] for m in maps]) for name in maps[0]}
         if told:
@@ -154,9 +156,9 @@ class TorchTracer:
         config = self.scene.model.config.samples
         # what places a sample costs a distance query too
         spent = traced.samples + sum(
-            len(s.ray) * (config.static_proposals if s.bounds is None else config.actor_proposals)
+            len(s) * (config.actor_proposals if isinstance(s, ActorSegments) else config.static_proposals)
             for s in traced.ray_segments
-            if s.normals is None
+            if not isinstance(s, MeshSegments)
         )
         stats.rays += len(part)
         stats.samples_spent += spent
@@ -164,7 +166,8 @@ class TorchTracer:
 
     @torch.no_grad()
     def image(self, found: TraceResult, directions: FloatArray, camera_id: str, shape: tuple[int, ...]) -> Array:
-        """The image (h up, w up, 3) in 0..1, display-referred sRGB, of cells in ``shape`` (h, w), directions (h w, 3)."""
+        """The image (h up, w up, 3) in 0..1, display-referred sRGB, of cells in ``shape`` (h, w), directions (h w,
+        3)."""
         along = torch.as_tensor(sound_directions(directions), dtype=torch.float32, device=self.device)
 
         def decoded(network: SceneModel, feature: Tensor) -> Tensor:
@@ -223,8 +226,8 @@ def _joined(parts: list[Tensor | None]) -> Tensor | None:
 
 
 def _spread_over_edges(feature: Tensor, share: Tensor, shape: tuple[int, ...], cells: int) -> Tensor:
-    """A foreign actor's features (N, F), divided by its share of the ray and carried so far past its edges, where decoders look
-    too."""
+    """A foreign actor's features (N, F), divided by its share of the ray and carried so far past its edges, where
+    decoders look too."""
     f = feature.view(1, *shape, -1).permute(0, 3, 1, 2)
     a = share.view(1, 1, *shape)
     for _ in range(cells):

@@ -1,15 +1,20 @@
-"""Weights of samples along ray segments and what they add up to, on a GPU: what `composite.gather_reference` says, and its
-gradients.
+"""Weights of samples along ray segments and what they add up to, by Triton's kernels, forward and backward.
 
 A program goes along BLOCK ray segments, interval by interval; what a ray segment gives stays with it until its end.
 """
 
 from __future__ import annotations
 
+from typing import Any
+
 import torch
 import triton
 import triton.language as tl
 from torch import Tensor
+from torch.autograd.function import once_differentiable
+
+from ..ray_segments import RaySegments
+from .rows import with_even_rows
 
 BLOCK = 32
 
@@ -31,7 +36,7 @@ def _numbered(n, WIDTH: tl.constexpr, WIDE: tl.constexpr, BLOCK: tl.constexpr):
 
 @triton.jit
 def _forward(
-    n, count, t, tau, share, front, features, row, interval, weight, sums,
+    n, count, t, tau, stop_fraction, before, features, row, interval, weight, sums,
     WIDTH: tl.constexpr, WIDE: tl.constexpr, BLOCK: tl.constexpr,
 ):  # fmt: skip
     p, f, there, mask = _numbered(n, WIDTH, WIDE, BLOCK)
@@ -41,9 +46,9 @@ def _forward(
     for back in range(0, count):
         i = count - 1 - back
         at = p * count + i
-        own_tau, own_front = tl.load(tau + at, mask=there, other=0.0), tl.load(front + at, mask=there, other=0.0)
-        stops = own_front * _stopped(own_tau)
-        far = own_front * tl.load(share + at, mask=there, other=0.0)
+        own_tau, own_before = tl.load(tau + at, mask=there, other=0.0), tl.load(before + at, mask=there, other=0.0)
+        stops = own_before * _stopped(own_tau)
+        far = own_before * tl.load(stop_fraction + at, mask=there, other=0.0)
         # an interval's weight goes to the samples at its two ends; interval 0 has only its own
         w = far + near + tl.where(i == 0, stops, 0.0)
         near = stops - far
@@ -62,8 +67,8 @@ def _forward(
 
 @triton.jit
 def _backward(
-    n, count, t, tau, share, front, features, row, weight, g_interval,
-    g_weight, g_sums, of_tau, of_share, of_front, of_features,
+    n, count, t, tau, stop_fraction, before, features, row, weight, g_interval,
+    g_weight, g_sums, of_tau, of_stop_fraction, of_before, of_features,
     WIDTH: tl.constexpr, WIDE: tl.constexpr, BLOCK: tl.constexpr,
 ):  # fmt: skip
     p, f, there, mask = _numbered(n, WIDTH, WIDE, BLOCK)
@@ -72,7 +77,7 @@ def _backward(
     g_total = tl.load(g_sums + given + WIDTH, mask=there, other=0.0)
     g_t = tl.load(g_sums + given + WIDTH + 1, mask=there, other=0.0)
     g_tau = tl.load(g_sums + given + WIDTH + 2, mask=there, other=0.0)
-    before = tl.zeros((BLOCK,), tl.float32)
+    last = tl.zeros((BLOCK,), tl.float32)
     for i in range(0, count):
         at = p * count + i
         w = tl.load(weight + at, mask=there, other=0.0)
@@ -81,43 +86,73 @@ def _backward(
         g_w = tl.load(g_weight + at, mask=there, other=0.0) + tl.sum(g_feature * feature, 1)
         g_w += g_total + g_t * tl.load(t + at, mask=there, other=0.0)
         # the far part is this sample's, the near part the one before's; of interval 0 this one has all
-        near = tl.where(i == 0, g_w, before)
-        own_tau, own_front = tl.load(tau + at, mask=there, other=0.0), tl.load(front + at, mask=there, other=0.0)
-        own_share = tl.load(share + at, mask=there, other=0.0)
+        near = tl.where(i == 0, g_w, last)
+        own_tau, own_before = tl.load(tau + at, mask=there, other=0.0), tl.load(before + at, mask=there, other=0.0)
+        own_stop_fraction = tl.load(stop_fraction + at, mask=there, other=0.0)
         g_stops = tl.load(g_interval + at, mask=there, other=0.0) + near
-        g_far = g_w - tl.where(i == 0, 0.0, before)
-        tl.store(of_tau + at, g_stops * own_front * tl.exp(-own_tau) + g_tau, mask=there)
-        tl.store(of_share + at, g_far * own_front, mask=there)
-        tl.store(of_front + at, g_stops * _stopped(own_tau) + g_far * own_share, mask=there)
-        before = g_w
+        g_far = g_w - tl.where(i == 0, 0.0, last)
+        tl.store(of_tau + at, g_stops * own_before * tl.exp(-own_tau) + g_tau, mask=there)
+        tl.store(of_stop_fraction + at, g_far * own_before, mask=there)
+        tl.store(of_before + at, g_stops * _stopped(own_tau) + g_far * own_stop_fraction, mask=there)
+        last = g_w
 
 
-def gather_forward(t: Tensor, tau: Tensor, share: Tensor, front: Tensor, features: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """Weights of intervals and samples (P, K) and sums (P, F + 3), of contiguous t, tau, share, front (P, K) and features
-    (P, K, F), whose rows need not touch."""
+def _gather_forward(
+    t: Tensor, tau: Tensor, stop_fraction: Tensor, before: Tensor, features: Tensor
+) -> tuple[Tensor, Tensor, Tensor]:
+    """Weights of intervals and samples (P, K) and sums (P, F + 3), of contiguous t, tau, stop_fraction, before (P, K) and
+    features (P, K, F), whose rows need not touch."""
     n, count, width = features.shape
     interval, weight, sums = torch.empty_like(tau), torch.empty_like(tau), tau.new_empty(n, width + 3)
     if n:
         with torch.cuda.device_of(tau):
             _forward[(triton.cdiv(n, BLOCK),)](
-                n, count, t, tau, share, front, features, features.stride(1), interval, weight, sums,
+                n, count, t, tau, stop_fraction, before, features, features.stride(1), interval, weight, sums,
                 WIDTH=width, WIDE=triton.next_power_of_2(width), BLOCK=BLOCK,
             )  # fmt: skip
     return interval, weight, sums
 
 
-def gather_backward(
-    t: Tensor, tau: Tensor, share: Tensor, front: Tensor, features: Tensor, weight: Tensor,
+def _gather_backward(
+    t: Tensor, tau: Tensor, stop_fraction: Tensor, before: Tensor, features: Tensor, weight: Tensor,
     of_interval: Tensor, of_weight: Tensor, of_sums: Tensor,
 ) -> tuple[Tensor, Tensor, Tensor, Tensor]:  # fmt: skip
-    """Gradients of tau, share, front (P, K) and features (P, K, F), of those of what `gather_forward` gave; ``weight`` is its."""
+    """Gradients of tau, stop_fraction, before (P, K) and features (P, K, F), of those of what `_gather_forward` gave;
+    ``weight`` is its."""
     n, count, width = features.shape
-    g_tau, g_share, g_front = (torch.empty_like(tau) for _ in range(3))
+    g_tau, g_stop_fraction, g_before = (torch.empty_like(tau) for _ in range(3))
     g_features = features.new_empty(features.shape)
     if n:
         with torch.cuda.device_of(tau):
             _backward[(triton.cdiv(n, BLOCK),)](
-                n, count, t, tau, share, front, features, features.stride(1), weight, of_interval, of_weight, of_sums,
-                g_tau, g_share, g_front, g_features, WIDTH=width, WIDE=triton.next_power_of_2(width), BLOCK=BLOCK,
+                n, count, t, tau, stop_fraction, before, features, features.stride(1), weight, of_interval, of_weight, of_sums,
+                g_tau, g_stop_fraction, g_before, g_features, WIDTH=width, WIDE=triton.next_power_of_2(width), BLOCK=BLOCK,
             )  # fmt: skip
-    return g_tau, g_share, g_front, g_features
+    return g_tau, g_stop_fraction, g_before, g_features
+
+
+class _Gather(torch.autograd.Function):
+    """Forward and backward."""
+
+    @staticmethod
+    def forward(
+        ctx: Any, t: Tensor, tau: Tensor, stop_fraction: Tensor, before: Tensor, features: Tensor
+    ) -> tuple[Tensor, Tensor, Tensor]:
+        t, tau, stop_fraction, before = (x.contiguous() for x in (t, tau, stop_fraction, before))
+        features = with_even_rows(features)
+        interval, weight, sums = _gather_forward(t, tau, stop_fraction, before, features)
+        ctx.save_for_backward(t, tau, stop_fraction, before, features, weight)
+        return interval, weight, sums
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx: Any, *grads: Tensor) -> tuple[Tensor | None, ...]:
+        return None, *_gather_backward(*ctx.saved_tensors, *(g.contiguous() for g in grads))
+
+
+def gather(ray_segment: RaySegments, before: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """See `gather.gather`."""
+    out: tuple[Tensor, Tensor, Tensor] = _Gather.apply(
+        ray_segment.t, ray_segment.tau, ray_segment.stop_fraction, before, ray_segment.features
+    )
+    return out

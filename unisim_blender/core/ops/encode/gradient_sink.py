@@ -1,7 +1,8 @@
 """Gradients of hash grids' tables, kept until a step's backward passes are through, then added up in one order.
 
-A table is large and a batch meets few of its rows: a gradient of the whole table for each encoding, which autograd would make and
-add, costs more than the encoding. Shares of a step go backward in threads of their own; here each has a list of its own.
+A table is large and a batch meets few of its rows: a gradient of the whole table for each encoding, which autograd
+would make and add, costs more than the encoding. Shares of a step go backward in threads of their own; here each has
+a list of its own.
 """
 
 from __future__ import annotations
@@ -13,9 +14,9 @@ from contextvars import ContextVar
 
 from torch import Tensor
 
-from .. import native
-from .devices import kernel_threads
-from .grid_shape import GridArrays
+from ... import native
+from ..devices import kernel_threads
+from ..grid_shape import GridArrays
 
 _BRANCH: ContextVar[int] = ContextVar("branch", default=0)
 
@@ -37,7 +38,8 @@ class GradientSink:
         self._waiting: dict[int, list[tuple[GridArrays, Tensor, Tensor | None, Tensor]]] = {}
 
     def put(self, grid: GridArrays, x: Tensor, index: Tensor | None, grad: Tensor) -> None:
-        """Gradients (N, width) of encodings of points x (N, 3), with the number of each point's grid in ``index`` (N,) int32."""
+        """Gradients (N, width) of encodings of points x (N, 3), with the number of each point's grid in ``index``
+        (N,) int32."""
         self._waiting.setdefault(_BRANCH.get(), []).append((grid, x, index, grad))
 
     def pour(self, into: Tensor) -> None:
@@ -53,7 +55,8 @@ class GradientSink:
 
 
 def add_to_table(grid: GridArrays, x: Tensor, index: Tensor | None, grad: Tensor, into: Tensor) -> None:
-    """Add the table's gradient of one encoding, see `GradientSink.put`, by the compiled kernel: contiguous CPU tensors."""
+    """Add the table's gradient of one encoding, see `GradientSink.put`, by the compiled kernel: contiguous CPU
+    tensors."""
     lib = native.library()
     assert lib is not None
     lib.unisim_encode_backward_table(

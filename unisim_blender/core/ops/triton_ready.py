@@ -20,7 +20,7 @@ def _works(device: str) -> bool:
     if os.environ.get("UNISIM_TRITON", "1") == "0" or importlib.util.find_spec("triton") is None:
         return False
     try:
-        from .probe import probe
+        from .triton_probe import probe
 
         probe(device)
     except Exception as error:  # noqa: BLE001 whatever a compiler or a driver raises: torch's operations do as well

@@ -1,7 +1,7 @@
-"""Places of samples along rays through occupied voxels, on a GPU: what `march.propose_reference` says.
+"""Places of samples along rays through occupied voxels, by a kernel of Triton's.
 
-A program walks BLOCK rays through their steps twice, first for the distribution's mass, then for where its quantiles lie, and
-writes no step down: torch's operations keep a number for each step of each ray.
+A program walks BLOCK rays through their steps twice, first for the distribution's mass, then for where its quantiles
+lie, and writes no step down: torch's operations keep a number for each step of each ray.
 """
 
 from __future__ import annotations
@@ -10,6 +10,9 @@ import torch
 import triton
 import triton.language as tl
 from torch import Tensor
+
+from ..constants import DECAY_PER_M
+from .voxels import Segment, Voxels
 
 BLOCK = 32
 
@@ -72,11 +75,11 @@ def _propose(
     tl.store(mass + ray, total, mask=there)
 
 
-def propose(
+def _propose_forward(
     values: Tensor, lower: Tensor, voxel_m: float, decay_per_m: float, o: Tensor, d: Tensor, near: Tensor, far: Tensor, u: Tensor
 ) -> tuple[Tensor, Tensor]:
-    """Places (N, K) at quantiles u (N, K) of what voxels (X, Y, Z) uint8, from ``lower`` (3,) on, say about rays o, d (N, 3) from
-    near to far (N,); the distribution's mass (N,). All contiguous."""
+    """Places (N, K) at quantiles u (N, K) of what voxels (X, Y, Z) uint8, from ``lower`` (3,) on, say about rays o, d
+    (N, 3) from near to far (N,); the distribution's mass (N,). All contiguous."""
     n, count = u.shape
     t, mass = torch.empty_like(u), torch.empty_like(near)
     if n:
@@ -86,3 +89,11 @@ def propose(
                 COUNT=count, WIDE=triton.next_power_of_2(count), BLOCK=BLOCK,
             )  # fmt: skip
     return t, mass
+
+
+def propose(voxels: Voxels, segment: Segment, u: Tensor) -> tuple[Tensor, Tensor]:
+    """See `propose.propose`."""
+    o, d = segment.origins.contiguous(), segment.directions.contiguous()
+    near, far = segment.t_near.contiguous(), segment.t_far.contiguous()
+    values, lower = voxels.values.contiguous(), voxels.lower.float()
+    return _propose_forward(values, lower, voxels.voxel_m, DECAY_PER_M, o, d, near, far, u.contiguous())

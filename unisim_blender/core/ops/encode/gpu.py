@@ -1,11 +1,12 @@
-"""Multiresolution hash grids on a GPU: encodings, their gradients, and fields asked in one go.
+"""Encodings by multiresolution hash grids, by Triton's kernels, forward and backward.
 
-What an encoding is says `fields.hash_grid.encode_reference`. A program works on BLOCK points at once and on every column of
-their encodings: each column looks its level's corners up, and neighbours read neighbouring numbers of a row.
+A program works on BLOCK points at once and on every column of their encodings: each column looks its level's corners
+up, and neighbours read neighbouring numbers of a row.
 """
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,14 +14,18 @@ import torch
 import triton
 import triton.language as tl
 from torch import Tensor
+from torch.autograd.function import once_differentiable
+
+from ..grid_shape import GridArrays, GridShape
+from .gradient_sink import GradientSink
 
 BLOCK = 64
 
 
 @dataclass(frozen=True)
 class GridTensors:
-    """A grid's numbers on a device: scale (L, 3) float32; offset, size, stride_y, stride_z (L,) int32, strides 0 where a level is
-    hashed; ``rows`` of one grid's table and ``features`` of a row."""
+    """A grid's numbers on a device: scale (L, 3) float32; offset, size, stride_y, stride_z (L,) int32, strides 0
+    where a level is hashed; ``rows`` of one grid's table and ``features`` of a row."""
 
     scale: Tensor
     offset: Tensor
@@ -78,11 +83,11 @@ def _columns(
 
 
 @triton.jit
-def _encode(
+def encode_points(
     x, index, table, scale, offset, size, stride_y, stride_z, rows, points,
     there, INDEXED: tl.constexpr, WIDTH: tl.constexpr, WIDE: tl.constexpr, F: tl.constexpr,
 ):  # fmt: skip
-    # encodings (BLOCK, WIDE) of points, zeros behind WIDTH
+    """Encodings (BLOCK, WIDE) of points, zeros behind WIDTH."""
     level, column, size_n, step_y, step_z, first, mask = _columns(
         index, offset, size, stride_y, stride_z, rows, points, there, INDEXED, WIDTH, WIDE, F
     )
@@ -105,7 +110,7 @@ def _forward(
 ):  # fmt: skip
     points = tl.program_id(0).to(tl.int64) * BLOCK + tl.arange(0, BLOCK)
     there = points < n
-    code = _encode(
+    code = encode_points(
         x, index, table, scale, offset, size, stride_y, stride_z, rows, points, there, INDEXED, WIDTH, WIDE, F
     )  # fmt: skip
     c = tl.arange(0, WIDE)
@@ -147,82 +152,79 @@ def _backward(
         tl.store(grad_x + points * 3 + 2, tl.where(inside_z, tl.sum(gz * sz, 1), 0.0), mask=there)
 
 
-@triton.jit
-def _field(
-    x, index, table, scale, offset, size, stride_y, stride_z, rows, n, w1,
-    w2, bias, out, INDEXED: tl.constexpr, WIDTH: tl.constexpr, WIDE: tl.constexpr, F: tl.constexpr,
-    HIDDEN: tl.constexpr, UNITS: tl.constexpr, OUTPUTS: tl.constexpr, NUMBERS: tl.constexpr, BLOCK: tl.constexpr,
-):  # fmt: skip
-    points = tl.program_id(0).to(tl.int64) * BLOCK + tl.arange(0, BLOCK)
-    there = points < n
-    code = _encode(
-        x, index, table, scale, offset, size, stride_y, stride_z, rows, points, there, INDEXED, WIDTH, WIDE, F
-    )  # fmt: skip
-    c, u, v = tl.arange(0, WIDE), tl.arange(0, UNITS), tl.arange(0, NUMBERS)
-    known = (c < WIDTH)[:, None] & (u < HIDDEN)[None, :]
-    first = tl.load(w1 + u[None, :] * WIDTH + c[:, None], mask=known, other=0.0)
-    # tf32 would give distances of a metre an error of a millimetre
-    hidden = tl.maximum(tl.dot(code, first, input_precision="ieee"), 0.0)
-    if OUTPUTS == 1:
-        last = tl.load(w2 + u, mask=u < HIDDEN, other=0.0)
-        tl.store(out + points, tl.sum(hidden * last[None, :], 1) + tl.load(bias), mask=there)
-    else:
-        known = (u < HIDDEN)[:, None] & (v < OUTPUTS)[None, :]
-        last = tl.load(w2 + v[None, :] * HIDDEN + u[:, None], mask=known, other=0.0)
-        b = tl.load(bias + v, mask=v < OUTPUTS, other=0.0)
-        told = tl.dot(hidden, last, input_precision="ieee") + b[None, :]
-        tl.store(out + points[:, None] * OUTPUTS + v[None, :], told, mask=there[:, None] & (v < OUTPUTS)[None, :])
-
-
-def _arguments(grid: GridTensors, table: Tensor, x: Tensor, index: Tensor | None) -> list[Any]:
+def grid_arguments(grid: GridTensors, table: Tensor, x: Tensor, index: Tensor | None) -> list[Any]:
+    """What kernels are given of a grid, its table, points and the numbers of their grids."""
     # where there is one grid any tensor stands for the numbers, which nobody reads
     own = (grid.scale, grid.offset, grid.size, grid.stride_y, grid.stride_z)
     return [x, x if index is None else index, table, *own, grid.rows, len(x)]
 
 
-def _shape(grid: GridTensors, index: Tensor | None) -> dict[str, Any]:
+def grid_constants(grid: GridTensors, index: Tensor | None) -> dict[str, Any]:
+    """What kernels are compiled for, of a grid."""
     wide = max(16, triton.next_power_of_2(grid.width))
     return {"INDEXED": index is not None, "WIDTH": grid.width, "WIDE": wide, "F": grid.features, "BLOCK": BLOCK}
 
 
-def encode_forward(grid: GridTensors, table: Tensor, x: Tensor, index: Tensor | None) -> Tensor:
-    """Encodings (N, width) of points x (N, 3) by a table; ``index`` (N,) int32 numbers each point's grid. All contiguous."""
+def _encode_forward(grid: GridTensors, table: Tensor, x: Tensor, index: Tensor | None) -> Tensor:
+    """Encodings (N, width) of points x (N, 3) by a table; ``index`` (N,) int32 numbers each point's grid. All
+    contiguous."""
     out = x.new_empty(len(x), grid.width)
     if len(x):
         programs = (triton.cdiv(len(x), BLOCK),)
         with torch.cuda.device_of(x):
-            _forward[programs](*_arguments(grid, table, x, index), out, **_shape(grid, index))
+            _forward[programs](*grid_arguments(grid, table, x, index), out, **grid_constants(grid, index))
     return out
 
 
-def encode_backward(
+def _encode_backward(
     grid: GridTensors, table: Tensor, x: Tensor, index: Tensor | None, grad: Tensor, of_table: bool, of_points: bool
 ) -> tuple[Tensor | None, Tensor | None]:
-    """Gradients of the table and of points x (N, 3), those that are asked for, where encodings have the gradient ``grad``
-    (N, width). What a row of the table gets is added up in any order."""
+    """Gradients of the table and of points x (N, 3), those that are asked for, where encodings have the gradient
+    ``grad`` (N, width). What a row of the table gets is added up in any order."""
     grad_table, grad_x = torch.zeros_like(table) if of_table else None, torch.empty_like(x) if of_points else None
     if len(x) and (of_table or of_points):
         programs = (triton.cdiv(len(x), BLOCK),)
         given = [grad if g is None else g for g in (grad_table, grad_x)]
         with torch.cuda.device_of(x):
             _backward[programs](
-                *_arguments(grid, table, x, index), grad, *given, TABLE=of_table, POINTS=of_points, **_shape(grid, index)
+                *grid_arguments(grid, table, x, index), grad, *given, TABLE=of_table, POINTS=of_points,
+                **grid_constants(grid, index),
             )  # fmt: skip
     return grad_table, grad_x
 
 
-def field_forward(
-    grid: GridTensors, table: Tensor, x: Tensor, index: Tensor | None, w1: Tensor, w2: Tensor, bias: Tensor
-) -> Tensor:
-    """W2 relu(W1 encoding) + bias (N, O) at points x (N, 3): weights (H, width) and (O, H), bias (O,), all contiguous."""
-    hidden, outputs = len(w1), len(w2)
-    out = x.new_empty(len(x), outputs)
-    if len(x):
-        programs = (triton.cdiv(len(x), BLOCK),)
-        units, numbers = (max(16, triton.next_power_of_2(count)) for count in (hidden, outputs))
-        with torch.cuda.device_of(x):
-            _field[programs](
-                *_arguments(grid, table, x, index), w1, w2, bias, out, HIDDEN=hidden, UNITS=units, OUTPUTS=outputs,
-                NUMBERS=numbers, **_shape(grid, index),
-            )  # fmt: skip
+@functools.cache
+def tensors_of(shape: GridShape, device: str) -> GridTensors:
+    """A grid's numbers on a device, made once."""
+
+    def integers(values: list[int]) -> Tensor:
+        return torch.tensor(values, dtype=torch.int32, device=device)
+
+    scale = torch.tensor(shape.scale, dtype=torch.float32, device=device)
+    offset, size, stride_y, stride_z = (integers(values) for values in shape.layout())
+    return GridTensors(scale, offset, size, stride_y, stride_z, shape.rows, shape.features)
+
+
+class _Encode(torch.autograd.Function):
+    """The encoding, forward and backward."""
+
+    @staticmethod
+    def forward(ctx: Any, grid: GridArrays, table: Tensor, x: Tensor, index: Tensor | None) -> Tensor:
+        ctx.grid, ctx.index = tensors_of(grid.shape, str(x.device)), index
+        table, x = table.contiguous(), x.contiguous()
+        ctx.save_for_backward(table, x)
+        return _encode_forward(ctx.grid, table, x, index)
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx: Any, *grads: Tensor) -> tuple[None, Tensor | None, Tensor | None, None]:
+        table, x = ctx.saved_tensors
+        _, of_table, of_points, _ = ctx.needs_input_grad
+        return None, *_encode_backward(ctx.grid, table, x, ctx.index, grads[0].contiguous(), of_table, of_points), None
+
+
+def encode(grid: GridArrays, table: Tensor, x: Tensor, index: Tensor | None = None, sink: GradientSink | None = None) -> Tensor:
+    """See `encode.encode`; autograd makes the table's gradient, whatever ``sink`` is."""
+    numbers = None if index is None else index.to(torch.int32).contiguous()
+    out: Tensor = _Encode.apply(grid, table, x, numbers)
     return out

@@ -1,0 +1,109 @@
+"""Operations and their implementations: what is there, what fits, and which one is chosen."""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+from torch import Tensor
+
+from unisim_blender.core import native, ops
+from unisim_blender.core.ops import density, encode, field, near_spheres
+from unisim_blender.core.ops.dispatch import Operation, on_cpu, on_gpu
+from unisim_blender.core.ops.grid_shape import GridArrays, GridShape
+
+ROOT = Path(ops.__file__).parent
+PACKAGES = sorted(path.parent.name for path in ROOT.glob("*/reference.py"))
+PREDICATES = {"compiled": on_cpu, "gpu": on_gpu}
+
+
+def operation(package: str) -> Operation[Any, Any]:
+    found: Operation[Any, Any] = importlib.import_module(f"unisim_blender.core.ops.{package}").OPERATION
+    return found
+
+
+def test_the_operations_are_there() -> None:
+    assert {"encode", "field", "mlp", "density", "propose", "transmittances", "gather", "near_spheres"} <= set(PACKAGES)
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_every_kernel_of_a_package_is_registered_on_its_device_and_takes_what_the_reference_takes(package: str) -> None:
+    own = operation(package)
+    written = {name for name in PREDICATES if (ROOT / package / f"{name}.py").is_file()}
+    assert set(own.kernels) == written and all(own.kernels[name] is PREDICATES[name] for name in written)
+    reference = own.implementation("reference")
+    public = getattr(importlib.import_module(f"unisim_blender.core.ops.{package}"), own.name)
+    for name in written:
+        if name == "gpu":
+            pytest.importorskip("triton", reason="Triton is not installed")
+        kernel = own.implementation(name)
+        assert kernel.__module__ == f"unisim_blender.core.ops.{package}.{name}"
+        assert inspect.signature(kernel) == inspect.signature(reference) == inspect.signature(public)
+
+
+@pytest.mark.parametrize("kind", [torch.float32, torch.float64, torch.float16])
+def test_tensors_on_the_cpu(kind: torch.dtype) -> None:
+    s = torch.zeros(2, 3, dtype=kind)
+    compiled = kind == torch.float32 and native.library() is not None
+    assert density.OPERATION.chosen(s, 1.0) == ("compiled" if compiled else "reference")
+
+
+def test_kernels_for_gpus_come_first(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("unisim_blender.core.ops.dispatch.ready", lambda like: True)
+    grid = GridArrays(GridShape.unit(2, 4, 2, 2, 8))
+    table, x = torch.zeros(grid.rows, 2), torch.zeros(1, 3)
+    assert encode.OPERATION.chosen(grid, table, x) == "gpu"
+    assert encode.OPERATION.chosen(grid, table.double(), x) == "reference", "all of the tensors decide"
+
+
+def test_a_field_that_learns_has_its_operations_one_by_one() -> None:
+    grid = GridArrays(GridShape.unit(2, 4, 2, 2, 8))
+    x, w1, w2, bias = torch.zeros(1, 3), torch.zeros(3, grid.shape.width), torch.zeros(2, 3), torch.zeros(2)
+    table = torch.zeros(grid.rows, 2, requires_grad=True)
+    alone = "reference" if native.library() is None else "compiled"
+    assert field.OPERATION.chosen(grid, table, x, w1, w2, bias) == "reference"
+    assert field.OPERATION.chosen(grid, table.detach(), x, w1, w2, bias) == alone
+    with torch.no_grad():
+        assert field.OPERATION.chosen(grid, table, x, w1, w2, bias) == alone
+
+
+def test_an_implementation_from_outside_comes_first_where_it_applies(monkeypatch: pytest.MonkeyPatch) -> None:
+    own = near_spheres.OPERATION
+    monkeypatch.setattr(own, "kernels", own.kernels)
+    seen: list[int] = []
+
+    def few(tensors: Sequence[Tensor]) -> bool:
+        return len(tensors[0]) < 3
+
+    def mine(origins: Tensor, directions: Tensor, bins: Tensor, centres: Tensor, radii: Tensor) -> Tensor:
+        seen.append(len(origins))
+        return own.implementation("reference")(origins, directions, bins, centres, radii)
+
+    own.register("mine", few, mine)
+    for count in (2, 5):
+        way = torch.tensor([[1.0, 0, 0]]).expand(count, 3)
+        arguments = torch.zeros(count, 3), way, torch.zeros(count, dtype=torch.long), torch.ones(1, 1, 3), torch.ones(1, 1)
+        found = near_spheres.near_spheres(*arguments)
+        assert torch.equal(found, own.implementation("reference")(*arguments))
+    assert seen == [2]
+
+
+def test_without_a_gpu_nobody_imports_triton() -> None:
+    program = f"""
+import importlib, sys
+for package in {PACKAGES!r}:
+    importlib.import_module(f"unisim_blender.core.ops.{{package}}")
+import torch
+from unisim_blender.core.ops.density import logistic_intervals
+logistic_intervals(torch.zeros(2, 3), 1.0)
+print("triton" in sys.modules, any(name.endswith(".gpu") for name in sys.modules))
+"""
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True, timeout=120)
+    assert done.stdout.split() == ["False", "False"]

@@ -1,0 +1,88 @@
+"""What a field says at points: signed distances, or logarithms of densities. Either has its own type, so that no
+number is metres in one place and a logarithm in another."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from .constants import CLEARANCE_M, EMPTY_LOG_DENSITY, EMPTY_M
+
+
+@dataclass(frozen=True)
+class SignedDistances:
+    """Signed distances (...) in metres, positive in free space."""
+
+    metres: Tensor
+
+    def view(self, shape: Sequence[int]) -> SignedDistances:
+        """The same in another shape."""
+        return SignedDistances(self.metres.view(*shape))
+
+    def rows(self, which: Tensor) -> SignedDistances:
+        """Those of some rows."""
+        return SignedDistances(self.metres[which])
+
+    def outward(self) -> Tensor:
+        """What rises towards free space: the distances."""
+        return self.metres
+
+    def where(self, solid: Tensor) -> SignedDistances:
+        """The same where ``solid`` (...) is true, and empty space elsewhere."""
+        return SignedDistances(torch.where(solid, self.metres, EMPTY_M))
+
+    def cleared(self, row: Tensor, column: Tensor, height_m: Tensor) -> SignedDistances:
+        """The same, with nothing but the ground near (row, column) (M,), which are so high above it: (M,), metres."""
+        own = self.metres[row, column]
+        free = torch.maximum(own, height_m)
+        return SignedDistances(self.metres.index_put((row, column), torch.where(height_m > CLEARANCE_M, free, own)))
+
+
+@dataclass(frozen=True)
+class LogDensities:
+    """Natural logarithms (...) of densities in 1 / metres."""
+
+    logs: Tensor
+
+    def view(self, shape: Sequence[int]) -> LogDensities:
+        """The same in another shape."""
+        return LogDensities(self.logs.view(*shape))
+
+    def rows(self, which: Tensor) -> LogDensities:
+        """Those of some rows."""
+        return LogDensities(self.logs[which])
+
+    def outward(self) -> Tensor:
+        """What rises towards free space: minus the logarithms."""
+        return -self.logs
+
+    def where(self, solid: Tensor) -> LogDensities:
+        """The same where ``solid`` (...) is true, and empty space elsewhere."""
+        return LogDensities(torch.where(solid, self.logs, EMPTY_LOG_DENSITY))
+
+    def cleared(self, row: Tensor, column: Tensor, height_m: Tensor) -> LogDensities:
+        """The same, with nothing at (row, column) (M,) but the ground: what is so high above it, (M,) metres, is
+        empty."""
+        own = self.logs[row, column]
+        free = torch.full_like(own, EMPTY_LOG_DENSITY)
+        return LogDensities(self.logs.index_put((row, column), torch.where(height_m > CLEARANCE_M, free, own)))
+
+
+FieldValues = SignedDistances | LogDensities
+
+
+def signed_distances(values: FieldValues) -> Tensor:
+    """The metres of signed distances; TypeError for densities, which have none."""
+    if not isinstance(values, SignedDistances):
+        raise TypeError("this field says densities, and no signed distances")
+    return values.metres
+
+
+def log_densities(values: FieldValues) -> Tensor:
+    """The logarithms of densities in 1 / metres; TypeError for signed distances."""
+    if not isinstance(values, LogDensities):
+        raise TypeError("this field says signed distances, and no densities")
+    return values.logs

@@ -1,0 +1,44 @@
+"""Places of samples along rays through occupied voxels, in plain torch, which keeps a number for each half voxel of
+each ray."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from ..constants import DECAY_PER_M
+from .voxels import Segment, Voxels
+
+
+def propose(voxels: Voxels, segment: Segment, u: Tensor) -> tuple[Tensor, Tensor]:
+    """Places t (N, K) at quantiles u (N, K), rising along each row, of the occupied voxels' distribution; its mass
+    (N,).
+
+    A ray is cut into steps of half a voxel; a step's mass is its voxel's value p times exp(-DECAY_PER_M * metres of p
+    before). A mass of 0 says that the ray meets nothing.
+    """
+    step = voxels.voxel_m / 2
+    span = segment.t_far - segment.t_near
+    steps = int(torch.ceil(span / step).max().clamp_min(1)) if len(span) else 1
+    i = torch.arange(steps, device=span.device)
+    t = segment.t_near[:, None] + (i + 0.5) * step
+    points = segment.origins[:, None] + t[..., None] * segment.directions[:, None]
+    cell = torch.floor((points - voxels.lower) * (1.0 / voxels.voxel_m)).long()
+    shape = torch.tensor(voxels.values.shape, device=span.device)
+    inside = ((cell >= 0) & (cell < shape)).all(-1) & (i < torch.ceil(span / step)[:, None])
+    cell = torch.minimum(cell.clamp_min(0), shape - 1)
+    p = voxels.values[cell[..., 0], cell[..., 1], cell[..., 2]].to(t.dtype) * inside / 255
+    mass = p * torch.exp(-DECAY_PER_M * step * (p.cumsum(-1) - p))
+    cdf = mass.cumsum(-1)
+    total = cdf[:, -1]
+    target = u * total[:, None]
+    j = torch.searchsorted(cdf, target.contiguous(), right=True).clamp_max(steps - 1)
+    # quantiles that rounding sends past the last occupied step stand in it
+    last = steps - 1 - (mass > 0).flip(-1).to(torch.uint8).argmax(-1)
+    j = torch.minimum(j, last[:, None])
+    here = cdf.gather(1, j)
+    weight = mass.gather(1, j)
+    fraction = ((target - (here - weight)) / weight.clamp_min(1e-30)).clamp(0, 1)
+    placed = segment.t_near[:, None] + (j + fraction) * step
+    evenly = segment.t_near[:, None] + u * span[:, None]
+    return torch.where(total[:, None] > 0, placed, evenly), total

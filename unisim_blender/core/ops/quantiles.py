@@ -1,0 +1,65 @@
+"""Quantiles at which samples are taken: even ones first, then more where a first set says that rays stop.
+
+Both sets are drawn in the quantiles of the occupied voxels' distribution (`propose`), so free space between occupied
+voxels never takes a sample.
+"""
+
+from __future__ import annotations
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor
+
+from .constants import QUANTILE_FLOOR
+
+
+def stratified(rays: int, count: int, jitter: bool, like: Tensor, generator: torch.Generator | None = None) -> Tensor:
+    """Quantiles (rays, count), one in each of ``count`` equal parts of [0, 1]: its middle, or anywhere in it."""
+    offset = (
+        torch.rand(rays, count, generator=generator, device=like.device)
+        if jitter
+        else torch.full((rays, count), 0.5, device=like.device)
+    )
+    return ((torch.arange(count, device=like.device) + offset) / count).to(like.dtype)
+
+
+def refine_quantiles(u: Tensor, t: Tensor, s: Tensor, beta: float, count: int, jitter: Tensor) -> Tensor:
+    """Quantiles (N, count) near the surface that signed distances s (N, K) at places t (N, K), quantiles u (N, K),
+    point to.
+
+    The weights are the logistic density's with a beta that an interval's length bounds: a sample that passes near a
+    thin thing draws others to it. `QUANTILE_FLOOR` of them are spread evenly over the quantiles. ``jitter`` (N,
+    count) rises in [0, 1].
+    """
+    gap = (t[:, 1:] - t[:, :-1]).clamp_min(1e-4)
+    sharp = (4.0 / gap).clamp_max(beta)
+    rise = F.softplus(-sharp * s[:, 1:]) - F.softplus(-sharp * s[:, :-1])
+    tau = rise.clamp_min(0)
+    before = F.softplus(-beta * s[:, :1])
+    total = tau.cumsum(-1)
+    weight = torch.exp(-(total - tau) - before) * -torch.expm1(-tau)
+    # the ends of [0, 1] belong to the first and last interval
+    first = -torch.expm1(-before)
+    weight = torch.cat([first, weight, torch.zeros_like(first)], -1)
+    return _drawn(torch.cat([torch.zeros_like(u[:, :1]), u, torch.ones_like(u[:, :1])], -1), weight, jitter)
+
+
+def refine_by_density(u: Tensor, tau: Tensor, jitter: Tensor) -> Tensor:
+    """`refine_quantiles` for densities: tau (N, K) are the optical depths of the parts of [0, 1] about each of the
+    quantiles u (N, K), as NeRF's second pass has it (Mildenhall et al., 2020, section 5.2)."""
+    middle = (u[:, 1:] + u[:, :-1]) / 2
+    edges = torch.cat([torch.zeros_like(u[:, :1]), middle, torch.ones_like(u[:, :1])], -1)
+    total = tau.cumsum(-1)
+    return _drawn(edges, torch.exp(-(total - tau)) * -torch.expm1(-tau), jitter)
+
+
+def _drawn(edges: Tensor, weight: Tensor, jitter: Tensor) -> Tensor:
+    """Where between edges (N, M + 1) a distribution of weights (N, M), with its floor, reaches jitter (N, count)."""
+    weight, widths = weight + 1e-5, torch.diff(edges, dim=-1)
+    pdf = (1 - QUANTILE_FLOOR) * weight / weight.sum(-1, keepdim=True) + QUANTILE_FLOOR * widths
+    cdf = F.pad(pdf.cumsum(-1), (1, 0))
+    cdf = cdf / cdf[:, -1:]
+    j = torch.searchsorted(cdf, jitter.contiguous(), right=True).clamp(1, cdf.shape[1] - 1)
+    c0, c1 = cdf.gather(1, j - 1), cdf.gather(1, j)
+    e0, e1 = edges.gather(1, j - 1), edges.gather(1, j)
+    return e0 + (jitter - c0) / (c1 - c0).clamp_min(1e-12) * (e1 - e0)

@@ -1,0 +1,178 @@
+"""Ray segments through each kind of field: samples placed, the field queried, its values turned into optical
+depths."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from ....meshes.hits import MeshHits
+from ....model.scene import SceneModel
+from ....ops.constants import WHOLE
+from ....ops.propose import propose
+from ....ops.propose.voxels import Segment
+from ....ops.quantiles import stratified
+from ....ops.ray_segments import ActorSegments, CopiedBoxSegments, MeshSegments, RayBatch, StaticSegments
+from ...tracer import NEAR_M
+from .absorption import along, intervals, occupied_lengths, refined
+from .actor_tensors import ActiveActorTensors, ActorSetTensors
+from .sampling import Sampling
+from .static_mask import StaticMask
+
+ACTOR_STEPS = 4
+"""UniSim's density takes so many steps in an actor's box where it takes one in the static field."""
+
+
+def static_segments(scene: SceneModel, mask: StaticMask, rays: RayBatch, sampling: Sampling) -> StaticSegments:
+    """Ray segments through the static field; rays that meet no occupied voxel have none."""
+    o, d = scene.frame.points(rays.origins), scene.frame.vectors(rays.directions)
+    t_near, t_far = scene.frame.span(o, d, NEAR_M)
+    if rays.starts is not None:
+        t_near = torch.minimum(torch.maximum(t_near, rays.starts), t_far)
+    n, samples = len(rays), scene.config.samples
+    u = stratified(n, sampling.count(samples.static_proposals), sampling.jitter, o, sampling.generator)
+    with torch.no_grad():
+        t, mass = propose(scene.occupancy.voxels, Segment(o, d, t_near, t_far), u)
+        ray = torch.nonzero((mass > 0) & (t_far > t_near))[:, 0]
+        # free space: rays that meet no occupied voxel take no sample
+        o, d, u, t = o[ray], d[ray], u[ray], t[ray]
+        segment = Segment(o, d, t_near[ray], t_far[ray])
+        points = along(o, d, t)
+        values = mask.apply(scene.static.values(points.reshape(-1, 3)).view(t.shape), ray, t, points)
+        jitter = stratified(len(ray), sampling.count(samples.static), sampling.jitter, o, sampling.generator)
+        quantiles = refined(scene, values, u, t, lambda: occupied_lengths(scene, o, d, t), jitter)
+        t, _ = propose(scene.occupancy.voxels, segment, quantiles)
+    points = along(o, d, t)
+    values, feature = scene.static(points.reshape(-1, 3))
+    feature = scene.directed(feature, rays.directions[ray].repeat_interleave(t.shape[1], 0))
+    values = mask.apply(values.view(t.shape), ray, t, points)
+    tau, stop_fraction = intervals(
+        scene, values, t, lambda: occupied_lengths(scene, o, d, t), scene.config.unisim_step_m
+    )  # fmt: skip
+    return StaticSegments(
+        ray=ray, t=t, features=feature.view(*t.shape, scene.config.features), tau=tau, stop_fraction=stop_fraction,
+        values=values, points=points, density=scene.config.density, beta=float(scene.beta().detach()),
+    )  # fmt: skip
+
+
+def actor_segments(
+    actor_set: ActorSetTensors, rays: RayBatch, sampling: Sampling, number: int, first: int, among: Tensor | None
+) -> ActorSegments | None:
+    """Ray segments through the boxes of the actor set of this ``number``, whose first actor is number ``first`` of
+    all; None where no ray meets one. ``among`` names the actors to try."""
+    if not actor_set.uids or (among is not None and len(among) == 0):
+        return None
+    hits = actor_set.tracklets.hits(rays.origins, rays.directions, rays.time_s, NEAR_M, among, actor_set.keys)
+    if len(hits.ray) == 0:
+        return None
+    scene, samples = actor_set.scene, actor_set.scene.config.samples
+    size, row = actor_set.tracklets.sizes_m[hits.actor], actor_set.rows[hits.actor]
+    flip = None
+    if sampling.mirror is not None:
+        # an actor at a time: rays that turned one by one would be noise, which the decoder learns to blur
+        chance = torch.rand(len(sampling.mirror), generator=sampling.generator, device=row.device)
+        flip = torch.where(chance < sampling.mirror, -1.0, 1.0)[row]
+
+    def unit(t: Tensor) -> Tensor:
+        x = along(hits.origins, hits.directions, t) / size[:, None]
+        if flip is not None:
+            x = torch.stack([x[..., 0], x[..., 1] * flip[:, None], x[..., 2]], -1)
+        return x + 0.5
+
+    span = (hits.t_far - hits.t_near)[:, None]
+
+    def field_m(length: Tensor) -> Tensor:
+        """Lengths along the rays in the metres of the actor's field: its distances and densities are in these."""
+        return length if hits.stretch is None else length * hits.stretch[:, None]
+
+    with torch.no_grad():
+        count = sampling.count(samples.actor_proposals)
+        u = stratified(len(row), count, sampling.jitter, span, sampling.generator)
+        t = hits.t_near[:, None] + u * span
+        values = scene.actors.values(actor_set.tables, unit(t).reshape(-1, 3), row.repeat_interleave(count)).view(t.shape)
+        jitter = stratified(len(row), sampling.count(samples.actor), sampling.jitter, span, sampling.generator)
+        quantiles = refined(scene, values, u, field_m(t), lambda: field_m((span / count).expand_as(t)), jitter)
+        t = hits.t_near[:, None] + quantiles * span
+    points = unit(t)
+    values, feature = scene.actors(actor_set.tables, points.reshape(-1, 3), row.repeat_interleave(t.shape[1]))
+    values = values.view(t.shape)
+    tau, stop_fraction = intervals(
+        scene, values, field_m(t), lambda: field_m(torch.diff(t, dim=1, prepend=hits.t_near[:, None])),
+        scene.config.unisim_step_m / ACTOR_STEPS,
+    )  # fmt: skip
+    if sampling.sky and scene.light is not None:
+        middle = rays.origins[hits.ray] + t.gather(1, _median(tau)) * rays.directions[hits.ray]
+        place = scene.frame.points(middle) if number == 0 else scene.light.home[row]
+        feature = scene.lit(feature.view(*t.shape, -1), place).flatten(0, 1)
+    # a scaled actor too is looked at along the ray as it is in the world, as heads do that see a ray's sum: what the direction
+    # tells is the light, which an edit of the size leaves
+    directions = rays.directions[hits.ray]
+    if flip is not None:
+        directions = _mirrored(directions, hits.world_from_box[:, :, 1], flip)
+    feature = scene.directed(feature, directions.repeat_interleave(t.shape[1], 0))
+    return ActorSegments(
+        ray=hits.ray, t=t, features=feature.view(*t.shape, scene.config.features), tau=tau, stop_fraction=stop_fraction,
+        values=values, points=points, density=scene.config.density, beta=float(scene.beta().detach()), actor_set=number,
+        actor=hits.actor + first, t_near=hits.t_near, t_far=hits.t_far, world_from_box=hits.world_from_box, size_m=size,
+    )  # fmt: skip
+
+
+@torch.no_grad()
+def _median(tau: Tensor) -> Tensor:
+    """The sample (P, 1) at which a ray segment with optical depths tau (P, K) alone has stopped half of what it stops
+    of its ray."""
+    stopped = -torch.expm1(-tau.cumsum(1))
+    return (stopped[:, :-1] < stopped[:, -1:] / 2).sum(1, keepdim=True)
+
+
+def _mirrored(directions: Tensor, across: Tensor, flip: Tensor) -> Tensor:
+    """Directions (P, 3) as a box sees them whose axis ``across`` (P, 3) is flipped where ``flip`` (P,) is -1."""
+    return directions + ((flip - 1) * (directions * across).sum(-1))[:, None] * across
+
+
+def copied_segments(
+    scene: SceneModel, active: ActiveActorTensors, rays: RayBatch, sampling: Sampling
+) -> CopiedBoxSegments | None:
+    """What stands above the ground in a source box, seen where its copy stands; None where no ray meets a copy."""
+    if active.copies is None or active.copy_source is None:
+        return None
+    hits = active.copies.hits(rays.origins, rays.directions, rays.time_s, NEAR_M)
+    if len(hits.ray) == 0:
+        return None
+    samples = scene.config.samples
+    pose = active.copy_source[hits.actor]
+    o = scene.frame.points(torch.einsum("pij,pj->pi", pose[:, :3, :3], hits.origins) + pose[:, :3, 3])
+    d = scene.frame.vectors(torch.einsum("pij,pj->pi", pose[:, :3, :3], hits.directions))
+    span = (hits.t_far - hits.t_near)[:, None]
+    u = stratified(len(o), sampling.count(2 * samples.static), sampling.jitter, o, sampling.generator)
+    t = hits.t_near[:, None] + u * span
+    points = along(o, d, t)
+    values, feature = scene.static(points.reshape(-1, 3))
+    # the source's ground stays where it is
+    values = values.where(scene.ground.above(points.reshape(-1, 3))).view(t.shape)
+    feature = scene.directed(feature, rays.directions[hits.ray].repeat_interleave(t.shape[1], 0))
+    tau, stop_fraction = intervals(
+        scene, values, t, lambda: torch.diff(t, dim=1, prepend=hits.t_near[:, None]), scene.config.unisim_step_m
+    )  # fmt: skip
+    return CopiedBoxSegments(
+        ray=hits.ray, t=t, features=feature.view(*t.shape, scene.config.features), tau=tau, stop_fraction=stop_fraction,
+        values=values, points=points, density=scene.config.density, beta=float(scene.beta().detach()),
+        copy_from_source=hits.world_from_box @ pose[:, :3, :3].mT,
+    )  # fmt: skip
+
+
+def mesh_segments(mesh_hits: MeshHits, like: Tensor, first: int) -> MeshSegments:
+    """Meshes as ray segments of one sample: opaque there as far as they cover the ray. ``first`` is the first mesh's
+    number."""
+
+    def tensor(values: NDArray[Any]) -> Tensor:
+        return torch.as_tensor(values).to(like.device, like.dtype)
+
+    t = tensor(mesh_hits.t)[:, None]
+    tau = -torch.log1p(-tensor(mesh_hits.share).clamp_max(1 - WHOLE))[:, None]
+    nothing, actor = torch.zeros_like(t), torch.as_tensor(mesh_hits.actor, device=t.device) + first
+    ray = torch.as_tensor(mesh_hits.ray, device=t.device)
+    return MeshSegments(ray, t, nothing[..., None], tau, nothing, actor, tensor(mesh_hits.normals))
