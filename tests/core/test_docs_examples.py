@@ -23,6 +23,7 @@ from documentation_pages import NAMES, PAGES, ROOT, Block, blocks
 
 from unisim_blender.core.cli.main import unisim
 from unisim_blender.core.model.config import PRESETS
+from unisim_blender.core.ops.near_spheres import OPERATION as NEAR_SPHERES
 from unisim_blender.core.scenario import scenario_from_json
 from unisim_blender.core.scenario.edits.apply import EDITORS
 
@@ -61,6 +62,7 @@ def folder(tmp_path: Path, street: Path, monkeypatch: pytest.MonkeyPatch) -> Ite
         (tmp_path / f"{name}.json").write_text(json.dumps(autonomy_document()))
     monkeypatch.chdir(tmp_path)
     editors, presets = dict(EDITORS), dict(PRESETS)
+    monkeypatch.setattr(NEAR_SPHERES, "kernels", NEAR_SPHERES.kernels)
     yield tmp_path
     EDITORS.clear()
     EDITORS.update(editors)
