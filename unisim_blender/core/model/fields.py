@@ -20,6 +20,7 @@ from ..ops.hash_grid import encode, tensors_of
 from ..ops.kernel_choice import kernels_for
 from .config import ModelConfig
 from .networks import mlp, network_struct, run_mlp
+from .shapes import background_grid, perceptrons, static_grid
 from .volume import Volume
 from .volume_frame import VolumeFrame, contract, contract_direction
 
@@ -104,10 +105,8 @@ class StaticField(nn.Module):
 
     def __init__(self, config: ModelConfig, volume: Volume) -> None:
         super().__init__()
-        g = config.static_grid
-        extent = (float(volume.size_m[0]), float(volume.size_m[1]), float(volume.size_m[2]))
-        self.grid = HashTable(GridShape.cubic(extent, g.coarsest, g.finest, g.levels, g.features, g.log2_table))
-        self.network = mlp(self.grid.grid.shape.width, config.hidden, 1 + config.features)
+        self.grid = HashTable(static_grid(config, volume.size_m))
+        self.network = mlp(*perceptrons(config)["static.network"])
         self.register_buffer("size_m", torch.as_tensor(volume.size_m).float(), persistent=False)
         start_at(self.network, INITIAL[config.density])
 
@@ -127,9 +126,8 @@ class FarField(nn.Module):
 
     def __init__(self, config: ModelConfig, volume: Volume) -> None:
         super().__init__()
-        g = config.far_grid
-        self.grid = HashTable(GridShape.unit(int(g.coarsest), int(g.finest), g.levels, g.features, g.log2_table))
-        self.network = mlp(self.grid.grid.shape.width, config.hidden, 1 + config.features)
+        self.grid = HashTable(background_grid(config))
+        self.network = mlp(*perceptrons(config)["far.network"])
         self.radius_m = float(min(volume.size_m[:2]) / 2)
         self.frame = VolumeFrame(volume)
         last = self.network[-1]

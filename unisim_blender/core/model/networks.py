@@ -13,8 +13,6 @@ from .. import native
 from ..ops.devices import kernel_threads
 from ..ops.kernel_choice import kernels_for
 
-SH_WIDTH = 16
-
 
 def mlp(width_in: int, hidden: int, width_out: int, layers: int = 2) -> nn.Sequential:
     """``layers`` linear layers with ReLU between them; only the last has a bias, as in Instant-NGP."""
