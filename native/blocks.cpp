@@ -1,20 +1,21 @@
-// Blocks of a picture that is traced where it must be: whose corners differ, whose middles are as foretold, and what lies between.
+// Blocks of an image that is traced adaptively: which have different corners, whose middles are as predicted, and
+// interpolation.
 //
-// The functions are the plain numpy ones in core/render/lattice/blocks.py, which are the specification. Every operation is theirs in their order,
-// and this file is compiled without fused multiplications, so the bits are the same.
+// The specification is plain numpy, in core/render/lattice/blocks.py. Operations and their order are the same, and
+// this file is compiled without fused multiply-add, so the bits are the same.
 #include "variant.h"
 
 #include <cmath>
 
 namespace {
 
-enum Kind : int32_t { COLOUR, DISPARITY, UNIT, PLAIN, LABEL, CROWD, COPIED };
+enum Kind : int32_t { COLOUR, DISPARITY, UNIT, PLAIN, LABEL, CROWDED, COPIED };
 
-// What is not a number stays so, as in numpy's max and min.
+// NaN stays NaN, as in numpy's max and min.
 inline float larger(float a, float b) { return a != a || a > b ? a : b; }
 inline float smaller(float a, float b) { return a != a || a < b ? a : b; }
 
-// Of one block: the numbers of the pixels at its corners, and of the one in its middle.
+// One block: the numbers of the pixels at its corners and in its middle.
 struct Block {
     int64_t corner[4], middle;
 
@@ -34,7 +35,7 @@ inline bool same_label(const unisim_plane &plane, int64_t a, int64_t b) {
     return std::equal(label_of(plane, a), label_of(plane, a) + plane.bytes, label_of(plane, b));
 }
 
-// What is interpolated at the corners of a block: depths as disparities.
+// The values at the corners of a block that are interpolated: disparities in place of depths.
 inline void at_corners(const unisim_plane &plane, const Block &block, int channel, float *at) {
     for (int i = 0; i < 4; ++i) {
         const float x = floats_of(plane, block.corner[i])[channel];
@@ -44,32 +45,32 @@ inline void at_corners(const unisim_plane &plane, const Block &block, int channe
 
 inline float mean_of(const float *at) { return (((at[0] + at[1]) + at[2]) + at[3]) / 4.0f; }
 
-bool differ(const unisim_plane *planes, int32_t count, const Block &block, const unisim_likeness &like, float &range) {
-    bool apart = false;
+bool differ(const unisim_plane *planes, int32_t count, const Block &block, const unisim_block_tolerance &tolerance, float &range) {
+    bool different = false;
     for (int32_t n = 0; n < count; ++n) {
         const unisim_plane &plane = planes[n];
         float at[4];
         if (plane.kind == COLOUR) {
             for (int c = 0; c < plane.channels; ++c) {
                 at_corners(plane, block, c, at);
-                const float spread = larger(larger(larger(at[0], at[1]), at[2]), at[3]) - smaller(smaller(smaller(at[0], at[1]), at[2]), at[3]);
-                range = c ? larger(range, spread) : spread;
+                const float range_of_channel = larger(larger(larger(at[0], at[1]), at[2]), at[3]) - smaller(smaller(smaller(at[0], at[1]), at[2]), at[3]);
+                range = c ? larger(range, range_of_channel) : range_of_channel;
             }
-            apart |= range > like.contrast;
+            different |= range > tolerance.contrast;
         } else if (plane.kind == DISPARITY) {
             at_corners(plane, block, 0, at);
-            const float most = larger(larger(larger(at[0], at[1]), at[2]), at[3]), least = smaller(smaller(smaller(at[0], at[1]), at[2]), at[3]);
+            const float largest = larger(larger(larger(at[0], at[1]), at[2]), at[3]), smallest = smaller(smaller(smaller(at[0], at[1]), at[2]), at[3]);
             const float twist = std::fabs(((at[0] + at[3]) - at[1]) - at[2]);
-            apart |= most - least > like.range * most || twist > like.twist * most;
-        } else if (plane.kind == LABEL || plane.kind == CROWD) {
+            different |= largest - smallest > tolerance.range * largest || twist > tolerance.twist * largest;
+        } else if (plane.kind == LABEL || plane.kind == CROWDED) {
             for (int i = plane.kind == LABEL; i < 4; ++i)
-                apart |= plane.kind == LABEL ? !same_label(plane, block.corner[0], block.corner[i]) : *label_of(plane, block.corner[i]) != 0;
+                different |= plane.kind == LABEL ? !same_label(plane, block.corner[0], block.corner[i]) : *label_of(plane, block.corner[i]) != 0;
         }
     }
-    return apart;
+    return different;
 }
 
-bool foretold(const unisim_plane *planes, int32_t count, const Block &block, const unisim_likeness &like) {
+bool predicted(const unisim_plane *planes, int32_t count, const Block &block, const unisim_block_tolerance &tolerance) {
     bool alike = true;
     for (int32_t n = 0; n < count; ++n) {
         const unisim_plane &plane = planes[n];
@@ -81,18 +82,18 @@ bool foretold(const unisim_plane *planes, int32_t count, const Block &block, con
                 const float here = std::fabs(floats_of(plane, block.middle)[c] - mean_of(at));
                 off = c ? larger(off, here) : here;
             }
-            alike &= off <= like.foretold;
+            alike &= off <= tolerance.prediction;
         } else if (plane.kind == DISPARITY) {
             at_corners(plane, block, 0, at);
-            const float most = larger(larger(larger(at[0], at[1]), at[2]), at[3]);
-            alike &= std::fabs(1.0f / *floats_of(plane, block.middle) - mean_of(at)) <= like.twist * most;
+            const float largest = larger(larger(larger(at[0], at[1]), at[2]), at[3]);
+            alike &= std::fabs(1.0f / *floats_of(plane, block.middle) - mean_of(at)) <= tolerance.twist * largest;
         } else if (plane.kind == LABEL)
             alike &= same_label(plane, block.middle, block.corner[0]);
     }
     return alike;
 }
 
-constexpr int MOST_CHANNELS = 4;
+constexpr int MAX_CHANNELS = 4;
 
 void fill(const unisim_plane &plane, const Block &block, int64_t width, int32_t size, const uint8_t *known) {
     if (plane.kind >= LABEL) {
@@ -103,13 +104,13 @@ void fill(const unisim_plane &plane, const Block &block, int64_t width, int32_t 
             }
         return;
     }
-    float at[MOST_CHANNELS][4], off[MOST_CHANNELS] = {};
-    const bool asked = known[block.middle];
+    float at[MAX_CHANNELS][4], off[MAX_CHANNELS] = {};
+    const bool traced = known[block.middle]; // then the interpolation is bent to it
     for (int c = 0; c < plane.channels; ++c) {
         at_corners(plane, block, c, at[c]);
-        if (!asked) continue;
-        const float told = floats_of(plane, block.middle)[c];
-        off[c] = (plane.kind == DISPARITY ? 1.0f / told : told) - mean_of(at[c]);
+        if (!traced) continue;
+        const float value = floats_of(plane, block.middle)[c];
+        off[c] = (plane.kind == DISPARITY ? 1.0f / value : value) - mean_of(at[c]);
     }
     for (int32_t i = 0; i < size; ++i)
         for (int32_t j = 0; j < size; ++j) {
@@ -118,10 +119,10 @@ void fill(const unisim_plane &plane, const Block &block, int64_t width, int32_t 
             const float v = static_cast<float>(i) / static_cast<float>(size), u = static_cast<float>(j) / static_cast<float>(size);
             const float weight[4] = {(1 - v) * (1 - u), (1 - v) * u, v * (1 - u), v * u};
             const float tent = (1 - std::fabs(2 * v - 1)) * (1 - std::fabs(2 * u - 1));
-            float mixed[MOST_CHANNELS];
+            float mixed[MAX_CHANNELS];
             for (int c = 0; c < plane.channels; ++c) {
                 mixed[c] = ((weight[0] * at[c][0] + weight[1] * at[c][1]) + weight[2] * at[c][2]) + weight[3] * at[c][3];
-                if (asked) mixed[c] += tent * off[c];
+                if (traced) mixed[c] += tent * off[c];
             }
             if (plane.kind == UNIT) {
                 const float square = (mixed[0] * mixed[0] + mixed[1] * mixed[1]) + mixed[2] * mixed[2];
@@ -135,29 +136,30 @@ void fill(const unisim_plane &plane, const Block &block, int64_t width, int32_t 
 
 } // namespace
 
-// verdict (n) of blocks (n, 2) whose corners are known: 1 where these are not alike, 2 where the middle is to tell, else 0.
+// verdict (n) of blocks (n, 2) whose corners are known: 1 where these differ, 2 where the middle decides, else 0.
 extern "C" int UNISIM_NAME(unisim_blocks_differ)(const unisim_plane *planes, int32_t count, const int64_t *blocks, int64_t n, int64_t width,
-                                                 int32_t size, const unisim_likeness *like, uint8_t *verdict, int threads) {
+                                                 int32_t size, const unisim_block_tolerance *tolerance, uint8_t *verdict, int threads) {
     parallel_blocks(n, 4096, threads, [&](int64_t begin, int64_t end) {
         for (int64_t i = begin; i < end; ++i) {
             float range = 0;
-            const bool apart = differ(planes, count, Block(blocks + 2 * i, width, size), *like, range);
-            verdict[i] = apart ? 1 : range > like->spread ? 2 : 0;
+            const bool different = differ(planes, count, Block(blocks + 2 * i, width, size), *tolerance, range);
+            verdict[i] = different ? 1 : range > tolerance->spread ? 2 : 0;
         }
     });
     return 0;
 }
 
-// alike (n): whether the middles of blocks (n, 2) are what stands at their corners.
-extern "C" int UNISIM_NAME(unisim_blocks_foretold)(const unisim_plane *planes, int32_t count, const int64_t *blocks, int64_t n, int64_t width,
-                                                   int32_t size, const unisim_likeness *like, uint8_t *alike, int threads) {
+// alike (n): whether the middles of blocks (n, 2) are as their corners predict.
+extern "C" int UNISIM_NAME(unisim_blocks_predicted)(const unisim_plane *planes, int32_t count, const int64_t *blocks, int64_t n, int64_t width,
+                                                   int32_t size, const unisim_block_tolerance *tolerance, uint8_t *alike, int threads) {
     parallel_blocks(n, 4096, threads, [&](int64_t begin, int64_t end) {
-        for (int64_t i = begin; i < end; ++i) alike[i] = foretold(planes, count, Block(blocks + 2 * i, width, size), *like);
+        for (int64_t i = begin; i < end; ++i) alike[i] = predicted(planes, count, Block(blocks + 2 * i, width, size), *tolerance);
     });
     return 0;
 }
 
-// Fills blocks (n, 2), no two of which share a pixel but at their far edges, where they are not `known` (h w).
+// Interpolates blocks (n, 2) at pixels that are not `known` (h w). Blocks overlap at most in their last rows and
+// columns.
 extern "C" int UNISIM_NAME(unisim_blocks_fill)(const unisim_plane *planes, int32_t count, const int64_t *blocks, int64_t n, int64_t width,
                                                int32_t size, const uint8_t *known, int threads) {
     parallel_blocks(n, 1024, threads, [&](int64_t begin, int64_t end) {

@@ -1,8 +1,9 @@
-// Which rays may meet which boxes. The function is the plain torch one in model/tracklets.py, which is the specification.
+// Which rays may hit which boxes. The specification is the plain torch function in model/tracklets.py.
 #include "variant.h"
 
-// near (n, boxes): 1 where a ray (n), directions of length 1, passes through the sphere of a box at its own time. Spheres are
-// centres (bins, boxes, 3) and radii (bins, boxes), negative where a box is absent; bin (n) is -1 for a ray that has none.
+// near (n, boxes): 1 where a ray (n), with unit direction, intersects the bounding sphere of a box at the ray's time.
+// Spheres are centres (bins, boxes, 3) and radii (bins, boxes), negative where a box is absent; bin (n) is a ray's
+// time bin, -1 for none.
 extern "C" int UNISIM_NAME(unisim_near_spheres)(const float *origins, const float *directions, const int64_t *bin, int64_t n,
                                                 const float *centres, const float *radii, int64_t boxes, uint8_t *near,
                                                 int threads) {

@@ -1,5 +1,5 @@
-// Rays against triangles: a bounding volume hierarchy (binned surface area heuristic; Wald, "On fast construction of SAH-based
-// bounding volume hierarchies", 2007) and the first triangle on each ray (Moeller and Trumbore, 1997).
+// Rays against triangles: a bounding volume hierarchy (binned surface area heuristic; Wald, "On fast construction of
+// SAH-based bounding volume hierarchies", 2007) and the first triangle on each ray (Moeller and Trumbore, 1997).
 #include "variant.h"
 
 #include <cmath>
@@ -10,7 +10,7 @@ namespace {
 
 constexpr int BINS = 16;
 constexpr int LEAF = 4;
-constexpr int DEEPEST = 60; // splits are halves from here on, so that a walk's stack of 128 always suffices
+constexpr int MAX_DEPTH = 60; // from here on nodes are halved, so that a traversal stack of 128 always suffices
 
 struct Box {
     float low[3], high[3];
@@ -39,11 +39,11 @@ struct Builder {
 
     float centre(int32_t face, int axis) const { return centres[3 * static_cast<int64_t>(face) + axis]; }
 
-    // Where to cut [begin, end): the faces are parted there; begin where no cut is worth its price.
-    int32_t cut(int32_t begin, int32_t end, const Box &whole, const Box &middles, int depth) {
+    // Partitions the faces of [begin, end) and returns where; returns begin where no split is worth its cost.
+    int32_t split(int32_t begin, int32_t end, const Box &whole, const Box &middles, int depth) {
         double best = std::numeric_limits<double>::infinity();
         int axis = -1, at = 0;
-        for (int k = 0; k < 3 && depth < DEEPEST; ++k) {
+        for (int k = 0; k < 3 && depth < MAX_DEPTH; ++k) {
             const float span = middles.high[k] - middles.low[k];
             if (!(span > 0)) continue;
             Box bin[BINS];
@@ -67,8 +67,8 @@ struct Builder {
                 near.add(bin[b - 1]);
                 before += filled[b - 1];
                 if (before == 0 || before == end - begin) continue;
-                const double price = near.area() * before + right[b];
-                if (price < best) best = price, axis = k, at = b;
+                const double cost = near.area() * before + right[b];
+                if (cost < best) best = cost, axis = k, at = b;
             }
         }
         if (axis >= 0) {
@@ -85,13 +85,13 @@ struct Builder {
         return std::min(BINS - 1, static_cast<int>((x - low) / span * BINS));
     }
 
-    // One node for [begin, end); its children stand one behind the other.
+    // Builds one node for [begin, end); its children are consecutive.
     void build(int32_t node, int32_t begin, int32_t end, int depth) {
         Box whole, middles;
         for (int32_t i = begin; i < end; ++i) whole.add(boxes[order[i]]), middles.add(&centres[3 * static_cast<int64_t>(order[i])]);
         std::copy(whole.low, whole.low + 3, nodes[node].low);
         std::copy(whole.high, whole.high + 3, nodes[node].high);
-        const int32_t middle = cut(begin, end, whole, middles, depth);
+        const int32_t middle = split(begin, end, whole, middles, depth);
         if (middle == begin) {
             nodes[node].first = begin;
             nodes[node].faces = end - begin;
@@ -106,12 +106,12 @@ struct Builder {
     }
 };
 
-// Where a ray enters a box, or infinity.
+// The distance at which a ray enters a node's box, or infinity.
 float entry(const unisim_bvh_node &n, const float *o, const float *inverse, float near, float far) {
     for (int k = 0; k < 3; ++k) {
         const float a = (n.low[k] - o[k]) * inverse[k], b = (n.high[k] - o[k]) * inverse[k];
         near = std::max(near, std::min(a, b));
-        // two roundings up, so that no ray slips between a box and what it holds
+        // rounded up twice, so that no ray misses a box but hits what is inside
         far = std::min(far, std::max(a, b) * 1.0000005f);
     }
     return near <= far ? near : std::numeric_limits<float>::infinity();
@@ -135,8 +135,8 @@ void cross(const double *a, const double *b, double *out) {
     out[2] = a[0] * b[1] - a[1] * b[0];
 }
 
-// The distance to a triangle in (near, far), and where on it (u towards the second corner, v towards the third).
-bool meets(const Triangle &tri, const double *o, const double *d, double near, double far, double *t, double *u, double *v) {
+// Intersects a triangle in (near, far): the distance, and barycentric u (of the second corner) and v (of the third).
+bool intersects(const Triangle &tri, const double *o, const double *d, double near, double far, double *t, double *u, double *v) {
     double p[3], q[3], s[3];
     cross(d, tri.ac, p);
     const double det = dot(tri.ab, p);
@@ -153,7 +153,7 @@ bool meets(const Triangle &tri, const double *o, const double *d, double near, d
 
 } // namespace
 
-// nodes: room for 2 faces - 1; order: (faces). Returns how many nodes there are.
+// nodes: room for 2 n - 1; order: (n). Returns the number of nodes.
 extern "C" int32_t UNISIM_NAME(unisim_bvh_build)(const float *vertices, const int32_t *faces, int32_t n, unisim_bvh_node *nodes,
                                                  int32_t *order) {
     Builder builder{nodes, order, std::vector<Box>(n), std::vector<float>(3 * static_cast<int64_t>(n)), 1};
@@ -167,7 +167,8 @@ extern "C" int32_t UNISIM_NAME(unisim_bvh_build)(const float *vertices, const in
     return builder.count;
 }
 
-// For each ray (n, 3): t (n) along its direction, infinity where nothing lies beyond `near`; face (n), -1 for none; uv (n, 2).
+// For each ray (n, 3), its first hit beyond `near`: t (n), infinity where there is none; face (n), -1 for none; uv
+// (n, 2).
 extern "C" int UNISIM_NAME(unisim_bvh_first_hits)(const unisim_bvh_node *nodes, const int32_t *order, const float *vertices,
                                                   const int32_t *faces, const double *origins, const double *directions,
                                                   int64_t n, double near, double *t, int32_t *face, float *uv, int threads) {
@@ -182,7 +183,7 @@ extern "C" int UNISIM_NAME(unisim_bvh_first_hits)(const unisim_bvh_node *nodes, 
         float reached[128];
         for (int64_t i = begin; i < end; ++i) {
             const double *d = directions + 3 * i;
-            // from close by: boxes are met in float32, which knows a place to 1e-7 of its distance
+            // from nearby: boxes are intersected in float32, whose precision is 1e-7 of the distance
             double o[3], before = 0;
             for (int k = 0; k < 3; ++k) before += (centre[k] - origins[3 * i + k]) * d[k];
             before = std::max(near, before - radius);
@@ -190,7 +191,7 @@ extern "C" int UNISIM_NAME(unisim_bvh_first_hits)(const unisim_bvh_node *nodes, 
             for (int k = 0; k < 3; ++k) {
                 o[k] = origins[3 * i + k] + before * d[k];
                 origin[k] = static_cast<float>(o[k]);
-                // finite, so that a ray in the plane of a box's side gives 0 there and no NaN
+                // finite, so that a ray in the plane of a box's face gives 0 there and not NaN
                 inverse[k] = std::abs(d[k]) < 1e-30 ? 1e30f : static_cast<float>(1.0 / d[k]);
             }
             double closest = std::numeric_limits<double>::infinity(), best_u = 0, best_v = 0;
@@ -204,8 +205,8 @@ extern "C" int UNISIM_NAME(unisim_bvh_first_hits)(const unisim_bvh_node *nodes, 
                 if (node.faces) {
                     for (int32_t j = node.first; j < node.first + node.faces; ++j) {
                         double at, u, v;
-                        // of two at one distance the lower number wins, whatever the walk
-                        if (meets(Triangle(vertices, faces + 3 * static_cast<int64_t>(order[j])), o, d, 0.0,
+                        // of two at one distance the lower number wins, whatever the order of traversal
+                        if (intersects(Triangle(vertices, faces + 3 * static_cast<int64_t>(order[j])), o, d, 0.0,
                                   std::nextafter(closest, std::numeric_limits<double>::infinity()), &at, &u, &v) &&
                             (at < closest || order[j] < hit))
                             closest = at, hit = order[j], best_u = u, best_v = v;

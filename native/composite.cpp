@@ -1,124 +1,126 @@
-// Compositing along rays, forward and backward. The functions are the plain torch ones in composite.py, which are the specification.
+// Compositing along rays, forward and backward. The specification is plain torch, in ops/composite.py.
 //
-// A strand is one ray inside one medium, with `width` intervals; strands of one medium come as a group.
-#include "lanes.h"
+// A ray segment is one ray inside one field, with `width` intervals. Segments of one field come as a group.
+#include "simd.h"
 #include "variant.h"
 
 namespace {
 
-// Strands by ray: those of ray r are strand[first[r] .. first[r + 1]), in the order in which they were given.
+// Segments by ray: those of ray r are segment[first[r] .. first[r + 1]), in the order of the groups and their rows.
 struct ByRay {
-    struct Strand {
+    struct Segment {
         int32_t group;
         int64_t row;
     };
     std::vector<int64_t> first;
-    std::vector<Strand> strand;
+    std::vector<Segment> segment;
 
-    ByRay(const unisim_strands *groups, int count, int64_t rays) : first(static_cast<size_t>(rays) + 1, 0) {
+    ByRay(const unisim_ray_segments *groups, int count, int64_t rays) : first(static_cast<size_t>(rays) + 1, 0) {
         for (int g = 0; g < count; ++g)
             for (int64_t i = 0; i < groups[g].n; ++i) ++first[groups[g].ray[i] + 1];
         for (int64_t r = 0; r < rays; ++r) first[r + 1] += first[r];
-        strand.resize(static_cast<size_t>(first[rays]));
+        segment.resize(static_cast<size_t>(first[rays]));
         std::vector<int64_t> next(first.begin(), first.end() - 1);
         for (int g = 0; g < count; ++g)
-            for (int64_t i = 0; i < groups[g].n; ++i) strand[next[groups[g].ray[i]]++] = {g, i};
+            for (int64_t i = 0; i < groups[g].n; ++i) segment[next[groups[g].ray[i]]++] = {g, i};
     }
 };
 
 struct Interval {
-    float place;
+    float stop;
     int32_t group;
     int64_t at;
 };
 
-// The intervals of one ray in order of the depth where a ray that stops in them is expected to.
-void in_order(const unisim_strands *groups, const ByRay &by_ray, int64_t ray, std::vector<Interval> &intervals) {
+// The intervals of one ray, sorted by where a ray that stops in an interval is expected to stop.
+void sort_intervals(const unisim_ray_segments *groups, const ByRay &by_ray, int64_t ray, std::vector<Interval> &intervals) {
     intervals.clear();
     const int64_t begin = by_ray.first[ray], end = by_ray.first[ray + 1];
     for (int64_t m = begin; m < end; ++m) {
-        const unisim_strands &g = groups[by_ray.strand[m].group];
-        const int64_t at = by_ray.strand[m].row * g.width;
+        const unisim_ray_segments &g = groups[by_ray.segment[m].group];
+        const int64_t at = by_ray.segment[m].row * g.width;
         for (int k = 0; k < g.width; ++k) {
-            const float near = g.t[at + (k ? k - 1 : 0)], alpha = stopped_by(g.tau[at + k]);
-            const float inside = alpha > 1e-4f ? g.share[at + k] / alpha : 0.5f;
-            intervals.push_back({near + inside * (g.t[at + k] - near), by_ray.strand[m].group, at + k});
+            const float near = g.t[at + (k ? k - 1 : 0)], alpha = opacity_of(g.tau[at + k]);
+            const float inside = alpha > 1e-4f ? g.stop_fraction[at + k] / alpha : 0.5f;
+            intervals.push_back({near + inside * (g.t[at + k] - near), by_ray.segment[m].group, at + k});
         }
     }
     if (end - begin > 1)
-        std::stable_sort(intervals.begin(), intervals.end(), [](const Interval &a, const Interval &b) { return a.place < b.place; });
+        std::stable_sort(intervals.begin(), intervals.end(), [](const Interval &a, const Interval &b) { return a.stop < b.stop; });
 }
 
 } // namespace
 
-// front (n, width) of every group: the transmittance in front of each interval, all media of a ray in one order of depth.
-extern "C" int UNISIM_NAME(unisim_transmittances_forward)(const unisim_strands *groups, int count, int64_t rays, float *const *front,
+// before (n, width) of every group: the transmittance before each interval, with all fields of a ray in one order of
+// depth.
+extern "C" int UNISIM_NAME(unisim_transmittances_forward)(const unisim_ray_segments *groups, int count, int64_t rays, float *const *before,
                                                           int threads) {
     const ByRay by_ray(groups, count, rays);
     parallel_blocks(rays, 256, threads, [&](int64_t begin, int64_t end) {
         std::vector<Interval> intervals;
         for (int64_t r = begin; r < end; ++r) {
             const int64_t members = by_ray.first[r + 1] - by_ray.first[r];
-            double before = 0;
+            double depth = 0;
             if (members == 1) {
-                const ByRay::Strand &one = by_ray.strand[by_ray.first[r]];
-                const unisim_strands &g = groups[one.group];
+                const ByRay::Segment &one = by_ray.segment[by_ray.first[r]];
+                const unisim_ray_segments &g = groups[one.group];
                 for (int64_t i = one.row * g.width; i < (one.row + 1) * g.width; ++i) {
-                    front[one.group][i] = static_cast<float>(-before);
-                    before += g.tau[i];
+                    before[one.group][i] = static_cast<float>(-depth);
+                    depth += g.tau[i];
                 }
             } else {
-                in_order(groups, by_ray, r, intervals);
+                sort_intervals(groups, by_ray, r, intervals);
                 for (const Interval &x : intervals) {
-                    front[x.group][x.at] = static_cast<float>(-before);
-                    before += groups[x.group].tau[x.at];
+                    before[x.group][x.at] = static_cast<float>(-depth);
+                    depth += groups[x.group].tau[x.at];
                 }
             }
         }
     });
     for (int g = 0; g < count; ++g)
         parallel_blocks(groups[g].n * groups[g].width, 4096, threads, [&](int64_t begin, int64_t end) {
-            for (int64_t i = begin; i < end; ++i) front[g][i] = exp_of(front[g][i]);
+            for (int64_t i = begin; i < end; ++i) before[g][i] = exp_of(before[g][i]);
         });
     return 0;
 }
 
-// grad_tau (n, width) of every group, of what has the gradients grad_front (n, width) of `front`; the order is held.
-extern "C" int UNISIM_NAME(unisim_transmittances_backward)(const unisim_strands *groups, int count, int64_t rays,
-                                                           const float *const *front, const float *const *grad_front,
+// grad_tau (n, width) of every group, from the gradients grad_before (n, width) of `before`; the order is constant.
+extern "C" int UNISIM_NAME(unisim_transmittances_backward)(const unisim_ray_segments *groups, int count, int64_t rays,
+                                                           const float *const *before, const float *const *grad_before,
                                                            float *const *grad_tau, int threads) {
     const ByRay by_ray(groups, count, rays);
     parallel_blocks(rays, 256, threads, [&](int64_t begin, int64_t end) {
         std::vector<Interval> intervals;
         for (int64_t r = begin; r < end; ++r) {
-            in_order(groups, by_ray, r, intervals);
+            sort_intervals(groups, by_ray, r, intervals);
             double behind = 0;
             for (auto x = intervals.rbegin(); x != intervals.rend(); ++x) {
                 grad_tau[x->group][x->at] = static_cast<float>(-behind);
-                behind += static_cast<double>(grad_front[x->group][x->at]) * front[x->group][x->at];
+                behind += static_cast<double>(grad_before[x->group][x->at]) * before[x->group][x->at];
             }
         }
     });
     return 0;
 }
 
-// What strands (n) of `width` samples give: weights of intervals and of samples (n, width), and of each strand sums (n, features + 3):
-// features by weight, the weight, distance by weight, optical depth. A sample's features are `stride` numbers apart.
-extern "C" int UNISIM_NAME(unisim_gather_forward)(const unisim_strands *g, const float *front, const float *features, int64_t stride,
+// Of segments (n) with `width` samples: weights of intervals and of samples (n, width), and sums (n, length + 3) of
+// features by weight, weight, distance by weight, and optical depth. The features of successive samples are `stride`
+// numbers apart.
+extern "C" int UNISIM_NAME(unisim_gather_forward)(const unisim_ray_segments *g, const float *before, const float *features, int64_t stride,
                                                   int length, float *interval, float *weight, float *sums, int threads) {
     const int k = g->width;
     parallel_blocks(g->n, 64, threads, [&](int64_t begin, int64_t end) {
-        for (int64_t i = begin * k; i < end * k; ++i) interval[i] = front[i] * stopped_by(g->tau[i]);
+        for (int64_t i = begin * k; i < end * k; ++i) interval[i] = before[i] * opacity_of(g->tau[i]);
         for (int64_t r = begin; r < end; ++r) {
             float *sum = sums + r * (length + 3);
             for (int f = 0; f < length; ++f) sum[f] = 0;
-            // many thin intervals add up to what each alone would be lost in
+            // float64: many thin intervals would be lost to rounding one by one
             double whole = 0, far = 0, depth = 0;
             for (int j = 0; j < k; ++j) {
                 const int64_t i = r * k + j;
-                // an interval's weight goes to the samples at its two ends; interval 0 has only its own
-                float w = front[i] * g->share[i] + (j ? 0.0f : interval[i]);
-                if (j + 1 < k) w += interval[i + 1] - front[i + 1] * g->share[i + 1];
+                // an interval's weight is divided between the samples at its two ends; interval 0 has one sample
+                float w = before[i] * g->stop_fraction[i] + (j ? 0.0f : interval[i]);
+                if (j + 1 < k) w += interval[i + 1] - before[i + 1] * g->stop_fraction[i + 1];
                 weight[i] = w;
                 const float *feature = features + i * stride;
                 for (int f = 0; f < length; ++f) sum[f] += w * feature[f];
@@ -134,11 +136,11 @@ extern "C" int UNISIM_NAME(unisim_gather_forward)(const unisim_strands *g, const
     return 0;
 }
 
-// The above's gradients with respect to tau, share, front (n, width) and features (n, width, length), from those of what it gives.
-extern "C" int UNISIM_NAME(unisim_gather_backward)(const unisim_strands *g, const float *front, const float *features, int64_t stride,
+// Gradients of `gather_forward` with respect to tau, stop fraction, before (n, width) and features (n, width, length).
+extern "C" int UNISIM_NAME(unisim_gather_backward)(const unisim_ray_segments *g, const float *before, const float *features, int64_t stride,
                                                    int length, const float *weight, const float *grad_interval,
                                                    const float *grad_weight, const float *grad_sums, float *grad_tau,
-                                                   float *grad_share, float *grad_front, float *grad_features, int threads) {
+                                                   float *grad_stop_fraction, float *grad_before, float *grad_features, int threads) {
     const int k = g->width;
     parallel_blocks(g->n, 64, threads, [&](int64_t begin, int64_t end) {
         std::vector<float> of_weight(static_cast<size_t>(k));
@@ -158,9 +160,9 @@ extern "C" int UNISIM_NAME(unisim_gather_backward)(const unisim_strands *g, cons
                 const int64_t i = r * k + j;
                 const float near = of_weight[j ? j - 1 : 0], far = j ? of_weight[j] - near : of_weight[0];
                 const float whole = grad_interval[i] + near;
-                grad_front[i] = far * g->share[i] + whole * stopped_by(g->tau[i]);
-                grad_share[i] = far * front[i];
-                grad_tau[i] = whole * front[i] * exp_of(-g->tau[i]) + sum[length + 2];
+                grad_before[i] = far * g->stop_fraction[i] + whole * opacity_of(g->tau[i]);
+                grad_stop_fraction[i] = far * before[i];
+                grad_tau[i] = whole * before[i] * exp_of(-g->tau[i]) + sum[length + 2];
             }
         }
     });

@@ -1,4 +1,5 @@
-// Chooses the widest instruction set that this processor and this build both have. UNISIM_NATIVE_VARIANT names another.
+// Chooses the widest instruction set that both this processor and this build support. UNISIM_NATIVE_VARIANT selects
+// another one.
 #include "kernels.h"
 
 #include <cstdlib>
@@ -32,7 +33,7 @@ Variant choose() {
     const auto admits = [&](const char *name) { return !wanted || std::strcmp(wanted, name) == 0; };
     (void)admits;
 #if defined(UNISIM_HAS_AVX2) || defined(UNISIM_HAS_AVX512)
-    __builtin_cpu_init(); // this runs while the library is loaded, perhaps before what clang's runtime does then
+    __builtin_cpu_init(); // this runs while the library is loaded, possibly before clang's runtime has called it
 #endif
 #ifdef UNISIM_HAS_AVX512
     if (admits("avx512") && __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512dq") &&
@@ -58,7 +59,7 @@ const Variant chosen = choose();
 #define EXPORTED(type, name, parameters, arguments) \
     EXPORT type unisim_##name parameters { return chosen.name arguments; }
 
-EXPORT int unisim_abi_version() { return 11; }
+EXPORT int unisim_abi_version() { return 12; }
 
 EXPORT const char *unisim_variant() { return chosen.variant; }
 

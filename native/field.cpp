@@ -1,7 +1,9 @@
-// A field asked in one go: the grid's encoding and the network behind it, over tiles of points, so that no encoding is written to memory.
+// Evaluates a field in one pass: the grid's encoding and the network, over tiles of points, so that no encoding is
+// written to memory.
 #include "variant.h"
 
-// out (n, outputs) of points x (n, 3) in the unit cube; grid (n) numbers each point's grid, null where there is one.
+// out (n, outputs) at points x (n, 3) in the unit cube; grid (n) is the number of each point's grid, null where there
+// is one grid.
 extern "C" int UNISIM_NAME(unisim_field_forward)(const unisim_grid *g, const float *x, const int32_t *grid, int64_t n,
                                                  const float *table, const unisim_mlp *net, float *out, int threads) {
     constexpr int64_t TILE = 512;

@@ -1,9 +1,11 @@
-// A field asked at a block of points, for rendering: grid and first layer in one go, and what of the second one is wanted.
+// Evaluates a field at a block of points, for rendering: grid and first layer in one pass, then the needed rows of
+// the last layer.
 //
-// The distance is one row of the last layer. The others are linear in the hidden units, so they are applied once a ray, behind
-// compositing, and not at every point. Tables may be half precision: what they hold is then the very same number.
+// The distance is one row of the last layer. The other rows are linear in the hidden units, so they are applied once
+// per ray after compositing, not at every point. Tables may be half precision; halves are converted to float32
+// exactly.
 #pragma once
-#include "lanes.h"
+#include "simd.h"
 #include "variant.h"
 
 #include <cmath>
@@ -14,7 +16,7 @@
 namespace {
 
 constexpr int BLOCK = 64;
-// A layer's outputs are computed two vectors at a time, for ROWS points.
+// Layers are computed two vectors of outputs at a time, for ROWS points.
 constexpr int PANEL = 2 * LANES;
 #if defined(__AVX512F__)
 constexpr int ROWS = 8;
@@ -26,7 +28,7 @@ constexpr int padded(int n) { return (n + PANEL - 1) / PANEL * PANEL; }
 
 inline float float_of(float x) { return x; }
 
-// Any half but infinities and NaN, which a scene is refused for.
+// Any half except infinities and NaN: scenes with these are not opened.
 inline float float_of(uint16_t h) {
     const uint32_t magnitude = static_cast<uint32_t>(h & 0x7fff) << 13;
     float x;
@@ -45,15 +47,15 @@ inline __m128 four(const float *row) { return _mm_loadu_ps(row); }
 inline __m128 four(const uint16_t *row) { return _mm_cvtph_ps(_mm_loadl_epi64(reinterpret_cast<const __m128i *>(row))); }
 #endif
 
-// The corners of a block's points in one level.
+// The cell corners of a block's points in one level.
 struct Corners {
     int32_t row[8][BLOCK];
     float weight[8][BLOCK];
 };
 
-// x: three rows of coordinates in the unit cube, of `count` points and up to a vector's end.
+// x: three rows of coordinates in the unit cube, of `count` points, filled up to whole vectors.
 inline void find_corners(const unisim_grid &g, int level, const float (*x)[BLOCK], int count, Corners &c) {
-    // whole vectors, which need no rest
+    // whole vectors: no remainder loop
     const int end = (count + LANES - 1) / LANES * LANES;
     int32_t lower[3][BLOCK];
     float fraction[3][BLOCK];
@@ -61,7 +63,7 @@ inline void find_corners(const unisim_grid &g, int level, const float (*x)[BLOCK
         const float scale = g.scale[level * 3 + a];
         const float last = std::fmax(std::ceil(scale) - 1.0f, 0.0f);
         for (int s = 0; s < end; ++s) {
-            // NaN and anything outside the cube go to its nearest face
+            // NaN and points outside the cube are clamped to its nearest face
             float p = x[a][s] * scale;
             p = p > 0.0f ? p : 0.0f;
             p = p < scale ? p : scale;
@@ -124,18 +126,18 @@ void encode_block(const unisim_grid &g, const T *table, const float (*x)[BLOCK],
 // c (R, PANEL) = relu of a (R, k) b (k, PANEL), or without relu.
 template <int R, bool RELU>
 inline void layer_panel(int k, const float *a, int a_row, const float *b, int b_row, float *c, int c_row) {
-    lanes sum[R][2];
-    for (int r = 0; r < R; ++r) sum[r][0] = sum[r][1] = lanes{};
+    simd_float sum[R][2];
+    for (int r = 0; r < R; ++r) sum[r][0] = sum[r][1] = simd_float{};
     for (int i = 0; i < k; ++i) {
-        const lanes b0 = load(b + i * b_row), b1 = load(b + i * b_row + LANES);
+        const simd_float b0 = load(b + i * b_row), b1 = load(b + i * b_row + LANES);
         for (int r = 0; r < R; ++r) {
-            const lanes x = spread(a[r * a_row + i]);
+            const simd_float x = broadcast(a[r * a_row + i]);
             sum[r][0] += x * b0;
             sum[r][1] += x * b1;
         }
     }
     for (int r = 0; r < R; ++r)
-        for (int j = 0; j < 2; ++j) store(c + r * c_row + j * LANES, RELU ? most(sum[r][j], lanes{}) : sum[r][j]);
+        for (int j = 0; j < 2; ++j) store(c + r * c_row + j * LANES, RELU ? max_of(sum[r][j], simd_float{}) : sum[r][j]);
 }
 
 // c (rows, n) of a (rows, k) and b (k, n); rows a multiple of ROWS, n of PANEL.
@@ -144,7 +146,7 @@ template <bool RELU> inline void layer(int rows, int n, int k, const float *a, i
         for (int i = 0; i < rows; i += ROWS) layer_panel<ROWS, RELU>(k, a + i * a_row, a_row, b + j, n, c + i * n + j, n);
 }
 
-// A field with its weights as the loops above want them.
+// A field with its weights in the layout of the loops above.
 struct Field {
     const unisim_grid *grid;
     const void *table;
@@ -166,7 +168,8 @@ struct Field {
         }
     }
 
-    // Hidden units (count, wide) of up to BLOCK points, rows behind `count` undefined; x and row filled up to a vector's end.
+    // Hidden units (count, wide) of up to BLOCK points; rows after `count` are undefined. x and row are filled up to
+    // whole vectors.
     void units(const float (*x)[BLOCK], const int32_t *row, int count, float *code, float *h) const {
         if (half)
             encode(static_cast<const uint16_t *>(table), x, row, count, code);
@@ -177,7 +180,7 @@ struct Field {
 
     // The last layer's first output of units (wide).
     float first_output(const float *h) const {
-        lanes sum{};
+        simd_float sum{};
         for (int j = 0; j < wide; j += LANES) sum += load(h + j) * load(&distance[static_cast<size_t>(j)]);
         return sum_of(sum) + bias[0];
     }

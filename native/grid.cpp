@@ -1,6 +1,4 @@
-// Hash-grid encoding. Compiled once for each instruction set; `dispatch.cpp` picks one when it loads.
-//
-// The functions are the same as the plain torch ones in ops/hash_grid.py, which are the specification.
+// Hash-grid encoding, forward and backward. The specification is plain torch, in ops/hash_grid.py.
 #include "variant.h"
 
 #include <cmath>
@@ -8,7 +6,7 @@
 
 namespace {
 
-// The corners of up to BLOCK points in one level, one array each, so that the compiler can do many points at once.
+// The cell corners of up to BLOCK points in one level, as arrays, so that the compiler can vectorize over points.
 constexpr int BLOCK = 64;
 
 struct Corners {
@@ -23,7 +21,7 @@ inline void find_corners(const unisim_grid &g, int level, const float *x, int co
         const float scale = g.scale[level * 3 + a];
         const float last = std::max(std::ceil(scale) - 1.0f, 0.0f);
         for (int s = 0; s < count; ++s) {
-            // NaN and anything outside the cube go to its nearest face
+            // NaN and points outside the cube are clamped to its nearest face
             float p = x[s * 3 + a] * scale;
             p = p > 0.0f ? p : 0.0f;
             p = p < scale ? p : scale;

@@ -1,5 +1,6 @@
-// Every kernel once: what it gives, its name, its parameters, and those as arguments. `variant.h` declares them for the
-// instruction set that a file is compiled for, `dispatch.cpp` for all of them; what each does is said where it is defined.
+// The list of all kernels: return type, name, parameters, arguments. `variant.h` declares them for the instruction
+// set that a file is compiled for, `dispatch.cpp` for all instruction sets. Each kernel is documented where it is
+// defined.
 #pragma once
 #include "unisim_native.h"
 
@@ -37,38 +38,39 @@
          const float *radii, int64_t boxes, uint8_t *near, int threads), \
         (origins, directions, bin, n, centres, radii, boxes, near, threads)) \
     KERNEL(int, intervals_forward, \
-        (const float *s, int64_t n, int k, float beta, float *tau, float *share, int threads), \
-        (s, n, k, beta, tau, share, threads)) \
+        (const float *s, int64_t n, int k, float beta, float *tau, float *stop_fraction, \
+         int threads), \
+        (s, n, k, beta, tau, stop_fraction, threads)) \
     KERNEL(int, intervals_backward, \
-        (const float *s, int64_t n, int k, float beta, const float *grad_tau, const float *grad_share, float *grad_s, \
-         float *grad_beta, int threads), \
-        (s, n, k, beta, grad_tau, grad_share, grad_s, grad_beta, threads)) \
+        (const float *s, int64_t n, int k, float beta, const float *grad_tau, const float *grad_stop_fraction, \
+         float *grad_s, float *grad_beta, int threads), \
+        (s, n, k, beta, grad_tau, grad_stop_fraction, grad_s, grad_beta, threads)) \
     KERNEL(int, transmittances_forward, \
-        (const unisim_strands *groups, int count, int64_t rays, float *const *front, int threads), \
-        (groups, count, rays, front, threads)) \
+        (const unisim_ray_segments *groups, int count, int64_t rays, float *const *before, int threads), \
+        (groups, count, rays, before, threads)) \
     KERNEL(int, transmittances_backward, \
-        (const unisim_strands *groups, int count, int64_t rays, const float *const *front, const float *const *grad_front, \
-         float *const *grad_tau, int threads), \
-        (groups, count, rays, front, grad_front, grad_tau, threads)) \
+        (const unisim_ray_segments *groups, int count, int64_t rays, const float *const *before, \
+         const float *const *grad_before, float *const *grad_tau, int threads), \
+        (groups, count, rays, before, grad_before, grad_tau, threads)) \
     KERNEL(int, gather_forward, \
-        (const unisim_strands *g, const float *front, const float *features, int64_t stride, int length, float *interval, \
+        (const unisim_ray_segments *g, const float *before, const float *features, int64_t stride, int length, float *interval, \
          float *weight, float *sums, int threads), \
-        (g, front, features, stride, length, interval, weight, sums, threads)) \
+        (g, before, features, stride, length, interval, weight, sums, threads)) \
     KERNEL(int, gather_backward, \
-        (const unisim_strands *g, const float *front, const float *features, int64_t stride, int length, const float *weight, \
-         const float *grad_interval, const float *grad_weight, const float *grad_sums, float *grad_tau, float *grad_share, \
-         float *grad_front, float *grad_features, int threads), \
-        (g, front, features, stride, length, weight, grad_interval, grad_weight, grad_sums, grad_tau, grad_share, grad_front, \
-         grad_features, threads)) \
+        (const unisim_ray_segments *g, const float *before, const float *features, int64_t stride, int length, \
+         const float *weight, const float *grad_interval, const float *grad_weight, const float *grad_sums, float *grad_tau, \
+         float *grad_stop_fraction, float *grad_before, float *grad_features, int threads), \
+        (g, before, features, stride, length, weight, grad_interval, grad_weight, grad_sums, grad_tau, grad_stop_fraction, \
+         grad_before, grad_features, threads)) \
     KERNEL(int, trace, \
-        (const unisim_scene *scene, const unisim_cast *cast, const unisim_rays *rays, const unisim_mesh_hits *meshes, \
-         const unisim_sampling *sampling, const unisim_found *found, int threads), \
-        (scene, cast, rays, meshes, sampling, found, threads)) \
+        (const unisim_scene *scene, const unisim_active_actors *active, const unisim_rays *rays, const unisim_mesh_hits *meshes, \
+         const unisim_sampling *sampling, const unisim_trace_result *result, int threads), \
+        (scene, active, rays, meshes, sampling, result, threads)) \
     KERNEL(int, march, \
         (const unisim_scene *scene, int32_t in_box, const float *origins, const float *directions, const float *spans, \
-         const float *opened, const float *passed, int64_t n, const unisim_sampling *sampling, unisim_distance distance, \
-         int32_t most, float *t, float *s, int32_t *counts), \
-        (scene, in_box, origins, directions, spans, opened, passed, n, sampling, distance, most, t, s, counts)) \
+         const float *cleared, const float *depth_before, int64_t n, const unisim_sampling *sampling, \
+         unisim_distance distance, int32_t capacity, float *t, float *s, int32_t *counts), \
+        (scene, in_box, origins, directions, spans, cleared, depth_before, n, sampling, distance, capacity, t, s, counts)) \
     KERNEL(int, cells, \
         (const unisim_scene *scene, const int64_t *voxels, int64_t n, uint16_t *kinds, int threads), \
         (scene, voxels, n, kinds, threads)) \
@@ -90,21 +92,21 @@
         (nodes, order, vertices, faces, origins, directions, n, near, t, face, uv, threads)) \
     KERNEL(int, local_planes, \
         (const float *points, const int64_t *keys, const int64_t *starts, int64_t cells, const double *low, const int64_t *dims, \
-         double radius, int32_t most, const float *queries, int64_t m, int32_t *count, float *normal, float *height, \
+         double radius, int32_t capacity, const float *queries, int64_t m, int32_t *count, float *normal, float *height, \
          float *rough, float *reach, int threads), \
-        (points, keys, starts, cells, low, dims, radius, most, queries, m, count, normal, height, rough, reach, threads)) \
+        (points, keys, starts, cells, low, dims, radius, capacity, queries, m, count, normal, height, rough, reach, threads)) \
     KERNEL(int, head_forward, \
         (const unisim_head *head, const float *feature, const float *directions, const float *extra, int64_t n, float *out, \
          int threads), \
         (head, feature, directions, extra, n, out, threads)) \
     KERNEL(int, blocks_differ, \
         (const unisim_plane *planes, int32_t count, const int64_t *blocks, int64_t n, int64_t width, int32_t size, \
-         const unisim_likeness *like, uint8_t *verdict, int threads), \
-        (planes, count, blocks, n, width, size, like, verdict, threads)) \
-    KERNEL(int, blocks_foretold, \
+         const unisim_block_tolerance *tolerance, uint8_t *verdict, int threads), \
+        (planes, count, blocks, n, width, size, tolerance, verdict, threads)) \
+    KERNEL(int, blocks_predicted, \
         (const unisim_plane *planes, int32_t count, const int64_t *blocks, int64_t n, int64_t width, int32_t size, \
-         const unisim_likeness *like, uint8_t *alike, int threads), \
-        (planes, count, blocks, n, width, size, like, alike, threads)) \
+         const unisim_block_tolerance *tolerance, uint8_t *alike, int threads), \
+        (planes, count, blocks, n, width, size, tolerance, alike, threads)) \
     KERNEL(int, blocks_fill, \
         (const unisim_plane *planes, int32_t count, const int64_t *blocks, int64_t n, int64_t width, int32_t size, \
          const uint8_t *known, int threads), \

@@ -1,9 +1,9 @@
 // Perceptrons of two layers, out = W2 relu(W1 x) + b, forward and backward. Compiled once for each instruction set.
 //
-// The function is the plain torch one in model/networks.py, which is the specification. Points go through in tiles that stay in
-// the first-level cache with both layers' weights, so that the hidden layer is never written to memory: going backward it is
-// computed again.
-#include "lanes.h"
+// The specification is plain torch, in model/networks.py. Points are processed in tiles that stay in the first-level
+// cache together with both layers' weights, so that the hidden layer is never written to memory; the backward pass
+// computes it again.
+#include "simd.h"
 #include "variant.h"
 
 namespace {
@@ -13,7 +13,7 @@ constexpr int ROWS = 8;
 #else
 constexpr int ROWS = 4;
 #endif
-// Matrices are padded to this many columns: two registers, beside ROWS pairs that take the sums.
+// Matrices are padded to a multiple of this many columns: two registers, with ROWS pairs of registers for the sums.
 constexpr int PANEL = 2 * LANES;
 constexpr int TILE = 128, CHUNK = 16 * TILE;
 
@@ -23,13 +23,13 @@ constexpr int padded(int n) { return (n + PANEL - 1) / PANEL * PANEL; }
 template <int R>
 inline void multiply_panel(int64_t k, const float *a, int64_t row, int64_t step, const float *b, int64_t b_row, float *c,
                            int64_t c_row, bool add) {
-    lanes sum[R][2];
+    simd_float sum[R][2];
     for (int r = 0; r < R; ++r)
-        for (int j = 0; j < 2; ++j) sum[r][j] = add ? load(c + r * c_row + j * LANES) : lanes{};
+        for (int j = 0; j < 2; ++j) sum[r][j] = add ? load(c + r * c_row + j * LANES) : simd_float{};
     for (int64_t i = 0; i < k; ++i) {
-        const lanes b0 = load(b + i * b_row), b1 = load(b + i * b_row + LANES);
+        const simd_float b0 = load(b + i * b_row), b1 = load(b + i * b_row + LANES);
         for (int r = 0; r < R; ++r) {
-            const lanes x = spread(a[r * row + i * step]);
+            const simd_float x = broadcast(a[r * row + i * step]);
             sum[r][0] += x * b0;
             sum[r][1] += x * b1;
         }
@@ -47,7 +47,8 @@ void multiply(int64_t m, int64_t n, int64_t k, const float *a, int64_t row, int6
     }
 }
 
-// (rows, columns) into (rows, padded(columns)), or its transpose into (columns, padded(rows)), with zeros behind.
+// Copies (rows, columns) into (rows, padded(columns)), or its transpose into (columns, padded(rows)), padded with
+// zeros.
 std::vector<float> pack(const float *w, int rows, int columns, bool transposed) {
     const int m = transposed ? columns : rows, n = transposed ? rows : columns, wide = padded(n);
     std::vector<float> out(static_cast<size_t>(m) * wide, 0.0f);
@@ -76,7 +77,7 @@ extern "C" int UNISIM_NAME(unisim_mlp_forward)(const unisim_mlp *net, const floa
             if (outputs == 1) {
                 for (int s = 0; s < count; ++s) {
                     float lane[LANES];
-                    lanes sum{};
+                    simd_float sum{};
                     for (int j = 0; j + LANES <= hidden; j += LANES) sum += load(&h[static_cast<size_t>(s) * wide + j]) * load(net->w2 + j);
                     store(lane, sum);
                     float total = net->bias[0];
@@ -94,8 +95,8 @@ extern "C" int UNISIM_NAME(unisim_mlp_forward)(const unisim_mlp *net, const floa
     return 0;
 }
 
-// Gradients with respect to x (n, inputs), w1, w2 and bias of what has the gradient grad_out (n, outputs) of out. grad_x is
-// written; the others are added to, all three or none (null).
+// Gradients with respect to x (n, inputs), w1, w2 and bias, from the gradient grad_out (n, outputs) of `out`. grad_x
+// is overwritten; the other three are added to, all or none of them (null).
 extern "C" int UNISIM_NAME(unisim_mlp_backward)(const unisim_mlp *net, const float *x, int64_t n, const float *grad_out, float *grad_x,
                                                 float *grad_w1, float *grad_w2, float *grad_bias, int threads) {
     const int inputs = net->inputs, hidden = net->hidden, outputs = net->outputs;
@@ -103,7 +104,7 @@ extern "C" int UNISIM_NAME(unisim_mlp_backward)(const unisim_mlp *net, const flo
     const std::vector<float> w1_transposed = pack(net->w1, hidden, inputs, true);
     const std::vector<float> w1 = pack(net->w1, hidden, inputs, false), w2 = pack(net->w2, outputs, hidden, false);
     const bool learn = grad_w1 != nullptr;
-    // a chunk's sums are its own, and are added up in the chunks' order: any number of threads gives the same bits
+    // each chunk has its own sums, and these are added in order: the bits do not depend on the number of threads
     const size_t size = static_cast<size_t>(hidden) * wide_in + static_cast<size_t>(outputs) * wide + outputs;
     std::vector<float> sums(learn ? size * static_cast<size_t>((n + CHUNK - 1) / CHUNK) : 0, 0.0f);
     parallel_blocks(n, CHUNK, threads, [&](int64_t begin, int64_t end) {

@@ -1,5 +1,5 @@
-// The plane through the points about a place: the direction in which its nearest neighbours spread least (Hoppe et al., "Surface
-// reconstruction from unorganized points", 1992).
+// Planes fitted to the points around a place: the normal is the direction in which its nearest neighbours vary
+// smallest (Hoppe et al., "Surface reconstruction from unorganized points", 1992).
 #include "variant.h"
 
 #include <cmath>
@@ -8,7 +8,8 @@
 
 namespace {
 
-// Eigenvectors (the columns of v) of a symmetric 3x3 matrix by Jacobi's rotations; a keeps its eigenvalues on the diagonal.
+// Eigenvectors (the columns of v) of a symmetric 3x3 matrix by Jacobi rotations; the diagonal of a becomes the
+// eigenvalues.
 void jacobi(double a[3][3], double v[3][3]) {
     for (int i = 0; i < 3; ++i)
         for (int k = 0; k < 3; ++k) v[i][k] = i == k;
@@ -40,13 +41,13 @@ void jacobi(double a[3][3], double v[3][3]) {
 
 } // namespace
 
-// points (n, 3), sorted by cell: those of cell keys[i] are starts[i] to before starts[i + 1]. A cell is a cube of `radius`, the one
-// at (x, y, z) of dims cells from `low` on has key (x * dims[1] + y) * dims[2] + z; the outermost cells are empty.
-// For each query (m, 3), of its `most` nearest points within `radius`: count (m); normal (m, 3), 0 where they are fewer than three;
-// height (m) of their mean over the query along it; rough (m), their standard deviation along it; reach (m), the distance to the
-// farthest of them.
+// points (n, 3), sorted by cell: those of cell keys[i] are starts[i] to before starts[i + 1]. A cell is a cube with
+// edges of `radius`; cell (x, y, z) of a grid of dims cells from `low` on has the key (x * dims[1] + y) * dims[2] +
+// z. The outermost cells are empty. For each query (m, 3), of its nearest points within `radius`, at most `capacity`:
+// count (m); normal (m, 3), 0 for fewer than three points; height (m) of their mean above the query along the normal;
+// rough (m), their standard deviation along the normal; reach (m), the distance to the farthest of them.
 extern "C" int UNISIM_NAME(unisim_local_planes)(const float *points, const int64_t *keys, const int64_t *starts, int64_t cells,
-                                                const double *low, const int64_t *dims, double radius, int32_t most,
+                                                const double *low, const int64_t *dims, double radius, int32_t capacity,
                                                 const float *queries, int64_t m, int32_t *count, float *normal, float *height,
                                                 float *rough, float *reach, int threads) {
     parallel_bodies(m, 512, threads, [&] {
@@ -71,12 +72,12 @@ extern "C" int UNISIM_NAME(unisim_local_planes)(const float *points, const int64
                             if (squared <= limit) near.emplace_back(squared, j);
                         }
                     }
-                if (static_cast<int64_t>(near.size()) > most) {
-                    std::nth_element(near.begin(), near.begin() + most, near.end());
-                    near.resize(most);
+                if (static_cast<int64_t>(near.size()) > capacity) {
+                    std::nth_element(near.begin(), near.begin() + capacity, near.end());
+                    near.resize(capacity);
                 }
                 float farthest = 0;
-                double mean[3] = {}, spread[3][3] = {}, axes[3][3];
+                double mean[3] = {}, covariance[3][3] = {}, axes[3][3];
                 for (const auto &[squared, j] : near) {
                     farthest = std::max(farthest, squared);
                     for (int k = 0; k < 3; ++k) mean[k] += double(points[3 * j + k]) - q[k];
@@ -87,21 +88,21 @@ extern "C" int UNISIM_NAME(unisim_local_planes)(const float *points, const int64
                     double d[3];
                     for (int k = 0; k < 3; ++k) d[k] = double(points[3 * j + k]) - q[k] - mean[k];
                     for (int k = 0; k < 3; ++k)
-                        for (int l = 0; l < 3; ++l) spread[k][l] += d[k] * d[l];
+                        for (int l = 0; l < 3; ++l) covariance[k][l] += d[k] * d[l];
                 }
                 count[i] = static_cast<int32_t>(near.size());
                 reach[i] = std::sqrt(farthest);
                 height[i] = rough[i] = 0;
                 for (int k = 0; k < 3; ++k) normal[3 * i + k] = 0;
                 if (near.size() < 3) continue;
-                jacobi(spread, axes);
-                int least = 0;
+                jacobi(covariance, axes);
+                int smallest = 0;
                 for (int k = 1; k < 3; ++k)
-                    if (spread[k][k] < spread[least][least]) least = k;
+                    if (covariance[k][k] < covariance[smallest][smallest]) smallest = k;
                 double along = 0;
-                for (int k = 0; k < 3; ++k) normal[3 * i + k] = static_cast<float>(axes[k][least]), along += axes[k][least] * mean[k];
+                for (int k = 0; k < 3; ++k) normal[3 * i + k] = static_cast<float>(axes[k][smallest]), along += axes[k][smallest] * mean[k];
                 height[i] = static_cast<float>(along);
-                rough[i] = static_cast<float>(std::sqrt(std::max(spread[least][least], 0.0) / n));
+                rough[i] = static_cast<float>(std::sqrt(std::max(covariance[smallest][smallest], 0.0) / n));
             }
         };
     });

@@ -1,4 +1,4 @@
-// Ray proposals. The function is the plain torch one in march.py, which is the specification.
+// Ray proposals. The specification is plain torch, in ops/march.py.
 #include "variant.h"
 
 #include <cmath>
@@ -7,14 +7,16 @@ namespace {
 
 constexpr int BLOCK = 64;
 
-struct March {
+// A ray that steps through the voxels.
+struct VoxelRay {
     const float *o, *d;
     const uint8_t *voxels;
     const int32_t *shape;
     const float *lower;
     float inverse, near, step;
 
-    // Values (BLOCK) of the voxels at the middles of the steps from `first` on, 0 outside of the grid; true where one is not 0.
+    // Values (BLOCK) of the voxels at the centres of the steps from `first` on, 0 outside the grid. Returns whether
+    // one is not 0.
     bool values(int64_t first, uint8_t *value) const {
         int32_t cell[3][BLOCK], inside[BLOCK];
         for (int i = 0; i < BLOCK; ++i) inside[i] = 1;
@@ -40,11 +42,12 @@ struct March {
 
 } // namespace
 
-// Where along each ray the occupied voxels lie, and `count` places drawn from them by inverse CDF.
+// Finds the occupied voxels along each ray, and `count` places in them by inverse CDF.
 //
-// A ray is cut into steps of `step` from t_near[r] on. The voxel at a step's middle gives its value p in 0..1 (uint8 / 255);
-// its mass is p * exp(-decay * step * sum of earlier p). u (n, count) in 0..1, increasing along each row, says which quantiles to
-// take. t (n, count); mass (n) is the sum of the masses, 0 where a ray meets nothing (its t then lie evenly between near and far).
+// A ray is divided into steps of `step` from t_near[r] on. The voxel at the centre of a step has a value p in 0..1
+// (uint8 / 255), and the step has the mass p * exp(-decay * step * sum of earlier p). u (n, count) in 0..1,
+// increasing along each row, are the quantiles. t (n, count); mass (n) is the sum of the masses, 0 where a ray hits
+// no occupied voxel (its t are then even between near and far).
 extern "C" int UNISIM_NAME(unisim_propose)(const float *origins, const float *directions, const float *t_near, const float *t_far,
                                            int64_t n, const uint8_t *voxels, const int32_t *shape, const float *lower,
                                            const float *voxel_m, float step, float decay, const float *u, int count, float *t,
@@ -54,14 +57,14 @@ extern "C" int UNISIM_NAME(unisim_propose)(const float *origins, const float *di
         std::vector<int32_t> index;
         uint8_t value[BLOCK];
         for (int64_t r = begin; r < end; ++r) {
-            const March march{origins + r * 3, directions + r * 3, voxels, shape, lower, 1.0f / voxel_m[0], t_near[r], step};
+            const VoxelRay ray{origins + r * 3, directions + r * 3, voxels, shape, lower, 1.0f / voxel_m[0], t_near[r], step};
             const float span = t_far[r] - t_near[r];
             const int64_t steps = span > 0 ? static_cast<int64_t>(std::ceil(span / step)) : 0;
             float total = 0, depth = 0;
             cdf.clear();
             index.clear();
             for (int64_t first = 0; first < steps; first += BLOCK) {
-                if (!march.values(first, value)) continue;
+                if (!ray.values(first, value)) continue;
                 for (int64_t i = first; i < std::min(steps, first + BLOCK); ++i) {
                     if (!value[i - first]) continue;
                     const float p = static_cast<float>(value[i - first]) * (1.0f / 255.0f);

@@ -1,9 +1,11 @@
-// Rays through a scene, a tile at a time: samples placed, fields asked, everything on a ray put in depth order, features summed.
+// Traces rays through a scene, a tile at a time: builds ray segments, places and evaluates samples, composites in
+// depth order.
 //
-// `core/render/tracers/torch/trace.py` is the same in plain torch, and the specification. What is left out here cannot be seen: samples behind what
-// lets less than `opaque` through, strands that lie wholly behind it. A ray's results do not depend on the others of its tile.
-#include "trace/following.h"
+// `core/render/tracers/torch/trace.py` is the specification, in plain torch. What is skipped here is not visible:
+// samples behind a transmittance below `opaque`, and segments that lie wholly behind it. A ray's results do not
+// depend on the others of its tile.
 #include "trace/passes.h"
+#include "trace/ray_marcher.h"
 
 #include <memory>
 
@@ -11,40 +13,39 @@ namespace {
 
 struct Tracer {
     Tile tile;
-    Clearing clearing{tile};
-    Gathering gathering{tile, clearing};
-    Asking asking{tile, clearing};
-    Following following{tile, asking, gathering};
-    Summing summing{tile};
-    Beyond beyond{tile, summing.sums};
-    Passes passes{tile, summing.sums, beyond};
+    StaticMask mask{tile};
+    SegmentBuilder builder{tile, mask};
+    FieldEvaluator evaluator{tile, mask};
+    RayMarcher marcher{tile, evaluator, builder};
+    Compositor compositor{tile};
+    Background background{tile, compositor.sums};
+    Passes passes{tile, compositor.sums, background};
 
     explicit Tracer(const Task &task) : tile(task) {}
 
     void trace(int64_t begin, int64_t end) {
         tile.start(begin, end);
-        gathering.gather();
-        for (Batch &b : tile.batches)
-            if (b.count && b.medium != Medium::mesh) following.follow(b);
-        summing.composite();
-        beyond.add();
+        builder.build();
+        tile.each_field([&](auto &segments) { marcher.sample(segments); });
+        compositor.composite();
+        background.composite();
         passes.write();
     }
 };
 
 } // namespace
 
-extern "C" int UNISIM_NAME(unisim_trace)(const unisim_scene *scene, const unisim_cast *cast, const unisim_rays *rays,
+extern "C" int UNISIM_NAME(unisim_trace)(const unisim_scene *scene, const unisim_active_actors *active, const unisim_rays *rays,
                                          const unisim_mesh_hits *meshes, const unisim_sampling *sampling,
-                                         const unisim_found *found, int threads) {
-    Task task{*scene, *cast, *rays, meshes, *sampling, *found, {}, {}};
+                                         const unisim_trace_result *result, int threads) {
+    Task task{*scene, *active, *rays, meshes, *sampling, *result, {}, {}};
     int first = 0;
-    for (int i = 0; i < cast->troupe_count; ++i) {
-        task.fields.emplace_back(cast->troupes[i].scene);
-        task.first.push_back(first);
-        first += cast->troupes[i].count;
+    for (int i = 0; i < active->actor_set_count; ++i) {
+        task.fields.emplace_back(active->actor_sets[i].scene);
+        task.first_instance.push_back(first);
+        first += active->actor_sets[i].count;
     }
-    task.first.push_back(first);
+    task.first_instance.push_back(first);
     std::atomic<int64_t> samples{0};
     parallel_bodies(rays->n, 4 * TILE, threads, [&] {
         return [&, tracer = std::make_unique<Tracer>(task)](int64_t begin, int64_t end) {
@@ -53,6 +54,6 @@ extern "C" int UNISIM_NAME(unisim_trace)(const unisim_scene *scene, const unisim
             samples += tracer->tile.samples;
         };
     });
-    *found->samples = samples;
+    *result->samples = samples;
     return 0;
 }

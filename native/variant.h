@@ -1,4 +1,5 @@
-// What every kernel file needs: its instruction set's name on its functions, and blocks of work shared out among threads.
+// Included by every kernel file: function names with the instruction set's suffix, and blocks of work distributed
+// over threads.
 #pragma once
 #include "kernels.h"
 
@@ -20,8 +21,8 @@ UNISIM_KERNELS(UNISIM_DECLARED)
 
 namespace {
 
-// Runs over [0, n) in blocks what make() gives each thread, a body(begin, end) with memory of its own; which thread takes which
-// block never changes a result.
+// Runs body(begin, end) over [0, n) in blocks. make() returns one body for each thread, with its own memory. Results
+// do not depend on which thread takes which block.
 template <class Make> void parallel_bodies(int64_t n, int64_t block, int threads, const Make &make) {
     const int64_t blocks = (n + block - 1) / block;
     const int workers = static_cast<int>(std::min<int64_t>(threads, blocks));
@@ -36,7 +37,7 @@ template <class Make> void parallel_bodies(int64_t n, int64_t block, int threads
     for (auto &thread : pool) thread.join();
 }
 
-// The same with one body for all threads.
+// The same with one body shared by all threads.
 template <class Body> void parallel_blocks(int64_t n, int64_t block, int threads, const Body &body) {
     parallel_bodies(n, block, threads, [&] { return [&](int64_t begin, int64_t end) { body(begin, end); }; });
 }

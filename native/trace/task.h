@@ -1,20 +1,22 @@
-// What a trace is given: the scenes' fields as tiles ask them, and how places and directions come into a scene's coordinates.
+// The inputs of a trace: scenes with their fields ready for evaluation, and transformations into a scene's
+// coordinates.
 #pragma once
 #include "../field_tile.h"
 
 namespace {
 
-// What weighs less is not looked at.
-constexpr float LEAST_WEIGHT = 1e-4f;
-// What weighs less is left out of sums: a millionth of a feature shows in none of its digits.
-constexpr float NO_WEIGHT = 1e-6f;
+// Samples and segments of a smaller weight get no normal, light or view-dependent feature.
+constexpr float MIN_WEIGHT = 1e-4f;
+// Samples of a smaller weight are left out of sums of features: a millionth of a feature changes none of its digits.
+constexpr float NEGLIGIBLE_WEIGHT = 1e-6f;
 
-struct Fields {
+struct SceneFields {
     const unisim_scene *scene;
-    Field fixed, far, actors;
-    std::vector<float> light_first, light_last; // the light's layers, transposed: (features, wide), (hidden, wide)
+    Field static_field, background, actors;
+    std::vector<float> light_first, light_last; // the light network's layers, transposed: (features, wide), (hidden, wide)
 
-    explicit Fields(const unisim_scene *s) : scene(s), fixed(s->fixed), far(s->far), actors(s->actors) {
+    explicit SceneFields(const unisim_scene *s)
+        : scene(s), static_field(s->static_field), background(s->background), actors(s->actor_fields) {
         if (!s->light) return;
         light_first = transposed(s->light->w1, s->light->hidden, s->light->inputs);
         light_last = transposed(s->light->w2, s->light->outputs, s->light->hidden);
@@ -31,13 +33,13 @@ struct Fields {
 
 struct Task {
     const unisim_scene &scene;
-    const unisim_cast &cast;
+    const unisim_active_actors &active;
     const unisim_rays &rays;
     const unisim_mesh_hits *meshes;
     const unisim_sampling &sampling;
-    const unisim_found &found;
-    std::vector<Fields> fields; // a troupe each, the scene's own first
-    std::vector<int> first;     // a troupe each: the number of its first actor; then that of the first mesh
+    const unisim_trace_result &result;
+    std::vector<SceneFields> fields;   // one per actor set, the scene's own first
+    std::vector<int> first_instance;   // one per actor set: the number of its first actor; then that of the first mesh actor
 };
 
 inline void transform(const double *m, const double *x, float *out) {
@@ -49,7 +51,7 @@ inline void turn(const double *m, const double *x, float *out) {
     for (int a = 0; a < 3; ++a) out[a] = static_cast<float>(m[4 * a] * x[0] + m[4 * a + 1] * x[1] + m[4 * a + 2] * x[2]);
 }
 
-// Heights of the ground under (x, y), volume coordinates: bilinear between cells' middles.
+// Height of the ground at (x, y), volume coordinates: bilinear between the centres of cells.
 inline float ground_at(const unisim_scene &s, float x, float y) {
     const float u = std::fmin(std::fmax(x / s.ground_m - 0.5f, 0.0f), static_cast<float>(s.ground_shape[0] - 1));
     const float v = std::fmin(std::fmax(y / s.ground_m - 0.5f, 0.0f), static_cast<float>(s.ground_shape[1] - 1));

@@ -1,35 +1,40 @@
-// A tile of neighbouring rays: where they begin and go, the strands they have, and memory that its stages lend each other.
+// A tile of neighbouring rays: the rays, their segments by kind, and scratch memory that the stages share.
 #pragma once
-#include "../strands.h"
+#include "../ray_segments.h"
 #include "task.h"
 
 namespace {
 
 constexpr int TILE = 64;
 
-// Points of a block that are filled: those that are asked for, up to the end of a vector.
+// How many points of a block are filled in for `count` points: whole vectors.
 constexpr int filled(int count) { return (count + LANES - 1) / LANES * LANES; }
 
 struct Tile {
     const Task &task;
     const unisim_scene &scene;
     TileRays rays;
-    int64_t number[TILE];              // of a ray, among all that are traced
-    float o[TILE][3], d[TILE][3];      // in the volume's coordinates, metres
-    float near[TILE];                  // from where on a ray meets the static field
-    float far[TILE];                   // where a ray leaves the volume
-    std::vector<Batch> batches;        // what stands still, the troupes, copies, meshes
-    std::vector<Strand> strands[TILE]; // of all batches, by ray
-    int64_t samples = 0;               // points at which a field was asked
-    // a block of points in a field's unit cube, their actors' grids, what the grid says there, hidden units
+    int64_t number[TILE];         // of a ray, among all rays of the call
+    float o[TILE][3], d[TILE][3]; // in the volume's coordinates, metres
+    float near[TILE];             // from where on a ray can hit the static field
+    float far[TILE];              // where a ray leaves the volume
+    // segments, in the order of `each`
+    StaticSegments static_segments;
+    std::vector<ActorSegments> actor_segments; // one per actor set
+    CopySegments copy_segments;
+    MeshSegments mesh_segments;
+    std::vector<SegmentRef> segments[TILE]; // of all kinds, by ray
+    int64_t samples = 0;                    // points at which a field was evaluated
+    // a block of points in a field's unit cube, the numbers of their actors' grids, their encodings, their hidden
+    // units
     float x[3][BLOCK];
     int32_t row[BLOCK];
     std::vector<float> code, block;
 
-    explicit Tile(const Task &of) : task(of), scene(of.scene), batches(of.cast.troupe_count + 3) {
+    explicit Tile(const Task &of) : task(of), scene(of.scene), actor_segments(static_cast<size_t>(of.active.actor_set_count)) {
         int inputs = 0, wide = 0;
-        for (const Fields &fields : task.fields)
-            for (const Field *field : {&fields.fixed, &fields.far, &fields.actors}) {
+        for (const SceneFields &fields : task.fields)
+            for (const Field *field : {&fields.static_field, &fields.background, &fields.actors}) {
                 inputs = std::max(inputs, field->inputs);
                 wide = std::max(wide, field->wide);
             }
@@ -37,15 +42,42 @@ struct Tile {
         block.resize(static_cast<size_t>(BLOCK) * wide);
     }
 
-    const Fields &fields_of(const Batch &b) const { return task.fields[b.medium == Medium::actor ? b.troupe : 0]; }
-    const Field &field_of(const Batch &b) const { return b.medium == Medium::actor ? fields_of(b).actors : fields_of(b).fixed; }
-    Batch &fixed() { return batches[0]; }
-    bool guest(const Batch &b) const { return b.medium == Medium::mesh || (b.medium == Medium::actor && b.troupe > 0); }
+    // Calls visit(segments) for every kind that has any: a fixed order, so that sums are the same whatever the tile
+    // holds.
+    template <class Visit> void each(const Visit &visit) {
+        each_field(visit);
+        if (mesh_segments.count) visit(mesh_segments);
+    }
 
-    // Whether a scene's strands are followed from cell to cell; the paper's density depends on the steps, and takes even ones.
-    bool marches(const unisim_scene &of) const { return task.sampling.stride_m > 0 && of.cells && !of.paper_density; }
+    // The same for segments inside a field.
+    template <class Visit> void each_field(const Visit &visit) {
+        if (static_segments.count) visit(static_segments);
+        for (ActorSegments &b : actor_segments)
+            if (b.count) visit(b);
+        if (copy_segments.count) visit(copy_segments);
+    }
 
-    // Rays `begin` to before `end`, in the order in which they are traced.
+    const SceneFields &scene_fields_of(const FieldSegments &) const { return task.fields[0]; }
+    const SceneFields &scene_fields_of(const ActorSegments &b) const { return task.fields[static_cast<size_t>(b.set)]; }
+    const Field &field_of(const FieldSegments &b) const { return scene_fields_of(b).static_field; }
+    const Field &field_of(const ActorSegments &b) const { return scene_fields_of(b).actors; }
+
+    // The place of a segment's point in its field's unit cube is point / size + offset.
+    const float *size_of(const FieldSegments &, size_t) const { return scene.size; }
+    const float *size_of(const ActorSegments &b, size_t p) const { return &b.size[3 * p]; }
+    static float offset_of(const FieldSegments &) { return 0.0f; }
+    static float offset_of(const ActorSegments &) { return 0.5f; }
+    // The number of a segment's grid in its field's table.
+    static int32_t row_of(const FieldSegments &, size_t) { return 0; }
+    static int32_t row_of(const ActorSegments &b, size_t p) { return b.actors->rows[b.box[p]]; }
+    // The numbers of the grids of the points in `x`; null where the field has one grid.
+    const int32_t *rows_of(const FieldSegments &) const { return nullptr; }
+    const int32_t *rows_of(const ActorSegments &) const { return row; }
+
+    // Whether a scene's segments are marched. The paper's density depends on the steps and needs even ones.
+    bool marches(const unisim_scene &of) const { return task.sampling.stride_m > 0 && of.cells && !of.unisim_density; }
+
+    // Starts with rays `begin` to before `end`, in the order in which they are traced.
     void start(int64_t begin, int64_t end) {
         const unisim_rays &all = task.rays;
         rays.count = static_cast<int>(end - begin);

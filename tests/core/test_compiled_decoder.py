@@ -21,9 +21,10 @@ from unisim_blender.core.bench.methods import VARIANTS
 from unisim_blender.core.errors import SceneError, UnisimError
 from unisim_blender.core.model.config import ModelConfig, preset
 from unisim_blender.core.model.decode import CameraDecoder, LidarHead, RayHead
-from unisim_blender.core.model.networks import SH_WIDTH, mlp
+from unisim_blender.core.model.networks import mlp
+from unisim_blender.core.model.shapes import SH_WIDTH
 from unisim_blender.core.model.weights import Weights
-from unisim_blender.core.render.tracers.compiled.decoder import Decoder, resized, spread_over_edges
+from unisim_blender.core.render.tracers.compiled.decoder import Decoder, extended_over_edges, resized
 from unisim_blender.core.render.tracers.torch import tracer as torch_tracer
 
 needs_library = pytest.mark.skipif(native.library() is None, reason="the compiled kernels are not built")
@@ -236,7 +237,7 @@ def test_a_foreign_actor_is_carried_past_its_edges(shape: tuple[int, int], cells
     feature = torch.randn(*shape, 5) * share[..., None]
     feature[-1, -1] = 0.1  # of no share at all
     expected = torch_tracer._spread_over_edges(feature.view(-1, 5), share.view(-1), shape, cells).view(*shape, 5)
-    found = spread_over_edges(feature.numpy(), share.numpy(), cells)
+    found = extended_over_edges(feature.numpy(), share.numpy(), cells)
     torch.testing.assert_close(torch.from_numpy(found), expected, rtol=1e-5, atol=1e-6)
 
 

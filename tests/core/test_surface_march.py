@@ -26,12 +26,12 @@ from surface_march import (
     Before,
     Floats,
     Kinds,
-    Probe,
+    Sample,
     Steps,
     Volume,
+    kinds_in_grid,
     kinds_of,
     march,
-    raised,
     runs_in_box,
     runs_in_volume,
     unpacked,
@@ -46,10 +46,10 @@ from unisim_blender.core.render.quality import QUALITY, Quality
 from unisim_blender.core.render.tracers.compiled.scene import CompiledScene
 from unisim_blender.core.render.tracers.compiled.structs import SamplingStruct, SceneStruct, address, floats
 from unisim_blender.core.render.tracers.compiled.tracer import (
-    LEAST_SLOPE,
-    LEAST_STEP_M,
+    MIN_SLOPE,
+    MIN_STEP_M,
     SPLIT_WEIGHT,
-    WIDENING,
+    STEP_GROWTH_PER_M,
     CompiledBackend,
     CompiledTracer,
 )
@@ -69,7 +69,14 @@ Space = Callable[[NDArray[Any]], NDArray[Any]]
 
 def steps_of(quality: Quality) -> Steps:
     return Steps(
-        quality.opaque, quality.stride_m, WIDENING, quality.relaxation, LEAST_SLOPE, LEAST_STEP_M, quality.splits, SPLIT_WEIGHT
+        quality.opaque,
+        quality.stride_m,
+        STEP_GROWTH_PER_M,
+        quality.relaxation,
+        MIN_SLOPE,
+        MIN_STEP_M,
+        quality.splits,
+        SPLIT_WEIGHT,
     )
 
 
@@ -85,7 +92,7 @@ def volume_of(space: Space, size_m: NDArray[Any] = SIZE_M) -> Volume:
     """The cells of a volume in which every voxel is known."""
     gap = VOXEL_M / (CELLS * POINTS)
     shape = tuple((size_m / gap).astype(int))
-    return Volume(raised(kinds_of(space(grid(shape) * gap).reshape(shape).astype(np.float32), gap)), VOXEL_M)
+    return Volume(kinds_in_grid(kinds_of(space(grid(shape) * gap).reshape(shape).astype(np.float32), gap)), VOXEL_M)
 
 
 def along(space: Space, origin: Any, direction: Any) -> Callable[[np.float32], float]:
@@ -99,20 +106,20 @@ def unit(*direction: float) -> NDArray[np.float64]:
 
 
 def seen(
-    space: Space, origin: Any, direction: Any, how: Steps, t_far: float = 35.0, volume: Volume | None = None, **opened: Any
-) -> tuple[float, float, list[Probe]]:
+    space: Space, origin: Any, direction: Any, how: Steps, t_far: float = 35.0, volume: Volume | None = None, **cleared: Any
+) -> tuple[float, float, list[Sample]]:
     """Mean depth and opacity of a ray through a space, and its samples."""
     o, d = np.asarray(origin, np.float32), np.asarray(direction, np.float32)
-    runs = runs_in_volume(volume or volume_of(space), o, d, 0.05, t_far, **opened)
-    probes = march(runs, along(space, o, d), BETA, how)
-    return *composited(probes), probes
+    runs = runs_in_volume(volume or volume_of(space), o, d, 0.05, t_far, **cleared)
+    samples = march(runs, along(space, o, d), BETA, how)
+    return *composited(samples), samples
 
 
-def composited(probes: list[Probe]) -> tuple[float, float]:
+def composited(samples: list[Sample]) -> tuple[float, float]:
     """Mean depth and opacity of samples, as `composite.py` has them."""
-    if not probes:
+    if not samples:
         return np.inf, 0.0
-    t, s = (torch.tensor([float(getattr(p, name)) for p in probes], dtype=torch.float64)[None] for name in ("t", "s"))
+    t, s = (torch.tensor([float(getattr(p, name)) for p in samples], dtype=torch.float64)[None] for name in ("t", "s"))
     tau, share = logistic_intervals(s, BETA)
     front, behind = weights_from_tau(tau)
     whole, far = front * -torch.expm1(-tau), front * share
@@ -178,7 +185,7 @@ class Kernel:
         closed = (words > 0).astype(np.uint8)
         library.unisim_clearance(address(closed), address(shape), address(clearance))
         self.kept += [words, clearance]
-        # without free voxels before them, answers have no face to look for
+        # without free voxels before them, samples have no face
         known = np.zeros(words.shape, np.uint8) if voxels is None else np.ascontiguousarray(voxels)
         self.kept.append(known)
         self.struct.voxels = address(known)
@@ -186,32 +193,32 @@ class Kernel:
         self.struct.voxel_shape, self.struct.voxel_m = (ctypes.c_int32 * 3)(*shape), where.voxel_m
 
     def march(
-        self, origins: Floats, directions: Floats, spans: Floats, ways: list[Callable[[np.float32], float]], how: Steps,
-        opened: Floats | None = None, passed: Floats | None = None,
+        self, origins: Floats, directions: Floats, spans: Floats, distances: list[Callable[[np.float32], float]], how: Steps,
+        cleared: Floats | None = None, passed: Floats | None = None,
     ) -> list[NDArray[np.float64]]:  # fmt: skip
-        """Answers (K, 2), t and s, of each ray; ``ways`` tell their distances."""
-        n, most = len(origins), 4096
-        opened = floats(np.tile([np.inf, -np.inf], (n, 1))) if opened is None else opened
+        """Samples (K, 2), t and s, of each ray; ``distances`` are their signed distances by t."""
+        n, capacity = len(origins), 4096
+        cleared = floats(np.tile([np.inf, -np.inf], (n, 1))) if cleared is None else cleared
         passed = floats(np.zeros(n)) if passed is None else passed
-        t, s, counts = np.empty((n, most), np.float32), np.empty((n, most), np.float32), np.empty(n, np.int32)
+        t, s, counts = np.empty((n, capacity), np.float32), np.empty((n, capacity), np.float32), np.empty(n, np.int32)
         names = {field.name for field in dataclasses.fields(Steps)}
         sampling = SamplingStruct(**{name: getattr(how, name) for name in names})
-        told = ctypes.CFUNCTYPE(ctypes.c_float, ctypes.c_int64, ctypes.c_float)(lambda i, t: ways[i](np.float32(t)))
+        distance = ctypes.CFUNCTYPE(ctypes.c_float, ctypes.c_int64, ctypes.c_float)(lambda i, t: distances[i](np.float32(t)))
         self.library.unisim_march(
-            ctypes.byref(self.struct), int(self.in_box), *map(address, (origins, directions, spans, opened, passed)), n,
-            ctypes.byref(sampling), told, most, *map(address, (t, s, counts)),
+            ctypes.byref(self.struct), int(self.in_box), *map(address, (origins, directions, spans, cleared, passed)), n,
+            ctypes.byref(sampling), distance, capacity, *map(address, (t, s, counts)),
         )  # fmt: skip
-        assert (counts <= most).all()
+        assert (counts <= capacity).all()
         return [np.stack([t[i, :k], s[i, :k]], -1).astype(float) for i, k in enumerate(counts)]
 
 
-def is_same(found: NDArray[Any], expected: list[Probe]) -> bool:
+def is_same(found: NDArray[Any], expected: list[Sample]) -> bool:
     b = np.array([(p.t, p.s) for p in expected], float).reshape(-1, 2)
     return found.shape == b.shape and bool(np.allclose(found, b, rtol=0, atol=1e-3))
 
 
-def same_places(found: list[NDArray[Any]], expected: list[list[Probe]]) -> None:
-    """Nearly all rays are asked at the same places: rounding may decide otherwise where a number lies on a limit."""
+def same_places(found: list[NDArray[Any]], expected: list[list[Sample]]) -> None:
+    """Nearly all rays have samples at the same places: rounding may decide otherwise where a number lies on a limit."""
     same = sum(is_same(a, b) for a, b in zip(found, expected, strict=True))
     assert same >= 0.985 * len(found), f"{same} of {len(found)}"
     assert np.mean([len(a) > 0 for a in found]) > 0.3 and max(map(len, found)) > 8
@@ -229,12 +236,12 @@ def test_places_in_a_volume(name: str) -> None:
     origins, directions = random_rays(1, n, size)
     rng = np.random.default_rng(2)
     spans = floats(np.stack([rng.uniform(0, 1, n), rng.uniform(-1, 25, n)], -1))
-    opened = floats(np.where(np.arange(n)[:, None] % 2, np.sort(rng.uniform(0, 6, (n, 2))), [np.inf, -np.inf]))
+    cleared = floats(np.where(np.arange(n)[:, None] % 2, np.sort(rng.uniform(0, 6, (n, 2))), [np.inf, -np.inf]))
     passed = floats(np.where(np.arange(n) % 3, 0, rng.uniform(0, 9, n)))
     # every other pair of rays is stopped by nothing, and meets all of its runs
-    ways = [along(moved(space, 0.4 * (i // 2 % 2)), origins[i], directions[i]) for i in range(n)]
+    distances = [along(moved(space, 0.4 * (i // 2 % 2)), origins[i], directions[i]) for i in range(n)]
     voxels = (rng.random(np.array(volume.kinds.shape) // CELLS) < 0.3).astype(np.uint8)
-    found = Kernel(volume, voxels=voxels).march(origins, directions, spans, ways, STEPS[name], opened, passed)
+    found = Kernel(volume, voxels=voxels).march(origins, directions, spans, distances, STEPS[name], cleared, passed)
 
     def before(i: int) -> Before:
         def occupied(t: np.float32) -> bool:
@@ -245,12 +252,12 @@ def test_places_in_a_volume(name: str) -> None:
 
     expected = [
         march(
-            runs_in_volume(volume, origins[i], directions[i], spans[i, 0], spans[i, 1], (opened[i, 0], opened[i, 1])),
-            ways[i], BETA, STEPS[name], float(passed[i]), before(i),
+            runs_in_volume(volume, origins[i], directions[i], spans[i, 0], spans[i, 1], (cleared[i, 0], cleared[i, 1])),
+            distances[i], BETA, STEPS[name], float(passed[i]), before(i),
         )
         for i in range(n)
     ]  # fmt: skip
-    assert sum(probe.beyond for probes in expected for probe in probes[1:]) > 5
+    assert sum(sample.after_free for samples in expected for sample in samples[1:]) > 5
     same_places(found, expected)
 
 
@@ -260,14 +267,14 @@ def test_places_in_a_box(name: str) -> None:
     space, size, n = bumps(3, 3.0), np.array([4.0, 2.0, 1.5]), 200
     points = grid((BOX_CELLS * POINTS,) * 3) / (BOX_CELLS * POINTS) - 0.5
     s = space(points * size).reshape((BOX_CELLS * POINTS,) * 3)
-    box = ActorBox(raised(kinds_of(s.astype(np.float32), float(size.max()) / (BOX_CELLS * POINTS))), floats(size))
+    box = ActorBox(kinds_in_grid(kinds_of(s.astype(np.float32), float(size.max()) / (BOX_CELLS * POINTS))), floats(size))
     assert SURFACE in box.kinds
     origins, directions = random_rays(4, n, size)
     origins -= floats(size / 2)
     spans = floats(np.stack([np.full(n, -2.0), np.random.default_rng(5).uniform(-2.5, 3, n)], -1))
-    ways = [along(space, o, d) for o, d in zip(origins, directions, strict=True)]
-    found = Kernel(box).march(origins, directions, spans, ways, STEPS[name])
-    expected = [march(runs_in_box(box, origins[i], directions[i], *spans[i]), ways[i], BETA, STEPS[name]) for i in range(n)]
+    distances = [along(space, o, d) for o, d in zip(origins, directions, strict=True)]
+    found = Kernel(box).march(origins, directions, spans, distances, STEPS[name])
+    expected = [march(runs_in_box(box, origins[i], directions[i], *spans[i]), distances[i], BETA, STEPS[name]) for i in range(n)]
     same_places(found, expected)
 
 
@@ -340,13 +347,13 @@ def test_cells_of_random_scenes(tmp_path: Path, name: str) -> None:
     corners = np.stack(np.unravel_index(known, shape), -1)
     places = (corners[:, None] * voxel + grid((side,) * 3) * gap).reshape(-1, 3)
     with torch.no_grad():
-        told = model.static.signed_distance(torch.tensor(places, dtype=torch.float32)).numpy()
+        s_at = model.static.signed_distance(torch.tensor(places, dtype=torch.float32)).numpy()
     # what nobody knows is open
     s = np.full((24, 40, shape[2], side, side, side), 1e3, np.float32)
-    s[tuple(corners.T)] = told.reshape(-1, side, side, side)
+    s[tuple(corners.T)] = s_at.reshape(-1, side, side, side)
     s = s.transpose(0, 3, 1, 4, 2, 5).reshape(24 * side, 40 * side, shape[2] * side)
     assert not words[24:].any() and not words[:, 40:].any()
-    same_cells(unpacked(words[:24, :40]), raised(kinds_of(s, gap)), limits_are_near(s, gap))
+    same_cells(unpacked(words[:24, :40]), kinds_in_grid(kinds_of(s, gap)), limits_are_near(s, gap))
 
 
 @needs_library
@@ -355,26 +362,26 @@ def test_cells_of_random_actors(tmp_path: Path) -> None:
     assert library is not None
     folder = saved(tmp_path / "scene", CONFIGS["tiny"])
     scene, loaded = CompiledScene(folder), load_scene(folder)
-    side, count = BOX_CELLS * POINTS, len(scene.looks)
-    sizes = floats([scene.header.drive.actors[uid].size_m for uid in scene.looks])
+    side, count = BOX_CELLS * POINTS, len(scene.appearances)
+    sizes = floats([scene.header.drive.actors[uid].size_m for uid in scene.appearances])
     kinds = np.empty((count, BOX_CELLS, BOX_CELLS, BOX_CELLS), np.uint8)
     library.unisim_box_cells(ctypes.byref(scene.struct), address(sizes), count, address(kinds), 1)
     places = torch.tensor(grid((side,) * 3) / side, dtype=torch.float32)
     for row in range(count):
         with torch.no_grad():
-            told = loaded.model.actors.signed_distance(loaded.actor_tables, places, torch.full((len(places),), row))
-        s, gap = told.numpy().reshape(side, side, side), float(sizes[row].max()) / side
-        same_cells(kinds[row], raised(kinds_of(s, gap)), limits_are_near(s, gap))
+            s_at = loaded.model.actors.signed_distance(loaded.actor_tables, places, torch.full((len(places),), row))
+        s, gap = s_at.numpy().reshape(side, side, side), float(sizes[row].max()) / side
+        same_cells(kinds[row], kinds_in_grid(kinds_of(s, gap)), limits_are_near(s, gap))
 
 
 def test_a_solid_cell_beside_an_open_one_is_a_surface() -> None:
     kinds = np.full((5, 5, 5), SOLID, np.uint8)
     kinds[2, 2, 2] = OPEN
-    after = raised(kinds)
+    after = kinds_in_grid(kinds)
     assert after[2, 2, 2] == OPEN
     # the border is beside what lies outside
     assert (after == SURFACE).sum() == 124
-    inner = raised(np.full((7, 7, 7), SOLID, np.uint8))
+    inner = kinds_in_grid(np.full((7, 7, 7), SOLID, np.uint8))
     assert (inner[1:-1, 1:-1, 1:-1] == SOLID).all() and (inner == SURFACE).sum() == 7**3 - 5**3
 
 
@@ -382,8 +389,8 @@ def test_a_solid_cell_beside_an_open_one_is_a_surface() -> None:
 def test_a_wall_head_on(name: str) -> None:
     space = plate((20, -1, -1), (41, 11, 7))
     for y in (3.1, 4.9):
-        depth, opacity, probes = seen(space, (1, y, 3.3), (1, 0, 0), STEPS[name])
-        assert abs(depth - 19) < 0.003 and opacity > 1 - 2 * STEPS[name].opaque and len(probes) <= 9
+        depth, opacity, samples = seen(space, (1, y, 3.3), (1, 0, 0), STEPS[name])
+        assert abs(depth - 19) < 0.003 and opacity > 1 - 2 * STEPS[name].opaque and len(samples) <= 9
 
 
 @pytest.mark.parametrize("name", STEPS)
@@ -392,8 +399,8 @@ def test_the_ground_at_one_degree(name: str) -> None:
         return x[:, 2] - 1.0
 
     angle = np.radians(1.0)
-    depth, opacity, probes = seen(ground, (1, 5, 1.5), (np.cos(angle), 0, -np.sin(angle)), STEPS[name], t_far=38.0)
-    assert abs(depth - 0.5 / np.sin(angle)) < 0.06 and opacity > 0.98 and len(probes) <= 100
+    depth, opacity, samples = seen(ground, (1, 5, 1.5), (np.cos(angle), 0, -np.sin(angle)), STEPS[name], t_far=38.0)
+    assert abs(depth - 0.5 / np.sin(angle)) < 0.06 and opacity > 0.98 and len(samples) <= 100
 
 
 def test_a_pole_of_five_centimetres_at_thirty_metres() -> None:
@@ -429,8 +436,8 @@ def test_two_walls() -> None:
 def test_a_ray_that_starts_inside(name: str) -> None:
     space = plate((0.5, 4, 2), (3, 6, 4))
     # 30 cm behind the surface, in a solid cell: the first that counts is met at once
-    depth, opacity, probes = seen(space, (2.7, 5, 3), (1, 0, 0), STEPS[name])
-    assert depth < 0.06 and opacity > 0.98 and len(probes) == 1
+    depth, opacity, samples = seen(space, (2.7, 5, 3), (1, 0, 0), STEPS[name])
+    assert depth < 0.06 and opacity > 0.98 and len(samples) == 1
 
 
 def test_solid_cells_count_where_a_box_was_emptied() -> None:
@@ -444,12 +451,14 @@ def test_solid_cells_count_where_a_box_was_emptied() -> None:
     volume = volume_of(rock)
     for how in STEPS.values():
         origin = np.array([13.0, 5, 3])
-        runs = [runs_in_volume(volume, floats(origin), floats([1, 0, 0]), 0, 20, opened) for opened in ((-1.0, 5.0), (9.0, -9.0))]
-        probes = march(runs[0], along(space, origin, (1, 0, 0)), BETA, how)
+        runs = [
+            runs_in_volume(volume, floats(origin), floats([1, 0, 0]), 0, 20, cleared) for cleared in ((-1.0, 5.0), (9.0, -9.0))
+        ]
+        samples = march(runs[0], along(space, origin, (1, 0, 0)), BETA, how)
         # the box's end is no surface of the distance: it is found to a step
-        assert abs(composited(probes)[0] - 5) < 0.4 and composited(probes)[1] > 0.98
+        assert abs(composited(samples)[0] - 5) < 0.4 and composited(samples)[1] > 0.98
         assert len(runs[1]) == 0 or runs[1][0][0] > 20
-        whole = seen(space, (1, 5, 3), (1, 0, 0), how, volume=volume, opened=box)
+        whole = seen(space, (1, 5, 3), (1, 0, 0), how, volume=volume, cleared=box)
         assert abs(whole[0] - 4) < 0.01 and whole[1] > 0.98
 
 
@@ -521,7 +530,7 @@ def test_qualities_beside_the_truth(looks: dict[str, Look], sensor: str) -> None
     figures: list[NDArray[np.float64]] = []
     for name, (least_psnr, median, p95, coarse, samples) in BOUNDS[sensor].items():
         quality = QUALITY[name]
-        # what lies beyond the volume is asked so often that both sums are the integral
+        # the background has so many samples that both sums are the integral
         truth = look.at(dataclasses.replace(QUALITY["reference"], samples=16.0, far=8.0))
         found = look.at(dataclasses.replace(quality, far=8.0))
         met = np.isfinite(truth[1])

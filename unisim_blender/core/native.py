@@ -1,5 +1,5 @@
-"""The compiled kernels, loaded with ctypes. They take and give contiguous CPU arrays; the plain torch code beside each call
-is their specification, and what runs where the library is absent."""
+"""The compiled kernels, loaded with ctypes. They read and write contiguous CPU arrays; the plain torch or numpy code beside
+each call is their specification, and runs where the library is absent."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import sys
 import warnings
 from pathlib import Path
 
-ABI_VERSION = 11
+ABI_VERSION = 12
 _SUFFIX = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
 
 
@@ -42,8 +42,8 @@ class MlpStruct(ctypes.Structure):
     ]
 
 
-class StrandsStruct(ctypes.Structure):
-    """`unisim_strands` of native/unisim_native.h."""
+class RaySegmentsStruct(ctypes.Structure):
+    """`unisim_ray_segments` of native/unisim_native.h."""
 
     _fields_ = [
         ("n", ctypes.c_int64),
@@ -51,7 +51,7 @@ class StrandsStruct(ctypes.Structure):
         ("ray", ctypes.c_void_p),
         ("t", ctypes.c_void_p),
         ("tau", ctypes.c_void_p),
-        ("share", ctypes.c_void_p),
+        ("stop_fraction", ctypes.c_void_p),
     ]
 
 
@@ -78,10 +78,10 @@ class PlaneStruct(ctypes.Structure):
     ]
 
 
-class LikenessStruct(ctypes.Structure):
-    """`unisim_likeness` of native/unisim_native.h."""
+class BlockToleranceStruct(ctypes.Structure):
+    """`unisim_block_tolerance` of native/unisim_native.h."""
 
-    _fields_ = [(name, ctypes.c_float) for name in ("spread", "contrast", "foretold", "range", "twist")]
+    _fields_ = [(name, ctypes.c_float) for name in ("spread", "contrast", "prediction", "range", "twist")]
 
 
 class HeadStruct(ctypes.Structure):
@@ -89,7 +89,7 @@ class HeadStruct(ctypes.Structure):
 
     _fields_ = [
         ("features", ctypes.c_int32),
-        ("extras", ctypes.c_int32),
+        ("extra_inputs", ctypes.c_int32),
         ("count", ctypes.c_int32),
         ("layers", ctypes.c_void_p),
     ]
@@ -97,7 +97,7 @@ class HeadStruct(ctypes.Structure):
 
 @functools.cache
 def library() -> ctypes.CDLL | None:
-    """The kernels, or None (with one warning) where they were not built. UNISIM_NATIVE=0 switches them off."""
+    """The kernels, or None (with one warning) where they were not built. UNISIM_NATIVE=0 disables them."""
     if os.environ.get("UNISIM_NATIVE") == "0":
         return None
     path = Path(__file__).parent / f"_unisim_native{_SUFFIX}"
@@ -135,7 +135,7 @@ def library() -> ctypes.CDLL | None:
     lib.unisim_cells.argtypes = [p, p, i64, p, i32]
     lib.unisim_box_cells.argtypes = [p, p, i32, p, i32]
     lib.unisim_blocks_differ.argtypes = [p, i32, p, i64, i64, i32, p, p, i32]
-    lib.unisim_blocks_foretold.argtypes = [p, i32, p, i64, i64, i32, p, p, i32]
+    lib.unisim_blocks_predicted.argtypes = [p, i32, p, i64, i64, i32, p, p, i32]
     lib.unisim_blocks_fill.argtypes = [p, i32, p, i64, i64, i32, p, i32]
     lib.unisim_head_forward.argtypes = [p, p, p, p, i64, p, i32]
     lib.unisim_decode_image.argtypes = [p, p, i32, i32, p, p, i32, i32, p, i32, i32]
@@ -143,7 +143,7 @@ def library() -> ctypes.CDLL | None:
 
 
 def threads() -> int:
-    """How many threads a kernel may take where torch does not say."""
+    """How many threads a kernel uses where torch does not decide."""
     return int(os.environ.get("OMP_NUM_THREADS") or os.cpu_count() or 1)
 
 

@@ -42,7 +42,7 @@ def functions(bench: Bench) -> Iterator[Measure]:
         assert library is not None
         for name, low, high, exact, bound in (
             ("exp", -87.3, 88.3, np.exp, 2),
-            ("stopped", 0.0, HUGE, lambda x: -np.expm1(-x), 6),
+            ("opacity", 0.0, HUGE, lambda x: -np.expm1(-x), 6),
             ("log1p", 0.0, 1.0, np.log1p, 4),
             ("softplus", -87.0, HUGE, lambda x: np.logaddexp(0, x), 4),
         ):
@@ -65,7 +65,7 @@ def functions(bench: Bench) -> Iterator[Measure]:
                 f"{variant}: {name} of NaN, that became a number", float(np.isfinite(ask(library, name, special)[nan]).sum()), 0
             )
         yield Measure(f"{variant}: softplus of -infinity", float(ask(library, "softplus", special)[1]), 2e-38)
-        yield Measure(f"{variant}: 1 - exp of -infinity, beside 1", abs(float(ask(library, "stopped", special)[0]) - 1), 0)
+        yield Measure(f"{variant}: 1 - exp of -infinity, beside 1", abs(float(ask(library, "opacity", special)[0]) - 1), 0)
         halves = np.arange(65536, dtype=np.uint16).view(np.float16)
         finite, exact_halves = np.isfinite(halves), halves.astype(np.float32).view(np.uint32)
         for name in ("halves", "halves_by_four"):

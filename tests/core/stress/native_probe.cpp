@@ -1,5 +1,5 @@
-// What the kernels' headers compute, one function at a time, for tests: compiled by `probe.py`, part of no library.
-#include "strands.h"
+// Functions of the kernels' headers, one at a time, for tests: compiled by `probe.py`, part of no library.
+#include "ray_segments.h"
 
 namespace {
 
@@ -7,16 +7,16 @@ template <class F> void over(const float *x, float *out, int64_t n, const F &f) 
     for (int64_t i = 0; i < n; i += LANES) store(out + i, f(load(x + i)));
 }
 
-Batch batch_of(int strands, int samples, const float *t, const float *tau, const float *share) {
-    Batch b;
-    const float none[9] = {};
-    b.begin(Medium::fixed, 0);
-    for (int p = 0; p < strands; ++p) b.add(0, 0, none, none, 0, 0, none, none);
-    b.sample(samples);
+StaticSegments segments_of(int count, int samples, const float *t, const float *tau, const float *stop_fraction) {
+    StaticSegments b;
+    const float zero[3] = {};
+    b.begin();
+    for (int p = 0; p < count; ++p) b.add(0, zero, zero, 0, 0);
+    b.allocate(samples);
     for (int k = 0; k < samples; ++k)
-        for (int p = 0; p < strands; ++p) {
+        for (int p = 0; p < count; ++p) {
             const size_t to = static_cast<size_t>(k) * b.stride + p, from = static_cast<size_t>(p) * samples + k;
-            b.t[to] = t[from], b.tau[to] = tau[from], b.share[to] = share[from];
+            b.t[to] = t[from], b.tau[to] = tau[from], b.stop_fraction[to] = stop_fraction[from];
         }
     return b;
 }
@@ -26,17 +26,17 @@ Batch batch_of(int strands, int samples, const float *t, const float *tau, const
 extern "C" int probe_lanes() { return LANES; }
 
 // x, out (n), n a multiple of `probe_lanes`.
-extern "C" void probe_exp(const float *x, float *out, int64_t n) { over(x, out, n, exp_of<lanes>); }
-extern "C" void probe_softplus(const float *x, float *out, int64_t n) { over(x, out, n, softplus<lanes>); }
-extern "C" void probe_stopped(const float *x, float *out, int64_t n) { over(x, out, n, stopped_by<lanes>); }
-extern "C" void probe_log1p(const float *x, float *out, int64_t n) { over(x, out, n, log1p_of<lanes>); }
+extern "C" void probe_exp(const float *x, float *out, int64_t n) { over(x, out, n, exp_of<simd_float>); }
+extern "C" void probe_softplus(const float *x, float *out, int64_t n) { over(x, out, n, softplus<simd_float>); }
+extern "C" void probe_opacity(const float *x, float *out, int64_t n) { over(x, out, n, opacity_of<simd_float>); }
+extern "C" void probe_log1p(const float *x, float *out, int64_t n) { over(x, out, n, log1p_of<simd_float>); }
 
 // Every half (65536) by its bits.
 extern "C" void probe_halves(float *out) {
     for (uint32_t h = 0; h < 65536; ++h) out[h] = float_of(static_cast<uint16_t>(h));
 }
 
-// Four halves at a time, as tables of four features are read; the same as above where the instruction set has no such thing.
+// Four halves at a time, as tables of four features are read; one at a time where the instruction set has no such conversion.
 extern "C" void probe_halves_by_four(float *out) {
     for (uint32_t h = 0; h < 65536; h += 4) {
         const uint16_t row[4] = {static_cast<uint16_t>(h), static_cast<uint16_t>(h + 1), static_cast<uint16_t>(h + 2),
@@ -49,41 +49,41 @@ extern "C" void probe_halves_by_four(float *out) {
     }
 }
 
-// t, tau, share, front (strands, samples) of strands of one ray; returns the optical depth of all.
-extern "C" float probe_merge(int strands, int samples, const float *t, const float *tau, const float *share, float *front) {
-    Batch b = batch_of(strands, samples, t, tau, share);
-    std::vector<Strand> all;
-    for (int p = 0; p < strands; ++p) all.push_back({&b, p});
+// t, tau, stop_fraction, before (count, samples) of segments of one ray; returns the optical depth of all.
+extern "C" float probe_merge(int count, int samples, const float *t, const float *tau, const float *stop_fraction, float *before) {
+    StaticSegments b = segments_of(count, samples, t, tau, stop_fraction);
+    std::vector<SegmentRef> all;
+    for (int p = 0; p < count; ++p) all.push_back({&b, p});
     std::vector<int> next;
     std::vector<float> stops;
-    const float depth = merge_fronts(all, next, stops);
-    for (int p = 0; p < strands; ++p)
-        for (int k = 0; k < samples; ++k) front[static_cast<size_t>(p) * samples + k] = b.front[static_cast<size_t>(k) * b.stride + p];
+    const float depth = merge_by_depth(all, next, stops);
+    for (int p = 0; p < count; ++p)
+        for (int k = 0; k < samples; ++k) before[static_cast<size_t>(p) * samples + k] = b.transmittance_before[static_cast<size_t>(k) * b.stride + p];
     return depth;
 }
 
-// The same of strands that are alone on their rays, with the samples' weights (strands, samples).
-extern "C" void probe_weights(int strands, int samples, const float *t, const float *tau, const float *share, float *front, float *weight) {
-    Batch b = batch_of(strands, samples, t, tau, share);
-    find_fronts(b);
+// The same of segments that are alone on their rays, with the samples' weights (count, samples).
+extern "C" void probe_weights(int count, int samples, const float *t, const float *tau, const float *stop_fraction, float *before, float *weight) {
+    StaticSegments b = segments_of(count, samples, t, tau, stop_fraction);
+    find_transmittances_alone(b);
     find_weights(b);
-    for (int p = 0; p < strands; ++p)
+    for (int p = 0; p < count; ++p)
         for (int k = 0; k < samples; ++k) {
             const size_t to = static_cast<size_t>(p) * samples + k, from = static_cast<size_t>(k) * b.stride + p;
-            front[to] = b.front[from], weight[to] = b.weight[from];
+            before[to] = b.transmittance_before[from], weight[to] = b.weight[from];
         }
 }
 
-// Optical depths and shares (strands, samples) of signed distances s at places t.
-extern "C" void probe_depths(int strands, int samples, const float *t, const float *s, float beta, int widened, float *tau, float *share) {
-    const std::vector<float> none(static_cast<size_t>(strands) * samples, 0.0f);
-    Batch b = batch_of(strands, samples, t, none.data(), none.data());
+// Optical depths and stop fractions (count, samples) of signed distances s at distances t.
+extern "C" void probe_depths(int count, int samples, const float *t, const float *s, float beta, int limit_sharpness, float *tau, float *stop_fraction) {
+    const std::vector<float> none(static_cast<size_t>(count) * samples, 0.0f);
+    StaticSegments b = segments_of(count, samples, t, none.data(), none.data());
     for (int k = 0; k < samples; ++k)
-        for (int p = 0; p < strands; ++p) b.s[static_cast<size_t>(k) * b.stride + p] = s[static_cast<size_t>(p) * samples + k];
-    find_depths(b, 0, samples, beta, widened != 0);
-    for (int p = 0; p < strands; ++p)
+        for (int p = 0; p < count; ++p) b.s[static_cast<size_t>(k) * b.stride + p] = s[static_cast<size_t>(p) * samples + k];
+    find_intervals(b, 0, samples, beta, limit_sharpness != 0);
+    for (int p = 0; p < count; ++p)
         for (int k = 0; k < samples; ++k) {
             const size_t to = static_cast<size_t>(p) * samples + k, from = static_cast<size_t>(k) * b.stride + p;
-            tau[to] = b.tau[from], share[to] = b.share[from];
+            tau[to] = b.tau[from], stop_fraction[to] = b.stop_fraction[from];
         }
 }

@@ -31,7 +31,7 @@ def probed(variant: str = "") -> ctypes.CDLL | None:
     subprocess.run(["c++", "-std=c++17", "-O3", "-shared", "-fPIC", *flags, include, source, "-o", out], check=True)
     library = ctypes.CDLL(str(out))
     p, i32, i64 = ctypes.c_void_p, ctypes.c_int, ctypes.c_int64
-    for name in ("exp", "softplus", "stopped", "log1p"):
+    for name in ("exp", "softplus", "opacity", "log1p"):
         getattr(library, f"probe_{name}").argtypes = [p, p, i64]
     library.probe_merge.argtypes, library.probe_merge.restype = [i32, i32, p, p, p, p], ctypes.c_float
     library.probe_weights.argtypes = [i32, i32, p, p, p, p, p]
@@ -40,7 +40,7 @@ def probed(variant: str = "") -> ctypes.CDLL | None:
 
 
 def ask(library: ctypes.CDLL, name: str, x: Array) -> Array:
-    """A function of lanes.h at x (n)."""
+    """A function of simd.h at x (n)."""
     padded = np.zeros(-(-len(x) // library.probe_lanes()) * library.probe_lanes(), np.float32)
     padded[: len(x)] = x
     out = np.empty_like(padded)

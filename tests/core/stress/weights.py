@@ -79,7 +79,11 @@ def not_numbers(bench: Bench) -> Iterator[Measure]:
         tracer = bound_to(CompiledBackend(CompiledScene(folder)), drive)
         kept = []
         struct = tracer.scene.struct
-        for field, grids in ((struct.fixed, 1), (struct.far, 1), (struct.actors, len(tracer.scene.looks))):
+        for field, grids in (
+            (struct.static_field, 1),
+            (struct.background, 1),
+            (struct.actor_fields, len(tracer.scene.appearances)),
+        ):
             assert field.half
             rows = int(field.grid.grid_stride) * grids
             table = np.full(rows * field.grid.features, bits, np.uint16)

@@ -14,15 +14,14 @@ from torch import Tensor, nn
 
 from ..ops.encode.gradient_sink import GradientSink
 from ..ops.field_values import FieldValues, log_densities, signed_distances
-from ..ops.grid_shape import GridArrays, GridShape
+from ..ops.grid_shape import GridArrays
 from .config import ModelConfig
 from .fields import Density, parts, query, start_at, values_of
 from .networks import mlp, run_mlp
+from .shapes import FREQUENCIES, actor_grid, actor_row, perceptrons
 
 INITIAL_M, INITIAL_LOG_DENSITY = 0.3, -1.5
 """An actor's box is entered from outside: there its field must not stop a ray from the start."""
-FREQUENCIES, LAYERS = 6, 4
-"""Of the network that latents condition: octaves in which it is told where a point is, and its depth."""
 
 
 class ActorField(nn.Module, ABC):
@@ -84,11 +83,10 @@ class GridActors(ActorField):
 
     def __init__(self, config: ModelConfig, actors: int) -> None:
         super().__init__(config.density)
-        g = config.actor_grid
-        self.grid = GridArrays(GridShape.unit(int(g.coarsest), int(g.finest), g.levels, g.features, g.log2_table))
-        self.row = self.grid.rows, g.features
+        self.grid = GridArrays(actor_grid(config))
+        self.row = actor_row(config)
         self._make_own(config, actors)
-        self.network = mlp(self.grid.shape.width, config.hidden, 1 + config.features)
+        self.network = mlp(*perceptrons(config)["actors.network"])
         start_at(self.network, self.density, INITIAL_M, INITIAL_LOG_DENSITY)
 
     def _make_own(self, config: ModelConfig, actors: int) -> None:
@@ -109,8 +107,7 @@ class HypernetworkActors(GridActors):
 
     def _make_own(self, config: ModelConfig, actors: int) -> None:
         self.latents = nn.Parameter(torch.randn(actors, config.latent))
-        rows, features = self.row
-        self.hypernetwork = mlp(config.latent, config.hyper_hidden, rows * features, config.hyper_layers)
+        self.hypernetwork = mlp(*perceptrons(config)["actors.hypernetwork"])
         last = self.hypernetwork[-1]
         assert isinstance(last, nn.Linear)
         nn.init.uniform_(last.weight, -1e-3, 1e-3)
@@ -130,9 +127,9 @@ class LatentActors(ActorField):
 
     def __init__(self, config: ModelConfig, actors: int) -> None:
         super().__init__(config.density)
-        self.row = (config.latent,)
+        self.row = actor_row(config)
         self.latents = nn.Parameter(torch.randn(actors, config.latent))
-        self.network = mlp(3 + 6 * FREQUENCIES + config.latent, config.hidden, 1 + config.features, LAYERS)
+        self.network = mlp(*perceptrons(config)["actors.network"])
         start_at(self.network, self.density, INITIAL_M, INITIAL_LOG_DENSITY)
         octaves = math.pi * 2.0 ** torch.arange(FREQUENCIES)
         self.register_buffer("octaves", octaves, persistent=False)

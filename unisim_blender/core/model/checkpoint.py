@@ -21,6 +21,7 @@ from .config import ModelConfig
 from .config_check import check_config, check_sizes
 from .scene import SceneModel
 from .scene_file import HEADER_NAME, WEIGHTS_NAME, SceneHeader, read_scene_header, write_scene_header
+from .shapes import stored_arrays, stored_voxels
 from .volume import Volume
 from .weights import Weights, check_belongs, read_weights, weights_hash
 
@@ -90,21 +91,19 @@ def load_scene(path: str | Path, device: str = "cpu") -> Scene:
         raise SceneError(f"{file}: the trained scene has no weights")
     weights = read_weights(file)
     cameras = tuple(str(name) for name in header.training.get("cameras", ()))
-    model = SceneModel(config, volume, tuple(sorted(header.drive.actors)), cameras)
+    actors = tuple(sorted(header.drive.actors))
+    shapes, voxels = stored_arrays(config, volume.size_m, len(actors), len(cameras)), stored_voxels(config, volume.size_m)
+    weights.check_shapes(shapes)
+    model = SceneModel(config, volume, actors, cameras)
     model.actors.drop_own()
-    state = {name: _unpack(weights, name, value) for name, value in model.state_dict().items()}
-    tables = weights.array("actors.tables", (len(model.actor_ids), *model.actors.row))
+    arrays = {name: weights.array(name, shape) for name, shape in shapes.items()}
+    arrays |= {name: weights.voxels(name, shape) for name, shape in voxels.items()}
+    tables = arrays.pop("actors.tables")
+    state = {name: _tensor(arrays[name], value.dtype) for name, value in model.state_dict().items()}
     check_belongs(header)
     model.load_state_dict(state)
     model.eval().requires_grad_(False).to(device)
     return Scene(path, header, model, _tensor(tables, torch.float32).to(device))
-
-
-def _unpack(weights: Weights, name: str, value: Tensor) -> Tensor:
-    """What the file holds for an entry of the model's state, of its dtype."""
-    shape = tuple(value.shape)
-    found = weights.voxels(name, shape) if name in ("occupancy.values", "observed") else weights.array(name, shape)
-    return _tensor(found, value.dtype)
 
 
 def _tensor(array: NDArray[Any], dtype: torch.dtype) -> Tensor:

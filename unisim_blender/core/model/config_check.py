@@ -7,8 +7,8 @@ import math
 from typing import Any, Literal, get_args, get_origin, get_type_hints
 
 from ..errors import SceneError, short
-from ..ops.grid_shape import GridShape
 from .config import ModelConfig
+from .shapes import actor_grid, background_grid, cells_of, static_grid
 from .volume import Volume
 
 MOST = 1 << 24
@@ -52,17 +52,15 @@ def check_sizes(config: ModelConfig, volume: Volume, where: str) -> None:
         grid = getattr(config, name)
         if min(grid.coarsest, grid.finest) < 1:
             raise SceneError(f"{where}.{name} has {min(grid.coarsest, grid.finest):g} cells along an axis, not one at least")
-    s, far, own = config.static_grid, config.far_grid, config.actor_grid
-    x, y, z = volume.size_m.tolist()
     shapes = {
-        "static_grid": GridShape.cubic((x, y, z), s.coarsest, s.finest, s.levels, s.features, s.log2_table),
-        "far_grid": GridShape.unit(int(far.coarsest), int(far.finest), far.levels, far.features, far.log2_table),
-        "actor_grid": GridShape.unit(int(own.coarsest), int(own.finest), own.levels, own.features, own.log2_table),
+        "static_grid": static_grid(config, volume.size_m),
+        "far_grid": background_grid(config),
+        "actor_grid": actor_grid(config),
     }
     entries = {name: shape.rows * shape.features for name, shape in shapes.items()}
     # a hypernetwork's last layer has a row for each of them
     entries["actor_grid"] *= config.hyper_hidden if config.actors == "hypernetwork" else 1
-    entries["voxel_m"] = math.prod(math.ceil(size / config.voxel_m) for size in (x, y, z))
+    entries["voxel_m"] = math.prod(cells_of(volume.size_m, config.voxel_m))
     widest = max(shape.width for shape in shapes.values())
     entries["hidden"] = config.hidden * (widest + config.features) + config.hyper_hidden**2 * config.hyper_layers
     entries["decoder_channels"] = config.decoder_blocks * config.decoder_channels**2 * config.decoder_kernel**2

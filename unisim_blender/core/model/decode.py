@@ -7,18 +7,17 @@ import torch.nn.functional as F
 from torch import Tensor, nn
 
 from .config import ModelConfig
-from .networks import SH_WIDTH, mlp, run_mlp, spherical_harmonics
+from .networks import mlp, run_mlp, spherical_harmonics
+from .shapes import Convolution, camera_codes, convolutions, decoder_reach, perceptrons
 
 
 class RayHead(nn.Module):
     """View-dependent features (N, C) of composited ones (N, F), unit directions (N, 3) and a code of the camera (N, 4)."""
 
-    CODE = 4
-
     def __init__(self, config: ModelConfig, cameras: int) -> None:
         super().__init__()
-        self.codes = nn.Parameter(torch.zeros(max(cameras, 1), self.CODE))
-        self.network = mlp(config.features + SH_WIDTH + self.CODE, config.hidden, config.decoder_channels)
+        self.codes = nn.Parameter(torch.zeros(camera_codes(cameras)))
+        self.network = mlp(*perceptrons(config)["ray_head.network"])
 
     def forward(self, feature: Tensor, directions: Tensor, camera: Tensor) -> Tensor:
         """``camera`` (N,) numbers the codes; -1 stands for a camera that was not trained and takes their mean."""
@@ -31,7 +30,7 @@ class ColourHead(nn.Module):
 
     def __init__(self, config: ModelConfig) -> None:
         super().__init__()
-        self.network = mlp(config.features + SH_WIDTH, config.hidden, 3, layers=3)
+        self.network = mlp(*perceptrons(config)["colour_head.network"])
 
     def forward(self, feature: Tensor, directions: Tensor) -> Tensor:
         """The features (N, F)."""
@@ -57,13 +56,17 @@ class NoDecoder(nn.Module):
         return features.clamp(0, 1)
 
 
+def convolution(shape: Convolution) -> nn.Conv2d:
+    """A convolution that keeps the image's size, edges replicated."""
+    return nn.Conv2d(*shape, padding=shape.kernel // 2, padding_mode="replicate")
+
+
 class Block(nn.Module):
     """x + conv(relu(conv(x))), edges replicated."""
 
-    def __init__(self, channels: int, kernel: int) -> None:
+    def __init__(self, first: Convolution, second: Convolution) -> None:
         super().__init__()
-        self.first = nn.Conv2d(channels, channels, kernel, padding=kernel // 2, padding_mode="replicate")
-        self.second = nn.Conv2d(channels, channels, kernel, padding=kernel // 2, padding_mode="replicate")
+        self.first, self.second = convolution(first), convolution(second)
 
     def forward(self, x: Tensor) -> Tensor:
         """(B, C, H, W) to the same."""
@@ -76,12 +79,11 @@ class CameraDecoder(nn.Module):
 
     def __init__(self, config: ModelConfig) -> None:
         super().__init__()
-        c, k = config.decoder_channels, config.decoder_kernel
-        self.blocks = nn.Sequential(*(Block(c, k) for _ in range(config.decoder_blocks)))
-        k_last = min(k, 3)
-        self.last = nn.Conv2d(c, 3 * config.upsample**2, k_last, padding=k_last // 2, padding_mode="replicate")
+        *of_blocks, last = convolutions(config).values()
+        self.blocks = nn.Sequential(*(Block(*pair) for pair in zip(of_blocks[::2], of_blocks[1::2], strict=True)))
+        self.last = convolution(last)
         self.upsample = config.upsample
-        self.reach = config.decoder_blocks * 2 * (k // 2) + k_last // 2
+        self.reach = decoder_reach(config)
         """How many feature cells away an output pixel can depend on."""
 
     def forward(self, features: Tensor) -> Tensor:
@@ -108,7 +110,7 @@ class LidarHead(nn.Module):
 
     def __init__(self, config: ModelConfig) -> None:
         super().__init__()
-        self.network = mlp(config.features + SH_WIDTH + 2, config.hidden, 2, layers=3)
+        self.network = mlp(*perceptrons(config)["lidar_head.network"])
 
     def forward(self, feature: Tensor, directions: Tensor, depth_m: Tensor, opacity: Tensor) -> tuple[Tensor, Tensor]:
         """feature (N, F), directions (N, 3) unit, depth_m and opacity (N,)."""

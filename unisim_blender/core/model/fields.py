@@ -19,6 +19,7 @@ from ..ops.field_values import FieldValues, LogDensities, SignedDistances, log_d
 from ..ops.grid_shape import GridArrays, GridShape
 from .config import ModelConfig
 from .networks import mlp, two_layers_of
+from .shapes import background_grid, perceptrons, static_grid
 from .volume import Volume
 from .volume_frame import VolumeFrame, contract, contract_direction
 
@@ -86,10 +87,8 @@ class StaticField(nn.Module):
 
     def __init__(self, config: ModelConfig, volume: Volume) -> None:
         super().__init__()
-        g = config.static_grid
-        extent = (float(volume.size_m[0]), float(volume.size_m[1]), float(volume.size_m[2]))
-        self.grid = HashTable(GridShape.cubic(extent, g.coarsest, g.finest, g.levels, g.features, g.log2_table))
-        self.network = mlp(self.grid.grid.shape.width, config.hidden, 1 + config.features)
+        self.grid = HashTable(static_grid(config, volume.size_m))
+        self.network = mlp(*perceptrons(config)["static.network"])
         self.register_buffer("size_m", torch.as_tensor(volume.size_m).float(), persistent=False)
         self.density: Density = config.density
         start_at(self.network, self.density, INITIAL_M, INITIAL_LOG_DENSITY)
@@ -119,9 +118,8 @@ class BackgroundModel(nn.Module):
 
     def __init__(self, config: ModelConfig, volume: Volume) -> None:
         super().__init__()
-        g = config.far_grid
-        self.grid = HashTable(GridShape.unit(int(g.coarsest), int(g.finest), g.levels, g.features, g.log2_table))
-        self.network = mlp(self.grid.grid.shape.width, config.hidden, 1 + config.features)
+        self.grid = HashTable(background_grid(config))
+        self.network = mlp(*perceptrons(config)["far.network"])
         self.radius_m = float(min(volume.size_m[:2]) / 2)
         self.frame = VolumeFrame(volume)
         last = self.network[-1]

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import numpy as np
 import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
 from ..geometry import FloatArray
 from ..ops.constants import CLEARANCE_M, GROUND_CELL_M
+from .shapes import cells_of
 
 
 class Ground(nn.Module):
@@ -16,8 +16,7 @@ class Ground(nn.Module):
 
     def __init__(self, size_m: FloatArray) -> None:
         super().__init__()
-        shape = tuple(int(np.ceil(s / GROUND_CELL_M)) for s in size_m[:2])
-        self.register_buffer("heights", torch.zeros(shape))
+        self.register_buffer("heights", torch.zeros(cells_of(size_m[:2], GROUND_CELL_M)))
 
     heights: Tensor
 

@@ -13,8 +13,7 @@ from torch import Tensor, nn
 from ..ops.constants import LIGHT_REACH_M
 from .config import ModelConfig
 from .networks import mlp, run_mlp
-
-HIDDEN = 16
+from .shapes import perceptrons
 
 
 class Light(nn.Module):
@@ -26,7 +25,7 @@ class Light(nn.Module):
 
     def __init__(self, config: ModelConfig, actors: int) -> None:
         super().__init__()
-        self.network = mlp(config.features, HIDDEN, 2 * config.features)
+        self.network = mlp(*perceptrons(config)["light.network"])
         last = self.network[-1]
         assert isinstance(last, nn.Linear)
         nn.init.zeros_(last.weight)

@@ -7,8 +7,6 @@ from torch import Tensor, nn
 
 from ..ops.mlp import two_layers
 
-SH_WIDTH = 16
-
 
 def mlp(width_in: int, hidden: int, width_out: int, layers: int = 2) -> nn.Sequential:
     """``layers`` linear layers with ReLU between them; only the last has a bias, as in Instant-NGP."""

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-import numpy as np
 import torch
 from torch import Tensor, nn
 
 from ..geometry import FloatArray
 from ..ops.propose.voxels import Voxels
+from .shapes import cells_of
 
 FREE, UNKNOWN, BESIDE, HIT = 0, 20, 254, 255
 """BESIDE is next to a return."""
@@ -27,9 +27,8 @@ class Occupancy(nn.Module):
 
     def __init__(self, size_m: FloatArray, voxel_m: float) -> None:
         super().__init__()
-        shape = tuple(int(np.ceil(s / voxel_m)) for s in size_m)
         self.voxel_m = voxel_m
-        self.register_buffer("values", torch.full(shape, UNKNOWN, dtype=torch.uint8))
+        self.register_buffer("values", torch.full(cells_of(size_m, voxel_m), UNKNOWN, dtype=torch.uint8))
         self.register_buffer("lower", torch.zeros(3), persistent=False)
 
     values: Tensor

@@ -14,8 +14,9 @@ from .decode import CameraDecoder, ColourHead, LidarHead, NoDecoder, RayHead, Sa
 from .fields import BackgroundModel, StaticField
 from .ground import Ground
 from .light import Light
-from .networks import SH_WIDTH, mlp, spherical_harmonics
+from .networks import mlp, spherical_harmonics
 from .occupancy import Occupancy
+from .shapes import perceptrons
 from .volume import Volume
 from .volume_frame import VolumeFrame
 
@@ -41,7 +42,7 @@ class SceneModel(nn.Module):
         if config.colour == "sample":
             self.colour_head = ColourHead(config)
         elif config.head == "sample":
-            self.sample_head = mlp(config.features + SH_WIDTH, config.hidden, config.features, layers=3)
+            self.sample_head = mlp(*perceptrons(config)["sample_head"])
         decoded = config.colour == "decoded"
         self.ray_head: RayHead | SampleColours = RayHead(config, len(cameras)) if decoded else SampleColours()
         self.camera_decoder: CameraDecoder | NoDecoder = CameraDecoder(config) if decoded else NoDecoder()

@@ -41,13 +41,18 @@ class Weights:
 
     def array(self, name: str, shape: tuple[int, ...]) -> NDArray[Any]:
         """The array of that name. SceneError where it is missing, has another shape, or holds NaN or infinity."""
-        if name not in self.arrays:
-            raise SceneError(f"{self.file}: {name} is missing")
+        self.check_shapes({name: shape})
         found = self.arrays[name]
-        if found.shape != shape:
-            raise SceneError(f"{self.file}: {name} has shape {found.shape}, {HEADER_NAME} asks for {shape}")
         check_finite(self.file, name, found)
         return found
+
+    def check_shapes(self, shapes: Mapping[str, tuple[int, ...]]) -> None:
+        """Check that all these arrays are there and have these shapes. SceneError names the first that does not."""
+        for name, shape in shapes.items():
+            if name not in self.arrays:
+                raise SceneError(f"{self.file}: {name} is missing")
+            if self.arrays[name].shape != shape:
+                raise SceneError(f"{self.file}: {name} has shape {self.arrays[name].shape}, {HEADER_NAME} asks for {shape}")
 
     def voxels(self, name: str, shape: tuple[int, ...]) -> NDArray[np.uint8]:
         """A grid of bytes, of which the file holds the numbers and values of those that are not 0. SceneError as `array`."""

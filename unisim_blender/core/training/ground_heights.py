@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from ..geometry import FloatArray
+from ..model.shapes import cells_of
 from ..ops.constants import GROUND_CELL_M
 from ..world.drive import Drive
 
@@ -32,7 +33,7 @@ def ground_heights(points: FloatArray, size_m: FloatArray) -> tuple[NDArray[np.f
     The lowest returns of a cell, opened over 9 m so that roofs and walls do not count, median-smoothed; cells that no LiDAR saw
     take their nearest neighbour's.
     """
-    shape = tuple(int(np.ceil(s / GROUND_CELL_M)) for s in size_m[:2])
+    shape = cells_of(size_m[:2], GROUND_CELL_M)
     cell = np.floor(points[:, :2] / GROUND_CELL_M).astype(np.int64)
     keep = ((cell >= 0) & (cell < np.array(shape))).all(1)
     flat, z = cell[keep, 0] * shape[1] + cell[keep, 1], points[keep, 2]

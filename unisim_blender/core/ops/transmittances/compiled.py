@@ -21,9 +21,9 @@ def transmittances(rays: int, ray_segments: Sequence[RaySegments]) -> list[Tenso
     return list(_Transmittances.apply(rays, order, *(s.tau for s in ray_segments)))  # type: ignore[no-untyped-call]
 
 
-def segments_struct(ray: Tensor, t: Tensor, tau: Tensor, stop_fraction: Tensor) -> native.StrandsStruct:
+def segments_struct(ray: Tensor, t: Tensor, tau: Tensor, stop_fraction: Tensor) -> native.RaySegmentsStruct:
     """Contiguous ray (P,) int64, t, tau and stop_fraction (P, K) in the form that the kernels read."""
-    return native.StrandsStruct(len(t), t.shape[1], *(x.data_ptr() for x in (ray, t, tau, stop_fraction)))
+    return native.RaySegmentsStruct(len(t), t.shape[1], *(x.data_ptr() for x in (ray, t, tau, stop_fraction)))
 
 
 def _pointers(tensors: list[Tensor]) -> Any:
@@ -43,7 +43,7 @@ class _Transmittances(torch.autograd.Function):
             for (ray, t, stop_fraction), tau in zip(order, taus, strict=True)
         ]
         before = [torch.empty_like(tau, memory_format=torch.contiguous_format) for tau in taus]
-        structs = (native.StrandsStruct * len(taus))(*(segments_struct(*ray_segment) for ray_segment in ctx.ray_segments))
+        structs = (native.RaySegmentsStruct * len(taus))(*(segments_struct(*ray_segment) for ray_segment in ctx.ray_segments))
         lib.unisim_transmittances_forward(structs, len(taus), rays, _pointers(before), kernel_threads())
         ctx.save_for_backward(*before)
         return tuple(before)
@@ -55,7 +55,7 @@ class _Transmittances(torch.autograd.Function):
         assert lib is not None
         before, of_before = list(ctx.saved_tensors), [g.contiguous() for g in grads]
         of_tau = [torch.empty_like(f) for f in before]
-        structs = (native.StrandsStruct * len(before))(*(segments_struct(*ray_segment) for ray_segment in ctx.ray_segments))
+        structs = (native.RaySegmentsStruct * len(before))(*(segments_struct(*ray_segment) for ray_segment in ctx.ray_segments))
         lib.unisim_transmittances_backward(
             structs, len(before), ctx.rays, _pointers(before), _pointers(of_before), _pointers(of_tau), kernel_threads()
         )  # fmt: skip

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ... import native
-from ...native import LikenessStruct, PlaneStruct
+from ...native import BlockToleranceStruct, PlaneStruct
 from ..tracer import Maps
 
 DISPARITY_RANGE = 0.1
@@ -76,7 +76,7 @@ def foretold(image: SparseImage, blocks: Blocks, size: int, spread: float) -> ND
     if planes is None:
         return plain_foretold(image, blocks, size, spread)
     alike = np.empty(len(blocks), bool)
-    _call("foretold", planes, image, blocks, size, ctypes.byref(_likeness(spread)), alike.ctypes.data)
+    _call("predicted", planes, image, blocks, size, ctypes.byref(_likeness(spread)), alike.ctypes.data)
     return alike
 
 
@@ -106,8 +106,8 @@ def _planes(image: SparseImage) -> ctypes.Array[PlaneStruct] | None:
     return (PlaneStruct * len(planes))(*planes)
 
 
-def _likeness(spread: float) -> LikenessStruct:
-    return LikenessStruct(spread, CONTRAST * spread, FORETOLD * spread, DISPARITY_RANGE, DISPARITY_TWIST)
+def _likeness(spread: float) -> BlockToleranceStruct:
+    return BlockToleranceStruct(spread, CONTRAST * spread, FORETOLD * spread, DISPARITY_RANGE, DISPARITY_TWIST)
 
 
 def _call(name: str, planes: ctypes.Array[PlaneStruct], image: SparseImage, blocks: Blocks, size: int, *rest: Any) -> None:

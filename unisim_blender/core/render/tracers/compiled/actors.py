@@ -16,7 +16,7 @@ from ....world.drive import Actor
 from ....world.keys import PaddedKeys
 from ...actor_sets import ActiveActors
 from .scene import CompiledScene
-from .structs import CastStruct, TroupeStruct, address, doubles, floats
+from .structs import ActiveActorsStruct, ActorSetStruct, address, doubles, floats
 
 
 class _BoxTrajectories:
@@ -39,18 +39,18 @@ class _BoxTrajectories:
             "scales": floats(np.array([a.scale for a in actors]).reshape(-1, 3)),
         }
 
-    def struct(self, among: Sequence[int]) -> tuple[TroupeStruct, Any]:
-        """The structure for rays that can meet these boxes alone, and what it points to beside this object's arrays."""
-        candidates = np.array(among, np.int32)
+    def struct(self, candidates: Sequence[int]) -> tuple[ActorSetStruct, Any]:
+        """The structure for rays that can hit only these boxes, and the array that it points to beside this object's."""
+        numbers = np.array(candidates, np.int32)
         scene = ctypes.pointer(self.scene.struct)
         pointers = {name: address(array) for name, array in self.arrays.items()}
-        return TroupeStruct(
-            scene, self.count, self.keys, **pointers, among=address(candidates), candidates=len(among)
-        ), candidates
+        return ActorSetStruct(
+            scene, self.count, self.keys, **pointers, candidates=address(numbers), candidate_count=len(numbers)
+        ), numbers
 
 
 class CompiledActors:
-    """A drive's active actors with looks of ``scene`` and of ``others`` by their paths."""
+    """The active actors of a state, with appearances of ``scene`` and of ``others`` by their paths."""
 
     def __init__(self, active: ActiveActors, scene: CompiledScene, others: dict[str, CompiledScene]) -> None:
         scenes = [scene, *(others[path] for path in active.foreign)]
@@ -63,19 +63,19 @@ class CompiledActors:
         self._removals = doubles([invert_pose(box.world_from_box)[:3] for box in active.removals])
         self._removal_sizes = floats([box.size_m for box in active.removals])
 
-    def struct(self, rays: Rays) -> tuple[CastStruct, list[Any], int]:
-        """The structure for these flat rays, what it points to beside this object's arrays, and how many actors they miss."""
-        among = [boxes.bounds.in_reach(rays) for boxes in self.actor_sets]
-        pairs = [boxes.struct(some) for boxes, some in zip(self.actor_sets, among, strict=True)]
-        actor_sets = (TroupeStruct * len(pairs))(*(pair[0] for pair in pairs))
+    def struct(self, rays: Rays) -> tuple[ActiveActorsStruct, list[Any], int]:
+        """The structure for these flat rays, what it points to beside this object's arrays, and how many actors were culled."""
+        candidates = [boxes.bounds.in_reach(rays) for boxes in self.actor_sets]
+        pairs = [boxes.struct(some) for boxes, some in zip(self.actor_sets, candidates, strict=True)]
+        actor_sets = (ActorSetStruct * len(pairs))(*(pair[0] for pair in pairs))
         kept: list[Any] = [actor_sets, *(pair[1] for pair in pairs)]
         copies = None
         if self.copies is not None:
-            copy, candidates = self.copies.struct(range(self.copies.count))
+            copy, numbers = self.copies.struct(range(self.copies.count))
             copies = ctypes.pointer(copy)
-            kept += [copy, candidates]
-        skipped = sum(boxes.count for boxes in self.actor_sets) - sum(map(len, among))
-        struct = CastStruct(
+            kept += [copy, numbers]
+        skipped = sum(boxes.count for boxes in self.actor_sets) - sum(map(len, candidates))
+        struct = ActiveActorsStruct(
             actor_sets, len(pairs), copies, address(self._sources), len(self._removals), address(self._removals),
             address(self._removal_sizes),
         )  # fmt: skip

@@ -1,9 +1,9 @@
-"""Composited features to what a sensor measures, with numpy and the compiled kernels. `decode.py` is the specification."""
+"""Decode composited features to what a sensor measures, with numpy and the compiled kernels. `model/decode.py` is the
+specification."""
 
 from __future__ import annotations
 
 import ctypes
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -12,23 +12,17 @@ from numpy.typing import NDArray
 from .... import native
 from ....errors import SceneError, UnisimError
 from ....model.config import ModelConfig
+from ....model.shapes import LIDAR_INPUTS, SH_WIDTH, Convolution, camera_codes, convolutions, decoder_reach, perceptrons
 from ....model.weights import Weights
 from ...tracer import Array
 from .structs import floats
-
-SH_WIDTH = 16
-"""Length of a direction's spherical harmonics."""
-CODE = 4
-"""Length of a camera's code."""
-LIDAR_EXTRAS = 2
-"""What the LiDAR head gets beside feature and direction: depth and opacity."""
 
 
 class Decoder:
     """The heads and the camera decoder of a trained scene.
 
-    ``weights`` are those of its file, float16 or float32, ``cameras`` how many have codes. ``half`` lets convolutions take
-    bfloat16 where build and processor can; ``threads`` is `native.threads` where it is not given. Bits depend on neither the
+    ``weights`` are those of its file, float16 or float32, ``cameras`` the number of camera codes. ``half`` lets convolutions
+    multiply bfloat16 where build and processor can; ``threads`` is `native.threads` by default. Bits depend neither on the
     number of threads nor on what else is decoded at the same time.
     """
 
@@ -42,36 +36,30 @@ class Decoder:
             raise SceneError(f"decoder_kernel is {config.decoder_kernel}, not an odd number")
         self._library, self._config, self._half = library, config, half
         self._threads = native.threads() if threads is None else threads
-        f, hidden, c, up = config.features, config.hidden, config.decoder_channels, config.upsample
+        f, up = config.features, config.upsample
 
-        def get(name: str, *shape: int) -> Array:
-            return floats(weights.array(name, shape))
+        networks = perceptrons(config)
 
-        def perceptron(name: str, *widths: int) -> list[_Layer]:
-            layers = []
-            for i, (into, out) in enumerate(pairwise(widths)):
-                bias = get(f"{name}.{2 * i}.bias", out) if i + 2 == len(widths) else None
-                layers.append(_Layer(get(f"{name}.{2 * i}.weight", out, into)[..., None, None], bias))
-            return layers
+        def perceptron(name: str) -> list[_Layer]:
+            *matrices, bias = (floats(weights.array(part, shape)) for part, shape in networks[name].arrays(name).items())
+            return [*(_Layer(w[..., None, None], None) for w in matrices[:-1]), _Layer(matrices[-1][..., None, None], bias)]
 
-        def convolution(name: str, out: int, kernel: int) -> _Layer:
-            return _Layer(get(f"camera_decoder.{name}.weight", out, c, kernel, kernel), get(f"camera_decoder.{name}.bias", out))
+        def convolution(name: str, shape: Convolution) -> _Layer:
+            return _Layer(*(floats(weights.array(*part)) for part in shape.arrays(f"camera_decoder.{name}").items()))
 
-        k = config.decoder_kernel
-        self.reach = config.decoder_blocks * 2 * (k // 2) + min(k, 3) // 2
+        self.reach = decoder_reach(config)
         """How many feature cells away an output pixel can depend on."""
-        self._codes = get("ray_head.codes", max(cameras, 1), CODE)
-        self._ray = perceptron("ray_head.network", f + SH_WIDTH + CODE, hidden, c)
-        blocks = [f"blocks.{i}.{part}" for i in range(config.decoder_blocks) for part in ("first", "second")]
-        last = convolution("last", 3 * up**2, min(k, 3))
+        self._codes = floats(weights.array("ray_head.codes", camera_codes(cameras)))
+        self._ray = perceptron("ray_head.network")
+        *of_blocks, last = (convolution(name, shape) for name, shape in convolutions(config).items())
         # a cell's pixels by row, column and colour, as they lie in the image
         order = np.arange(3 * up**2).reshape(3, up, up).transpose(1, 2, 0).reshape(-1)
         assert last.bias is not None
-        self._convolutions = [*(convolution(name, c, k) for name in blocks), _Layer(last.weight[order], last.bias[order])]
-        self._lidar = _Head(f, LIDAR_EXTRAS, perceptron("lidar_head.network", f + SH_WIDTH + LIDAR_EXTRAS, hidden, hidden, 2))
+        self._convolutions = [*of_blocks, _Layer(last.weight[order], last.bias[order])]
+        self._lidar = _Head(f, LIDAR_INPUTS, perceptron("lidar_head.network"))
         self._sample = None
         if config.head == "sample":
-            self._sample = _Head(f, 0, perceptron("sample_head", f + SH_WIDTH, hidden, hidden, f))
+            self._sample = _Head(f, 0, perceptron("sample_head"))
 
     def image(self, features: NDArray[Any], directions: NDArray[Any], camera: int = -1) -> Array:
         """The image (h up, w up, 3) in 0..1, display-referred sRGB, of features (h, w, F) seen along unit directions (h, w, 3).
@@ -106,13 +94,13 @@ class Decoder:
 
     @property
     def sample_head(self) -> int | None:
-        """Where the head's structure lies that has the view direction enter at every sample; None where it enters once a ray."""
+        """The address of the head that takes the view direction at every sample; None where it enters once per ray."""
         return None if self._sample is None else ctypes.addressof(self._sample.struct)
 
     def _run(self, head: _Head, feature: NDArray[Any], directions: NDArray[Any], extra: Array) -> Array:
         n = len(directions)
         feature, directions = _contiguous(feature, (n, self._config.features)), _contiguous(directions, (n, 3))
-        extra, out = _contiguous(extra, (n, head.struct.extras)), np.empty((n, head.outputs), np.float32)
+        extra, out = _contiguous(extra, (n, head.struct.extra_inputs)), np.empty((n, head.outputs), np.float32)
         self._library.unisim_head_forward(
             ctypes.byref(head.struct),
             feature.ctypes.data,
@@ -141,12 +129,12 @@ def _structs(layers: list[_Layer]) -> ctypes.Array[native.LayerStruct]:
 
 
 class _Head:
-    """A perceptron of features, a direction and extras, in the form that the kernels read."""
+    """A perceptron of features, a direction and extra inputs, in the form that the kernels read."""
 
-    def __init__(self, features: int, extras: int, layers: list[_Layer]) -> None:
+    def __init__(self, features: int, extra_inputs: int, layers: list[_Layer]) -> None:
         self.layers, self.outputs = layers, len(layers[-1].weight)
         self._structs = _structs(layers)
-        self.struct = native.HeadStruct(features, extras, len(layers), ctypes.addressof(self._structs))
+        self.struct = native.HeadStruct(features, extra_inputs, len(layers), ctypes.addressof(self._structs))
 
 
 def _contiguous(values: NDArray[Any], shape: tuple[int, ...]) -> Array:
@@ -161,22 +149,22 @@ def sigmoid(x: Array) -> Array:
     return np.where(x >= 0, 1, e) / (1 + e)
 
 
-def spread_over_edges(feature: NDArray[Any], share: NDArray[Any], cells: int) -> Array:
-    """A foreign actor's features (h, w, F), divided by its share of the ray (h, w) and carried ``cells`` past its edges.
+def extended_over_edges(feature: NDArray[Any], opacity: NDArray[Any], cells: int) -> Array:
+    """A foreign actor's features (h, w, F), divided by its opacity (h, w) and extended by ``cells`` past its edges.
 
-    A cell that it has no share of takes the mean of the nine about it, those beyond the image counting as empty.
+    A cell that the actor does not cover takes the mean of the nine around it, those outside the image counting as empty.
     """
-    f, a = (np.pad(np.asarray(x, np.float32), [(1, 1), (1, 1), (0, 0)][: x.ndim]) for x in (feature, share))
+    f, a = (np.pad(np.asarray(x, np.float32), [(1, 1), (1, 1), (0, 0)][: x.ndim]) for x in (feature, opacity))
     inner = f[1:-1, 1:-1], a[1:-1, 1:-1]
     for _ in range(cells):
-        # elsewhere the mean is what is there already
-        there = (a != 0) | f.any(-1)
-        rows, columns = np.nonzero((inner[1] < 1e-3) & np.logical_or.reduce(list(_neighbours(there))))
+        # where a cell and its neighbours are empty, so is the mean
+        filled = (a != 0) | f.any(-1)
+        rows, columns = np.nonzero((inner[1] < 1e-3) & np.logical_or.reduce(list(_neighbours(filled))))
         means = [sum(x[rows + i, columns + j] for i in range(3) for j in range(3)) / np.float32(9) for x in (f, a)]
         for x, mean in zip(inner, means, strict=True):
             x[rows, columns] = mean
-    spread: Array = inner[0] / np.maximum(inner[1], np.float32(1e-3))[..., None]
-    return spread
+    extended: Array = inner[0] / np.maximum(inner[1], np.float32(1e-3))[..., None]
+    return extended
 
 
 def _neighbours(padded: NDArray[Any]) -> list[NDArray[Any]]:

@@ -1,4 +1,4 @@
-"""A trained scene as the kernels read it: its tables stay where they are mapped from disk, in half precision."""
+"""A trained scene as the kernels read it: its tables stay memory-mapped, in half precision."""
 
 from __future__ import annotations
 
@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 from .... import native
 from ....errors import SceneError, UnisimError
 from ....geometry import FloatArray, invert_pose, transform_points
-from ....model.config import GridConfig, ModelConfig
+from ....model.config import ModelConfig
 from ....model.config_check import check_config, check_sizes
 from ....model.scene_file import HEADER_NAME, WEIGHTS_NAME, SceneHeader, read_scene_header
+from ....model.shapes import actor_grid, background_grid, perceptrons, static_grid, stored_arrays, stored_voxels
 from ....model.volume import Volume
 from ....model.weights import Weights, check_belongs, read_weights
 from ....ops.constants import CLEARANCE_M, DECAY_PER_M, GROUND_CELL_M, LIGHT_REACH_M
@@ -25,15 +26,14 @@ from .decoder import Decoder
 from .structs import FieldStruct, SceneStruct, address, doubles, floats
 from .support import not_taken
 
-LIGHT_HIDDEN = 16
-MOST_BETA = 1e4
+MAX_BETA = 1e4
 
 
 class CompiledScene:
-    """The structure that kernels read, and the arrays that it points to. Never changed once it is made: threads may share it.
+    """The structure that kernels read, and the arrays that it points to. It does not change, so threads may share it.
 
-    ``looks`` are the actors that the rows of its tables belong to, ``cameras`` those that its codes do. Raises `SceneError` for
-    files that do not fit, `UnisimError` where the kernels were not built.
+    ``appearances`` are the actors that the rows of its tables belong to, ``cameras`` those of its codes. Raises `SceneError`
+    for files that do not fit, `UnisimError` where the kernels were not built.
     """
 
     def __init__(self, path: str | Path, new: tuple[SceneHeader, Weights] | None = None) -> None:
@@ -51,39 +51,38 @@ class CompiledScene:
             raise SceneError(f"{self.path / HEADER_NAME}: model: the compiled kernels do not take {unknown}: torch's tracer does")
         self.volume = volume = Volume.from_dict(self.header.volume)
         check_sizes(config, volume, f"{self.path / HEADER_NAME}: model")
-        self.looks = tuple(sorted(self.header.drive.actors))
+        self.appearances = tuple(sorted(self.header.drive.actors))
         self.cameras = tuple(str(name) for name in self.header.training.get("cameras", ()))
         self._weights = weights = read_weights(self.path / WEIGHTS_NAME) if new is None else new[1]
+        size = volume.size_m
+        self._shapes = shapes = stored_arrays(config, size, len(self.appearances), len(self.cameras))
+        weights.check_shapes(shapes)
         if new is None:
             check_belongs(self.header)
         self._kept: list[Any] = []
-        size = volume.size_m
-        extent = (float(size[0]), float(size[1]), float(size[2]))
-        shape = tuple(int(np.ceil(s / config.voxel_m)) for s in size)
+        voxel_shapes = stored_voxels(config, size)
+        shape, ground = voxel_shapes["occupancy.values"], shapes["ground.heights"]
         voxels = self._voxels = self._keep(weights.voxels("occupancy.values", shape))
-        self.observed = weights.voxels("observed", shape)
+        self.observed = weights.voxels("observed", voxel_shapes["observed"])
         clearance = self._keep(np.empty_like(voxels))
-        ground = tuple(int(np.ceil(s / GROUND_CELL_M)) for s in size[:2])
-        self._ground = self._keep(floats(weights.array("ground.heights", ground)))
+        self._ground = self._keep(floats(self._array("ground.heights")))
         self._volume_from_world = invert_pose(volume.world_from_volume)
         light, home = None, None
         if config.light == "ground":
-            light = ctypes.pointer(self._network("light.network", config.features, LIGHT_HIDDEN, 2 * config.features))
-            home = self._keep(floats(weights.array("light.home", (len(self.looks), 3))))
-        s = config.static_grid
-        static = GridShape.cubic(extent, s.coarsest, s.finest, s.levels, s.features, s.log2_table)
+            light = ctypes.pointer(self._network("light.network"))
+            home = self._keep(floats(self._array("light.home")))
         self.decoder = Decoder(weights, config, len(self.cameras))
         self.struct = SceneStruct(
-            fixed=self._field("static", "static.grid.table", static, ()),
-            far=self._field("far", "far.grid.table", _unit(config.far_grid), ()),
-            actors=self._field("actors", "actors.tables", _unit(config.actor_grid), (len(self.looks),)),
+            static_field=self._field("static.network", "static.grid.table", static_grid(config, size)),
+            background=self._field("far.network", "far.grid.table", background_grid(config)),
+            actor_fields=self._field("actors.network", "actors.tables", actor_grid(config)),
             volume_from_world=address(self._keep(doubles(self._volume_from_world[:3]))),
-            size=(ctypes.c_float * 3)(*extent),
-            far_radius=float(min(size[:2]) / 2),
-            far_m=config.far_m,
-            beta=float(min(np.exp(np.float32(weights.array("log_beta", ()))), MOST_BETA)),
-            paper_density=int(config.density == "unisim"),
-            step_m=config.unisim_step_m,
+            size=(ctypes.c_float * 3)(*map(float, size)),
+            background_radius_m=float(min(size[:2]) / 2),
+            background_far_m=config.far_m,
+            beta=float(min(np.exp(np.float32(self._array("log_beta"))), MAX_BETA)),
+            unisim_density=int(config.density == "unisim"),
+            density_step_m=config.unisim_step_m,
             voxels=address(voxels),
             clearance=address(clearance),
             voxel_shape=(ctypes.c_int32 * 3)(*shape),
@@ -101,7 +100,7 @@ class CompiledScene:
         occupied = np.flatnonzero(voxels)
 
         def work_out() -> Cells:
-            return self._ask(library, occupied, shape)
+            return self._evaluate_cells(library, occupied, shape)
 
         if new is not None:
             self.cells = work_out()
@@ -114,12 +113,12 @@ class CompiledScene:
         closed, counts = (cells > 0).view(np.uint8), np.array(shape, np.int32)
         library.unisim_clearance(address(closed), address(counts), address(clearance))
 
-    def _ask(self, library: ctypes.CDLL, occupied: NDArray[np.int64], shape: tuple[int, ...]) -> Cells:
+    def _evaluate_cells(self, library: ctypes.CDLL, occupied: NDArray[np.int64], shape: tuple[int, ...]) -> Cells:
         """The cells of the voxels with these numbers, and of the actors' boxes."""
         cells = np.zeros(shape, np.uint16)
         library.unisim_cells(ctypes.byref(self.struct), address(occupied), len(occupied), address(cells), native.threads())
-        sizes = floats([self.header.drive.actors[uid].size_m for uid in self.looks]).reshape(-1, 3)
-        boxes = np.empty((len(self.looks), BOX_CELLS, BOX_CELLS, BOX_CELLS), np.uint8)
+        sizes = floats([self.header.drive.actors[uid].size_m for uid in self.appearances]).reshape(-1, 3)
+        boxes = np.empty((len(self.appearances), BOX_CELLS, BOX_CELLS, BOX_CELLS), np.uint8)
         library.unisim_box_cells(ctypes.byref(self.struct), address(sizes), len(sizes), address(boxes), native.threads())
         return Cells(cells.reshape(-1)[occupied], boxes)
 
@@ -161,26 +160,24 @@ class CompiledScene:
         self._kept.append(array)
         return array
 
-    def _network(self, name: str, inputs: int, hidden: int, outputs: int) -> native.MlpStruct:
-        shapes = {"0.weight": (hidden, inputs), "2.weight": (outputs, hidden), "2.bias": (outputs,)}
-        arrays = [self._keep(floats(self._weights.array(f"{name}.{part}", shape))) for part, shape in shapes.items()]
-        return native.MlpStruct(inputs, hidden, outputs, *map(address, arrays))
+    def _array(self, name: str) -> NDArray[Any]:
+        return self._weights.array(name, self._shapes[name])
 
-    def _field(self, name: str, table_name: str, shape: GridShape, grids: tuple[int, ...]) -> FieldStruct:
-        table = self._weights.array(table_name, (*grids, shape.rows, shape.features))
+    def _network(self, name: str) -> native.MlpStruct:
+        shape = perceptrons(self.config)[name]
+        arrays = [self._keep(floats(self._array(part))) for part in shape.arrays(name)]
+        return native.MlpStruct(shape.inputs, shape.hidden, shape.outputs, *map(address, arrays))
+
+    def _field(self, network: str, table_name: str, grid: GridShape) -> FieldStruct:
+        table = self._array(table_name)
         table = self._keep(table if table.dtype == np.float16 else floats(table))
-        arrays = self._keep(GridArrays(shape))
-        network = self._network(f"{name}.network", shape.width, self.config.hidden, 1 + self.config.features)
-        return FieldStruct(arrays.struct, address(table), int(table.dtype == np.float16), network)
-
-
-def _unit(grid: GridConfig) -> GridShape:
-    return GridShape.unit(int(grid.coarsest), int(grid.finest), grid.levels, grid.features, grid.log2_table)
+        arrays = self._keep(GridArrays(grid))
+        return FieldStruct(arrays.struct, address(table), int(table.dtype == np.float16), self._network(network))
 
 
 def cells_to_store(header: SceneHeader, weights: Weights) -> dict[str, NDArray[Any]]:
-    """What a scene's weights are to hold beside those given, so that opening it asks for nothing; nothing without kernels, and
-    for a scene that cannot be opened."""
+    """Arrays to store with a scene's weights, so that opening it evaluates nothing; none without kernels, and for a scene
+    that cannot be opened."""
     if native.library() is None:
         return {}
     try:

@@ -23,16 +23,16 @@ class SceneStruct(ctypes.Structure):
     """`unisim_scene`."""
 
     _fields_ = [
-        ("fixed", FieldStruct),
-        ("far", FieldStruct),
-        ("actors", FieldStruct),
+        ("static_field", FieldStruct),
+        ("background", FieldStruct),
+        ("actor_fields", FieldStruct),
         ("volume_from_world", _P),
         ("size", _F32 * 3),
-        ("far_radius", _F32),
-        ("far_m", _F32),
+        ("background_radius_m", _F32),
+        ("background_far_m", _F32),
         ("beta", _F32),
-        ("paper_density", _I32),
-        ("step_m", _F32),
+        ("unisim_density", _I32),
+        ("density_step_m", _F32),
         ("voxels", _P),
         ("clearance", _P),
         ("cells", _P),
@@ -51,30 +51,30 @@ class SceneStruct(ctypes.Structure):
     ]
 
 
-class TroupeStruct(ctypes.Structure):
-    """`unisim_troupe`."""
+class ActorSetStruct(ctypes.Structure):
+    """`unisim_actor_set`."""
 
     _fields_ = [
         ("scene", ctypes.POINTER(SceneStruct)),
         ("count", _I32),
         ("keys", _I32),
-        *((name, _P) for name in ("times", "lengths", "positions", "quaternions", "sizes", "start", "end", "rows", "among")),
-        ("candidates", _I32),
+        *((name, _P) for name in ("times", "lengths", "positions", "quaternions", "sizes", "start", "end", "rows", "candidates")),
+        ("candidate_count", _I32),
         ("scales", _P),
     ]
 
 
-class CastStruct(ctypes.Structure):
-    """`unisim_cast`."""
+class ActiveActorsStruct(ctypes.Structure):
+    """`unisim_active_actors`."""
 
     _fields_ = [
-        ("troupes", ctypes.POINTER(TroupeStruct)),
-        ("troupe_count", _I32),
-        ("copies", ctypes.POINTER(TroupeStruct)),
+        ("actor_sets", ctypes.POINTER(ActorSetStruct)),
+        ("actor_set_count", _I32),
+        ("copies", ctypes.POINTER(ActorSetStruct)),
         ("world_from_source", _P),
-        ("removals", _I32),
-        ("removal_from_world", _P),
-        ("removal_sizes", _P),
+        ("removed_boxes", _I32),
+        ("removed_box_from_world", _P),
+        ("removed_box_sizes", _P),
     ]
 
 
@@ -87,36 +87,37 @@ class RaysStruct(ctypes.Structure):
 class MeshHitsStruct(ctypes.Structure):
     """`unisim_mesh_hits`."""
 
-    _fields_ = [("count", _I64), ("ray", _P), ("t", _P), ("tau", _P), ("normals", _P), ("number", _P)]
+    _fields_ = [("count", _I64), ("ray", _P), ("t", _P), ("tau", _P), ("normals", _P), ("actor", _P)]
 
 
 class SamplingStruct(ctypes.Structure):
     """`unisim_sampling`."""
 
     _fields_ = [
-        *((name, _I32) for name in ("proposals", "samples", "actor_proposals", "actor_samples", "far_proposals", "far_samples")),
+        *((name, _I32) for name in ("proposals", "samples", "actor_proposals", "actor_samples")),
+        *((name, _I32) for name in ("background_proposals", "background_samples")),
         ("near_m", _F32),
         ("opaque", _F32),
-        ("far_opaque", _F32),
-        ("far", _I32),
+        ("background_opaque", _F32),
+        ("background", _I32),
         ("sky", _I32),
-        *((name, _F32) for name in ("stride_m", "widening", "relaxation", "least_slope", "least_step_m")),
+        *((name, _F32) for name in ("stride_m", "step_growth_per_m", "relaxation", "min_slope", "min_step_m")),
         ("splits", _I32),
         ("split_weight", _F32),
     ]
 
 
-class FoundStruct(ctypes.Structure):
-    """`unisim_found`."""
+class TraceResultStruct(ctypes.Structure):
+    """`unisim_trace_result`."""
 
     _fields_ = [
-        *((name, _P) for name in ("feature", "depth", "opacity", "median", "instance", "normal", "own_feature")),
-        *((name, _P) for name in ("guest_feature", "guest_opacity", "mesh_opacity", "samples")),
+        *((name, _P) for name in ("feature", "depth", "opacity", "median", "instance", "normal", "feature_without_foreign")),
+        *((name, _P) for name in ("foreign_feature", "foreign_opacity", "mesh_opacity", "samples")),
     ]
 
 
 def address(array: NDArray[Any] | None) -> int | None:
-    """Where a contiguous array's numbers lie, as long as somebody holds it; None for none."""
+    """The address of a contiguous array's numbers, valid as long as somebody holds the array; None for none."""
     assert array is None or array.flags.c_contiguous
     return None if array is None else array.ctypes.data
 

@@ -24,21 +24,21 @@ from ...observed_space import Observed, ObservedSpace
 from ...quality import QUALITY, Quality
 from ...tracer import EDGE_CELLS, NEAR_M, UNIFORM_STEP_M, Array, Maps, TraceResult, tiled
 from .actors import CompiledActors
-from .decoder import resized, sigmoid, spread_over_edges
+from .decoder import extended_over_edges, resized, sigmoid
 from .scene import CompiledScene
-from .structs import FoundStruct, MeshHitsStruct, RaysStruct, SamplingStruct, address, doubles, floats
+from .structs import MeshHitsStruct, RaysStruct, SamplingStruct, TraceResultStruct, address, doubles, floats
 
 CHUNK_RAYS = 1 << 18
-"""So many at a time: between two chunks Python can be interrupted."""
+"""Rays per call of the kernel: between two calls Python can be interrupted."""
 EVERY = 16
-"""One in so many rays is looked at to say how much was saved."""
-WIDENING = 0.02
-"""How much longer the march's steps may be for each metre of distance, as a share: what is far is small in the image."""
-LEAST_SLOPE = 0.2
-"""Behind a surface the distance is taken to fall by at least this much a metre."""
-LEAST_STEP_M = 0.01
+"""One in so many rays is used to estimate how many samples were saved."""
+STEP_GROWTH_PER_M = 0.02
+"""Growth of the march's longest step per metre of distance, relative: what is far away is small in the image."""
+MIN_SLOPE = 0.2
+"""Behind a surface the distance is taken to fall by at least this much per metre."""
+MIN_STEP_M = 0.01
 SPLIT_WEIGHT = 0.2
-"""An interval that stops less of a ray than this is not halved."""
+"""Intervals of a smaller weight are not halved."""
 
 
 class CompiledBackend:
@@ -79,11 +79,11 @@ class CompiledTracer:
         scene, others = backend.scene, backend.others
         self.scene, self.quality = scene, backend.quality
         self.space, self.clipped = backend.space, backend.clipped
-        self.active = active_actors(state, {"": scene.looks, **{path: other.looks for path, other in others.items()}})
+        self.active = active_actors(state, {"": scene.appearances, **{path: other.appearances for path, other in others.items()}})
         self._foreign = [others[path] for path in self.active.foreign]
         self._compiled_actors = CompiledActors(self.active, scene, others)
         self.upsample, self.trained_width = scene.config.upsample, scene.header.training.get("width")
-        # decoders that look aside see past a foreign actor's edges
+        # decoders that use neighbouring cells look past a foreign actor's edges
         alone = all(s.decoder.reach == 0 and s.config.upsample == 1 for s in (scene, *self._foreign))
         self._edge = 0 if alone else EDGE_CELLS
         self.reach = scene.decoder.reach + (self._edge if self._foreign else 0)
@@ -91,7 +91,7 @@ class CompiledTracer:
     def trace(self, rays: Rays, passes: set[str], sky: bool, mesh_hits: MeshHits | None, stats: RenderStats) -> TraceResult:
         """See `tracer.Tracer`."""
         order = tiled(rays.time_s.shape)
-        # of a list the order is its own, and its parts need no copies
+        # a list keeps its own order, and its parts need no copies
         listed, flat = rays.time_s.ndim < 2, rays.flat().sound()
         rays = Rays(doubles(flat.origins), doubles(flat.directions), doubles(flat.time_s))
         n, features = len(rays.time_s), self.scene.config.features
@@ -140,7 +140,7 @@ class CompiledTracer:
         stats: RenderStats,
         starts: Array | None = None,
     ) -> None:
-        """Traces the rays of these numbers, which are ``some``, into the arrays of ``found`` and ``maps``."""
+        """Trace the rays of these numbers, which are ``some``, into the arrays of ``found`` and ``maps``."""
         library = native.library()
         assert library is not None
         struct = RaysStruct(len(order), *map(address, (rays.origins, rays.directions, rays.time_s, order, starts)))
@@ -148,7 +148,7 @@ class CompiledTracer:
         meshes = None if mesh_hits is None else _MeshHitArrays(mesh_hits)
         samples = np.zeros(1, np.int64)
         foreign = len(self._foreign)
-        out = FoundStruct(
+        out = TraceResultStruct(
             *map(address, (found.feature, found.depth_m, found.opacity)),
             *(address(maps.get(name)) for name in ("depth", "instance", "normal")),
             address(found.without_foreign),
@@ -176,15 +176,15 @@ class CompiledTracer:
             return max(2, round(n * times))
 
         placed = (count(n, q.samples) for n in (s.static_proposals, s.static, s.actor_proposals, s.actor))
-        far = (count(n, q.far) for n in (s.far_proposals, s.far))
+        background = (count(n, q.far) for n in (s.far_proposals, s.far))
         return SamplingStruct(
-            *placed, *far, near_m=NEAR_M, opaque=q.opaque, far_opaque=max(OPAQUE, 1.5 * q.opaque), far=1, sky=int(sky),
-            stride_m=q.stride_m, widening=WIDENING, relaxation=q.relaxation, least_slope=LEAST_SLOPE,
-            least_step_m=LEAST_STEP_M, splits=q.splits, split_weight=SPLIT_WEIGHT,
+            *placed, *background, near_m=NEAR_M, opaque=q.opaque, background_opaque=max(OPAQUE, 1.5 * q.opaque), background=1,
+            sky=int(sky), stride_m=q.stride_m, step_growth_per_m=STEP_GROWTH_PER_M, relaxation=q.relaxation, min_slope=MIN_SLOPE,
+            min_step_m=MIN_STEP_M, splits=q.splits, split_weight=SPLIT_WEIGHT,
         )  # fmt: skip
 
     def _uniform(self, rays: Rays) -> int:
-        """How many samples a march through the volume in even steps would take, by some of the rays."""
+        """Estimate how many samples even steps through the volume would take, from some of the rays."""
         rays = Rays(*(x[::EVERY] for x in (rays.origins, rays.directions, rays.time_s)))
         o = self.scene.into_volume(rays.origins)
         d = self.scene.into_volume(rays.directions) - self.scene.into_volume(np.zeros((1, 3)))
@@ -204,10 +204,10 @@ class CompiledTracer:
         rgb = decoded(self.scene, found.feature if found.without_foreign is None else found.without_foreign)
         size = rgb.shape[0], rgb.shape[1]
         for i, foreign in enumerate(self._foreign):
-            # each scene's features are its own decoder's: the images are laid over each other, not the features
-            share = found.foreign_opacity[i].clip(0, 1).reshape(*shape)
-            feature = spread_over_edges(found.foreign_features[i].reshape(*shape, -1), share, self._edge)
-            other, alpha = decoded(foreign, feature), resized(share[..., None], size)
+            # each scene's decoder reads its own features only: the images are composited, not the features
+            opacity = found.foreign_opacity[i].clip(0, 1).reshape(*shape)
+            feature = extended_over_edges(found.foreign_features[i].reshape(*shape, -1), opacity, self._edge)
+            other, alpha = decoded(foreign, feature), resized(opacity[..., None], size)
             rgb += alpha * (resized(other, size) - rgb)
         return rgb
 
@@ -216,11 +216,11 @@ class CompiledTracer:
         directions = sound_directions(directions)
         intensity, logit = self.scene.decoder.returns(found.feature, directions, found.depth_m, found.opacity)
         for i, foreign in enumerate(self._foreign):
-            share = found.foreign_opacity[i].clip(0, 1)
-            own = found.foreign_features[i] / share.clip(1e-3)[:, None]
+            covered = found.foreign_opacity[i].clip(0, 1)
+            own = found.foreign_features[i] / covered.clip(1e-3)[:, None]
             theirs = foreign.decoder.returns(own, directions, found.depth_m, found.opacity)
-            intensity, logit = (a + share * (b - a) for a, b in zip((intensity, logit), theirs, strict=True))
-        # what meets nothing returns nothing
+            intensity, logit = (a + covered * (b - a) for a, b in zip((intensity, logit), theirs, strict=True))
+        # rays that hit nothing return nothing
         return intensity, sigmoid(logit) * (found.opacity > 0.5)
 
     def heights(self, points: FloatArray) -> FloatArray:
@@ -229,7 +229,7 @@ class CompiledTracer:
 
 
 class _MeshHitArrays:
-    """Where rays meet meshes, as the kernels read it."""
+    """Intersections of rays and meshes, as the kernels read them."""
 
     def __init__(self, mesh_hits: MeshHits) -> None:
         share = np.minimum(mesh_hits.share, 1 - WHOLE)

@@ -1,7 +1,8 @@
-// Vectors of floats, as wide as the instruction set has them, and the functions of them that libraries have for one float only.
+// Vectors of floats, as wide as the instruction set's registers, and vector versions of exp, log and the like.
 //
-// A lane's result depends on that lane alone, so it does not matter in which company a ray is computed. A function of a type F is
-// for lanes and for a float, without a branch, so that the compiler can do a loop's many at once. What is not a number stays so.
+// Each lane's result depends on that lane alone, so a ray's result does not depend on the rays computed with it.
+// Templates over F take simd_float or float and have no branches, so that the compiler can vectorize loops over
+// floats. NaN stays NaN.
 #pragma once
 #include <cstdint>
 #include <cstring>
@@ -16,41 +17,41 @@ constexpr int LANES = 8;
 constexpr int LANES = 4;
 #endif
 
-typedef float lanes __attribute__((vector_size(LANES * sizeof(float))));
-typedef int32_t int_lanes __attribute__((vector_size(LANES * sizeof(int32_t))));
+typedef float simd_float __attribute__((vector_size(LANES * sizeof(float))));
+typedef int32_t simd_int __attribute__((vector_size(LANES * sizeof(int32_t))));
 
-inline lanes spread(float x) { return x - lanes{}; }
+inline simd_float broadcast(float x) { return x - simd_float{}; }
 
-inline lanes load(const float *p) {
-    lanes a;
+inline simd_float load(const float *p) {
+    simd_float a;
     std::memcpy(&a, p, sizeof a);
     return a;
 }
 
-inline void store(float *p, const lanes &a) { std::memcpy(p, &a, sizeof a); }
+inline void store(float *p, const simd_float &a) { std::memcpy(p, &a, sizeof a); }
 
-inline int_lanes load(const int32_t *p) {
-    int_lanes a;
+inline simd_int load(const int32_t *p) {
+    simd_int a;
     std::memcpy(&a, p, sizeof a);
     return a;
 }
 
-inline void store(int32_t *p, const int_lanes &a) { std::memcpy(p, &a, sizeof a); }
+inline void store(int32_t *p, const simd_int &a) { std::memcpy(p, &a, sizeof a); }
 
-// Whether any lane has a bit.
-inline bool any(const int_lanes &a) {
+// Whether any bit of any lane is set.
+inline bool any(const simd_int &a) {
     int64_t v[LANES / 2], all = 0;
     std::memcpy(v, &a, sizeof v);
     for (const int64_t x : v) all |= x;
     return all != 0;
 }
 
-// Where one is not a number, it is b.
-template <class F> inline F most(F a, F b) { return a > b ? a : b; }
-template <class F> inline F least(F a, F b) { return a < b ? a : b; }
-inline lanes rectified(lanes a) { return most(a, lanes{}); }
+// As SSE's maxps and minps: b where either is NaN.
+template <class F> inline F max_of(F a, F b) { return a > b ? a : b; }
+template <class F> inline F min_of(F a, F b) { return a < b ? a : b; }
+inline simd_float relu(simd_float a) { return max_of(a, simd_float{}); }
 
-inline float sum_of(const lanes &a) {
+inline float sum_of(const simd_float &a) {
     float v[LANES];
     store(v, a);
     for (int width = LANES / 2; width; width /= 2)
@@ -58,9 +59,9 @@ inline float sum_of(const lanes &a) {
     return v[0];
 }
 
-inline lanes power_of_two(lanes n) {
-    const int_lanes bits = (__builtin_convertvector(n, int_lanes) + 127) << 23;
-    lanes power;
+inline simd_float power_of_two(simd_float n) {
+    const simd_int bits = (__builtin_convertvector(n, simd_int) + 127) << 23;
+    simd_float power;
     std::memcpy(&power, &bits, sizeof power);
     return power;
 }
@@ -72,10 +73,10 @@ inline float power_of_two(float n) {
     return power;
 }
 
-// exp(x) to 2 units in the last place; 1e-38 below, 3e38 above what float32 holds. Cephes' expf (Moshier, 1992).
+// exp(x) to 2 units in the last place; 1e-38 below and 3e38 above the range of float32. Cephes' expf (Moshier, 1992).
 template <class F> inline F exp_of(F x) {
-    x = least(F{} + 88.3f, most(F{} - 87.3f, x));
-    // adding and taking away 1.5 * 2^23 rounds to a whole number
+    x = min_of(F{} + 88.3f, max_of(F{} - 87.3f, x));
+    // adding and subtracting 1.5 * 2^23 rounds to a whole number
     const F n = (x * 1.44269504088896341f + 12582912.0f) - 12582912.0f;
     F r = x - n * 0.693359375f;
     r = r - n * -2.12194440e-4f;
@@ -89,8 +90,8 @@ template <class F> inline F exp_of(F x) {
     return p * power_of_two(n);
 }
 
-// 1 - exp(-x) for x >= 0, also where that is small.
-template <class F> inline F stopped_by(F x) {
+// Opacity of an optical depth: 1 - exp(-x) for x >= 0, precise where that is small.
+template <class F> inline F opacity_of(F x) {
     F p = F{} - 1.0f / 720;
     p = p * x + 1.0f / 120;
     p = p * x - 1.0f / 24;
@@ -116,17 +117,17 @@ template <class F> inline F log1p_of(F y) {
 }
 
 // log(x) of a normal x > 0, to 2 units in the last place. Cephes' logf (Moshier, 1992).
-inline lanes log_of(lanes x) {
-    int_lanes bits;
+inline simd_float log_of(simd_float x) {
+    simd_int bits;
     std::memcpy(&bits, &x, sizeof bits);
     // x = m 2^e, m from sqrt(1/2) to sqrt(2)
-    const int_lanes e = (bits - 0x3f3504f3) >> 23;
+    const simd_int e = (bits - 0x3f3504f3) >> 23;
     bits -= e << 23;
-    lanes m;
+    simd_float m;
     std::memcpy(&m, &bits, sizeof m);
     m -= 1.0f;
-    const lanes z = m * m, n = __builtin_convertvector(e, lanes);
-    lanes p = spread(7.0376836292e-2f);
+    const simd_float z = m * m, n = __builtin_convertvector(e, simd_float);
+    simd_float p = broadcast(7.0376836292e-2f);
     p = p * m - 1.1514610310e-1f;
     p = p * m + 1.1676998740e-1f;
     p = p * m - 1.2420140846e-1f;
@@ -140,7 +141,7 @@ inline lanes log_of(lanes x) {
 
 template <class F> inline F softplus(F x) {
     const F magnitude = x > 0.0f ? x : -x;
-    return most(F{}, x) + log1p_of(exp_of(-magnitude));
+    return max_of(F{}, x) + log1p_of(exp_of(-magnitude));
 }
 
 template <class F> inline F sigmoid(F x) { return 1.0f / (1.0f + exp_of(-x)); }

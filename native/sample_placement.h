@@ -1,23 +1,23 @@
-// Where along a ray samples are placed: quantiles of the occupied voxels along it, and those near the surface that a few signed
-// distances point to. `core/ops/march.py` says what these are, in plain torch.
+// Placement of samples along a ray: by quantiles of the occupancy along it, and then by quantiles of the weights of
+// those samples. `core/ops/march.py` is the specification, in plain torch.
 #pragma once
-#include "lanes.h"
+#include "simd.h"
 #include "variant.h"
 
 #include <cmath>
 
 namespace {
 
-// The occupied steps of one ray and their summed mass.
-struct Occupied {
+// The occupied steps of one ray and their cumulative mass.
+struct OccupiedSteps {
     std::vector<int32_t> step;
     std::vector<float> mass;
 
     float total() const { return mass.empty() ? 0.0f : mass.back(); }
 };
 
-// Steps of half a voxel through what is not free.
-inline void find_occupied(const unisim_scene &scene, const float *o, const float *d, float t_near, float t_far, Occupied &out) {
+// Finds the steps, of half a voxel, in voxels that are not free.
+inline void find_occupied(const unisim_scene &scene, const float *o, const float *d, float t_near, float t_far, OccupiedSteps &out) {
     out.step.clear();
     out.mass.clear();
     const float step = scene.voxel_m / 2, inverse = 1.0f / scene.voxel_m;
@@ -45,7 +45,7 @@ inline void find_occupied(const unisim_scene &scene, const float *o, const float
 }
 
 // Places t (count), `stride` apart, of rising quantiles u (count), `stride` apart.
-inline void place_in(const Occupied &in, float step, float t_near, const float *u, int count, int stride, float *t) {
+inline void place_quantiles(const OccupiedSteps &in, float step, float t_near, const float *u, int count, int stride, float *t) {
     size_t j = 0;
     for (int k = 0; k < count; ++k) {
         const float target = u[k * stride] * in.total();
@@ -56,40 +56,41 @@ inline void place_in(const Occupied &in, float step, float t_near, const float *
     }
 }
 
-// Summed shares (places + 1, stride) of what stops rays before, between and behind `places` samples, from the optical depths
-// tau (places, stride): sample 0's own, then the intervals'. `even` of it is spread over the quantiles.
-inline void sum_shares(const float *tau, int places, int stride, float even, float *share) {
-    constexpr float LEAST = 1e-5f;
+// Cumulative weights cdf (places + 1, stride) of the intervals before, between and after `places` samples, from
+// optical depths tau (places, stride): of sample 0, then of the intervals. The fraction `uniform` of the weight is
+// distributed evenly.
+inline void cumulate_weights(const float *tau, int places, int stride, float uniform, float *cdf) {
+    constexpr float MIN_WEIGHT = 1e-5f;
     for (int p = 0; p < stride; p += LANES) {
-        lanes before{}, total{};
+        simd_float before{}, total{};
         for (int k = 0; k <= places; ++k) {
-            lanes weight = spread(LEAST);
+            simd_float weight = broadcast(MIN_WEIGHT);
             if (k < places) {
-                const lanes depth = load(tau + k * stride + p);
-                weight += exp_of(-before) * stopped_by(depth);
+                const simd_float depth = load(tau + k * stride + p);
+                weight += exp_of(-before) * opacity_of(depth);
                 before += depth;
             }
             total += weight;
-            store(share + k * stride + p, weight);
+            store(cdf + k * stride + p, weight);
         }
-        const lanes scale = (1.0f - even) / total;
-        lanes sum{};
+        const simd_float scale = (1.0f - uniform) / total;
+        simd_float sum{};
         for (int k = 0; k <= places; ++k) {
             const float width = (k == 0 || k == places ? 0.5f : 1.0f) / static_cast<float>(places);
-            sum += load(share + k * stride + p) * scale + even * width;
-            store(share + k * stride + p, sum);
+            sum += load(cdf + k * stride + p) * scale + uniform * width;
+            store(cdf + k * stride + p, sum);
         }
     }
 }
 
-// The middles of `count` equal parts of what `sum_shares` summed for one ray, as quantiles (count), `stride` apart.
-inline void invert_shares(const float *share, int places, int stride, int count, float *u) {
-    const float total = share[places * stride];
+// Quantiles u (count), `stride` apart: the middles of `count` equal parts of one ray's cumulative weights.
+inline void invert_weights(const float *cdf, int places, int stride, int count, float *u) {
+    const float total = cdf[places * stride];
     int k = 0;
     for (int j = 0; j < count; ++j) {
         const float target = (static_cast<float>(j) + 0.5f) / static_cast<float>(count) * total;
-        while (k < places && share[k * stride] <= target) ++k;
-        const float c0 = k ? share[(k - 1) * stride] : 0.0f, c1 = share[k * stride];
+        while (k < places && cdf[k * stride] <= target) ++k;
+        const float c0 = k ? cdf[(k - 1) * stride] : 0.0f, c1 = cdf[k * stride];
         const float e0 = k ? (static_cast<float>(k) - 0.5f) / static_cast<float>(places) : 0.0f;
         const float e1 = k == places ? 1.0f : (static_cast<float>(k) + 0.5f) / static_cast<float>(places);
         u[j * stride] = e0 + (target - c0) / std::fmax(c1 - c0, 1e-12f) * (e1 - e0);

@@ -1,0 +1,165 @@
+"""Shapes of a scene model, from its configuration: stated here alone.
+
+Torch builds its modules with them, the compiled scene reads its arrays by them, and a file's arrays are checked against
+them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from itertools import pairwise
+from typing import NamedTuple
+
+from ..geometry import FloatArray
+from ..ops.constants import GROUND_CELL_M
+from ..ops.grid_shape import GridShape
+from .config import ModelConfig
+
+Shape = tuple[int, ...]
+
+SH_WIDTH = 16
+"""Spherical harmonics of a direction, degrees 0 to 3."""
+CAMERA_CODE = 4
+"""Numbers of a camera's code."""
+LIGHT_HIDDEN = 16
+LIDAR_INPUTS = 2
+"""Inputs of the LiDAR head besides feature and direction: depth and opacity."""
+LIDAR_OUTPUTS = 2
+"""Intensity and the logit of a return."""
+FREQUENCIES, LATENT_LAYERS = 6, 4
+"""Of the network that latents condition: octaves in which it is told where a point is, and its depth."""
+
+
+class Perceptron(NamedTuple):
+    """Widths and depth of a perceptron: the arguments of `networks.mlp`. Only its last layer has a bias."""
+
+    inputs: int
+    hidden: int
+    outputs: int
+    layers: int = 2
+
+    def arrays(self, name: str) -> dict[str, Shape]:
+        """Its arrays by name; the layers have every second number, as in torch's `Sequential` with activations between."""
+        widths = [self.inputs, *[self.hidden] * (self.layers - 1), self.outputs]
+        shapes: dict[str, Shape] = {f"{name}.{2 * i}.weight": (out, into) for i, (into, out) in enumerate(pairwise(widths))}
+        return shapes | {f"{name}.{2 * self.layers - 2}.bias": (self.outputs,)}
+
+
+class Convolution(NamedTuple):
+    """Channels and kernel of a convolution with a bias."""
+
+    inputs: int
+    outputs: int
+    kernel: int
+
+    def arrays(self, name: str) -> dict[str, Shape]:
+        """Its arrays by name."""
+        return {f"{name}.weight": (self.outputs, self.inputs, self.kernel, self.kernel), f"{name}.bias": (self.outputs,)}
+
+
+def static_grid(config: ModelConfig, size_m: FloatArray) -> GridShape:
+    """The hash grid of the static field, in a volume of edges ``size_m`` (3,)."""
+    g = config.static_grid
+    extent = (float(size_m[0]), float(size_m[1]), float(size_m[2]))
+    return GridShape.cubic(extent, g.coarsest, g.finest, g.levels, g.features, g.log2_table)
+
+
+def background_grid(config: ModelConfig) -> GridShape:
+    """The hash grid of the background model."""
+    g = config.far_grid
+    return GridShape.unit(int(g.coarsest), int(g.finest), g.levels, g.features, g.log2_table)
+
+
+def actor_grid(config: ModelConfig) -> GridShape:
+    """The hash grid that each actor has a table of."""
+    g = config.actor_grid
+    return GridShape.unit(int(g.coarsest), int(g.finest), g.levels, g.features, g.log2_table)
+
+
+def actor_row(config: ModelConfig) -> Shape:
+    """What each actor has of its own: the table of its grid, or a latent."""
+    if config.actors == "latent":
+        return (config.latent,)
+    grid = actor_grid(config)
+    return grid.rows, grid.features
+
+
+def perceptrons(config: ModelConfig) -> dict[str, Perceptron]:
+    """The model's perceptrons by name. The hypernetwork is there in training alone, a scene's file has what it makes."""
+    f, hidden = config.features, config.hidden
+    static, far, actor = config.static_grid, config.far_grid, config.actor_grid
+    found = {
+        "static.network": Perceptron(static.levels * static.features, hidden, 1 + f),
+        "far.network": Perceptron(far.levels * far.features, hidden, 1 + f),
+        "actors.network": Perceptron(actor.levels * actor.features, hidden, 1 + f),
+        "lidar_head.network": Perceptron(f + SH_WIDTH + LIDAR_INPUTS, hidden, LIDAR_OUTPUTS, 3),
+    }
+    if config.actors == "latent":
+        found["actors.network"] = Perceptron(3 + 6 * FREQUENCIES + config.latent, hidden, 1 + f, LATENT_LAYERS)
+    if config.actors == "hypernetwork":
+        own = math.prod(actor_row(config))
+        found["actors.hypernetwork"] = Perceptron(config.latent, config.hyper_hidden, own, config.hyper_layers)
+    if config.light == "ground":
+        found["light.network"] = Perceptron(f, LIGHT_HIDDEN, 2 * f)
+    if config.colour == "sample":
+        found["colour_head.network"] = Perceptron(f + SH_WIDTH, hidden, 3, 3)
+    elif config.head == "sample":
+        found["sample_head"] = Perceptron(f + SH_WIDTH, hidden, f, 3)
+    if config.colour == "decoded":
+        found["ray_head.network"] = Perceptron(f + SH_WIDTH + CAMERA_CODE, hidden, config.decoder_channels)
+    return found
+
+
+def convolutions(config: ModelConfig) -> dict[str, Convolution]:
+    """The camera decoder's convolutions by name, first to last: two per residual block, and the one to pixels."""
+    if config.colour != "decoded":
+        return {}
+    c, k = config.decoder_channels, config.decoder_kernel
+    blocks = {f"blocks.{i}.{part}": Convolution(c, c, k) for i in range(config.decoder_blocks) for part in ("first", "second")}
+    return {**blocks, "last": Convolution(c, 3 * config.upsample**2, min(k, 3))}
+
+
+def decoder_reach(config: ModelConfig) -> int:
+    """How many feature cells away an output pixel of the camera decoder can depend on."""
+    return sum(convolution.kernel // 2 for convolution in convolutions(config).values())
+
+
+def camera_codes(cameras: int) -> Shape:
+    """The codes of so many cameras; there is one where no camera was trained."""
+    return max(cameras, 1), CAMERA_CODE
+
+
+def cells_of(size_m: FloatArray, cell_m: float) -> Shape:
+    """How many cells with edges of ``cell_m`` cover edges of ``size_m``."""
+    return tuple(math.ceil(edge / cell_m) for edge in size_m.tolist())
+
+
+def stored_arrays(config: ModelConfig, size_m: FloatArray, actors: int, cameras: int) -> dict[str, Shape]:
+    """Arrays of a trained scene's weights by name, of so many actors and cameras; see `stored_voxels` for the others."""
+    networks = perceptrons(config)
+    networks.pop("actors.hypernetwork", None)
+    actors = 0 if config.actors == "none" else actors
+    static, background = static_grid(config, size_m), background_grid(config)
+    found: dict[str, Shape] = {
+        "log_beta": (),
+        "static.grid.table": (static.rows, static.features),
+        "far.grid.table": (background.rows, background.features),
+        "actors.tables": (actors, *actor_row(config)),
+        "ground.heights": cells_of(size_m[:2], GROUND_CELL_M),
+    }
+    if config.light == "ground":
+        found["light.home"] = (actors, 3)
+    if config.colour == "decoded":
+        found["ray_head.codes"] = camera_codes(cameras)
+    parts: Mapping[str, Perceptron | Convolution] = {
+        **networks, **{f"camera_decoder.{name}": convolution for name, convolution in convolutions(config).items()}
+    }  # fmt: skip
+    for name, part in parts.items():
+        found |= part.arrays(name)
+    return found
+
+
+def stored_voxels(config: ModelConfig, size_m: FloatArray) -> dict[str, Shape]:
+    """Voxel grids of a trained scene's weights by name: of these the file holds the entries that are not 0."""
+    return dict.fromkeys(("occupancy.values", "observed"), cells_of(size_m, config.voxel_m))
