@@ -18,7 +18,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from . import interpreters
-from .core.sequence.records import finished_frames
+from .core.sequence.records import finished_moments
 from .translations import message
 
 PATIENCE_S = 20.0
@@ -146,7 +146,7 @@ class SequenceTask(Task):
     @property
     def done(self) -> float:
         """Frames that are finished."""
-        return float(finished_frames(self.folder, self.wanted))
+        return float(finished_moments(self.folder, self.wanted))
 
     def measure(self) -> str:
         """Frames of how many."""

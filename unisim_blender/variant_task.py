@@ -6,7 +6,7 @@ from collections.abc import Container
 from dataclasses import dataclass
 from pathlib import Path
 
-from .core.sequence.records import finished_frames
+from .core.sequence.records import finished_moments
 from .tasks import SequenceTask
 
 
@@ -23,7 +23,7 @@ class Part:
     def done(self) -> int:
         """Frames that are finished."""
         frames: Container[int] = self.wanted
-        return finished_frames(self.folder, frames)
+        return finished_moments(self.folder, frames)
 
 
 class VariantsTask(SequenceTask):

@@ -17,13 +17,14 @@ from unisim_blender.core import native
 from unisim_blender.core.errors import ScenarioError
 from unisim_blender.core.geometry import invert_pose
 from unisim_blender.core.model.scene_file import drive_to_json, read_scene_header
-from unisim_blender.core.output.labels import frame_labels
+from unisim_blender.core.output.labels import moment_labels
 from unisim_blender.core.prepare.renderers import make_backend, other_scenes
 from unisim_blender.core.render.drive_renderer import DriveRenderer
 from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.scenario import scenario_from_json, scenario_to_json
 from unisim_blender.core.scenario.edits import apply_scenario
 from unisim_blender.core.sensors.frames import CAMERA_PASSES
+from unisim_blender.core.world.captures import Moment
 from unisim_blender.core.world.drive import Camera, Drive, Lidar
 
 TIMES = np.linspace(-0.2, 1.2, 141)
@@ -86,12 +87,12 @@ def test_sensors_with_a_trajectory_see_it_and_labels_say_so(folder: Path) -> Non
     drive = edited(folder, BODY, sensors=SENSORS)
     every: list[Camera | Lidar] = [*drive.cameras.values(), *drive.lidars.values()]
     assert [sensor.sensor_id for sensor in every if sensor.sees_ego_body] == ["roadside", "chase", "pole"]
-    labels = frame_labels(drive, 3)
+    labels = moment_labels(drive, Moment.of_frame(drive, 3, (), ()))
     assert [name for name, sensor in labels["sensors"].items() if "body" in sensor["boxes"]] == ["roadside", "chase", "pole"]
     (box,) = [box for box in labels["boxes"] if box["id"] == "body"]
     np.testing.assert_allclose(box["ego"]["position"], AT, atol=1e-4)
     # no sensor of the log sees it: it is no label
-    labels = frame_labels(edited(folder, BODY), 3)
+    labels = moment_labels(edited(folder, BODY), Moment.of_frame(edited(folder, BODY), 3, (), ()))
     assert "body" not in {box["id"] for box in labels["boxes"]}
     assert all("car" in sensor["boxes"] and "body" not in sensor["boxes"] for sensor in labels["sensors"].values())
 

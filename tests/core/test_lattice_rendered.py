@@ -114,7 +114,10 @@ def test_a_picture_that_grows_is_the_picture(scene: CompiledScene, busy: Drive, 
     one = renderer(scene, busy, lattice)
     at_once = one.camera(CAMERA, FRAME, ("rgb", "depth"), WIDTH, region)
     whole = one.camera(CAMERA, FRAME, ("rgb",), WIDTH)
-    parts = list(one.progressive(CAMERA, FRAME, ("rgb", "depth"), WIDTH, region, coarse=(8, 4), band=37))
+    camera = one.sized(CAMERA, WIDTH)
+    time_s = camera.time_s[FRAME]
+    state = one.state(camera, time_s)
+    parts = list(one.renderer.progressive(state, camera, time_s, ("rgb", "depth"), region, coarse=(8, 4), band=37))
     assert [part.stride for part in parts[:3]] == [(8, 8), (4, 4), (1, 1)]
     for part in parts[:2]:
         row, column, stride = int(part.origin[0]), int(part.origin[1]), int(part.stride[0])

@@ -28,6 +28,7 @@ from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.render.tracers.torch.tracer import TorchBackend, TorchTracer
 from unisim_blender.core.sensors.error_bound import ErrorBound, depth_errors, drawn, parse_bounds, quantile_check, quantile_rank
 from unisim_blender.core.sensors.frames import CameraFrame, LidarFrame, RenderStats
+from unisim_blender.core.world.captures import Capture
 from unisim_blender.core.world.drive import Drive
 
 SAMPLE = Path(__file__).parents[2] / "sample" / "scene"
@@ -122,14 +123,14 @@ def street() -> DriveRenderer:
 @needs_library
 def test_the_samples_rays_have_the_frames_bits(street: DriveRenderer) -> None:
     """Of a sweep's beams alone, and of a picture's pixels alone: so a sample is rendered as its frame is."""
-    rays, sweep = street.sweep_rays("pandar64", 9)[1].flat(), street.lidar("pandar64", 9)
+    rays, sweep = street.sweep_rays(Capture.of_frame(street.lidar_named("pandar64"), 9))[1].flat(), street.lidar("pandar64", 9)
     some = np.random.default_rng(0).choice(len(rays.time_s), 300, False)
     depth = street.rays_lidar(rays.origins[some], rays.directions[some], rays.time_s[some])[0]
     assert np.array_equal(depth, sweep.depth_m.reshape(-1)[some])
     patches = Patches(street, "front_camera", 96)
     units = np.random.default_rng(1).choice(96 * 54, 300, False)
     picture = street.camera("front_camera", 9, width=96)
-    found = patches.rendered(9, units, LADDER["balanced"])
+    found = patches.rendered(Capture.of_frame(patches.camera, 9), units, LADDER["balanced"])
     assert np.array_equal(found, patches.shown(picture.rgb, units))
 
 
@@ -189,7 +190,7 @@ def test_sensors_without_a_bound_are_rendered_as_ever(street: DriveRenderer) -> 
 def test_torchs_truth_is_in_single_precision_and_samples_what_is_far(tmp_path: Path) -> None:
     drive = drive_of(CARS)
     renderer = DriveRenderer(Renderer(TorchBackend(load_scene(saved(tmp_path / "scene", CONFIGS["tiny"])))), drive)
-    lidar, rays = renderer.sweep_rays("top", 2)
+    lidar, rays = renderer.sweep_rays(Capture.of_frame(renderer.lidar_named("top"), 2))
     state = renderer.state(lidar, lidar.time_s[2])
 
     def tracer() -> TorchTracer:

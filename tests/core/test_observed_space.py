@@ -200,7 +200,10 @@ def test_actors_are_never_clipped(backend: CompiledBackend, space: ObservedSpace
 def test_coarse_images_and_parts_have_it_too(backend: CompiledBackend, space: ObservedSpace, clip: bool) -> None:
     drive = seen_from(backend.scene.header.drive, -22.0, 0.0, 18.0)
     renderer = DriveRenderer(Renderer(backend.within(space, clip)), drive)
-    parts = list(renderer.progressive("outside", 0, ("rgb", "unsupported"), coarse=(8, 4), band=40))
+    camera = drive.cameras["outside"]
+    time_s = camera.time_s[0]
+    state = renderer.state(camera, time_s)
+    parts = list(renderer.renderer.progressive(state, camera, time_s, ("rgb", "unsupported"), coarse=(8, 4), band=40))
     assert [part.stride for part in parts[:2]] == [(8, 8), (4, 4)] and len(parts) > 3
     whole = renderer.camera("outside", 0, ("rgb", "unsupported")).unsupported
     assert whole is not None

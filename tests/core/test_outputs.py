@@ -19,7 +19,8 @@ from unisim_blender.core.errors import OutputError
 from unisim_blender.core.files import write_file
 from unisim_blender.core.geometry import make_pose, transform_points
 from unisim_blender.core.output.frame_files import sweep_points, write_camera, write_labels, write_lidar
-from unisim_blender.core.output.labels import frame_labels
+from unisim_blender.core.output.labels import moment_labels
+from unisim_blender.core.world.captures import Capture, Moment
 
 DRIVE = tiny_drive()
 RENDERER = FakeRenderer(DRIVE)
@@ -40,7 +41,7 @@ def test_srgb_curve_at_known_points() -> None:
 def test_exr_holds_named_channels_and_metadata(tmp_path: Path) -> None:
     frame = RENDERER.camera("front", 3, ALL_PASSES)
     assert frame.depth_m is not None and frame.instance is not None and frame.unsupported is not None
-    _, exr = write_camera(tmp_path, "front", 3, 0.3, frame)
+    _, exr = write_camera(tmp_path, "000003", Capture("front", 300000, 3), 0.3, frame)
     header, channels = read_exr(exr)
     assert set(channels) == {
         *"RGBA",
@@ -60,14 +61,14 @@ def test_exr_holds_named_channels_and_metadata(tmp_path: Path) -> None:
 
 
 def test_exr_holds_no_channel_of_a_pass_that_was_not_rendered(tmp_path: Path) -> None:
-    _, exr = write_camera(tmp_path, "front", 0, 0.0, RENDERER.camera("front", 0))
+    _, exr = write_camera(tmp_path, "000000", Capture("front", 0, 0), 0.0, RENDERER.camera("front", 0))
     assert set(read_exr(exr)[1]) == set("RGBA")
 
 
 def test_png_stores_srgb_as_it_is(tmp_path: Path) -> None:
     frame = RENDERER.camera("front", 0)
     frame.rgb[0, 0] = [0.0, 0.5, 1.2]
-    png, _ = write_camera(tmp_path, "front", 0, 0.0, frame)
+    png, _ = write_camera(tmp_path, "000000", Capture("front", 0, 0), 0.0, frame)
     image = np.asarray(Image.open(png))
     assert image[0, 0].tolist() == [0, 128, 255]
     assert np.abs(image / 255 - np.clip(frame.rgb, 0, 1)).max() <= 0.5 / 255 + 1e-6
@@ -75,7 +76,7 @@ def test_png_stores_srgb_as_it_is(tmp_path: Path) -> None:
 
 def test_sweep_files_agree_and_lie_in_the_sensor_frame(tmp_path: Path) -> None:
     sweep = RENDERER.lidar("top", 2)
-    ply, npz = write_lidar(tmp_path, "top", 2, 0.2, sweep)
+    ply, npz = write_lidar(tmp_path, "000002", Capture("top", 200000, 2), 0.2, sweep)
     vertices = PlyData.read(ply)["vertex"]
     arrays = np.load(npz, allow_pickle=False)
     assert [p.name for p in vertices.properties] == ["x", "y", "z", "intensity", "ring", "azimuth", "time", "instance"]
@@ -101,8 +102,9 @@ def test_azimuth_is_the_firing_angle() -> None:
 
 def test_same_frame_same_bytes(tmp_path: Path) -> None:
     def write(folder: Path) -> dict[str, bytes]:
-        paths = write_camera(folder, "front", 1, 0.1, RENDERER.camera("front", 1, ALL_PASSES))
-        paths += write_lidar(folder, "top", 1, 0.1, RENDERER.lidar("top", 1)) + write_labels(folder, DRIVE, 1)
+        paths = write_camera(folder, "000001", Capture("front", 100000, 1), 0.1, RENDERER.camera("front", 1, ALL_PASSES))
+        paths += write_lidar(folder, "000001", Capture("top", 100000, 1), 0.1, RENDERER.lidar("top", 1))
+        paths += write_labels(folder, DRIVE, Moment.of_frame(DRIVE, 1, (), ()))
         return {str(path.relative_to(folder)): path.read_bytes() for path in paths}
 
     first = write(tmp_path / "a")
@@ -111,7 +113,7 @@ def test_same_frame_same_bytes(tmp_path: Path) -> None:
 
 
 def test_labels_give_boxes_in_every_frame_of_reference() -> None:
-    labels = frame_labels(DRIVE, 2)
+    labels = moment_labels(DRIVE, Moment.of_frame(DRIVE, 2, (), ()))
     car = next(box for box in labels["boxes"] if box["id"] == "car")
     np.testing.assert_allclose(car["world"]["position"], [12.8, 0.5, 0.75])
     np.testing.assert_allclose(car["ego"]["position"], [11.8, 0.5, 0.75])
@@ -119,7 +121,8 @@ def test_labels_give_boxes_in_every_frame_of_reference() -> None:
     # the camera stands 1 m ahead of and 1.6 m above the ego, axes right, down, forward
     np.testing.assert_allclose(labels["sensors"]["front"]["boxes"]["car"]["position"], [-0.5, 0.85, 10.8], atol=1e-9)
     np.testing.assert_allclose(labels["sensors"]["top"]["boxes"]["car"]["position"], [11.8, 0.5, -1.05], atol=1e-9)
-    assert {box["id"] for box in frame_labels(DRIVE, 3)["boxes"]} == {"car"}, "the cone is gone after 0.2 s"
+    labels = moment_labels(DRIVE, Moment.of_frame(DRIVE, 3, (), ()))
+    assert {box["id"] for box in labels["boxes"]} == {"car"}, "the cone is gone after 0.2 s"
 
 
 def test_full_disk_is_one_sentence_and_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -144,7 +147,7 @@ def test_exr_on_a_full_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
 
     monkeypatch.setattr(OpenEXR.File, "write", no_space)
     with pytest.raises(OutputError, match="No space left on device"):
-        write_camera(tmp_path, "front", 0, 0.0, RENDERER.camera("front", 0))
+        write_camera(tmp_path, "000000", Capture("front", 0, 0), 0.0, RENDERER.camera("front", 0))
     assert [p.name for p in (tmp_path / "camera" / "front").iterdir()] == ["000000.png"]
 
 
@@ -155,4 +158,4 @@ def test_static_copies_are_labelled() -> None:
 
     pose = make_pose(np.array([3.0, 1, 0]), np.array([1.0, 0, 0, 0]))
     drive = replace(DRIVE, static_copies=(StaticCopy("copy", Box(np.eye(4), np.ones(3)), pose),))
-    assert frame_labels(drive, 0)["static_copies"][0]["world"]["position"] == [3.0, 1.0, 0.0]
+    assert moment_labels(drive, Moment.of_frame(drive, 0, (), ()))["static_copies"][0]["world"]["position"] == [3.0, 1.0, 0.0]

@@ -19,7 +19,8 @@ from unisim_blender.core.sequence.run import render_sequence
 
 
 def test_log_reads_back(tmp_path: Path) -> None:
-    plan = replace(tiny_plan(width=64), frames=(1, 2, 4))
+    plan = tiny_plan(width=64)
+    plan = replace(plan, moments=tuple(plan.moments[frame] for frame in (1, 2, 4)))
     out = tmp_path / "out"
     render_sequence(plan, out)
     log = open_log(write_rendered_log(plan, out))

@@ -26,7 +26,7 @@ from unisim_blender.core.model.config import ModelConfig, preset
 from unisim_blender.core.model.scene import SceneModel
 from unisim_blender.core.model.scene_file import drive_from_json, drive_to_json
 from unisim_blender.core.model.volume import Volume
-from unisim_blender.core.output.labels import frame_labels
+from unisim_blender.core.output.labels import moment_labels
 from unisim_blender.core.render.quality import QUALITY
 from unisim_blender.core.render.tracers.compiled.scene import CompiledScene
 from unisim_blender.core.render.tracers.compiled.tracer import CompiledBackend
@@ -46,6 +46,7 @@ from unisim_blender.core.street.surface_hits import look_up
 from unisim_blender.core.street.trace import Asset, Part, Placement, trace
 from unisim_blender.core.street.true_images import true_image_path
 from unisim_blender.core.street.truth import truth_camera, truth_lidar
+from unisim_blender.core.world.captures import Moment
 from unisim_blender.core.world.drive import Actor, Drive, Look
 
 needs_library = pytest.mark.skipif(native.library() is None, reason="the compiled kernels were not built")
@@ -136,7 +137,7 @@ def test_what_is_refused(edits: list[dict[str, Any]], told: str) -> None:
 
 def test_labels_and_the_drives_document_have_the_size() -> None:
     drive = edited(by(2, 1, 1), drive=tiny_drive())
-    boxes = {box["id"]: box["size_m"] for box in frame_labels(drive, 1)["boxes"]}
+    boxes = {box["id"]: box["size_m"] for box in moment_labels(drive, Moment.of_frame(drive, 1, (), ()))["boxes"]}
     assert boxes["car"] == [9.0, 1.9, 1.5] and boxes["cone"] == [0.4, 0.4, 0.8]
     # what decides whether a rendered frame still holds, and says nothing of a drive in which nobody is scaled
     document = drive_to_json(drive)

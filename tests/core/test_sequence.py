@@ -108,7 +108,7 @@ def test_changed_inputs_are_rendered_again(change: str, tmp_path: Path) -> None:
 def test_other_frames_asked_for_keep_those_that_are_there(tmp_path: Path) -> None:
     out = tmp_path / "out"
     render_sequence(tiny_plan(frames=2), out)
-    report = render_sequence(replace(tiny_plan(), frames=(4,)), out, resume=True)
+    report = render_sequence(replace(tiny_plan(), moments=(tiny_plan().moment_of_frame(4),)), out, resume=True)
     assert report.rendered == (4,)
     assert list(json.loads((out / "manifest.json").read_text())["frames"]) == ["000000", "000001", "000004"]
 
@@ -214,7 +214,7 @@ class DyingSource:
     def __call__(self) -> Any:
         return self
 
-    def camera(self, *arguments: Any) -> None:
+    def image(self, *arguments: Any) -> None:
         os.kill(os.getpid(), signal.SIGKILL)
 
 

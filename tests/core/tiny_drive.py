@@ -18,6 +18,7 @@ from unisim_blender.core.render.visibility import Reach
 from unisim_blender.core.sensors.frames import CameraFrame, LidarFrame, RenderStats
 from unisim_blender.core.sensors.lidar import lidar_rays
 from unisim_blender.core.sequence.plan import RenderPlan, SequenceSettings
+from unisim_blender.core.world.captures import Capture, moments_of
 from unisim_blender.core.world.drive import Actor, Camera, CameraModel, Drive, Lidar, LidarModel, Look
 from unisim_blender.core.world.replay import DriveStates
 
@@ -100,6 +101,14 @@ class FakeRenderer:
             RenderStats(rays=depth.size, samples_spent=10 + frame, samples_saved=5, seconds={"march": time.monotonic()}),
         )
 
+    def image(self, capture: Capture, passes: tuple[str, ...] = ("rgb",), width: int | None = None) -> CameraFrame:
+        """A picture of a capture; of a time, that of a frame of its number."""
+        return self.camera(capture.sensor_id, _frame(self.drive, capture), passes, width)
+
+    def sweep(self, capture: Capture) -> LidarFrame:
+        """A sweep of a capture; of a time, that of a frame of its number."""
+        return self.lidar(capture.sensor_id, _frame(self.drive, capture))
+
     def lidar(self, lidar_id: str, frame: int) -> LidarFrame:
         """A sweep of the table's rays with depths of noise; one cell in four is a drop."""
         lidar = self.drive.lidars[lidar_id]
@@ -120,6 +129,13 @@ class FakeRenderer:
             ("car", "cone"),
             RenderStats(rays=rays.time_s.size, samples_spent=7, samples_saved=3),
         )
+
+
+def _frame(drive: Drive, capture: Capture) -> int:
+    """Return the frame, or that before a time."""
+    if capture.frame is not None:
+        return capture.frame
+    return max((frame for frame, time_s in drive.time_s.items() if time_s * 1e6 <= capture.time_us + 1), default=0)
 
 
 @dataclass(frozen=True)
@@ -145,7 +161,8 @@ def tiny_plan(log_path: Path | None = None, delay_s: float = 0.0, frames: int = 
     about = {"scenario": {"sha256": "0" * 64}}
     source, environment = FakeSource(drive, log_path, delay_s), {"numpy": np.__version__}
     captures = CaptureStates(DriveStates(drive, {}), Reach())
-    return RenderPlan(drive, drive.frames[:frames], settings, source, {"": "1" * 64}, environment, about, captures)
+    moments = moments_of(drive, drive.frames[:frames], None, ("front",), ("top",))
+    return RenderPlan(drive, moments, settings, source, {"": "1" * 64}, environment, about, captures)
 
 
 def world_pose(x: float, y: float, z: float) -> FloatArray:

@@ -21,6 +21,7 @@ from ..render.regions import Region
 from ..render.renderer import Renderer
 from ..render.tracer import Backend
 from ..sensors.frames import RenderStats
+from ..world.captures import Capture
 from ..world.drive import Drive
 from ..world.replay import DriveStates
 from .copies import with_copies
@@ -161,7 +162,8 @@ def _sweep(renderer: DriveRenderer, request: RenderRequest, stats: RenderStats) 
         frame = renderer.lidar(request.sensor, request.setup.frame)
         stats.add(frame.stats)
         return [frame.depth_m[:, :: request.column_step].copy()], frame.depth_m.size
-    _, rays = renderer.sweep_rays(request.sensor, request.setup.frame)
+    lidar = renderer.lidar_named(request.sensor)
+    _, rays = renderer.sweep_rays(Capture.of_frame(lidar, request.setup.frame))
     some = [x[:, :: request.column_step] for x in (rays.origins, rays.directions, rays.time_s)]
     shape = some[2].shape
     depth = renderer.rays_lidar(some[0].reshape(-1, 3), some[1].reshape(-1, 3), some[2].reshape(-1), stats)[0]

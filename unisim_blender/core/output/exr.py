@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from ..colour import linear_from_srgb
 from ..files import partial_file
 from ..sensors.frames import CameraFrame
+from ..world.captures import Capture
 
 REC709_CHROMATICITIES = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)
 METADATA_ATTRIBUTE = "unisim"
@@ -45,12 +46,13 @@ def exr_channels(frame: CameraFrame) -> dict[str, NDArray[Any]]:
     return {name: np.ascontiguousarray(values) for name, values in channels.items()}
 
 
-def camera_metadata(frame: CameraFrame, sensor_id: str, frame_number: int, time_s: float) -> dict[str, Any]:
-    """What a reader needs to use the image as a measurement; ``time_s`` is the image's timestamp."""
+def camera_metadata(frame: CameraFrame, capture: Capture, time_s: float) -> dict[str, Any]:
+    """What a reader needs to use the image as a measurement; ``time_s`` is the image's timestamp. An image that is none of the
+    log's has ``time_us`` in place of ``frame``."""
     model = frame.model
     return {
-        "sensor": sensor_id,
-        "frame": frame_number,
+        "sensor": capture.sensor_id,
+        **({"time_us": capture.time_us} if capture.frame is None else {"frame": capture.frame}),
         "time_s": time_s,
         "width": model.width,
         "height": model.height,

@@ -1,4 +1,4 @@
-"""One frame's files: images, sweeps and labels. The same frame gives the same bytes."""
+"""The files of captures: images, sweeps and labels. Equal captures give equal bytes."""
 
 from __future__ import annotations
 
@@ -16,9 +16,10 @@ from ..files import write_file
 from ..geometry import invert_pose, transform_points
 from ..json_file import json_bytes
 from ..sensors.frames import CameraFrame, LidarFrame
+from ..world.captures import Capture, Moment
 from ..world.drive import Drive
 from .exr import camera_metadata, write_exr
-from .labels import frame_labels
+from .labels import moment_labels
 
 FORMATS = ("png", "exr", "ply", "npz", "labels")
 """What is written of a frame where nothing else is asked for."""
@@ -39,59 +40,59 @@ POINT_FIELDS = np.dtype(
 at the ray's own time), time (s, from the log's first frame), instance (0: background, n: the n-th name of ``instances``)."""
 
 
-def camera_path(out: Path, sensor_id: str, frame: int, suffix: str) -> Path:
-    """Where an image lies: `camera/NAME/000042.png` or `.exr`."""
-    return out / "camera" / sensor_id / f"{frame:06d}{suffix}"
+def camera_path(out: Path, sensor_id: str, name: str, suffix: str) -> Path:
+    """Where an image lies: `camera/NAME/000042.png` or `.exr`; ``name`` is its moment's (`Moment.name`)."""
+    return out / "camera" / sensor_id / f"{name}{suffix}"
 
 
-def lidar_path(out: Path, sensor_id: str, frame: int, suffix: str) -> Path:
-    """Where a sweep lies: `lidar/NAME/000042.ply` or `.npz`."""
-    return out / "lidar" / sensor_id / f"{frame:06d}{suffix}"
+def lidar_path(out: Path, sensor_id: str, name: str, suffix: str) -> Path:
+    """Where a sweep lies: `lidar/NAME/000042.ply` or `.npz`; ``name`` is its moment's (`Moment.name`)."""
+    return out / "lidar" / sensor_id / f"{name}{suffix}"
 
 
-def labels_path(out: Path, frame: int) -> Path:
-    """Where a frame's boxes lie."""
-    return out / "labels" / f"{frame:06d}.json"
+def labels_path(out: Path, name: str) -> Path:
+    """Where the boxes of a moment lie; ``name`` is the moment's (`Moment.name`)."""
+    return out / "labels" / f"{name}.json"
 
 
 def write_camera(
-    out: Path, sensor_id: str, frame: int, time_s: float, image: CameraFrame, formats: Collection[str] = FORMATS
+    out: Path, name: str, capture: Capture, time_s: float, image: CameraFrame, formats: Collection[str] = FORMATS
 ) -> list[Path]:
     """Write PNG (sRGB as it is) and EXR (linear, all passes), where asked for; the files' paths. Raises `OutputError`."""
     paths = []
     if "png" in formats:
-        paths.append(camera_path(out, sensor_id, frame, ".png"))
+        paths.append(camera_path(out, capture.sensor_id, name, ".png"))
         write_file(paths[-1], png_bytes(bytes_from_srgb(image.rgb)))
     if "exr" in formats:
-        paths.append(camera_path(out, sensor_id, frame, ".exr"))
-        write_exr(paths[-1], image, camera_metadata(image, sensor_id, frame, time_s))
+        paths.append(camera_path(out, capture.sensor_id, name, ".exr"))
+        write_exr(paths[-1], image, camera_metadata(image, capture, time_s))
     return paths
 
 
 def write_lidar(
-    out: Path, sensor_id: str, frame: int, time_s: float, sweep: LidarFrame, formats: Collection[str] = FORMATS
+    out: Path, name: str, capture: Capture, time_s: float, sweep: LidarFrame, formats: Collection[str] = FORMATS
 ) -> list[Path]:
     """Write the sweep's returns as PLY and NPZ, where asked for; the files' paths. Raises `OutputError`."""
     points, paths = sweep_points(sweep), []
     if "ply" in formats:
-        paths.append(lidar_path(out, sensor_id, frame, ".ply"))
-        write_file(paths[-1], ply_bytes(points, sensor_id, frame, time_s))
+        paths.append(lidar_path(out, capture.sensor_id, name, ".ply"))
+        write_file(paths[-1], ply_bytes(points, capture, time_s))
     if "npz" in formats:
-        paths.append(lidar_path(out, sensor_id, frame, ".npz"))
+        paths.append(lidar_path(out, capture.sensor_id, name, ".npz"))
         write_file(paths[-1], npz_bytes(points, time_s, sweep))
     return paths
 
 
-def write_labels(out: Path, drive: Drive, frame: int) -> list[Path]:
+def write_labels(out: Path, drive: Drive, moment: Moment) -> list[Path]:
     """Write the edited scene's boxes; the file's path. Raises `OutputError`."""
-    path = labels_path(out, frame)
-    write_file(path, labels_bytes(drive, frame))
+    path = labels_path(out, moment.name)
+    write_file(path, labels_bytes(drive, moment))
     return [path]
 
 
-def labels_bytes(drive: Drive, frame: int) -> bytes:
-    """The content of a frame's labels."""
-    return json_bytes(frame_labels(drive, frame))
+def labels_bytes(drive: Drive, moment: Moment) -> bytes:
+    """The content of a moment's labels."""
+    return json_bytes(moment_labels(drive, moment))
 
 
 def sweep_points(sweep: LidarFrame) -> NDArray[np.void]:
@@ -118,10 +119,11 @@ def png_bytes(image: NDArray[np.uint8]) -> bytes:
     return buffer.getvalue()
 
 
-def ply_bytes(points: NDArray[np.void], sensor_id: str, frame: int, time_s: float) -> bytes:
+def ply_bytes(points: NDArray[np.void], capture: Capture, time_s: float) -> bytes:
     """Records of `POINT_FIELDS` as binary PLY."""
     buffer = io.BytesIO()
-    comments = [f"sensor {sensor_id}", f"frame {frame}", f"time_s {time_s!r}", "frame of reference: the sensor at time_s"]
+    which = f"time_us {capture.time_us}" if capture.frame is None else f"frame {capture.frame}"
+    comments = [f"sensor {capture.sensor_id}", which, f"time_s {time_s!r}", "frame of reference: the sensor at time_s"]
     PlyData([PlyElement.describe(points, "vertex")], byte_order="<", comments=comments).write(buffer)
     return buffer.getvalue()
 

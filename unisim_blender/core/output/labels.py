@@ -1,33 +1,37 @@
-"""The edited scene's boxes at one frame, in the world's, the ego vehicle's and every sensor's frame."""
+"""The edited scene's boxes at one moment, in the world's, the ego vehicle's and every sensor's frame."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from ..geometry import FloatArray, Trajectory, invert_pose, quaternion_from_matrix
+from ..world.captures import Capture, Moment
 from ..world.drive import Actor, Camera, Drive, Lidar
+from ..world.replay import with_windows
 
 VELOCITY_STEP_S = 0.05
 
 
-def frame_labels(drive: Drive, frame: int) -> dict[str, Any]:
-    """Boxes of all actors present at the frame's time and of static copies, as a JSON object. An ego body is labelled only where
-    a sensor sees it.
+def moment_labels(drive: Drive, moment: Moment) -> dict[str, Any]:
+    """Boxes of all actors present at a moment and of static copies, as a JSON object. An ego body is labelled only where a sensor
+    sees it.
 
-    A sensor's boxes are where the actors are at that sensor's own timestamp of the frame. Poses are position (m) and quaternion
-    wxyz of the box's centre, x forward, y left, z up; cameras use OpenCV's axes. Velocities are in the world frame, m/s.
+    A frame of the log has every sensor of the drive, at that sensor's own timestamp of the frame; a time has those that are
+    captured. A sensor's boxes are where the actors are at its timestamp. Poses are position (m) and quaternion wxyz of the box's
+    centre, x forward, y left, z up; cameras use OpenCV's axes. Velocities are in the world frame, m/s.
     """
-    time = drive.time_s[frame]
+    time, frame = moment.time_s(drive), moment.frame
     ego = drive.world_from_ego.at(time)
-    sensors: list[tuple[Camera | Lidar, Trajectory]] = [
-        *((camera, camera.world_from_camera) for camera in drive.cameras.values()),
-        *((lidar, lidar.world_from_lidar) for lidar in drive.lidars.values()),
-    ]
+    if frame is None:
+        # shortly before the first frame and after the last one actors are there, as images show
+        drive = replace(drive, actors={actor.uid: actor for actor in with_windows(drive, drive.actors.values())})
     present = [actor for actor in drive.labelled_actors if actor.present(time)]
     return {
-        "frame": frame,
+        **({"time_us": moment.time_us} if frame is None else {"frame": frame}),
         "time_s": time,
         "world_origin": np.asarray(drive.world_origin).tolist(),
         "world_from_ego": _pose(ego),
@@ -36,12 +40,22 @@ def frame_labels(drive: Drive, frame: int) -> dict[str, Any]:
             {"id": copy.uid, "size_m": np.asarray(copy.source.size_m).tolist(), "world": _pose(copy.world_from_target)}
             for copy in drive.static_copies
         ],
-        "sensors": {
-            sensor.sensor_id: _sensor(drive, sensor, sensor.time_s[frame], pose.at(sensor.time_s[frame]))
-            for sensor, pose in sensors
-            if frame in sensor.time_s
-        },
+        "sensors": {sensor.sensor_id: _sensor(drive, sensor, at, way.at(at)) for sensor, way, at in _sensors(drive, moment)},
     }
+
+
+def _sensors(drive: Drive, moment: Moment) -> Iterator[tuple[Camera | Lidar, Trajectory, float]]:
+    """Yield the sensors that labels have, their trajectories, and when they look."""
+    frame = moment.frame
+    cameras = {one.sensor_id: one for one in moment.cameras}
+    lidars = {one.sensor_id: one for one in moment.lidars}
+    if frame is not None:
+        cameras = {name: Capture.of_frame(one, frame) for name, one in drive.cameras.items() if frame in one.time_s}
+        lidars = {name: Capture.of_frame(one, frame) for name, one in drive.lidars.items() if frame in one.time_s}
+    for name, capture in cameras.items():
+        yield drive.cameras[name], drive.cameras[name].world_from_camera, capture.time_s(drive.cameras[name])
+    for name, capture in lidars.items():
+        yield drive.lidars[name], drive.lidars[name].world_from_lidar, capture.time_s(drive.lidars[name])
 
 
 def velocity(actor: Actor, time_s: float) -> FloatArray:

@@ -12,10 +12,13 @@ from typing import Any
 from ..errors import ScenarioError, UnisimError
 from ..output.frame_files import FORMATS
 from ..scenario import scenario_to_json
+from ..scenario.outside import carried_outside
+from ..scenario.times import parse_times, scenario_times_us, with_times
 from ..scenario.types import Outputs, Scenario
 from ..sensors.error_bound import ErrorBound
 from ..sensors.frames import CAMERA_PASSES
-from ..sequence.plan import FrameRenderer, RenderPlan, SequenceSettings
+from ..sequence.plan import CaptureRenderer, RenderPlan, SequenceSettings
+from ..world.captures import moments_of
 from .capabilities import capability_warnings
 from .renderers import RENDERERS, UNTRAINED_DEFAULT, BoundedSource, RendererSpec, SceneSource, environment, method_of, scene_paths
 from .scenario import PreparedScenario, prepare_scenario
@@ -30,6 +33,7 @@ class RenderOptions:
     """What the command line asks for; None leaves it to the scenario, and then to the defaults."""
 
     frames: str | None = None
+    times: str | None = None
     sensors: tuple[str, ...] | None = None
     passes: tuple[str, ...] | None = None
     width: int | None = None
@@ -53,14 +57,21 @@ def plan_scenario(path: Path, options: RenderOptions) -> tuple[RenderPlan, Prepa
         )
     if options.sources is not None and RENDERERS[name].trained:
         raise ScenarioError(f'{path}: what the renderer "{name}" learnt from was chosen when it was trained, not by --sources')
-    drive, outputs = prepared.edited, prepared.scenario.outputs or Outputs()
+    if options.frames is not None and options.times is not None:
+        raise UnisimError(f"--frames {options.frames} and --times {options.times}: give one of the two")
+    scenario = prepared.scenario
+    if options.frames is not None or options.times is not None:
+        scenario = with_times(scenario, None if options.times is None else parse_times(options.times))
+    times, of_sensors = scenario_times_us(scenario, prepared.edited)
+    every_time = {*(times or ()), *(time for own in of_sensors.values() for time in own)}
+    prepared = prepared._replace(edited=carried_outside(prepared.edited, scenario, every_time))
+    drive, outputs = prepared.edited, scenario.outputs or Outputs()
     # a log's plain points, without a beam table, are no sensor that could be simulated
     there = (*drive.cameras, *(name for name, lidar in drive.lidars.items() if lidar.model.beams))
     sensors = there if options.sensors is None else options.sensors
     check_names("sensor", sensors, there)
     passes = options.passes or outputs.passes or ("rgb",)
     check_names("pass", passes, CAMERA_PASSES)
-    frames = drive.frames if options.frames is None else select_frames(options.frames, sorted(drive.time_s))
     quality = options.quality or outputs.quality or "balanced"
     settings = SequenceSettings(
         cameras=tuple(name for name in drive.cameras if name in sensors),
@@ -76,6 +87,8 @@ def plan_scenario(path: Path, options: RenderOptions) -> tuple[RenderPlan, Prepa
         max_error=tuple(map(str, options.max_error)),
         renderer=name,
     )
+    frames = drive.frames if options.frames is None else select_frames(options.frames, sorted(drive.time_s))
+    moments = moments_of(drive, frames, times, settings.cameras, settings.lidars, of_sensors)
     sources = None if options.sources is None else select_frames(options.sources, prepared.recorded.frames, "--sources")
     about: dict[str, Any] = {
         "scenario": {"name": prepared.scenario.name, "sha256": scenario_hash(prepared.scenario)},
@@ -88,7 +101,7 @@ def plan_scenario(path: Path, options: RenderOptions) -> tuple[RenderPlan, Prepa
         )
     )  # fmt: skip
     hashes = source.hashes()
-    make: Callable[[], FrameRenderer] = source
+    make: Callable[[], CaptureRenderer] = source
     scenes: tuple[Path, ...] = ()
     if isinstance(source, SceneSource):
         scenes = tuple(scene_paths(source.scene, drive))
@@ -98,7 +111,7 @@ def plan_scenario(path: Path, options: RenderOptions) -> tuple[RenderPlan, Prepa
             make = BoundedSource(source, options.max_error)
     elif options.max_error:
         raise UnisimError(f"--max-error {options.max_error[0]}: holds for trained scenes, not for --renderer {name}")
-    plan = RenderPlan(drive, frames, settings, make, hashes, environment(options.device, scenes), about, source.captures())
+    plan = RenderPlan(drive, moments, settings, make, hashes, environment(options.device, scenes), about, source.captures())
     return plan, prepared
 
 

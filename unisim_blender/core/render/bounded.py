@@ -32,6 +32,7 @@ from ..sensors.error_bound import (
     sample_frames,
 )
 from ..sensors.frames import CameraFrame, LidarFrame
+from ..world.captures import Capture
 from .drive_renderer import DriveRenderer
 from .quality import LADDER, TRUTH, Quality
 from .regions import Region
@@ -65,15 +66,15 @@ class BoundedRenderer:
         self.renderer, self.seed = renderer, seed
         self.of_depth = tuple(bound for bound in bounds if bound.unit == "mm")
         self.of_colour = tuple(bound for bound in bounds if bound.unit != "mm")
-        self._drives: dict[tuple[str, int | None], _DrivePixels] = {}
+        self._drives: dict[tuple[str, int | None, bool], _DrivePixels] = {}
 
-    def lidar(self, lidar_id: str, frame: int) -> LidarFrame:
+    def sweep(self, capture: Capture) -> LidarFrame:
         """One sweep. Settings are tried on the sample alone, the cheapest first."""
         if not self.of_depth:
-            return self.renderer.lidar(lidar_id, frame)
-        lidar, rays = self.renderer.sweep_rays(lidar_id, frame)
+            return self.renderer.sweep(capture)
+        lidar, rays = self.renderer.sweep_rays(capture)
         rays = rays.flat()
-        rng = np.random.default_rng([self.seed, frame, *lidar_id.encode()])
+        rng = np.random.default_rng(capture.seed(self.seed))
         some = drawn(np.ones(len(rays.time_s)), BEAMS, rng)
         sample = rays.origins[some], rays.directions[some], rays.time_s[some], None, lidar
         with at_quality(self.renderer, TRUTH):
@@ -85,17 +86,32 @@ class BoundedRenderer:
             if error_bound.kept:
                 break
         with at_quality(self.renderer, quality):
-            sweep = self.renderer.lidar(lidar_id, frame)
+            sweep = self.renderer.sweep(capture)
         sweep.error_bound = error_bound
         return sweep
 
+    def lidar(self, lidar_id: str, frame: int) -> LidarFrame:
+        """The sweep of a frame of the log."""
+        return self.sweep(Capture.of_frame(self.renderer.lidar_named(lidar_id), frame))
+
     def camera(self, camera_id: str, frame: int, passes: Sequence[str] = ("rgb",), width: int | None = None) -> CameraFrame:
+        """The image of a frame of the log; see `image`."""
+        return self.image(Capture.of_frame(self.renderer.sized(camera_id, None), frame), passes, width)
+
+    def image(self, capture: Capture, passes: Sequence[str] = ("rgb",), width: int | None = None) -> CameraFrame:
         """One image with the passes asked for. Bounds are of its colours."""
         if not self.of_colour:
-            return self.renderer.camera(camera_id, frame, passes, width)
-        if (camera_id, width) not in self._drives:
-            self._drives[camera_id, width] = _DrivePixels(Patches(self.renderer, camera_id, width), self.seed)
-        drive = self._drives[camera_id, width]
+            return self.renderer.image(capture, passes, width)
+        camera_id = capture.sensor_id
+        camera = self.renderer.sized(camera_id, width)
+        # between frames there may be what no frame shows
+        state = self.renderer.state(camera, capture.time_s(camera))
+        in_patches = capture.frame is None and not self.renderer.renderer.alone(state, camera)
+        if (camera_id, width, in_patches) not in self._drives:
+            self._drives[camera_id, width, in_patches] = _DrivePixels(
+                Patches(self.renderer, camera_id, width, in_patches), self.seed
+            )
+        drive = self._drives[camera_id, width, in_patches]
         patches, sample = drive.patches, None
         scale = START_MARGIN
         names = list(LADDER)
@@ -103,10 +119,10 @@ class BoundedRenderer:
             # what an image showed of its own errors moves what is expected of those to come
             name = next((n for n in names if drive.keeps(n, self.of_colour, scale)), names[-1])
             with at_quality(self.renderer, LADDER[name]):
-                image = self.renderer.camera(camera_id, frame, passes, width)
+                image = self.renderer.image(capture, passes, width)
             if sample is None:
-                rng = np.random.default_rng([self.seed, frame, *camera_id.encode()])
-                sample = _Checked(patches, frame, image.rgb, rng)
+                rng = np.random.default_rng(capture.seed(self.seed))
+                sample = _Checked(patches, capture, image.rgb, rng)
             checks = tuple(sample.check(bound, image.rgb, drive.errors(name)) for bound in self.of_colour)
             image.error_bound = ErrorBoundResult(name, len(sample.units), checks)
             names = names[names.index(name) + 1 :]
@@ -151,13 +167,14 @@ class _Errors:
 
 
 class Patches:
-    """A camera's images as squares of ``side`` pixels: single pixels, where each hangs on its own ray alone."""
+    """A camera's images as squares of ``side`` pixels: single pixels, where each hangs on its own ray alone, unless they are to
+    be ``in_patches`` all the same."""
 
-    def __init__(self, renderer: DriveRenderer, camera_id: str, width: int | None) -> None:
+    def __init__(self, renderer: DriveRenderer, camera_id: str, width: int | None, in_patches: bool = False) -> None:
         self.renderer, self.width = renderer, width
         self.camera = renderer.sized(camera_id, width)
         states = (renderer.state(self.camera, time_s) for time_s in self.camera.time_s.values())
-        alone = all(renderer.renderer.alone(state, self.camera) for state in states)
+        alone = not in_patches and all(renderer.renderer.alone(state, self.camera) for state in states)
         self.side = 1 if alone else PATCH
         w, h = self.camera.model.width, self.camera.model.height
         self.pixels = h * w
@@ -186,18 +203,17 @@ class Patches:
         parts = [image[r.top : r.bottom, r.left : r.right].reshape(-1, 3) for r in map(self.region, units)]
         return np.clip(np.concatenate(parts), 0, 1).astype(np.float64)
 
-    def rendered(self, frame: int, units: NDArray[np.int64], quality: Quality) -> Colours:
+    def rendered(self, capture: Capture, units: NDArray[np.int64], quality: Quality) -> Colours:
         """The same (N, 3), rendered for that, every pixel by a ray of its own."""
         renderer, camera = self.renderer, self.camera
         with at_quality(renderer, replace(quality, lattice=1)):
             if self.side == 1:
                 u, v = (x.reshape(-1)[units] for x in pixel_grid(camera.model))
-                time_s = camera.time_s[frame]
+                time_s = capture.time_s(camera)
                 colours = renderer.renderer.pixels(renderer.state(camera, time_s), camera, time_s, u, v)
                 return np.clip(colours, 0, 1).astype(np.float64)
             parts = [
-                renderer.camera(camera.sensor_id, frame, width=self.width, region=region).rgb.reshape(-1, 3)
-                for region in map(self.region, units)
+                renderer.image(capture, width=self.width, region=region).rgb.reshape(-1, 3) for region in map(self.region, units)
             ]
         return np.clip(np.concatenate(parts), 0, 1).astype(np.float64)
 
@@ -210,12 +226,13 @@ class _DrivePixels:
         frames = sample_frames(patches.camera.time_s)
         count = PIXELS if patches.side == 1 else PATCHES
         rng = np.random.default_rng([seed, *patches.camera.sensor_id.encode()])
-        self._units = {frame: patches.order[drawn(np.ones(len(patches.order)), count, rng)] for frame in frames}
+        captures = (Capture.of_frame(patches.camera, frame) for frame in frames)
+        self._units = {capture: patches.order[drawn(np.ones(len(patches.order)), count, rng)] for capture in captures}
         self._truth = self._rendered(TRUTH)
         self._errors: dict[str, _Errors] = {}
 
     def _rendered(self, quality: Quality) -> Colours:
-        return np.concatenate([self.patches.rendered(frame, units, quality) for frame, units in self._units.items()])
+        return np.concatenate([self.patches.rendered(capture, units, quality) for capture, units in self._units.items()])
 
     def errors(self, name: str) -> _Errors:
         """At settings, by their name."""
@@ -231,7 +248,7 @@ class _DrivePixels:
 class _Checked:
     """Patches of an image and their truth, drawn where the image has edges more than elsewhere: there most errors are."""
 
-    def __init__(self, patches: Patches, frame: int, image: NDArray[np.float32], rng: np.random.Generator) -> None:
+    def __init__(self, patches: Patches, capture: Capture, image: NDArray[np.float32], rng: np.random.Generator) -> None:
         self.patches = patches
         weights = edges(image)
         weights += 0.5 * weights.mean() + 1e-6
@@ -244,7 +261,7 @@ class _Checked:
         self.units = patches.order[chosen]
         self._owners = patches.owners(self.units)
         self._scale = weights.sum() / (weights[chosen] * patches.pixels)
-        self._truth = patches.rendered(frame, self.units, TRUTH)
+        self._truth = patches.rendered(capture, self.units, TRUTH)
 
     def _terms(self, of_pixels: FloatArray) -> FloatArray:
         """What each patch says of the image's mean (Hansen & Hurwitz 1943)."""

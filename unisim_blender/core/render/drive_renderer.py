@@ -1,8 +1,8 @@
-"""Render the frames of a drive: the states, sensors and times that a renderer is given come from the drive."""
+"""Render captures of a drive: the states and sensors that a renderer is given come from the drive."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import TypeVar
 
 import numpy as np
@@ -13,17 +13,18 @@ from ..geometry import FloatArray
 from ..sensors.frames import CameraFrame, LidarFrame, RenderStats
 from ..sensors.lidar import lidar_rays
 from ..sensors.rays import Rays
+from ..world.captures import Capture
 from ..world.drive import Camera, Drive, Lidar
 from ..world.replay import DriveStates
 from ..world.state import WorldState
 from .captures import CaptureStates
-from .regions import Region, Tile
+from .regions import Region
 from .renderer import Renderer
 
 
 class DriveRenderer:
-    """Renders frames of a drive with ``renderer``. ``draw`` seeds the draw of the beams that return, together with the LiDAR's
-    name and the frame's number; None takes those whose probability is half or more."""
+    """Renders captures of a drive with ``renderer``. ``draw`` seeds the draw of the beams that return, together with the capture
+    (`Capture.seed`); None takes those whose probability is half or more."""
 
     def __init__(self, renderer: Renderer, drive: Drive, draw: int | None = None) -> None:
         self.renderer, self.drive, self.draw = renderer, drive, draw
@@ -38,31 +39,26 @@ class DriveRenderer:
         width: int | None = None,
         region: Region | None = None,
     ) -> CameraFrame:
-        """Render one image with the passes asked for, or the ``region`` of it: the frame's arrays are then as large as that."""
-        camera = self.sized(camera_id, width)
-        time_s = camera.time_s[frame]
-        return self.renderer.render(self.state(camera, time_s), camera, time_s, passes, region)
-
-    def progressive(
-        self,
-        camera_id: str,
-        frame: int,
-        passes: Sequence[str] = ("rgb",),
-        width: int | None = None,
-        region: Region | None = None,
-        coarse: Sequence[int] = (),
-        band: int | None = None,
-    ) -> Iterator[Tile]:
-        """See `Renderer.progressive`."""
-        camera = self.sized(camera_id, width)
-        time_s = camera.time_s[frame]
-        yield from self.renderer.progressive(self.state(camera, time_s), camera, time_s, passes, region, coarse, band)
+        """Render the image of a frame of the log; see `image`."""
+        return self.image(Capture.of_frame(self.sized(camera_id, None), frame), passes, width, region)
 
     def lidar(self, lidar_id: str, frame: int) -> LidarFrame:
+        """Render the sweep of a frame of the log."""
+        return self.sweep(Capture.of_frame(self.lidar_named(lidar_id), frame))
+
+    def image(
+        self, capture: Capture, passes: Sequence[str] = ("rgb",), width: int | None = None, region: Region | None = None
+    ) -> CameraFrame:
+        """Render one image with the passes asked for, or the ``region`` of it: the frame's arrays are then as large as that."""
+        camera = self.sized(capture.sensor_id, width)
+        time_s = capture.time_s(camera)
+        return self.renderer.render(self.state(camera, time_s), camera, time_s, passes, region)
+
+    def sweep(self, capture: Capture) -> LidarFrame:
         """Render one sweep."""
-        lidar = self.lidar_named(lidar_id)
-        time_s = lidar.time_s[frame]
-        seed = None if self.draw is None else [self.draw, frame, *lidar_id.encode()]
+        lidar = self.lidar_named(capture.sensor_id)
+        time_s = capture.time_s(lidar)
+        seed = None if self.draw is None else capture.seed(self.draw)
         return self.renderer.render(self.state(lidar, time_s), lidar, time_s, seed=seed)
 
     def rays_lidar(
@@ -91,10 +87,10 @@ class DriveRenderer:
         """Return a LiDAR of the drive."""
         return _pick(self.drive.lidars, lidar_id, "LiDAR")
 
-    def sweep_rays(self, lidar_id: str, frame: int) -> tuple[Lidar, Rays]:
+    def sweep_rays(self, capture: Capture) -> tuple[Lidar, Rays]:
         """Return a LiDAR of the drive, and the rays (beams, columns) of its sweep."""
-        lidar = self.lidar_named(lidar_id)
-        return lidar, lidar_rays(lidar, lidar.time_s[frame])
+        lidar = self.lidar_named(capture.sensor_id)
+        return lidar, lidar_rays(lidar, capture.time_s(lidar))
 
 
 Sensor = TypeVar("Sensor", Camera, Lidar)

@@ -13,6 +13,7 @@ import numpy as np
 
 from ..errors import ScenarioError
 from .limits import check_limits, place_in
+from .times import check_times
 from .types import (
     CameraSpec,
     CopyStatic,
@@ -75,6 +76,7 @@ def check_scenario(scenario: Scenario) -> None:
     if isinstance(scenario.frames, FrameRange):
         start, stop = scenario.frames.start or 0, scenario.frames.stop
         _require(stop is None or start < stop, f"{path}: frames", f"stop {stop} must lie beyond start {start}")
+    check_times(scenario)
     for key, box in (scenario.boxes or {}).items():
         check_rotation(box, f"{path}: boxes.{key}")
         _require(min(box.size_m) > 0, f"{path}: boxes.{key}.size_m", f"must be above 0, not {list(box.size_m)}")

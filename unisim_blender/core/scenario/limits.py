@@ -15,6 +15,7 @@ MOST_MEMBERS = {
     "cameras": 500,
     "lidars": 500,
     "frames": 100_000,
+    "times": 100_000,
     "trajectory": 20_000,
     "shift": 20_000,
     "map": 20_000,
@@ -32,7 +33,8 @@ SLOWEST, FASTEST = 1e-3, 1e3
 """How many times slower or faster a retimed actor may be."""
 _UNITS = {"_m": (MOST_M, "m"), "_s": (MOST_S, "s"), "_deg": (MOST_DEG, "degrees")}
 _NAMES = {
-    "position": (MOST_M, "m"), "map": (MOST_S, "s"), **dict.fromkeys(("fx", "fy", "cx", "cy"), (MOST_PIXELS, "pixels")),
+    "position": (MOST_M, "m"), "map": (MOST_S, "s"), "times": (MOST_S, "s"),
+    **dict.fromkeys(("fx", "fy", "cx", "cy"), (MOST_PIXELS, "pixels")),
     "factors": (MOST_M, "times"), "quaternion_wxyz": (MOST_M, "in length"),
 }  # fmt: skip
 

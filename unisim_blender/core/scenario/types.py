@@ -218,6 +218,20 @@ EDIT_TYPES = {
 
 
 @dataclass(frozen=True)
+class TimeRange:
+    """Times ``rate_hz`` a second from ``start_s``, the recording's first time where None, up to but without ``stop_s``; up to the
+    recording's last time, which is one of them where the rate meets it, where ``stop_s`` is None."""
+
+    rate_hz: float
+    start_s: float | None = None
+    stop_s: float | None = None
+
+
+Times = Union[tuple[float, ...], TimeRange]  # noqa: UP007 read at run time
+"""Seconds from the log's first frame."""
+
+
+@dataclass(frozen=True)
 class Shutter:
     """A rolling shutter as in `drive.RollingShutter`."""
 
@@ -244,6 +258,7 @@ class CameraSpec:
     mount_offset: Offset | None = None
     trajectory: tuple[Keyframe, ...] | None = None
     sees_ego_body: bool | None = None
+    times: Times | None = None
 
 
 @dataclass(frozen=True)
@@ -266,6 +281,7 @@ class LidarSpec:
     mount_offset: Offset | None = None
     trajectory: tuple[Keyframe, ...] | None = None
     sees_ego_body: bool | None = None
+    times: Times | None = None
 
 
 @dataclass(frozen=True)
@@ -283,6 +299,14 @@ class FrameRange:
     start: int | None = None
     stop: int | None = None
     step: int | None = None
+
+
+@dataclass(frozen=True)
+class Outside:
+    """What moves before and after the recording: actors are "absent" where None, or "hold" or "continue"; so does the ego."""
+
+    actors: str | None = None
+    ego: str | None = None
 
 
 @dataclass(frozen=True)
@@ -313,6 +337,8 @@ class Scenario:
     description: str | None = None
     scene: str | None = None
     frames: tuple[int, ...] | FrameRange | None = None
+    times: Times | None = None
+    outside: str | Outside | None = None
     sensors: Sensors | None = None
     boxes: dict[str, BoxSpec] | None = None
     edits: tuple[Edit, ...] = ()

@@ -17,6 +17,7 @@ from ..model.scene_file import drive_to_json
 from ..render.code_identity import code_identity
 from ..sensors.error_bound import parse_bounds, sample_frames
 from ..sensors.exposure import exposure_window
+from ..world.captures import Capture, Key, Moment
 from ..world.drive import Camera, Lidar
 from ..world.state import WorldState
 from .plan import RenderPlan
@@ -35,7 +36,7 @@ class CaptureIdentities:
 
     def __init__(self, plan: RenderPlan) -> None:
         self.plan = plan
-        self._of_frames: dict[int, dict[str, Identity]] = {}
+        self._of_moments: dict[Key, dict[str, Identity]] = {}
         bounds = parse_bounds(plan.settings.max_error)
         self._of_colour = any(bound.unit != "mm" for bound in bounds)
         self._camera, self._lidar = (
@@ -43,36 +44,39 @@ class CaptureIdentities:
             self._common(NOT_OF_LIDARS, LIDAR_FORMATS, [str(bound) for bound in bounds if bound.unit == "mm"]),
         )
 
-    def of_frame(self, frame: int) -> dict[str, Identity]:
-        """Return the identities of the captures that a frame has, by name, cameras first."""
-        if frame not in self._of_frames:
-            drive, settings = self.plan.drive, self.plan.settings
-            # as large as it is rendered: cells of a smaller image reach farther beyond its edges
-            cameras = {name: drive.cameras[name] for name in settings.cameras}
-            if settings.width:
-                cameras = {name: camera.resized(settings.width) for name, camera in cameras.items()}
-            sensors: list[tuple[str, Camera | Lidar]] = [
-                *((f"camera/{name}", camera) for name, camera in cameras.items()),
-                *((f"lidar/{name}", drive.lidars[name]) for name in settings.lidars),
-            ]
-            self._of_frames[frame] = {name: self.of(sensor, frame) for name, sensor in sensors if frame in sensor.time_s}
-        return self._of_frames[frame]
+    def of_moment(self, moment: Moment) -> dict[str, Identity]:
+        """Return the identities of a moment's captures, by name, cameras first."""
+        if moment.key not in self._of_moments:
+            drive, width = self.plan.drive, self.plan.settings.width
+            found = {}
+            for capture in moment.cameras:
+                camera = drive.cameras[capture.sensor_id]
+                # as large as it is rendered: cells of a smaller image reach farther beyond its edges
+                found[f"camera/{capture.sensor_id}"] = self.of(camera.resized(width) if width else camera, capture)
+            for capture in moment.lidars:
+                found[f"lidar/{capture.sensor_id}"] = self.of(drive.lidars[capture.sensor_id], capture)
+            self._of_moments[moment.key] = found
+        return self._of_moments[moment.key]
 
-    def of(self, sensor: Camera | Lidar, frame: int) -> Identity:
+    def of_frame(self, frame: int) -> dict[str, Identity]:
+        """Return the identities of the captures that a frame of the log has, by name, cameras first."""
+        return self.of_moment(self.plan.moment_of_frame(frame))
+
+    def of(self, sensor: Camera | Lidar, capture: Capture) -> Identity:
         """Return a capture's identity."""
-        state = self._state(sensor, frame)
+        state = self._state(sensor, capture)
         digest = hashlib.sha256(self._camera if isinstance(sensor, Camera) else self._lidar)
-        for part in _sensor_parts(sensor, frame):
+        for part in _sensor_parts(sensor, capture):
             digest.update(part)
         digest.update(self._digest(state))
         if isinstance(sensor, Camera) and self._of_colour:
             # settings are chosen by pixels of frames all over the drive
             for other in sample_frames(sensor.time_s):
-                digest.update(self._digest(self._state(sensor, other)))
+                digest.update(self._digest(self._state(sensor, Capture.of_frame(sensor, other))))
         return digest.hexdigest(), tuple(actor.uid for actor in state.actors)
 
-    def _state(self, sensor: Camera | Lidar, frame: int) -> WorldState:
-        return self.plan.captures.state(sensor, sensor.time_s[frame])
+    def _state(self, sensor: Camera | Lidar, capture: Capture) -> WorldState:
+        return self.plan.captures.state(sensor, capture.time_s(sensor))
 
     def _digest(self, state: WorldState) -> bytes:
         """Return the state's digest, with digests in place of the paths of scenes and meshes: where they lie changes nothing."""
@@ -103,8 +107,8 @@ class CaptureIdentities:
         return json.dumps(document, sort_keys=True).encode()
 
 
-def _sensor_parts(sensor: Camera | Lidar, frame: int) -> Iterator[bytes]:
-    time_s = sensor.time_s[frame]
+def _sensor_parts(sensor: Camera | Lidar, capture: Capture) -> Iterator[bytes]:
+    frame, time_s = capture.frame, capture.time_s(sensor)
     model = {name: value for name, value in asdict(sensor.model).items() if not hasattr(value, "tobytes")}
     about = {"sensor": sensor.sensor_id, "frame": frame, "time_s": time_s, "model": model, "body": sensor.sees_ego_body}
     yield json.dumps(about, sort_keys=True).encode()

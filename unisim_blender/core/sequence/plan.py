@@ -8,24 +8,25 @@ from typing import Any, Protocol
 
 from ..render.captures import CaptureStates
 from ..sensors.frames import CameraFrame, LidarFrame
+from ..world.captures import Capture, Moment
 from ..world.drive import Drive
 
 
-class FrameRenderer(Protocol):
-    """What renders one sensor's frame: the neural renderer, or the street's exact one."""
+class CaptureRenderer(Protocol):
+    """What renders one sensor's capture."""
 
-    def camera(self, camera_id: str, frame: int, passes: tuple[str, ...] = ("rgb",), width: int | None = None) -> CameraFrame:
+    def image(self, capture: Capture, passes: tuple[str, ...] = ("rgb",), width: int | None = None) -> CameraFrame:
         """One image with the passes asked for."""
         ...
 
-    def lidar(self, lidar_id: str, frame: int) -> LidarFrame:
+    def sweep(self, capture: Capture) -> LidarFrame:
         """One sweep."""
         ...
 
 
 @dataclass(frozen=True)
 class SequenceSettings:
-    """What is rendered of every frame; the frames themselves are given apart, for they change no frame's content."""
+    """How captures are rendered; which they are is given apart, for it changes no capture's content."""
 
     cameras: tuple[str, ...]
     lidars: tuple[str, ...]
@@ -44,7 +45,7 @@ class SequenceSettings:
 
 @dataclass(frozen=True)
 class RenderPlan:
-    """A sequence to render.
+    """A sequence to render: the ``moments`` of a drive.
 
     ``make_renderer`` is called once in every process and must pickle; ``scenes`` are the trained scenes' and meshes' hashes by
     the name that looks have for them ("" is the drive's own), part of what decides whether a capture is up to date, as is
@@ -53,10 +54,19 @@ class RenderPlan:
     """
 
     drive: Drive
-    frames: tuple[int, ...]
+    moments: tuple[Moment, ...]
     settings: SequenceSettings
-    make_renderer: Callable[[], FrameRenderer]
+    make_renderer: Callable[[], CaptureRenderer]
     scenes: dict[str, str]
     environment: dict[str, str]
     about: dict[str, Any]
     captures: CaptureStates
+
+    @property
+    def frames(self) -> tuple[int, ...]:
+        """The frames of the log among the moments."""
+        return tuple(moment.frame for moment in self.moments if moment.frame is not None)
+
+    def moment_of_frame(self, frame: int) -> Moment:
+        """Return the captures that a frame of the log has, whether it is to be rendered or not."""
+        return Moment.of_frame(self.drive, frame, self.settings.cameras, self.settings.lidars)

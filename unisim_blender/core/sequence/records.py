@@ -1,7 +1,8 @@
 """Records of a sequence's finished captures: what each was rendered from, and the digests of its files.
 
-A frame's record is `.state/000042.json` once all its captures are finished; `.state/000042.kept` holds those that are left of a
-frame of which others are to be rendered again. A record is written after the files that it names.
+A moment's record is `.state/000042.json` (`.state/t0000001050000us.json` of a time) once all its captures are finished;
+`.state/000042.kept` holds those that are left of a moment of which others are to be rendered again. A record is written after
+the files that it names.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from typing import Any
 from ..errors import OutputError
 from ..files import sha256_of_file, write_file
 from ..json_file import json_bytes
+from ..world.captures import Key, in_order, key_of, name_of
 
 STATE_FOLDER = ".state"
 
@@ -39,30 +41,29 @@ Captures = dict[str, CaptureRecord]
 """By name: "camera/front_camera", "lidar/pandar64", "labels"."""
 
 
-def finished_frames(out: Path, wanted: Container[int] | None = None) -> int:
-    """Return how many frames of the sequence in folder ``out`` are finished, of those ``wanted`` or of all."""
-    found = [path.stem for path in (out / STATE_FOLDER).glob("*.json")]
-    return sum(1 for stem in found if wanted is None or (stem.lstrip("-").isdecimal() and int(stem) in wanted))
+def finished_moments(out: Path, wanted: Container[Key] | None = None) -> int:
+    """Return how many moments of the sequence in folder ``out`` are finished, of those ``wanted`` or of all."""
+    return sum(1 for path in (out / STATE_FOLDER).glob("*.json") if wanted is None or _key(path) in wanted)
 
 
-def read_records(out: Path) -> dict[int, Captures]:
-    """Return the captures of all frames in order, finished or not; a record that does not parse counts as none, and goes."""
-    found: dict[int, Captures] = {}
+def read_records(out: Path) -> dict[Key, Captures]:
+    """Return the captures of all moments in order, finished or not; a record that does not parse counts as none, and goes."""
+    found: dict[Key, Captures] = {}
     for path in sorted([*(out / STATE_FOLDER).glob("*.json"), *(out / STATE_FOLDER).glob("*.kept")]):
         try:
             captures = json.loads(path.read_bytes())["captures"]
-            found[int(path.stem)] = {name: _record(values) for name, values in captures.items()}
+            found[key_of(path.stem)] = {name: _record(values) for name, values in captures.items()}
         except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
             path.unlink(missing_ok=True)
-    return dict(sorted(found.items()))
+    return {key: found[key] for key in in_order(found)}
 
 
-def write_record(out: Path, frame: int, captures: Captures, finished: bool) -> None:
-    """Write what is known of a frame in place of what was. Raises `OutputError`."""
-    record, kept = (out / STATE_FOLDER / f"{frame:06d}{suffix}" for suffix in (".json", ".kept"))
+def write_record(out: Path, key: Key, captures: Captures, finished: bool) -> None:
+    """Write what is known of a moment in place of what was. Raises `OutputError`."""
+    record, kept = (out / STATE_FOLDER / f"{name_of(key)}{suffix}" for suffix in (".json", ".kept"))
     stale, path = (kept, record) if finished else (record, kept)
     if captures:
-        document = {"frame": frame, "captures": {name: asdict(captures[name]) for name in sorted(captures)}}
+        document = {"frame": key, "captures": {name: asdict(captures[name]) for name in sorted(captures)}}
         write_file(path, json_bytes(document))
     else:
         path.unlink(missing_ok=True)
@@ -76,6 +77,13 @@ def remove_files(out: Path, record: CaptureRecord) -> None:
             (out / name).unlink(missing_ok=True)
         except OSError as error:
             raise OutputError(f"{out / name}: cannot be removed: {error.strerror}") from error
+
+
+def _key(path: Path) -> Key | None:
+    try:
+        return key_of(path.stem)
+    except ValueError:
+        return None
 
 
 def _record(values: dict[str, Any]) -> CaptureRecord:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,7 +14,8 @@ from ..data.pandaset.writer import PandasetWriter
 from ..errors import OutputError
 from ..geometry import transform_points
 from ..output.frame_files import camera_path, lidar_path
-from ..world.drive import Drive
+from ..world.captures import Moment
+from ..world.drive import Camera, Drive, Lidar
 from .plan import RenderPlan
 
 LOG_FOLDER = "pandaset"
@@ -22,7 +24,8 @@ LOG_FOLDER = "pandaset"
 def write_rendered_log(plan: RenderPlan, out: Path) -> Path:
     """Write the log of what was rendered into ``out`` to ``out``/pandaset, whose path it gives. Raises `OutputError`.
 
-    It is made of the frames' PNG and NPZ files, so both must have been written.
+    It is made of the captures' PNG and NPZ files, so both must have been written. Moments that are not all frames of the log are
+    counted from 0.
     """
     settings = plan.settings
     for suffix, sensors in (("png", settings.cameras), ("npz", settings.lidars)):
@@ -32,13 +35,15 @@ def write_rendered_log(plan: RenderPlan, out: Path) -> Path:
             )
     drive = rendered_drive(plan)
     writer = PandasetWriter(out / LOG_FOLDER, drive)
-    for frame in drive.frames:
+    for frame, moment in zip(drive.frames, plan.moments, strict=True):
         for name in drive.cameras:
-            path = camera_path(out, name, frame, ".png")
+            path = camera_path(out, name, moment.name, ".png")
             if path.is_file():
                 writer.write_image(name, frame, np.asarray(Image.open(path).convert("RGB")))
         sweeps = {
-            name: read_sweep(lidar_path(out, name, frame, ".npz")) for name in drive.lidars if frame in drive.lidars[name].time_s
+            name: read_sweep(lidar_path(out, name, moment.name, ".npz"))
+            for name in drive.lidars
+            if frame in drive.lidars[name].time_s
         }
         if sweeps:
             writer.write_sweep(frame, sweeps)
@@ -48,13 +53,35 @@ def write_rendered_log(plan: RenderPlan, out: Path) -> Path:
 
 
 def rendered_drive(plan: RenderPlan) -> Drive:
-    """The plan's drive with the frames and sensors that were rendered, at the size they were rendered at."""
+    """The plan's drive with the moments as frames and the sensors that were rendered, at the size they were rendered at."""
     drive, settings = plan.drive, plan.settings
     cameras = {name: drive.cameras[name] for name in settings.cameras}
     if settings.width is not None:
         cameras = {name: replace(camera, model=camera.model.resized(settings.width)) for name, camera in cameras.items()}
     lidars = {name: drive.lidars[name] for name in settings.lidars}
-    return replace(drive, frames=plan.frames, cameras=cameras, lidars=lidars)
+    if len(plan.frames) == len(plan.moments):
+        return replace(drive, frames=plan.frames, cameras=cameras, lidars=lidars)
+    numbered = sorted(plan.moments, key=lambda moment: moment.time_us)
+    if numbered != list(plan.moments):
+        raise OutputError(f"{drive.name}: sensors with times of their own beside frames make no log in PandaSet's layout")
+    return replace(
+        drive,
+        frames=tuple(range(len(numbered))),
+        time_s={i: moment.time_s(drive) for i, moment in enumerate(numbered)},
+        cameras={name: replace(camera, time_s=_times(camera, numbered)) for name, camera in cameras.items()},
+        lidars={name: replace(lidar, time_s=_times(lidar, numbered)) for name, lidar in lidars.items()},
+    )
+
+
+def _times(sensor: Camera | Lidar, moments: Sequence[Moment]) -> dict[int, float]:
+    """Return when a sensor was captured, by the numbers of the moments."""
+    found = {}
+    for i, moment in enumerate(moments):
+        captures = moment.cameras if isinstance(sensor, Camera) else moment.lidars
+        own = next((one for one in captures if one.sensor_id == sensor.sensor_id), None)
+        if own is not None:
+            found[i] = own.time_s(sensor)
+    return found
 
 
 def read_sweep(path: Path) -> Sweep:

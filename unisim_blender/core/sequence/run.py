@@ -1,4 +1,4 @@
-"""Frames of one drive rendered into a folder, by one or several processes, and taken up again where a run was cut off.
+"""Captures of one drive rendered into a folder, by one or several processes, and taken up again where a run was cut off.
 
 Every finished capture leaves a record of its identity and of its files' digests, written after the files. A capture whose record
 and files agree with what is asked for is not rendered again. The manifest is made of the records, so but for what it says of the
@@ -29,9 +29,10 @@ from ..json_file import json_bytes
 from ..output.frame_files import labels_bytes, labels_path, write_camera, write_labels, write_lidar
 from ..processes import THREAD_VARIABLES, end_with_parent
 from ..sensors.frames import CameraFrame, LidarFrame, RenderStats
+from ..world.captures import Capture, Key, Moment, in_order, key_of, name_of, time_of_name
 from .identity import CaptureIdentities, Identity
 from .manifest import COUNTS, LABELS, make_manifest
-from .plan import FrameRenderer, RenderPlan
+from .plan import CaptureRenderer, RenderPlan
 from .records import CaptureRecord, Captures, read_records, remove_files, write_record
 
 MANIFEST_NAME = "manifest.json"
@@ -40,11 +41,11 @@ TIMINGS_NAME = "timings.json"
 
 @dataclass(frozen=True)
 class RenderReport:
-    """What a run did: frames of which something was rendered now, frames found finished, wall-clock seconds, and which sensors
-    of which frames do not keep the error that was asked for. ``captures`` are rendered now, ``captures_kept`` were there."""
+    """What a run did: moments of which something was rendered now, moments found finished, wall-clock seconds, and which sensors
+    of which moments do not keep the error that was asked for. ``captures`` are rendered now, ``captures_kept`` were there."""
 
-    rendered: tuple[int, ...]
-    kept: tuple[int, ...]
+    rendered: tuple[Key, ...]
+    kept: tuple[Key, ...]
     seconds: float
     broken: tuple[str, ...] = ()
     captures: int = 0
@@ -56,14 +57,14 @@ def render_sequence(
     out: Path,
     jobs: int = 1,
     resume: bool = False,
-    on_frame: Callable[[int], object] = lambda frame: None,
+    on_moment: Callable[[Key], object] = lambda key: None,
     on_kept: Callable[[int], object] = lambda count: None,
 ) -> RenderReport:
-    """Render the plan's frames into folder ``out`` and write its manifest.
+    """Render the plan's moments into folder ``out`` and write its manifest.
 
     What is there already and has the identity that is asked for stays (`identity.py`): after an edit, the captures alone that can
-    see it are rendered again. ``on_kept`` is called once with the number of frames that were finished before, ``on_frame`` after
-    each frame.
+    see it are rendered again. ``on_kept`` is called once with the number of moments that were finished before, ``on_moment``
+    after each moment.
 
     Raises `OutputError` where ``out`` holds something already and ``resume`` is not set, or where it cannot be written; finished
     captures stay in every case.
@@ -74,38 +75,38 @@ def render_sequence(
     remove_partial_files(out)
     identities = CaptureIdentities(plan)
     kept = keep_what_holds(plan, out, identities)
-    work = [Work(frame, identities.of_frame(frame), kept.get(frame, {})) for frame in plan.frames]
+    work = [Work(moment, identities.of_moment(moment), kept.get(moment.key, {})) for moment in plan.moments]
     work = [one for one in work if one.to_render or not one.kept]
-    to_do = [one.frame for one in work]
+    to_do = [one.moment.key for one in work]
     if to_do:
         (out / MANIFEST_NAME).unlink(missing_ok=True)
     relabelled = _write_labels(plan, out, identities, kept)
     timings = _read_timings(out)
-    on_kept(len(plan.frames) - len(to_do))
+    on_kept(len(plan.moments) - len(to_do))
     try:
         run = _render_in_processes if jobs > 1 and len(to_do) > 1 else _render_here
-        for frame, seconds in run(plan, out, work, jobs):
-            timings[str(frame)] = {**timings.get(str(frame), {}), **seconds}
-            on_frame(frame)
+        for key, seconds in run(plan, out, work, jobs):
+            timings[key] = {**timings.get(key, {}), **seconds}
+            on_moment(key)
     finally:
         remove_partial_files(out)
         if out.is_dir():
-            write_file(out / TIMINGS_NAME, json_bytes({name: timings[name] for name in sorted(timings, key=int)}))
+            write_file(out / TIMINGS_NAME, json_bytes({str(key): timings[key] for key in in_order(timings)}))
     manifest = make_manifest(plan, out, _last_run(work, kept, relabelled))
     write_file(out / MANIFEST_NAME, json_bytes(manifest))
-    done = tuple(frame for frame in plan.frames if frame not in to_do)
+    done = tuple(moment.key for moment in plan.moments if moment.key not in to_do)
     broken = tuple(manifest.get("max_error", {}).get("not_kept", ()))
     captures = sum(len(one.to_render) for one in work)
-    there = sum(len(kept.get(frame, {}).keys() - {LABELS}) for frame in plan.frames)
+    there = sum(len(kept.get(moment.key, {}).keys() - {LABELS}) for moment in plan.moments)
     return RenderReport(tuple(to_do), done, time.monotonic() - started, broken, captures, there)
 
 
 @dataclass(frozen=True)
 class Work:
-    """A frame of which captures are to be rendered: ``wanted`` identities and what each capture sees, by its name, and the
+    """A moment of which captures are to be rendered: ``wanted`` identities and what each capture sees, by its name, and the
     records of those that are ``kept``."""
 
-    frame: int
+    moment: Moment
     wanted: Mapping[str, Identity]
     kept: Captures
 
@@ -115,69 +116,90 @@ class Work:
         return [name for name in self.wanted if name not in self.kept]
 
 
-def keep_what_holds(plan: RenderPlan, out: Path, identities: CaptureIdentities) -> dict[int, Captures]:
+def keep_what_holds(plan: RenderPlan, out: Path, identities: CaptureIdentities) -> dict[Key, Captures]:
     """Remove captures in a folder whose identity is another one than is asked for, or whose files are damaged; return the
-    records of those that stay, by frame."""
-    kept: dict[int, Captures] = {}
-    for frame, captures in read_records(out).items():
-        wanted = {name: identity for name, (identity, _) in identities.of_frame(frame).items()}
-        if "labels" in plan.settings.formats and frame in plan.drive.time_s:
-            wanted[LABELS] = labels_record(plan, frame).identity
+    records of those that stay, by moment."""
+    kept: dict[Key, Captures] = {}
+    asked = {moment.key: moment for moment in plan.moments}
+    for key, captures in read_records(out).items():
+        moment = asked.get(key) or _moment_there(plan, key, captures)
+        wanted = {} if moment is None else {name: identity for name, (identity, _) in identities.of_moment(moment).items()}
+        if "labels" in plan.settings.formats and moment is not None:
+            wanted[LABELS] = labels_record(plan, moment).identity
         holds = {
             name: record for name, record in captures.items() if wanted.get(name) == record.identity and record.is_whole(out)
         }
-        if frame not in plan.frames and wanted.keys() - holds.keys():
+        if key not in asked and wanted.keys() - holds.keys():
             holds = {}  # nobody would finish it
         for name in captures.keys() - holds.keys():
             remove_files(out, captures[name])
-        kept[frame] = holds
+        kept[key] = holds
         if len(holds) < len(captures):
-            write_record(out, frame, holds, finished=not wanted.keys() - holds.keys())
+            write_record(out, key, holds, finished=not wanted.keys() - holds.keys())
     return kept
 
 
-def _write_labels(plan: RenderPlan, out: Path, identities: CaptureIdentities, kept: Mapping[int, Captures]) -> list[int]:
-    """Write labels of frames of which nothing else is to be written; return these frames."""
+def _moment_there(plan: RenderPlan, key: Key, captures: Captures) -> Moment | None:
+    """Return a moment that is in a folder and is not asked for, with the sensors of the plan: all that a frame of the log has, or
+    those that were captured at a time. None for frames that the drive lacks."""
+    settings, drive = plan.settings, plan.drive
+    if isinstance(key, int):
+        return plan.moment_of_frame(key) if key in drive.time_s else None
+    cameras, lidars = (
+        [name for name in names if f"{kind}/{name}" in captures]
+        for kind, names in (("camera", settings.cameras), ("lidar", settings.lidars))
+    )
+    return Moment.at(drive, time_of_name(key), cameras, lidars)
+
+
+def _write_labels(plan: RenderPlan, out: Path, identities: CaptureIdentities, kept: Mapping[Key, Captures]) -> list[Key]:
+    """Write labels of moments of which nothing else is to be written; return these."""
     changed = []
-    for frame in plan.frames if "labels" in plan.settings.formats else ():
-        captures = kept.get(frame, {})
-        if captures and LABELS not in captures and not identities.of_frame(frame).keys() - captures.keys():
-            write_labels(out, plan.drive, frame)
-            write_record(out, frame, {**captures, LABELS: labels_record(plan, frame)}, finished=True)
-            changed.append(frame)
+    for moment in plan.moments if "labels" in plan.settings.formats else ():
+        captures = kept.get(moment.key, {})
+        if captures and LABELS not in captures and not identities.of_moment(moment).keys() - captures.keys():
+            write_labels(out, plan.drive, moment)
+            write_record(out, moment.key, {**captures, LABELS: labels_record(plan, moment)}, finished=True)
+            changed.append(moment.key)
     return changed
 
 
-def labels_record(plan: RenderPlan, frame: int) -> CaptureRecord:
-    """Return the record of a frame's labels, whose identity is what they say."""
-    digest = hashlib.sha256(labels_bytes(plan.drive, frame)).hexdigest()
-    return CaptureRecord(digest, {labels_path(Path(), frame).as_posix(): digest})
+def labels_record(plan: RenderPlan, moment: Moment) -> CaptureRecord:
+    """Return the record of a moment's labels, whose identity is what they say."""
+    digest = hashlib.sha256(labels_bytes(plan.drive, moment)).hexdigest()
+    return CaptureRecord(digest, {labels_path(Path(), moment.name).as_posix(): digest})
 
 
-def render_frame(plan: RenderPlan, renderer: FrameRenderer, out: Path, work: Work) -> dict[str, float]:
-    """Render the captures of a frame that are not there, write their files and then the frame's record; seconds by capture."""
-    settings, frame, seconds = plan.settings, work.frame, {}
+def render_moment(plan: RenderPlan, renderer: CaptureRenderer, out: Path, work: Work) -> dict[str, float]:
+    """Render the captures of a moment that are not there, write their files and then the moment's record; seconds by capture."""
+    settings, moment, seconds = plan.settings, work.moment, {}
+    of: dict[str, Capture] = {
+        **{f"camera/{one.sensor_id}": one for one in moment.cameras},
+        **{f"lidar/{one.sensor_id}": one for one in moment.lidars},
+    }
     captures = {name: record for name, record in work.kept.items() if name in work.wanted}
     for name in work.to_render:
         started = time.monotonic()
-        kind, sensor = name.split("/", 1)
+        capture = of[name]
         shot: CameraFrame | LidarFrame
-        if kind == "camera":
-            shot = image = renderer.camera(sensor, frame, settings.passes, settings.width)
-            files = write_camera(out, sensor, frame, plan.drive.cameras[sensor].time_s[frame], image, settings.formats)
+        if name.startswith("camera/"):
+            shot = image = renderer.image(capture, settings.passes, settings.width)
+            time_s = capture.time_s(plan.drive.cameras[capture.sensor_id])
+            files = write_camera(out, moment.name, capture, time_s, image, settings.formats)
         else:
-            shot = sweep = renderer.lidar(sensor, frame)
-            files = write_lidar(out, sensor, frame, plan.drive.lidars[sensor].time_s[frame], sweep, settings.formats)
+            shot = sweep = renderer.sweep(capture)
+            time_s = capture.time_s(plan.drive.lidars[capture.sensor_id])
+            files = write_lidar(out, moment.name, capture, time_s, sweep, settings.formats)
         identity, sees = work.wanted[name]
         digests = {path.relative_to(out).as_posix(): sha256_of_file(path) for path in files}
         error = None if shot.error_bound is None else shot.error_bound.to_json()
         captures[name] = CaptureRecord(identity, digests, sees, _counts(shot.stats), error)
-        write_record(out, frame, captures, finished=False)
+        write_record(out, moment.key, captures, finished=False)
         seconds[name] = time.monotonic() - started
     if "labels" in settings.formats:
-        write_labels(out, plan.drive, frame)
-        captures[LABELS] = labels_record(plan, frame)
-    write_record(out, frame, captures, finished=True)
+        write_labels(out, plan.drive, moment)
+        captures[LABELS] = labels_record(plan, moment)
+    write_record(out, moment.key, captures, finished=True)
     return seconds
 
 
@@ -185,39 +207,39 @@ def _counts(stats: RenderStats) -> dict[str, int]:
     return {name: getattr(stats, name) for name in COUNTS}
 
 
-def _last_run(work: Sequence[Work], kept: Mapping[int, Captures], relabelled: Sequence[int]) -> dict[str, Any]:
+def _last_run(work: Sequence[Work], kept: Mapping[Key, Captures], relabelled: Sequence[Key]) -> dict[str, Any]:
     """Return what the manifest says of the run that wrote it: what was rendered, what was kept, and why."""
     return {
-        "rendered": {f"{one.frame:06d}": one.to_render for one in work},
-        "labels_alone": [f"{frame:06d}" for frame in relabelled],
-        "kept": {f"{frame:06d}": sorted(captures) for frame, captures in kept.items() if captures},
+        "rendered": {one.moment.name: one.to_render for one in work},
+        "labels_alone": [name_of(key) for key in relabelled],
+        "kept": {name_of(key): sorted(captures) for key, captures in kept.items() if captures},
         "kept_because": "their identities are those that are asked for, and their files are whole",
     }
 
 
-def _read_timings(out: Path) -> dict[str, dict[str, float]]:
+def _read_timings(out: Path) -> dict[Key, dict[str, float]]:
     try:
         timings = dict(json.loads((out / TIMINGS_NAME).read_bytes()))
-        return {name: seconds for name, seconds in timings.items() if name.isdecimal() and isinstance(seconds, dict)}
+        return {key_of(name): seconds for name, seconds in timings.items() if isinstance(seconds, dict)}
     except (OSError, ValueError, TypeError, RecursionError):
         return {}
 
 
-FrameSeconds = tuple[int, dict[str, float]]
+MomentSeconds = tuple[Key, dict[str, float]]
 
 
-def _render_here(plan: RenderPlan, out: Path, work: Sequence[Work], jobs: int) -> Iterator[FrameSeconds]:
+def _render_here(plan: RenderPlan, out: Path, work: Sequence[Work], jobs: int) -> Iterator[MomentSeconds]:
     if not work:
         return
     with single_threaded():
         renderer = plan.make_renderer()
         for one in work:
-            yield one.frame, render_frame(plan, renderer, out, one)
+            yield one.moment.key, render_moment(plan, renderer, out, one)
 
 
-def _render_in_processes(plan: RenderPlan, out: Path, work: Sequence[Work], jobs: int) -> Iterator[FrameSeconds]:
+def _render_in_processes(plan: RenderPlan, out: Path, work: Sequence[Work], jobs: int) -> Iterator[MomentSeconds]:
     with _pool(min(jobs, len(work)), (plan, out)) as pool:
-        waiting: set[Future[FrameSeconds]] = {pool.submit(_worker_frame, one) for one in work}
+        waiting: set[Future[MomentSeconds]] = {pool.submit(_worker_moment, one) for one in work}
         while waiting:
             finished, waiting = wait(waiting, return_when=FIRST_COMPLETED)
             for future in finished:
@@ -245,7 +267,7 @@ def _pool(jobs: int, arguments: tuple[RenderPlan, Path]) -> Iterator[ProcessPool
 
 
 _threads = ExitStack()
-_worker: tuple[RenderPlan, FrameRenderer, Path] | None = None
+_worker: tuple[RenderPlan, CaptureRenderer, Path] | None = None
 """What a worker process renders with, made once when it starts."""
 
 
@@ -259,10 +281,10 @@ def _start_worker(plan: RenderPlan, out: Path) -> None:
     _worker = plan, plan.make_renderer(), out
 
 
-def _worker_frame(work: Work) -> FrameSeconds:
+def _worker_moment(work: Work) -> MomentSeconds:
     assert _worker is not None
     plan, renderer, out = _worker
-    return work.frame, render_frame(plan, renderer, out, work)
+    return work.moment.key, render_moment(plan, renderer, out, work)
 
 
 @contextmanager

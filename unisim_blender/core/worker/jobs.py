@@ -86,11 +86,11 @@ class Jobs:
         first, last = request.get("rows") or (0, model.height)
         left, right = request.get("columns") or (0, model.width)
         region = Region(left, first, right, last)
+        state = renderer.state(camera, camera.time_s[NOW])
         if request.get("touched"):
-            state = renderer.state(camera, camera.time_s[NOW])
             region = renderer.renderer.dilated(state, region).within_image(model)
         band, coarse = max(1, BAND_PIXELS // (region.right - region.left)), request.get("coarse", ())
-        for part in renderer.progressive(name, NOW, passes, region=region, coarse=coarse, band=band):
+        for part in renderer.renderer.progressive(state, camera, camera.time_s[NOW], passes, region, coarse, band):
             covered = part.region
             yield self._leave(
                 _arrays(part.frame), instances=list(part.frame.instances), origin=part.origin, stride=part.stride,

@@ -205,8 +205,8 @@ class Drive:
         """When an actor is there, seconds. One of the first (last) frame is there before (after) it too: a frame's sensors look
         earlier and later than its time."""
         first, last = self.time_s[self.frames[0]], self.time_s[self.frames[-1]]
-        start = first - FRAME_MARGIN_S if actor.start_s <= first else actor.start_s
-        end = last + FRAME_MARGIN_S if actor.end_s >= last else actor.end_s
+        start = min(first - FRAME_MARGIN_S, actor.start_s) if actor.start_s <= first else actor.start_s
+        end = max(last + FRAME_MARGIN_S, actor.end_s) if actor.end_s >= last else actor.end_s
         return start, end
 
     @property

@@ -27,6 +27,9 @@ MOST_JOBS = 8
 @click.argument("scenario", type=click.Path(path_type=Path))
 @click.option("--out", required=True, type=click.Path(path_type=Path), help="Folder to write; it must be empty or not be there.")
 @click.option("--frames", metavar="START:STOP:STEP", help="Frames by number, or one number. [default: the scenario's]")
+@click.option(
+    "--times", metavar="START:STOP:RATE", help="Seconds and a rate a second, in place of frames. [default: the scenario's]"
+)
 @click.option("--sensors", metavar="A,B", help="Cameras and LiDARs by name. [default: all of the scenario's]")
 @click.option(
     "--passes", metavar="A,B", help="rgb, depth, normal, instance, opacity, unsupported. [default: the scenario's, or rgb]"
@@ -67,6 +70,7 @@ def command(
     scenario: Path,
     out: Path,
     frames: str | None,
+    times: str | None,
     sensors: str | None,
     passes: str | None,
     width: int | None,
@@ -89,7 +93,7 @@ def command(
         raise UnisimError(f"--quality {quality} and --max-error {max_error[0]}: give one of the two")
     device, bounds = pick_device(device), parse_bounds(max_error)
     options = RenderOptions(
-        frames, split_names(sensors), pass_names(passes), width, quality, device, draw, bounds, renderer, sources, scene
+        frames, times, split_names(sensors), pass_names(passes), width, quality, device, draw, bounds, renderer, sources, scene
     )
     plan, prepared = plan_scenario(scenario, options)
     for sentence in plan.about.get("warnings", ()):
@@ -99,9 +103,9 @@ def command(
             bar.set_description_str(step.text, refresh=False)
             bar.update(step.share - bar.n)
     wanted = {*sequence_formats(prepared.scenario), *formats, *(("video",) if video else ())}
-    with Bar(total=len(plan.frames), unit="frame", dynamic_ncols=True, smoothing=0.1) as bar:
+    with Bar(total=len(plan.moments), unit="frame", dynamic_ncols=True, smoothing=0.1) as bar:
         report = render_sequence(
-            plan, out, jobs or default_jobs(), resume, on_frame=lambda frame: bar.update(), on_kept=bar.update
+            plan, out, jobs or default_jobs(), resume, on_moment=lambda key: bar.update(), on_kept=bar.update
         )
     for name in SEQUENCE_FORMATS:
         if name in wanted:
@@ -138,10 +142,11 @@ def _write_pandaset(plan: RenderPlan, out: Path) -> None:
 def _write_videos(plan: RenderPlan, out: Path) -> None:
     from ...output.video import write_video
 
-    times = [plan.drive.time_s[frame] for frame in plan.frames]
-    rate = (len(times) - 1) / (times[-1] - times[0]) if len(times) > 1 else 10.0
     for name in plan.settings.cameras:
-        images = [camera_path(out, name, frame, ".png") for frame in plan.frames]
+        shown = [one for one in plan.moments if any(capture.sensor_id == name for capture in one.cameras)]
+        times = [moment.time_s(plan.drive) for moment in shown]
+        rate = (len(times) - 1) / (times[-1] - times[0]) if len(times) > 1 else 10.0
+        images = [camera_path(out, name, moment.name, ".png") for moment in shown]
         images = [path for path in images if path.is_file()]
         if images:
             write_video(images, out / "camera" / f"{name}.mp4", rate)

@@ -1,0 +1,178 @@
+"""Captures: what one sensor measures at one time. Below the sources of states nothing else says what is to be rendered.
+
+Times are integer microseconds from the log's first frame, so that clocks of several rates agree. A log's frame is a capture, too:
+its number names its files and seeds what is drawn for it, and its time is the sensor's own timestamp, to the bit.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+from .drive import Camera, Drive, Lidar
+
+SECOND_US = 1_000_000
+MOST_US = 10**13
+"""Times are nearer to the log's first frame than this."""
+_FRAME = re.compile(r"-?\d{1,18}")
+_TIME = re.compile(r"([nt])(\d{13})us")
+_NO_BYTE = 256
+"""Stands between a time and a sensor's name in a seed: no seed of a log's frame has it there."""
+
+
+def microseconds(time_s: float) -> int:
+    """Return a time in seconds as the nearest integer microseconds."""
+    return round(time_s * SECOND_US)
+
+
+@dataclass(frozen=True)
+class Capture:
+    """What a sensor measures at ``time_us``. ``frame`` is the log's number where the capture is the sensor's in that frame."""
+
+    sensor_id: str
+    time_us: int
+    frame: int | None = None
+
+    @staticmethod
+    def of_frame(sensor: Camera | Lidar, frame: int) -> Capture:
+        """Return a sensor's capture in a frame of the log."""
+        return Capture(sensor.sensor_id, microseconds(sensor.time_s[frame]), frame)
+
+    @staticmethod
+    def at(sensor: Camera | Lidar, time_us: int) -> Capture:
+        """Return a sensor's capture at a time: the one in a frame of the log where that is the frame's timestamp."""
+        frame = next((frame for frame, time_s in sensor.time_s.items() if microseconds(time_s) == time_us), None)
+        return Capture(sensor.sensor_id, time_us, frame)
+
+    def time_s(self, sensor: Camera | Lidar) -> float:
+        """Return the time in seconds; in a frame of the log the sensor's own timestamp, to the bit."""
+        return self.time_us / SECOND_US if self.frame is None else sensor.time_s[self.frame]
+
+    def seed(self, seed: int) -> list[int]:
+        """Return a seed for numpy's generators that follows from ``seed``, sensor and frame, or time where there is no frame."""
+        name = self.sensor_id.encode()
+        if self.frame is not None:
+            return [seed, self.frame, *name]
+        return [seed, 2 * abs(self.time_us) + (self.time_us < 0), _NO_BYTE, *name]
+
+
+Key = int | str
+"""Of a moment: the log's frame number, or the name of a time (`time_name`)."""
+
+
+@dataclass(frozen=True)
+class Moment:
+    """Captures that belong together and share the names of their files: those of a frame of the log, or those at one time.
+
+    ``time_us`` is what labels are of: the frame's time, or the time.
+    """
+
+    key: Key
+    time_us: int
+    cameras: tuple[Capture, ...] = ()
+    lidars: tuple[Capture, ...] = ()
+
+    @staticmethod
+    def of_frame(drive: Drive, frame: int, cameras: Iterable[str], lidars: Iterable[str]) -> Moment:
+        """Return the captures that a frame of the log has of these sensors."""
+        return Moment(
+            frame,
+            microseconds(drive.time_s[frame]),
+            tuple(Capture.of_frame(drive.cameras[name], frame) for name in cameras if frame in drive.cameras[name].time_s),
+            tuple(Capture.of_frame(drive.lidars[name], frame) for name in lidars if frame in drive.lidars[name].time_s),
+        )
+
+    @staticmethod
+    def at(drive: Drive, time_us: int, cameras: Iterable[str], lidars: Iterable[str]) -> Moment:
+        """Return the captures of these sensors at a time."""
+        return Moment(
+            time_name(time_us),
+            time_us,
+            tuple(Capture.at(drive.cameras[name], time_us) for name in cameras),
+            tuple(Capture.at(drive.lidars[name], time_us) for name in lidars),
+        )
+
+    @property
+    def frame(self) -> int | None:
+        """The frame of the log; None of a time."""
+        return self.key if isinstance(self.key, int) else None
+
+    @property
+    def name(self) -> str:
+        """What files of the moment are called, without their suffixes."""
+        return name_of(self.key)
+
+    def time_s(self, drive: Drive) -> float:
+        """Return the time in seconds; of a frame of the log its own, to the bit."""
+        return self.time_us / SECOND_US if self.frame is None else drive.time_s[self.frame]
+
+
+def frame_name(frame: int) -> str:
+    """Return what files of a log's frame are called, without their suffixes: "000042"."""
+    return f"{frame:06d}"
+
+
+def time_name(time_us: int) -> str:
+    """Return what files at a time are called, without their suffixes: "t0000001050000us".
+
+    Names sort by their times, and after those of frames. A time before the log's first frame is counted from -10^13, so that
+    it does so, too: -0.5 s is "n9999999500000us".
+    """
+    return f"t{time_us:013d}us" if time_us >= 0 else f"n{MOST_US + time_us:013d}us"
+
+
+def name_of(key: Key) -> str:
+    """Return what files of a moment are called, without their suffixes."""
+    return frame_name(key) if isinstance(key, int) else key
+
+
+def key_of(name: str) -> Key:
+    """Return the moment whose files are called so. Raises ValueError."""
+    if _FRAME.fullmatch(name):
+        return int(name)
+    time_of_name(name)
+    return name
+
+
+def time_of_name(name: str) -> int:
+    """Return the time, microseconds, whose files are called so. Raises ValueError."""
+    match = _TIME.fullmatch(name)
+    if match is None:
+        raise ValueError(f"{name!r} is neither a frame's nor a time's name")
+    return int(match[2]) - (MOST_US if match[1] == "n" else 0)
+
+
+def in_order(keys: Iterable[Key]) -> list[Key]:
+    """Return frames by their numbers, then times."""
+    return sorted(keys, key=lambda key: (isinstance(key, str), key))
+
+
+def moments_of(
+    drive: Drive,
+    frames: Sequence[int],
+    times_us: Sequence[int] | None,
+    cameras: Iterable[str],
+    lidars: Iterable[str],
+    of_sensors: dict[str, tuple[int, ...]] | None = None,
+) -> tuple[Moment, ...]:
+    """Return what is rendered of sensors: all at ``times_us``, or in ``frames`` where that is None, but for the sensors that have
+    times ``of_sensors`` of their own (by "camera/NAME" and "lidar/NAME"). Frames come first, then times in order."""
+    own = of_sensors or {}
+    names = [*(("camera", name) for name in cameras), *(("lidar", name) for name in lidars)]
+    together = [one for one in names if "/".join(one) not in own]
+    # without any sensor there are labels
+    shared = bool(together) or not names
+    at: dict[int, list[tuple[str, str]]] = {time_us: [] for time_us in times_us or () if shared}
+    for one in names:
+        for time_us in own.get("/".join(one), times_us or ()):
+            at.setdefault(time_us, []).append(one)
+
+    def split(chosen: list[tuple[str, str]]) -> tuple[list[str], list[str]]:
+        return [name for kind, name in chosen if kind == "camera"], [name for kind, name in chosen if kind == "lidar"]
+
+    in_frames = frames if times_us is None and shared else ()
+    return (
+        *(Moment.of_frame(drive, frame, *split(together)) for frame in in_frames),
+        *(Moment.at(drive, time_us, *split(at[time_us])) for time_us in sorted(at)),
+    )

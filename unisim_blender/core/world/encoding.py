@@ -1,0 +1,196 @@
+"""States and sensors as text for a message between processes: versioned, checked, and without loss.
+
+An encoding is base64 of a header in JSON, the float64 numbers that the header counts, and a digest of both. States that are equal
+have equal encodings; what is decoded has the digest of what was encoded.
+"""
+
+from __future__ import annotations
+
+import base64
+import binascii
+import hashlib
+import json
+import struct
+from collections.abc import Iterable
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from ..errors import UnisimError
+from ..geometry import FloatArray, Trajectory
+from .drive import Actor, Box, Camera, CameraModel, Lidar, LidarModel, Look, StaticCopy
+from .state import WorldState
+
+VERSION = 1
+MAGIC = b"UWS"
+DIGEST_BYTES = 16
+MOST_NUMBERS = 1 << 24
+_HEAD = struct.Struct("<3sBI")
+
+
+class EncodingError(UnisimError):
+    """Text that is no encoding of what it should be."""
+
+
+def encode_state(state: WorldState) -> str:
+    """Return a state as text."""
+    numbers: list[FloatArray] = [np.array([state.start_s, state.end_s]), *_keys(state.world_from_ego)]
+    actors = []
+    for actor in state.actors:
+        look, way = actor.look, actor.world_from_actor
+        words = [actor.uid, actor.label, look.actor, look.scene, look.mesh]
+        actors.append([*words, actor.is_moving, actor.inserted, actor.is_ego_body, len(way.times_s)])
+        numbers += [np.array([*actor.size_m, *actor.scale, actor.start_s, actor.end_s]), *_keys(way)]
+    for copy in state.static_copies:
+        numbers += [*_box(copy.source), copy.world_from_target]
+    for box in state.removed_boxes:
+        numbers += _box(box)
+    header = {
+        "kind": "state",
+        "ego_keys": len(state.world_from_ego.times_s),
+        "actors": actors,
+        "static_copies": [copy.uid for copy in state.static_copies],
+        "removed_boxes": len(state.removed_boxes),
+    }
+    return _packed(header, numbers)
+
+
+def decode_state(text: str) -> WorldState:
+    """Return the state that a text was made of. Raises `EncodingError`."""
+    header, numbers = _unpacked(text, "state")
+    try:
+        start_s, end_s = numbers.take(2).tolist()
+        ego = numbers.way(header["ego_keys"])
+        actors = tuple(_actor(about, numbers) for about in header["actors"])
+        copies = tuple(StaticCopy(str(uid), numbers.box(), numbers.take(16).reshape(4, 4)) for uid in header["static_copies"])
+        removed = tuple(numbers.box() for _ in range(header["removed_boxes"]))
+        numbers.finish()
+    except (KeyError, TypeError, ValueError) as fault:
+        raise EncodingError(f"a state of the world that was sent cannot be read: {fault}") from fault
+    return WorldState(start_s, end_s, ego, actors, copies, removed)
+
+
+def encode_sensor(sensor: Camera | Lidar, start_s: float, end_s: float) -> str:
+    """Return a sensor as text, with what of its trajectory the window of an exposure needs; it has no frames of a log."""
+    if isinstance(sensor, Camera):
+        way = sensor.world_from_camera.between(start_s, end_s)
+        header = {"kind": "camera", "model": asdict(sensor.model), "full_width": sensor.full_width}
+        numbers = _keys(way)
+    else:
+        way = sensor.world_from_lidar.between(start_s, end_s)
+        tables = ("elevation_rad", "azimuth_offset_rad")
+        header = {
+            "kind": "lidar",
+            "model": {name: value for name, value in asdict(sensor.model).items() if name not in tables},
+            "beams": sensor.model.beams,
+            "blocked": None if sensor.blocked is None else base64.b64encode(np.packbits(sensor.blocked).tobytes()).decode(),
+        }
+        numbers = [*_keys(way), *(getattr(sensor.model, name) for name in tables)]
+    header |= {"id": sensor.sensor_id, "sees_ego_body": sensor.sees_ego_body, "keys": len(way.times_s)}
+    return _packed(header, numbers)
+
+
+def decode_sensor(text: str) -> Camera | Lidar:
+    """Return the sensor that a text was made of. Raises `EncodingError`."""
+    header, numbers = _unpacked(text, "camera", "lidar")
+    try:
+        way = numbers.way(header["keys"])
+        if header["kind"] == "camera":
+            found: Camera | Lidar = Camera(
+                str(header["id"]), CameraModel.from_dict(header["model"]), way, {}, bool(header["sees_ego_body"]),
+                header["full_width"],
+            )  # fmt: skip
+        else:
+            model = LidarModel(numbers.take(header["beams"]), numbers.take(header["beams"]), **header["model"])
+            blocked = None
+            if header["blocked"] is not None:
+                shape = model.beams, model.columns
+                bits = np.frombuffer(base64.b64decode(header["blocked"], validate=True), np.uint8)
+                blocked = np.unpackbits(bits, count=shape[0] * shape[1]).astype(bool).reshape(shape)
+            found = Lidar(str(header["id"]), model, way, {}, blocked, bool(header["sees_ego_body"]))
+        numbers.finish()
+    except (KeyError, TypeError, ValueError) as fault:
+        raise EncodingError(f"a sensor that was sent cannot be read: {fault}") from fault
+    return found
+
+
+class _Numbers:
+    """Float64 numbers, taken one after the other."""
+
+    def __init__(self, values: FloatArray) -> None:
+        self.values, self.at = values, 0
+
+    def take(self, count: int) -> FloatArray:
+        if not 0 <= count <= len(self.values) - self.at:
+            raise ValueError(f"{count} numbers are wanted, {len(self.values) - self.at} are left")
+        self.at += count
+        return self.values[self.at - count : self.at]
+
+    def way(self, keys: int) -> Trajectory:
+        return Trajectory(self.take(keys), self.take(3 * keys).reshape(-1, 3), self.take(4 * keys).reshape(-1, 4))
+
+    def box(self) -> Box:
+        return Box(self.take(16).reshape(4, 4), self.take(3))
+
+    def finish(self) -> None:
+        if self.at != len(self.values):
+            raise ValueError(f"{len(self.values) - self.at} numbers too many")
+
+
+def _actor(about: Any, numbers: _Numbers) -> Actor:
+    uid, label, look, scene, mesh, is_moving, inserted, is_ego_body, keys = about
+    x = numbers.take(8)
+    way = numbers.way(keys)
+    return Actor(
+        str(uid), str(label), x[:3], way, float(x[6]), float(x[7]), bool(is_moving), Look(str(look), str(scene), str(mesh)),
+        bool(inserted), bool(is_ego_body), (float(x[3]), float(x[4]), float(x[5])),
+    )  # fmt: skip
+
+
+def _keys(way: Trajectory) -> list[FloatArray]:
+    return [way.times_s, way.positions, way.quaternions_wxyz]
+
+
+def _box(box: Box) -> list[FloatArray]:
+    return [box.world_from_box, box.size_m]
+
+
+def _packed(header: dict[str, Any], numbers: Iterable[FloatArray]) -> str:
+    head = json.dumps(header, separators=(",", ":")).encode()
+    body = b"".join(np.ascontiguousarray(part, "<f8").tobytes() for part in numbers)
+    data = _HEAD.pack(MAGIC, VERSION, len(head)) + head + body
+    return base64.b64encode(data + _digest(data)).decode()
+
+
+def _unpacked(text: str, *kinds: str) -> tuple[dict[str, Any], _Numbers]:
+    """Return header and numbers. Raises `EncodingError`."""
+    what = f"a {kinds[0] if len(kinds) == 1 else 'sensor'} that was sent"
+    try:
+        data = base64.b64decode(text, validate=True)
+    except (TypeError, ValueError, binascii.Error) as fault:
+        raise EncodingError(f"{what} is no base64: {fault}") from fault
+    if len(data) < _HEAD.size + DIGEST_BYTES or data[:3] != MAGIC:
+        raise EncodingError(f"{what} is no encoding of one")
+    _, version, length = _HEAD.unpack_from(data)
+    if version != VERSION:
+        raise EncodingError(f"{what} has version {version}, not {VERSION}: it is of another version of the extension")
+    if _digest(data[:-DIGEST_BYTES]) != data[-DIGEST_BYTES:]:
+        raise EncodingError(f"{what} is damaged: its digest is another one")
+    body = data[_HEAD.size + length : -DIGEST_BYTES]
+    if len(body) % 8 or len(body) > 8 * MOST_NUMBERS or _HEAD.size + length > len(data) - DIGEST_BYTES:
+        raise EncodingError(f"{what} has {len(body)} bytes of numbers, which is not a whole number of them")
+    try:
+        header = json.loads(data[_HEAD.size : _HEAD.size + length])
+    except (ValueError, RecursionError) as fault:
+        raise EncodingError(f"{what} has a header that is no JSON: {fault}") from fault
+    if not isinstance(header, dict) or header.get("kind") not in kinds:
+        raise EncodingError(f"{what} is of another kind")
+    values = np.frombuffer(body, "<f8").astype(np.float64)
+    if not np.isfinite(values).all():
+        raise EncodingError(f"{what} has numbers that are not finite")
+    return header, _Numbers(values)
+
+
+def _digest(data: bytes) -> bytes:
+    return hashlib.blake2b(data, digest_size=DIGEST_BYTES).digest()
