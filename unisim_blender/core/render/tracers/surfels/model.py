@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ....data.own_vehicle import Outline, outlines_from_json, outlines_to_json
 from ....geometry import BoolArray, FloatArray
-from ....meshes.intersect import Triangles
+from ....meshes.intersect import Triangles, check_boxes
 from ....ops.constants import CLEARANCE_M
 from .drops import DropTable
 from .exposure import Exposures
@@ -182,23 +182,61 @@ def load_surfels(folder: Path) -> SurfelScene:
 
     names = [member.name for member in fields(SurfelSet) if member.name != "boxes"]
     parts: dict[str, Any] = {name: array(f"static_{name}") for name in names}
-    static = SurfelSet(**parts)
+    static = _whole(SurfelSet(**parts))
     if (folder / "static_nodes.npy").exists():
-        static = replace(static, boxes=(array("static_nodes"), array("static_order")))
+        boxes = array("static_nodes"), array("static_order")
+        check_boxes(*boxes, len(static))
+        static = replace(static, boxes=boxes)
     everyone, actors, first = {name: array(f"actors_{name}") for name in names}, {}, 0
     for uid, count in about["actors"].items():
         own = {name: values[(3 if name == "vertices" else 1) * first :] for name, values in everyone.items()}
         parts = {name: values[: (3 if name == "vertices" else 1) * count] for name, values in own.items()}
-        actors[uid] = SurfelSet(**parts)
+        actors[uid] = _whole(SurfelSet(**parts), count)
         first += count
+    ground = HeightGrid(_numbers(about["ground_low"], (2,)), array("ground"), array("known"))
+    dome, dome_seen = array("dome"), array("dome_seen")
+    drops = DropTable(array("drops_returns"), array("drops_beams"))
+    _require(ground.heights, (*ground.heights.shape[:2],), np.float32, 1)
+    _require(ground.known, ground.heights.shape, np.bool_)
+    _require(dome, (*dome.shape[:2], 3), np.uint8, 1)
+    _require(dome_seen, dome.shape[:2], np.bool_)
+    for table in (drops.returns, drops.beams):
+        _require(table, DropTable.empty().beams.shape, np.float64)
     return SurfelScene(
         settings=SurfelSettings(**about["settings"]),
         static=static,
         actors=actors,
-        ground=HeightGrid(np.array(about["ground_low"]), array("ground"), array("known")),
-        dome=array("dome"),
-        dome_seen=array("dome_seen"),
-        drops=DropTable(array("drops_returns"), array("drops_beams")),
+        ground=ground,
+        dome=dome,
+        dome_seen=dome_seen,
+        drops=drops,
         outlines=outlines_from_json(about["own_vehicle"]),
         exposures=Exposures.from_json(about["exposures"]),
     )
+
+
+def _require(array: NDArray[Any], shape: tuple[int, ...], dtype: Any, at_least: int = 0) -> None:
+    """Raise ValueError unless an array has a shape, of no edge below ``at_least``, a dtype, and finite numbers."""
+    if array.shape != shape or array.dtype != dtype or min(shape, default=at_least) < at_least:
+        raise ValueError(f"has an array of shape {array.shape} and type {array.dtype}")
+    if array.dtype.kind == "f" and not np.isfinite(array).all():
+        raise ValueError("holds a number that is not finite")
+
+
+def _whole(faces: SurfelSet, count: int | None = None) -> SurfelSet:
+    """The set, whose arrays fit together. Raises ValueError."""
+    n = len(faces) if count is None else count
+    _require(faces.vertices, (3 * n, 3), np.float32)
+    _require(faces.normals, (n, 3), np.float32)
+    _require(faces.intensity, (n,), np.float32)
+    _require(faces.colours, (n, 3, 3), np.uint8)
+    _require(faces.seen, (n,), np.bool_)
+    _require(faces.painted, (n,), np.bool_)
+    return faces
+
+
+def _numbers(value: Any, shape: tuple[int, ...]) -> FloatArray:
+    """A list of finite numbers as an array. Raises ValueError."""
+    array = np.array(value, np.float64)
+    _require(array, shape, np.float64)
+    return array
