@@ -194,7 +194,8 @@ sys.addaudithook(_listen)
 def nothing_is_looked_up() -> Iterator[None]:
     """Fail where a class is looked up for a pickle, or a process or a connection is begun."""
     global _heard
-    _heard = heard = []
+    heard: list[str] = []
+    _heard = heard
     try:
         yield
     finally:

@@ -44,7 +44,7 @@ def other_reader(folder: Path) -> Reader:
     places = [(file, m.start(), len(m[0])) for file in TEXTS for m in re.finditer(rb"[^\s]+", whole[file])]
     # a number of a text in another's place
     inputs = inputs_of(whole, views) | st.builds(
-        lambda place, word: [In(place[0], "bytes", (Bytes(*place[1:], word),))], st.sampled_from(places), words
+        lambda place, word: [In(place[0], "bytes", (Bytes(place[1], place[2], word),))], st.sampled_from(places), words
     )
 
     def read() -> object:

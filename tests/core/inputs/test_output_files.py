@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import example, given
 
-from inputs.faults import Put
+from inputs.faults import Array, CutOff, Drop, Put, Shape, Type
 from inputs.promise import Property, Reader
 from inputs.strategies import Input, inputs_of
 from inputs.views import In, json_text, npz_file
@@ -107,6 +107,13 @@ def test_records_of_rendered_frames(changes: Input) -> None:
 
 
 @given(SWEEPS.inputs)
+@example([In("sweep.npz", "npz", (Drop(("intensity",)),))])
+@example([In("sweep.npz", "npz", (Array("x", Shape("a scalar")),))])
+@example([In("sweep.npz", "npz", (Array("time", Shape("rows", 1)),))])
+@example([In("sweep.npz", "npz", (Array("world_from_lidar", Shape("columns", 1)),))])
+@example([In("sweep.npz", "npz", (Array("y", Type("O")),))])
+@example([In("sweep.npz", "bytes", (CutOff(0),))])
+@example([In("sweep.npz", "bytes", (CutOff(200),))])
 def test_rendered_sweeps(changes: Input) -> None:
     SWEEPS.check(changes)
 

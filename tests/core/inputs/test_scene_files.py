@@ -12,12 +12,13 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from random_scene import CARS, edited
 from small_log import write_small_log
 from stress.scenes import make_scene
 
+from inputs.faults import Bytes, CutOff
 from inputs.profiles import COSTLY
 from inputs.promise import Property, Reader
 from inputs.strategies import Input, faults_of_json, inputs_of
@@ -137,5 +138,7 @@ def test_checkpoints(changes: Input) -> None:
 
 
 @given(NETWORKS.inputs)
+@example([In("net.pth", "torch pickle", (Bytes(0, 1, b"a"),))])
+@example([In("net.pth", "torch pickle", (CutOff(0),))])
 def test_weights_of_networks(changes: Input) -> None:
     NETWORKS.check(changes)

@@ -73,7 +73,9 @@ def read_model(path: Path) -> MeshModel:
     textures = tuple(arrays[name] for name in sorted(arrays, key=lambda n: (len(n), n)) if name.startswith("texture_"))
     kinds = {"vertices": np.float32, "faces": np.int32, "normals": np.float32, "colours": np.float32, "uv": np.float32}
     try:
-        known = {name: arrays[name].astype(kind, casting="same_kind") for name, kind in (*kinds.items(), ("texture", np.int32))}
+        known: dict[str, Any] = {
+            name: arrays[name].astype(kind, casting="same_kind") for name, kind in (*kinds.items(), ("texture", np.int32))
+        }
         model = MeshModel(**known, textures=textures)
     except (KeyError, TypeError) as fault:
         raise ScenarioError(f"{path}: is no mesh file: {in_a_line(fault)}") from fault
