@@ -43,27 +43,8 @@ def _value(value: Any) -> bytes:
 
 
 PLAIN: tuple[Any, ...] = (
-    None,
-    True,
-    0,
-    1,
-    -1,
-    2**31,
-    2**70,
-    1.5,
-    float("nan"),
-    "",
-    "x",
-    "O8",
-    "f8",
-    "<",
-    "latin1",
-    b"",
-    b"12345678",
-    (),
-    [],
-    {},
-)
+    None, True, 0, 1, -1, 2**31, 2**70, 1.5, float("nan"), "", "x", "O8", "f8", "<", "latin1", b"", b"12345678", (), [], {},
+)  # fmt: skip
 GLOBALS = st.sampled_from(sorted(_ALLOWED)) | st.sampled_from(sorted(_ALLOWED)) | st.sampled_from(HOSTILE)
 OPCODES = sorted(opcode.code.encode("latin1") for opcode in pickletools.opcodes if opcode.arg is None)
 """Instructions without an argument."""

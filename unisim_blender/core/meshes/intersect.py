@@ -68,9 +68,10 @@ def check_boxes(nodes: NDArray[Any], order: NDArray[Any], faces: int) -> None:
         raise ValueError("is no hierarchy of boxes")
     if len(order) and not 0 <= int(order.min()) <= int(order.max()) < faces:
         raise ValueError("the hierarchy names a face that is not there")
-    first, count = nodes["first"].astype(np.int64), nodes["faces"].astype(np.int64)
+    first, count = nodes["first"], nodes["faces"]
     leaf = count != 0
-    if (count < 0).any() or (first < 0).any() or (first + np.where(leaf, count, 2) > np.where(leaf, faces, len(nodes))).any():
+    # no sum of the two, which may be beyond int32
+    if (count < 0).any() or (first < 0).any() or (np.where(leaf, count, 2) > np.where(leaf, faces, len(nodes)) - first).any():
         raise ValueError("the hierarchy points beyond its end")
     level, walked = np.zeros(1, np.int64), 0
     for _ in range(DEEPEST):
