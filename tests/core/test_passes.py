@@ -73,8 +73,8 @@ def test_the_tracers_passes_are_alike(folders: dict[str, Path], kind: str) -> No
         renderer.quality = QUALITY["reference"]
         renderers.append(DriveRenderer(renderer, drive))
     a, b = (renderer.camera("front", 2, CAMERA_PASSES) for renderer in renderers)
-    assert np.abs(a.rgb - b.rgb).mean() < 1e-3
-    for field in sorted(set().union(*FIELDS.values())):
+    for field, within in (("rgb", 2e-4), *((name, 2e-3) for name in sorted(set().union(*FIELDS.values())))):
         x, y = np.asarray(getattr(a, field), float), np.asarray(getattr(b, field), float)
-        same = (np.isclose(x, y, rtol=2e-2, atol=2e-2) | (x == y)).reshape(*x.shape[:2], -1).all(-1)
+        assert field == "unsupported" or len(np.unique(y)) > 1, f"{field} has nothing to compare"
+        same = (np.isclose(x, y, rtol=within, atol=within) | (x == y)).reshape(*x.shape[:2], -1).all(-1)
         assert (~same).sum() <= 2, f"{field}: {(~same).sum()} of {same.size} pixels differ"

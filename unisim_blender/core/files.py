@@ -4,12 +4,20 @@ from __future__ import annotations
 
 import hashlib
 import os
+import struct
 import sys
+import tokenize
+import zipfile
+import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
-from .errors import OutputError
+import numpy as np
+from numpy.typing import NDArray
+
+from .errors import OutputError, UnisimError, in_a_line
 
 PARTIAL_SUFFIX = ".partial"
 
@@ -52,6 +60,24 @@ def sha256_of_file(path: Path) -> str:
         while block := file.read(1 << 20):
             digest.update(block)
     return digest.hexdigest()
+
+
+BROKEN_ARRAYS = (
+    OSError, ValueError, EOFError, KeyError, NotImplementedError, RuntimeError, MemoryError, TypeError, OverflowError,
+    zipfile.BadZipFile, zlib.error, struct.error, SyntaxError, tokenize.TokenError,
+)  # fmt: skip
+"""What zip files and numpy raise where a file of arrays is broken."""
+
+
+def read_arrays(path: Path, error: type[UnisimError], what: str = "is no file of arrays") -> dict[str, NDArray[Any]]:
+    """Return the arrays of an NPZ file by name; nothing is unpickled. Raises ``error``, which says ``what`` the file is not."""
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            return {name: file[name] for name in file.files}
+    except BROKEN_ARRAYS as fault:
+        raise error(f"{path}: {what}: {in_a_line(fault)}") from fault
+    except AttributeError as fault:  # numpy read a single array, or a zip file's member that is none
+        raise error(f"{path}: {what}") from fault
 
 
 CACHE_VARIABLE = "UNISIM_CACHE"

@@ -57,13 +57,18 @@ def kept_images(log_path: Path) -> dict[str, ActorImage] | None:
     folder = kept_folder(log_path)
     try:
         document = json.loads((folder / INDEX).read_text())
-        entries = {
-            str(uid): ActorImage(str(uid), str(entry["word"]), folder / entry["picture"] if entry["picture"] else None)
-            for uid, entry in document["actors"].items()
-        }
+        entries = {uid: _kept_image(uid, entry, folder) for uid, entry in document["actors"].items()}
+        return entries if all(one.image is None or one.image.is_file() for one in entries.values()) else None
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
         return None
-    return entries if all(one.image is None or one.image.is_file() for one in entries.values()) else None
+
+
+def _kept_image(uid: str, entry: dict[str, str], folder: Path) -> ActorImage:
+    """Return an entry of the index. Raises ValueError, KeyError or TypeError for what `make_images` does not write."""
+    word, name = entry["word"], entry["picture"]
+    if not isinstance(word, str) or (name and Path(name).name != name):
+        raise ValueError(f"{uid}: is no image of this folder")
+    return ActorImage(uid, word, folder / name if name else None)
 
 
 def make_images(log: Log) -> Iterator[ActorImage]:

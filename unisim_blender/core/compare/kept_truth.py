@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import io
-import zipfile
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,13 +12,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..errors import OutputError
 from ..evaluate.true_edits import Part, TrueEdit, TrueImages
 from ..evaluate.truth import EditRegions
-from ..files import write_file
+from ..files import read_arrays, write_file
 from ..sensors.frames import LidarFrame
 from ..world.drive import Drive
 
 Arrays = dict[str, NDArray[Any]]
+REGIONS = ("edited", "shadow", "seen")
 
 
 @dataclass(frozen=True)
@@ -37,7 +39,7 @@ class KeptTruth:
 
         def work_out() -> Arrays:
             true = self.true.images(camera, frame)
-            regions = {name: getattr(true.regions, name) for name in ("edited", "shadow", "seen")}
+            regions = {name: getattr(true.regions, name) for name in REGIONS}
             return {"edit": true.edit, **regions, **({} if true.replay is None else {"replay": true.replay})}
 
         arrays = _kept(self.folder / f"{camera}-{frame:06d}.npz", work_out)
@@ -49,12 +51,22 @@ class KeptTruth:
 
 
 def _kept(path: Path, work_out: Callable[[], Arrays]) -> Arrays:
-    try:
-        with np.load(path) as stored:
-            return dict(stored)
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile):
-        arrays = work_out()
+    with suppress(OutputError):
+        arrays = read_arrays(path, OutputError)
+        if _fit(arrays):
+            return arrays
+    arrays = work_out()
     file = io.BytesIO()
     np.savez_compressed(file, **arrays)
     write_file(path, file.getvalue())
     return arrays
+
+
+def _fit(arrays: Arrays) -> bool:
+    """Return whether arrays are an edit's images and regions."""
+    if not {"edit", *REGIONS} <= set(arrays) or arrays["edit"].ndim != 3:
+        return False
+    images = [arrays[name] for name in ("edit", "replay") if name in arrays]
+    size = images[0].shape[:2]
+    whole = all(image.shape == (*size, 3) and image.dtype in (np.uint8, np.float32, np.float64) for image in images)
+    return whole and all(arrays[name].shape == size and arrays[name].dtype == bool for name in REGIONS)

@@ -10,12 +10,12 @@ from typing import Any
 
 from ..data import open_log
 from ..data.log import Log
-from ..errors import UnisimError, in_a_line
+from ..errors import UnisimError, short
 from ..evaluate.fid import Inception
 from ..evaluate.recorded_runs import Progress, perceptual_metric
 from ..evaluate.tracklets import disturbance_taken_back
 from ..files import write_file
-from ..json_file import json_bytes
+from ..json_file import Node, json_bytes, read_json
 from ..prepare.selection import check_names
 from ..render.code_identity import code_identity
 from ..street.street import recipe_document
@@ -84,15 +84,14 @@ def _earlier(path: Path, about: dict[str, Any]) -> dict[str, dict[str, Any]]:
     """Rows that an earlier run measured. UnisimError where it compared something else."""
     if not path.is_file():
         return {}
-    try:
-        document = json.loads(path.read_text())
-        before, rows = dict(document["about"]), dict(document["rows"])
-    except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
-        raise UnisimError(f"{path}: is no comparison: {in_a_line(error)}") from error
+    document = Node(read_json(path, UnisimError), f"{path}: ", UnisimError)
+    before, rows = document.key("about").object(), document.key("rows").object()
+    for row in document.key("rows").members():
+        row[1].key("title").text()
     for name, value in about.items():
         if before.get(name) != value:
             raise UnisimError(
-                f"{path}: was measured with {name} {before.get(name)!r}, not {value!r}: give another folder with --out"
+                f"{path}: was measured with {name} {short(before.get(name))}, not {short(value)}: give another folder with --out"
             )
     kept: dict[str, dict[str, Any]] = {name: row for name, row in rows.items() if name in METHODS}
     return kept

@@ -25,7 +25,7 @@ class Column:
         found: Any = row
         for name in self.path:
             found = found.get(name) if isinstance(found, dict) else None
-        return None if found is None else float(found) * self.scale
+        return float(found) * self.scale if isinstance(found, int | float) else None
 
 
 @dataclass(frozen=True)

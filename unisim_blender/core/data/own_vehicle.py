@@ -13,6 +13,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from ..geometry import BoolArray, FloatArray
+from ..json_file import Node
 from ..world.drive import Drive
 
 LEAST_IMAGES = 8
@@ -116,3 +117,12 @@ def outlines_from_json(value: Any) -> dict[str, tuple[Outline, int]]:
     """The other way round; what is no such object counts as none."""
     found = value if isinstance(value, dict) else {}
     return {str(name): (np.array(one["rows"], np.int64), int(one["height"])) for name, one in found.items()}
+
+
+def check_outlines(node: Node) -> Any:
+    """Return the JSON value of outlines by camera, once it is one. Raises the node's error."""
+    for _, outline in node.members():
+        outline.key("height").integer(at_least=1)
+        if not len(outline.key("rows").array(-1)):
+            outline.key("rows").fail("is empty")
+    return node.value

@@ -8,18 +8,16 @@ torchvision's number of the layer, and ``linS.model.1.weight`` of the five linea
 
 from __future__ import annotations
 
-import pickle
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import torch
 import torch.nn.functional as F
-from safetensors import SafetensorError
-from safetensors.torch import load_file
 from torch import Tensor
 
 from ..errors import UnisimError
+from ..model.network_weights import read_tensors
 from .metrics import ImageArray
 
 SHIFT = (-0.030, -0.088, -0.188)
@@ -58,13 +56,26 @@ class Lpips:
 
     def __init__(self, path: Path) -> None:
         """Read the weights; which backbone they are of follows from their names. Raises `UnisimError`."""
-        self._state = _read(path)
+        self._state = read_tensors(path, "LPIPS")
         self._slices = BACKBONES["alex" if "net.slice5.10.weight" in self._state else "vgg"]
+        channels = 3
         for number, part in enumerate(self._slices):
-            names = [f"net.slice{number + 1}.{layer}.{kind}" for layer, _, _ in part.convolutions for kind in ("weight", "bias")]
-            for name in (*names, f"lin{number}.model.1.weight"):
-                if name not in self._state:
-                    raise UnisimError(f"{path}: holds no {name}, so these are no LPIPS weights (AlexNet or VGG-16, version 0.1)")
+            for layer, _, _ in part.convolutions:
+                name = f"net.slice{number + 1}.{layer}"
+                channels = self._check(path, f"{name}.weight", None, channels, None, None)
+                self._check(path, f"{name}.bias", channels)
+            self._check(path, f"lin{number}.model.1.weight", 1, channels, 1, 1)
+
+    def _check(self, path: Path, name: str, *shape: int | None) -> int:
+        """Return a tensor's first edge. Raises `UnisimError` unless the tensor is there, of that shape (None: any edge)."""
+        if name not in self._state:
+            raise UnisimError(f"{path}: holds no {name}, so these are no LPIPS weights (AlexNet or VGG-16, version 0.1)")
+        found = self._state[name]
+        fits = found.ndim == len(shape) and all(n in (None, m) for n, m in zip(shape, found.shape, strict=True))
+        if not fits or found.dtype != torch.float32 or not found.isfinite().all():
+            wanted = " x ".join("N" if n is None else str(n) for n in shape)
+            raise UnisimError(f"{path}: {name} must be {wanted} finite float32 numbers, not {tuple(found.shape)} {found.dtype}")
+        return int(found.shape[0])
 
     @torch.no_grad()
     def __call__(self, rendered: ImageArray, recorded: ImageArray) -> float:
@@ -92,15 +103,3 @@ class Lpips:
 def _unit(features: Tensor) -> Tensor:
     """Features (1, C, H, W) of length 1 at every place."""
     return features / (features.square().sum(1, keepdim=True).sqrt() + EPSILON)
-
-
-def _read(path: Path) -> dict[str, Tensor]:
-    try:
-        if path.suffix == ".safetensors":
-            return dict(load_file(path))
-        state = torch.load(path, map_location="cpu", weights_only=True)
-    except (OSError, SafetensorError, RuntimeError, ValueError, EOFError, pickle.UnpicklingError) as error:
-        raise UnisimError(f"{path}: LPIPS weights cannot be read: {str(error).splitlines()[0]}") from error
-    if not isinstance(state, dict) or not all(isinstance(value, Tensor) for value in state.values()):
-        raise UnisimError(f"{path}: holds something else than named tensors, so these are no LPIPS weights")
-    return state

@@ -18,6 +18,10 @@ PAIRS = 1 << 20
 """Rays times triangles that the plain way looks at together."""
 
 
+DEEPEST = 100
+"""Levels of a hierarchy at most; the kernel walks through 128."""
+
+
 class FirstHits(NamedTuple):
     """t (N,) along each ray, inf where it meets nothing; face (N,), -1 for none; uv (N, 2), where on the face: towards its second
     and third corner."""
@@ -56,6 +60,29 @@ class Triangles:
         mesh = (x.ctypes.data for x in (*self.boxes, self.vertices, self.faces, o, d))
         lib.unisim_bvh_first_hits(*mesh, len(o), near_m, *out, native.threads())
         return FirstHits(t, face, uv)
+
+
+def check_boxes(nodes: NDArray[Any], order: NDArray[Any], faces: int) -> None:
+    """Raise ValueError unless nodes and order are a hierarchy over so many faces: kernels read wherever it points."""
+    if nodes.dtype != NODE or nodes.ndim != 1 or order.dtype != np.int32 or order.shape != (faces,) or not len(nodes):
+        raise ValueError("is no hierarchy of boxes")
+    if len(order) and not 0 <= int(order.min()) <= int(order.max()) < faces:
+        raise ValueError("the hierarchy names a face that is not there")
+    first, count = nodes["first"], nodes["faces"]
+    leaf = count != 0
+    # no sum of the two, which may be beyond int32
+    if (count < 0).any() or (first < 0).any() or (np.where(leaf, count, 2) > np.where(leaf, faces, len(nodes)) - first).any():
+        raise ValueError("the hierarchy points beyond its end")
+    level, walked = np.zeros(1, np.int64), 0
+    for _ in range(DEEPEST):
+        walked += len(level)
+        inner = level[~leaf[level]]
+        if not len(inner):
+            return
+        level = np.concatenate([first[inner], first[inner] + 1])
+        if walked + len(level) > len(nodes):
+            break
+    raise ValueError("the hierarchy has no end")
 
 
 class Mesh(Triangles):

@@ -5,10 +5,6 @@ Axes as an actor's box has them: x forward, y left, z up, metres, the origin in 
 
 from __future__ import annotations
 
-import struct
-import tokenize
-import zipfile
-import zlib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,12 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import ScenarioError, in_a_line
-from ..files import partial_file
+from ..files import partial_file, read_arrays
 from ..geometry import FloatArray
 
 SUFFIX = ".npz"
-BROKEN = (zipfile.BadZipFile, zlib.error, struct.error, SyntaxError, tokenize.TokenError)
-"""What zip files and numpy's headers raise beside, where they are broken."""
 MOST = 1e6
 """No coordinate, colour or normal is larger."""
 FLAT = -1
@@ -75,15 +69,13 @@ def write_model(model: MeshModel, path: Path) -> None:
 
 def read_model(path: Path) -> MeshModel:
     """The model in its own file. Raises `ScenarioError`."""
-    try:
-        with np.load(path, allow_pickle=False) as file:
-            arrays = {name: file[name] for name in file.files}
-    except (OSError, ValueError, EOFError, KeyError, NotImplementedError, RuntimeError, MemoryError, *BROKEN) as fault:
-        raise ScenarioError(f"{path}: is no mesh file: {in_a_line(fault)}") from fault
+    arrays = read_arrays(path, ScenarioError, "is no mesh file")
     textures = tuple(arrays[name] for name in sorted(arrays, key=lambda n: (len(n), n)) if name.startswith("texture_"))
     kinds = {"vertices": np.float32, "faces": np.int32, "normals": np.float32, "colours": np.float32, "uv": np.float32}
     try:
-        known = {name: arrays[name].astype(kind, casting="same_kind") for name, kind in (*kinds.items(), ("texture", np.int32))}
+        known: dict[str, Any] = {
+            name: arrays[name].astype(kind, casting="same_kind") for name, kind in (*kinds.items(), ("texture", np.int32))
+        }
         model = MeshModel(**known, textures=textures)
     except (KeyError, TypeError) as fault:
         raise ScenarioError(f"{path}: is no mesh file: {in_a_line(fault)}") from fault

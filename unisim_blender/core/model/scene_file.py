@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..data.own_vehicle import check_outlines
 from ..errors import SceneError, short
 from ..geometry import FloatArray, Trajectory
 from ..json_file import Node, read_json, write_text
@@ -91,10 +92,8 @@ def _read_training(node: Node) -> dict[str, Any]:
             node.key(name).integer()
     if "seconds" in there:
         node.key("seconds").number()
-    for _, outline in node.key("own_vehicle").members() if there.get("own_vehicle") is not None else ():
-        outline.key("height").integer(at_least=1)
-        if not len(outline.key("rows").array(-1)):
-            outline.key("rows").fail("is empty")
+    if there.get("own_vehicle") is not None:
+        check_outlines(node.key("own_vehicle"))
     return there
 
 

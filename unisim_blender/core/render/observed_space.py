@@ -14,7 +14,6 @@ from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Protocol, runtime_checkable
-from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +21,7 @@ from numpy.typing import NDArray
 from .. import native
 from ..data.own_vehicle import Outline, outlines_from_json, shows_scene
 from ..errors import OutputError
-from ..files import cache_folder, partial_file
+from ..files import cache_folder, partial_file, read_arrays
 from ..geometry import BoolArray, FloatArray, invert_pose, transform_points
 from ..model.scene_file import SceneHeader
 from ..model.weights import weights_hash
@@ -292,11 +291,15 @@ def spread(background: BoolArray) -> BoolArray:
 
 def kept_space(header: SceneHeader, shown: NDArray[Any], voxel_m: float) -> ObservedSpace | None:
     """A scene's observed space from the user's cache folder; None where it is not there or broken."""
-    with suppress(OSError, ValueError, KeyError, EOFError, BadZipFile), np.load(_file(header), allow_pickle=False) as found:
-        passed = np.unpackbits(found["passed"], count=shown.size).reshape(shown.shape).astype(bool)
-        background = np.unpackbits(found["background"], count=ELEVATIONS * AZIMUTHS).reshape(ELEVATIONS, AZIMUTHS).astype(bool)
-        empty = _Observing(header, (1, 1, 1), voxel_m)
-        return ObservedSpace(empty.volume_from_world, empty.size_m, voxel_m, np.asarray(shown) > 0, passed, background)
+    with suppress(OutputError, KeyError):
+        found = read_arrays(_file(header), OutputError)
+        bits = {"passed": shown.size, "background": ELEVATIONS * AZIMUTHS}
+        if all(found[name].dtype == np.uint8 and found[name].shape == (-(-count // 8),) for name, count in bits.items()):
+            passed = np.unpackbits(found["passed"], count=shown.size).reshape(shown.shape).astype(bool)
+            background = np.unpackbits(found["background"], count=ELEVATIONS * AZIMUTHS)
+            empty = _Observing(header, (1, 1, 1), voxel_m)
+            seen = background.reshape(ELEVATIONS, AZIMUTHS).astype(bool)
+            return ObservedSpace(empty.volume_from_world, empty.size_m, voxel_m, np.asarray(shown) > 0, passed, seen)
     return None
 
 

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 from PIL import Image
 
 from ..data.log import Sweep
 from ..data.pandaset.writer import PandasetWriter
-from ..errors import OutputError
+from ..errors import OutputError, in_a_line
+from ..files import read_arrays
 from ..geometry import transform_points
 from ..output.frame_files import camera_path, lidar_path
 from ..world.captures import Moment
@@ -39,7 +42,7 @@ def write_rendered_log(plan: RenderPlan, out: Path) -> Path:
         for name in drive.cameras:
             path = camera_path(out, name, moment.name, ".png")
             if path.is_file():
-                writer.write_image(name, frame, np.asarray(Image.open(path).convert("RGB")))
+                writer.write_image(name, frame, read_image(path))
         sweeps = {
             name: read_sweep(lidar_path(out, name, moment.name, ".npz"))
             for name in drive.lidars
@@ -84,18 +87,39 @@ def _times(sensor: Camera | Lidar, moments: Sequence[Moment]) -> dict[int, float
     return found
 
 
+def read_image(path: Path) -> NDArray[np.uint8]:
+    """Return a rendered image (H, W, 3), sRGB, from its PNG file. Raises `OutputError`."""
+    try:
+        with Image.open(path) as image:
+            return np.asarray(image.convert("RGB"))
+    except (OSError, ValueError, SyntaxError, EOFError, struct.error, Image.DecompressionBombError) as error:
+        raise OutputError(f"{path}: is no image: {in_a_line(error)}") from error
+
+
 def read_sweep(path: Path) -> Sweep:
-    """A rendered sweep's returns in the order of firing, from its NPZ file; its origins are the sensor's at the frame's time."""
-    with np.load(path, allow_pickle=False) as arrays:
-        order = np.argsort(arrays["time"], kind="stable")
-        local = np.stack([arrays[axis][order] for axis in "xyz"], -1).astype(np.float64)
-        pose = arrays["world_from_lidar"]
-        return Sweep(
-            points=transform_points(pose, local),
-            origins=np.broadcast_to(pose[:3, 3], local.shape).copy(),
-            time_s=arrays["time"][order],
-            intensity=arrays["intensity"][order],
-            ring=arrays["ring"][order],
-            column=np.full(len(order), -1, np.int32),
-            semantic=np.full(len(order), -1, np.int32),
-        )
+    """A rendered sweep's returns in the order of firing, from its NPZ file; its origins are the sensor's at the frame's time.
+
+    Raises `OutputError` where the file cannot be read or its arrays do not fit together.
+    """
+    arrays = read_arrays(path, OutputError)
+    rows = {"x": "f", "y": "f", "z": "f", "time": "f", "intensity": "f", "ring": "iu"}
+    for name, kinds in (*rows.items(), ("world_from_lidar", "f")):
+        if name not in arrays or arrays[name].dtype.kind not in kinds:
+            raise OutputError(f"{path}: {name} is missing or holds no such numbers")
+        shape = arrays["x"].shape if name in rows else (4, 4)
+        if arrays[name].shape != shape or (name in rows and len(shape) != 1):
+            raise OutputError(f"{path}: {name} has shape {arrays[name].shape}, not {shape if name != 'x' else '(N,)'}")
+        if not np.isfinite(arrays[name]).all():
+            raise OutputError(f"{path}: {name} holds a number that is not finite")
+    order = np.argsort(arrays["time"], kind="stable")
+    local = np.stack([arrays[axis][order] for axis in "xyz"], -1).astype(np.float64)
+    pose = arrays["world_from_lidar"]
+    return Sweep(
+        points=transform_points(pose, local),
+        origins=np.broadcast_to(pose[:3, 3], local.shape).copy(),
+        time_s=arrays["time"][order],
+        intensity=arrays["intensity"][order],
+        ring=arrays["ring"][order],
+        column=np.full(len(order), -1, np.int32),
+        semantic=np.full(len(order), -1, np.int32),
+    )

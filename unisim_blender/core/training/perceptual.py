@@ -6,11 +6,10 @@ from pathlib import Path
 
 import torch
 import torch.nn.functional as F
-from safetensors import SafetensorError
-from safetensors.torch import load_file
 from torch import Tensor, nn
 
 from ..errors import UnisimError
+from ..model.network_weights import read_tensors
 
 _LAYERS = (64, 64, 0, 128, 128, 0, 256, 256, 256, 0, 512, 512, 512)
 """Channels of VGG-16's convolutions up to relu4_3; 0 is a max-pool (Simonyan and Zisserman, 2015, table 1, D)."""
@@ -27,12 +26,7 @@ class VggLoss(nn.Module):
 
     def __init__(self, path: Path) -> None:
         super().__init__()
-        try:
-            state = load_file(path) if path.suffix == ".safetensors" else torch.load(path, map_location="cpu", weights_only=True)
-        except (OSError, SafetensorError, RuntimeError, ValueError, EOFError) as error:
-            raise UnisimError(f"{path}: VGG weights cannot be read: {error}") from error
-        except Exception as error:  # torch raises pickle's own errors for what its allow-list refuses
-            raise UnisimError(f"{path}: VGG weights are refused: {error}") from error
+        state = read_tensors(path, "VGG")
         self.convolutions = nn.ModuleList()
         self.pool_before: list[bool] = []
         position, channels, pooled = 0, 3, False

@@ -42,6 +42,12 @@ def read_message(stream: BinaryIO) -> Message | None:
     return message if isinstance(message, dict) else None
 
 
+def number_of(message: Message, key: str) -> int:
+    """The whole number under a key of a message; -1, which no request has, where there is none."""
+    value = message.get(key)
+    return value if isinstance(value, int) and not isinstance(value, bool) else -1
+
+
 def _read(stream: BinaryIO, count: int) -> bytes | None:
     parts = []
     while count:

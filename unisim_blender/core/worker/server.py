@@ -10,8 +10,8 @@ import traceback
 from pathlib import Path
 from typing import BinaryIO
 
-from ..errors import UnisimError, what_is_missing
-from .protocol import Job, Message, read_message, write_message
+from ..errors import UnisimError, in_a_line, short, what_is_missing
+from .protocol import Job, Message, number_of, read_message, write_message
 
 
 class Server:
@@ -32,17 +32,17 @@ class Server:
         """A thread of its own: a cancellation is heard while a job runs, and so is the end of Blender."""
         while (request := read_message(self.requests)) is not None:
             if request.get("do") == "cancel":
-                self.cancelled.add(int(request["job"]))
+                self.cancelled.add(number_of(request, "job"))
             else:
                 self.waiting.put(request)
         # nobody is left to render for: the job at hand need not end first
         os._exit(0)
 
     def _do(self, request: Message) -> None:
-        number, name = int(request.get("id", -1)), str(request.get("do"))
+        number, name = number_of(request, "id"), str(request.get("do"))
         try:
             if name not in self.jobs:
-                raise UnisimError(f"the worker knows no {name!r}: it is of another version than the extension")
+                raise UnisimError(f"the worker knows no {short(name)}: it is of another version than the extension")
             if number not in self.cancelled:
                 for event in self.jobs[name](request):
                     self._tell(number, event)
@@ -56,7 +56,7 @@ class Server:
         except Exception as fault:
             missing = what_is_missing(fault) if isinstance(fault, ModuleNotFoundError) else ""
             traceback.print_exc(file=sys.stderr)
-            self._tell(number, {"event": "error", "text": missing or f"{type(fault).__name__}: {fault}"})
+            self._tell(number, {"event": "error", "text": missing or f"{type(fault).__name__}: {in_a_line(fault)}"})
         finally:
             self.cancelled.discard(number)
 

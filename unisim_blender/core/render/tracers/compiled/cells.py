@@ -14,14 +14,13 @@ from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
-from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .... import native
 from ....errors import OutputError
-from ....files import cache_folder, partial_file, sha256_of_file
+from ....files import cache_folder, partial_file, read_arrays, sha256_of_file
 from ....model.scene_file import SceneHeader
 from ....model.weights import Weights, weights_hash
 
@@ -30,8 +29,6 @@ CELLS_VERSION = 10
 """Of how the kernels work cells out: to be raised with the kernels' ABI_VERSION where that changes them."""
 MOST_KEPT = 64
 """So many scenes' cells stay in the cache folder."""
-FAULTS = (OSError, ValueError, KeyError, EOFError, BadZipFile)
-"""What a file that is missing or broken raises; numpy checks a sum of the bytes."""
 
 
 class Cells(NamedTuple):
@@ -65,7 +62,8 @@ def kept(header: SceneHeader, voxels: int, work_out: Callable[[], Cells]) -> Cel
     """The cells from the user's cache folder, where they are left if they are not there and it can be written."""
     told = [_key(header).hex(), weights_hash(header.path), _library_hash(), native.variant()]
     file = cache_folder() / "cells" / f"{hashlib.sha256(' '.join(told).encode()).hexdigest()}.npz"
-    with suppress(*FAULTS), np.load(file, allow_pickle=False) as found:
+    with suppress(OutputError, KeyError):
+        found = read_arrays(file, OutputError)
         cells = Cells(found["kinds"], found["boxes"])
         shapes = (voxels,), (len(header.drive.actors), *(BOX_CELLS,) * 3)
         if (cells.kinds.shape, cells.boxes.shape) == shapes and cells.kinds.dtype == np.uint16 and cells.boxes.dtype == np.uint8:

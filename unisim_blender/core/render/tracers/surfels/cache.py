@@ -11,7 +11,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 from ....data.log import Log
-from ....errors import OutputError
+from ....errors import OutputError, SceneError
 from ....files import CACHE_VARIABLE, cache_folder, sha256_of_file
 from ...code_identity import code_digest
 from .build import Step, build_surfels
@@ -67,7 +67,7 @@ def _forget_oldest(new: Path) -> None:
 def _kept(folder: Path) -> SurfelScene | None:
     try:
         return load_surfels(folder)
-    except (OSError, EOFError, ValueError, KeyError, IndexError, TypeError, AttributeError, RecursionError):
+    except SceneError:
         return None
 
 

@@ -60,11 +60,6 @@ class Exposures:
         """Plain values."""
         return {name: {"time_s": times.tolist(), "gain": gains.tolist()} for name, (times, gains) in self.by_camera.items()}
 
-    @staticmethod
-    def from_json(value: dict[str, Any]) -> Exposures:
-        """The other way round."""
-        return Exposures({name: (np.array(one["time_s"]), np.array(one["gain"])) for name, one in value.items()})
-
 
 def exposure_gains(looks: Looks, images: int) -> FloatArray:
     """Gains (images, 3), about 1, by which the images' colours are to be divided so that they agree about places.

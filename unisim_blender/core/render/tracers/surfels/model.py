@@ -12,9 +12,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ....data.own_vehicle import Outline, outlines_from_json, outlines_to_json
+from ....data.own_vehicle import Outline, check_outlines, outlines_from_json, outlines_to_json
+from ....errors import SceneError, in_a_line
+from ....files import BROKEN_ARRAYS
 from ....geometry import BoolArray, FloatArray
-from ....meshes.intersect import Triangles
+from ....json_file import Node, read_json
+from ....meshes.intersect import NODE, Triangles, check_boxes
 from ....ops.constants import CLEARANCE_M
 from .drops import DropTable
 from .exposure import Exposures
@@ -171,34 +174,78 @@ def save_surfels(scene: SurfelScene, folder: Path) -> None:
 
 
 def load_surfels(folder: Path) -> SurfelScene:
-    """What `save_surfels` wrote, mapped from disk. Raises OSError, ValueError or KeyError where it is not whole."""
-    about = json.loads((folder / META_NAME).read_bytes())
-    if about["version"] != FORMAT_VERSION:
-        raise ValueError(f"{folder}: is of version {about['version']}")
+    """What `save_surfels` wrote, mapped from disk. Raises `SceneError` where it is not whole: kernels read wherever it points."""
+    file = folder / META_NAME
+    about = Node(read_json(file, SceneError), f"{file}: ", SceneError)
+    if about.key("version").integer() != FORMAT_VERSION:
+        about.key("version").fail(f"must be {FORMAT_VERSION}")
 
-    def array(name: str) -> NDArray[Any]:
-        path = folder / f"{name}.npy"
-        return np.load(path, mmap_mode="r" if path.stat().st_size > 1 << 20 else None, allow_pickle=False)
+    def array(name: str, dtype: Any, *shape: int) -> NDArray[Any]:
+        return _mapped(folder / f"{name}.npy", dtype, shape)
 
-    names = [member.name for member in fields(SurfelSet) if member.name != "boxes"]
-    parts: dict[str, Any] = {name: array(f"static_{name}") for name in names}
-    static = SurfelSet(**parts)
+    def faces(name: str) -> dict[str, Any]:
+        vertices = array(f"{name}_vertices", np.float32, -1, 3)
+        n = len(vertices) // 3
+        return {
+            "vertices": vertices, "normals": array(f"{name}_normals", np.float32, n, 3),
+            "intensity": array(f"{name}_intensity", np.float32, n), "colours": array(f"{name}_colours", np.uint8, n, 3, 3),
+            "seen": array(f"{name}_seen", np.bool_, n), "painted": array(f"{name}_painted", np.bool_, n),
+        }  # fmt: skip
+
+    static = SurfelSet(**faces("static"))
     if (folder / "static_nodes.npy").exists():
-        static = replace(static, boxes=(array("static_nodes"), array("static_order")))
-    everyone, actors, first = {name: array(f"actors_{name}") for name in names}, {}, 0
-    for uid, count in about["actors"].items():
-        own = {name: values[(3 if name == "vertices" else 1) * first :] for name, values in everyone.items()}
-        parts = {name: values[: (3 if name == "vertices" else 1) * count] for name, values in own.items()}
-        actors[uid] = SurfelSet(**parts)
-        first += count
+        boxes = array("static_nodes", NODE, -1), array("static_order", np.int32, len(static))
+        try:
+            check_boxes(*boxes, len(static))
+        except ValueError as fault:
+            raise SceneError(f"{folder / 'static_nodes.npy'}: {fault}") from fault
+        static = replace(static, boxes=boxes)
+    everyone, actors, first = faces("actors"), {}, 0
+    for uid, node in about.key("actors").members():
+        last = first + node.integer(at_least=0)
+        if 3 * last > len(everyone["vertices"]):
+            node.fail(f"has more faces than there are: {len(everyone['normals'])}")
+        actors[uid] = SurfelSet(**{n: v[3 * first : 3 * last] if n == "vertices" else v[first:last] for n, v in everyone.items()})
+        first = last
+    heights, dome = array("ground", np.float32, -1, -1), array("dome", np.uint8, -1, -1, 3)
+    if not heights.size or not dome.size:
+        raise SceneError(f"{folder}: has no ground or no dome")
+    table = DropTable.empty().beams.shape
     return SurfelScene(
-        settings=SurfelSettings(**about["settings"]),
+        settings=_settings(about.key("settings")),
         static=static,
         actors=actors,
-        ground=HeightGrid(np.array(about["ground_low"]), array("ground"), array("known")),
-        dome=array("dome"),
-        dome_seen=array("dome_seen"),
-        drops=DropTable(array("drops_returns"), array("drops_beams")),
-        outlines=outlines_from_json(about["own_vehicle"]),
-        exposures=Exposures.from_json(about["exposures"]),
+        ground=HeightGrid(about.key("ground_low").array(2), heights, array("known", np.bool_, *heights.shape)),
+        dome=dome,
+        dome_seen=array("dome_seen", np.bool_, *dome.shape[:2]),
+        drops=DropTable(array("drops_returns", np.float64, *table), array("drops_beams", np.float64, *table)),
+        outlines=outlines_from_json(check_outlines(about.key("own_vehicle"))),
+        exposures=_exposures(about.key("exposures")),
     )
+
+
+def _mapped(path: Path, dtype: Any, shape: tuple[int, ...]) -> NDArray[Any]:
+    """The array of a file, mapped where it is large; -1 stands for any edge. Raises `SceneError`."""
+    try:
+        array = np.load(path, mmap_mode="r" if path.stat().st_size > 1 << 20 else None, allow_pickle=False)
+    except BROKEN_ARRAYS as fault:
+        raise SceneError(f"{path}: is no array: {in_a_line(fault)}") from fault
+    fits = isinstance(array, np.ndarray) and array.ndim == len(shape) and array.dtype == dtype
+    if not fits or any(n not in (-1, m) for n, m in zip(shape, array.shape, strict=True)):
+        raise SceneError(f"{path}: is no array of {np.dtype(dtype)} of the shape {shape}")
+    return np.asarray(array) if array.flags.c_contiguous else np.ascontiguousarray(array)
+
+
+def _settings(node: Node) -> SurfelSettings:
+    sizes = (node.key(name).number() for name in ("voxel_m", "face_m", "grown_m"))
+    return SurfelSettings(*sizes, mirror=node.key("mirror").flag())
+
+
+def _exposures(node: Node) -> Exposures:
+    found = {}
+    for name, one in node.members():
+        times, gains = one.key("time_s").array(-1), one.key("gain").array(-1, 3)
+        if not len(times) or len(times) != len(gains):
+            one.fail(f"has {len(times)} times and {len(gains)} gains")
+        found[name] = times, gains
+    return Exposures(found)

@@ -1,0 +1,90 @@
+"""Recorded drives with faults: JSON files, tables, images, in our own layout and in PandaSet's."""
+
+from __future__ import annotations
+
+import io
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from PIL import Image
+from small_log import write_small_log
+
+from inputs.promise import Property, Reader
+from inputs.strategies import Input, gone, inputs_of
+from unisim_blender.core.cli.commands.info import describe_log, lines_of
+from unisim_blender.core.data import open_log
+
+pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="no alarms and no bounds of memory there")
+VIEWS = {".json": ["json"], ".gz": ["table", "unzipped"], ".jpg": []}
+
+
+def read_log(path: Path) -> object:
+    """Open a log and read through it."""
+    log = open_log(path)
+    lines_of(describe_log(log))
+    for name in log.drive.cameras:
+        for frame in log.image_frames(name)[:2]:
+            log.image(name, frame)
+    for name, lidar in log.drive.lidars.items():
+        for frame in log.sweep_frames(name)[:2]:
+            log.sweep_grid(name, frame) if lidar.model.beams else log.sweep(name, frame)
+    return log
+
+
+def log_reader(own: bool, *suffixes: str) -> Callable[[Path], Reader]:
+    """A log of which files of some suffixes have faults or are missing; one that is not ``own`` lacks what PandaSet has not."""
+
+    def make(folder: Path) -> Reader:
+        log = folder / "log"
+        write_small_log(log)
+        if not own:
+            (log / "meta" / "unisim.json").unlink()
+        files = sorted(path for path in log.rglob("*") if path.suffix in suffixes)
+        whole = {path.relative_to(folder).as_posix(): path.read_bytes() for path in files}
+        inputs = inputs_of(whole, {name: VIEWS[Path(name).suffix] for name in whole})
+        # one in a few is missing
+        return Reader(folder, whole, lambda: read_log(log), inputs | inputs | inputs | gone(whole), ("log",))
+
+    return make
+
+
+def image_reader(folder: Path) -> Reader:
+    """Recorded images, baseline and progressive; the one with faults is in the first one's place."""
+    write_small_log(folder / "log")
+    log = open_log(folder / "log")
+    file = log.image_path("front_camera", 1)
+    assert file is not None
+    progressive = io.BytesIO()
+    Image.open(file).save(progressive, "JPEG", progressive=True)
+    others = [path for path in (log.image_path("front_camera", frame) for frame in (1, 2)) if path is not None]
+    names = [path.relative_to(folder).as_posix() for path in others]
+    whole = dict(zip(names, (file.read_bytes(), progressive.getvalue()), strict=True))
+    inputs = inputs_of(whole, {})
+    return Reader(folder, whole, lambda: [log.image("front_camera", frame) for frame in (1, 2)], inputs, tuple(names))
+
+
+TEXTS, TABLES = Property(log_reader(True, ".json")), Property(log_reader(True, ".gz", ".jpg"))
+PANDASET, IMAGES = Property(log_reader(False, ".json", ".gz")), Property(image_reader)
+
+
+@given(TEXTS.inputs)
+def test_texts_of_logs(changes: Input) -> None:
+    TEXTS.check(changes)
+
+
+@given(TABLES.inputs)
+def test_tables_and_images_of_logs(changes: Input) -> None:
+    TABLES.check(changes)
+
+
+@given(PANDASET.inputs)
+def test_logs_of_pandaset(changes: Input) -> None:
+    PANDASET.check(changes)
+
+
+@given(IMAGES.inputs)
+def test_recorded_images(changes: Input) -> None:
+    IMAGES.check(changes)
