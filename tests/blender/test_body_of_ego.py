@@ -21,7 +21,7 @@ from unisim_blender.bridge.touched import touched
 from unisim_blender.core.geometry import invert_pose
 from unisim_blender.core.meshes.read import read_mesh
 from unisim_blender.core.scenario import load_scenario, save_scenario
-from unisim_blender.core.scenario.types import EgoBody
+from unisim_blender.core.scenario.edits import EgoBody
 from unisim_blender.core.world.drive import Camera, Lidar
 from unisim_blender.operators.export_scenario import scenario_of
 

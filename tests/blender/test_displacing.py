@@ -20,7 +20,7 @@ from unisim_blender.bridge.source import source_of
 from unisim_blender.bridge.things import things
 from unisim_blender.bridge.trajectories import convert, remove, trajectory_of
 from unisim_blender.core.geometry import invert_pose
-from unisim_blender.core.scenario.types import Duplicate, Ego, Move
+from unisim_blender.core.scenario.edits import Duplicate, Ego, Move
 
 
 def let_go() -> list[str]:

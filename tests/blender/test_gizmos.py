@@ -21,7 +21,7 @@ from unisim_blender.bridge.source import source_of
 from unisim_blender.bridge.things import things
 from unisim_blender.bridge.trails import way_of
 from unisim_blender.core.geometry import FloatArray, invert_pose
-from unisim_blender.core.scenario.types import Ego, Move
+from unisim_blender.core.scenario.edits import Ego, Move
 from unisim_blender.operators.drag import TARGET_M, along_line, on_plane, stepped, target_of
 
 RIG, FREE = "CAMERA", "PERSP"

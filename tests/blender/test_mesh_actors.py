@@ -20,7 +20,7 @@ from unisim_blender.bridge.source import source_of
 from unisim_blender.core.meshes.model import MeshModel
 from unisim_blender.core.meshes.read import read_mesh
 from unisim_blender.core.scenario import load_scenario
-from unisim_blender.core.scenario.types import InsertMesh
+from unisim_blender.core.scenario.edits import InsertMesh
 
 
 def material(name: str, colour: tuple[float, float, float]) -> Any:

@@ -21,7 +21,7 @@ from unisim_blender.bridge.sampling import sample_all
 from unisim_blender.bridge.selection import choose
 from unisim_blender.bridge.source import source_of
 from unisim_blender.bridge.things import things
-from unisim_blender.core.scenario.types import Insert, Move, Swap
+from unisim_blender.core.scenario.edits import Insert, Move, Swap
 from unisim_blender.operators.background import running
 from unisim_blender.tasks import SequenceTask
 

@@ -16,7 +16,7 @@ from unisim_blender.bridge.sampling import sample_all
 from unisim_blender.bridge.source import source_of
 from unisim_blender.bridge.trajectories import trajectory_of
 from unisim_blender.core.scenario import load_scenario, save_scenario
-from unisim_blender.core.scenario.types import CopyStatic, Duplicate, Ego, Move, Remove, RemoveStatic
+from unisim_blender.core.scenario.edits import CopyStatic, Duplicate, Ego, Move, Remove, RemoveStatic
 
 
 def standing(scene: Any) -> str:

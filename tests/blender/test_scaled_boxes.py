@@ -30,7 +30,7 @@ from unisim_blender.bridge.trajectories import trajectory_of
 from unisim_blender.core.errors import ScenarioError
 from unisim_blender.core.geometry import make_pose, quaternion_from_yaw
 from unisim_blender.core.scenario import load_scenario, save_scenario, scenario_from_json, scenario_to_json
-from unisim_blender.core.scenario.types import Duplicate, InsertMesh, Move, Remove, Scale, Swap
+from unisim_blender.core.scenario.edits import Duplicate, InsertMesh, Move, Remove, Scale, Swap
 from unisim_blender.core.world.drive import CameraModel
 
 

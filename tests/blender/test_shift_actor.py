@@ -15,7 +15,7 @@ from unisim_blender.bridge.motion import displaced_along
 from unisim_blender.bridge.source import source_of
 from unisim_blender.bridge.trajectories import trajectory_of
 from unisim_blender.core.geometry import FloatArray, invert_pose, quaternion_from_yaw
-from unisim_blender.core.scenario.types import Move
+from unisim_blender.core.scenario.edits import Move
 
 
 def actor(scene: Any, moving: bool) -> str:

@@ -172,7 +172,7 @@ def dragged_handle() -> Iterator[float]:
     drag_of = module("operators.drag")
     up = np.array([0.0, 0.0, 1.0])
     first, last = (drag_of.on_plane(*ray_at(*np.round(at)), handle.place, up) for at in ((x, y), (x - 60, y + 25)))
-    apply, source = module("core.scenario.edits").apply_scenario, module("bridge.source").source_of(bpy.context.scene)
+    apply, source = module("core.scenario").apply_scenario, module("bridge.source").source_of(bpy.context.scene)
     now = apply(scenario(), source.drive, module("core.prepare.scenario").scene_actors).actors[thing(car).unisim.uid]
     before = source.drive.actors[thing(car).unisim.uid]
     moved = (now.world_from_actor.at(handle.time_s) - before.world_from_actor.at(handle.time_s))[:3, 3]

@@ -8,7 +8,7 @@ import bpy
 import numpy as np
 
 from ..core.geometry import FloatArray, Trajectory
-from ..core.scenario.edits.motion import merged_times, sampled_keys
+from ..core.scenario.motion import merged_times, sampled_keys
 from .clock import Clock
 from .scaling import SAME_SHAPE
 

@@ -10,9 +10,11 @@ from mathutils import Matrix
 
 from ..core.geometry import invert_pose
 from ..core.meshes.read import read_mesh
-from ..core.scenario.edits.context import pose_of
+from ..core.scenario.edits import CopyStatic, EgoBody, RemoveStatic
 from ..core.scenario.edits.ego_body import LABEL
-from ..core.scenario.types import CameraSpec, CopyStatic, EgoBody, FrameRange, LidarSpec, RemoveStatic, Scenario
+from ..core.scenario.placement import pose_of
+from ..core.scenario.sensors import CameraSpec, LidarSpec
+from ..core.scenario.types import FrameRange, Scenario
 from ..core.world.drive import Actor, Camera, Drive, Lidar
 from .cameras import set_model
 from .clock import Clock

@@ -14,21 +14,10 @@ import numpy as np
 from ..core.actor_images.names import plain_names
 from ..core.errors import ScenarioError
 from ..core.geometry import BoolArray, FloatArray, Trajectory, invert_pose
-from ..core.scenario.types import (
-    CameraSpec,
-    CopyStatic,
-    Duplicate,
-    Edit,
-    Insert,
-    InsertMesh,
-    LidarSpec,
-    Move,
-    Offset,
-    Remove,
-    RemoveStatic,
-    Scale,
-    Swap,
-)
+from ..core.scenario.edit import Edit
+from ..core.scenario.edits import CopyStatic, Duplicate, Insert, InsertMesh, Move, Remove, RemoveStatic, Scale, Swap
+from ..core.scenario.placement import Offset
+from ..core.scenario.sensors import CameraSpec, LidarSpec
 from ..core.world.drive import Actor, Drive
 from .clock import Clock
 from .edit_words import degrees, displaced_words, joined, moved_words, presence_words, trajectory_words

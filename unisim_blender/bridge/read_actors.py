@@ -11,7 +11,8 @@ import numpy as np
 from ..core.errors import ScenarioError
 from ..core.geometry import BoolArray, FloatArray
 from ..core.prepare.scenario import scene_actors
-from ..core.scenario.types import Duplicate, Edit, Insert, InsertMesh, Move, Remove, Scale, Swap
+from ..core.scenario.edit import Edit
+from ..core.scenario.edits import Duplicate, Insert, InsertMesh, Move, Remove, Scale, Swap
 from ..core.world.drive import Actor, Drive
 from .clock import Clock
 from .poses import SAME_M, same, same_turn

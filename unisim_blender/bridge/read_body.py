@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 from ..core.errors import ScenarioError
 from ..core.geometry import invert_pose
-from ..core.scenario.types import EgoBody
+from ..core.scenario.edits import EgoBody
 from .poses import same
 from .read_actors import Relative, new_id
 from .read_ways import placement

@@ -11,7 +11,11 @@ import numpy as np
 
 from ..core.errors import ScenarioError
 from ..core.geometry import FloatArray, invert_pose, quaternion_from_matrix
-from ..core.scenario.types import CameraSpec, Edit, Ego, Keyframe, LidarSpec, Offset, Sensors, ShiftKey, Shutter
+from ..core.scenario.edit import Edit
+from ..core.scenario.edits import Ego
+from ..core.scenario.keys import Keyframe, ShiftKey
+from ..core.scenario.placement import Offset
+from ..core.scenario.sensors import CameraSpec, LidarSpec, Sensors, Shutter
 from ..core.world.drive import CameraModel, Drive, LidarModel, RollingShutter
 from .clock import Clock
 from .poses import SAME_M, optical, same, same_place, same_turn

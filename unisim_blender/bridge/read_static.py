@@ -7,7 +7,9 @@ import json
 import numpy as np
 
 from ..core.geometry import quaternion_from_matrix
-from ..core.scenario.types import BoxSpec, CopyStatic, Edit, RemoveStatic
+from ..core.scenario.edit import Edit
+from ..core.scenario.edits import CopyStatic, RemoveStatic
+from ..core.scenario.placement import BoxSpec
 from .poses import same
 from .read_actors import new_id, refuse_scale
 from .read_ways import placement, quaternion, vector

@@ -9,7 +9,9 @@ import os
 from pathlib import Path
 
 from ..core.errors import ScenarioError
-from ..core.scenario.types import CameraSpec, FrameRange, LidarSpec, Move, Outputs, Remove, Scale, Scenario, Sensors, Swap
+from ..core.scenario.edits import Move, Remove, Scale, Swap
+from ..core.scenario.sensors import CameraSpec, LidarSpec, Sensors
+from ..core.scenario.types import FrameRange, Outputs, Scenario
 from ..core.world.drive import Drive
 from .read_actors import actor_edits
 from .read_body import body_edits

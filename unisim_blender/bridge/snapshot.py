@@ -15,7 +15,8 @@ import bpy
 import numpy as np
 
 from ..core.scenario import scenario_to_json
-from ..core.scenario.types import CameraSpec, Scenario, Sensors
+from ..core.scenario.sensors import CameraSpec, Sensors
+from ..core.scenario.types import Scenario
 from ..core.world.drive import CameraModel
 from .clock import Clock
 from .poses import optical

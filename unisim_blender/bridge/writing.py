@@ -9,7 +9,8 @@ from pathlib import Path
 from ..core.errors import OutputError
 from ..core.files import partial_file
 from ..core.scenario import save_scenario
-from ..core.scenario.types import EgoBody, InsertMesh, Scenario
+from ..core.scenario.edits import EgoBody, InsertMesh
+from ..core.scenario.types import Scenario
 from .meshes import folder
 
 

@@ -21,8 +21,7 @@ from ..core.json_file import read_json
 from ..core.model.scene_file import HEADER_NAME, read_scene_header
 from ..core.prepare.scenario import scene_actors
 from ..core.rigs import FORMAT as RIG_FORMAT
-from ..core.scenario import FORMAT, load_scenario
-from ..core.scenario.edits import apply_scenario
+from ..core.scenario import FORMAT, apply_scenario, load_scenario
 from ..core.scenario.types import Scenario
 from ..core.world.drive import Drive
 from ..registering import add, take_away
