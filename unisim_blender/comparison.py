@@ -10,11 +10,11 @@ import numpy as np
 from gpu_extras.batch import batch_for_shader
 from numpy.typing import NDArray
 
-from .bridge.comparing import Rectangle, difference, errors, hatched, lacks_recorded, placement, visible
-from .bridge.recorded_images import RecordedImages, Shown, Wanted
-from .bridge.sampling import Thing
-from .bridge.source import Source
+from .bridge.objects.source import Source
+from .bridge.sampling.stepping import Thing
 from .core.world.drive import CameraModel
+from .editing.images.comparison import Rectangle, difference, errors, hatched, lacks_recorded, placement, visible
+from .editing.images.recorded import RecordedImages, Shown, Wanted
 from .view_options import ViewOptions
 
 TURN_S = 0.25

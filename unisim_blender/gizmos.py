@@ -14,13 +14,13 @@ from bpy_extras.view3d_utils import location_3d_to_region_2d
 from mathutils import Matrix, Vector
 from mathutils.geometry import intersect_point_line
 
-from .bridge.aiming import is_keyed
-from .bridge.clock import Clock
-from .bridge.handles import MOST, Handle, handles_of
-from .bridge.sampling import frame_of
-from .bridge.source import source_of
-from .bridge.things import things
+from .bridge.changes.aiming import is_keyed
+from .bridge.changes.handles import MOST, Handle, handles_of
+from .bridge.objects.imported import things
+from .bridge.objects.source import source_of
+from .bridge.sampling.stepping import frame_of
 from .core.errors import UnisimError
+from .editing.sampled.clock import Clock
 from .operators.drag import TARGET_M, active_sensor, moving_actor, target_of
 from .registering import add, take_away
 

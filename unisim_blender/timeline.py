@@ -12,10 +12,10 @@ import bpy
 import numpy as np
 
 from . import listing
-from .bridge.actor_filter import Entry
-from .bridge.things import class_colour
-from .bridge.timeline_layout import Room, Timeline, fitting_rows, lay_out, scrolled
+from .bridge.objects.imported import class_colour
 from .core.colour import srgb_from_linear
+from .editing.actors.filter import Entry
+from .editing.layout.timeline import Room, Timeline, fitting_rows, lay_out, scrolled
 from .registering import Drawing, add, take_away
 
 BACKGROUND = (0.10, 0.10, 0.10, 0.86)

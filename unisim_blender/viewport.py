@@ -16,18 +16,18 @@ from bpy_extras.view3d_utils import location_3d_to_region_2d
 from mathutils import Matrix
 from numpy.typing import NDArray
 
-from .bridge.clock import Clock
-from .bridge.neighbours import lacking, sample_now, step_soon
-from .bridge.outside import outside_drive
-from .bridge.sampling import Sampled, Thing, frame_of
-from .bridge.snapshot import camera_request
-from .bridge.source import source_of
-from .bridge.touched import Rectangle, is_empty, joined, touched
-from .bridge.view_parts import ViewPart, view_part
+from .bridge.objects.source import source_of
+from .bridge.sampling.adjacent_frames import lacking, sample_now, step_soon
+from .bridge.sampling.moment import camera_request
+from .bridge.sampling.stepping import Sampled, Thing, frame_of
 from .client import Client, Request, client, progress_line
 from .comparison import Comparison
 from .core.errors import UnisimError
 from .core.world.drive import CameraModel
+from .editing.images.dirty_region import Rectangle, is_empty, joined, touched
+from .editing.images.view_parts import ViewPart, view_part
+from .editing.sampled.clock import Clock
+from .editing.sampled.outside import outside_drive
 from .preferences import device, interpreter
 from .translations import interface
 from .view_options import options_of

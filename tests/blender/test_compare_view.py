@@ -14,8 +14,13 @@ from helpers import thing
 from numpy.typing import NDArray
 from PIL import Image
 
-from unisim_blender.bridge.clock import Clock
-from unisim_blender.bridge.comparing import (
+from unisim_blender.bridge.objects.source import Source, source_of
+from unisim_blender.bridge.sampling.moment import camera_request, sized
+from unisim_blender.bridge.sampling.stepping import Thing, sample_all
+from unisim_blender.core.data.log import Log
+from unisim_blender.core.errors import LogError
+from unisim_blender.core.world.drive import CameraModel
+from unisim_blender.editing.images.comparison import (
     LINEAR,
     STRIPE_PX,
     Placement,
@@ -26,13 +31,8 @@ from unisim_blender.bridge.comparing import (
     placement,
     visible,
 )
-from unisim_blender.bridge.recorded_images import MOST_SHOWN, RecordedImages, Shown, Wanted, resampled
-from unisim_blender.bridge.sampling import Thing, sample_all
-from unisim_blender.bridge.snapshot import camera_request, sized
-from unisim_blender.bridge.source import Source, source_of
-from unisim_blender.core.data.log import Log
-from unisim_blender.core.errors import LogError
-from unisim_blender.core.world.drive import CameraModel
+from unisim_blender.editing.images.recorded import MOST_SHOWN, RecordedImages, Shown, Wanted, resampled
+from unisim_blender.editing.sampled.clock import Clock
 
 FRONT = CameraModel(480, 270, 400.0, 402.0, 238.0, 136.0)
 

@@ -12,16 +12,16 @@ from helpers import driving_car, edited, read, select
 from mathutils import Matrix, Vector
 
 from unisim_blender import gizmos, pie
-from unisim_blender.bridge.aiming import angles, direction_of
-from unisim_blender.bridge.animation import curves_of
-from unisim_blender.bridge.clock import Clock
-from unisim_blender.bridge.displacing import BLEND_S
-from unisim_blender.bridge.handles import MOST, Kept, displace_at, handles_of
-from unisim_blender.bridge.source import source_of
-from unisim_blender.bridge.things import things
-from unisim_blender.bridge.trails import way_of
+from unisim_blender.bridge.changes.aiming import angles, direction_of
+from unisim_blender.bridge.changes.displacing import BLEND_S
+from unisim_blender.bridge.changes.handles import MOST, Kept, displace_at, handles_of
+from unisim_blender.bridge.objects.animation import curves_of
+from unisim_blender.bridge.objects.imported import things
+from unisim_blender.bridge.objects.source import source_of
+from unisim_blender.bridge.views.trails import way_of
 from unisim_blender.core.geometry import FloatArray, invert_pose
 from unisim_blender.core.scenario.types import Ego, Move
+from unisim_blender.editing.sampled.clock import Clock
 from unisim_blender.operators.drag import TARGET_M, along_line, on_plane, stepped, target_of
 
 RIG, FREE = "CAMERA", "PERSP"

@@ -8,10 +8,10 @@ import bpy
 import numpy as np
 from helpers import thing
 
-from unisim_blender.bridge.clock import Clock
-from unisim_blender.bridge.motion import displaced_along
-from unisim_blender.bridge.source import source_of
-from unisim_blender.bridge.trails import RECORDED, speed_colours, trail, way_of
+from unisim_blender.bridge.changes.motion import displaced_along
+from unisim_blender.bridge.objects.source import source_of
+from unisim_blender.bridge.views.trails import RECORDED, speed_colours, trail, way_of
+from unisim_blender.editing.sampled.clock import Clock
 
 
 def test_a_way_is_where_the_actor_goes(street: Any) -> None:

@@ -16,12 +16,12 @@ from helpers import SAMPLE, driving, read, select
 from test_edits_list import lines, press
 from test_muting import content
 
-from unisim_blender.bridge.compare_edits import alike, compared, differences
-from unisim_blender.bridge.edit_lines import Line
-from unisim_blender.bridge.things import is_copy, things
-from unisim_blender.bridge.variants import delete_variant, file_names, free_name, variants_of
+from unisim_blender.bridge.changes.variants import delete_variant, file_names, free_name, variants_of
+from unisim_blender.bridge.objects.imported import is_copy, things
 from unisim_blender.core.errors import UnisimError
 from unisim_blender.core.scenario import load_scenario
+from unisim_blender.editing.edits.differences import alike, compared, differences
+from unisim_blender.editing.edits.lines import Line
 from unisim_blender.operators import background
 from unisim_blender.operators.export_scenario import scenario_of
 from unisim_blender.variant_task import Part, VariantsTask

@@ -13,13 +13,13 @@ import pytest
 from numpy.typing import NDArray
 from PIL import Image
 
-from unisim_blender.bridge.clock import Clock
-from unisim_blender.bridge.poses import optical
-from unisim_blender.bridge.sampling import Thing, sample_all
-from unisim_blender.bridge.snapshot import camera_request
-from unisim_blender.bridge.source import source_of
+from unisim_blender.bridge.objects.source import source_of
+from unisim_blender.bridge.sampling.moment import camera_request
+from unisim_blender.bridge.sampling.stepping import Thing, sample_all
 from unisim_blender.core.worker.jobs import Jobs
 from unisim_blender.core.world.drive import CameraModel
+from unisim_blender.editing.sampled.clock import Clock
+from unisim_blender.editing.sampled.poses import optical
 
 SIZE = (160, 100)
 FRAME = 9.0

@@ -9,9 +9,9 @@ from typing import Any
 import bpy
 import numpy as np
 
-from unisim_blender.bridge.backgrounds import recorded_pose
-from unisim_blender.bridge.frustums import drawn_tiny, resize_frustums, to_resize
-from unisim_blender.bridge.source import source_of
+from unisim_blender.bridge.importing.backgrounds import recorded_pose
+from unisim_blender.bridge.objects.source import source_of
+from unisim_blender.bridge.window.frustums import drawn_tiny, resize_frustums, to_resize
 from unisim_blender.view_types import CAMERAS, EMPTIES, SWITCHES, turned_off, wanted
 
 

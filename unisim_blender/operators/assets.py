@@ -8,10 +8,10 @@ import bpy
 import numpy as np
 from bpy.props import StringProperty
 
-from ..bridge.naming import names_at_import
-from ..bridge.portraits import portrait_request, set_preview
-from ..bridge.source import Source, source_of
-from ..bridge.things import new_actor
+from ..bridge.objects.imported import new_actor
+from ..bridge.objects.names import names_at_import
+from ..bridge.objects.source import Source, source_of
+from ..bridge.views.portraits import portrait_request, set_preview
 from ..client import client
 from ..core.errors import UnisimError
 from ..preferences import device, interpreter

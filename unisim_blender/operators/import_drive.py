@@ -10,11 +10,11 @@ import bpy
 from bpy.props import StringProperty
 from bpy_extras.io_utils import ImportHelper
 
-from ..bridge.applying import apply_edits
-from ..bridge.importing import import_source, recorded_colours, set_colours, summary
-from ..bridge.source import Source, open_source
-from ..bridge.things import has_drive
-from ..bridge.windows import areas
+from ..bridge.importing.applying import apply_edits
+from ..bridge.importing.drive import import_source, recorded_colours, set_colours, summary
+from ..bridge.objects.imported import has_drive
+from ..bridge.objects.source import Source, open_source
+from ..bridge.window.areas import areas
 from ..core.data import is_pandaset
 from ..core.errors import UnisimError
 from ..core.json_file import read_json

@@ -9,10 +9,7 @@ from typing import Any
 import bpy
 from bpy.props import StringProperty
 
-from ..bridge.edit_reading import mark_all
-from ..bridge.output_sensors import output_sensors
-from ..bridge.source import source_of
-from ..bridge.variants import (
+from ..bridge.changes.variants import (
     delete_variant,
     file_names,
     free_name,
@@ -21,9 +18,12 @@ from ..bridge.variants import (
     show_variant,
     variants_of,
 )
-from ..bridge.windows import areas
-from ..bridge.writing import write_scenario
+from ..bridge.objects.source import source_of
+from ..bridge.sampling.edit_list import mark_all
+from ..bridge.sampling.output_sensors import output_sensors
+from ..bridge.window.areas import areas
 from ..core.errors import UnisimError
+from ..editing.reading.writing import write_scenario
 from ..preferences import interpreter
 from ..variant_task import Part, VariantsTask
 from .background import launch, running

@@ -6,8 +6,8 @@ from pathlib import Path
 import bpy
 
 from .. import thumbnails
-from ..bridge.card import Card, card_of
-from ..bridge.source import source_of
+from ..bridge.objects.source import source_of
+from ..bridge.views.card import Card, card_of
 from ..core.errors import UnisimError
 from ..operators.actor_choice import header_of
 from ..translations import interface

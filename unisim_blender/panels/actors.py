@@ -3,7 +3,7 @@
 import bpy
 
 from .. import listing
-from ..bridge.actor_filter import Entry
+from ..editing.actors.filter import Entry
 from ..operators.actor_list import ICONS
 from .sidebar import DrivePanel
 
