@@ -18,11 +18,13 @@ from unisim_blender.bridge.objects.imported import things
 from unisim_blender.bridge.objects.source import source_of
 from unisim_blender.bridge.objects.trajectories import keyed_pose
 from unisim_blender.bridge.views import card
-from unisim_blender.bridge.views.actor_table import poses_of, steps_of
+from unisim_blender.bridge.views.actor_table import poses_of
 from unisim_blender.editing.actors.filter import Entry, Wanted, chosen_entries, natural, nearest_present
+from unisim_blender.editing.actors.table import steps_of
+from unisim_blender.editing.actors.texts import dense, distance_text, speed_text, time_text
 from unisim_blender.editing.sampled.clock import Clock
 from unisim_blender.operators.actor_list import GROUPS, ORDERS
-from unisim_blender.panels.actors import UNISIM_UL_actors, dense, distance_text, speed_text, time_text
+from unisim_blender.panels.actors import UNISIM_UL_actors
 
 
 def entries(scene: Any) -> dict[str, Entry]:

@@ -12,7 +12,6 @@ from helpers import driving, edited, read, select, thing
 from mathutils import Quaternion, Vector
 
 from unisim_blender import following
-from unisim_blender.bridge.changes.displacing import BLEND_S
 from unisim_blender.bridge.changes.motion import displaced_along, stopped
 from unisim_blender.bridge.objects.animation import keys_of, write_keys
 from unisim_blender.bridge.objects.imported import things
@@ -20,6 +19,7 @@ from unisim_blender.bridge.objects.source import source_of
 from unisim_blender.bridge.objects.trajectories import convert, remove, trajectory_of
 from unisim_blender.core.geometry import invert_pose
 from unisim_blender.core.scenario.types import Duplicate, Ego, Move
+from unisim_blender.editing.motion.displacement import BLEND_S
 from unisim_blender.editing.sampled.clock import Clock
 
 

@@ -16,11 +16,11 @@ from unisim_blender.bridge.objects.cameras import model_of
 from unisim_blender.bridge.objects.source import source_of
 from unisim_blender.bridge.objects.trajectories import trajectory_of
 from unisim_blender.bridge.sampling.adjacent_frames import lacking, sample_now, step_beside
-from unisim_blender.bridge.sampling.moment import camera_request, sized
 from unisim_blender.bridge.sampling.stepping import kept_frame, picture_size, sample
 from unisim_blender.core.geometry import FloatArray
 from unisim_blender.core.worker.jobs import Jobs
 from unisim_blender.editing.images.dirty_region import touched
+from unisim_blender.editing.reading.requests import camera_request, sized
 from unisim_blender.editing.sampled.clock import Clock
 from unisim_blender.editing.sampled.poses import same
 

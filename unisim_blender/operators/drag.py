@@ -13,7 +13,7 @@ from bpy.props import FloatProperty, FloatVectorProperty
 from bpy_extras.view3d_utils import region_2d_to_origin_3d, region_2d_to_vector_3d
 from mathutils import Vector
 
-from ..bridge.changes.aiming import aim, angles, base_of, direction_of, is_keyed
+from ..bridge.changes.aiming import aim, base_of, direction_of, is_keyed
 from ..bridge.changes.handles import Kept, displace_at
 from ..bridge.changes.motion import displaced_along
 from ..bridge.objects.imported import things
@@ -24,6 +24,7 @@ from ..core.errors import UnisimError
 from ..core.geometry import FloatArray
 from ..editing.motion.durations import instant
 from ..editing.sampled.clock import Clock
+from ..editing.sensors.directions import angles
 from .polling import Need, allowed, object_mode, vehicle
 
 CLICK_PX = 3

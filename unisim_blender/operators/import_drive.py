@@ -13,7 +13,6 @@ from bpy_extras.io_utils import ImportHelper
 from ..bridge.importing.applying import apply_edits
 from ..bridge.importing.drive import import_source, recorded_colours, set_colours, summary
 from ..bridge.objects.imported import has_drive
-from ..bridge.objects.source import Source, open_source
 from ..bridge.window.areas import areas
 from ..core.data import is_pandaset
 from ..core.errors import UnisimError
@@ -25,6 +24,7 @@ from ..core.scenario import FORMAT, load_scenario
 from ..core.scenario.edits import apply_scenario
 from ..core.scenario.types import Scenario
 from ..core.world.drive import Drive
+from ..editing.sampled.source import Source, open_source
 from ..registering import add, take_away
 from ..translations import message
 from ..view_types import follow_soon

@@ -9,13 +9,13 @@ from bpy.app.handlers import persistent
 
 from ..bridge.objects.source import source_of
 from ..bridge.sampling.adjacent_frames import lacking, sample_now, step_beside
-from ..bridge.sampling.moment import lidar_request
 from ..bridge.sampling.stepping import frame_of
-from ..bridge.views.points import Recorded, hide_points, put_points, put_recorded, read_recorded
+from ..bridge.views.points import hide_points, put_points, put_recorded
 from ..bridge.window.areas import areas
 from ..client import Client, Request, client, progress_line
 from ..core.errors import UnisimError
 from ..editing.layout.point_colours import RECORDED, SIMULATED
+from ..editing.reading.requests import lidar_request
 from ..editing.sampled.clock import Clock
 from ..preferences import device, interpreter
 from ..registering import add, take_away

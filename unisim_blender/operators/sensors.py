@@ -8,7 +8,7 @@ import bpy
 import numpy as np
 from bpy.props import EnumProperty, FloatProperty, FloatVectorProperty, IntProperty, StringProperty
 
-from ..bridge.importing.drive import DISPLAY_M, fit_resolution
+from ..bridge.importing.drive import fit_resolution
 from ..bridge.importing.rig_presets import free_name, look_ahead, show_sensor
 from ..bridge.objects.cameras import set_model
 from ..bridge.objects.imported import collection_of, things
@@ -18,7 +18,8 @@ from ..bridge.window.selection import choose, chosen
 from ..core.errors import UnisimError
 from ..core.sensors.beam_tables import BEAM_TABLES
 from ..core.world.drive import CameraModel, LidarModel
-from ..editing.sampled.mounts import lidar_json
+from ..editing.sensors.mounts import lidar_json
+from ..editing.sensors.outlines import DISPLAY_M
 from .polling import allowed, object_mode, selected, vehicle
 
 OWN = "OWN"

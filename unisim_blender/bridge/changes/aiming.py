@@ -8,11 +8,9 @@ from mathutils import Matrix
 
 from ...core.geometry import FloatArray
 from ...editing.sampled.poses import rigid
+from ...editing.sensors.directions import AHEAD, angles, turned_to
 from ..objects.animation import curves_of
 
-AHEAD = {"CAMERA": (0.0, 0.0, -1.0), "LIDAR": (1.0, 0.0, 0.0)}
-"""Where sensors look in their objects' axes."""
-STEEPEST_RAD = np.radians(89.0)
 ROTATIONS = ("rotation_quaternion", "rotation_euler", "rotation_axis_angle")
 
 
@@ -20,12 +18,6 @@ def direction_of(thing: bpy.types.Object) -> tuple[float, float]:
     """Return a sensor's yaw (to the left) and pitch (up) in radians, in the axes of `base_of`."""
     ahead = base_of(thing).T @ _turn(thing) @ np.array(AHEAD[thing.unisim.kind])
     return angles(ahead)
-
-
-def angles(direction: FloatArray) -> tuple[float, float]:
-    """Return yaw and pitch of a direction (3,) of any length."""
-    unit = direction / np.linalg.norm(direction)
-    return float(np.arctan2(unit[1], unit[0])), float(np.arcsin(np.clip(unit[2], -1, 1)))
 
 
 def base_of(thing: bpy.types.Object) -> FloatArray:
@@ -38,10 +30,7 @@ def base_of(thing: bpy.types.Object) -> FloatArray:
 
 def aim(thing: bpy.types.Object, yaw_rad: float, pitch_rad: float) -> None:
     """Turn a sensor on its mount until it looks along yaw and pitch; its place and its roll stay."""
-    base, now = base_of(thing), _turn(thing)
-    pitch_rad = float(np.clip(pitch_rad, -STEEPEST_RAD, STEEPEST_RAD))
-    before = _level(*direction_of(thing))
-    turned = base @ _level(yaw_rad, pitch_rad) @ before.T @ base.T @ now
+    turned = turned_to(_turn(thing), base_of(thing), thing.unisim.kind, yaw_rad, pitch_rad)
     place, scale, location = thing.matrix_world.to_translation(), thing.matrix_world.to_scale(), tuple(thing.location)
     thing.matrix_world = Matrix.LocRotScale(place, Matrix(turned.tolist()), scale)
     thing.location = location  # what the matrix makes of it is off by a rounding
@@ -54,9 +43,3 @@ def is_keyed(thing: bpy.types.Object) -> bool:
 
 def _turn(thing: bpy.types.Object) -> FloatArray:
     return rigid(np.array(thing.matrix_world, float))[:3, :3]
-
-
-def _level(yaw: float, pitch: float) -> FloatArray:
-    """Axes (3, 3) that look along yaw and pitch without roll."""
-    a, b, c, d = np.cos(yaw), np.sin(yaw), np.cos(pitch), np.sin(pitch)
-    return np.array([[a, -b, 0], [b, a, 0], [0, 0, 1]]) @ np.array([[c, 0, -d], [0, 1, 0], [d, 0, c]])

@@ -14,6 +14,7 @@ from mathutils import Quaternion
 
 from ...core.errors import UnisimError
 from ...core.geometry import FloatArray
+from ...editing.motion.displacement import BLEND_S, SAME
 from ...editing.sampled.clock import Clock
 from ...translations import message
 from ..objects.animation import add_to_keys, curves_of
@@ -21,9 +22,6 @@ from ..objects.imported import KINDS_OF_DRIVE
 from ..objects.source import source_of
 from ..objects.trajectories import trajectory_of
 
-BLEND_S = 2.0
-"""How long before and after its key a change with auto-keying begins and ends, in seconds."""
-SAME = 1e-5
 CHANNELS = {"location": "rest_location", "rotation_quaternion": "rest_rotation"}
 """What of an object displaces it, and where it is noted how it was displaced before its first key."""
 

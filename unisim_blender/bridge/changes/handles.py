@@ -12,17 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.geometry import FloatArray
+from ...editing.actors.card import present_span
+from ...editing.motion.displacement import BLEND_S
+from ...editing.motion.handles import Handle, handle_times
 from ...editing.sampled.clock import Clock
-from ..objects.animation import curves_of
+from ..objects.animation import curves_of, shown_by_keys
 from ..objects.trajectories import keyed_pose, trajectory_of
-from ..views.card import present
-from .displacing import BLEND_S
 
-MOST = 24
-"""Handles of one trajectory: of a long drive every second, fifth, or tenth whole second has one."""
-STEPS_S = (1.0, 2.0, 5.0, 10.0, 20.0, 60.0)
-NEAR = 0.3
-"""Whole seconds nearer than this share of a step to a key have no handle of their own."""
 SAME_FRAME = 0.02
 PLACE, TURNS = "location", ("rotation_quaternion", "rotation_euler", "rotation_axis_angle")
 PATHS = (PLACE, "rotation_quaternion")
@@ -30,28 +26,15 @@ PATHS = (PLACE, "rotation_quaternion")
 PARTS = ("co", "handle_left", "handle_right")
 
 
-@dataclass(frozen=True)
-class Handle:
-    """A time on a trajectory, in seconds of the log, the place (3,) in the world there, and whether a key displaces it there."""
-
-    time_s: float
-    place: FloatArray
-    is_key: bool
-
-
 def handles_of(thing: bpy.types.Object, clock: Clock) -> list[Handle]:
     """Return the handles of an object that rides on a trajectory, in order of time; none where it rides on none.
 
     There is one at each key of its displacement and at whole seconds, while the object is present.
     """
-    span = present(thing, clock)
+    span = present_span(shown_by_keys(thing, clock.frames), clock)
     if trajectory_of(thing) is None or span is None:
         return []
-    keyed = sorted({round(float(time), 4) for time in clock.time_s(_key_frames(thing)) if span[0] <= time <= span[1]})[:MOST]
-    step = next((s for s in STEPS_S if (span[1] - span[0]) / s + len(keyed) <= MOST), STEPS_S[-1])
-    whole = np.arange(np.ceil(span[0] / step - 1e-6), np.floor(span[1] / step + 1e-6) + 1) * step
-    free = [float(time) for time in whole if all(abs(time - key) > NEAR * step for key in keyed)]
-    times = sorted([(time, True) for time in keyed] + [(time, False) for time in free])
+    times = handle_times(clock.time_s(_key_frames(thing)), span)
     frames = clock.frame(np.array([time for time, _ in times]))
     return [
         Handle(time, keyed_pose(thing, float(frame))[:3, 3], is_key) for (time, is_key), frame in zip(times, frames, strict=True)

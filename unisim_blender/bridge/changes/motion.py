@@ -1,4 +1,4 @@
-"""Ways changed as keyframes: displaced, put elsewhere, at other times."""
+"""Trajectories changed as keyframes: displaced, put elsewhere, at other times."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ from collections.abc import Callable, Sequence
 import bpy
 import numpy as np
 
-from ...core.geometry import FloatArray, matrix_from_quaternion, quaternion_from_matrix
+from ...core.geometry import FloatArray, matrix_from_quaternion
+from ...editing.motion.paths import Keys, along_line, standing_still
 from ...editing.sampled.clock import Clock
 from ..objects.animation import add_to_keys, curves_of, keys_of, write_keys
 from ..objects.meshes import size_of
@@ -51,23 +52,11 @@ def follow(thing: bpy.types.Object, line: FloatArray, frame: float, speed_m_s: f
 
     The speed is that in the log's seconds, whatever Blender's frame rate.
     """
-    start_s, step_m = float(clock.time_s(np.array(frame))), speed_m_s / clock.rate
-    apart = np.linalg.norm(np.diff(line, axis=0), axis=1)
-    line = line[np.concatenate([[True], apart > 1e-6])]
-    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
-    at = np.append(np.arange(0.0, along[-1], step_m), along[-1])
-    positions = np.stack([np.interp(at, along, column) for column in line.T], -1)
-    reach = min(1.0, along[-1] / 4)
-    ahead = np.stack([np.interp(at + reach, along, c) - np.interp(at - reach, along, c) for c in line.T], -1)
-    ahead /= np.linalg.norm(ahead, axis=1, keepdims=True)
-    left = np.cross([0.0, 0.0, 1.0], ahead)
-    left /= np.linalg.norm(left, axis=1, keepdims=True)
-    up = np.cross(ahead, left)
-    height = float(size_of(thing)[2])
-    quaternions = quaternion_from_matrix(np.stack([ahead, left, up], -1))
+    start_s = float(clock.time_s(np.array(frame)))
+    lengths, positions, quaternions = along_line(line, speed_m_s / clock.rate, float(size_of(thing)[2]))
     above = own_trajectory(thing) or ride(thing)
     settle_on(thing)
-    write_keys(above, clock.frame(start_s + at / speed_m_s), positions + up * height / 2, quaternions)
+    write_keys(above, clock.frame(start_s + lengths / speed_m_s), positions, quaternions)
 
 
 def retimed(thing: bpy.types.Object, at: Callable[[FloatArray], FloatArray], path: str = "") -> None:
@@ -110,19 +99,9 @@ def stopped(thing: bpy.types.Object, frame: float, seconds: float, clock: Clock)
     keys = keys_of(above)
     if keys is None:
         return
-    before, positions, quaternions = keys
-    here = np.array([np.interp(frame, before, column) for column in positions.T])
-    turn = np.array([np.interp(frame, before, column) for column in quaternions.T])
-    turn /= np.linalg.norm(turn)
     retimed(thing, lambda old: np.where(old > frame, later(old), old), "hide_viewport")
     if above is not thing:  # what displaces it from its trajectory stands still with it
         for curve in curves_of(thing):
             if curve.data_path != "hide_viewport":
                 _held(curve, frame, later)
-    early, late = before < frame, before > frame
-    write_keys(
-        above,
-        np.concatenate([before[early], [frame, float(later(np.array(frame)))], later(before[late])]),
-        np.concatenate([positions[early], [here, here], positions[late]]),
-        np.concatenate([quaternions[early], [turn, turn], quaternions[late]]),
-    )
+    write_keys(above, *standing_still(Keys(*keys), frame, float(later(np.array(frame))), later(keys[0])))

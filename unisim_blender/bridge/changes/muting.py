@@ -15,11 +15,11 @@ from typing import Any
 import bpy
 
 from ...editing.edits.lines import ADDED, Line
+from ...editing.sampled.source import Source
 from ..importing.drive import fit_resolution, front_camera
 from ..objects.copies import copy_action
 from ..objects.imported import collection_of, original_of
 from ..objects.meshes import size_of
-from ..objects.source import Source
 from ..objects.trajectories import remove, trajectory_of
 from ..window.refresh import refresh
 from .reverting import delete, lift, restore, set_appearance, unscaled

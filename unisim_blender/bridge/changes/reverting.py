@@ -13,11 +13,11 @@ from ...core.prepare.scenario import scene_actors
 from ...core.world.drive import Drive
 from ...editing.edits.lines import ADDED, Line
 from ...editing.sampled.clock import Clock
+from ...editing.sampled.source import Source
 from ..importing.drive import animate, fit_resolution, front_camera, go, import_one
 from ..objects.animation import remove_curves
 from ..objects.imported import box_mesh, collection_of, make, things
 from ..objects.meshes import size_of
-from ..objects.source import Source
 from ..objects.static_items import LABEL
 from ..objects.trajectories import remove, trajectory_of
 from ..sampling.stepping import shown_names

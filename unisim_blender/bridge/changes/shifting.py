@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import bpy
-import numpy as np
 
-from ...core.geometry import FloatArray
-from ...editing.motion.arc_length import is_path, shifted_along
+from ...editing.motion.arc_length import is_path, shifted_keys
 from ...editing.sampled.clock import Clock
 from ..objects.animation import curves_of, keys_of, write_keys
 from ..objects.trajectories import own_trajectory, trajectory_of
@@ -51,18 +49,5 @@ def _along_path(thing: bpy.types.Object, ahead_m: float, clock: Clock) -> bool:
     if keys is None or not is_path(keys[1]):
         return False
     above = own_trajectory(thing) or thing
-    frames, positions, quaternions = keys
-    # between two keys the path may turn at what was a key before: keys at all frames follow it
-    inside = clock.frames[(clock.frames > frames[0]) & (clock.frames < frames[-1])]
-    every = np.unique(np.concatenate([frames, inside]))
-    every = every[np.concatenate([[True], np.diff(every) > SAME])]
-    write_keys(above, every, *shifted_along(_at(every, frames, positions), _unit(_at(every, frames, quaternions)), ahead_m))
+    write_keys(above, *shifted_keys(*keys, clock.frames, ahead_m))
     return True
-
-
-def _at(wanted: FloatArray, frames: FloatArray, values: FloatArray) -> FloatArray:
-    return np.stack([np.interp(wanted, frames, column) for column in values.T], -1)
-
-
-def _unit(quaternions: FloatArray) -> FloatArray:
-    return np.asarray(quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True))

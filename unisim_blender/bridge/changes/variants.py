@@ -7,12 +7,10 @@ imported, and
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterable
-
 import bpy
 
 from ...core.errors import UnisimError
+from ...editing.edits.variant_names import checked_name
 from ..objects.copies import copy_action
 from ..objects.imported import has_drive, title_of
 from ..objects.trajectories import trajectory_of
@@ -32,20 +30,10 @@ def variants_of(scene: bpy.types.Scene) -> list[bpy.types.Scene]:
     return sorted(found, key=lambda one: one.name)
 
 
-def free_name(wanted: str) -> str:
-    """Return the name ``wanted``, or the next one with a higher number that no scene has: "Variant 2", "Variant 3"."""
-    if wanted not in bpy.data.scenes:
-        return wanted
-    stem, number = (match[1], int(match[2])) if (match := re.fullmatch(r"(.*\D)(\d+)", wanted)) else (f"{wanted} ", 1)
-    while f"{stem}{number}" in bpy.data.scenes:
-        number += 1
-    return f"{stem}{number}"
-
-
 def new_variant(window: bpy.types.Window, scene: bpy.types.Scene, name: str) -> bpy.types.Scene:
     """Copy a scene with its objects, keys, cameras and muted edits under a free name, and show the copy in
     ``window``."""
-    checked_name(name)
+    checked_name(name, bpy.data.scenes)
     before = set(bpy.data.scenes)
     sources = [*scene.objects, *scene.collection.children_recursive]
     for number, one in enumerate(sources):
@@ -78,19 +66,9 @@ def rename_variant(scene: bpy.types.Scene, name: str) -> None:
     """Give a variant another name. Raises `UnisimError` where it is taken."""
     before = scene.name
     if name != before:
-        checked_name(name)
+        checked_name(name, bpy.data.scenes)
         scene.name = name
         renamed(before, scene.name)
-
-
-def checked_name(name: str) -> None:
-    """Raise `UnisimError` where no variant can have this name."""
-    if not name.strip():
-        raise UnisimError("a variant needs a name")
-    if name in bpy.data.scenes:
-        raise UnisimError(f'"{name}": another scene of this file has this name')
-    if len(name.encode()) > 63:
-        raise UnisimError(f'"{name}": is longer than the 63 bytes that Blender keeps of a name')
 
 
 def show_variant(window: bpy.types.Window, scene: bpy.types.Scene) -> None:
@@ -122,20 +100,6 @@ def delete_variant(scene: bpy.types.Scene) -> bpy.types.Scene:
     bpy.data.batch_remove([*objects, *collections])
     bpy.data.batch_remove([one for one in used if one.users == 0])
     return others[0]
-
-
-def file_names(names: Iterable[str]) -> list[str]:
-    """Return a name of a file or folder for each variant's name, all different whatever the case of letters."""
-    taken: set[str] = set()
-    found = []
-    for name in names:
-        plain = re.sub(r'[\\/:*?"<>|\x00-\x1f]', "_", name).strip(". ") or "variant"
-        wanted, number = plain, 2
-        while wanted.lower() in taken:
-            wanted, number = f"{plain} {number}", number + 1
-        taken.add(wanted.lower())
-        found.append(wanted)
-    return found
 
 
 def _keep_ids(objects: dict[bpy.types.Object, bpy.types.Object]) -> None:

@@ -15,13 +15,13 @@ from ...core.scenario.edits.ego_body import LABEL
 from ...core.scenario.types import CameraSpec, CopyStatic, EgoBody, FrameRange, LidarSpec, RemoveStatic, Scenario
 from ...core.world.drive import Actor, Camera, Drive, Lidar
 from ...editing.sampled.clock import Clock
-from ...editing.sampled.mounts import lag, lidar_json, sensor_times
 from ...editing.sampled.poses import optical
+from ...editing.sampled.source import Source
+from ...editing.sensors.mounts import lag, lidar_json, sensor_times
 from ..objects.cameras import set_model
 from ..objects.ego_bodies import mount_body
 from ..objects.imported import box_mesh, collection_of, make, new_actor, things
 from ..objects.mesh_objects import object_of
-from ..objects.source import Source
 from ..objects.static_items import mark
 from ..objects.trajectories import remove
 from .drive import animate, go, ride_on_vehicle

@@ -6,17 +6,12 @@ import bpy
 import numpy as np
 
 from ...core.data.log import Log
-from ...core.geometry import FloatArray
 from ...core.world.drive import Drive
-from ...editing.sampled.clock import Clock
-from ...editing.sampled.mounts import sensor_times
-from ...editing.sampled.poses import optical
+from ...editing.sensors.recorded import recorded_camera_pose, sees_the_same
 from ..objects.cameras import model_of
 from ..sampling.stepping import frame_of
 
 OPACITY = 0.5
-NEAR_M, NEAR_RAD = 0.05, 0.005
-"""Within these of where it was recorded a camera sees its recorded image."""
 
 
 def set_background(camera: bpy.types.Camera, log: Log, sensor_id: str) -> None:
@@ -47,23 +42,5 @@ def sees_recorded_image(scene: bpy.types.Scene, camera: bpy.types.Object, drive:
     recorded = drive.cameras.get(camera.unisim.uid)
     if recorded is None or model_of(camera) != recorded.model:
         return False
-    then, now = recorded_pose(drive, camera.unisim.uid, frame_of(scene)), np.array(camera.matrix_world, float)
-    turned = np.linalg.norm(now[:3, :3] - then[:3, :3]) / np.sqrt(2)
-    return bool(np.linalg.norm(now[:3, 3] - then[:3, 3]) <= NEAR_M and turned <= NEAR_RAD)
-
-
-def recorded_pose(drive: Drive, uid: str, frame: float) -> FloatArray:
-    """Return where a camera of the drive was when it recorded a frame's image: (4, 4) in the world, Blender's axes.
-
-    The newest answer for each camera is kept: every redraw asks for it, more than once.
-    """
-    kept = _poses.get(uid)
-    if kept is None or kept[0] is not drive or kept[1] != frame:
-        camera, frames = drive.cameras[uid], frame + np.array([0.0, 1.0])  # a clock has two at least
-        times = sensor_times(Clock(frames, Clock.of(drive).time_s(frames)), camera.time_s)
-        _poses[uid] = kept = drive, frame, optical(camera.world_from_camera.at(times))[0]
-    return kept[2]
-
-
-_poses: dict[str, tuple[Drive, float, FloatArray]] = {}
-"""By camera: the drive and the frame that were asked for last, and the pose."""
+    then = recorded_camera_pose(drive, camera.unisim.uid, frame_of(scene))
+    return sees_the_same(np.array(camera.matrix_world, float), then)

@@ -12,21 +12,20 @@ import bpy
 from ...core.errors import UnisimError
 from ...core.geometry import FloatArray, Trajectory, invert_pose
 from ...core.world.drive import Actor, Camera, Drive, Lidar
+from ...editing.actors.names import names_at_import
 from ...editing.reading.scenario import edited_ids
 from ...editing.sampled.clock import Clock
-from ...editing.sampled.mounts import lag, lidar_json, recorded_mount
 from ...editing.sampled.poses import optical, same
+from ...editing.sampled.source import Source
+from ...editing.sensors.mounts import lag, lidar_json, recorded_mount
+from ...editing.sensors.outlines import DISPLAY_M
 from ..objects.animation import write_presence, write_trajectory
 from ..objects.cameras import model_of, set_model
 from ..objects.imported import box_mesh, collection_of, has_drive, make, things
-from ..objects.names import names_at_import
-from ..objects.source import Source, source_of
+from ..objects.source import source_of
 from ..objects.trajectories import free, local_matrix, ride, set_on_trajectory, settle_on
 from ..sampling.in_steps import sample_steps
 from .backgrounds import set_background
-
-DISPLAY_M = 0.4
-"""How large cameras and LiDARs are drawn."""
 
 ASIDE = "Not in the drive"
 """The collection of what a new file of Blender's brings."""

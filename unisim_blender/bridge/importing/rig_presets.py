@@ -13,19 +13,21 @@ from ...core.geometry import FloatArray, invert_pose
 from ...core.rigs import SUFFIX, Rig, RigCamera, RigLidar, built_in_rigs
 from ...core.world.drive import Drive
 from ...editing.reading.rig import safe_name
-from ...editing.sampled.clock import Clock
-from ...editing.sampled.mounts import lag, lidar_json, lidar_model
 from ...editing.sampled.poses import optical, rigid
+from ...editing.sampled.source import Source
+from ...editing.sensors.mounts import lag, lidar_json, lidar_model
+from ...editing.sensors.names import free_name as free_among
+from ...editing.sensors.names import preset_name
+from ...editing.sensors.outlines import DISPLAY_M
+from ...editing.sensors.recorded import from_frame
 from ..objects.cameras import model_of, set_model
 from ..objects.imported import collection_of, original_of, rides_on_ego, things
-from ..objects.source import Source
 from ..objects.trajectories import remove
 from ..sampling.stepping import frame_of
-from .drive import DISPLAY_M, fit_resolution, front_camera, import_sensors
+from .drive import fit_resolution, front_camera, import_sensors
 
 FOLDER = "unisim/rigs"
 """Within Blender's presets folders."""
-LONGEST_NAME = 60
 
 
 def users_folder() -> Path:
@@ -46,13 +48,7 @@ def built_in_presets() -> list[Path]:
 
 def preset_file(name: str) -> Path:
     """The file of one's own preset of that name. Raises `ScenarioError` where no file can have it."""
-    name = name.strip()
-    odd = sorted({letter for letter in name if not (letter.isalnum() or letter in " _-.()+")})
-    if not name or name.startswith(".") or len(name) > LONGEST_NAME or odd:
-        raise ScenarioError(
-            f'name "{name}": a preset\'s name has 1 to {LONGEST_NAME} letters, digits, spaces and _-.()+ and begins with no dot'
-        )
-    return users_folder() / f"{name}{SUFFIX}"
+    return users_folder() / f"{preset_name(name)}{SUFFIX}"
 
 
 def is_recorded(scene: bpy.types.Scene, thing: bpy.types.Object, drive: Drive) -> bool:
@@ -73,7 +69,7 @@ def rig_of(scene: bpy.types.Scene, drive: Drive, about: str) -> tuple[Rig, list[
         if not rides_on_ego(thing) or (beams is not None and not beams.beams):
             left.append(thing.name)
             continue
-        name = _free(safe_name(thing.name), taken)
+        name = free_among(safe_name(thing.name), taken)
         taken.add(name)
         pose = mount_of(scene, thing, ego, drive)
         if beams is None:
@@ -152,12 +148,6 @@ def bring_back(scene: bpy.types.Scene, source: Source) -> set[str]:
     return names
 
 
-def from_frame(drive: Drive, frame: float) -> Clock:
-    """The clock that begins with ``frame``, whole or not."""
-    frames = np.array([frame, frame + 1.0])
-    return Clock(frames, Clock.of(drive).time_s(frames))
-
-
 def mount_of(scene: bpy.types.Scene, thing: bpy.types.Object, ego: bpy.types.Object, drive: Drive) -> FloatArray:
     """A sensor's pose (4, 4) on the vehicle at this frame, Blender's axes. A recorded one measures a little before or after the
     frame's time, by which its object is off its mount."""
@@ -174,14 +164,7 @@ def free_name(scene: bpy.types.Scene, drive: Drive, wanted: str, has: str = "") 
     ``has`` is the name that the sensor's object has so far.
     """
     sensors = {safe_name(thing.name) for thing in things(scene, "CAMERA", "LIDAR")}
-    return _free(wanted, {*sensors, *drive.cameras, *drive.lidars, *bpy.data.objects.keys()} - {has})
-
-
-def _free(wanted: str, taken: set[str]) -> str:
-    name, number = wanted, 2
-    while name in taken:
-        name, number = f"{wanted}_{number}", number + 1
-    return name
+    return free_among(wanted, {*sensors, *drive.cameras, *drive.lidars, *bpy.data.objects.keys()} - {has})
 
 
 def _ride(

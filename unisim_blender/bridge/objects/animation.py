@@ -7,7 +7,7 @@ from typing import TypeAlias
 import bpy
 import numpy as np
 
-from ...core.geometry import FloatArray, Trajectory
+from ...core.geometry import BoolArray, FloatArray, Trajectory
 from ...core.scenario.edits.motion import merged_times, sampled_keys
 from ...editing.sampled.clock import Clock
 from ...editing.sampled.scaling import SAME_SHAPE
@@ -64,6 +64,12 @@ def _curves(action: bpy.types.Action, slot: object) -> Curves:
         return ()
     bag = action.layers[0].strips[0].channelbag(slot)
     return () if bag is None else bag.fcurves
+
+
+def shown_by_keys(thing: bpy.types.Object, frames: FloatArray) -> BoolArray:
+    """Return at which frames (N,) an object's keys let it be present."""
+    hides = [curve for curve in curves_of(thing) if curve.data_path == "hide_viewport"]
+    return np.array([all(curve.evaluate(frame) < 0.5 for curve in hides) for frame in frames], bool)
 
 
 def keys_hide(thing: bpy.types.Object) -> bool:

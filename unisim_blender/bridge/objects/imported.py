@@ -9,6 +9,8 @@ import numpy as np
 
 from ...core.geometry import FloatArray
 from ...core.world.drive import Actor
+from ...editing.layout.box_shape import box_shape
+from ...editing.layout.class_colours import class_colour
 
 COLLECTIONS = {
     "EGO": "Ego", "CAMERA": "Sensors", "LIDAR": "Sensors", "ACTOR": "Actors", "STATIC": "Static items", "POINTS": "LiDAR points",
@@ -17,13 +19,6 @@ COLLECTIONS = {
 ROOT = "UniSim"
 KINDS_OF_DRIVE = ("EGO", "CAMERA", "LIDAR", "ACTOR", "STATIC", "BODY")
 """Kinds of objects that a scenario is read from."""
-
-COLOURS = {
-    "car": (0.16, 0.45, 0.85), "truck": (0.85, 0.40, 0.10), "bus": (0.85, 0.40, 0.10), "pedestrian": (0.85, 0.15, 0.35),
-    "bicycle": (0.55, 0.25, 0.80), "motorcycle": (0.55, 0.25, 0.80), "cone": (0.95, 0.60, 0.05), "sign": (0.75, 0.70, 0.15),
-}  # fmt: skip
-"""By a word of the class, linear RGB."""
-OTHER_COLOUR = (0.35, 0.55, 0.45)
 
 
 def things(scene: bpy.types.Scene, *kinds: str) -> Iterator[bpy.types.Object]:
@@ -135,21 +130,11 @@ def box_mesh(size_m: FloatArray, label: str) -> bpy.types.Mesh:
     found = bpy.data.meshes.get(name)
     if found is not None:
         return found
-    x, y, z = np.asarray(size_m, float) / 2
-    corners = [(sx * x, sy * y, sz * z) for sx in (-1, 1) for sy in (-1, 1) for sz in (-1, 1)]
-    faces = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
-    arrow = [(0.5 * x, -0.6 * y, z), (0.5 * x, 0.6 * y, z), (x, 0.0, z)]
     mesh = bpy.data.meshes.new(name)
-    mesh.from_pydata(corners + arrow, [(8, 9), (9, 10), (10, 8)], faces)
+    mesh.from_pydata(*box_shape(np.asarray(size_m, float).tolist()))
     mesh.materials.append(class_material(label))
     mesh.update()
     return mesh
-
-
-def class_colour(label: str) -> tuple[float, float, float]:
-    """The colour of a class of actors."""
-    words = label.lower()
-    return next((colour for word, colour in COLOURS.items() if word in words), OTHER_COLOUR)
 
 
 def class_material(label: str) -> bpy.types.Material:

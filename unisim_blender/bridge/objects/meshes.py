@@ -5,11 +5,8 @@ An actor is one object with all that is parented to it, so a car of a hundred pa
 
 from __future__ import annotations
 
-import hashlib
-import tempfile
 from collections.abc import Callable, Iterator
 from dataclasses import fields
-from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +17,7 @@ from numpy.typing import NDArray
 from ...core.colour import bytes_from_srgb, srgb_from_linear
 from ...core.errors import ScenarioError
 from ...core.geometry import FloatArray, invert_pose
-from ...core.meshes.model import FLAT, SUFFIX, MeshModel, centred, check_model, write_model
+from ...core.meshes.model import FLAT, MeshModel, centred, check_model
 from ...editing.sampled.poses import rigid
 from ...editing.sampled.scaling import UNIT, Factors, Scaling, refusal, scale_text, scaling_of, size_text
 from .trajectories import trajectory_of
@@ -66,30 +63,6 @@ def model_of(thing: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> tuple[M
     model = MeshModel(**joined, textures=tuple(textures))
     check_model(model, Path(f'object "{thing.name}"'))
     return centred(model)
-
-
-def file_of(model: MeshModel) -> Path:
-    """The model in a file named after what it holds, in this process's own folder."""
-    digest = hashlib.sha256()
-    for field in fields(MeshModel):
-        value = getattr(model, field.name)
-        for array in value if isinstance(value, tuple) else (value,):
-            digest.update(f"{field.name} {array.dtype.str} {array.shape}".encode())
-            digest.update(np.ascontiguousarray(array).data)
-    path = folder() / f"{digest.hexdigest()[:32]}{SUFFIX}"
-    if not path.is_file():
-        write_model(model, path)
-    return path
-
-
-def folder() -> Path:
-    """Where models of this process lie until it ends."""
-    return Path(_folder().name).resolve()
-
-
-@lru_cache(maxsize=1)
-def _folder() -> tempfile.TemporaryDirectory[str]:
-    return tempfile.TemporaryDirectory(prefix="unisim-meshes-")
 
 
 def size_of(thing: bpy.types.Object) -> FloatArray:

@@ -19,11 +19,12 @@ from ...core.geometry import BoolArray, FloatArray
 from ...editing.sampled.clock import Clock
 from ...editing.sampled.poses import rigid
 from ...editing.sampled.scaling import scaling_of
+from ...editing.sampled.scene import Sampled
 from ..objects.animation import curves_of, keys_hide
 from ..objects.imported import KINDS_OF_DRIVE, things
 from ..objects.trajectories import keyed_pose
 from ..window.areas import areas
-from .stepping import Sampled, frame_of, sample
+from .stepping import frame_of, sample
 
 BESIDE = "UniSim beside"
 WAIT_S = 0.2

@@ -15,11 +15,13 @@ from ...core.errors import ScenarioError, UnisimError
 from ...core.world.drive import Drive
 from ...editing.edits.lines import Line, actor_lines, problem_line, rig_lines, static_lines
 from ...editing.sampled.clock import Clock
+from ...editing.sampled.scene import Sampled
+from ...editing.sampled.scene import SampledObject as Thing
 from ..objects.imported import KINDS_OF_DRIVE, things
 from ..objects.source import source_of
 from .adjacent_frames import moved_by_keys
 from .from_keys import Sampler, evaluated
-from .stepping import Sampled, Thing, shown_names
+from .stepping import shown_names
 
 FRAMES_AT_ONCE = 4
 """Frames that are evaluated beside between two looks at the time."""

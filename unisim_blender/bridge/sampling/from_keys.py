@@ -15,16 +15,17 @@ import numpy as np
 from mathutils import Euler, Quaternion
 
 from ...core.geometry import BoolArray, FloatArray, matrix_from_quaternion
+from ...editing.motion.displacement import SAME
 from ...editing.sampled.clock import Clock
 from ...editing.sampled.poses import rigid
 from ...editing.sampled.scaling import Scaling, scaling_of
-from ..changes.displacing import SAME
+from ...editing.sampled.scene import SampledObject
 from ..objects.animation import curves_of, keys_hide
 from ..objects.cameras import model_of
 from ..objects.imported import sees_body, title_of
 from ..objects.trajectories import trajectory_of
 from .adjacent_frames import BESIDE, moved_by_keys
-from .stepping import Thing, picture_size
+from .stepping import picture_size
 
 PATHS = ("location", "rotation_quaternion", "rotation_euler", "scale")
 HIDING = ("hide_viewport", "hide_render")
@@ -45,7 +46,7 @@ class Sampler:
         self._matrices: dict[str, FloatArray] = {}
         self._signatures: dict[str, tuple[object, ...]] = {}
 
-    def thing(self, thing: bpy.types.Object, matrices: FloatArray | None = None, there: BoolArray | None = None) -> Thing:
+    def thing(self, thing: bpy.types.Object, matrices: FloatArray | None = None, there: BoolArray | None = None) -> SampledObject:
         """Return an object at all frames; ``matrices`` (N, 4, 4) and ``there`` (N,) are given where keys do not tell
         them."""
         if matrices is None or there is None:
@@ -53,7 +54,7 @@ class Sampler:
         about, above = thing.unisim, trajectory_of(thing)
         poses = rigid(matrices)
         scaling = Scaling() if about.mesh else scaling_of(matrices, poses, there)
-        return Thing(
+        return SampledObject(
             name=thing.name,
             kind=about.kind,
             uid=about.uid,

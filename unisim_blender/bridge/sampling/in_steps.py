@@ -13,14 +13,16 @@ import bpy
 import numpy as np
 
 from ...core.geometry import BoolArray, FloatArray
+from ...editing.reading.mesh_files import file_of
 from ...editing.sampled.clock import Clock
 from ...editing.sampled.scaling import CHANGING, Scaling
+from ...editing.sampled.scene import Sampled, SampledObject
 from ..objects.animation import curves_of, scale_changes
 from ..objects.imported import KINDS_OF_DRIVE, things
-from ..objects.meshes import extent_of, file_of, model_of
+from ..objects.meshes import extent_of, model_of
 from .adjacent_frames import moved_by_keys
 from .from_keys import Sampler, evaluated
-from .stepping import Sampled, Thing, depsgraph_of, refuse_stretching, shown_names
+from .stepping import depsgraph_of, refuse_stretching, shown_names
 
 FRAMES_AT_ONCE = 4
 """Frames that are evaluated beside in one step."""
@@ -71,7 +73,7 @@ def by_keys_alone(thing: bpy.types.Object) -> bool:
     return moved_by_keys(thing)
 
 
-def _completed(scene: bpy.types.Scene, thing: bpy.types.Object, one: Thing) -> Thing:
+def _completed(scene: bpy.types.Scene, thing: bpy.types.Object, one: SampledObject) -> SampledObject:
     """What `Sampler` does not tell of an object: its size, the model that its surface is, and keys of its scale."""
     if not thing.unisim.mesh:
         scaling = one.scaling

@@ -6,28 +6,12 @@ code that reads it for export.
 
 from __future__ import annotations
 
-import tempfile
-from dataclasses import asdict, replace
-from pathlib import Path
-from typing import Any
-
 import bpy
-import numpy as np
 
-from ...core.scenario import scenario_to_json
-from ...core.scenario.types import CameraSpec, Scenario, Sensors
-from ...core.world.drive import CameraModel
-from ...editing.reading.rig import intrinsics, sensor_id
-from ...editing.reading.scenario import read_scenario
-from ...editing.reading.trajectories import keyframes
 from ...editing.sampled.clock import Clock
-from ...editing.sampled.mounts import sensor_times
-from ...editing.sampled.poses import optical
-from ..objects.source import Source
-from .stepping import Sampled, SetFrame, Thing, sample
-
-HERE = Path(tempfile.gettempdir()).resolve() / "moment.json"
-"""Where the scenario of the moment would lie; nothing is written there."""
+from ...editing.sampled.scene import Sampled, SampledObject
+from ...editing.sampled.source import Source
+from .stepping import SetFrame, sample
 
 
 def moment(
@@ -37,77 +21,8 @@ def moment(
     frame: float,
     set_frame: SetFrame,
     camera: bpy.types.Object,
-) -> tuple[Sampled, Thing]:
+) -> tuple[Sampled, SampledObject]:
     """The scene about ``frame``, and what ``camera`` is in it."""
     clock = Clock.of(source.drive).around(frame)
     sampled = sample(scene, depsgraph, clock, set_frame, also=[camera])
     return sampled, next(thing for thing in sampled.things if thing.name == camera.name)
-
-
-def camera_request(
-    sampled: Sampled, view: Thing, source: Source, frame: float, size: tuple[int, int], aspect: float = 1.0
-) -> dict[str, Any]:
-    """What the worker needs for a picture of size (width, height) through ``view``; ``aspect``: a pixel's height by its width."""
-    scenario = read_scenario(only(sampled, view), source, HERE)
-    clock, drive = Clock.of(source.drive), source.drive
-    recorded = drive.cameras.get(view.uid) if view.kind == "CAMERA" else None
-    time_s = float(clock.time_s(np.array(frame)))
-    if view.kind != "CAMERA":
-        here = keyframes(sampled.clock, optical(view.poses), np.ones(len(view.poses), bool))
-        assert view.camera is not None
-        scenario = replace(
-            scenario, sensors=Sensors((CameraSpec(sensor_id(view, drive), **intrinsics(view.camera), trajectory=here),), ())
-        )
-    if recorded is not None:
-        at = Clock(np.array([frame, frame + 1.0]), np.array([time_s, time_s + 1 / clock.rate]))
-        time_s = float(sensor_times(at, recorded.time_s)[0])
-    assert view.camera is not None
-    return {
-        **about(scenario),
-        "camera": sensor_id(view, drive),
-        "time_s": time_s,
-        "model": asdict(sized(view.camera, size, aspect, recorded is not None)),
-        "indices": indices(sampled),
-    }
-
-
-def indices(sampled: Sampled) -> dict[str, int]:
-    """Blender's pass index of each actor, by the id that a scenario has for it."""
-    actors = list(sampled.of("ACTOR", "BODY"))
-    return {**{thing.uid: thing.index for thing in actors if thing.is_original}, **{thing.title: thing.index for thing in actors}}
-
-
-def lidar_request(sampled: Sampled, lidar: Thing, source: Source, frame: float) -> dict[str, Any]:
-    """What the worker needs for a sweep of ``lidar``."""
-    scenario = read_scenario(only(sampled, lidar), source, HERE)
-    recorded = source.drive.lidars.get(lidar.uid)
-    clock = Clock.of(source.drive)
-    time_s = float(clock.time_s(np.array(frame)))
-    if recorded is not None:
-        time_s = recorded.time_s.get(int(frame), time_s)
-    return {**about(scenario), "lidar": sensor_id(lidar, source.drive), "time_s": time_s}
-
-
-def about(scenario: Scenario) -> dict[str, Any]:
-    """A scenario as a request holds it."""
-    return {"scenario": scenario_to_json(scenario), "path": str(scenario.path)}
-
-
-def only(sampled: Sampled, sensor: Thing) -> Sampled:
-    """The same without the other sensors. The one that looks is there, though it may be hidden for renders."""
-    others = [thing for thing in sampled.things if thing.kind not in ("CAMERA", "LIDAR", "NONE")]
-    looks = [replace(thing, there=np.ones_like(thing.there)) for thing in sampled.things if thing.name == sensor.name]
-    return replace(sampled, things=tuple(sorted([*others, *looks], key=lambda thing: thing.name)))
-
-
-def sized(model: CameraModel, size: tuple[int, int], aspect: float, exact: bool) -> CameraModel:
-    """A camera's intrinsics at another size (width, height). One of the rig keeps its own wherever the picture has its shape;
-    else the view is as Blender frames it: as wide as the lens says, whatever the height."""
-    width, height = size
-    sx, sy = width / model.width, height / model.height
-    if exact and abs(model.height * sx - height) <= 1.0:
-        return replace(model, width=width, height=height, fx=model.fx * sx, fy=model.fy * sy, cx=model.cx * sx, cy=model.cy * sy)
-    return replace(
-        model, width=width, height=height, fx=model.fx * sx, fy=model.fx * sx / aspect,
-        cx=model.cx * sx, cy=height / 2 + (model.cy - model.height / 2) * sx / aspect,
-    )  # fmt: skip

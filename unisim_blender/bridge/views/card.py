@@ -2,35 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import bpy
 import numpy as np
 
 from ...core.world.drive import Drive
+from ...editing.actors.card import HALF_S, Card, present_span, role_words, size_words
 from ...editing.sampled.clock import Clock
-from ...editing.sampled.scaling import UNIT, scale_text, size_text
-from ..objects.animation import curves_of
+from ...editing.sampled.scaling import UNIT
+from ..objects.animation import shown_by_keys
 from ..objects.imported import is_copy, things
 from ..objects.meshes import scale_of, size_of
 from ..objects.trajectories import keyed_pose
-
-HALF_S = 0.1
-"""Speed is that between so many seconds before and after the frame."""
-
-
-@dataclass(frozen=True)
-class Card:
-    """An actor's name and class, what became of it, its speed, how far it is from the ego vehicle, from when to when it is
-    there, in seconds of the log, and how large it is, in words."""
-
-    name: str
-    label: str
-    role: str
-    speed_m_s: float
-    distance_m: float
-    present_s: tuple[float, float] | None
-    size: str = ""
 
 
 def card_of(scene: bpy.types.Scene, thing: bpy.types.Object, drive: Drive) -> Card:
@@ -45,30 +27,17 @@ def card_of(scene: bpy.types.Scene, thing: bpy.types.Object, drive: Drive) -> Ca
     label = thing.unisim.label or (recorded.label if recorded is not None else "")
     return Card(
         thing.name, label, role_of(scene, thing, drive), float(np.linalg.norm(moved)) / (2 * HALF_S), apart,
-        present(thing, clock), size_of_card(thing),
+        present_span(shown_by_keys(thing, clock.frames), clock), size_of_card(thing),
     )  # fmt: skip
 
 
 def size_of_card(thing: bpy.types.Object) -> str:
     """Return how large an actor is drawn, and by what it is scaled, in words."""
-    size_m, factors = size_of(thing).tolist(), UNIT if thing.unisim.mesh else scale_of(thing)
-    # as long as the sidebar shows at its first width
-    return size_text(size_m, digits=2) if factors == UNIT else f"{size_text(size_m, digits=1)} ×{scale_text(factors)}"
+    return size_words(size_of(thing).tolist(), UNIT if thing.unisim.mesh else scale_of(thing))
 
 
 def role_of(scene: bpy.types.Scene, thing: bpy.types.Object, drive: Drive) -> str:
     """Return what an actor is in one or two words."""
-    if thing.unisim.mesh:
-        return "mesh"
-    if thing.unisim.uid not in drive.actors or thing.unisim.look_scene:
-        return "inserted"
-    if is_copy(scene, thing):
-        return "copy"
-    return "recorded, other appearance" if thing.unisim.look else "recorded"
-
-
-def present(thing: bpy.types.Object, clock: Clock) -> tuple[float, float] | None:
-    """Return from when to when keys show an object, in seconds; None where they never do."""
-    hides = [curve for curve in curves_of(thing) if curve.data_path == "hide_viewport"]
-    shown = [time for frame, time in zip(clock.frames, clock.times_s, strict=True) if all(c.evaluate(frame) < 0.5 for c in hides)]
-    return (float(shown[0]), float(shown[-1])) if shown else None
+    about = thing.unisim
+    is_recorded = about.uid in drive.actors and not about.look_scene
+    return role_words(about.mesh, is_recorded, is_recorded and is_copy(scene, thing), bool(about.look))

@@ -5,73 +5,26 @@ Check Edits and the speed graph both ask here, so they agree.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import bpy
 import numpy as np
 
-from ...core.geometry import BoolArray, FloatArray
 from ...core.world.drive import Drive
-from ...editing.motion.kinematics import Compared, Limits, exceeded, is_limited, motion_of
-from ...editing.reading.actors import recorded_poses, recorded_there
+from ...editing.motion.compared import Track, compared, label_of
+from ...editing.motion.kinematics import Compared, Limits
 from ...editing.sampled.clock import Clock
-from ...editing.sampled.poses import rigid, same
-from .trails import there_of, way_of
-
-EGO_LABEL = "Ego vehicle (car)"
-
-
-@dataclass(frozen=True)
-class Track:
-    """An object at the clock's frames: poses (N, 4, 4), whether it is present (N,), and what it is."""
-
-    name: str
-    kind: str
-    uid: str
-    label: str
-    poses: FloatArray
-    there: BoolArray
-
-
-def compared(track: Track, drive: Drive, clock: Clock, limits: Limits) -> Compared:
-    """Return an object's motion beside the recorded one of its id."""
-    now = motion_of(track.poses[:, :3, 3], clock.times_s, track.there)
-    found = recorded_track(track, drive, clock)
-    before = None if found is None else motion_of(found[0][:, :3, 3], clock.times_s, found[1])
-    is_edited = found is None or not (
-        (found[1] == track.there).all() and same(track.poses, found[0])[track.there & found[1]].all()
-    )
-    over = exceeded(now, limits, before)
-    if not is_edited or not is_limited(track.label):
-        over = {name: np.zeros(len(where), bool) for name, where in over.items()}
-    return Compared(track.name, clock.frames, now, before, is_edited, over)
-
-
-def recorded_track(track: Track, drive: Drive, clock: Clock) -> tuple[FloatArray, BoolArray] | None:
-    """Return the recorded poses (N, 4, 4) and presence (N,) of an object's id; None where nobody recorded it."""
-    if track.kind == "EGO":
-        return drive.world_from_ego.at(clock.times_s), np.ones(len(clock.frames), bool)
-    actor = drive.actors.get(track.uid)
-    return None if actor is None else (recorded_poses(actor, clock), recorded_there(actor, drive, clock))
+from ...editing.sampled.poses import rigid
+from ..objects.animation import shown_by_keys
+from .trails import trajectory_poses
 
 
 def track_of(thing: bpy.types.Object, drive: Drive, clock: Clock) -> Track:
     """Return where keys put an actor or the ego vehicle at the clock's frames, without leaving the frame that is shown."""
-    poses = way_of(thing, clock)
+    poses = trajectory_poses(thing, clock)
     if poses is None:
         poses = np.tile(rigid(np.array(thing.matrix_world, float)), (len(clock.frames), 1, 1))
     kind, uid = thing.unisim.kind, thing.unisim.uid
-    return Track(
-        thing.name, kind, uid, label_of(kind, thing.unisim.look or uid, thing.unisim.label, drive), poses, there_of(thing, clock)
-    )
-
-
-def label_of(kind: str, uid: str, own: str, drive: Drive) -> str:
-    """Return the class of an object: that of a mesh is its ``own``."""
-    if kind == "EGO":
-        return EGO_LABEL
-    actor = drive.actors.get(uid)
-    return own or (actor.label if actor is not None else "")
+    label = label_of(kind, thing.unisim.look or uid, thing.unisim.label, drive)
+    return Track(thing.name, kind, uid, label, poses, shown_by_keys(thing, clock.frames))
 
 
 _newest: dict[str, tuple[tuple[object, ...], Compared]] = {}

@@ -6,9 +6,9 @@ import bpy
 
 from ...editing.layout.point_colours import RECORDED
 from ...editing.sampled.outside import outside_drive
+from ...editing.sampled.source import Source
 from ..importing.backgrounds import sees_recorded_image
 from ..objects.imported import things
-from ..objects.source import Source
 from ..sampling.stepping import frame_of
 from .points import kind_of
 

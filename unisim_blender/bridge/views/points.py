@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import uuid
-from dataclasses import dataclass
 
 import bpy
 import numpy as np
@@ -11,8 +10,8 @@ from numpy.typing import NDArray
 
 from ...core.geometry import FloatArray
 from ...editing.layout.point_colours import RECORDED, SIMULATED, Colours, point_colours
+from ...editing.sensors.returns import Recorded
 from ..objects.imported import collection_of, things
-from ..objects.source import Source
 
 MOST_POINTS = 60_000
 """More are thinned for display."""
@@ -43,30 +42,6 @@ def put_points(
         attribute.data.foreach_set("value", np.ascontiguousarray(values[::step], np.int32 if whole else np.float32))
     mesh.update()
     return thing
-
-
-@dataclass(frozen=True)
-class Recorded:
-    """A LiDAR's recorded returns of a frame: points (N, 3) of the world, and attributes (N,) by name."""
-
-    lidar: str
-    points: FloatArray
-    attributes: dict[str, NDArray[np.generic]]
-
-
-def read_recorded(source: Source, frame: int) -> list[Recorded]:
-    """Read the recorded returns of a frame, of every LiDAR, from the log's files; in any thread."""
-    log, found = source.log, []
-    for name in source.drive.lidars if log is not None else ():
-        assert log is not None
-        if frame not in log.sweep_frames(name):
-            found.append(Recorded(name, np.zeros((0, 3)), {}))
-            continue
-        sweep = log.sweep(name, frame)
-        depth = np.linalg.norm(sweep.points - sweep.origins, axis=1)
-        attributes = {"intensity": sweep.intensity, "class": sweep.semantic, "depth": depth}
-        found.append(Recorded(name, sweep.points, attributes))
-    return found
 
 
 def put_recorded(scene: bpy.types.Scene, found: list[Recorded]) -> None:

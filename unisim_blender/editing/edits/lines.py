@@ -11,7 +11,6 @@ from pathlib import Path
 
 import numpy as np
 
-from ...bridge.sampling.stepping import Sampled, Thing
 from ...core.actor_images.names import plain_names
 from ...core.errors import ScenarioError
 from ...core.geometry import BoolArray, FloatArray, Trajectory, invert_pose
@@ -38,6 +37,8 @@ from ..reading.static_items import static_edits
 from ..sampled.clock import Clock
 from ..sampled.poses import same
 from ..sampled.scaling import scale_text
+from ..sampled.scene import Sampled
+from ..sampled.scene import SampledObject as Thing
 from .words import degrees, displaced_words, joined, moved_words, presence_words, trajectory_words
 
 ICONS = {

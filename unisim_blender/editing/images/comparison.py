@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...bridge.sampling.stepping import Thing
 from ...core.colour import linear_from_srgb
 from ...core.data.log import Log
 from ...core.world.drive import CameraModel, Drive
+from ..sampled.scene import SampledObject
 
 POSE_KEPT = {"id", "width", "height", "fx", "fy", "cx", "cy", "shutter"}
 """What a scenario may say of a camera that stands where it recorded: its intrinsics alone differ."""
@@ -66,7 +66,7 @@ def _placed(
     return max(0.0, (first - begin) / scale), min(float(length), (last - begin) / scale), first, last
 
 
-def lacks_recorded(view: Thing, scenario: dict[str, Any], drive: Drive, log: Log | None, frame: float) -> str:
+def lacks_recorded(view: SampledObject, scenario: dict[str, Any], drive: Drive, log: Log | None, frame: float) -> str:
     """Return one sentence that says why nothing was recorded in a view at a frame; "" where an image was.
 
     ``scenario`` is what the view is rendered by, as a JSON object.

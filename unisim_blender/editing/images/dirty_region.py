@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...bridge.sampling.stepping import Sampled, Thing
 from ...core.geometry import FloatArray, box_corners, invert_pose, transform_points
 from ...core.world.drive import CameraModel
 from ..sampled.poses import optical
+from ..sampled.scene import Sampled, SampledObject
 
 MARGIN_PX = 2
 """A pixel is met by rays about its middle; the renderer knows how far its decoder carries them."""
@@ -20,7 +20,7 @@ Rectangle = tuple[int, int, int, int]
 """Left, top, right, bottom in pixels from the top left corner; right and bottom do not belong to it."""
 
 
-def touched(before: Sampled, after: Sampled, view: Thing, model: CameraModel, beside_m: float = 0.1) -> Rectangle | None:
+def touched(before: Sampled, after: Sampled, view: SampledObject, model: CameraModel, beside_m: float = 0.1) -> Rectangle | None:
     """The part of ``view``'s picture whose rays see the difference between two states of a scene at the same frames; None where
     all of it may.
 
@@ -48,13 +48,13 @@ def touched(before: Sampled, after: Sampled, view: Thing, model: CameraModel, be
     return rectangle
 
 
-def alike(a: Thing, b: Thing) -> bool:
+def alike(a: SampledObject, b: SampledObject) -> bool:
     """Whether two states of a thing look the same."""
     told = all(getattr(a, name) == getattr(b, name) for name in TOLD)
     return told and np.array_equal(a.poses, b.poses) and np.array_equal(a.there, b.there)
 
 
-def _seen(thing: Thing, view: Thing, model: CameraModel, beside_m: float) -> Rectangle | None:
+def _seen(thing: SampledObject, view: SampledObject, model: CameraModel, beside_m: float) -> Rectangle | None:
     """What a box covers of the picture, wherever box and camera are at the frames; None where it reaches behind the camera."""
     size: FloatArray = np.array(thing.size_m) * 1.1 + 2 * beside_m
     corners = np.concatenate([box_corners(pose, size) for pose in thing.poses])

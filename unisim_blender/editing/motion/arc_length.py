@@ -10,6 +10,8 @@ STEP_M = 0.3
 """Between two vertices of the path. Annotations of what stands still wander by centimetres, which is no way that it goes."""
 END_M = 2.0
 """From how long a piece of the path its direction beyond its ends is taken."""
+SAME_FRAME = 1e-6
+"""Keys nearer than this to each other are one."""
 
 
 def path_of(positions: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -48,6 +50,25 @@ def shifted_along(positions: FloatArray, quaternions: FloatArray, ahead_m: float
         matrix_from_quaternion(_turns(quaternions[vertices], along, here)), -1, -2
     )
     return positions + apart, quaternion_from_matrix(turns @ matrix_from_quaternion(quaternions))
+
+
+def shifted_keys(
+    frames: FloatArray, positions: FloatArray, quaternions: FloatArray, whole: FloatArray, ahead_m: float
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return keys at frames (K,), positions (K, 3) and quaternions (K, 4), moved along their path, with keys at the ``whole``
+    frames (N,) between them too: between two keys the path may turn at what was a key before."""
+    inside = whole[(whole > frames[0]) & (whole < frames[-1])]
+    every = np.unique(np.concatenate([frames, inside]))
+    every = every[np.concatenate([[True], np.diff(every) > SAME_FRAME])]
+    return every, *shifted_along(_at(every, frames, positions), _unit(_at(every, frames, quaternions)), ahead_m)
+
+
+def _at(wanted: FloatArray, frames: FloatArray, values: FloatArray) -> FloatArray:
+    return np.stack([np.interp(wanted, frames, column) for column in values.T], -1)
+
+
+def _unit(quaternions: FloatArray) -> FloatArray:
+    return np.asarray(quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True))
 
 
 def _arc_lengths(positions: FloatArray, vertices: FloatArray, along: FloatArray) -> FloatArray:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...bridge.objects.source import Source
 from ...core.geometry import BoolArray, FloatArray, invert_pose, transform_points
 from ...core.world.drive import Drive
 from ..reading.actors import recorded_poses, recorded_there
 from ..sampled.clock import Clock
+from ..sampled.source import Source
 
 AROUND_M = 3.0
 LEAST_RETURNS = 20

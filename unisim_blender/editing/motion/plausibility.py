@@ -8,14 +8,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...bridge.sampling.stepping import Sampled, Thing
-from ...bridge.views.motions import Track, compared, label_of
 from ...core.geometry import FloatArray, box_corners
 from ...core.world.drive import Actor, Drive
 from ..reading.actors import recorded_poses, recorded_there
 from ..sampled.clock import Clock
 from ..sampled.poses import same
 from ..sampled.scaling import WHY, Scaling, scale_text
+from ..sampled.scene import Sampled, SampledObject
+from .compared import Track, compared, label_of
 from .ground import heights, undersides
 from .kinematics import ON_WHEELS, Limits, describe
 
@@ -70,7 +70,7 @@ def warnings_of(sampled: Sampled, drive: Drive, limits: Limits | None = None) ->
         yield from _aside(thing, drive, sampled.clock)
 
 
-def _as_recorded(thing: Thing, drive: Drive, clock: Clock) -> bool:
+def _as_recorded(thing: SampledObject, drive: Drive, clock: Clock) -> bool:
     actor = drive.actors.get(thing.uid)
     if actor is None or not thing.is_original or thing.look or thing.scaling != Scaling():
         return False
@@ -78,14 +78,14 @@ def _as_recorded(thing: Thing, drive: Drive, clock: Clock) -> bool:
     return bool((there == thing.there).all() and same(thing.poses, recorded_poses(actor, clock))[there].all())
 
 
-def _label(thing: Thing, drive: Drive) -> str:
+def _label(thing: SampledObject, drive: Drive) -> str:
     if thing.mesh:
         return thing.label.lower()
     actor: Actor | None = drive.actors.get(thing.look or thing.uid)
     return "" if actor is None else actor.label.lower()
 
 
-def _motion(thing: Thing, label: str, clock: Clock) -> Iterator[Finding]:
+def _motion(thing: SampledObject, label: str, clock: Clock) -> Iterator[Finding]:
     step = np.diff(thing.poses[:, :3, 3], axis=0)
     both = thing.there[1:] & thing.there[:-1]
     speed = np.linalg.norm(step, axis=1) / np.diff(clock.times_s)
@@ -102,7 +102,7 @@ def _motion(thing: Thing, label: str, clock: Clock) -> Iterator[Finding]:
             yield Finding(thing.name, int(clock.frames[int(np.argmax(skids))]), "drives sideways")
 
 
-def _limits(thing: Thing, drive: Drive, clock: Clock, limits: Limits) -> Iterator[Finding]:
+def _limits(thing: SampledObject, drive: Drive, clock: Clock, limits: Limits) -> Iterator[Finding]:
     """Where it exceeds each limit of motion most."""
     label = label_of(thing.kind, thing.look or thing.uid, thing.label if thing.mesh else "", drive)
     found = compared(Track(thing.name, thing.kind, thing.uid, label, thing.poses, thing.there), drive, clock, limits)
@@ -113,7 +113,7 @@ def _limits(thing: Thing, drive: Drive, clock: Clock, limits: Limits) -> Iterato
             yield Finding(thing.name, int(clock.frames[at]), describe(name, float(values[at])))
 
 
-def _height(thing: Thing, ground: FloatArray, clock: Clock) -> Iterator[Finding]:
+def _height(thing: SampledObject, ground: FloatArray, clock: Clock) -> Iterator[Finding]:
     """Its underside beside the ground there."""
     if not len(ground):
         return
@@ -127,7 +127,7 @@ def _height(thing: Thing, ground: FloatArray, clock: Clock) -> Iterator[Finding]
         )
 
 
-def _size(thing: Thing, clock: Clock) -> Iterator[Finding]:
+def _size(thing: SampledObject, clock: Clock) -> Iterator[Finding]:
     """Its size beside what was recorded, and a scale that cannot be rendered."""
     frame, (least, most) = int(clock.frames[int(np.argmax(thing.there))]), PLAUSIBLE_SCALE
     if thing.scaling.fault:
@@ -136,7 +136,7 @@ def _size(thing: Thing, clock: Clock) -> Iterator[Finding]:
         yield Finding(thing.name, frame, f"is scaled by {scale_text(thing.scaling.factors)}, beyond {least:g} to {most:g}")
 
 
-def _overlap(a: Thing, b: Thing, clock: Clock) -> Iterator[Finding]:
+def _overlap(a: SampledObject, b: SampledObject, clock: Clock) -> Iterator[Finding]:
     reach = (np.linalg.norm(a.size_m) + np.linalg.norm(b.size_m)) / 2
     near = a.there & b.there & (np.linalg.norm(a.poses[:, :3, 3] - b.poses[:, :3, 3], axis=1) < reach)
     for at in np.flatnonzero(near):
@@ -156,7 +156,7 @@ def boxes_overlap(pose_a: FloatArray, size_a: FloatArray, pose_b: FloatArray, si
     return bool(((low[0] <= high[1]) & (low[1] <= high[0])).all())
 
 
-def _far(thing: Thing, drive: Drive, clock: Clock) -> Iterator[Finding]:
+def _far(thing: SampledObject, drive: Drive, clock: Clock) -> Iterator[Finding]:
     places = [camera.world_from_camera.positions for camera in drive.cameras.values()]
     if not places:
         return
@@ -166,7 +166,7 @@ def _far(thing: Thing, drive: Drive, clock: Clock) -> Iterator[Finding]:
         yield Finding(thing.name, int(clock.frames[at]), f"looks from {away[at]:.1f} m beside anything recorded")
 
 
-def _aside(thing: Thing, drive: Drive, clock: Clock) -> Iterator[Finding]:
+def _aside(thing: SampledObject, drive: Drive, clock: Clock) -> Iterator[Finding]:
     """Whether a camera looks where none was looking during the drive."""
     unseen = np.array([unseen_share(thing, drive, frame) for frame in range(len(clock.frames))])
     if len(unseen) and unseen.max() > ASIDE_SHARE:
@@ -175,7 +175,7 @@ def _aside(thing: Thing, drive: Drive, clock: Clock) -> Iterator[Finding]:
         yield Finding(thing.name, int(clock.frames[at]), text)
 
 
-def unseen_share(thing: Thing, drive: Drive, frame: int) -> float:
+def unseen_share(thing: SampledObject, drive: Drive, frame: int) -> float:
     """Return which share of a camera's directions, sideways, no camera of the drive ever looked into."""
     if thing.camera is None or not drive.cameras:
         return 0.0

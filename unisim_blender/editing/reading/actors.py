@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from ...bridge.sampling.stepping import Sampled, Thing
 from ...core.errors import ScenarioError
 from ...core.geometry import BoolArray, FloatArray
 from ...core.prepare.scenario import scene_actors
@@ -17,6 +16,8 @@ from ...core.world.drive import Actor, Drive
 from ..sampled.clock import Clock
 from ..sampled.poses import SAME_M, same, same_turn
 from ..sampled.scaling import UNIT, refusal, scale_text
+from ..sampled.scene import Sampled
+from ..sampled.scene import SampledObject as Thing
 from .trajectories import present, vector, way
 
 Relative = Callable[[str], str]

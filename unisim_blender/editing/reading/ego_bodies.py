@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from ...bridge.sampling.stepping import Sampled
 from ...core.errors import ScenarioError
 from ...core.geometry import invert_pose
 from ...core.scenario.types import EgoBody
 from ..sampled.poses import same
+from ..sampled.scene import Sampled
 from .actors import Relative, new_id
 from .trajectories import placement
 

@@ -9,14 +9,15 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from ...bridge.sampling.stepping import Sampled, Thing
 from ...core.errors import ScenarioError
 from ...core.geometry import FloatArray, invert_pose, quaternion_from_matrix
 from ...core.scenario.types import CameraSpec, Edit, Ego, Keyframe, LidarSpec, Offset, Sensors, ShiftKey, Shutter
 from ...core.world.drive import CameraModel, Drive, LidarModel, RollingShutter
 from ..sampled.clock import Clock
-from ..sampled.mounts import lag, lidar_json, lidar_model, recorded_mount, sensor_clock
 from ..sampled.poses import SAME_M, optical, same, same_place, same_turn
+from ..sampled.scene import Sampled
+from ..sampled.scene import SampledObject as Thing
+from ..sensors.mounts import lag, lidar_json, lidar_model, recorded_mount, sensor_clock
 from .trajectories import keyframes, placement, quaternion, vector
 
 Spec = TypeVar("Spec", CameraSpec, LidarSpec)

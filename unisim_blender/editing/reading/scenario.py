@@ -8,11 +8,11 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from ...bridge.objects.source import Source
-from ...bridge.sampling.stepping import Sampled
 from ...core.errors import ScenarioError
 from ...core.scenario.types import CameraSpec, FrameRange, LidarSpec, Move, Outputs, Remove, Scale, Scenario, Sensors, Swap
 from ...core.world.drive import Drive
+from ..sampled.scene import Sampled
+from ..sampled.source import Source
 from .actors import actor_edits
 from .ego_bodies import body_edits
 from .rig import ego_edits, sensors_of

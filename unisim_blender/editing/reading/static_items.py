@@ -6,10 +6,11 @@ import json
 
 import numpy as np
 
-from ...bridge.sampling.stepping import Sampled, Thing
 from ...core.geometry import quaternion_from_matrix
 from ...core.scenario.types import BoxSpec, CopyStatic, Edit, RemoveStatic
 from ..sampled.poses import same
+from ..sampled.scene import Sampled
+from ..sampled.scene import SampledObject as Thing
 from .actors import new_id, refuse_scale
 from .trajectories import placement, quaternion, vector
 

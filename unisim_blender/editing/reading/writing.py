@@ -6,11 +6,11 @@ import shutil
 from dataclasses import replace
 from pathlib import Path
 
-from ...bridge.objects.meshes import folder
 from ...core.errors import OutputError
 from ...core.files import partial_file
 from ...core.scenario import save_scenario
 from ...core.scenario.types import EgoBody, InsertMesh, Scenario
+from .mesh_files import folder
 
 
 def write_scenario(scenario: Scenario, path: Path) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 
 from ...core.geometry import FloatArray, invert_pose
 from ...core.world.drive import Camera, Drive, Lidar, LidarModel
-from .clock import Clock
+from ..sampled.clock import Clock
 
 
 def sensor_times(clock: Clock, time_s: dict[int, float]) -> FloatArray:
