@@ -17,6 +17,7 @@ from ..core.errors import UnisimError
 from ..editing.layout.point_colours import RECORDED, SIMULATED
 from ..editing.reading.requests import lidar_request
 from ..editing.sampled.clock import Clock
+from ..editing.sensors.returns import Recorded, read_recorded
 from ..preferences import device, interpreter
 from ..registering import add, take_away
 from .polling import allowed, drive
