@@ -10,7 +10,7 @@ import bpy
 from bpy.props import StringProperty
 from bpy_extras.io_utils import ImportHelper
 
-from ..bridge.importing.applying import apply_edits
+from ..bridge.changes.applying import apply_edits
 from ..bridge.importing.drive import import_source, recorded_colours, set_colours, summary
 from ..bridge.objects.imported import has_drive
 from ..bridge.window.areas import areas

@@ -27,8 +27,10 @@ class Edit(ABC):
     """Its name in a document."""
     members: ClassVar[Mapping[str, Schema]]
     """The JSON Schema of each field; fields without a default are required."""
+    meshes: ClassVar[tuple[str, ...]] = ()
+    """Those of its members that name a mesh's file."""
     seen_by: ClassVar[str] = ""
-    """The module of Blender's readers of edits (`bridge/edits`) that makes it; "" where none does."""
+    """The module of Blender's readers (`editing/readers`) that makes it of what stands in a scene; "" where none does."""
     unseen_because: ClassVar[str] = ""
     """Why no reader makes it."""
 

@@ -33,7 +33,7 @@ class Duplicate(Edit):
         "time_offset_s": NUMBER,
         **ACTOR_PATH,
     }
-    seen_by = "actors"
+    seen_by = "duplicate"
 
     actor: str
     id: str

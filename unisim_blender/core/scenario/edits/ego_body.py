@@ -26,7 +26,8 @@ class EgoBody(Edit):
 
     type = "ego_body"
     members = {"mesh": PATH, "id": TEXT, "mount": ref("placement"), "label": TEXT}
-    seen_by = "bodies"
+    meshes = ("mesh",)
+    seen_by = "ego_bodies"
 
     mesh: str
     id: str

@@ -25,7 +25,8 @@ class InsertMesh(Edit):
 
     type = "insert_mesh"
     members = {"mesh": PATH, "id": TEXT, "label": TEXT, **ACTOR_PATH}
-    seen_by = "actors"
+    meshes = ("mesh",)
+    seen_by = "insert_mesh"
 
     mesh: str
     id: str

@@ -22,7 +22,7 @@ class Move(Edit):
 
     type = "move"
     members = {"actor": TEXT, **ACTOR_PATH}
-    seen_by = "actors"
+    seen_by = "move"
 
     actor: str
     pose: Placement | None = None

@@ -18,7 +18,7 @@ class Remove(Edit):
 
     type = "remove"
     members = {"actor": TEXT}
-    seen_by = "actors"
+    seen_by = "remove"
 
     actor: str
 

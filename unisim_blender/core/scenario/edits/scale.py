@@ -34,7 +34,7 @@ class Scale(Edit):
 
     type = "scale"
     members = {"actor": TEXT, "factors": VECTOR}
-    seen_by = "actors"
+    seen_by = "scale"
 
     actor: str
     factors: Vector

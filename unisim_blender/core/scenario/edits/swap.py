@@ -19,7 +19,7 @@ class Swap(Edit):
 
     type = "swap"
     members = {"actor": TEXT, "look": TEXT, "scene": PATH}
-    seen_by = "actors"
+    seen_by = "swap"
 
     actor: str
     look: str
