@@ -16,7 +16,7 @@ from inputs.strategies import Input, inputs_of
 from inputs.views import In, json_text, npz_file
 from unisim_blender.core.metrics.document import read_outputs
 from unisim_blender.core.metrics.measure import measure
-from unisim_blender.core.sequence.records import STATE_FOLDER, finished_frames, read_records, remove_files
+from unisim_blender.core.sequence.records import STATE_FOLDER, finished_moments, read_records, remove_files
 from unisim_blender.core.sequence.rendered_log import read_sweep
 from unisim_blender.core.sequence.run import TIMINGS_NAME, _read_timings
 from unisim_blender.core.street.street import Recipe, load_street, recipe_document
@@ -39,7 +39,7 @@ def record_reader(folder: Path) -> Reader:
 
     def read() -> object:
         found = read_records(out)
-        finished_frames(out, range(3))
+        finished_moments(out, range(3))
         for captures in found.values():
             for one in captures.values():
                 one.is_whole(out)
