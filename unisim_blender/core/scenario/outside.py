@@ -71,7 +71,7 @@ def carried_outside(drive: Drive, scenario: Scenario, times_us: Iterable[int]) -
 def _own_rules(scenario: Scenario) -> dict[str, str | None]:
     """Return what the last edit of where an actor is says of it outside its keys, by the actors' ids."""
     moved = [edit for edit in scenario.edits if hasattr(edit, "outside")]
-    return {str(getattr(edit, "id", None) or edit.actor): edit.outside for edit in moved}
+    return {str(getattr(edit, "id", None) or getattr(edit, "actor", "")): getattr(edit, "outside", None) for edit in moved}
 
 
 def _held(way: Trajectory, first_s: float, last_s: float) -> Trajectory:
