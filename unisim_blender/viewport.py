@@ -23,7 +23,7 @@ from .client import Client, Request, client, progress_line
 from .comparison import Comparison
 from .core.errors import UnisimError
 from .core.world.drive import CameraModel
-from .editing.images.dirty_region import Rectangle, is_empty, joined, touched
+from .editing.images.dirty_region import Rectangle, dirty_region, is_empty, joined
 from .editing.images.view_parts import ViewPart, view_part
 from .editing.reading.requests import camera_request
 from .editing.sampled.clock import Clock
@@ -218,7 +218,7 @@ class View:
         if any(values[name] != self.wanted[name] for name in elsewhere) or self.linear.shape[:2] != self.rectangle[:1:-1]:
             return None
         model = CameraModel.from_dict(values["model"])
-        part = touched(self.sampled, sampled, view, model, SHADOW_M if values["shadows"] else BOX_M)
+        part = dirty_region(self.sampled, sampled, view, model, SHADOW_M if values["shadows"] else BOX_M)
         return None if part is None else joined(part, self.unfinished)
 
     def _ask(self, values: dict[str, Any], part: Rectangle | None) -> None:

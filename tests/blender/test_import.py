@@ -18,7 +18,7 @@ from unisim_blender.bridge.objects.trajectories import trajectory_of
 from unisim_blender.bridge.sampling.stepping import sample_all
 from unisim_blender.core.errors import UnisimError
 from unisim_blender.editing.sampled.clock import Clock
-from unisim_blender.editing.sampled.poses import optical, rigid, same
+from unisim_blender.editing.sampled.poses import optical, same
 from unisim_blender.editing.sampled.source import open_source
 
 
@@ -115,11 +115,6 @@ def test_a_drop_that_fails_is_one_sentence(scene: Any, tmp_path: Path) -> None:
         with pytest.raises(RuntimeError, match=f"^Error: {path}: [^\n]*\n?$"):
             bpy.ops.unisim.import_dropped("INVOKE_DEFAULT", filepath=str(path))
     assert not scene.objects
-
-
-def test_rigid_takes_scale_away() -> None:
-    matrix = np.diag([2.0, 3.0, 4.0, 1.0])
-    assert np.allclose(rigid(matrix), np.eye(4))
 
 
 def test_appended_from_a_file_all_is_there(street: Any, tmp_path: Path) -> None:

@@ -19,7 +19,7 @@ from unisim_blender.bridge.sampling.adjacent_frames import lacking, sample_now, 
 from unisim_blender.bridge.sampling.stepping import kept_frame, picture_size, sample
 from unisim_blender.core.geometry import FloatArray
 from unisim_blender.core.worker.jobs import Jobs
-from unisim_blender.editing.images.dirty_region import touched
+from unisim_blender.editing.images.dirty_region import dirty_region
 from unisim_blender.editing.reading.requests import camera_request, sized
 from unisim_blender.editing.sampled.clock import Clock
 from unisim_blender.editing.sampled.poses import same
@@ -240,12 +240,12 @@ def test_what_an_edit_touches_holds_all_that_it_changes(street: Any, tmp_path: P
     second = picture(street, tmp_path / "b.png")
     view = next(t for t in after.things if t.name == street.camera.name)
     model = sized(model_of(street.camera), picture_size(street.render), 1.0, True)
-    rectangle = touched(before, after, view, model)
+    rectangle = dirty_region(before, after, view, model)
     assert rectangle is not None
     left, top, right, bottom = rectangle
     assert (right - left) * (bottom - top) < first.shape[0] * first.shape[1] / 2
     assert (np.abs(first - second).max(-1) > 1).any()
-    assert touched(before, before, view, model) == (model.width, model.height, 0, 0)
+    assert dirty_region(before, before, view, model) == (model.width, model.height, 0, 0)
     # what the worker renders again, laid over the picture before, is the picture after, to the bit
     jobs, source, size = Jobs(tmp_path), source_of(street), picture_size(street.render)
     old, new = (camera_request(state, view, source, frame, size) for state in (before, after))

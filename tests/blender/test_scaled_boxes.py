@@ -22,16 +22,15 @@ from unisim_blender.bridge.sampling.stepping import sample, sample_all
 from unisim_blender.bridge.views.card import card_of
 from unisim_blender.bridge.views.trails import trail
 from unisim_blender.core.errors import ScenarioError
-from unisim_blender.core.geometry import make_pose, quaternion_from_yaw
 from unisim_blender.core.scenario import load_scenario, save_scenario, scenario_from_json, scenario_to_json
 from unisim_blender.core.scenario.types import Duplicate, InsertMesh, Move, Remove, Scale, Swap
 from unisim_blender.core.world.drive import CameraModel
-from unisim_blender.editing.images.dirty_region import alike, touched
+from unisim_blender.editing.images.dirty_region import alike, dirty_region
 from unisim_blender.editing.motion.ground import ground_height
 from unisim_blender.editing.motion.plausibility import warnings_of
 from unisim_blender.editing.reading.scenario import edited_ids
 from unisim_blender.editing.sampled.clock import Clock
-from unisim_blender.editing.sampled.scaling import CHANGING, MIRRORED, SHEARED, Scaling, scaling_of
+from unisim_blender.editing.sampled.scaling import CHANGING, Scaling
 
 
 def standing(scene: Any) -> Any:
@@ -47,22 +46,6 @@ def driving(scene: Any) -> Any:
 
 
 # what a scale is, without Blender
-
-
-def test_factors_of_matrices_whatever_way_they_turn() -> None:
-    poses = np.stack([make_pose(np.array([3.0, 2, 1]), quaternion_from_yaw(angle)) for angle in (0.0, 1.0, 4.0)])
-    matrices = (poses @ np.diag([1.5, 1.0, 0.7, 1.0])).astype(np.float32)
-    assert scaling_of(matrices, poses) == Scaling((1.5, 1.0, 0.7))
-    assert scaling_of(poses.astype(np.float32), poses) == Scaling()
-    assert scaling_of(poses @ np.diag([1.00005, 1, 1, 1.0]), poses) == Scaling()
-    assert scaling_of(poses @ np.diag([1.5, -1.0, 1, 1.0]), poses).fault == MIRRORED
-    leaning = np.eye(4)
-    leaning[0, 1] = 0.05
-    assert scaling_of(poses @ leaning, poses).fault == SHEARED
-    growing = matrices.copy()
-    growing[2, :3, 0] *= 1.1
-    assert scaling_of(growing, poses).fault == CHANGING
-    assert scaling_of(growing, poses, np.array([True, True, False])).fault == ""
 
 
 # reading
@@ -347,13 +330,13 @@ def test_a_scaled_box_touches_what_the_larger_one_covers(street: Any) -> None:
     view = next(t for t in states[0].things if t.name == street.camera.name)
     larger = next(t for t in states[1].things if t.name == one.name)
     np.testing.assert_allclose(larger.size_m, np.array([4.7, 2.1, 1.72]) * [1.5, 2.25, 1.5], rtol=1e-4)
-    alone = touched(states[1], states[0], view, model)
-    assert alone is not None and alone == touched(states[0], states[1], view, model)
-    smaller = touched(states[0], _without(states[0], one.name), view, model)
+    alone = dirty_region(states[1], states[0], view, model)
+    assert alone is not None and alone == dirty_region(states[0], states[1], view, model)
+    smaller = dirty_region(states[0], _without(states[0], one.name), view, model)
     assert smaller is not None and smaller[2] - smaller[0] < alone[2] - alone[0] and smaller[3] - smaller[1] < alone[3] - alone[1]
     assert not alike(larger, replace(larger, scaling=Scaling(larger.scaling.factors, CHANGING)))
     # of the same size and mirrored is another state, which is refused
-    assert touched(states[1], states[2], view, model) != (model.width, model.height, 0, 0)
+    assert dirty_region(states[1], states[2], view, model) != (model.width, model.height, 0, 0)
 
 
 def _without(state: Any, name: str) -> Any:

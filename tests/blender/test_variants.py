@@ -20,8 +20,7 @@ from unisim_blender.bridge.changes.variants import delete_variant, variants_of
 from unisim_blender.bridge.objects.imported import is_copy, things
 from unisim_blender.core.errors import UnisimError
 from unisim_blender.core.scenario import load_scenario
-from unisim_blender.editing.edits.differences import alike, compared, differences
-from unisim_blender.editing.edits.lines import Line
+from unisim_blender.editing.edits.differences import differences
 from unisim_blender.editing.edits.variant_names import file_names, free_name
 from unisim_blender.operators import background
 from unisim_blender.operators.export_scenario import scenario_of
@@ -229,21 +228,6 @@ def test_the_frame_that_is_shown_stays(street: Any) -> None:
     assert variant.frame_current == 13
     variant.frame_set(4)
     assert show(street).frame_current == 4
-
-
-def test_differences() -> None:
-    def line(uid: str, what: str, edit: object, muted: int = -1) -> Line:
-        return Line("ACTOR", uid, "MOVE", what, uid, uid, 0.0, 1.0, (0, 1), edit, muted)
-
-    here = (line("a", "1", [1.0, 2.0]), line("b", "1", [1.0]), line("c", "1", [1.0]), line("d", "1", [3.0], muted=0))
-    there = (line("a", "1", [1.00001, 2.0]), line("b", "2", [2.0]), line("d", "1", [3.0]))
-    found = list(differences(here, there))
-    assert [(one.line.uid, one.here is not None, one.there is not None) for one in found] == [
-        ("b", True, True), ("c", True, False), ("d", False, True),
-    ]  # fmt: skip
-    assert compared(here, there) is compared(here, there) and list(compared(here, there)) == found
-    assert list(compared(here, here)) == []
-    assert not alike({"a": 1}, {"b": 1}) and not alike([1.0], [1.0, 2.0]) and alike(("x", None), ("x", None))
 
 
 def test_differences_of_two_variants(street: Any) -> None:
