@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from imported_scene import added, changed, displaced, sampled_object, without
 
+from unisim_blender.core.geometry import FloatArray
 from unisim_blender.core.world.drive import CameraModel
 from unisim_blender.editing.images.dirty_region import alike, dirty_region, is_empty, joined
 from unisim_blender.editing.sampled.clock import Clock
@@ -17,7 +18,7 @@ MODEL = CameraModel(400, 300, 200.0, 200.0, 200.0, 150.0)
 SIZE = (1.0, 1.0, 1.0)
 
 
-def at(x: float, y: float, z: float) -> np.ndarray:
+def at(x: float, y: float, z: float) -> FloatArray:
     """Two frames of a pose; a Blender camera at the origin looks along -z."""
     pose = np.tile(np.eye(4), (2, 1, 1))
     pose[:, :3, 3] = (x, y, z)

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from imported_scene import beside, driving
 
-from unisim_blender.core.geometry import box_corners
+from unisim_blender.core.geometry import FloatArray, box_corners
 from unisim_blender.editing.layout.speed_graph import EDITED, OVER, RECORDED, curves, moment, values
-from unisim_blender.editing.motion.compared import EGO_LABEL, Track, compared, label_of, recorded_track
+from unisim_blender.editing.motion.comparison import EGO_LABEL, MOST, Track, compared, kept_comparison, label_of, recorded_track
 from unisim_blender.editing.motion.kinematics import Limits
 from unisim_blender.editing.motion.trails import EDGES, FAST, SLOW, Lines, joined, own_lines, recorded_lines, speed_colours
 from unisim_blender.editing.motion.trails import RECORDED as GREY
@@ -66,13 +66,24 @@ def test_the_graph_shows_both_and_marks_limits(source: Source) -> None:
     assert len(moment(wild, 5.0).corners) % 3 == 0 and any("km/h" in text for text, _ in values(wild, 5.0))
 
 
+def test_a_comparison_is_kept_until_the_motion_changes(source: Source) -> None:
+    clock, tracks = Clock.of(source.drive), [track_of(source, uid) for uid in sorted(source.drive.actors)]
+    first = kept_comparison(tracks[0], source.drive, clock, Limits())
+    assert kept_comparison(track_of(source, tracks[0].uid), source.drive, clock, Limits()) is first
+    assert kept_comparison(tracks[0], source.drive, clock, Limits(lateral_m_s2=1.0)) is not first
+    again = kept_comparison(tracks[0], source.drive, clock, Limits())
+    for track in tracks[1 : MOST + 1]:
+        kept_comparison(track, source.drive, clock, Limits())
+    assert kept_comparison(tracks[0], source.drive, clock, Limits()) is not again, "older ones are forgotten"
+
+
 def test_classes(source: Source) -> None:
     assert label_of("EGO", "", "", source.drive) == EGO_LABEL
     assert label_of("ACTOR", "cone-1", "", source.drive) == "Cones" and label_of("ACTOR", "cone-1", "Van", source.drive) == "Van"
     assert label_of("ACTOR", "nobody", "", source.drive) == ""
 
 
-def line(speed_m_s: float, seconds: float = 2.5) -> tuple[np.ndarray, Clock]:
+def line(speed_m_s: float, seconds: float = 2.5) -> tuple[FloatArray, Clock]:
     """Poses along x at a constant speed, ten a second."""
     times = np.arange(0, seconds, 0.1)
     poses = np.tile(np.eye(4), (len(times), 1, 1))
