@@ -14,7 +14,7 @@ from helpers import SAMPLE, read, select, thing
 
 from unisim_blender import listing
 from unisim_blender.bridge.objects.animation import curves_of
-from unisim_blender.bridge.objects.imported import things
+from unisim_blender.bridge.objects.imported import imported_objects
 from unisim_blender.bridge.objects.source import source_of
 from unisim_blender.bridge.objects.trajectories import keyed_pose
 from unisim_blender.bridge.views import card
@@ -49,7 +49,7 @@ def test_it_says_what_the_card_says(street: Any) -> None:
         street.frame_set(frame)
         known = entries(street)
         assert len(known) == len(drive.actors)
-        for one in things(street, "ACTOR"):
+        for one in imported_objects(street, "ACTOR"):
             said, row = card.card_of(street, one, drive), known[one.name]
             assert row.speed_m_s == pytest.approx(said.speed_m_s, abs=1e-3) and row.label == said.label
             assert row.distance_m == pytest.approx(said.distance_m, abs=1e-3) and row.present_s == pytest.approx(said.present_s)
@@ -57,7 +57,7 @@ def test_it_says_what_the_card_says(street: Any) -> None:
 
 
 def test_poses_of_all_frames_are_those_of_each(street: Any) -> None:
-    one = next(o for o in things(street, "ACTOR") if o.parent is not None)
+    one = next(o for o in imported_objects(street, "ACTOR") if o.parent is not None)
     one.location = (0.5, -1.0, 0.0)
     frames = np.array([0.0, 3.0, 3.5, 19.0])
     assert np.allclose(poses_of(one, frames), [keyed_pose(one, frame) for frame in frames], atol=1e-5)
@@ -67,7 +67,7 @@ def test_poses_of_all_frames_are_those_of_each(street: Any) -> None:
 
 
 def test_only_what_the_scenario_names_is_edited(street: Any) -> None:
-    cars = [o for o in things(street, "ACTOR") if o.unisim.uid.startswith("car")]
+    cars = [o for o in imported_objects(street, "ACTOR") if o.unisim.uid.startswith("car")]
     standing = [o for o in cars if o.parent is None]
     driving = [o for o in cars if o.parent is not None]
     standing[0].location.x += 1.0
@@ -123,7 +123,7 @@ def test_a_copy_stands_for_a_deleted_original(street: Any) -> None:
 
 
 def test_another_state_of_the_file_is_read_anew(street: Any) -> None:
-    one = next(o for o in things(street, "ACTOR") if o.parent is not None)
+    one = next(o for o in imported_objects(street, "ACTOR") if o.parent is not None)
     before = entries(street)[one.name].distance_m
     for curve in curves_of(one.parent):  # writing keys so tells the depsgraph nothing
         if curve.data_path == "location" and curve.array_index == 0:
@@ -205,7 +205,7 @@ def test_icons_are_blenders(addon: Any) -> None:
 
 
 def test_three_hundred_actors_take_little(street: Any) -> None:
-    sources = list(things(street, "ACTOR"))
+    sources = list(imported_objects(street, "ACTOR"))
     collection = sources[0].users_collection[0]
     for number in range(280):
         copy = sources[number % len(sources)].copy()

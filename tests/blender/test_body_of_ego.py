@@ -202,7 +202,7 @@ def test_what_an_edit_of_it_changes_is_seen_from_outside_alone(street: Any) -> N
     box.location.z += 0.4
     bpy.context.view_layer.update()
     after = now()
-    views = {view.name: view for view in after.things if view.kind == "CAMERA"}
+    views = {view.name: view for view in after.objects if view.kind == "CAMERA"}
     for name, none in (("front_camera", True), (outside.name, False)):
         model = views[name].camera
         rectangle = dirty_region(before, after, views[name], model)

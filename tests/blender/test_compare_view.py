@@ -25,7 +25,7 @@ from unisim_blender.editing.sampled.source import Source
 def request(street: Any, view: Any, frame: float = 9.0) -> tuple[SampledObject, dict[str, Any], Source]:
     source = source_of(street)
     sampled = sample_all(street, Clock.of(source.drive).around(frame))
-    looking = next(one for one in sampled.things if one.name == view.name)
+    looking = next(one for one in sampled.objects if one.name == view.name)
     return looking, camera_request(sampled, looking, source, frame, (480, 270)), source
 
 

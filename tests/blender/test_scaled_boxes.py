@@ -14,7 +14,7 @@ from helpers import SAMPLE, edited, read, select, thing
 from mathutils import Euler
 
 from unisim_blender import following
-from unisim_blender.bridge.objects.imported import things
+from unisim_blender.bridge.objects.imported import imported_objects
 from unisim_blender.bridge.objects.source import source_of
 from unisim_blender.bridge.objects.trajectories import trajectory_of
 from unisim_blender.bridge.sampling.adjacent_frames import lacking, sample_now, step_beside
@@ -187,7 +187,7 @@ def test_a_scale_that_changes_over_time_is_refused_whichever_frames_are_looked_a
     street.frame_set(15)
     depsgraph = bpy.context.evaluated_depsgraph_get()
     now = sample_now(street, depsgraph, clock(street).around(15))
-    assert next(t for t in now.things if t.name == one.name).scaling.fault == CHANGING
+    assert next(t for t in now.objects if t.name == one.name).scaling.fault == CHANGING
 
 
 def test_a_scale_that_is_keyed_and_stays_is_none_that_changes(street: Any) -> None:
@@ -210,13 +210,13 @@ def test_a_scale_that_a_constraint_changes_is_told_about_the_moment_too(street: 
     depsgraph = bpy.context.evaluated_depsgraph_get()
     assert step_beside(street, here, lacking(street, here))
     for state in (sample_now(street, depsgraph, here), sample_all(street, clock(street))):
-        assert next(t for t in state.things if t.name == one.name).scaling.fault == CHANGING
+        assert next(t for t in state.objects if t.name == one.name).scaling.fault == CHANGING
 
 
 def test_static_items_cannot_be_scaled(street: Any) -> None:
     street.cursor.location = (18.0, 5.0, 0.5)
     bpy.ops.unisim.mark_static()
-    item = next(things(street, "STATIC"))
+    item = next(imported_objects(street, "STATIC"))
     item.scale, item.location.x = (2.0, 1.0, 1.0), item.location.x + 3.0
     with pytest.raises(ScenarioError, match=f'"{item.name}": is scaled by 2 x 1 x 1, which a static item cannot be'):
         read(street)
@@ -252,7 +252,7 @@ def test_a_scenario_with_scales_comes_through(scene: Any, tmp_path: Path) -> Non
     ):  # fmt: skip
         assert drive.actors[uid].scale == factors, uid
         np.testing.assert_allclose(drive.actors[uid].size_m, sizes[look].size_m * factors)
-        box = next(t for t in sample_all(scene, clock(scene)).things if t.name == uid or (t.uid == uid and t.is_original))
+        box = next(t for t in sample_all(scene, clock(scene)).objects if t.name == uid or (t.uid == uid and t.is_original))
         np.testing.assert_allclose(box.size_m, drive.actors[uid].size_m, rtol=1e-5, err_msg=uid)
     edits = read(bpy.context.scene).edits
     assert [type(edit) for edit in edits] == [Duplicate, Scale, Scale, Swap, Scale, Duplicate, Scale]
@@ -327,8 +327,8 @@ def test_a_scaled_box_touches_what_the_larger_one_covers(street: Any) -> None:
     for factor in (1.0, 1.5, -1.5):
         one.scale = (factor, 1.5 * abs(factor), abs(factor))
         states.append(state())
-    view = next(t for t in states[0].things if t.name == street.camera.name)
-    larger = next(t for t in states[1].things if t.name == one.name)
+    view = next(t for t in states[0].objects if t.name == street.camera.name)
+    larger = next(t for t in states[1].objects if t.name == one.name)
     np.testing.assert_allclose(larger.size_m, np.array([4.7, 2.1, 1.72]) * [1.5, 2.25, 1.5], rtol=1e-4)
     alone = dirty_region(states[1], states[0], view, model)
     assert alone is not None and alone == dirty_region(states[0], states[1], view, model)
@@ -340,7 +340,7 @@ def test_a_scaled_box_touches_what_the_larger_one_covers(street: Any) -> None:
 
 
 def _without(state: Any, name: str) -> Any:
-    return replace(state, things=tuple(t for t in state.things if t.name != name))
+    return replace(state, objects=tuple(t for t in state.objects if t.name != name))
 
 
 @pytest.mark.parametrize("of", [standing, driving])

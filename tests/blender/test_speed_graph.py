@@ -10,7 +10,7 @@ import pytest
 from helpers import driving_car, select
 
 from unisim_blender.bridge.changes.motion import displaced_along
-from unisim_blender.bridge.objects.imported import things
+from unisim_blender.bridge.objects.imported import imported_objects
 from unisim_blender.bridge.objects.source import source_of
 from unisim_blender.bridge.sampling.stepping import sample_all
 from unisim_blender.bridge.views import motions
@@ -112,7 +112,7 @@ def test_pedestrians_have_no_such_limits(street: Any) -> None:
 
 
 def test_the_ego_vehicle_too(street: Any) -> None:
-    ego = next(things(street, "EGO"))
+    ego = next(imported_objects(street, "EGO"))
     select(ego)
     assert not graph().is_edited
     swerve(ego, 3.0)

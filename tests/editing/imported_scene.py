@@ -18,7 +18,7 @@ from unisim_blender.editing.sensors.mounts import lidar_json, recorded_mount
 
 def sampled_object(name: str, kind: str, poses: FloatArray, there: Any = True, **more: Any) -> SampledObject:
     """Return an object at poses (N, 4, 4), present throughout or at the frames ``there`` (N,); what it is called is its id."""
-    about: dict[str, Any] = {"uid": name, "home": name, "look": "", "look_scene": "", "model": "", "index": 0, **more}
+    about: dict[str, Any] = {"uid": name, "original_name": name, "look": "", "look_scene": "", "model": "", "index": 0, **more}
     return SampledObject(name=name, kind=kind, poses=poses, there=np.broadcast_to(there, len(poses)).copy(), **about)
 
 
@@ -41,22 +41,22 @@ def imported(drive: Drive) -> Sampled:
 
 def one_of(sampled: Sampled, name: str) -> SampledObject:
     """Return the object of a name."""
-    return next(one for one in sampled.things if one.name == name)
+    return next(one for one in sampled.objects if one.name == name)
 
 
 def changed(sampled: Sampled, name: str, **values: Any) -> Sampled:
     """Return the scene with other values of one object."""
-    return replace(sampled, things=tuple(replace(one, **values) if one.name == name else one for one in sampled.things))
+    return replace(sampled, objects=tuple(replace(one, **values) if one.name == name else one for one in sampled.objects))
 
 
 def without(sampled: Sampled, name: str) -> Sampled:
     """Return the scene with an object deleted."""
-    return replace(sampled, things=tuple(one for one in sampled.things if one.name != name))
+    return replace(sampled, objects=tuple(one for one in sampled.objects if one.name != name))
 
 
 def added(sampled: Sampled, *new: SampledObject) -> Sampled:
     """Return the scene with more objects."""
-    return replace(sampled, things=tuple(sorted([*sampled.things, *new], key=lambda one: one.name)))
+    return replace(sampled, objects=tuple(sorted([*sampled.objects, *new], key=lambda one: one.name)))
 
 
 def displaced(poses: FloatArray, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> FloatArray:

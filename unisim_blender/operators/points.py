@@ -127,7 +127,7 @@ def gather() -> float | None:
 
 @persistent
 def follow(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None = None) -> None:
-    """Show the points of the frame that is shown now; while a picture is rendered nothing changes."""
+    """Show the points of the frame that is shown now; while an image is rendered nothing changes."""
     about = scene.unisim
     if not (about.show_recorded or about.show_simulated) or bpy.app.is_job_running("RENDER"):
         return

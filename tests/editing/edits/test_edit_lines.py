@@ -50,7 +50,7 @@ def test_what_became_of_actors(source: Source) -> None:
 def test_copies_and_inserted_ones_have_lines_of_their_own(source: Source) -> None:
     car = driving(source.drive).uid
     sampled = imported(source.drive)
-    copy = sampled_object("Copy", "ACTOR", beside(one_of(sampled, car).poses, left=3.5), uid=car, home=car)
+    copy = sampled_object("Copy", "ACTOR", beside(one_of(sampled, car).poses, left=3.5), uid=car, original_name=car)
     box = sampled_object("Box", "ACTOR", one_of(sampled, car).poses, uid="", mesh="box", label="Other")
     lines = lines_of(added(sampled, copy, box), source)
     assert {(line.part, line.who) for line in lines} == {("COPY", "Copy"), ("MESH", "Box")}
@@ -75,7 +75,7 @@ def test_the_vehicle_and_its_sensors(source: Source) -> None:
 def test_a_problem_names_its_object(source: Source) -> None:
     sampled = imported(source.drive)
     fault = ScenarioError('object "car-01": is sheared')
-    line = problem_line("ACTOR", "car-01", fault, sampled.things)
+    line = problem_line("ACTOR", "car-01", fault, sampled.objects)
     assert (line.part, line.what, line.thing) == ("PROBLEM", "Is sheared", "car-01")
 
 

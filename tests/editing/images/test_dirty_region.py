@@ -105,7 +105,7 @@ def test_all_of_it_where_that_cannot_be_told(scene: Sampled, view: SampledObject
 
 
 def test_alike(scene: Sampled) -> None:
-    one = scene.things[0]
+    one = scene.objects[0]
     assert alike(one, replace(one, index=3)) and not alike(one, replace(one, poses=displaced(one.poses, x=1e-6)))
     assert not alike(one, replace(one, there=np.array([True, False])))
 

@@ -117,9 +117,9 @@ def test_copies_keep_their_source(source: Source) -> None:
     actor = driving(source.drive)
     sampled = imported(source.drive)
     poses = one_of(sampled, actor.uid).poses
-    world = sampled_object("Copy", "ACTOR", displaced(poses, y=3.5), uid=actor.uid, home=actor.uid)
-    own = sampled_object("Copy.001", "ACTOR", beside(poses, left=3.5), uid=actor.uid, home=actor.uid)
-    other = sampled_object("Copy.002", "ACTOR", beside(poses, yaw_deg=5.0), uid=actor.uid, home=actor.uid)
+    world = sampled_object("Copy", "ACTOR", displaced(poses, y=3.5), uid=actor.uid, original_name=actor.uid)
+    own = sampled_object("Copy.001", "ACTOR", beside(poses, left=3.5), uid=actor.uid, original_name=actor.uid)
+    other = sampled_object("Copy.002", "ACTOR", beside(poses, yaw_deg=5.0), uid=actor.uid, original_name=actor.uid)
     sampled = added(sampled, world, own, other)
     first, second, third = read(sampled, source).edits
     assert isinstance(first, Duplicate) and first.world_offset_m == pytest.approx((0.0, 3.5, 0.0), abs=1e-6)
@@ -131,7 +131,7 @@ def test_copies_keep_their_source(source: Source) -> None:
 def test_a_copy_stands_for_a_deleted_original(source: Source) -> None:
     actor = driving(source.drive)
     sampled = imported(source.drive)
-    copy = sampled_object("Copy", "ACTOR", one_of(sampled, actor.uid).poses, uid=actor.uid, home=actor.uid)
+    copy = sampled_object("Copy", "ACTOR", one_of(sampled, actor.uid).poses, uid=actor.uid, original_name=actor.uid)
     assert not read(added(without(sampled, actor.uid), copy), source).edits
     moved = replace(copy, name="Moved", poses=displaced(copy.poses, x=9.0))
     assert original([moved, copy], actor, sampled.clock) is copy and original([], actor, sampled.clock) is None
@@ -185,7 +185,7 @@ def test_the_vehicle_beside_its_lane(source: Source) -> None:
     ego = one_of(sampled, "Ego vehicle").poses
 
     def edit(poses: FloatArray) -> object:
-        moved = {one.name: one.poses for one in sampled.things if one.kind in ("CAMERA", "LIDAR")}
+        moved = {one.name: one.poses for one in sampled.objects if one.kind in ("CAMERA", "LIDAR")}
         found = changed(sampled, "Ego vehicle", poses=poses)
         for name, before in moved.items():  # they ride on it
             found = changed(found, name, poses=poses @ invert_pose(ego) @ before)

@@ -54,5 +54,5 @@ def test_a_sampled_scene(source: Source) -> None:
     assert [one.name for one in sampled.of("CAMERA", "LIDAR")] == ["front_camera", "pandar64"]
     one = one_of(sampled, "car-01")
     assert one.is_original and one.title == "car-01"
-    copy = sampled_object("Copy", "ACTOR", one.poses, uid="car-01", home="car-01", called="Van")
+    copy = sampled_object("Copy", "ACTOR", one.poses, uid="car-01", original_name="car-01", called="Van")
     assert not copy.is_original and copy.title == "Van"

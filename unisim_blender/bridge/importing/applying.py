@@ -20,7 +20,8 @@ from ...editing.sampled.source import Source
 from ...editing.sensors.mounts import lag, lidar_json, sensor_times
 from ..objects.cameras import set_model
 from ..objects.ego_bodies import mount_body
-from ..objects.imported import box_mesh, collection_of, make, new_actor, things
+from ..objects.imported import box_mesh, collection_of, make, new_actor
+from ..objects.imported import imported_objects as things
 from ..objects.mesh_objects import object_of
 from ..objects.static_items import mark
 from ..objects.trajectories import remove

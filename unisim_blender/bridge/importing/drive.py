@@ -21,7 +21,7 @@ from ...editing.sensors.mounts import lag, lidar_json, recorded_mount
 from ...editing.sensors.outlines import DISPLAY_M
 from ..objects.animation import write_presence, write_trajectory
 from ..objects.cameras import model_of, set_model
-from ..objects.imported import box_mesh, collection_of, has_drive, make, things
+from ..objects.imported import box_mesh, collection_of, has_drive, imported_objects, make
 from ..objects.source import source_of
 from ..objects.trajectories import free, local_matrix, ride, set_on_trajectory, settle_on
 from ..sampling.in_steps import sample_steps
@@ -71,7 +71,7 @@ def import_source(scene: bpy.types.Scene, source: Source) -> Iterator[Step]:
             collection_of(scene, kind)
     set_colours(scene)
     yield Step(done := done + 1, total, "time")
-    ego = _ego(scene, drive, clock) if "ego" not in kept else next(things(scene, "EGO"))
+    ego = _ego(scene, drive, clock) if "ego" not in kept else next(imported_objects(scene, "EGO"))
     yield Step(done := done + 1, total, "ego vehicle")
     for camera in cameras:
         _camera(scene, source, camera, ego, clock)
@@ -93,7 +93,7 @@ def import_source(scene: bpy.types.Scene, source: Source) -> Iterator[Step]:
 
 def import_sensors(scene: bpy.types.Scene, source: Source, names: set[str]) -> None:
     """Make objects of recorded sensors that were deleted, as the import makes them."""
-    ego, clock = next(things(scene, "EGO")), Clock.of(source.drive)
+    ego, clock = next(imported_objects(scene, "EGO")), Clock.of(source.drive)
     for name, camera in source.drive.cameras.items():
         if name in names:
             _camera(scene, source, camera, ego, clock)
@@ -104,7 +104,7 @@ def import_sensors(scene: bpy.types.Scene, source: Source, names: set[str]) -> N
 
 def front_camera(scene: bpy.types.Scene) -> bpy.types.Object | None:
     """Return the camera of the rig that looks furthest ahead along the vehicle; None where there is none."""
-    cameras = [camera for camera in things(scene, "CAMERA") if not camera.hide_render]
+    cameras = [camera for camera in imported_objects(scene, "CAMERA") if not camera.hide_render]
     return max(cameras, key=lambda camera: -local_matrix(camera, scene.frame_current)[0][2], default=None)
 
 
@@ -171,7 +171,7 @@ def _edited(scene: bpy.types.Scene, source: Source) -> Generator[Step, None, set
 
 
 def fit_resolution(scene: bpy.types.Scene) -> None:
-    """Make pictures as large as the active camera's, where that is one of the rig."""
+    """Make images as large as the active camera's, where that is one of the rig."""
     if scene.camera is None or scene.camera.unisim.kind != "CAMERA":
         return
     model = model_of(scene.camera)
@@ -192,14 +192,14 @@ def set_time(scene: bpy.types.Scene, clock: Clock) -> None:
 
 
 def set_colours(scene: bpy.types.Scene) -> None:
-    """Pictures are shown as they were recorded."""
+    """Images are shown as they were recorded."""
     view = scene.view_settings
     view.view_transform, view.look, view.exposure, view.gamma = "Standard", "None", 0.0, 1.0
     scene.render.dither_intensity = 0.0  # noise of one step of eight bits
 
 
 def recorded_colours(scene: bpy.types.Scene) -> bool:
-    """Whether pictures are shown as they were recorded."""
+    """Whether images are shown as they were recorded."""
     view = scene.view_settings
     return view.view_transform == "Standard" and view.look == "None" and view.exposure == 0 and view.gamma == 1
 
@@ -231,7 +231,7 @@ def ride_on_vehicle(
 
 def _camera(scene: bpy.types.Scene, source: Source, camera: Camera, ego: bpy.types.Object, clock: Clock) -> None:
     name = camera.sensor_id
-    standing = next((t for t in things(scene, "CAMERA") if t.unisim.uid == name and t.name == t.unisim.home), None)
+    standing = next((t for t in imported_objects(scene, "CAMERA") if t.unisim.uid == name and t.name == t.unisim.home), None)
     data = standing.data if standing is not None else bpy.data.cameras.new(f"UniSim {name}")  # each variant has its own
     thing = make(scene, "CAMERA", name, name, data)
     set_model(thing, camera.model)
@@ -258,7 +258,7 @@ def _actor(scene: bpy.types.Scene, drive: Drive, actor: Actor, clock: Clock, nam
 
 def import_one(scene: bpy.types.Scene, source: Source, kind: str, uid: str) -> None:
     """Put one actor or sensor of the drive into a scene, or bring it up to date. Needs the ego vehicle."""
-    drive, clock, ego = source.drive, Clock.of(source.drive), next(things(scene, "EGO"))
+    drive, clock, ego = source.drive, Clock.of(source.drive), next(imported_objects(scene, "EGO"))
     if kind == "ACTOR":
         name = names_at_import(source)[uid]
         _actor(scene, drive, drive.actors[uid], clock, name).pass_index = 1 + sorted(drive.actors).index(uid)

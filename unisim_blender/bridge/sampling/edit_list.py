@@ -17,7 +17,8 @@ from ...editing.edits.lines import Line, actor_lines, problem_line, rig_lines, s
 from ...editing.sampled.clock import Clock
 from ...editing.sampled.scene import Sampled
 from ...editing.sampled.scene import SampledObject as Thing
-from ..objects.imported import KINDS_OF_DRIVE, things
+from ..objects.imported import KINDS_OF_DRIVE
+from ..objects.imported import imported_objects as things
 from ..objects.source import source_of
 from .adjacent_frames import moved_by_keys
 from .from_keys import Sampler, evaluated

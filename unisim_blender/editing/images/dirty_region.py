@@ -30,7 +30,7 @@ def dirty_region(
     """
     if not np.array_equal(before.clock.times_s, after.clock.times_s) or before.items != after.items:
         return None
-    old, new = ({thing.name: thing for thing in state.things} for state in (before, after))
+    old, new = ({thing.name: thing for thing in state.objects} for state in (before, after))
     rectangle: Rectangle | None = (model.width, model.height, 0, 0)
     for name in sorted({*old, *new}):
         states = [thing for thing in (old.get(name), new.get(name)) if thing is not None]
