@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from helpers import SAMPLE, read, thing
 
-from unisim_blender.bridge.importing.drive import import_source, summary
+from unisim_blender.bridge.importing.drive import import_source
 from unisim_blender.bridge.objects.animation import keys_of
 from unisim_blender.bridge.objects.imported import imported_objects
 from unisim_blender.bridge.objects.source import source_of
@@ -20,6 +20,7 @@ from unisim_blender.core.errors import UnisimError
 from unisim_blender.editing.sampled.clock import Clock
 from unisim_blender.editing.sampled.poses import optical, same
 from unisim_blender.editing.sampled.source import open_source
+from unisim_blender.editing.sampled.summary import summary
 
 
 def test_everything_of_the_drive_is_there(street: Any) -> None:
