@@ -1,4 +1,4 @@
-"""Actors in the Asset Browser, with their own pictures."""
+"""Actors in the Asset Browser, with their own images."""
 
 import queue
 from collections.abc import Generator

@@ -17,7 +17,7 @@ from ..sampled.source import Source
 
 SIZE_PX = 192
 FILLED = 0.9
-"""How much of the picture's width or height the actor fills."""
+"""How much of the image's width or height the actor fills."""
 FAR_SIZES = 3.0
 """How far the camera stands, beside the actor's size."""
 
@@ -55,7 +55,7 @@ def portrait_request(source: Source, actor: Actor, name: str) -> dict[str, Any] 
 
 
 def _best_view(drive: Drive, actor: Actor, clock: Clock) -> tuple[int, FloatArray, FloatArray] | None:
-    """The frame in which some camera is nearest and has the actor in its picture, the camera's place and the actor's centre."""
+    """The frame in which some camera is nearest and has the actor in its image, the camera's place and the actor's centre."""
     best: tuple[float, int, FloatArray, FloatArray] | None = None
     poses, there = recorded_poses(actor, clock), recorded_there(actor, drive, clock)
     for camera in drive.cameras.values():

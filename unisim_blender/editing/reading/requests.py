@@ -30,7 +30,7 @@ HERE = Path(tempfile.gettempdir()).resolve() / "moment.json"
 def camera_request(
     sampled: Sampled, view: SampledObject, source: Source, frame: float, size: tuple[int, int], aspect: float = 1.0
 ) -> dict[str, Any]:
-    """What the worker needs for a picture of size (width, height) through ``view``; ``aspect``: a pixel's height by its width."""
+    """What the worker needs for an image of size (width, height) through ``view``; ``aspect``: a pixel's height by its width."""
     scenario = read_scenario(only(sampled, view), source, HERE)
     clock, drive = Clock.of(source.drive), source.drive
     recorded = drive.cameras.get(view.uid) if view.kind == "CAMERA" else None
@@ -78,13 +78,13 @@ def about(scenario: Scenario) -> dict[str, Any]:
 
 def only(sampled: Sampled, sensor: SampledObject) -> Sampled:
     """The same without the other sensors. The one that looks is there, though it may be hidden for renders."""
-    others = [thing for thing in sampled.things if thing.kind not in ("CAMERA", "LIDAR", "NONE")]
-    looks = [replace(thing, there=np.ones_like(thing.there)) for thing in sampled.things if thing.name == sensor.name]
-    return replace(sampled, things=tuple(sorted([*others, *looks], key=lambda thing: thing.name)))
+    others = [thing for thing in sampled.objects if thing.kind not in ("CAMERA", "LIDAR", "NONE")]
+    looks = [replace(thing, there=np.ones_like(thing.there)) for thing in sampled.objects if thing.name == sensor.name]
+    return replace(sampled, objects=tuple(sorted([*others, *looks], key=lambda thing: thing.name)))
 
 
 def sized(model: CameraModel, size: tuple[int, int], aspect: float, exact: bool) -> CameraModel:
-    """A camera's intrinsics at another size (width, height). One of the rig keeps its own wherever the picture has its shape;
+    """A camera's intrinsics at another size (width, height). One of the rig keeps its own wherever the image has its shape;
     else the view is as Blender frames it: as wide as the lens says, whatever the height."""
     width, height = size
     sx, sy = width / model.width, height / model.height
