@@ -20,7 +20,7 @@ from unisim_blender.core.ops.gather.reference import gather as gather_reference
 from unisim_blender.core.ops.grid_shape import GridArrays, GridShape
 from unisim_blender.core.ops.propose import propose
 from unisim_blender.core.ops.propose.reference import propose as propose_reference
-from unisim_blender.core.ops.propose.voxels import Segment, Voxels
+from unisim_blender.core.ops.propose.voxels import RaySpans, Voxels
 from unisim_blender.core.ops.ray_segments import RaySegments
 
 from .kernels import apart, held_against
@@ -156,9 +156,9 @@ def _propose(device: str, rays: int, count: int) -> Errors:
     far = drawn(rays) * float(size[1]) + 0.2
     o[-2:] += 1e12  # far outside
     far[-4:-2] = 0  # and nothing to walk through
-    segment = Segment(o, d, torch.full_like(far, 0.1), far)
+    spans = RaySpans(o, d, torch.full_like(far, 0.1), far)
     u = ((torch.arange(count, device=device) + drawn(rays, count)) / count).contiguous()
-    (t, mass), (want_t, want_mass) = propose(voxels, segment, u), propose_reference(voxels, segment, u)
+    (t, mass), (want_t, want_mass) = propose(voxels, spans, u), propose_reference(voxels, spans, u)
     walked = far > 0.1
     # a quantile at the end of a voxel may stand at the next one's beginning, behind free space
     near = 1e-4 * float(want_mass.max().clamp_min(1e-3))

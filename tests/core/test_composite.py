@@ -20,10 +20,11 @@ from unisim_blender.core.ops.field_values import SignedDistances
 from unisim_blender.core.ops.gather import OPERATION as GATHER
 from unisim_blender.core.ops.gather import gather
 from unisim_blender.core.ops.gather.reference import gather as gather_reference
-from unisim_blender.core.ops.ray_segments import ActorSegments, MeshSegments, RaySegments
+from unisim_blender.core.ops.ray_segments import ActorSegments, MeshSegments, RaySegments, rows_of
 from unisim_blender.core.ops.transmittances import OPERATION as TRANSMITTANCES
 from unisim_blender.core.ops.transmittances import transmittances
 from unisim_blender.core.ops.transmittances.reference import transmittances as transmittances_reference
+from unisim_blender.core.render.tracers.torch.trace import _without_foreign
 
 pytestmark = pytest.mark.skipif(native.library() is None, reason="the compiled kernels are not built")
 RAYS = 300
@@ -164,6 +165,21 @@ def test_a_whole_picture_is_the_same() -> None:
     ]:
         assert bool((a != 0).any())
         torch.testing.assert_close(a, b.detach(), rtol=1e-5, atol=1e-5)
+
+
+def test_without_foreign_actors_rays_that_meet_none_are_not_composited_anew() -> None:
+    """The same bits as everything of the scene's own alone."""
+    own, foreign, more, _ = ray_segments_of(20, GROUPS)
+    foreign = rows_of(foreign, foreign.ray % 3 == 0)
+    mesh = MeshSegments(**vars(ray_segments_of(30, ((9, 1),), 1)[0]), actor=torch.zeros(9), normals=torch.zeros(9, 3))
+    ray_segments = [own, of_actor_set(1, foreign), of_actor_set(0, more), mesh]
+    everything = composite(RAYS, ray_segments, [5, 5], own.t)
+    feature, after = _without_foreign(everything, ray_segments)
+    alone = composite(RAYS, [own, of_actor_set(0, more)], [5], own.t)
+    assert torch.equal(feature, alone.feature) and torch.equal(after, alone.transmittance_after)
+    assert not torch.equal(feature, everything.feature)
+    untouched = (feature == everything.feature).all(1) & (feature != 0).any(1)
+    assert 50 < int(untouched.sum()) < RAYS - 10
 
 
 def test_compositing_changes_nothing_that_it_is_given() -> None:

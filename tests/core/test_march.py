@@ -10,7 +10,7 @@ from torch import Tensor
 from unisim_blender.core import native
 from unisim_blender.core.ops.propose import propose
 from unisim_blender.core.ops.propose.reference import propose as propose_reference
-from unisim_blender.core.ops.propose.voxels import Segment, Voxels
+from unisim_blender.core.ops.propose.voxels import RaySpans, Voxels
 from unisim_blender.core.ops.quantiles import refine_quantiles, stratified
 
 needs_library = pytest.mark.skipif(native.library() is None, reason="the compiled kernels are not built")
@@ -24,7 +24,7 @@ def random_voxels(seed: int, full: float = 0.15) -> Voxels:
     return Voxels(torch.tensor(values.astype(np.uint8)), torch.tensor([-3.0, 1.0, 0.5]), VOXEL_M)
 
 
-def random_segment(n: int, seed: int) -> Segment:
+def random_rays(n: int, seed: int) -> RaySpans:
     """Rays of all kinds through a grid of 20 x 12 x 6 m: from outside and inside, that miss, along the axes, of no length."""
     rng = np.random.default_rng(seed)
     o = rng.uniform([-12, -6, -4], [26, 20, 11], (n, 3))
@@ -36,47 +36,47 @@ def random_segment(n: int, seed: int) -> Segment:
     near = rng.uniform(0, 3, n)
     far = near + rng.uniform(0, 40, n)
     far[::17] = near[::17]
-    return Segment(*(torch.tensor(a, dtype=torch.float32) for a in (o, d, near, far)))
+    return RaySpans(*(torch.tensor(a, dtype=torch.float32) for a in (o, d, near, far)))
 
 
-def steps_of(voxels: Voxels, segment: Segment, ray: int) -> list[float]:
+def steps_of(voxels: Voxels, spans: RaySpans, ray: int) -> list[float]:
     """Values p of each step of one ray, by a plain loop in double precision."""
     out = []
-    span = float(segment.t_far[ray] - segment.t_near[ray])
+    span = float(spans.t_far[ray] - spans.t_near[ray])
     lower, shape = voxels.lower.double(), voxels.values.shape
     for i in range(int(np.ceil(np.float32(span) / np.float32(STEP_M)))):
-        x = segment.origins[ray].double() + (float(segment.t_near[ray]) + (i + 0.5) * STEP_M) * segment.directions[ray].double()
+        x = spans.origins[ray].double() + (float(spans.t_near[ray]) + (i + 0.5) * STEP_M) * spans.directions[ray].double()
         cell = [int(c) for c in torch.floor((x - lower) / VOXEL_M)]
         inside = all(0 <= c < n for c, n in zip(cell, shape, strict=True))
         out.append(int(voxels.values[cell[0], cell[1], cell[2]]) / 255 if inside else 0.0)
     return out
 
 
-def quantile_error(voxels: Voxels, segment: Segment, ray: int, u: Tensor, t: Tensor, mass: float) -> float:
+def quantile_error(voxels: Voxels, spans: RaySpans, ray: int, u: Tensor, t: Tensor, mass: float) -> float:
     """How far the places t (K,) of one ray are from the quantiles u (K,) of its distribution, worked out by a plain loop."""
     total, seen, edges = 0.0, 0.0, [0.0]
-    for p in steps_of(voxels, segment, ray):
+    for p in steps_of(voxels, spans, ray):
         total += p * np.exp(-0.15 * STEP_M * seen)
         seen += p
         edges.append(total)
     assert mass == pytest.approx(total, rel=1e-4, abs=1e-5)
     if total == 0:
         return 0.0
-    place = (t.double().numpy() - float(segment.t_near[ray])) / STEP_M
+    place = (t.double().numpy() - float(spans.t_near[ray])) / STEP_M
     got = np.interp(place, np.arange(len(edges)), np.array(edges) / total)
     return float(np.abs(got - u.double().numpy()).max())
 
 
 @pytest.mark.parametrize("function", (propose_reference, pytest.param(propose, marks=needs_library)))
 def test_places_are_the_quantiles_of_the_occupied_voxels(function: object) -> None:
-    voxels, segment = random_voxels(1), random_segment(60, 2)
-    u = stratified(60, 7, True, segment.origins, torch.Generator().manual_seed(3))
-    t, mass = function(voxels, segment, u)  # type: ignore[operator]
+    voxels, spans = random_voxels(1), random_rays(60, 2)
+    u = stratified(60, 7, True, spans.origins, torch.Generator().manual_seed(3))
+    t, mass = function(voxels, spans, u)  # type: ignore[operator]
     assert t.shape == (60, 7) and mass.shape == (60,)
     assert bool((t.diff(dim=1) >= 0).all()), "rising along each ray"
     met = 0
     for ray in range(60):
-        assert quantile_error(voxels, segment, ray, u[ray], t[ray], float(mass[ray])) < 1e-4, ray
+        assert quantile_error(voxels, spans, ray, u[ray], t[ray], float(mass[ray])) < 1e-4, ray
         met += float(mass[ray]) > 0
     assert 20 < met < 58, "some rays meet voxels, some miss"
 
@@ -84,26 +84,26 @@ def test_places_are_the_quantiles_of_the_occupied_voxels(function: object) -> No
 @needs_library
 @pytest.mark.parametrize("full", (0.0, 0.01, 0.3, 1.0))
 def test_compiled_proposals(full: float) -> None:
-    voxels, segment = random_voxels(4, full), random_segment(3000, 5)
-    u = stratified(3000, 12, True, segment.origins, torch.Generator().manual_seed(6))
-    t, mass = propose(voxels, segment, u)
-    t_plain, mass_plain = propose_reference(voxels, segment, u)
+    voxels, spans = random_voxels(4, full), random_rays(3000, 5)
+    u = stratified(3000, 12, True, spans.origins, torch.Generator().manual_seed(6))
+    t, mass = propose(voxels, spans, u)
+    t_plain, mass_plain = propose_reference(voxels, spans, u)
     torch.testing.assert_close(mass, mass_plain, rtol=1e-5, atol=1e-5)
     # rounding sends a quantile between two runs of voxels to the end of one or the start of the next
     differ = (t - t_plain).abs() > 1e-3
     assert differ.float().mean() < 1e-3
     for ray, k in differ.nonzero().tolist()[:20]:
-        assert quantile_error(voxels, segment, ray, u[ray, k : k + 1], t[ray, k : k + 1], float(mass[ray])) < 1e-4
+        assert quantile_error(voxels, spans, ray, u[ray, k : k + 1], t[ray, k : k + 1], float(mass[ray])) < 1e-4
 
 
 def test_a_ray_that_meets_nothing() -> None:
     voxels = random_voxels(7, 0.0)
-    segment = random_segment(50, 8)
-    u = stratified(50, 5, False, segment.origins)
+    spans = random_rays(50, 8)
+    u = stratified(50, 5, False, spans.origins)
     for function in (propose, propose_reference):
-        t, mass = function(voxels, segment, u)
+        t, mass = function(voxels, spans, u)
         assert bool((mass == 0).all())
-        torch.testing.assert_close(t, segment.t_near[:, None] + u * (segment.t_far - segment.t_near)[:, None])
+        torch.testing.assert_close(t, spans.t_near[:, None] + u * (spans.t_far - spans.t_near)[:, None])
 
 
 def test_free_space_takes_no_sample() -> None:
@@ -111,15 +111,15 @@ def test_free_space_takes_no_sample() -> None:
     values[20:22] = 255
     voxels = Voxels(values, torch.zeros(3), VOXEL_M)
     one = torch.ones(1)
-    segment = Segment(torch.tensor([[-2.0, 6.0, 3.0]]), torch.tensor([[1.0, 0.0, 0.0]]), 0 * one, 30 * one)
+    spans = RaySpans(torch.tensor([[-2.0, 6.0, 3.0]]), torch.tensor([[1.0, 0.0, 0.0]]), 0 * one, 30 * one)
     u = torch.linspace(0, 1, 101)[None]
     for function in (propose, propose_reference):
-        t, _ = function(voxels, segment, u)
+        t, _ = function(voxels, spans, u)
         assert 11.99 <= float(t.min()) and float(t.max()) <= 13.01, "the slab lies from 12 to 13 m"
 
 
 def test_no_rays_at_all() -> None:
-    empty = Segment(torch.zeros(0, 3), torch.zeros(0, 3), torch.zeros(0), torch.zeros(0))
+    empty = RaySpans(torch.zeros(0, 3), torch.zeros(0, 3), torch.zeros(0), torch.zeros(0))
     for function in (propose, propose_reference):
         t, mass = function(random_voxels(9), empty, torch.zeros(0, 4))
         assert t.shape == (0, 4) and mass.shape == (0,)

@@ -25,7 +25,7 @@ from unisim_blender.core.ops.gather.reference import gather as gather_reference
 from unisim_blender.core.ops.grid_shape import GridArrays, GridShape
 from unisim_blender.core.ops.propose import propose
 from unisim_blender.core.ops.propose.reference import propose as propose_reference
-from unisim_blender.core.ops.propose.voxels import Segment, Voxels
+from unisim_blender.core.ops.propose.voxels import RaySpans, Voxels
 from unisim_blender.core.ops.ray_segments import RayBatch, RaySegments
 from unisim_blender.core.render.actor_sets import active_actors
 from unisim_blender.core.render.tracer import TraceResult
@@ -158,8 +158,8 @@ def test_places_of_samples() -> None:
     o[-2:] += 1e12  # far outside
     far[-4:-2] = 0  # and nothing to walk through
     u = ((torch.arange(count) + torch.rand(n, count, generator=generator)) / count).contiguous()
-    t, mass = propose(voxels, Segment(o, d, near, far), u)
-    want_t, want_mass = propose_reference(voxels, Segment(o, d, near, far), u)
+    t, mass = propose(voxels, RaySpans(o, d, near, far), u)
+    want_t, want_mass = propose_reference(voxels, RaySpans(o, d, near, far), u)
     close(mass, want_mass, 1e-5)
     walked = far > near
     # a quantile at the end of a voxel may stand at the next one's beginning, behind free space

@@ -9,14 +9,14 @@ from torch import Tensor
 from ... import native
 from ..constants import DECAY_PER_M
 from ..devices import kernel_threads
-from .voxels import Segment, Voxels
+from .voxels import RaySpans, Voxels
 
 
-def propose(voxels: Voxels, segment: Segment, u: Tensor) -> tuple[Tensor, Tensor]:
+def propose(voxels: Voxels, spans: RaySpans, u: Tensor) -> tuple[Tensor, Tensor]:
     """See `propose.propose`."""
     n, count = u.shape
-    o, d = segment.origins.contiguous(), segment.directions.contiguous()
-    t_near, t_far = segment.t_near.contiguous(), segment.t_far.contiguous()
+    o, d = spans.origins.contiguous(), spans.directions.contiguous()
+    t_near, t_far = spans.t_near.contiguous(), spans.t_far.contiguous()
     values, u = voxels.values.contiguous(), u.contiguous()
     lib = native.library()
     assert lib is not None

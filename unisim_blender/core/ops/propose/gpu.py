@@ -12,7 +12,7 @@ import triton.language as tl
 from torch import Tensor
 
 from ..constants import DECAY_PER_M
-from .voxels import Segment, Voxels
+from .voxels import RaySpans, Voxels
 
 BLOCK = 32
 
@@ -91,9 +91,9 @@ def _propose_forward(
     return t, mass
 
 
-def propose(voxels: Voxels, segment: Segment, u: Tensor) -> tuple[Tensor, Tensor]:
+def propose(voxels: Voxels, spans: RaySpans, u: Tensor) -> tuple[Tensor, Tensor]:
     """See `propose.propose`."""
-    o, d = segment.origins.contiguous(), segment.directions.contiguous()
-    near, far = segment.t_near.contiguous(), segment.t_far.contiguous()
+    o, d = spans.origins.contiguous(), spans.directions.contiguous()
+    near, far = spans.t_near.contiguous(), spans.t_far.contiguous()
     values, lower = voxels.values.contiguous(), voxels.lower.float()
     return _propose_forward(values, lower, voxels.voxel_m, DECAY_PER_M, o, d, near, far, u.contiguous())

@@ -7,10 +7,10 @@ import torch
 from torch import Tensor
 
 from ..constants import DECAY_PER_M
-from .voxels import Segment, Voxels
+from .voxels import RaySpans, Voxels
 
 
-def propose(voxels: Voxels, segment: Segment, u: Tensor) -> tuple[Tensor, Tensor]:
+def propose(voxels: Voxels, spans: RaySpans, u: Tensor) -> tuple[Tensor, Tensor]:
     """Places t (N, K) at quantiles u (N, K), rising along each row, of the occupied voxels' distribution; its mass
     (N,).
 
@@ -18,11 +18,11 @@ def propose(voxels: Voxels, segment: Segment, u: Tensor) -> tuple[Tensor, Tensor
     before). A mass of 0 says that the ray meets nothing.
     """
     step = voxels.voxel_m / 2
-    span = segment.t_far - segment.t_near
+    span = spans.t_far - spans.t_near
     steps = int(torch.ceil(span / step).max().clamp_min(1)) if len(span) else 1
     i = torch.arange(steps, device=span.device)
-    t = segment.t_near[:, None] + (i + 0.5) * step
-    points = segment.origins[:, None] + t[..., None] * segment.directions[:, None]
+    t = spans.t_near[:, None] + (i + 0.5) * step
+    points = spans.origins[:, None] + t[..., None] * spans.directions[:, None]
     cell = torch.floor((points - voxels.lower) * (1.0 / voxels.voxel_m)).long()
     shape = torch.tensor(voxels.values.shape, device=span.device)
     inside = ((cell >= 0) & (cell < shape)).all(-1) & (i < torch.ceil(span / step)[:, None])
@@ -39,6 +39,6 @@ def propose(voxels: Voxels, segment: Segment, u: Tensor) -> tuple[Tensor, Tensor
     here = cdf.gather(1, j)
     weight = mass.gather(1, j)
     fraction = ((target - (here - weight)) / weight.clamp_min(1e-30)).clamp(0, 1)
-    placed = segment.t_near[:, None] + (j + fraction) * step
-    evenly = segment.t_near[:, None] + u * span[:, None]
+    placed = spans.t_near[:, None] + (j + fraction) * step
+    evenly = spans.t_near[:, None] + u * span[:, None]
     return torch.where(total[:, None] > 0, placed, evenly), total

@@ -17,8 +17,9 @@ class Voxels:
 
 
 @dataclass(frozen=True)
-class Segment:
-    """Rays through the voxels: origins, directions (N, 3) in the voxels' frame, t_near, t_far (N,)."""
+class RaySpans:
+    """Rays through the voxels, and the part of each in which samples are placed: origins, directions (N, 3) in the voxels'
+    frame, from t_near to t_far (N,)."""
 
     origins: Tensor
     directions: Tensor

@@ -13,7 +13,7 @@ from ....meshes.hits import MeshHits
 from ....model.scene import SceneModel
 from ....ops.constants import WHOLE
 from ....ops.propose import propose
-from ....ops.propose.voxels import Segment
+from ....ops.propose.voxels import RaySpans
 from ....ops.quantiles import stratified
 from ....ops.ray_segments import ActorSegments, CopiedBoxSegments, MeshSegments, RayBatch, StaticSegments
 from ...tracer import NEAR_M
@@ -35,16 +35,16 @@ def static_segments(scene: SceneModel, mask: StaticMask, rays: RayBatch, samplin
     n, samples = len(rays), scene.config.samples
     u = stratified(n, sampling.count(samples.static_proposals), sampling.jitter, o, sampling.generator)
     with torch.no_grad():
-        t, mass = propose(scene.occupancy.voxels, Segment(o, d, t_near, t_far), u)
+        t, mass = propose(scene.occupancy.voxels, RaySpans(o, d, t_near, t_far), u)
         ray = torch.nonzero((mass > 0) & (t_far > t_near))[:, 0]
         # free space: rays that meet no occupied voxel take no sample
         o, d, u, t = o[ray], d[ray], u[ray], t[ray]
-        segment = Segment(o, d, t_near[ray], t_far[ray])
+        spans = RaySpans(o, d, t_near[ray], t_far[ray])
         points = along(o, d, t)
         values = mask.apply(scene.static.values(points.reshape(-1, 3)).view(t.shape), ray, t, points)
         jitter = stratified(len(ray), sampling.count(samples.static), sampling.jitter, o, sampling.generator)
         quantiles = refined(scene, values, u, t, lambda: occupied_lengths(scene, o, d, t), jitter)
-        t, _ = propose(scene.occupancy.voxels, segment, quantiles)
+        t, _ = propose(scene.occupancy.voxels, spans, quantiles)
     points = along(o, d, t)
     values, feature = scene.static(points.reshape(-1, 3))
     feature = scene.directed(feature, rays.directions[ray].repeat_interleave(t.shape[1], 0))
