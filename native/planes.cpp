@@ -42,10 +42,11 @@ void jacobi(double a[3][3], double v[3][3]) {
 } // namespace
 
 // points (n, 3), sorted by cell: those of cell keys[i] are starts[i] to before starts[i + 1]. A cell is a cube with
-// edges of `radius`; cell (x, y, z) of a grid of dims cells from `low` on has the key (x * dims[1] + y) * dims[2] +
-// z. The outermost cells are empty. For each query (m, 3), of its nearest points within `radius`, at most `capacity`:
-// count (m); normal (m, 3), 0 for fewer than three points; height (m) of their mean above the query along the normal;
-// rough (m), their standard deviation along the normal; reach (m), the distance to the farthest of them.
+// edges of `radius`; cell (x, y, z) of a grid of dims cells from `low` on has the key (x * dims[1] + y) * dims[2] + z.
+// The outermost cells are empty.
+// For each query (m, 3), of its nearest points within `radius`, at most `capacity`: count (m); normal (m, 3), 0 for
+// fewer than three points; height (m) of their mean above the query along the normal; rough (m), their standard
+// deviation along the normal; reach (m), the distance to the farthest of them.
 extern "C" int UNISIM_NAME(unisim_local_planes)(const float *points, const int64_t *keys, const int64_t *starts, int64_t cells,
                                                 const double *low, const int64_t *dims, double radius, int32_t capacity,
                                                 const float *queries, int64_t m, int32_t *count, float *normal, float *height,

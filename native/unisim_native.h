@@ -1,12 +1,11 @@
-// The plain C interface of the kernels. Every array is contiguous and belongs to the caller; nothing here keeps a
-// pointer.
+// The C interface of the kernels. All arrays are contiguous and belong to the caller; no kernel keeps a pointer.
 #pragma once
 #include <cstdint>
 
-// A multiresolution grid: `levels` tables one behind the other, `grids` such grids `grid_stride` rows apart. Level l:
-// vertex (i, j, k) is row offset[l] + (i + j * stride_y[l] + k * stride_z[l]) where stride_y[l] != 0, else row
-// offset[l] + (hash(i, j, k) & (size[l] - 1)), the hash of Mueller et al., "Instant Neural Graphics Primitives",
-// 2022.
+// A multiresolution grid: `levels` tables, concatenated; several grids lie `grid_stride` rows apart.
+// Vertex (i, j, k) of level l is row offset[l] + (i + j * stride_y[l] + k * stride_z[l]) where stride_y[l] != 0, else
+// row offset[l] + (hash(i, j, k) & (size[l] - 1)), with the hash of Mueller et al., "Instant Neural Graphics
+// Primitives", 2022.
 struct unisim_grid {
     int32_t levels;
     int32_t features;

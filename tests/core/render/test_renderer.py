@@ -153,6 +153,25 @@ def test_a_backend_is_bound_once_for_equal_states(loaded: Mapping[str, Backend],
 
 
 @pytest.mark.parametrize("kind", KINDS)
+def test_a_backend_that_lights_meshes_is_bound_once_for_a_state(loaded: Mapping[str, Backend], drive: Drive, kind: str) -> None:
+    away = np.eye(4)
+    away[2, 3] = 1.2
+    cube = drive.actors["cube"]
+    above = replace(cube, uid="cube-2", world_from_actor=cube.world_from_actor.transformed(away))
+    two = replace(drive, actors={**drive.actors, "cube-2": above})
+    backend, camera = Counting(loaded[kind]), drive.cameras["front"]
+    renderer = Renderer(loaded[kind], lighting=backend)
+    for bound, frame in enumerate((1, 2), start=1):
+        time_s = camera.time_s[frame]
+        state = DriveStates(two, backend.parked).state(*exposure_window(camera, time_s))
+        found = renderer.render(state, camera, time_s, CAMERA_PASSES)
+        assert found.instance is not None
+        shown = {found.instances[number - 1] for number in np.unique(found.instance) if number}
+        assert {"cube", "cube-2"} <= shown and backend.bound == bound
+        assert_same(found, Renderer(loaded[kind]).render(state, camera, time_s, CAMERA_PASSES))
+
+
+@pytest.mark.parametrize("kind", KINDS)
 def test_a_drives_renderer_renders_its_exposures_states(loaded: Mapping[str, Backend], drive: Drive, kind: str) -> None:
     backend = loaded[kind]
     of_drive = DriveRenderer(Renderer(backend, shadows=True), drive)

@@ -35,6 +35,7 @@ from .contact_shadow import NOTHING_M, shaded
 from .lattice.blocks import CROWDED, SparseImage
 from .lattice.lattice import aligned, grown
 from .passes import fill_passes
+from .quality import Quality
 from .regions import Region, Tile
 from .tracer import NEAR_M, Array, Backend, Maps, Tracer
 from .visibility import Reach
@@ -63,6 +64,22 @@ class _Exposure:
     """How bright white ground under an actor would be, by its id."""
 
 
+class _Binding:
+    """A backend and the tracer of the last state that it was bound to."""
+
+    def __init__(self, backend: Backend) -> None:
+        self.backend = backend
+        self._last: tuple[WorldState, Tracer] | None = None
+
+    def tracer(self, state: WorldState, quality: Quality) -> Tracer:
+        """Return the backend's tracer of this state."""
+        if self._last is None or (self._last[0] is not state and self._last[0] != state):
+            self._last = state, self.backend.bind(state)
+        tracer = self._last[1]
+        tracer.quality = quality
+        return tracer
+
+
 class Renderer:
     """Renders states of the world with a backend: trained scenes, or what else rays are traced through, loaded once.
 
@@ -72,10 +89,10 @@ class Renderer:
 
     def __init__(self, backend: Backend, shadows: bool = False, lighting: Backend | None = None) -> None:
         self.backend, self.shadows = backend, shadows
-        self.lighting = backend if lighting is None else lighting
+        self._bound = _Binding(backend)
+        self._lighting = self._bound if lighting is None or lighting is backend else _Binding(lighting)
         self.quality = backend.quality
         """What may be saved; it may be changed between two frames."""
-        self._bound: tuple[WorldState, Tracer] | None = None
 
     @overload
     def render(
@@ -147,11 +164,7 @@ class Renderer:
 
     def tracer(self, state: WorldState) -> Tracer:
         """Return the scene, ready for rays through this state; that of the last state is kept."""
-        if self._bound is None or (self._bound[0] is not state and self._bound[0] != state):
-            self._bound = state, self.backend.bind(state)
-        tracer = self._bound[1]
-        tracer.quality = self.quality
-        return tracer
+        return self._bound.tracer(state, self.quality)
 
     @property
     def reach(self) -> Reach:
@@ -302,8 +315,7 @@ class Renderer:
         distance = np.linalg.norm(to, axis=1, keepdims=True)
         directions = to / distance
         rays = Rays(points - directions * np.minimum(distance, PROBE_M), directions, np.full(len(points), time_s))
-        tracer = exposure.tracer if self.lighting is self.backend else self.lighting.bind(exposure.state)
-        tracer.quality = self.quality
+        tracer = self._lighting.tracer(exposure.state, self.quality)
         found = tracer.trace(rays, {"instance", "depth"}, True, None, RenderStats())
         # one row of cells: a decoder that looks aside sees ground on both sides
         rgb = tracer.image(found, directions, camera.sensor_id, (1, len(points)))[0, :: tracer.upsample]

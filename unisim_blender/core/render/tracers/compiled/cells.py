@@ -1,8 +1,8 @@
-"""Which cells of a scene can stop a ray (native/cells.h): its trained distance is asked once, and the answers are kept.
+"""The cells of a scene that can stop a ray (native/cells.h): its trained distance is evaluated once, and the cells are kept.
 
-A finished training leaves them in the scene's weights. For a scene without them, or with those of other kernels, they are worked
-out when it is first opened and lie in the user's cache folder from then on, under a name that says what they hang on: the scene
-and the library to the bit, and the instruction set.
+A finished training stores them with the scene's weights. For a scene without them, or with those of other kernels, they
+are computed when it is first opened and kept in the user's cache folder, under a digest of everything they depend on: the
+scene and the library to the bit, and the instruction set.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from ....model.weights import Weights, weights_hash
 
 BOX_CELLS = 16
 CELLS_VERSION = 10
-"""Of how the kernels work cells out: to be raised with the kernels' ABI_VERSION where that changes them."""
+"""Of how the kernels compute cells: to be raised with the kernels' ABI_VERSION where that changes them."""
 MOST_KEPT = 64
 """So many scenes' cells stay in the cache folder."""
 
@@ -40,7 +40,7 @@ class Cells(NamedTuple):
 
 
 def stored(weights: Weights, header: SceneHeader, voxels: int) -> Cells | None:
-    """What a scene's weights hold for so many occupied voxels; None where that is missing or of other kernels. Raises
+    """The cells in a scene's weights, for so many occupied voxels; None where they are missing or of other kernels. Raises
     `SceneError`."""
     key = weights.arrays.get("cells.key")
     if key is None or key.tobytes() != _key(header):
@@ -78,7 +78,7 @@ def kept(header: SceneHeader, voxels: int, work_out: Callable[[], Cells]) -> Cel
 
 
 def _key(header: SceneHeader) -> bytes:
-    """A digest of what the cells hang on beside the weights and the instruction set."""
+    """A digest of what the cells depend on besides the weights and the instruction set."""
     sizes = [header.drive.actors[uid].size_m.tolist() for uid in sorted(header.drive.actors)]
     told = json.dumps([CELLS_VERSION, header.model, header.volume, sizes], sort_keys=True)
     return hashlib.sha256(told.encode()).digest()
