@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from unisim_blender.core.errors import SceneError
+from unisim_blender.core.json_file import Node
 from unisim_blender.core.render.tracers.surfels.exposure import Exposures, Looks, exposure_gains
 
 
@@ -51,5 +53,5 @@ def test_exposures_between_the_images() -> None:
     exposures = Exposures.of(["front", "front", "back"], [0.4, 0.2, 0.3], gains)
     assert np.allclose(exposures.at("front", np.array([0.0, 0.3, 0.4, 9.0]))[:, 0], [1, 1.5, 2, 2])
     assert np.allclose(exposures.at("left", np.array([0.3])), 1)
-    again = Exposures.from_json(exposures.to_json())
+    again = Exposures.from_json(Node(exposures.to_json(), "exposures", SceneError))
     assert np.array_equal(again.at("back", np.array([0.1])), [[5.0] * 3])

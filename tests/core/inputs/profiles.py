@@ -10,8 +10,9 @@ from hypothesis import HealthCheck, Phase, settings
 READERS = 25
 """So many properties there are, about: `many` runs 100 000 inputs of all together."""
 
+_LARGE = (HealthCheck.too_slow, HealthCheck.data_too_large)
 # the time of an input is bounded in processor time by promise.py: a deadline by the clock fails on a busy machine
-_COMMON = settings(deadline=None, suppress_health_check=list(HealthCheck), print_blob=True)
+_COMMON = settings(deadline=None, suppress_health_check=_LARGE, print_blob=True)
 _FIXED = (Phase.explicit, Phase.generate, Phase.shrink)
 settings.register_profile("few", _COMMON, max_examples=20, derandomize=True, database=None, phases=_FIXED)
 settings.register_profile("many", _COMMON, max_examples=int(os.environ.get("INPUTS", 100_000 // READERS)))

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ....geometry import FloatArray
+from ....json_file import Node
 
 ROUNDS = 20
 DARKEST, BRIGHTEST = 8.0, 247.0
@@ -59,6 +60,17 @@ class Exposures:
     def to_json(self) -> dict[str, Any]:
         """Plain values."""
         return {name: {"time_s": times.tolist(), "gain": gains.tolist()} for name, (times, gains) in self.by_camera.items()}
+
+    @staticmethod
+    def from_json(node: Node) -> Exposures:
+        """The exposures that `to_json` put into a document. Raises the node's error."""
+        found = {}
+        for name, one in node.members():
+            times, gains = one.key("time_s").array(-1), one.key("gain").array(-1, 3)
+            if not len(times) or len(times) != len(gains):
+                one.fail(f"has {len(times)} times and {len(gains)} gains")
+            found[name] = times, gains
+        return Exposures(found)
 
 
 def exposure_gains(looks: Looks, images: int) -> FloatArray:

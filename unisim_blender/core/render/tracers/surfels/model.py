@@ -220,7 +220,7 @@ def load_surfels(folder: Path) -> SurfelScene:
         dome_seen=array("dome_seen", np.bool_, *dome.shape[:2]),
         drops=DropTable(array("drops_returns", np.float64, *table), array("drops_beams", np.float64, *table)),
         outlines=outlines_from_json(check_outlines(about.key("own_vehicle"))),
-        exposures=_exposures(about.key("exposures")),
+        exposures=Exposures.from_json(about.key("exposures")),
     )
 
 
@@ -237,15 +237,5 @@ def _mapped(path: Path, dtype: Any, shape: tuple[int, ...]) -> NDArray[Any]:
 
 
 def _settings(node: Node) -> SurfelSettings:
-    sizes = (node.key(name).number() for name in ("voxel_m", "face_m", "grown_m"))
-    return SurfelSettings(*sizes, mirror=node.key("mirror").flag())
-
-
-def _exposures(node: Node) -> Exposures:
-    found = {}
-    for name, one in node.members():
-        times, gains = one.key("time_s").array(-1), one.key("gain").array(-1, 3)
-        if not len(times) or len(times) != len(gains):
-            one.fail(f"has {len(times)} times and {len(gains)} gains")
-        found[name] = times, gains
-    return Exposures(found)
+    voxel_m, face_m, grown_m = (node.key(name).number() for name in ("voxel_m", "face_m", "grown_m"))
+    return SurfelSettings(voxel_m, face_m, grown_m, node.key("mirror").flag())
