@@ -16,6 +16,7 @@ from ...progress import Bar
 from ...render.quality import QUALITY
 from ...sensors.error_bound import parse_bounds
 from ...sensors.frames import FORMER_PASSES
+from ...sequence.executors import EXECUTORS
 from ...sequence.plan import RenderPlan
 from ...sequence.run import MANIFEST_NAME, render_sequence
 
@@ -42,6 +43,11 @@ MOST_JOBS = 8
 )
 @click.option(
     "--jobs", type=click.IntRange(min=1), help=f"Processes, of one thread each. [default: one a core, at most {MOST_JOBS}]"
+)
+@click.option(
+    "--executor",
+    type=click.Choice(list(EXECUTORS)),
+    help="Where frames are rendered. [default: processes, or this-process where one is enough]",
 )
 @click.option("--resume", is_flag=True, help="Continue a render; finished frames whose inputs did not change are kept.")
 @click.option(
@@ -73,6 +79,7 @@ def command(
     quality: str | None,
     max_error: tuple[str, ...],
     jobs: int | None,
+    executor: str | None,
     resume: bool,
     formats: tuple[str, ...],
     video: bool,
@@ -101,7 +108,13 @@ def command(
     wanted = {*sequence_formats(prepared.scenario), *formats, *(("video",) if video else ())}
     with Bar(total=len(plan.frames), unit="frame", dynamic_ncols=True, smoothing=0.1) as bar:
         report = render_sequence(
-            plan, out, jobs or default_jobs(), resume, on_frame=lambda frame: bar.update(), on_kept=bar.update
+            plan,
+            out,
+            jobs or default_jobs(),
+            resume,
+            lambda frame: bar.update(),
+            bar.update,
+            EXECUTORS[executor] if executor else None,
         )
     for name in SEQUENCE_FORMATS:
         if name in wanted:
