@@ -22,11 +22,12 @@ from unisim_blender.core.errors import ScenarioError
 from unisim_blender.core.geometry import FloatArray, Trajectory, intersect_boxes, invert_pose, make_pose, quaternion_from_yaw
 from unisim_blender.core.meshes.hits import MeshActors
 from unisim_blender.core.model.checkpoint import load_scene, save_scene
-from unisim_blender.core.model.config import ModelConfig, preset
+from unisim_blender.core.model.config import ModelConfig
 from unisim_blender.core.model.scene import SceneModel
 from unisim_blender.core.model.scene_file import drive_from_json, drive_to_json
 from unisim_blender.core.model.volume import Volume
 from unisim_blender.core.output.labels import frame_labels
+from unisim_blender.core.presets import preset
 from unisim_blender.core.render.quality import QUALITY
 from unisim_blender.core.render.tracers.compiled.scene import CompiledScene
 from unisim_blender.core.render.tracers.compiled.tracer import CompiledBackend
@@ -229,9 +230,9 @@ def rough_scene(config: ModelConfig, drive: Drive) -> SceneModel:
 
 
 DENSITIES = {
-    "logistic": dataclasses.replace(preset("tiny"), light="fixed"),
+    "logistic": dataclasses.replace(preset("tiny").model, light="fixed"),
     "unisim": CONFIGS["paper"],
-    "volume": dataclasses.replace(preset("tiny"), light="fixed", density="volume"),
+    "volume": dataclasses.replace(preset("tiny").model, light="fixed", density="volume"),
 }
 
 

@@ -45,6 +45,15 @@ class SceneHeader:
     training: dict[str, Any]
     weights: str = ""
 
+    @property
+    def method(self) -> str:
+        """The method that the scene was trained by. Scenes of versions that did not store it are told by their shapes."""
+        if "method" in self.training:
+            return str(self.training["method"])
+        if self.model.get("density") != "volume":
+            return "neural"
+        return "ngp" if self.model.get("actors") == "none" else "nsg"
+
 
 def header_path(path: Path) -> Path:
     """The header's file, given the scene's folder or the file itself."""
@@ -86,6 +95,8 @@ def _read_training(node: Node) -> dict[str, Any]:
         child.integer()
     if there.get("width") is not None:
         node.key("width").integer(at_least=1)
+    if "method" in there:
+        node.key("method").text()
     for name in ("iterations", "seed"):
         if name in there:
             node.key(name).integer()

@@ -20,6 +20,7 @@ from ..files import sha256_of_file
 from ..model.config import ModelConfig
 from ..model.scene_file import HEADER_NAME, WEIGHTS_NAME, read_scene_header
 from ..model.weights import weights_hash
+from ..presets import methods
 from ..render.bounded import BoundedRenderer
 from ..render.captures import CaptureStates
 from ..render.drive_renderer import DriveRenderer
@@ -189,8 +190,6 @@ class BoundedSource:
         return self.source.steps()
 
 
-METHODS = ("neural", "ngp", "nsg")
-"""What scenes can be trained by, see `ModelConfig.method`."""
 UNTRAINED: dict[str, SurfelSettings] = {"surfel": LIDARSIM, "warp": PROXY}
 """Renderers that need no trained scene, and the surfels that they have."""
 UNTRAINED_DEFAULT = "surfel"
@@ -276,7 +275,7 @@ class RendererSpec(NamedTuple):
 
 def method_of(scene: Path) -> str:
     """The method that a scene was trained by. Raises `SceneError`."""
-    return ModelConfig.from_dict(read_scene_header(scene).model).method
+    return read_scene_header(scene).method
 
 
 def _trained(name: str, spec: RendererSpec) -> Source:
@@ -299,7 +298,7 @@ class RendererKind(NamedTuple):
 
 
 RENDERERS: dict[str, RendererKind] = {
-    **{name: RendererKind(partial(_trained, name), trained=True) for name in METHODS},
+    **{name: RendererKind(partial(_trained, name), trained=True) for name in methods()},
     **{name: RendererKind(partial(_untrained, name), trained=False) for name in UNTRAINED},
 }
 """By the name that `unisim render --renderer` has for them."""
