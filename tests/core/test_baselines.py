@@ -21,7 +21,7 @@ from unisim_blender.core.errors import SceneError
 from unisim_blender.core.model.checkpoint import load_scene
 from unisim_blender.core.model.config import ModelConfig, SampleConfig
 from unisim_blender.core.model.scene_file import read_scene_header
-from unisim_blender.core.prepare.renderers import compiled, environment, make_backend
+from unisim_blender.core.prepare.backends import backend_for, environment, make_backend
 from unisim_blender.core.presets import PRESETS, preset
 from unisim_blender.core.render.drive_renderer import DriveRenderer
 from unisim_blender.core.render.renderer import Renderer
@@ -264,6 +264,18 @@ def test_a_renderer_is_what_its_scene_was_trained_as(
     assert 'was trained by the method "nsg", not by "ngp"' in capsys.readouterr().err
 
 
+def test_a_scene_of_a_method_without_a_renderer_is_refused(
+    path: Path, trained: dict[str, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scene = tmp_path / "scene"
+    shutil.copytree(trained["ngp"], scene)
+    document = json.loads((scene / "scene.json").read_text())
+    document["training"]["method"] = "splats"
+    (scene / "scene.json").write_text(json.dumps(document))
+    assert run(["render", str(edited(scene, path, tmp_path / "a.json", [])), "--out", str(tmp_path / "a")]) == 1
+    assert 'was trained by the method "splats", for which there is no renderer here' in capsys.readouterr().err
+
+
 def test_sweeps_without_lidar_are_warned_of(
     path: Path, trained: dict[str, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -279,7 +291,8 @@ def test_what_the_kernels_do_not_take_is_torchs(trained: dict[str, Path], kind: 
     taken = kind in ("no actor prior", "no refinement")
     drive = load_scene(trained[kind]).header.drive
     backend = make_backend(trained[kind])
-    assert compiled("cpu", [trained[kind]]) == taken == ("kernels" in environment("cpu", [trained[kind]]))
+    name = "compiled" if taken else "torch"
+    assert backend_for("cpu", [trained[kind]]).name == name and ("kernels" in environment("cpu", [trained[kind]])) == taken
     assert isinstance(backend, TorchBackend) != taken
     if taken:
         wanted, got = (

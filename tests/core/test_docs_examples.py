@@ -22,9 +22,12 @@ from click.testing import CliRunner
 from documentation_pages import NAMES, PAGES, ROOT, Block, blocks
 
 from unisim_blender.core.cli.main import unisim
-from unisim_blender.core.model.config import PRESETS
+from unisim_blender.core.data.readers import READERS
+from unisim_blender.core.prepare.renderers import RENDERERS
+from unisim_blender.core.presets import PRESETS
 from unisim_blender.core.scenario import scenario_from_json
 from unisim_blender.core.scenario.edits.apply import EDITORS
+from unisim_blender.core.sequence.executors import EXECUTORS
 
 SMALL = {
     "render": {"--width": "64", "--frames": "5", "--jobs": "1"},
@@ -60,12 +63,12 @@ def folder(tmp_path: Path, street: Path, monkeypatch: pytest.MonkeyPatch) -> Ite
     for name in ("detections", "labels", "simulated", "real"):
         (tmp_path / f"{name}.json").write_text(json.dumps(autonomy_document()))
     monkeypatch.chdir(tmp_path)
-    editors, presets = dict(EDITORS), dict(PRESETS)
+    registries: tuple[dict[Any, Any], ...] = (EDITORS, READERS, PRESETS, RENDERERS, EXECUTORS)
+    before = [dict(registry) for registry in registries]
     yield tmp_path
-    EDITORS.clear()
-    EDITORS.update(editors)
-    PRESETS.clear()
-    PRESETS.update(presets)
+    for registry, entries in zip(registries, before, strict=True):
+        registry.clear()
+        registry.update(entries)
 
 
 def autonomy_document() -> dict[str, Any]:

@@ -72,9 +72,9 @@ def site(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     folder = tmp_path / "site"
     folder.mkdir()
     monkeypatch.syspath_prepend(folder)
-    readers.all_readers.cache_clear()
+    readers.installed.cache_clear()
     yield folder
-    readers.all_readers.cache_clear()
+    readers.installed.cache_clear()
     sys.modules.pop("zipped_pandaset", None)
 
 

@@ -28,7 +28,7 @@ from unisim_blender.core.model.checkpoint import save_scene
 from unisim_blender.core.model.scene import SceneModel
 from unisim_blender.core.model.scene_file import SceneHeader
 from unisim_blender.core.model.volume import Volume
-from unisim_blender.core.prepare.renderers import make_backend
+from unisim_blender.core.prepare.backends import make_backend
 from unisim_blender.core.presets import preset
 from unisim_blender.core.render.quality import LADDER
 

@@ -1,6 +1,6 @@
 """The registry of readers: the package's own by a table, and those of other packages by their entry points.
 
-The package's own readers are in `BUILT_IN`, because entry points need the metadata of an installed distribution, which the
+The package's own readers are in `READERS`, because entry points need the metadata of an installed distribution, which the
 package lacks where it is run from its sources or as Blender's extension. Another distribution registers a reader in its
 pyproject.toml:
 
@@ -20,25 +20,31 @@ from ..errors import in_a_line
 from .pandaset.layout import PandasetReader
 from .reader import Reader
 
-BUILT_IN: tuple[Reader, ...] = (PandasetReader(),)
+READERS: dict[str, Reader] = {one.name: one for one in (PandasetReader(),)}
+"""The package's own. Another one is a package beside `pandaset` and a line here."""
 GROUP = "unisim_blender.readers"
 OWN_NAME = "unisim_blender.core.data"
 """This package's name outside Blender. Inside, an extension has another one, and what other packages import by this name would
 be a second copy of its classes: there, readers of other packages are not loaded."""
 
 
-@cache
 def all_readers() -> tuple[Reader, ...]:
-    """Return the readers there are, the package's own first. Those that cannot be loaded are left out, with a warning each."""
-    found = {reader.name: reader for reader in BUILT_IN}
+    """Return the readers there are, the package's own first."""
+    return (*READERS.values(), *installed())
+
+
+@cache
+def installed() -> tuple[Reader, ...]:
+    """Return the readers of other packages. Those that cannot be loaded are left out, with a warning each."""
+    found: dict[str, Reader] = {}
     for entry in sorted(entry_points(group=GROUP), key=lambda entry: entry.name) if __package__ == OWN_NAME else ():
         try:
             reader = _loaded(entry)
-            if reader.name in found:
+            if reader.name in READERS or reader.name in found:
                 raise ValueError(f"there is a reader {reader.name!r} already")
         except Exception as error:  # noqa: BLE001  another package's code may raise anything, and the others still work
             about = f"{type(error).__name__}: {in_a_line(error)}"
-            warnings.warn(f"the reader {entry.name!r} of {_distribution(entry)} is left out: {about}", stacklevel=2)
+            warnings.warn(f"the reader {entry.name!r} of {_distribution(entry)} is left out: {about}", stacklevel=3)
         else:
             found[reader.name] = reader
     return tuple(found.values())

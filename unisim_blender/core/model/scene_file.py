@@ -79,7 +79,7 @@ def read_scene_header(path: Path) -> SceneHeader:
         world_origin=document.key("world_origin").array(3),
         model=document.key("model").object(),
         volume=document.key("volume").object(),
-        drive=_read_drive(document.key("drive")),
+        drive=read_drive(document.key("drive")),
         training=_read_training(document.key("training")),
         weights=document.key("weights").text() if "weights" in document.object() else "",
     )
@@ -150,11 +150,6 @@ def drive_to_json(drive: Drive) -> dict[str, Any]:
         ],
         "static_removals": [_box_to_json(box) for box in drive.static_removals],
     }
-
-
-def drive_from_json(value: Any, place: str = "drive") -> Drive:
-    """The drive of a JSON object that `drive_to_json` made. Raises `SceneError` naming the place below ``place``."""
-    return _read_drive(Node(value, place, SceneError))
 
 
 def trajectory_to_json(trajectory: Trajectory) -> dict[str, Any]:
@@ -322,7 +317,8 @@ def _read_box(node: Node) -> Box:
     return Box(node.key("world_from_box").pose(), _read_size(node.key("size_m")))
 
 
-def _read_drive(node: Node) -> Drive:
+def read_drive(node: Node) -> Drive:
+    """Read the drive of a JSON object that `drive_to_json` made. Raises `SceneError` naming the place."""
     frames = tuple(frame.integer() for frame in node.key("frames").elements())
     time_s = _read_times(node.key("time_s"))
     missing = [frame for frame in frames if frame not in time_s]

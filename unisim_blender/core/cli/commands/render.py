@@ -10,6 +10,8 @@ import click
 
 from ...errors import UnisimError
 from ...output.frame_files import camera_path
+from ...prepare.renderers import RENDERERS, UNTRAINED_DEFAULT
+from ...prepare.renderers.renderer_kind import Source
 from ...prepare.scenario_plan import SEQUENCE_FORMATS, RenderOptions, plan_scenario, sequence_formats
 from ...prepare.selection import split_names
 from ...progress import Bar
@@ -62,9 +64,9 @@ MOST_JOBS = 8
 )
 @click.option(
     "--renderer",
-    type=click.Choice(["neural", "ngp", "nsg", "surfel", "warp"]),
-    help="neural, ngp, nsg: a scene trained so; surfel: LiDAR returns as faces; warp: recorded images warped. [default: what the "
-    "scene was trained as, or surfel where the scenario names no trained scene]",
+    type=click.Choice(list(RENDERERS)),
+    help="; ".join(f"{one.name}: {one.about}" for one in RENDERERS.values())
+    + f". [default: what the scene was trained as, or {UNTRAINED_DEFAULT.name} where the scenario names no trained scene]",
 )
 @click.option("--scene", type=click.Path(path_type=Path), help="A trained scene, in place of the one that the scenario names.")
 @click.option("--sources", metavar="START:STOP:STEP", help="Frames that surfel and warp may look at. [default: all]")
@@ -90,7 +92,7 @@ def command(
     device: str,
 ) -> None:
     """Render SCENARIO's sensors, or a log's, into a folder: images, sweeps, labels and a manifest."""
-    from ...prepare.renderers import Source, pick_device
+    from ...prepare.devices import pick_device
 
     if quality and max_error:
         raise UnisimError(f"--quality {quality} and --max-error {max_error[0]}: give one of the two")

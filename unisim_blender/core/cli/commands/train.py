@@ -59,7 +59,7 @@ def command(  # noqa: PLR0913
 ) -> None:  # fmt: skip
     """Train the neural scene of the drive at LOG."""
     from ...data import open_log
-    from ...prepare.renderers import pick_device
+    from ...prepare.devices import pick_device
     from ...prepare.selection import beam_lidars, check_names, select_frames, split_names
     from ...training.config import TrainConfig
     from ...training.run import train
