@@ -18,19 +18,20 @@ import torch.nn.functional as F
 from torch import nn
 
 from unisim_blender.core import native
-from unisim_blender.core.model.config import ModelConfig, preset
+from unisim_blender.core.model.config import ModelConfig
 from unisim_blender.core.model.decode import CameraDecoder, LidarHead, RayHead
 from unisim_blender.core.model.networks import mlp
 from unisim_blender.core.model.shapes import SH_WIDTH
 from unisim_blender.core.model.weights import Weights
+from unisim_blender.core.presets import preset
 from unisim_blender.core.render.tracers.compiled.decoder import Decoder
 
 CASES: dict[str, tuple[ModelConfig, int, int]] = {
     "three blocks 3x3, 960x540 x 2": (
-        dataclasses.replace(preset("small"), decoder_kernel=3, decoder_blocks=3, upsample=2), 540, 960,
+        dataclasses.replace(preset("small").model, decoder_kernel=3, decoder_blocks=3, upsample=2), 540, 960,
     ),
-    "small, 1920x1080": (preset("small"), 1080, 1920),
-    "paper, 640x360 x 3": (preset("paper"), 360, 640),
+    "small, 1920x1080": (preset("small").model, 1080, 1920),
+    "paper, 640x360 x 3": (preset("paper").model, 360, 640),
 }  # fmt: skip
 
 

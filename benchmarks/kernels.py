@@ -14,11 +14,11 @@ import torch
 from torch import Tensor, nn
 
 from unisim_blender.core import native
-from unisim_blender.core.model.config import preset
 from unisim_blender.core.model.networks import mlp, run_mlp
 from unisim_blender.core.ops.encode import encode
 from unisim_blender.core.ops.encode.reference import encode as encode_reference
 from unisim_blender.core.ops.grid_shape import GridArrays, GridShape
+from unisim_blender.core.presets import preset
 
 Case = tuple[str, Callable[[], Tensor], Callable[[], Tensor]]
 
@@ -26,7 +26,7 @@ Case = tuple[str, Callable[[], Tensor], Callable[[], Tensor]]
 def cases(samples: int) -> list[Case]:
     """Each kernel at the sizes of preset `small`: name, compiled, plain."""
     torch.manual_seed(0)
-    config = preset("small")
+    config = preset("small").model
     g = config.static_grid
     grid = GridArrays(GridShape.cubic((240.0, 120.0, 40.0), g.coarsest, g.finest, g.levels, g.features, g.log2_table))
     table = nn.Parameter(torch.randn(grid.rows, g.features))

@@ -12,7 +12,6 @@ from bpy.props import (
     StringProperty,
 )
 
-from .bridge.window.areas import areas
 from .registering import add, take_away
 
 KINDS = (
@@ -64,12 +63,6 @@ POINT_COLOURS = (
 
 RELATIVE = {"ANIMATABLE", *({"PATH_SUPPORTS_BLEND_RELATIVE"} if bpy.app.version >= (5, 0, 0) else ())}
 """Of a path that may begin with //, which Blender before 5.0 allows everywhere."""
-
-
-def draw_again(self: bpy.types.PropertyGroup, context: bpy.types.Context) -> None:
-    """Draw the 3D views again: Blender draws the sidebar alone after a change of a property."""
-    for area in areas("VIEW_3D"):
-        area.tag_redraw()
 
 
 class UniSimObject(bpy.types.PropertyGroup):

@@ -123,7 +123,7 @@ def ask(log_path: Path) -> None:
     if kept is not None:
         _known[log_path] = kept
         _complete[log_path] = {uid: one.word for uid, one in kept.items()}
-    elif not log_path.is_dir():
+    elif not log_path.exists():
         _problems[log_path] = "the log is not at hand"
     elif not bpy.app.background:
         _makers[log_path] = maker = Maker(log_path, interpreter())

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from unisim_blender.core.data import open_log
 from unisim_blender.core.data.pandaset.sensors import PANDAR64
-from unisim_blender.core.prepare.renderers import SceneSource
+from unisim_blender.core.prepare.renderers.trained import SceneSource
 from unisim_blender.core.prepare.replay import replayed_drive
 from unisim_blender.core.render.drive_renderer import DriveRenderer
 from unisim_blender.core.street.write import write_log

@@ -10,7 +10,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from unisim_blender.core.model.config import ModelConfig, preset
+from unisim_blender.core.model.config import ModelConfig
 from unisim_blender.core.model.fields import query
 from unisim_blender.core.model.networks import mlp, run_mlp
 from unisim_blender.core.ops.encode import encode
@@ -22,6 +22,7 @@ from unisim_blender.core.ops.propose import propose
 from unisim_blender.core.ops.propose.reference import propose as propose_reference
 from unisim_blender.core.ops.propose.voxels import RaySpans, Voxels
 from unisim_blender.core.ops.ray_segments import RaySegments
+from unisim_blender.core.presets import preset
 
 from .kernels import apart, held_against
 
@@ -39,7 +40,7 @@ def cases(device: str, samples: int) -> list[tuple[str, Callable[[], Errors]]]:
     """Return what is compared, by name; each is drawn when it is called."""
     found: list[tuple[str, Callable[[], Errors]]] = [("probe", partial(_probe, device))]
     for name in ("small", "paper"):
-        config = preset(name)
+        config = preset(name).model
         for field, shape, grids in (("static", _static(config, samples), 1), ("actors", _actors(config, samples), 6)):
             grid = GridArrays(shape)
             found.append((f"{name}: encode, {field}", partial(_encode, device, grid, grids, samples)))

@@ -22,7 +22,7 @@ from helpers import SAMPLE
 from unisim_blender import interpreters
 from unisim_blender.client import Client, Request
 from unisim_blender.core.model.scene_file import read_scene_header
-from unisim_blender.core.prepare.renderers import make_backend
+from unisim_blender.core.prepare.backends import make_backend
 from unisim_blender.core.render.drive_renderer import DriveRenderer
 from unisim_blender.core.render.regions import Region
 from unisim_blender.core.render.renderer import Renderer

@@ -14,13 +14,14 @@ from whole_drive import whole_state
 
 from unisim_blender.core.geometry import FloatArray, Trajectory, make_pose, quaternion_from_matrix, quaternion_from_yaw
 from unisim_blender.core.model.checkpoint import Scene
-from unisim_blender.core.model.config import ModelConfig, preset
+from unisim_blender.core.model.config import ModelConfig
 from unisim_blender.core.model.scene import SceneModel
 from unisim_blender.core.model.scene_file import SceneHeader
 from unisim_blender.core.model.volume import Volume
 from unisim_blender.core.ops.field_values import FieldValues, LogDensities, SignedDistances
 from unisim_blender.core.ops.ray_segments import RayBatch
 from unisim_blender.core.ops.segment_trace import SegmentTrace
+from unisim_blender.core.presets import preset
 from unisim_blender.core.render.actor_sets import active_actors
 from unisim_blender.core.render.drive_renderer import DriveRenderer
 from unisim_blender.core.render.quality import quality_named
@@ -85,7 +86,7 @@ def analytic_scene(
     weight came from: place 0 the static field, place n the n-th actor in the order of ids. Voxels that a surface may cross are
     occupied.
     """
-    config = config or preset("tiny")
+    config = config or preset("tiny").model
     yaw = quaternion_from_yaw(np.radians(30))
     corner = make_pose(np.zeros(3), yaw) @ np.array([-30.0, -20.0, 0, 1])
     volume = Volume(make_pose(np.array([corner[0], corner[1], GROUND_M - 4]), yaw), np.array([60.0, 40.0, 16.0]))

@@ -13,15 +13,16 @@ from analytic_scene import drive_of, still
 
 from unisim_blender.core.geometry import Trajectory, make_pose, quaternion_from_yaw
 from unisim_blender.core.model.checkpoint import save_scene
-from unisim_blender.core.model.config import GridConfig, ModelConfig, preset
+from unisim_blender.core.model.config import GridConfig, ModelConfig
 from unisim_blender.core.model.scene import SceneModel
 from unisim_blender.core.model.scene_file import SceneHeader
 from unisim_blender.core.model.volume import Volume
+from unisim_blender.core.presets import preset
 from unisim_blender.core.sensors.camera import camera_rays, pixel_grid
 from unisim_blender.core.sensors.rays import Rays
 from unisim_blender.core.world.drive import Actor, Box, Drive, StaticCopy
 
-TINY = preset("tiny")
+TINY = preset("tiny").model
 CONFIGS: dict[str, ModelConfig] = {
     "tiny": TINY,
     "dark": dataclasses.replace(TINY, light="fixed", features=31, hidden=64),

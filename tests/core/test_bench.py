@@ -36,7 +36,7 @@ from unisim_blender.core.cli.commands import bench as command_module
 from unisim_blender.core.errors import SceneError, UnisimError
 from unisim_blender.core.geometry import FloatArray, invert_pose, transform_points
 from unisim_blender.core.model.scene_file import read_scene_header
-from unisim_blender.core.prepare.renderers import make_backend
+from unisim_blender.core.prepare.backends import make_backend
 from unisim_blender.core.render.drive_renderer import DriveRenderer
 from unisim_blender.core.render.quality import QUALITY
 from unisim_blender.core.render.regions import Region

@@ -17,10 +17,10 @@ from torch import Tensor
 
 from unisim_blender.core.errors import SceneError
 from unisim_blender.core.model.checkpoint import Scene, load_scene, save_scene
-from unisim_blender.core.model.config import preset
 from unisim_blender.core.model.scene import SceneModel
 from unisim_blender.core.model.volume import Volume
 from unisim_blender.core.model.weights import weights_hash
+from unisim_blender.core.presets import preset
 from unisim_blender.core.sensors.frames import CAMERA_PASSES
 from unisim_blender.core.world.drive import Drive
 
@@ -35,7 +35,7 @@ def random_scene(seed: int = 0) -> tuple[SceneModel, Drive]:
     """A model of noise that is no longer empty, and a drive of a car and a cone."""
     drive = drive_of([still("car", [-5, 1, 1], [4, 2, 2]), still("cone", [-8, -2, 0.5], [1, 1, 1])])
     torch.manual_seed(seed)
-    scene = SceneModel(preset("tiny"), small_volume(), ("car", "cone"), ("front",))
+    scene = SceneModel(preset("tiny").model, small_volume(), ("car", "cone"), ("front",))
     with torch.no_grad():
         for table in (scene.static.grid.table, scene.far.grid.table):
             table.normal_(0, 0.5)

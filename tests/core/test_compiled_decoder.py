@@ -19,22 +19,25 @@ from torch import Tensor, nn
 from unisim_blender.core import native
 from unisim_blender.core.bench.methods import VARIANTS
 from unisim_blender.core.errors import SceneError, UnisimError
-from unisim_blender.core.model.config import ModelConfig, preset
+from unisim_blender.core.model.config import ModelConfig
 from unisim_blender.core.model.decode import CameraDecoder, LidarHead, RayHead
 from unisim_blender.core.model.networks import mlp
 from unisim_blender.core.model.shapes import SH_WIDTH
 from unisim_blender.core.model.weights import Weights
+from unisim_blender.core.presets import preset
 from unisim_blender.core.render.tracers.compiled.decoder import Decoder, extended_over_edges, resized
 from unisim_blender.core.render.tracers.torch import tracer as torch_tracer
 
 needs_library = pytest.mark.skipif(native.library() is None, reason="the compiled kernels are not built")
 CONFIGS: dict[str, ModelConfig] = {
-    **{name: preset(name) for name in ("tiny", "small", "compact", "hd", "paper")},
-    "three blocks": dataclasses.replace(preset("small"), decoder_kernel=3, decoder_blocks=3, upsample=2),
+    **{name: preset(name).model for name in ("tiny", "small", "compact", "hd", "paper")},
+    "three blocks": dataclasses.replace(preset("small").model, decoder_kernel=3, decoder_blocks=3, upsample=2),
     "odd widths": dataclasses.replace(
-        preset("small"), features=5, hidden=7, decoder_channels=37, decoder_kernel=5, decoder_blocks=1, upsample=4
+        preset("small").model, features=5, hidden=7, decoder_channels=37, decoder_kernel=5, decoder_blocks=1, upsample=4
     ),
-    "one channel": dataclasses.replace(preset("small"), features=1, hidden=1, decoder_channels=1, decoder_blocks=2, upsample=3),
+    "one channel": dataclasses.replace(
+        preset("small").model, features=1, hidden=1, decoder_channels=1, decoder_blocks=2, upsample=3
+    ),
 }
 CAMERAS = 3
 SIZES = ((1, 1), (2, 9), (23, 37), (9, 211))
@@ -64,7 +67,7 @@ def modules(config: ModelConfig) -> nn.ModuleDict:
 def test_cells_decoded_by_themselves_are_convolved(shape: tuple[int, int, int]) -> None:
     """Products of matrices give what convolutions of size 1 do, and their gradients."""
     torch.manual_seed(0)
-    decoder = CameraDecoder(dataclasses.replace(preset("small"), upsample=2, decoder_blocks=2))
+    decoder = CameraDecoder(dataclasses.replace(preset("small").model, upsample=2, decoder_blocks=2))
     assert decoder.reach == 0
     b, height, width = shape
     features = torch.randn(b, decoder.last.in_channels, height, width)

@@ -22,10 +22,13 @@ from click.testing import CliRunner
 from documentation_pages import NAMES, PAGES, ROOT, Block, blocks
 
 from unisim_blender.core.cli.main import unisim
-from unisim_blender.core.model.config import PRESETS
+from unisim_blender.core.data.readers import READERS
 from unisim_blender.core.ops.near_spheres import OPERATION as NEAR_SPHERES
+from unisim_blender.core.prepare.renderers import RENDERERS
+from unisim_blender.core.presets import PRESETS
 from unisim_blender.core.scenario import scenario_from_json
 from unisim_blender.core.scenario.edit import EDITS
+from unisim_blender.core.sequence.executors import EXECUTORS
 from unisim_blender.editing.edits.parts import PARTS
 from unisim_blender.editing.edits.reader import ACTORS
 
@@ -63,13 +66,14 @@ def folder(tmp_path: Path, street: Path, monkeypatch: pytest.MonkeyPatch) -> Ite
     for name in ("detections", "labels", "simulated", "real"):
         (tmp_path / f"{name}.json").write_text(json.dumps(autonomy_document()))
     monkeypatch.chdir(tmp_path)
-    tables, readers = [(table, dict(table)) for table in (EDITS, PARTS, PRESETS)], list(ACTORS)
+    registries: tuple[dict[Any, Any], ...] = (EDITS, PARTS, READERS, PRESETS, RENDERERS, EXECUTORS)
+    before, actors = [dict(registry) for registry in registries], list(ACTORS)
     monkeypatch.setattr(NEAR_SPHERES, "kernels", NEAR_SPHERES.kernels)
     yield tmp_path
-    for table, before in tables:
-        table.clear()
-        table.update(before)
-    ACTORS[:] = readers
+    for registry, entries in zip(registries, before, strict=True):
+        registry.clear()
+        registry.update(entries)
+    ACTORS[:] = actors
 
 
 def autonomy_document() -> dict[str, Any]:

@@ -77,7 +77,7 @@ def test_measuring_imports_no_torch() -> None:
 
 
 def test_a_machine_without_torch_has_a_cpu() -> None:
-    result = run_without(("torch",), "from unisim_blender.core.prepare.renderers import pick_device\nprint(pick_device('auto'))")
+    result = run_without(("torch",), "from unisim_blender.core.prepare.devices import pick_device\nprint(pick_device('auto'))")
     assert result.stdout == "cpu\n", result.stderr
 
 
@@ -91,7 +91,7 @@ RENDER = """
 from pathlib import Path
 import numpy as np
 from unisim_blender.core.sensors.frames import CAMERA_PASSES
-from unisim_blender.core.prepare.renderers import make_backend
+from unisim_blender.core.prepare.backends import make_backend
 from unisim_blender.core.render.drive_renderer import DriveRenderer
 from unisim_blender.core.render.regions import Region
 from unisim_blender.core.render.renderer import Renderer

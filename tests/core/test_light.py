@@ -15,9 +15,9 @@ from whole_drive import bound_to
 
 from unisim_blender.core import native
 from unisim_blender.core.model.checkpoint import load_scene
-from unisim_blender.core.model.config import preset
 from unisim_blender.core.model.scene import SceneModel
 from unisim_blender.core.model.volume import Volume
+from unisim_blender.core.presets import preset
 from unisim_blender.core.render.quality import QUALITY
 from unisim_blender.core.render.tracers.compiled.scene import CompiledScene
 from unisim_blender.core.render.tracers.compiled.tracer import CompiledBackend
@@ -28,7 +28,7 @@ from unisim_blender.core.sensors.frames import RenderStats
 
 def scene() -> SceneModel:
     torch.manual_seed(0)
-    model = SceneModel(preset("tiny"), Volume(np.eye(4), np.full(3, 10.0)), ("a",), ())
+    model = SceneModel(preset("tiny").model, Volume(np.eye(4), np.full(3, 10.0)), ("a",), ())
     model.static.grid.table.data.normal_()
     return model
 

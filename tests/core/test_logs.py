@@ -24,7 +24,7 @@ from unisim_blender.core.data.pandaset.actors import passing_times
 from unisim_blender.core.data.pandaset.files import ranges
 from unisim_blender.core.data.pandaset.sensors import pandar64
 from unisim_blender.core.data.safe_pickle import read_table
-from unisim_blender.core.data.splits import PANDASET, SPLITS, split_sequences
+from unisim_blender.core.data.splits import PANDASET, SPLITS
 from unisim_blender.core.data.sweep_cells import find_cells, make_grid
 from unisim_blender.core.data.table_file import write_table
 from unisim_blender.core.errors import LogError
@@ -402,11 +402,9 @@ def test_ranges_in_words() -> None:
 
 def test_splits() -> None:
     assert len(PANDASET) == len(set(PANDASET)) == 103 and list(PANDASET) == sorted(PANDASET)
-    sizes = {name: len(split_sequences(name)) for name in SPLITS}
+    sizes = {name: len(sequences) for name, sequences in SPLITS.items()}
     assert sizes == {"pandaset": 103, "seed10": 10, "seed24-validation": 24, "seed24-training": 79}
     assert set(SPLITS["seed10"]) <= set(SPLITS["seed24-validation"]) <= set(PANDASET)
-    with pytest.raises(LogError, match="there is no split 'seed11', only pandaset, seed10"):
-        split_sequences("seed11")
 
 
 def test_a_pose_beyond_numbers_is_refused_by_file_and_value(log_path: Path) -> None:

@@ -20,7 +20,7 @@ from unisim_blender.core.colour import lab_from_srgb
 from unisim_blender.core.errors import UnisimError
 from unisim_blender.core.model.checkpoint import load_scene
 from unisim_blender.core.model.scene_file import read_scene_header
-from unisim_blender.core.prepare.renderers import make_backend
+from unisim_blender.core.prepare.backends import make_backend
 from unisim_blender.core.render.bounded import BoundedRenderer, Patches, at_quality, colour_errors
 from unisim_blender.core.render.drive_renderer import DriveRenderer
 from unisim_blender.core.render.quality import LADDER, TRUTH

@@ -9,10 +9,10 @@ import pytest
 import torch
 from analytic_scene import Stage, analytic_scene, block, drive_of, empty, ground, sphere, still, union, wall
 
-from unisim_blender.core.model.config import preset
 from unisim_blender.core.ops.field_values import signed_distances
 from unisim_blender.core.ops.ray_segments import StaticSegments
 from unisim_blender.core.ops.segment_trace import SegmentTrace
+from unisim_blender.core.presets import preset
 from unisim_blender.core.render.tracers.torch.median import median_depth
 
 EYE = np.array([-20.0, 0.0, 1.6])
@@ -111,7 +111,7 @@ def test_a_ray_that_starts_inside_something_stops_at_once() -> None:
 
 
 def test_median_of_the_papers_density() -> None:
-    config = replace(preset("tiny"), density="unisim", unisim_step_m=0.2)
+    config = replace(preset("tiny").model, density="unisim", unisim_step_m=0.2)
     stage = Stage(analytic_scene(wall(4.0), {}, config, beta=40.0), drive_of([]))
     depth = median_depth(stage.trace(EYE, [[1.0, 0, 0], [1.0, 0.1, 0]], fine=8.0))
     np.testing.assert_allclose(depth, [24, 24 * np.sqrt(1.01)], atol=0.3)

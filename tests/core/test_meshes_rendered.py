@@ -12,7 +12,7 @@ import trimesh
 from analytic_scene import Stage, analytic_scene, block, drive_of, ground, renderer_of, still, union, wall
 
 from unisim_blender.core.errors import ScenarioError
-from unisim_blender.core.prepare.renderers import scene_hashes
+from unisim_blender.core.prepare.scenes import scene_hashes
 from unisim_blender.core.render.regions import Region
 from unisim_blender.core.scenario import apply_scenario, load_scenario, save_scenario, scenario_from_json, scenario_to_json
 from unisim_blender.core.sensors.camera import camera_rays, pixel_grid

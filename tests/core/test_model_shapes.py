@@ -17,21 +17,22 @@ from unisim_blender.core import native
 from unisim_blender.core.errors import SceneError
 from unisim_blender.core.geometry import make_pose, quaternion_from_yaw
 from unisim_blender.core.model.checkpoint import load_scene
-from unisim_blender.core.model.config import PRESETS, ModelConfig, preset
+from unisim_blender.core.model.config import ModelConfig
 from unisim_blender.core.model.scene import SceneModel
 from unisim_blender.core.model.scene_file import HEADER_NAME, WEIGHTS_NAME, read_scene_header
 from unisim_blender.core.model.shapes import decoder_reach, perceptrons, stored_arrays, stored_voxels
 from unisim_blender.core.model.volume import Volume
+from unisim_blender.core.presets import PRESETS, preset
 from unisim_blender.core.render.tracers.compiled.scene import CompiledScene
 
 SIZE_M = np.array([30.3, 20.0, 8.2])
-TINY = preset("tiny")
+TINY = preset("tiny").model
 SMALLER: dict[str, Any] = {
     name: dataclasses.replace(getattr(TINY, name), levels=3) for name in ("static_grid", "far_grid", "actor_grid")
 }
 CONFIGS: dict[str, ModelConfig] = {
     # the presets' own networks behind small tables
-    **{name: dataclasses.replace(config, **SMALLER) for name, config in PRESETS.items()},
+    **{name: dataclasses.replace(one.model, **SMALLER) for name, one in PRESETS.items()},
     "own tables": dataclasses.replace(TINY, actors="tables", light="fixed"),
     "deep hypernetwork": dataclasses.replace(TINY, hyper_layers=4, hyper_hidden=5),
     "head at samples": dataclasses.replace(TINY, head="sample", decoder_blocks=3, decoder_kernel=5, upsample=3),

@@ -14,7 +14,6 @@ from analytic_scene import Stage, analytic_scene, drive_of, empty, ground, still
 from torch import Tensor
 from whole_drive import bound_to, whole_state
 
-from unisim_blender.core.model.config import preset
 from unisim_blender.core.model.fields import query
 from unisim_blender.core.model.networks import mlp, run_mlp
 from unisim_blender.core.model.scene import SceneModel
@@ -27,6 +26,7 @@ from unisim_blender.core.ops.propose import propose
 from unisim_blender.core.ops.propose.reference import propose as propose_reference
 from unisim_blender.core.ops.propose.voxels import RaySpans, Voxels
 from unisim_blender.core.ops.ray_segments import RayBatch, RaySegments
+from unisim_blender.core.presets import preset
 from unisim_blender.core.render.actor_sets import active_actors
 from unisim_blender.core.render.tracer import TraceResult
 from unisim_blender.core.render.tracers.torch.actor_tensors import active_actor_tensors
@@ -173,7 +173,7 @@ def traced(seed: int) -> list[Tensor]:
     """What rays through a scene of random weights with an actor give, and gradients of it all."""
     torch.manual_seed(seed)
     drive = drive_of([still("car", [-12.0, 0.0, 1.6], [4.0, 3.0, 3.0])])
-    scene = SceneModel(preset("tiny"), analytic_scene(empty, {}).volume, ("car",), ("front",))
+    scene = SceneModel(preset("tiny").model, analytic_scene(empty, {}).volume, ("car",), ("front",))
     with torch.no_grad():
         for field in (scene.static, scene.far):
             field.grid.table.normal_(0, 0.3)
@@ -210,7 +210,7 @@ def test_rays_and_their_gradients_by_all_kernels_together(monkeypatch: pytest.Mo
 def test_pictures_decoded_in_half_precision(name: str) -> None:
     """What a GPU does, by the CPU's own half precision: 8 bits are the same but for the last."""
     torch.manual_seed(6)
-    stage = Stage(analytic_scene(ground, {}, preset(name)), drive_of([]))
+    stage = Stage(analytic_scene(ground, {}, preset(name).model), drive_of([]))
     with torch.no_grad():
         stage.scene.get_parameter("ray_head.codes").normal_()
         for p in stage.scene.camera_decoder.parameters():

@@ -14,8 +14,8 @@ from whole_drive import bound_to
 
 from unisim_blender.core.errors import SceneError
 from unisim_blender.core.geometry import FloatArray, Trajectory, make_pose, quaternion_from_yaw, transform_points
-from unisim_blender.core.model.config import preset
 from unisim_blender.core.model.decode import CameraDecoder
+from unisim_blender.core.presets import preset
 from unisim_blender.core.render.quality import QUALITY
 from unisim_blender.core.render.tracers.torch import tracer as torch_tracer
 from unisim_blender.core.sensors.bounds import Bounds
@@ -250,7 +250,7 @@ def test_drawn_returns_follow_their_probability(stage: Stage) -> None:
 
 
 def foreign_stage(features: int, upsample: int) -> Stage:
-    config = replace(preset("tiny"), features=features, upsample=upsample)
+    config = replace(preset("tiny").model, features=features, upsample=upsample)
     other = analytic_scene(empty, {"car": (block([3.6, 1.8, 1.6]), SIZE)}, config)
     drive = drive_of([still("new", [-6, 1.5, 1.6], SIZE, look=Look("car", "elsewhere"))])
     return Stage(analytic_scene(union(ground, wall(10.0)), {}), drive, {"elsewhere": other})
@@ -336,7 +336,7 @@ def test_errors_name_what_is_wrong(stage: Stage) -> None:
 
 @pytest.mark.parametrize(("blocks", "kernel", "up"), ((1, 3, 2), (2, 3, 1), (1, 7, 3), (2, 1, 1), (1, 1, 3)))
 def test_an_output_pixel_depends_on_no_cell_beyond_the_decoders_reach(blocks: int, kernel: int, up: int) -> None:
-    config = replace(preset("tiny"), decoder_blocks=blocks, decoder_kernel=kernel, upsample=up)
+    config = replace(preset("tiny").model, decoder_blocks=blocks, decoder_kernel=kernel, upsample=up)
     torch.manual_seed(3)
     decoder = CameraDecoder(config).eval()
     features = torch.randn(1, config.decoder_channels, 25, 31)

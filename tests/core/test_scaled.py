@@ -18,15 +18,17 @@ from turning_drive import turning_drive
 from whole_drive import bound_to, whole_state
 
 from unisim_blender.core import native
-from unisim_blender.core.errors import ScenarioError
+from unisim_blender.core.errors import ScenarioError, SceneError
 from unisim_blender.core.geometry import FloatArray, Trajectory, intersect_boxes, invert_pose, make_pose, quaternion_from_yaw
+from unisim_blender.core.json_file import Node
 from unisim_blender.core.meshes.hits import MeshActors
 from unisim_blender.core.model.checkpoint import load_scene, save_scene
-from unisim_blender.core.model.config import ModelConfig, preset
+from unisim_blender.core.model.config import ModelConfig
 from unisim_blender.core.model.scene import SceneModel
-from unisim_blender.core.model.scene_file import drive_from_json, drive_to_json
+from unisim_blender.core.model.scene_file import drive_to_json, read_drive
 from unisim_blender.core.model.volume import Volume
 from unisim_blender.core.output.labels import moment_labels
+from unisim_blender.core.presets import preset
 from unisim_blender.core.render.quality import QUALITY
 from unisim_blender.core.render.tracers.compiled.scene import CompiledScene
 from unisim_blender.core.render.tracers.compiled.tracer import CompiledBackend
@@ -140,7 +142,7 @@ def test_labels_and_the_drives_document_have_the_size() -> None:
     assert boxes["car"] == [9.0, 1.9, 1.5] and boxes["cone"] == [0.4, 0.4, 0.8]
     # what decides whether a rendered frame still holds, and says nothing of a drive in which nobody is scaled
     document = drive_to_json(drive)
-    assert drive_from_json(document).actors["car"].scale == (2.0, 1.0, 1.0)
+    assert read_drive(Node(document, "drive", SceneError)).actors["car"].scale == (2.0, 1.0, 1.0)
     assert document["actors"]["car"]["scale"] == [2.0, 1.0, 1.0] and "scale" not in document["actors"]["cone"]
 
 
@@ -229,9 +231,9 @@ def rough_scene(config: ModelConfig, drive: Drive) -> SceneModel:
 
 
 DENSITIES = {
-    "logistic": dataclasses.replace(preset("tiny"), light="fixed"),
+    "logistic": dataclasses.replace(preset("tiny").model, light="fixed"),
     "unisim": CONFIGS["paper"],
-    "volume": dataclasses.replace(preset("tiny"), light="fixed", density="volume"),
+    "volume": dataclasses.replace(preset("tiny").model, light="fixed", density="volume"),
 }
 
 

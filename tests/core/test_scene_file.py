@@ -13,11 +13,12 @@ import pytest
 
 from unisim_blender.core.errors import SceneError
 from unisim_blender.core.geometry import Trajectory, quaternion_from_yaw
+from unisim_blender.core.json_file import Node
 from unisim_blender.core.model.scene_file import (
     HEADER_NAME,
     SceneHeader,
-    drive_from_json,
     drive_to_json,
+    read_drive,
     read_scene_header,
     write_scene_header,
 )
@@ -91,7 +92,7 @@ def test_a_header_comes_back_to_the_bit(folder: Path, drive: Drive) -> None:
 
 
 def test_every_field_of_a_drive_survives(drive: Drive) -> None:
-    again = drive_from_json(json.loads(json.dumps(drive_to_json(drive))))
+    again = read_drive(Node(json.loads(json.dumps(drive_to_json(drive))), "drive", SceneError))
     assert (again.frames, again.time_s, again.name) == (drive.frames, drive.time_s, drive.name)
     assert again.cameras["front"].model == drive.cameras["front"].model
     assert again.cameras["front"].time_s == drive.cameras["front"].time_s
@@ -138,6 +139,7 @@ def edit(folder: Path, *place: Any, value: Any = None) -> None:
         (("version",), 99, "has version 99, newer than the 1"),
         (("version",), "1", 'version: must be a whole number, not "1"'),
         (("volume",), None, 'scene.json: "volume" is missing'),
+        (("training", "method"), 3, "scene.json: training.method: must be"),
         (("world_origin",), [0, 0], r"scene.json: world_origin: must be 3 numbers, not \[0, 0\]"),
         (("drive", "actors", "car-1", "size_m"), [1, 0, 1], r"drive.actors.car-1.size_m: must be above 0, not \[1.0, 0.0, 1.0\]"),
         (("drive", "actors", "car-1", "size_m", 1), float("nan"), r"car-1.size_m\[1\]: nan is not a finite number"),

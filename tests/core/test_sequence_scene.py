@@ -25,11 +25,11 @@ from unisim_blender.core import native
 from unisim_blender.core.cli.main import unisim
 from unisim_blender.core.errors import UnisimError
 from unisim_blender.core.model.checkpoint import save_scene
-from unisim_blender.core.model.config import preset
 from unisim_blender.core.model.scene import SceneModel
 from unisim_blender.core.model.scene_file import SceneHeader
 from unisim_blender.core.model.volume import Volume
-from unisim_blender.core.prepare.renderers import make_backend
+from unisim_blender.core.prepare.backends import make_backend
+from unisim_blender.core.presets import preset
 from unisim_blender.core.render.quality import LADDER
 
 
@@ -39,7 +39,7 @@ def scenario(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("scene")
     drive = tiny_drive()
     torch.manual_seed(0)
-    config = preset("tiny")
+    config = preset("tiny").model
     volume = Volume.along(drive, behind_m=10, ahead_m=30, width_m=30, height_m=10)
     model = SceneModel(config, volume, tuple(sorted(drive.actors)), tuple(drive.cameras))
     model.occupancy.values.copy_(torch.where(torch.rand(model.occupancy.values.shape) < 0.02, 255, 0))

@@ -9,7 +9,6 @@ import pytest
 import torch
 from torch import Tensor
 
-from unisim_blender.core.model.config import preset
 from unisim_blender.core.model.occupancy import OccupancyTrainer
 from unisim_blender.core.model.scene import SceneModel
 from unisim_blender.core.model.volume import Volume
@@ -17,6 +16,7 @@ from unisim_blender.core.ops.composite import SegmentWeights
 from unisim_blender.core.ops.field_values import SignedDistances
 from unisim_blender.core.ops.ray_segments import ActorSegments, RayBatch, RaySegments
 from unisim_blender.core.ops.segment_trace import SegmentTrace
+from unisim_blender.core.presets import preset
 from unisim_blender.core.training.data import LidarBatch
 from unisim_blender.core.training.shape import Shape
 
@@ -44,7 +44,7 @@ def met(n: int, ray_segments: tuple[RaySegments, ...] = (), stop_m: float | None
 def test_a_solid_that_beams_passed_through_goes(beams: bool) -> None:
     """It is opaque, so rays alone would never tell that something is behind it."""
     torch.manual_seed(0)
-    model = SceneModel(preset("tiny"), Volume(np.eye(4), np.full(3, 10.0)), (), ())
+    model = SceneModel(preset("tiny").model, Volume(np.eye(4), np.full(3, 10.0)), (), ())
     shape = Shape(model, OccupancyTrainer(model.occupancy), torch.zeros(0, 2))
     generator, optimiser = torch.Generator().manual_seed(0), torch.optim.Adam(model.static.parameters(), lr=1e-2)
     for step in range(300):
@@ -101,7 +101,7 @@ FIELDS: dict[str, Callable[[Tensor], Tensor]] = {
 def test_behind_a_return_an_actor_is_solid(field: str, size_m: tuple[float, float, float], reach_m: float) -> None:
     """As far as its size allows: a solid pays nothing, a shell what it lacks there, on average."""
     beams = sweep(4096)
-    model = SceneModel(preset("tiny"), Volume(np.eye(4), np.full(3, 40.0)), ("a",), ())
+    model = SceneModel(preset("tiny").model, Volume(np.eye(4), np.full(3, 40.0)), ("a",), ())
     model.ground.heights.fill_(-5)
     shape = Shape(model, OccupancyTrainer(model.occupancy), torch.zeros(0, 2))
     deepest = []
@@ -129,7 +129,7 @@ def test_behind_a_return_an_actor_is_solid(field: str, size_m: tuple[float, floa
 def test_behind_a_return_a_wall_is_solid(field: str, room_m: float) -> None:
     """For 0.3 m, if the volume goes on so far: the same sum, of a shell twice as thick, which the band about it misses."""
     beams = sweep(4096)
-    model = SceneModel(preset("tiny"), Volume(np.eye(4), np.array([WALL_X_M + room_m, 40, 40])), (), ())
+    model = SceneModel(preset("tiny").model, Volume(np.eye(4), np.array([WALL_X_M + room_m, 40, 40])), (), ())
     model.ground.heights.fill_(-5)
     shape = Shape(model, OccupancyTrainer(model.occupancy), torch.zeros(0, 2))
     model.static.signed_distance = lambda x: 2 * FIELDS[field]((x[:, 0] - WALL_X_M) / 2)  # type: ignore[method-assign]
@@ -149,7 +149,7 @@ def test_free_space_is_asked_for_where_a_ray_stops_too_early(
 ) -> None:
     """Evenly over four metres where it does not, or comes back from the ground."""
     beams = sweep(4096)
-    model = SceneModel(preset("tiny"), Volume(np.eye(4), np.full(3, 40.0)), (), ())
+    model = SceneModel(preset("tiny").model, Volume(np.eye(4), np.full(3, 40.0)), (), ())
     model.ground.heights.fill_(ground_m)
     shape = Shape(model, OccupancyTrainer(model.occupancy), torch.zeros(0, 2))
     asked: list[Tensor] = []
@@ -168,7 +168,7 @@ def test_free_space_is_asked_for_where_a_ray_stops_too_early(
 
 def test_a_surface_is_held_as_closely_from_behind_as_from_before() -> None:
     """Returns that scatter about it move it to neither side: offsets are as dense on both."""
-    model = SceneModel(preset("tiny"), Volume(np.eye(4), np.full(3, 40.0)), (), ())
+    model = SceneModel(preset("tiny").model, Volume(np.eye(4), np.full(3, 40.0)), (), ())
     shape = Shape(model, OccupancyTrainer(model.occupancy), torch.zeros(0, 2))
     offset = shape._offsets(100_000, torch.Generator().manual_seed(0), 0.3)
     near = offset[(offset != 0) & (offset.abs() < 0.09)]

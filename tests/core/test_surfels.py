@@ -23,7 +23,7 @@ from unisim_blender.core.data.log import Log
 from unisim_blender.core.errors import LogError, SceneError
 from unisim_blender.core.evaluate.metrics import psnr
 from unisim_blender.core.files import cache_folder
-from unisim_blender.core.prepare.renderers import UNTRAINED, untrained_backend
+from unisim_blender.core.prepare.renderers import surfel_renderers
 from unisim_blender.core.render.code_identity import code_digest
 from unisim_blender.core.render.drive_renderer import DriveRenderer
 from unisim_blender.core.render.regions import Region
@@ -47,6 +47,7 @@ from unisim_blender.core.world.drive import Drive
 pytestmark = pytest.mark.skipif(native.library() is None, reason="surfels are made by the compiled kernels")
 CAMERA, LIDAR, FRAME = "front_camera", "pandar64", 3
 SOURCES = (0, 2, 4, 6)
+UNTRAINED = surfel_renderers()
 """Frames that surfels are made of; `FRAME` is held out."""
 
 
@@ -80,11 +81,11 @@ def street(path: Path) -> Street:
 
 @pytest.fixture(scope="module")
 def scenes(log: Log) -> dict[str, SurfelScene]:
-    return {name: finished(surfels_of(log, settings, SOURCES)) for name, settings in UNTRAINED.items()}
+    return {name: finished(surfels_of(log, one.settings, SOURCES)) for name, one in UNTRAINED.items()}
 
 
 def renderer(name: str, scenes: dict[str, SurfelScene], log: Log, drive: Drive | None = None) -> DriveRenderer:
-    return DriveRenderer(Renderer(untrained_backend(name, scenes[name], log, SOURCES)), log.drive if drive is None else drive)
+    return DriveRenderer(Renderer(UNTRAINED[name].backend(scenes[name], log, SOURCES)), log.drive if drive is None else drive)
 
 
 def edited(log: Log, *edits: dict[str, Any], of: Drive | None = None, **more: Any) -> Drive:
@@ -198,7 +199,7 @@ def test_a_scaled_actor_is_as_near_the_truth_as_it_was(
 def test_a_scaled_actor_is_looked_up_in_images_from_its_own_side(scenes: dict[str, SurfelScene], log: Log) -> None:
     uid = next(uid for uid, actor in sorted(log.drive.actors.items()) if actor.is_moving)
     drive = edited(log, {"type": "scale", "actor": uid, "factors": [1.4, 1, 1]})
-    tracer = bound_to(untrained_backend("warp", scenes["warp"], log, SOURCES), drive)
+    tracer = bound_to(UNTRAINED["warp"].backend(scenes["warp"], log, SOURCES), drive)
     assert isinstance(tracer, WarpTracer)
     number = tracer.active.own.uids.index(uid)
     assert tracer.edited == [i == number for i in range(len(tracer.edited))]
@@ -243,7 +244,7 @@ def test_one_backend_renders_many_drives(name: str, scenes: dict[str, SurfelScen
     moving = next(uid for uid, actor in sorted(log.drive.actors.items()) if actor.is_moving)
     parked = next(uid for uid, actor in sorted(log.drive.actors.items()) if not actor.is_moving)
     drives = [log.drive, *(edited(log, {"type": "remove", "actor": uid}) for uid in (moving, parked))]
-    kept = Renderer(untrained_backend(name, scenes[name], log, SOURCES))
+    kept = Renderer(UNTRAINED[name].backend(scenes[name], log, SOURCES))
     fresh: dict[int, tuple[bytes, bytes]] = {}
     for n in (0, 1, 2, 0, 2, 1, 1):
         if n not in fresh:

@@ -12,9 +12,9 @@ from whole_drive import whole_state
 
 from unisim_blender.core.errors import SceneError
 from unisim_blender.core.geometry import FloatArray, Trajectory, intersect_boxes, invert_pose, make_pose, quaternion_from_yaw
-from unisim_blender.core.model.config import preset
 from unisim_blender.core.model.scene import SceneModel
 from unisim_blender.core.ops.ray_segments import RayBatch
+from unisim_blender.core.presets import preset
 from unisim_blender.core.render.actor_sets import active_actors
 from unisim_blender.core.render.tracers.torch.actor_tensors import active_actor_tensors
 from unisim_blender.core.render.tracers.torch.sampling import Sampling
@@ -249,7 +249,7 @@ GUEST = "elsewhere"
 def stage_with_foreign(x_m: float, static: object = None, features: int = 15) -> Stage:
     """A wall at x = 8 and an actor of another scene at ``x_m``."""
     size = np.array([3.0, 3.0, 3.0])
-    config = replace(preset("tiny"), features=features)
+    config = replace(preset("tiny").model, features=features)
     other = analytic_scene(empty, {"car": (block([2.0, 2.0, 2.0]), size), "bus": (empty, size)}, config, beta=300.0)
     foreign = still("new", [x_m, 0, 1.6], size, look=Look("car", GUEST))
     own = analytic_scene(static or wall(8.0), {"bike": (block([1.0, 1, 1]), size)})  # type: ignore[arg-type]
@@ -385,7 +385,7 @@ def test_even_places_of_the_background_model_share_its_way() -> None:
 
 def test_the_papers_density() -> None:
     """Opacity of steps of its own length: a plane head-on is met within a step before or behind it."""
-    config = replace(preset("tiny"), density="unisim", unisim_step_m=0.2)
+    config = replace(preset("tiny").model, density="unisim", unisim_step_m=0.2)
     scene = analytic_scene(wall(4.0), {}, config, beta=40.0)
     traced = Stage(scene, drive_of([])).trace(EYE, fan(20, spread=0.01), fine=8.0)
     np.testing.assert_allclose(traced.depth_m, 24, atol=0.3)
@@ -419,7 +419,7 @@ def test_gradients_reach_every_field() -> None:
     size = np.array([4.0, 3.0, 3.0])
     drive = drive_of([still("car", [0, 0, 1.0], size)])
     volume = analytic_scene(empty, {}).volume
-    scene = SceneModel(preset("tiny"), volume, ("car",), ("front",))
+    scene = SceneModel(preset("tiny").model, volume, ("car",), ("front",))
     scene.occupancy.values.fill_(255)
     drawn = fan(64, spread=0.1)
     batch = RayBatch(scene.frame.recentred(np.tile(EYE, (64, 1))), torch.tensor(drawn).float(), torch.zeros(64).double())

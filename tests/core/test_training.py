@@ -26,8 +26,8 @@ from unisim_blender.core.data.log import Log
 from unisim_blender.core.data.pandaset.writer import PandasetWriter
 from unisim_blender.core.errors import LogError, SceneError
 from unisim_blender.core.model.checkpoint import load_scene
-from unisim_blender.core.model.config import PRESETS, preset
 from unisim_blender.core.ops.segment_trace import SegmentTrace
+from unisim_blender.core.presets import PRESETS, preset
 from unisim_blender.core.render.drive_renderer import DriveRenderer
 from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.render.tracers.torch.sampling import Sampling
@@ -333,8 +333,8 @@ def test_rays_are_drawn_apart_where_the_decoder_looks_at_pixels_alone(
 ) -> None:
     together, _ = trainer._draw_pixels(np.random.default_rng(0))
     assert [(len(b.camera), b.cells) for b in together] == [(2, 8)], "a patch for a decoder that sees a pixel's neighbours"
-    alone = replace(preset("tiny"), decoder_kernel=1, upsample=upsample)
-    monkeypatch.setitem(PRESETS, "alone", alone)
+    tiny = preset("tiny")
+    monkeypatch.setitem(PRESETS, "alone", replace(tiny, model=replace(tiny.model, decoder_kernel=1, upsample=upsample)))
     apart = Trainer(log, replace(SMALL, preset="alone", patches=4, iterations=1))
     batches, draw = apart._draw_pixels(np.random.default_rng(0))
     assert [(len(b.camera), b.cells) for b in batches] == [(1, 8), (3 * 64, 1)], "as many rays as the patches had"
@@ -417,7 +417,7 @@ def test_the_command_line(path: Path, tmp_path: Path, capsys: pytest.CaptureFixt
         (("--minutes", 1, "--iterations", 1), "either --minutes or --iterations"),
         (("--iterations", 0), "must be positive"),
         (("--minutes", "nan"), "must be positive"),
-        (("--iterations", 1, "--preset", "huge"), "no preset 'huge': there are tiny, small"),
+        (("--iterations", 1, "--preset", "huge"), "no preset 'huge': there are tiny, compact, small"),
         (("--iterations", 1, "--cameras", "rear"), '"rear": is not one of front_camera'),
         (("--iterations", 1, "--frames", "50:"), "selects none of the frames"),
         (("--iterations", 1, "--width", -5), "width"),

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 import torch
 
-from unisim_blender.core.model.config import preset
 from unisim_blender.core.model.decode import CameraDecoder
 from unisim_blender.core.model.occupancy import OccupancyTrainer
 from unisim_blender.core.model.scene import SceneModel
 from unisim_blender.core.model.volume import Volume
+from unisim_blender.core.presets import preset
 from unisim_blender.core.training.unobserved import UnobservedPrior
 
 GROUND_M = 2.0
@@ -22,7 +22,7 @@ NOTHING = torch.zeros(0, 3)
 def model() -> SceneModel:
     """A volume of 10 m, its ground at 2 m, and a static field that is a wall in x above 3 m and nothing lower."""
     torch.manual_seed(0)
-    model = SceneModel(preset("tiny"), Volume(np.eye(4), np.full(3, 10.0)), (), ())
+    model = SceneModel(preset("tiny").model, Volume(np.eye(4), np.full(3, 10.0)), (), ())
     model.ground.heights.fill_(GROUND_M)
     model.occupancy.values.fill_(255)
     return model

@@ -13,14 +13,14 @@ from torch import Tensor
 from whole_drive import whole_state
 
 from unisim_blender.core.geometry import FloatArray, make_pose
-from unisim_blender.core.model.config import preset
 from unisim_blender.core.ops.constants import EMPTY_LOG_DENSITY
 from unisim_blender.core.ops.density.volume import volume_intervals
 from unisim_blender.core.ops.quantiles import refine_by_density
+from unisim_blender.core.presets import preset
 from unisim_blender.core.render.tracers.torch.median import median_depth
 from unisim_blender.core.world.drive import Box
 
-CONFIG = replace(preset("tiny"), density="volume", light="fixed")
+CONFIG = replace(preset("tiny").model, density="volume", light="fixed")
 EYE = np.array([-20.0, 0, 1.6])
 STARTS = EYE + np.linspace(0, 1, 64)[:, None] * np.array([1.0, 0, 0])
 """Means over many places: one ray's samples fall where they fall about an edge."""

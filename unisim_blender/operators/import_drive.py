@@ -14,7 +14,7 @@ from ..bridge.changes.applying import apply_edits
 from ..bridge.importing.drive import import_source, recorded_colours, set_colours
 from ..bridge.objects.imported import has_drive
 from ..bridge.window.areas import areas
-from ..core.data import is_pandaset
+from ..core.data.readers import reader_of, suffixes
 from ..core.errors import UnisimError
 from ..core.json_file import read_json
 from ..core.model.scene_file import HEADER_NAME, read_scene_header
@@ -176,12 +176,12 @@ def opened_scenario(path: Path) -> tuple[Scenario, Source, Drive]:
 
 
 class UNISIM_FH_json(bpy.types.FileHandler):
-    """Scenarios dropped onto the window"""
+    """Scenarios, trained scenes, logs and rig presets dropped onto the window"""
 
     bl_idname = "UNISIM_FH_json"
     bl_label = "UniSim"
     bl_import_operator = "unisim.import_dropped"
-    bl_file_extensions = ".json"
+    bl_file_extensions = ";".join(sorted({".json", *suffixes()}))
 
     @classmethod
     def poll_drop(cls, context: bpy.types.Context) -> bool:
@@ -199,7 +199,7 @@ def format_of(path: Path) -> str:
 
 
 class UNISIM_OT_import_dropped(bpy.types.Operator):
-    """Import the scenario, trained scene, log or rig preset that a dropped .json file belongs to"""
+    """Import the scenario, trained scene, log or rig preset that a dropped file belongs to"""
 
     bl_idname = "unisim.import_dropped"
     bl_label = "Import into UniSim"
@@ -211,8 +211,9 @@ class UNISIM_OT_import_dropped(bpy.types.Operator):
         """Tell which of them it is by its name, or by the folders round it: the window gives files alone, a log is a folder."""
         path = Path(self.filepath)
         # a rendered sequence has its scenario beside a log's folders
-        said = format_of(path)
-        log = None if said in (FORMAT, RIG_FORMAT) else next((folder for folder in path.parents[:3] if is_pandaset(folder)), None)
+        said = format_of(path) if path.suffix.lower() == ".json" else ""
+        places = () if said in (FORMAT, RIG_FORMAT) else (path, *path.parents[:3])
+        log = next((place for place in places if reader_of(place) is not None), None)
         if said == RIG_FORMAT:
             operator, how = bpy.ops.unisim.apply_rig, "EXEC_DEFAULT"
         elif path.name == HEADER_NAME:

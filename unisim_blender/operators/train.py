@@ -5,6 +5,7 @@ from pathlib import Path
 import bpy
 from bpy.props import EnumProperty, FloatProperty, IntProperty, StringProperty
 
+from ..core.presets import PRESETS
 from ..preferences import device, interpreter
 from ..tasks import TrainingTask
 from .background import launch, running
@@ -27,10 +28,7 @@ class UNISIM_OT_train(bpy.types.Operator):
     preset: EnumProperty(
         name="Preset",
         description="Model configuration",
-        items=[
-            (name, name.upper() if name == "hd" else name.capitalize(), "")
-            for name in ("compact", "small", "hd", "paper", "tiny")
-        ],
+        items=[(one.name, one.title, one.about) for one in PRESETS.values() if not one.is_baseline],
         default="small",
     )
     cameras: StringProperty(name="Cameras", description="Camera names separated by commas, or all", default="front_camera")

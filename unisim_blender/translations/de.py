@@ -165,8 +165,8 @@ GERMAN: dict[str, str] = {
     "Import into UniSim": "In UniSim importieren",
     "Import or train a trained scene first": "Zuerst eine Szene importieren oder trainieren",
     "Import the drive of a scenario with all its edits": "Die Fahrt eines Szenarios mit allen Änderungen importieren",
-    "Import the scenario, trained scene, log or rig preset that a dropped .json file belongs to": (
-        "Szenario, trainierte Szene, Log oder Rig-Preset importieren, wozu eine abgelegte .json-Datei gehört"
+    "Import the scenario, trained scene, log or rig preset that a dropped file belongs to": (
+        "Szenario, trainierte Szene, Log oder Rig-Preset importieren, wozu eine abgelegte Datei gehört"
     ),
     "Import the vehicle, sensors and actors of a recorded drive as animated objects": (
         "Fahrzeug, Sensoren und Akteure einer aufgezeichneten Fahrt als animierte Objekte importieren"

@@ -10,7 +10,9 @@ from typing import Any
 
 from ..data.log import Log
 from ..model.scene_file import SceneHeader
-from ..prepare.renderers import UNTRAINED, SceneSource, scene_hash, untrained_backend
+from ..prepare.renderers import surfel_renderers
+from ..prepare.renderers.trained import SceneSource
+from ..prepare.scenes import scene_hash
 from ..prepare.selection import beam_lidars
 from ..render.drive_renderer import DriveRenderer
 from ..render.renderer import Renderer
@@ -59,15 +61,15 @@ def _config(method: Method, log: Log, options: CompareOptions) -> TrainConfig:
     )  # fmt: skip
 
 
-def _untrained(renderer: str, log: Log, options: CompareOptions) -> Made:
-    frames = options.training_frames(log.drive)
+def _untrained(name: str, log: Log, options: CompareOptions) -> Made:
+    renderer, frames = surfel_renderers()[name], options.training_frames(log.drive)
     begun = time.perf_counter()
     steps: list[Step] = []
-    scene = finished(surfels_of(log, UNTRAINED[renderer], frames), steps.append)
+    scene = finished(surfels_of(log, renderer.settings, frames), steps.append)
     # surfels that were kept are there at once, which says nothing of how long they took
     about = {"training_s": round(time.perf_counter() - begun, 1)} if steps else {}
 
     def make_renderer(drive: Drive) -> DriveRenderer:
-        return DriveRenderer(Renderer(untrained_backend(renderer, scene, log, frames, options.quality)), drive)
+        return DriveRenderer(Renderer(renderer.backend(scene, log, frames, options.quality)), drive)
 
-    return Made(None, None, build_key(log, UNTRAINED[renderer], frames), about, make_renderer)
+    return Made(None, None, build_key(log, renderer.settings, frames), about, make_renderer)

@@ -1,11 +1,11 @@
-"""What can be compared: our own model, what is left of it without one of its parts, and its rivals."""
+"""What can be compared: our method, its ablations, and the baselines."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
 
 from ..errors import UnisimError
+from ..presets.preset import SignedDistance
 
 
 @dataclass(frozen=True)
@@ -15,27 +15,30 @@ class Method:
     title: str
     preset: str = "small"
     without: tuple[str, ...] = ()
-    density: Literal["logistic", "unisim"] | None = None
+    density: SignedDistance | None = None
     adversarial: bool = False
     untrained: str | None = None
 
 
-METHODS: dict[str, Method] = {
-    "unisim": Method("UniSim, ours"),
+OURS: dict[str, Method] = {"unisim": Method("UniSim, ours")}
+ABLATIONS: dict[str, Method] = {
     "no-decoder": Method("ours, no decoder", without=("decoder",)),
     "no-actor-prior": Method("ours, no actor prior", without=("actor-prior",)),
     "no-refinement": Method("ours, no tracklet refinement", without=("tracklet-refinement",)),
     "adversarial": Method("ours, with the adversarial loss", adversarial=True),
     "unisim-density": Method("ours, density of the paper", density="unisim"),
+}
+BASELINES: dict[str, Method] = {
     "ngp": Method("Instant-NGP, with LiDAR", preset="ngp"),
     "ngp-images": Method("Instant-NGP, images alone", preset="ngp", without=("lidar",)),
     "nsg": Method("NSG", preset="nsg"),
     "surfel": Method("LiDARsim (surfels)", untrained="surfel"),
     "warp": Method("FVS (warping)", untrained="warp"),
 }
+METHODS = {**OURS, **ABLATIONS, **BASELINES}
 """By the name that the command line has for them, in the table's order."""
 USUAL = ("unisim", "ngp", "nsg", "surfel", "warp")
-"""Those compared where nobody names others: the seed's table 1."""
+"""Those compared where nobody names others: the paper's table 1."""
 
 
 def methods_named(names: tuple[str, ...] | None) -> dict[str, Method]:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from ..errors import LogError
-
 PANDASET = tuple(
     """
     001 002 003 004 005 006 008 011 012 013 014 015 016 017 018 019 020 021 023 024 027 028 029 030 032 033 034 035 037 038 039
@@ -31,10 +29,3 @@ SPLITS = {
     "seed24-validation": SEED24_VALIDATION,
     "seed24-training": SEED24_TRAINING,
 }
-
-
-def split_sequences(name: str) -> tuple[str, ...]:
-    """Names of the split's sequences, which are folders of PandaSet."""
-    if name not in SPLITS:
-        raise LogError(f"there is no split {name!r}, only {', '.join(SPLITS)}")
-    return SPLITS[name]

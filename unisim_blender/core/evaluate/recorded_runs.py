@@ -15,8 +15,9 @@ from ..errors import UnisimError
 from ..files import write_file
 from ..json_file import json_bytes
 from ..model.scene_file import SceneHeader, read_scene_header
-from ..prepare.renderers import SceneSource, scene_hash
+from ..prepare.renderers.trained import SceneSource
 from ..prepare.replay import replayed_drive
+from ..prepare.scenes import scene_hash
 from ..prepare.selection import check_names, select_frames
 from ..render.code_identity import code_identity
 from ..world.drive import Drive

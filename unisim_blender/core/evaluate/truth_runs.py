@@ -12,9 +12,10 @@ from ..errors import ScenarioError
 from ..files import write_file
 from ..json_file import json_bytes
 from ..model.scene_file import read_scene_header
-from ..prepare.renderers import SceneSource, scene_hash
+from ..prepare.renderers.trained import SceneSource
 from ..prepare.scenario import prepare_scenario
 from ..prepare.scenario_plan import scenario_hash
+from ..prepare.scenes import scene_hash
 from ..prepare.selection import check_names, select_frames
 from ..render.code_identity import code_identity
 from ..sensors.frames import LidarFrame

@@ -46,6 +46,15 @@ class SceneHeader:
     training: dict[str, Any]
     weights: str = ""
 
+    @property
+    def method(self) -> str:
+        """The method that the scene was trained by. Scenes of versions that did not store it are told by their shapes."""
+        if "method" in self.training:
+            return str(self.training["method"])
+        if self.model.get("density") != "volume":
+            return "neural"
+        return "ngp" if self.model.get("actors") == "none" else "nsg"
+
 
 def header_path(path: Path) -> Path:
     """The header's file, given the scene's folder or the file itself."""
@@ -71,7 +80,7 @@ def read_scene_header(path: Path) -> SceneHeader:
         world_origin=document.key("world_origin").array(3),
         model=document.key("model").object(),
         volume=document.key("volume").object(),
-        drive=_read_drive(document.key("drive")),
+        drive=read_drive(document.key("drive")),
         training=_read_training(document.key("training")),
         weights=document.key("weights").text() if "weights" in document.object() else "",
     )
@@ -87,6 +96,8 @@ def _read_training(node: Node) -> dict[str, Any]:
         child.integer()
     if there.get("width") is not None:
         node.key("width").integer(at_least=1)
+    if "method" in there:
+        node.key("method").text()
     for name in ("iterations", "seed"):
         if name in there:
             node.key(name).integer()
@@ -138,11 +149,6 @@ def drive_to_json(drive: Drive) -> dict[str, Any]:
         ],
         "static_removals": [_box_to_json(box) for box in drive.static_removals],
     }
-
-
-def drive_from_json(value: Any, place: str = "drive") -> Drive:
-    """The drive of a JSON object that `drive_to_json` made. Raises `SceneError` naming the place below ``place``."""
-    return _read_drive(Node(value, place, SceneError))
 
 
 def trajectory_to_json(trajectory: Trajectory) -> dict[str, Any]:
@@ -310,7 +316,8 @@ def _read_box(node: Node) -> Box:
     return Box(node.key("world_from_box").pose(), _read_size(node.key("size_m")))
 
 
-def _read_drive(node: Node) -> Drive:
+def read_drive(node: Node) -> Drive:
+    """Read the drive of a JSON object that `drive_to_json` made. Raises `SceneError` naming the place."""
     frames = tuple(frame.integer() for frame in node.key("frames").elements())
     time_s = _read_times(node.key("time_s"))
     missing = [frame for frame in frames if frame not in time_s]

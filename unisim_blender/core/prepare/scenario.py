@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from ..data import open_log
+from ..data.readers import reader_of
 from ..errors import LogError, ScenarioError, SceneError
 from ..model.scene_file import SceneHeader, read_scene_header
 from ..scenario import FORMAT, apply_scenario, load_scenario, scenario_from_json
@@ -25,14 +26,13 @@ class PreparedScenario(NamedTuple):
 
 
 def prepare_scenario(path: Path, refined: bool = True, scene: Path | None = None) -> PreparedScenario:
-    """Open the scenario at ``path``, its log and its scene's header, and apply the edits. A log's folder is a scenario
-    without any.
+    """Open the scenario at ``path``, its log and its scene's header, and apply the edits. A log is a scenario without any.
 
     With a trained scene the recorded drive has the scene's refined tracklets and sensor poses, and the log need not be there;
     ``refined=False`` takes the log's own, as the truth of a street needs it. ``scene`` takes the place of the trained scene
     that the scenario names. Raises `UnisimError`.
     """
-    scenario = _of_log(path) if path.is_dir() else load_scenario(path)
+    scenario = _of_log(path) if path.is_dir() or reader_of(path) is not None else load_scenario(path)
     if scene is not None:
         scenario = replace(scenario, scene=str(scene.resolve()))
     recorded = recorded_drive(scenario, refined)
@@ -41,8 +41,9 @@ def prepare_scenario(path: Path, refined: bool = True, scene: Path | None = None
 
 def _of_log(path: Path) -> Scenario:
     """The scenario in which a log goes as it was recorded."""
-    document = {"format": FORMAT, "version": 1, "name": path.resolve().name, "log": ".", "edits": []}
-    return scenario_from_json(document, path / "scenario.json")
+    folder, log = (path, ".") if path.is_dir() else (path.parent, path.name)
+    document = {"format": FORMAT, "version": 1, "name": path.resolve().name, "log": log, "edits": []}
+    return scenario_from_json(document, folder / "scenario.json")
 
 
 def recorded_drive(scenario: Scenario, refined: bool = True) -> Drive:

@@ -19,8 +19,9 @@ from ..sensors.error_bound import ErrorBound
 from ..sensors.frames import CAMERA_PASSES
 from ..sequence.plan import CaptureRenderer, RenderPlan, SequenceSettings
 from ..world.captures import moments_of
-from .capabilities import capability_warnings
-from .renderers import RENDERERS, UNTRAINED_DEFAULT, BoundedSource, RendererSpec, SceneSource, environment, method_of, scene_paths
+from .backends import environment
+from .renderers import RENDERERS, UNTRAINED_DEFAULT, renderer_of
+from .renderers.renderer_kind import RendererSpec
 from .scenario import PreparedScenario, prepare_scenario
 from .selection import check_names, select_frames
 
@@ -50,7 +51,7 @@ def plan_scenario(path: Path, options: RenderOptions) -> tuple[RenderPlan, Prepa
     """Open a scenario, or a log alone, and say what to render of it: by the renderer that is wished for, else with its trained
     scene, and by surfels where it names none. Raises `UnisimError`."""
     prepared = prepare_scenario(path, options.renderer is None or RENDERERS[options.renderer].trained, options.scene)
-    name = options.renderer or (UNTRAINED_DEFAULT if prepared.scene_path is None else method_of(prepared.scene_path))
+    name = options.renderer or (UNTRAINED_DEFAULT.name if prepared.scene_path is None else renderer_of(prepared.scene_path))
     if RENDERERS[name].trained and prepared.scene_path is None:
         raise ScenarioError(
             f'{path}: scene: names no trained scene to render with; give one with --scene, or train one with "unisim train"'
@@ -101,17 +102,13 @@ def plan_scenario(path: Path, options: RenderOptions) -> tuple[RenderPlan, Prepa
         )
     )  # fmt: skip
     hashes = source.hashes()
-    make: Callable[[], CaptureRenderer] = source
-    scenes: tuple[Path, ...] = ()
-    if isinstance(source, SceneSource):
-        scenes = tuple(scene_paths(source.scene, drive))
-        if missing := capability_warnings(source.scene, prepared.recorded, drive, bool(settings.lidars)):
-            about["warnings"] = missing
-        if options.max_error:
-            make = BoundedSource(source, options.max_error)
-    elif options.max_error:
+    if missing := source.warnings(prepared.recorded, bool(settings.lidars)):
+        about["warnings"] = missing
+    make: Callable[[], CaptureRenderer] | None = source.bounded(options.max_error) if options.max_error else source
+    if make is None:
         raise UnisimError(f"--max-error {options.max_error[0]}: holds for trained scenes, not for --renderer {name}")
-    plan = RenderPlan(drive, moments, settings, make, hashes, environment(options.device, scenes), about, source.captures())
+    where = environment(options.device, source.scenes())
+    plan = RenderPlan(drive, moments, settings, make, hashes, where, about, source.captures())
     return plan, prepared
 
 

@@ -10,15 +10,8 @@ from __future__ import annotations
 
 import hashlib
 import json
-import multiprocessing
-import os
-import signal
-import sys
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
-from concurrent.futures.process import BrokenProcessPool
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -27,9 +20,11 @@ from ..errors import OutputError
 from ..files import remove_partial_files, sha256_of_file, write_file
 from ..json_file import json_bytes
 from ..output.frame_files import labels_bytes, labels_path, write_camera, write_labels, write_lidar
-from ..processes import THREAD_VARIABLES, end_with_parent
+from ..processes import single_threaded
 from ..sensors.frames import CameraFrame, LidarFrame, RenderStats
 from ..world.captures import Capture, Key, Moment, in_order, key_of, name_of, time_of_name
+from .executors import usual_executor
+from .executors.executor import Executor, ProcessLost
 from .identity import CaptureIdentities, Identity
 from .manifest import COUNTS, LABELS, make_manifest
 from .plan import CaptureRenderer, RenderPlan
@@ -59,12 +54,14 @@ def render_sequence(
     resume: bool = False,
     on_moment: Callable[[Key], object] = lambda key: None,
     on_kept: Callable[[int], object] = lambda count: None,
+    executor: Executor | None = None,
 ) -> RenderReport:
     """Render the plan's moments into folder ``out`` and write its manifest.
 
     What is there already and has the identity that is asked for stays (`identity.py`): after an edit, the captures alone that can
     see it are rendered again. ``on_kept`` is called once with the number of moments that were finished before, ``on_moment``
-    after each moment.
+    after each moment. ``executor`` renders them, ``jobs`` at a time; None is this process, or several ones where ``jobs`` says
+    so.
 
     Raises `OutputError` where ``out`` holds something already and ``resume`` is not set, or where it cannot be written; finished
     captures stay in every case.
@@ -84,10 +81,12 @@ def render_sequence(
     timings = _read_timings(out)
     on_kept(len(plan.moments) - len(to_do))
     try:
-        run = _render_in_processes if jobs > 1 and len(to_do) > 1 else _render_here
-        for key, seconds in run(plan, out, work, jobs):
+        executor = executor or usual_executor(jobs, len(work))
+        for key, seconds in executor.run(MomentRendering(plan, out), work, jobs):
             timings[key] = {**timings.get(key, {}), **seconds}
             on_moment(key)
+    except ProcessLost as error:
+        raise OutputError(f"{out}: {error}; finished frames are kept, continue with --resume and fewer --jobs") from error
     finally:
         remove_partial_files(out)
         if out.is_dir():
@@ -228,75 +227,20 @@ def _read_timings(out: Path) -> dict[Key, dict[str, float]]:
 MomentSeconds = tuple[Key, dict[str, float]]
 
 
-def _render_here(plan: RenderPlan, out: Path, work: Sequence[Work], jobs: int) -> Iterator[MomentSeconds]:
-    if not work:
-        return
-    with single_threaded():
-        renderer = plan.make_renderer()
-        for one in work:
-            yield one.moment.key, render_moment(plan, renderer, out, one)
+@dataclass(frozen=True)
+class MomentRendering:
+    """Makes the function that an executor calls for each moment; pickles."""
 
+    plan: RenderPlan
+    out: Path
 
-def _render_in_processes(plan: RenderPlan, out: Path, work: Sequence[Work], jobs: int) -> Iterator[MomentSeconds]:
-    with _pool(min(jobs, len(work)), (plan, out)) as pool:
-        waiting: set[Future[MomentSeconds]] = {pool.submit(_worker_moment, one) for one in work}
-        while waiting:
-            finished, waiting = wait(waiting, return_when=FIRST_COMPLETED)
-            for future in finished:
-                try:
-                    yield future.result()
-                except BrokenProcessPool as error:
-                    raise OutputError(
-                        f"{out}: a render process was ended from outside (out of memory?); finished frames are kept, "
-                        "continue with --resume and fewer --jobs"
-                    ) from error
+    def __call__(self) -> Callable[[Work], MomentSeconds]:
+        """Make the renderer, with one thread of torch, and return what renders a moment by it, with one thread, too."""
+        with single_threaded():
+            renderer = self.plan.make_renderer()
 
+        def render(work: Work) -> MomentSeconds:
+            with single_threaded():
+                return work.moment.key, render_moment(self.plan, renderer, self.out, work)
 
-@contextmanager
-def _pool(jobs: int, arguments: tuple[RenderPlan, Path]) -> Iterator[ProcessPoolExecutor]:
-    """Worker processes; where the body fails or is interrupted they end at once, in the middle of their frames."""
-    pool = ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn"), _start_worker, arguments)
-    try:
-        yield pool
-    except BaseException:
-        for process in list((getattr(pool, "_processes", None) or {}).values()):
-            process.kill()
-        raise
-    finally:
-        pool.shutdown(wait=True, cancel_futures=True)
-
-
-_threads = ExitStack()
-_worker: tuple[RenderPlan, CaptureRenderer, Path] | None = None
-"""What a worker process renders with, made once when it starts."""
-
-
-def _start_worker(plan: RenderPlan, out: Path) -> None:
-    global _worker
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the whole group; the parent decides
-    end_with_parent()
-    for name in THREAD_VARIABLES:
-        os.environ[name] = "1"  # for libraries that are imported from here on
-    _threads.enter_context(single_threaded())
-    _worker = plan, plan.make_renderer(), out
-
-
-def _worker_moment(work: Work) -> MomentSeconds:
-    assert _worker is not None
-    plan, renderer, out = _worker
-    return work.moment.key, render_moment(plan, renderer, out, work)
-
-
-@contextmanager
-def single_threaded() -> Iterator[None]:
-    """Let torch, where it has been imported, use one thread."""
-    torch = sys.modules.get("torch")
-    if torch is None:
-        yield
-        return
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(before)
+        return render

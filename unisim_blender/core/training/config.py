@@ -2,31 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import Literal
+from dataclasses import dataclass
 
-
-@dataclass(frozen=True)
-class LossWeights:
-    """Weights of the terms."""
-
-    rgb: float = 3.0
-    chroma: float = 7.0
-    """How much more what is not grey of a difference of colours counts, see `losses.colour_squares`."""
-    perceptual: float = 0.01
-    lidar_depth: float = 0.05
-    lidar_reach: float = 0.02
-    lidar_opacity: float = 0.01
-    lidar_free: float = 0.05
-    lidar_intensity: float = 0.1
-    lidar_drop: float = 0.02
-    band: float = 0.1
-    eikonal: float = 0.0015
-    flat: float = 0.0012
-    spread: float = 0.0003
-    hidden: float = 0.02
-    adversarial: float = 0.001
-    latent: float = 1e-5
+from ..presets.preset import SignedDistance
 
 
 @dataclass(frozen=True)
@@ -40,8 +18,8 @@ class TrainConfig:
     width: int | None = None
     preset: str = "small"
     without: tuple[str, ...] = ()
-    """Parts that the method is to do without, of `recipe.PARTS`."""
-    density: Literal["logistic", "unisim"] | None = None
+    """What is left out, of `ablations.ABLATIONS`."""
+    density: SignedDistance | None = None
     """Which signed distance's density; None for the preset's."""
     disturb: tuple[float, float] | None = None
     """Noise on moving actors' boxes, metres and degrees, see `disturb.disturbed`."""
@@ -57,9 +35,6 @@ class TrainConfig:
     lidar_rays: int = 1024
     perceptual_from: float = 0.1
     poses_from: float = 0.3
-    mirrored: float = 0.1
-    """Chance that a step sees a vehicle mirrored. What was never recorded learns from the other side all the same; with a half,
-    a lit side and a shaded one would blend."""
     turned_rad: float = 0.1
     """Standard deviation by which the directions that looks depend on are turned at random: a drive sees each place from a narrow
     fan of directions, and fine detail that hangs on them instead of on the place is gone a lane further to the side."""
@@ -83,7 +58,6 @@ class TrainConfig:
     """At most how often a held-out image is rendered and left in the folder; None: never."""
     vgg: str | None = None
     adversarial: bool = False
-    weights: LossWeights = field(default_factory=LossWeights)
 
     @property
     def noise(self) -> dict[str, float] | None:

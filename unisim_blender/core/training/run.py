@@ -26,6 +26,7 @@ from ..errors import SceneError, in_a_line
 from ..geometry import Trajectory
 from ..model.checkpoint import Scene, save_scene
 from ..model.scene_file import SceneHeader
+from ..presets import preset
 from ..progress import Bar
 from ..render.drive_renderer import DriveRenderer
 from ..render.quality import QUALITY
@@ -169,6 +170,8 @@ def _settings(config: TrainConfig) -> str:
         for k, v in dataclasses.asdict(config).items()
         if k not in ("minutes", "iterations", "device", "checkpoint_s", "preview_s")
     }
+    stated = preset(config.preset)
+    kept |= {"mirrored": stated.mirrored, "weights": dataclasses.asdict(stated.weights)}
     return json.dumps(kept, sort_keys=True)
 
 
@@ -247,7 +250,7 @@ def header_of(trainer: Trainer, out: Path) -> SceneHeader:
     """What `scene.json` is to say."""
     config, log = trainer.config, trainer.log
     training = {
-        "preset": config.preset, "method": trainer.model.config.method, "without": list(config.without),
+        "preset": config.preset, "method": trainer.recipe.method, "without": list(config.without),
         "cameras": list(config.cameras), "lidars": list(trainer.lidars), "frames": list(config.frames),
         "width": config.width, "iterations": trainer.iteration, "minutes": config.minutes, "seconds": round(trainer.elapsed_s, 1),
         "seed": config.seed, "adversarial": config.adversarial, "device": config.device,

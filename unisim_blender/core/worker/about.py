@@ -9,7 +9,8 @@ from importlib import metadata, util
 from typing import Any
 
 from ..native import variant
-from ..prepare.renderers import environment, pick_device
+from ..prepare.backends import environment
+from ..prepare.devices import pick_device
 
 TRAINING_PACKAGES = ("torch", "scipy", "safetensors")
 """What training takes besides."""

@@ -13,17 +13,12 @@ from numpy.typing import NDArray
 
 from ..data import open_log
 from ..data.log import Log
+from ..prepare.backends import make_backend
 from ..prepare.capabilities import capability_warnings
-from ..prepare.renderers import (
-    UNTRAINED,
-    UNTRAINED_DEFAULT,
-    make_backend,
-    other_scenes,
-    pick_device,
-    stamp,
-    untrained_backend,
-)
+from ..prepare.devices import pick_device
+from ..prepare.renderers import UNTRAINED_DEFAULT
 from ..prepare.scenario import recorded_drive, scene_actors
+from ..prepare.scenes import other_scenes, stamp
 from ..render.drive_renderer import DriveRenderer
 from ..render.observed_space import ObservedSpace, Observing, keep_space, kept_space, observe_space
 from ..render.regions import Region
@@ -136,7 +131,7 @@ class Jobs:
                 return DriveRenderer(Renderer(backend.within(space, clip), shadows, backend), drive)
         else:
             log, surfels = yield from self._surfels(scenario.log_path)
-            backend = untrained_backend(UNTRAINED_DEFAULT, surfels, log, quality=quality)
+            backend = UNTRAINED_DEFAULT.backend(surfels, log, quality=quality)
         return DriveRenderer(Renderer(backend, shadows), drive)
 
     def _space(self, backend: Observing, key: object) -> Generator[Message, None, ObservedSpace]:
@@ -162,7 +157,7 @@ class Jobs:
             self.log, self.surfels, self.build = open_log(path), None, None
         if self.surfels is None:
             if self.build is None:
-                self.build = surfels_of(self.log, UNTRAINED[UNTRAINED_DEFAULT])
+                self.build = surfels_of(self.log, UNTRAINED_DEFAULT.settings)
             try:
                 for step in self.build:
                     if isinstance(step, SurfelScene):

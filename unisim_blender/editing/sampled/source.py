@@ -43,7 +43,7 @@ def open_source(log: str, scene: str) -> Source:
     key = (log_path, scene_path, *(_changed(path) for path in (log_path, scene_path)))
     found = _newest.get(key)
     if found is None:
-        recorded = open_log(log_path) if log_path.is_dir() else None
+        recorded = open_log(log_path) if log_path.exists() else None
         if scene_path is not None:
             header = read_scene_header(scene_path)
             drive = header.drive if recorded is None else replayed_drive(header, recorded.drive, log_path)

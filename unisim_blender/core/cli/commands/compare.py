@@ -1,4 +1,4 @@
-"""`unisim compare`: our model, what is left of it without its parts, and its rivals, in one table."""
+"""`unisim compare`: our method, its ablations and the baselines in one table."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from pathlib import Path
 
 import click
 
+from ...compare.methods import ABLATIONS, BASELINES, OURS, USUAL
 from ...prepare.selection import split_names
 from ...progress import Bar
 from ...render.quality import QUALITY
@@ -18,8 +19,8 @@ from ...render.quality import QUALITY
 @click.option(
     "--methods",
     metavar="A,B",
-    help="unisim, no-decoder, no-actor-prior, no-refinement, adversarial, unisim-density, ngp, ngp-images, nsg, surfel, warp, or "
-    "all. [default: unisim, ngp, nsg, surfel, warp]",
+    help=f"Ours: {', '.join(OURS)}; ablations: {', '.join(ABLATIONS)}; baselines: {', '.join(BASELINES)}; or all. "
+    f"[default: {', '.join(USUAL)}]",
 )
 @click.option("--minutes", type=float, default=10.0, show_default=True, help="Of each training.")
 @click.option("--iterations", type=click.IntRange(min=1), help="Steps of each training, instead of minutes.")

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 @click.argument("path", type=click.Path(path_type=Path))
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def command(path: Path, as_json: bool) -> None:
-    """Tell what PATH holds: a log or trained scene (folders), or a scenario (a JSON file)."""
+    """Tell what PATH holds: a log, a trained scene (a folder), or a scenario (a JSON file)."""
     about = describe(path)
     click.echo(json.dumps(about, indent=2, ensure_ascii=False) if as_json else "\n".join(lines_of(about)))
 
@@ -32,6 +32,7 @@ def command(path: Path, as_json: bool) -> None:
 def describe(path: Path) -> dict[str, Any]:
     """What ``path`` holds, as a JSON object. Raises `UnisimError` where it is nothing of ours."""
     from ...data import open_log
+    from ...data.readers import reader_of
     from ...model.scene_file import FORMAT as SCENE_FORMAT
     from ...model.scene_file import HEADER_NAME, read_scene_header
     from ...scenario import FORMAT as SCENARIO_FORMAT
@@ -42,6 +43,8 @@ def describe(path: Path) -> dict[str, Any]:
     if path.is_dir():
         if (path / HEADER_NAME).exists():
             return describe_scene(read_scene_header(path))
+        return describe_log(open_log(path))
+    if reader_of(path) is not None:
         return describe_log(open_log(path))
     document = read_json(path, UnisimError)
     kind = document.get("format") if isinstance(document, dict) else None

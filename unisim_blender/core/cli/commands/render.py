@@ -10,12 +10,15 @@ import click
 
 from ...errors import UnisimError
 from ...output.frame_files import camera_path
+from ...prepare.renderers import RENDERERS, UNTRAINED_DEFAULT
+from ...prepare.renderers.renderer_kind import Source
 from ...prepare.scenario_plan import SEQUENCE_FORMATS, RenderOptions, plan_scenario, sequence_formats
 from ...prepare.selection import split_names
 from ...progress import Bar
 from ...render.quality import QUALITY
 from ...sensors.error_bound import parse_bounds
 from ...sensors.frames import FORMER_PASSES
+from ...sequence.executors import EXECUTORS
 from ...sequence.plan import RenderPlan
 from ...sequence.run import MANIFEST_NAME, render_sequence
 
@@ -46,6 +49,11 @@ MOST_JOBS = 8
 @click.option(
     "--jobs", type=click.IntRange(min=1), help=f"Processes, of one thread each. [default: one a core, at most {MOST_JOBS}]"
 )
+@click.option(
+    "--executor",
+    type=click.Choice(list(EXECUTORS)),
+    help="Where frames are rendered. [default: processes, or this-process where one is enough]",
+)
 @click.option("--resume", is_flag=True, help="Continue a render; finished frames whose inputs did not change are kept.")
 @click.option(
     "--format", "formats", type=click.Choice(["pandaset"]), multiple=True, help="Write a whole log in this layout, too."
@@ -59,9 +67,9 @@ MOST_JOBS = 8
 )
 @click.option(
     "--renderer",
-    type=click.Choice(["neural", "ngp", "nsg", "surfel", "warp"]),
-    help="neural, ngp, nsg: a scene trained so; surfel: LiDAR returns as faces; warp: recorded images warped. [default: what the "
-    "scene was trained as, or surfel where the scenario names no trained scene]",
+    type=click.Choice(list(RENDERERS)),
+    help="; ".join(f"{one.name}: {one.about}" for one in RENDERERS.values())
+    + f". [default: what the scene was trained as, or {UNTRAINED_DEFAULT.name} where the scenario names no trained scene]",
 )
 @click.option("--scene", type=click.Path(path_type=Path), help="A trained scene, in place of the one that the scenario names.")
 @click.option("--sources", metavar="START:STOP:STEP", help="Frames that surfel and warp may look at. [default: all]")
@@ -77,6 +85,7 @@ def command(
     quality: str | None,
     max_error: tuple[str, ...],
     jobs: int | None,
+    executor: str | None,
     resume: bool,
     formats: tuple[str, ...],
     video: bool,
@@ -87,7 +96,7 @@ def command(
     device: str,
 ) -> None:
     """Render SCENARIO's sensors, or a log's, into a folder: images, sweeps, labels and a manifest."""
-    from ...prepare.renderers import Source, pick_device
+    from ...prepare.devices import pick_device
 
     if quality and max_error:
         raise UnisimError(f"--quality {quality} and --max-error {max_error[0]}: give one of the two")
@@ -105,7 +114,13 @@ def command(
     wanted = {*sequence_formats(prepared.scenario), *formats, *(("video",) if video else ())}
     with Bar(total=len(plan.moments), unit="frame", dynamic_ncols=True, smoothing=0.1) as bar:
         report = render_sequence(
-            plan, out, jobs or default_jobs(), resume, on_moment=lambda key: bar.update(), on_kept=bar.update
+            plan,
+            out,
+            jobs or default_jobs(),
+            resume,
+            on_moment=lambda key: bar.update(),
+            on_kept=bar.update,
+            executor=EXECUTORS[executor] if executor else None,
         )
     for name in SEQUENCE_FORMATS:
         if name in wanted:

@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Literal
+from typing import get_args
 
 import click
+
+from ...presets import PRESETS
+from ...presets.preset import SignedDistance
+from ...training.ablations import ABLATIONS
 
 
 @click.command()
@@ -15,11 +19,12 @@ import click
     "--preset",
     default="small",
     show_default=True,
-    help="Shapes of the model: tiny, compact, small, hd or paper; or a rival: ngp, nsg.",
+    metavar="NAME",
+    help="What is trained: " + "; ".join(f"{one.name}, {one.about[0].lower()}{one.about[1:]}" for one in PRESETS.values()) + ".",
 )
-@click.option("--without", metavar="A,B", help="Leave out decoder, actor-prior or tracklet-refinement; of a rival, lidar.")
+@click.option("--without", metavar="A,B", help=f"Ablations: leave out {', '.join(ABLATIONS)}, as far as the preset has it.")
 @click.option(
-    "--density", type=click.Choice(["logistic", "unisim"]), help="What a signed distance stops. [default: the preset's]"
+    "--density", type=click.Choice(get_args(SignedDistance)), help="What a signed distance stops. [default: the preset's]"
 )
 @click.option(
     "--disturb",
@@ -47,14 +52,14 @@ import click
 )
 @click.option("--quiet", is_flag=True, help="No progress bar.")
 def command(  # noqa: PLR0913
-    log: Path, out: Path, preset: str, without: str | None, density: Literal["logistic", "unisim"] | None,
+    log: Path, out: Path, preset: str, without: str | None, density: SignedDistance | None,
     disturb: tuple[float, float] | None, cameras: str, frames: str, width: int | None, minutes: float | None,
     iterations: int | None, device: str, seed: int, vgg: str | None, adversarial: bool, resume: bool,
     preview: float | None, quiet: bool,
 ) -> None:  # fmt: skip
     """Train the neural scene of the drive at LOG."""
     from ...data import open_log
-    from ...prepare.renderers import pick_device
+    from ...prepare.devices import pick_device
     from ...prepare.selection import beam_lidars, check_names, select_frames, split_names
     from ...training.config import TrainConfig
     from ...training.run import train

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from .... import native
 from ....errors import SceneError
-from ....geometry import FloatArray
 
 Points = NDArray[np.float32]
 
@@ -28,7 +27,7 @@ class Planes(NamedTuple):
 
 class Neighbours:
     """Points (N, 3) sorted into cubes of ``radius_m``, ready to be asked for those near a place. Raises `SceneError` where the
-    compiled kernels are absent: `local_planes_reference` is for small clouds alone."""
+    compiled kernels are absent: the plain reference, of the tests, is for small clouds alone."""
 
     def __init__(self, points: Points, radius_m: float) -> None:
         self.lib = native.library()
@@ -56,21 +55,3 @@ class Neighbours:
         grid = (self.low.ctypes.data, self.dims.ctypes.data, self.radius_m, most, places.ctypes.data, m)
         self.lib.unisim_local_planes(*table, len(self.keys), *grid, *(x.ctypes.data for x in found), native.threads())
         return found
-
-
-def local_planes_reference(points: FloatArray, places: FloatArray, radius_m: float, most: int) -> Planes:
-    """`Neighbours.planes`, every place against every point; float64, by numpy's eigenvectors."""
-    count, reach = np.zeros(len(places), np.int32), np.zeros(len(places), np.float32)
-    normal, (height, rough) = np.zeros((len(places), 3), np.float32), np.zeros((2, len(places)), np.float32)
-    for i, place in enumerate(places):
-        distance = np.linalg.norm(points - place, axis=1)
-        near = np.argsort(distance, kind="stable")[:most]
-        near = near[distance[near] <= radius_m]
-        count[i], reach[i] = len(near), distance[near].max(initial=0.0)
-        if len(near) < 3:
-            continue
-        offset = points[near] - points[near].mean(0)
-        normal[i] = np.linalg.eigh(offset.T @ offset)[1][:, 0]
-        height[i] = normal[i] @ (points[near].mean(0) - place)
-        rough[i] = np.std(offset @ normal[i])
-    return Planes(count, normal, height, rough, reach)

@@ -1,4 +1,4 @@
-"""The rivals and what the method can do without: they learn, are kept, render and are edited, or say in a sentence why not."""
+"""Baselines and ablations: they learn, are kept, render and are edited, or say in a sentence why not."""
 
 from __future__ import annotations
 
@@ -19,9 +19,10 @@ from unisim_blender.core.data import open_log
 from unisim_blender.core.data.log import Log
 from unisim_blender.core.errors import SceneError
 from unisim_blender.core.model.checkpoint import load_scene
-from unisim_blender.core.model.config import PRESETS, ModelConfig, SampleConfig, preset
+from unisim_blender.core.model.config import ModelConfig, SampleConfig
 from unisim_blender.core.model.scene_file import read_scene_header
-from unisim_blender.core.prepare.renderers import compiled, environment, make_backend
+from unisim_blender.core.prepare.backends import backend_for, environment, make_backend
+from unisim_blender.core.presets import PRESETS, preset
 from unisim_blender.core.render.drive_renderer import DriveRenderer
 from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.render.tracers.compiled.scene import CompiledScene
@@ -47,18 +48,28 @@ STEPS = 40
 
 @pytest.fixture(autouse=True, scope="module")
 def small_presets() -> None:
-    """The rivals with the sizes of ``tiny``."""
-    samples = SampleConfig(12, 8, 6, 4, 4, 2)
+    """The baselines with the sizes of ``tiny``."""
+    samples, tiny = SampleConfig(12, 8, 6, 4, 4, 2), preset("tiny").model
     for name in ("ngp", "nsg"):
-        rival, tiny = preset(name), preset("tiny")
+        baseline = preset(name)
+        shapes = baseline.model
         PRESETS[f"tiny-{name}"] = replace(
-            tiny, samples=samples, light="fixed", colour=rival.colour, density=rival.density, actors=rival.actors, upsample=1
+            baseline,
+            model=replace(
+                tiny,
+                samples=samples,
+                light="fixed",
+                colour=shapes.colour,
+                density=shapes.density,
+                actors=shapes.actors,
+                upsample=1,
+            ),
         )
 
 
 @pytest.fixture(scope="module")
 def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    out = tmp_path_factory.mktemp("rivals") / "log"
+    out = tmp_path_factory.mktemp("baselines") / "log"
     write_small_log(out)
     return out
 
@@ -103,7 +114,7 @@ def runs(log: Log) -> dict[str, Run]:
 @pytest.fixture(scope="module")
 def trained(runs: dict[str, Run], tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     """Each kind's scene."""
-    folder, found = tmp_path_factory.mktemp("rivals"), {}
+    folder, found = tmp_path_factory.mktemp("baselines"), {}
     for kind, made in runs.items():
         found[kind] = folder / kind.replace(" ", "-")
         found[kind].mkdir()
@@ -150,7 +161,8 @@ def test_saved_and_loaded_it_gives_the_same_picture(log: Log, runs: dict[str, Ru
     scene = trained[kind]
     header = load_scene(scene).header
     method = KINDS[kind][0].removeprefix("tiny-").replace("tiny", "neural")
-    assert header.training["method"] == ModelConfig.from_dict(header.model).method == method
+    assert header.training["method"] == header.method == method
+    assert replace(header, training={}).method == method, "as scenes of before it was stored are told"
     assert tuple(header.training["without"]) == KINDS[kind][1]
     again = scene.with_name(f"{scene.name}-again")
     again.mkdir()
@@ -168,7 +180,8 @@ def test_saved_and_loaded_it_gives_the_same_picture(log: Log, runs: dict[str, Ru
 @pytest.mark.parametrize("head", ("ray", "sample"))
 def test_what_nobody_saw_teaches_no_network_its_colours(log: Log, head: str) -> None:
     """Whatever stands at the view direction's place: `UnobservedPrior` moves the tables of unobserved places alone."""
-    PRESETS["tiny-head"] = replace(preset("tiny"), head=head)  # type: ignore[arg-type]
+    tiny = preset("tiny")
+    PRESETS["tiny-head"] = replace(tiny, model=replace(tiny.model, head=head))  # type: ignore[arg-type]
     trainer = Trainer(log, replace(config_of("no decoder"), preset="tiny-head"))
     assert trainer.model.config.colour == "sample" and trainer.model.config.head == head
     loss = trainer.unobserved.loss(torch.Generator().manual_seed(0))
@@ -251,6 +264,18 @@ def test_a_renderer_is_what_its_scene_was_trained_as(
     assert 'was trained by the method "nsg", not by "ngp"' in capsys.readouterr().err
 
 
+def test_a_scene_of_a_method_without_a_renderer_is_refused(
+    path: Path, trained: dict[str, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scene = tmp_path / "scene"
+    shutil.copytree(trained["ngp"], scene)
+    document = json.loads((scene / "scene.json").read_text())
+    document["training"]["method"] = "splats"
+    (scene / "scene.json").write_text(json.dumps(document))
+    assert run(["render", str(edited(scene, path, tmp_path / "a.json", [])), "--out", str(tmp_path / "a")]) == 1
+    assert 'was trained by the method "splats", for which there is no renderer here' in capsys.readouterr().err
+
+
 def test_sweeps_without_lidar_are_warned_of(
     path: Path, trained: dict[str, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -266,7 +291,8 @@ def test_what_the_kernels_do_not_take_is_torchs(trained: dict[str, Path], kind: 
     taken = kind in ("no actor prior", "no refinement")
     drive = load_scene(trained[kind]).header.drive
     backend = make_backend(trained[kind])
-    assert compiled("cpu", [trained[kind]]) == taken == ("kernels" in environment("cpu", [trained[kind]]))
+    name = "compiled" if taken else "torch"
+    assert backend_for("cpu", [trained[kind]]).name == name and ("kernels" in environment("cpu", [trained[kind]])) == taken
     assert isinstance(backend, TorchBackend) != taken
     if taken:
         wanted, got = (
@@ -284,10 +310,13 @@ def test_what_the_kernels_do_not_take_is_torchs(trained: dict[str, Path], kind: 
 @pytest.mark.parametrize(
     ("options", "message"),
     (
-        (("--preset", "ngp", "--without", "decoder"), "preset 'ngp' cannot do without 'decoder', for it has none"),
-        (("--preset", "nsg", "--without", "actor-prior"), "preset 'nsg' cannot do without 'actor-prior', for it has none"),
-        (("--preset", "tiny", "--without", "lidar"), "preset 'tiny' cannot do without 'lidar': it learns signed distances"),
-        (("--preset", "tiny", "--without", "wheels"), "there is no part 'wheels' to do without: there are decoder, actor-prior"),
+        (("--preset", "ngp", "--without", "decoder"), "preset 'ngp' cannot do without 'decoder', only without lidar"),
+        (("--preset", "nsg", "--without", "actor-prior"), "preset 'nsg' cannot do without 'actor-prior', only without lidar"),
+        (
+            ("--preset", "tiny", "--without", "lidar"),
+            "cannot do without 'lidar', only without decoder, actor-prior",
+        ),
+        (("--preset", "tiny", "--without", "wheels"), "there is no ablation 'wheels': there are decoder, actor-prior"),
         (("--preset", "ngp", "--density", "unisim"), "preset 'ngp' does not take a density 'unisim': it is another method's"),
         (("--preset", "nsg", "--adversarial"), "preset 'nsg' does not take an adversarial loss: it is another method's"),
     ),
@@ -313,7 +342,7 @@ def test_the_presets_own_recipes() -> None:
         made = recipe(replace(SMALL, preset=name, **more))  # type: ignore[arg-type]
         w = made.weights
         neural = w.eikonal > 0, w.lidar_free > 0, w.chroma > 0
-        return made.model.method, made.refines_tracklets, made.mirrored > 0, w.lidar_depth > 0, *neural
+        return made.method, made.refines_tracklets, made.mirrored > 0, w.lidar_depth > 0, *neural
 
     assert of("small") == ("neural", True, True, True, True, True, True)
     assert of("small", without=("actor-prior", "tracklet-refinement")) == ("neural", False, False, True, True, True, True)
@@ -323,7 +352,7 @@ def test_the_presets_own_recipes() -> None:
 
 
 def test_a_broken_configuration_is_refused() -> None:
-    values = replace(preset("ngp"), upsample=2).to_dict()
+    values = replace(preset("ngp").model, upsample=2).to_dict()
     with pytest.raises(SceneError, match=r"model\.upsample is 2 .* samples that have colours make one pixel"):
         ModelConfig.from_dict(values)
 

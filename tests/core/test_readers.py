@@ -1,0 +1,134 @@
+"""The registry of readers: other packages' readers beside the package's own, and what happens where one of them is broken."""
+
+from __future__ import annotations
+
+import sys
+import zipfile
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+from small_log import write_small_log
+
+from unisim_blender.core.cli.main import unisim
+from unisim_blender.core.data import open_log, readers
+from unisim_blender.core.errors import LogError
+from unisim_blender.core.prepare.scenario import prepare_scenario
+
+MODULE = '''
+import zipfile
+from pathlib import Path
+
+from unisim_blender.core.data.pandaset.reader import PandasetLog
+
+
+class ZippedPandaset:
+    """A log in PandaSet's layout in one file, unpacked beside it."""
+
+    name = "zipped"
+    layout = "zipped PandaSet: a .zip with lidar/ and camera/"
+    suffixes = (".zip",)
+
+    @staticmethod
+    def recognises(path):
+        return path.suffix == ".zip" and path.is_file()
+
+    @staticmethod
+    def open(path):
+        folder = path.with_suffix("")
+        with zipfile.ZipFile(path) as file:
+            file.extractall(folder)
+        log = PandasetLog(folder)
+        log.path = path
+        return log
+
+
+class Failing(ZippedPandaset):
+    name = "failing"
+
+    @staticmethod
+    def recognises(path):
+        raise RuntimeError("this reader is broken")
+
+
+class Taken(ZippedPandaset):
+    name = "pandaset"
+'''
+
+
+def install(folder: Path, entries: str) -> None:
+    """Put a distribution with entry points into a folder, as pip does."""
+    (folder / "zipped_pandaset.py").write_text(MODULE, encoding="utf-8")
+    about = folder / "zipped_pandaset-1.0.dist-info"
+    about.mkdir()
+    (about / "METADATA").write_text("Metadata-Version: 2.1\nName: zipped-pandaset\nVersion: 1.0\n", encoding="utf-8")
+    (about / "entry_points.txt").write_text(f"[unisim_blender.readers]\n{entries}\n", encoding="utf-8")
+
+
+@pytest.fixture
+def site(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """A folder on the path to install into. The registry is read anew, before and after."""
+    folder = tmp_path / "site"
+    folder.mkdir()
+    monkeypatch.syspath_prepend(folder)
+    readers.installed.cache_clear()
+    yield folder
+    readers.installed.cache_clear()
+    sys.modules.pop("zipped_pandaset", None)
+
+
+@pytest.fixture
+def zipped(tmp_path: Path) -> Path:
+    """The small log in one file."""
+    folder, path = tmp_path / "unpacked", tmp_path / "log.zip"
+    write_small_log(folder)
+    with zipfile.ZipFile(path, "w") as file:
+        for one in sorted(folder.rglob("*")):
+            file.write(one, one.relative_to(folder))
+    return path
+
+
+def test_another_package_ships_a_reader(site: Path, zipped: Path) -> None:
+    install(site, "zipped = zipped_pandaset:ZippedPandaset")
+    assert [reader.name for reader in readers.all_readers()] == ["pandaset", "zipped"]
+    assert readers.suffixes() == (".json", ".zip")
+    log = open_log(zipped)
+    assert log.path == zipped and set(log.drive.cameras) == {"front_camera"}
+    assert prepare_scenario(zipped).edited.frames == log.drive.frames
+    told = CliRunner().invoke(unisim, ["info", str(zipped)])
+    assert told.exit_code == 0 and "front_camera" in told.output
+
+
+def test_a_log_that_nobody_recognises_names_all_readers(site: Path, tmp_path: Path) -> None:
+    install(site, "zipped = zipped_pandaset:ZippedPandaset")
+    with pytest.raises(LogError, match=r"is no recorded drive .*\(PandaSet: .*; zipped PandaSet: .*\)$"):
+        open_log(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("entry", "sentence"),
+    [
+        (
+            "gone = no_such_module:Reader",
+            "the reader 'gone' of zipped-pandaset is left out: ModuleNotFoundError: No module named",
+        ),
+        ("gone = zipped_pandaset:NoSuch", "the reader 'gone' of zipped-pandaset is left out: AttributeError"),
+        ("path = zipped_pandaset:Path", "the reader 'path' of zipped-pandaset is left out: TypeError: .* has no 'layout'"),
+        ("taken = zipped_pandaset:Taken", "the reader 'taken' of zipped-pandaset is left out: .* there is a reader 'pandaset'"),
+    ],
+)
+def test_a_broken_reader_is_one_sentence_and_the_others_work(
+    entry: str, sentence: str, site: Path, zipped: Path, tmp_path: Path
+) -> None:
+    install(site, f"{entry}\nzipped = zipped_pandaset:ZippedPandaset")
+    with pytest.warns(UserWarning, match=sentence) as told:
+        assert open_log(zipped).drive.frames
+    assert len(told) == 1
+    assert open_log(tmp_path / "unpacked").drive.frames
+
+
+def test_a_reader_that_fails_at_a_folder_is_one_sentence(site: Path, zipped: Path) -> None:
+    install(site, "failing = zipped_pandaset:Failing\nzipped = zipped_pandaset:ZippedPandaset")
+    with pytest.warns(UserWarning, match="the reader 'failing' fails at .*log.zip: RuntimeError: this reader is broken"):
+        assert open_log(zipped).drive.frames

@@ -1,0 +1,80 @@
+"""The registry of readers: the package's own by a table, and those of other packages by their entry points.
+
+The package's own readers are in `READERS`, because entry points need the metadata of an installed distribution, which the
+package lacks where it is run from its sources or as Blender's extension. Another distribution registers a reader in its
+pyproject.toml:
+
+    [project.entry-points."unisim_blender.readers"]
+    name = "module:reader"
+"""
+
+from __future__ import annotations
+
+import warnings
+from functools import cache
+from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
+from typing import cast
+
+from ..errors import in_a_line
+from .pandaset.layout import PandasetReader
+from .reader import Reader
+
+READERS: dict[str, Reader] = {one.name: one for one in (PandasetReader(),)}
+"""The package's own. Another one is a package beside `pandaset` and a line here."""
+GROUP = "unisim_blender.readers"
+OWN_NAME = "unisim_blender.core.data"
+"""This package's name outside Blender. Inside, an extension has another one, and what other packages import by this name would
+be a second copy of its classes: there, readers of other packages are not loaded."""
+
+
+def all_readers() -> tuple[Reader, ...]:
+    """Return the readers there are, the package's own first."""
+    return (*READERS.values(), *installed())
+
+
+@cache
+def installed() -> tuple[Reader, ...]:
+    """Return the readers of other packages. Those that cannot be loaded are left out, with a warning each."""
+    found: dict[str, Reader] = {}
+    for entry in sorted(entry_points(group=GROUP), key=lambda entry: entry.name) if __package__ == OWN_NAME else ():
+        try:
+            reader = _loaded(entry)
+            if reader.name in READERS or reader.name in found:
+                raise ValueError(f"there is a reader {reader.name!r} already")
+        except Exception as error:  # noqa: BLE001  another package's code may raise anything, and the others still work
+            about = f"{type(error).__name__}: {in_a_line(error)}"
+            warnings.warn(f"the reader {entry.name!r} of {_distribution(entry)} is left out: {about}", stacklevel=3)
+        else:
+            found[reader.name] = reader
+    return tuple(found.values())
+
+
+def reader_of(path: Path) -> Reader | None:
+    """Return the reader that recognises a folder or file; None where none does."""
+    return next((reader for reader in all_readers() if _recognises(reader, path)), None)
+
+
+def suffixes() -> tuple[str, ...]:
+    """Return the suffixes of files that can be dropped onto Blender's window to open the log that they belong to."""
+    return tuple(dict.fromkeys(suffix for reader in all_readers() for suffix in reader.suffixes))
+
+
+def _recognises(reader: Reader, path: Path) -> bool:
+    try:
+        return reader.recognises(path)
+    except Exception as error:  # noqa: BLE001  as above
+        warnings.warn(f"the reader {reader.name!r} fails at {path}: {type(error).__name__}: {in_a_line(error)}", stacklevel=3)
+        return False
+
+
+def _loaded(entry: EntryPoint) -> Reader:
+    reader = entry.load()
+    for name in ("name", "layout", "suffixes", "recognises", "open"):
+        if not hasattr(reader, name):
+            raise TypeError(f"{entry.value} has no {name!r}")
+    return cast(Reader, reader)
+
+
+def _distribution(entry: EntryPoint) -> str:
+    return entry.dist.name if entry.dist is not None else entry.value

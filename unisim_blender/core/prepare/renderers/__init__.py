@@ -1,0 +1,35 @@
+"""Renderers by name. Another one is a file in this folder and a line here; one of a new training method needs neither: it is
+there by its preset."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from ...errors import SceneError
+from ...model.scene_file import read_scene_header
+from ...presets import methods
+from .renderer_kind import RendererKind
+from .surfel import SURFEL
+from .trained import TrainedRenderer
+from .untrained import SurfelRenderer
+from .warp import WARP
+
+_TRAINED: tuple[RendererKind, ...] = tuple(TrainedRenderer(method) for method in methods())
+_UNTRAINED: tuple[RendererKind, ...] = (SURFEL, WARP)
+RENDERERS: dict[str, RendererKind] = {one.name: one for one in (*_TRAINED, *_UNTRAINED)}
+"""By the name that `unisim render --renderer` has for them."""
+UNTRAINED_DEFAULT = SURFEL
+"""What renders a log without a trained scene where nobody names another."""
+
+
+def renderer_of(scene: Path) -> str:
+    """Return the name of the renderer of a trained scene. Raises `SceneError`."""
+    header = read_scene_header(scene)
+    if header.method not in RENDERERS:
+        raise SceneError(f'{scene}: was trained by the method "{header.method}", for which there is no renderer here')
+    return header.method
+
+
+def surfel_renderers() -> dict[str, SurfelRenderer]:
+    """Return the renderers that take a log's surfels, by their names."""
+    return {name: one for name, one in RENDERERS.items() if isinstance(one, SurfelRenderer)}

@@ -1,0 +1,95 @@
+"""Renderers of trained scenes, one a method."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import ClassVar
+
+from ...errors import ScenarioError
+from ...model.config import ModelConfig
+from ...model.scene_file import read_scene_header
+from ...render.bounded import BoundedRenderer
+from ...render.captures import CaptureStates
+from ...render.drive_renderer import DriveRenderer
+from ...render.renderer import Renderer, reach_of
+from ...sensors.error_bound import ErrorBound
+from ...world.drive import Drive
+from ...world.replay import DriveStates, parked_boxes
+from ..backends import make_backend
+from ..capabilities import capability_warnings
+from ..scenes import other_scenes, scene_hashes, scene_paths
+from .renderer_kind import RendererSpec, Source
+
+
+@dataclass(frozen=True)
+class SceneSource(Source):
+    """Makes the renderer of a drive by a trained scene."""
+
+    scene: Path
+    drive: Drive
+    quality: str = "balanced"
+    device: str = "cpu"
+    draw: int | None = None
+    shadows: bool = False
+
+    def __call__(self) -> DriveRenderer:
+        """Load the scene and those that actors were inserted from. Raises `SceneError`."""
+        backend = make_backend(self.scene, other_scenes(self.drive), self.quality, self.device)
+        return DriveRenderer(Renderer(backend, self.shadows), self.drive, self.draw)
+
+    def hashes(self) -> dict[str, str]:
+        """See `scene_hashes`."""
+        return scene_hashes(self.scene, self.drive)
+
+    def captures(self) -> CaptureStates:
+        """See `Source.captures`."""
+        header = read_scene_header(self.scene)
+        one_field = ModelConfig.from_dict(header.model).actors == "none"
+        return CaptureStates(DriveStates(self.drive, {} if one_field else parked_boxes(header.drive)), reach_of(self.shadows))
+
+    def scenes(self) -> tuple[Path, ...]:
+        """Its own folder, and those that actors were inserted from."""
+        return scene_paths(self.scene, self.drive)
+
+    def warnings(self, recorded: Drive, sweeps: bool) -> list[str]:
+        """See `capability_warnings`."""
+        return capability_warnings(self.scene, recorded, self.drive, sweeps)
+
+    def bounded(self, bounds: tuple[ErrorBound, ...]) -> Callable[[], BoundedRenderer]:
+        """See `Source.bounded`."""
+        return BoundedSource(self, bounds)
+
+
+@dataclass(frozen=True)
+class BoundedSource:
+    """The same of a renderer whose error is bounded."""
+
+    source: SceneSource
+    bounds: tuple[ErrorBound, ...]
+
+    def __call__(self) -> BoundedRenderer:
+        """Load what the source loads. Raises `SceneError`."""
+        return BoundedRenderer(self.source(), self.bounds)
+
+
+@dataclass(frozen=True)
+class TrainedRenderer:
+    """The renderer of scenes that were trained by a method, which has its name."""
+
+    name: str
+    trained: ClassVar[bool] = True
+
+    @property
+    def about(self) -> str:
+        """See `RendererKind.about`."""
+        return f"a scene trained as {self.name}"
+
+    def source(self, spec: RendererSpec) -> SceneSource:
+        """Raises `ScenarioError` where there is no trained scene, or one of another method."""
+        if spec.scene is None:
+            raise ScenarioError(f'{spec.log}: has no trained scene to render with; train one with "unisim train"')
+        if (method := read_scene_header(spec.scene).method) != self.name:
+            raise ScenarioError(f'{spec.scene}: was trained by the method "{method}", not by "{self.name}"')
+        return SceneSource(spec.scene, spec.drive, spec.quality, spec.device, spec.draw, spec.shadows)

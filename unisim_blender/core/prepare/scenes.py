@@ -1,0 +1,46 @@
+"""The trained scenes and meshes that a drive is rendered with: where they lie, and digests of them."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+from typing import Any
+
+from ..files import sha256_of_file
+from ..model.scene_file import HEADER_NAME, WEIGHTS_NAME
+from ..model.weights import weights_hash
+from ..world.drive import Drive
+
+
+def other_scenes(drive: Drive) -> tuple[str, ...]:
+    """Folders of the trained scenes that actors were inserted from."""
+    return tuple(sorted({actor.look.scene for actor in drive.actors.values()} - {""}))
+
+
+def scene_paths(scene: Path, drive: Drive) -> tuple[Path, ...]:
+    """Folders of all trained scenes that a drive is rendered with, its own first."""
+    return scene, *map(Path, other_scenes(drive))
+
+
+def scene_hash(path: Path) -> str:
+    """One digest of a trained scene's two files."""
+    parts = [sha256_of_file(path / HEADER_NAME), weights_hash(path)]
+    return hashlib.sha256(" ".join(parts).encode()).hexdigest()
+
+
+def scene_hashes(scene: Path, drive: Drive) -> dict[str, str]:
+    """Digests of all scenes and meshes that a drive is rendered with, by the name that looks have for them."""
+    others = {name: scene_hash(Path(name)) for name in other_scenes(drive)}
+    return {"": scene_hash(scene), **others, **mesh_hashes(drive)}
+
+
+def mesh_hashes(drive: Drive) -> dict[str, str]:
+    """Digests of all meshes in a drive, by the name that looks have for them."""
+    meshes = {actor.look.mesh for actor in drive.actors.values()} - {""}
+    return {name: sha256_of_file(Path(name)) for name in sorted(meshes)}
+
+
+def stamp(scene: Path) -> tuple[Any, ...]:
+    """What changes when a trained scene is written anew. A digest would take longer than an image of the view."""
+    files = [scene / name for name in (HEADER_NAME, WEIGHTS_NAME)]
+    return scene, *((file.stat().st_mtime_ns, file.stat().st_size) if file.is_file() else None for file in files)
