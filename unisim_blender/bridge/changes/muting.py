@@ -50,7 +50,7 @@ def mute(scene: bpy.types.Scene, source: Source, line: Line) -> None:
 
 
 def unmute(scene: bpy.types.Scene, source: Source, number: int, rivals: Iterable[Line] = ()) -> None:
-    """Let a muted edit count again. ``rivals`` are edits that cannot stand beside it (see `rivals_of`): they are
+    """Let a muted edit count again. ``rivals`` are edits that cannot stand beside it (see `conflicts.conflicting`): they are
     muted instead."""
     for rival in rivals:
         mute(scene, source, rival)
@@ -76,23 +76,6 @@ def unmute(scene: bpy.types.Scene, source: Source, number: int, rivals: Iterable
         delete(scene, now)
     else:
         _take_place(scene, now, parked, collection, part == "REMOVE")
-
-
-def rivals_of(line: Line, lines: Iterable[Line]) -> list[Line]:
-    """Return the edits that count and cannot stand beside a muted one: an actor has one trajectory, one appearance,
-    or is gone."""
-    if line.part in ADDED:
-        return []
-    own = [
-        one
-        for one in lines
-        if one.muted < 0 and one.part not in (*ADDED, "PROBLEM") and (one.kind, one.uid) == (line.kind, line.uid)
-    ]
-    alone = ("APPEARANCE", "SCALE")
-    apart = set(alone) if line.part != "REMOVE" else set()
-    if line.part in alone:
-        return [one for one in own if one.part in (line.part, "REMOVE")]
-    return [one for one in own if one.part not in apart]
 
 
 def drop(scene: bpy.types.Scene, number: int) -> None:
