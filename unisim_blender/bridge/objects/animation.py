@@ -163,9 +163,9 @@ def write_presence(thing: bpy.types.Object, clock: Clock, present_s: tuple[float
         add_keys(fcurves_of(thing, thing.name), "hide_viewport", hidden[0], hidden[1], CONSTANT)
 
 
-def write_trajectory(thing: bpy.types.Object, way: Trajectory, clock: Clock) -> None:
+def write_trajectory(thing: bpy.types.Object, trajectory: Trajectory, clock: Clock) -> None:
     """Replace all keys of an object by those of a trajectory of two or more keys."""
-    way = dense(way, clock)
-    curves, frames = fcurves_of(thing, thing.name), clock.frame(way.times_s)
-    add_keys(curves, "location", frames, way.positions, LINEAR)
-    add_keys(curves, "rotation_quaternion", frames, continuous(way.quaternions_wxyz), LINEAR)
+    trajectory = dense(trajectory, clock)
+    curves, frames = fcurves_of(thing, thing.name), clock.frame(trajectory.times_s)
+    add_keys(curves, "location", frames, trajectory.positions, LINEAR)
+    add_keys(curves, "rotation_quaternion", frames, continuous(trajectory.quaternions_wxyz), LINEAR)

@@ -13,19 +13,19 @@ TURN_RAD = 0.02
 OFF_M = 1e-5
 
 
-def dense(way: Trajectory, clock: Clock) -> Trajectory:
-    """The same way with keys at all frames besides, where Blender would make something else of its own keys alone: it turns by
-    other numbers than slerp, and a log's frames are not quite evenly spaced."""
-    q = continuous(way.quaternions_wxyz)
+def dense(trajectory: Trajectory, clock: Clock) -> Trajectory:
+    """Return the same trajectory with keys at all frames besides, where Blender would interpolate its own keys otherwise: it
+    turns by other numbers than slerp, and a log's frames are not quite evenly spaced."""
+    q = continuous(trajectory.quaternions_wxyz)
     turns = np.abs((q[1:] * q[:-1]).sum(-1)).min() < np.cos(TURN_RAD / 2)
-    keys = clock.frame(way.times_s)
+    keys = clock.frame(trajectory.times_s)
     inside = (clock.frames >= keys[0]) & (clock.frames <= keys[-1])
-    true = way.at(clock.times_s[inside])
-    made = np.stack([np.interp(clock.frames[inside], keys, column) for column in way.positions.T], -1)
+    true = trajectory.at(clock.times_s[inside])
+    made = np.stack([np.interp(clock.frames[inside], keys, column) for column in trajectory.positions.T], -1)
     if not turns and np.abs(made - true[:, :3, 3]).max(initial=0.0) < OFF_M:
-        return way
-    times = merged_times(way.times_s, clock.times_s)
-    positions, quaternions = sampled_keys(way, times)
+        return trajectory
+    times = merged_times(trajectory.times_s, clock.times_s)
+    positions, quaternions = sampled_keys(trajectory, times)
     return Trajectory(times, positions, quaternions)
 
 
