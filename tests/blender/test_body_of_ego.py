@@ -19,7 +19,7 @@ from unisim_blender.bridge.sampling.adjacent_frames import sample_now
 from unisim_blender.core.geometry import invert_pose
 from unisim_blender.core.meshes.read import read_mesh
 from unisim_blender.core.scenario import load_scenario, save_scenario
-from unisim_blender.core.scenario.types import EgoBody
+from unisim_blender.core.scenario.edits import EgoBody
 from unisim_blender.core.world.drive import Camera, Lidar
 from unisim_blender.editing.images.dirty_region import dirty_region
 from unisim_blender.editing.sampled.clock import Clock

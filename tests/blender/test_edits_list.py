@@ -275,7 +275,7 @@ def test_what_fails_is_said_and_ends_the_reading(street: Any, monkeypatch: pytes
     def broken(*_: Any) -> Any:
         raise KeyError("odd")
 
-    monkeypatch.setattr(edit_list, "actor_lines", broken)
+    monkeypatch.setattr(edit_list, "group_lines", broken)
     reading_of(street).mark()
     reading_of(street).known.clear()
     read_all()

@@ -19,7 +19,7 @@ from unisim_blender.bridge.objects.imported import imported_objects
 from unisim_blender.bridge.objects.source import source_of
 from unisim_blender.bridge.views.trails import trajectory_poses
 from unisim_blender.core.geometry import FloatArray, invert_pose
-from unisim_blender.core.scenario.types import Ego, Move
+from unisim_blender.core.scenario.edits import Ego, Move
 from unisim_blender.editing.motion.displacement import BLEND_S
 from unisim_blender.editing.motion.handles import MOST
 from unisim_blender.editing.sampled.clock import Clock

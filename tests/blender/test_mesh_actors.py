@@ -17,7 +17,7 @@ from unisim_blender.bridge.sampling.stepping import sample_all
 from unisim_blender.core.meshes.model import MeshModel
 from unisim_blender.core.meshes.read import read_mesh
 from unisim_blender.core.scenario import load_scenario
-from unisim_blender.core.scenario.types import InsertMesh
+from unisim_blender.core.scenario.edits import InsertMesh
 from unisim_blender.editing.motion.plausibility import warnings_of
 from unisim_blender.editing.sampled.clock import Clock
 from unisim_blender.editing.sampled.poses import rigid

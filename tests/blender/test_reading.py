@@ -14,7 +14,7 @@ from unisim_blender.bridge.objects.source import source_of
 from unisim_blender.bridge.objects.trajectories import trajectory_of
 from unisim_blender.bridge.sampling.stepping import sample_all
 from unisim_blender.core.scenario import load_scenario, save_scenario
-from unisim_blender.core.scenario.types import CopyStatic, Duplicate, Ego, Move, Remove, RemoveStatic
+from unisim_blender.core.scenario.edits import CopyStatic, Duplicate, Ego, Move, Remove, RemoveStatic
 from unisim_blender.editing.sampled.clock import Clock
 from unisim_blender.editing.sampled.poses import same
 

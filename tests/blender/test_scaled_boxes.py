@@ -23,7 +23,7 @@ from unisim_blender.bridge.views.card import card_of
 from unisim_blender.bridge.views.trails import trail
 from unisim_blender.core.errors import ScenarioError
 from unisim_blender.core.scenario import load_scenario, save_scenario, scenario_from_json, scenario_to_json
-from unisim_blender.core.scenario.types import Duplicate, InsertMesh, Move, Remove, Scale, Swap
+from unisim_blender.core.scenario.edits import Duplicate, InsertMesh, Move, Remove, Scale, Swap
 from unisim_blender.core.world.drive import CameraModel
 from unisim_blender.editing.images.dirty_region import alike, dirty_region
 from unisim_blender.editing.motion.ground import ground_height

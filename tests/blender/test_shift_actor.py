@@ -14,7 +14,7 @@ from unisim_blender.bridge.objects.animation import curves_of, write_keys
 from unisim_blender.bridge.objects.source import source_of
 from unisim_blender.bridge.objects.trajectories import trajectory_of
 from unisim_blender.core.geometry import FloatArray, invert_pose, quaternion_from_yaw
-from unisim_blender.core.scenario.types import Move
+from unisim_blender.core.scenario.edits import Move
 
 
 def actor(scene: Any, moving: bool) -> str:

@@ -172,7 +172,7 @@ def dragged_handle() -> Iterator[float]:
     up = np.array([0.0, 0.0, 1.0])
     dragging = module("editing.motion.dragging")
     first, last = (dragging.on_plane(*ray_at(*np.round(at)), handle.place, up) for at in ((x, y), (x - 60, y + 25)))
-    apply, source = module("core.scenario.edits").apply_scenario, module("bridge.objects.source").source_of(bpy.context.scene)
+    apply, source = module("core.scenario").apply_scenario, module("bridge.objects.source").source_of(bpy.context.scene)
     now = apply(scenario(), source.drive, module("core.prepare.scenario").scene_actors).actors[thing(car).unisim.uid]
     before = source.drive.actors[thing(car).unisim.uid]
     moved = (now.world_from_actor.at(handle.time_s) - before.world_from_actor.at(handle.time_s))[:3, 3]

@@ -11,8 +11,8 @@ from unisim_blender.editing.actors.card import present_span, role_words, size_wo
 from unisim_blender.editing.actors.names import is_plain, named_actors, names_at_import
 from unisim_blender.editing.actors.portrait_files import kept_portrait, portrait_path, save_portrait
 from unisim_blender.editing.actors.table import Track, at_time, differs, figures_of
-from unisim_blender.editing.reading.actors import recorded_poses, recorded_there
 from unisim_blender.editing.sampled.clock import Clock
+from unisim_blender.editing.sampled.recorded import recorded_poses, recorded_there
 from unisim_blender.editing.sampled.source import Source
 
 CLOCK = Clock(np.arange(10.0), np.arange(10) * 0.1)

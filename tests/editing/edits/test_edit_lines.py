@@ -10,8 +10,9 @@ from imported_scene import added, beside, changed, displaced, driving, imported,
 
 from unisim_blender.core.errors import ScenarioError, UnisimError
 from unisim_blender.editing.edits.differences import compared, differences
-from unisim_blender.editing.edits.lines import Line, actor_lines, problem_line, rig_lines, static_lines
+from unisim_blender.editing.edits.lines import Line, problem_line
 from unisim_blender.editing.edits.variant_names import checked_name, file_names, free_name
+from unisim_blender.editing.reading.scenario import group_lines
 from unisim_blender.editing.sampled.scaling import Scaling
 from unisim_blender.editing.sampled.scene import Sampled
 from unisim_blender.editing.sampled.source import Source
@@ -19,10 +20,9 @@ from unisim_blender.editing.sampled.source import Source
 
 def lines_of(sampled: Sampled, source: Source) -> list[Line]:
     """All lines of a sampled scene."""
-    found = [*rig_lines(sampled, source.drive), *static_lines(sampled, source.drive)]
-    actors = list(sampled.of("ACTOR"))
-    for uid in sorted({one.uid for one in actors} | set(source.drive.actors)):
-        found += actor_lines(uid, [one for one in actors if one.uid == uid], source.drive, sampled.clock)
+    found = [*group_lines("RIG", "", sampled, source.drive), *group_lines("STATIC", "", sampled, source.drive)]
+    for uid in sorted({one.uid for one in sampled.of("ACTOR")} | set(source.drive.actors)):
+        found += group_lines("ACTOR", uid, sampled, source.drive)
     return found
 
 

@@ -12,8 +12,8 @@ from unisim_blender.editing.motion.comparison import EGO_LABEL, MOST, Track, com
 from unisim_blender.editing.motion.kinematics import Limits
 from unisim_blender.editing.motion.trails import EDGES, FAST, SLOW, Lines, joined, own_lines, recorded_lines, speed_colours
 from unisim_blender.editing.motion.trails import RECORDED as GREY
-from unisim_blender.editing.reading.actors import recorded_poses, recorded_there
 from unisim_blender.editing.sampled.clock import Clock
+from unisim_blender.editing.sampled.recorded import recorded_poses, recorded_there
 from unisim_blender.editing.sampled.source import Source
 
 

@@ -13,8 +13,8 @@ from imported_scene import added, beside, changed, displaced, driving, imported,
 from unisim_blender.core.errors import ScenarioError
 from unisim_blender.core.geometry import FloatArray, invert_pose
 from unisim_blender.core.prepare.scenario import scene_actors
-from unisim_blender.core.scenario.edits import apply_scenario
-from unisim_blender.core.scenario.types import (
+from unisim_blender.core.scenario import apply_scenario
+from unisim_blender.core.scenario.edits import (
     CopyStatic,
     Duplicate,
     EgoBody,
@@ -24,17 +24,19 @@ from unisim_blender.core.scenario.types import (
     Remove,
     RemoveStatic,
     Scale,
-    Scenario,
     Swap,
 )
-from unisim_blender.editing.reading.actors import new_id, original
-from unisim_blender.editing.reading.rig import safe_name, sensor_name, shift_keys
+from unisim_blender.core.scenario.types import Scenario
+from unisim_blender.editing.edits.reader import Reading
+from unisim_blender.editing.readers.actors import original
+from unisim_blender.editing.readers.ego import shift_keys
 from unisim_blender.editing.reading.scenario import edited_ids, read_scenario
 from unisim_blender.editing.sampled.clock import Clock
 from unisim_blender.editing.sampled.poses import same
 from unisim_blender.editing.sampled.scaling import CHANGING, MIRRORED, SHEARED, Scaling
 from unisim_blender.editing.sampled.scene import Sampled
 from unisim_blender.editing.sampled.source import Source
+from unisim_blender.editing.sensors.names import safe_name, sensor_name
 
 PATH = Path("/tmp/drive/scenario.json")
 
@@ -173,11 +175,11 @@ def test_inserted_actors_and_meshes(source: Source) -> None:
     assert isinstance(insert, Insert) and (insert.actor, insert.scene, insert.id) == ("car-03", "other", "Box 2")
 
 
-def test_ids_are_taken_once() -> None:
+def test_ids_are_taken_once(source: Source) -> None:
     one = sampled_object("Car", "ACTOR", np.eye(4)[None])
-    taken = {"Car"}
-    assert [new_id(one, taken), new_id(one, taken)] == ["Car 2", "Car 3"] and taken == {"Car", "Car 2", "Car 3"}
-    assert new_id(replace(one, called="Van"), taken) == "Van"
+    reading = Reading(imported(source.drive), source.drive, {"Car"})
+    assert [reading.new_id(one), reading.new_id(one)] == ["Car 2", "Car 3"] and reading.taken == {"Car", "Car 2", "Car 3"}
+    assert reading.new_id(replace(one, called="Van")) == "Van"
 
 
 def test_the_vehicle_beside_its_lane(source: Source) -> None:

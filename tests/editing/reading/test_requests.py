@@ -12,7 +12,9 @@ from imported_scene import added, changed, imported, one_of, sampled_object, sta
 
 from unisim_blender.core.geometry import box_corners, invert_pose, transform_points
 from unisim_blender.core.scenario import load_scenario, scenario_from_json
-from unisim_blender.core.scenario.types import InsertMesh, Move, Placement, Scenario
+from unisim_blender.core.scenario.edits import InsertMesh, Move
+from unisim_blender.core.scenario.placement import Placement
+from unisim_blender.core.scenario.types import Scenario
 from unisim_blender.core.world.drive import CameraModel
 from unisim_blender.editing.actors.portrait_views import FILLED, SIZE_PX, portrait_request
 from unisim_blender.editing.reading.mesh_files import folder

@@ -1,10 +1,7 @@
 """Edits muted: the object stands as it was imported, and the edit waits in the file until it is unmuted.
 
-A scenario is the difference between the drive and what stands there. A muted edit is therefore none of the scene's
-state: the
-object with the edit is kept outside all scenes ("parked"), and one as imported stands in its place. A muted copy is
-parked and
-nothing stands in its place. An appearance is kept by name.
+A scenario is the difference between the drive and what stands there. A muted edit is therefore none of the scene's state: what
+carries it keeps it elsewhere (see `carriers`).
 """
 
 from __future__ import annotations
@@ -14,15 +11,12 @@ from typing import Any
 
 import bpy
 
-from ...editing.edits.lines import ADDED, Line
+from ...editing.edits.lines import Line
 from ...editing.sampled.source import Source
-from ..importing.drive import fit_resolution, front_camera
-from ..objects.copies import copy_action
-from ..objects.imported import collection_of, original_of
-from ..objects.meshes import size_of
-from ..objects.trajectories import remove, trajectory_of
-from ..window.refresh import refresh
-from .reverting import delete, lift, restore, set_appearance, unscaled
+from ..objects.imported import original_of
+from . import carriers  # noqa: F401 so that all are registered
+from .carriers.carrier import Muted, carrier_of
+from .carriers.parking import discard
 
 
 def mute(scene: bpy.types.Scene, source: Source, line: Line) -> None:
@@ -30,23 +24,7 @@ def mute(scene: bpy.types.Scene, source: Source, line: Line) -> None:
     thing = scene.objects.get(line.thing)
     item = scene.unisim_edits.muted.add()
     note(item, line)
-    if line.part in ADDED:
-        _park_copy(scene, item, thing)
-        return
-    if line.part == "APPEARANCE":
-        item.look, item.look_scene = thing.unisim.look, thing.unisim.look_scene
-        set_appearance(thing, source.drive, "", "")
-        refresh([thing])
-        return
-    if line.part == "SCALE":
-        item.scale = thing.scale
-        unscaled(thing)
-        refresh([thing])
-        return
-    if thing is not None:
-        item.parked = parked_copy(thing, f"{thing.name} muted")
-        note_collection(scene, item, thing)
-    restore(scene, source, line.kind, line.uid, thing)
+    carrier_of(line.part).mute(scene, source, item, line, thing)
 
 
 def unmute(scene: bpy.types.Scene, source: Source, number: int, rivals: Iterable[Line] = ()) -> None:
@@ -55,27 +33,10 @@ def unmute(scene: bpy.types.Scene, source: Source, number: int, rivals: Iterable
     for rival in rivals:
         mute(scene, source, rival)
     item = scene.unisim_edits.muted[number]
-    parked, kind, uid, part = item.parked, item.kind, item.uid, item.part
-    scale = tuple(item.scale)
-    look, look_scene, collection = item.look, item.look_scene, scene.collection if item.at_root else item.collection
+    uid, collection = item.uid, scene.collection if item.at_root else item.collection
+    muted = Muted(item.kind, item.part, item.parked, collection, item.look, item.look_scene, tuple(item.scale))
     scene.unisim_edits.muted.remove(number)
-    now = original_of(scene, kind, uid)
-    if part in ADDED:
-        for one in (parked, *(parked.children_recursive if parked.unisim.mesh else ())):
-            (collection or collection_of(scene, kind)).objects.link(one)
-            one.use_fake_user = False
-        refresh([parked])
-    elif part == "APPEARANCE":
-        set_appearance(now, source.drive, look, look_scene)
-        refresh([now])
-    elif part == "SCALE":
-        assert now is not None  # a removal is a rival, and muted by now
-        now.scale = scale
-        refresh([now])
-    elif parked is None:
-        delete(scene, now)
-    else:
-        _take_place(scene, now, parked, collection, part == "REMOVE")
+    carrier_of(muted.part).unmute(scene, source, muted, original_of(scene, muted.kind, uid))
 
 
 def drop(scene: bpy.types.Scene, number: int) -> None:
@@ -86,112 +47,8 @@ def drop(scene: bpy.types.Scene, number: int) -> None:
         discard(parked)
 
 
-def discard(parked: bpy.types.Object) -> None:
-    """Delete an object that is in no scene, with its parts and its trajectory."""
-    for part in parked.children_recursive if parked.unisim.mesh else ():
-        bpy.data.objects.remove(part)
-    remove(parked)
-
-
 def note(item: Any, line: Line) -> None:
     """Write the line of an edit into a muted edit."""
     item.name, item.kind, item.uid, item.part, item.what = line.who, line.kind, line.uid, line.part, line.what
     item.thing, item.start_s, item.end_s = line.thing, line.start_s, line.end_s
     item.first, item.last = line.frames[0], line.frames[-1]
-
-
-def note_collection(scene: bpy.types.Scene, item: Any, thing: bpy.types.Object) -> None:
-    """Note which collection an object is in. Blender keeps no pointer to a scene's own one."""
-    collection = next(iter(thing.users_collection), None)
-    item.at_root = collection == scene.collection
-    item.collection = None if item.at_root else collection
-
-
-def parked_copy(thing: bpy.types.Object, name: str) -> bpy.types.Object:
-    """Return a copy of an object that is in no scene, with keys and a trajectory of its own."""
-    copy = thing.copy()
-    copy.name = name
-    copy_action(thing, copy)
-    above = trajectory_of(thing)
-    if above is not None:
-        inverse = thing.matrix_parent_inverse.copy()
-        copy.parent = above.copy()
-        copy.parent.name = f"{name} trajectory"
-        copy.matrix_parent_inverse = inverse
-        copy_action(above, copy.parent)
-        copy.parent.use_fake_user = True  # being a parent keeps nothing in the file
-    if thing.type == "CAMERA":
-        copy.data = thing.data.copy()
-    return copy
-
-
-def _park_copy(scene: bpy.types.Scene, item: Any, thing: bpy.types.Object) -> None:
-    """Take an object with its parts out of all collections; it stays in the file."""
-    item.parked = thing
-    note_collection(scene, item, thing)
-    if scene.camera == thing:
-        scene.camera = None
-        _unlink(thing)
-        scene.camera = front_camera(scene)
-        fit_resolution(scene)
-    for one in (thing, *(thing.children_recursive if thing.unisim.mesh else ())):
-        _unlink(one)
-        one.use_fake_user = one != thing  # a parent does not keep its parts in the file
-    refresh([])
-
-
-def _unlink(thing: bpy.types.Object) -> None:
-    for collection in list(thing.users_collection):
-        collection.objects.unlink(thing)
-
-
-def _take_place(
-    scene: bpy.types.Scene,
-    now: bpy.types.Object | None,
-    parked: bpy.types.Object,
-    collection: bpy.types.Collection | None,
-    hidden: bool,
-) -> None:
-    """Let a parked object stand where ``now`` stands, under its name; what refers to that one refers to it.
-
-    ``collection`` is the one that it was in; ``hidden`` says that it is to be in no other, for that one may be what
-    hides it.
-    """
-    above, layer = trajectory_of(parked), scene.view_layers[0]
-    if above is not None:  # its own was in no scene
-        above.use_fake_user = False
-        collection_of(scene, "TRAJECTORY").objects.link(above)
-    if now is None:
-        (collection or collection_of(scene, parked.unisim.kind)).objects.link(parked)
-        parked.name = parked.unisim.home or parked.name
-        refresh([parked])
-        return
-    name, home = now.name, now.unisim.home
-    chosen, active = name in layer.objects and now.select_get(view_layer=layer), layer.objects.active == now
-    if not hidden:
-        _keep_appearance(now, parked)
-    now.user_remap(parked)
-    remove(now)
-    parked.name, parked.unisim.home = name, home
-    if above is not None:
-        above.name = f"{name} trajectory"
-    if hidden and collection is not None:
-        _unlink(parked)
-        collection.objects.link(parked)
-    layer.update()
-    if parked.name in layer.objects and chosen:
-        parked.select_set(True, view_layer=layer)
-    if active:
-        layer.objects.active = parked
-    refresh([parked])
-
-
-def _keep_appearance(now: bpy.types.Object, parked: bpy.types.Object) -> None:
-    """An appearance and a scale are edits of their own: a parked actor gets those that the actor has now."""
-    if now.unisim.kind == "ACTOR":
-        parked.scale = now.scale
-    if now.unisim.kind != "ACTOR" or (now.unisim.look, now.unisim.look_scene) == (parked.unisim.look, parked.unisim.look_scene):
-        return
-    rise = (float(size_of(now)[2]) - float(size_of(parked)[2])) / 2
-    parked.unisim.look, parked.unisim.look_scene, parked.data = now.unisim.look, now.unisim.look_scene, now.data
-    lift(parked, rise)

@@ -16,7 +16,7 @@ from ..objects.imported import has_drive, title_of
 from ..objects.trajectories import trajectory_of
 from ..sampling.adjacent_frames import BESIDE
 from ..sampling.edit_list import renamed
-from .muting import discard, parked_copy
+from .carriers.parking import discard, parked_copy
 
 TAG = "unisim_copied_from"
 """A custom property that is there while a scene is copied: the number of what is copied."""

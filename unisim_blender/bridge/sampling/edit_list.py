@@ -11,9 +11,10 @@ from dataclasses import dataclass, field, replace
 import bpy
 import numpy as np
 
-from ...core.errors import ScenarioError, UnisimError
+from ...core.errors import UnisimError
 from ...core.world.drive import Drive
-from ...editing.edits.lines import Line, actor_lines, problem_line, rig_lines, static_lines
+from ...editing.edits.lines import Line
+from ...editing.reading.scenario import BY_ID, GROUP_OF, group_lines
 from ...editing.sampled.clock import Clock
 from ...editing.sampled.scene import Sampled
 from ...editing.sampled.scene import SampledObject as Thing
@@ -28,7 +29,7 @@ FRAMES_AT_ONCE = 4
 """Frames that are evaluated beside between two looks at the time."""
 
 Key = tuple[str, str]
-"""Kind and id of what is read together."""
+"""Group and id of what is read together."""
 
 
 @dataclass
@@ -165,9 +166,8 @@ def _groups(scene: bpy.types.Scene, drive: Drive) -> dict[Key, list[bpy.types.Ob
     groups: dict[Key, list[bpy.types.Object]] = {("RIG", ""): []}
     groups |= {("ACTOR", uid): [] for uid in sorted(drive.actors)}
     for thing in things(scene, *KINDS_OF_DRIVE):
-        kind = thing.unisim.kind
-        key = ("ACTOR", thing.unisim.uid) if kind == "ACTOR" else ("STATIC", "") if kind == "STATIC" else ("RIG", "")
-        groups.setdefault(key, []).append(thing)
+        group = GROUP_OF[thing.unisim.kind]
+        groups.setdefault((group, thing.unisim.uid if group in BY_ID else ""), []).append(thing)
     if len(scene.unisim.static_items):
         groups.setdefault(("STATIC", ""), [])
     return groups
@@ -197,18 +197,9 @@ def _sampled(
 
 
 def _lines(key: Key, sampled: list[Thing], drive: Drive, clock: Clock, scene: bpy.types.Scene) -> Iterator[Line]:
-    """Yield the lines of a group; where it cannot be read, one that says why."""
-    kind, uid = key
-    whole = Sampled(scene.name, clock, tuple(sampled), {item.name: item.model for item in scene.unisim.static_items})
-    try:
-        if kind == "ACTOR":
-            yield from actor_lines(uid, sampled, drive, clock)
-        elif kind == "STATIC":
-            yield from static_lines(whole, drive)
-        else:
-            yield from rig_lines(whole, drive)
-    except ScenarioError as fault:
-        yield problem_line(kind, uid, fault, sampled)
+    """Yield the lines of a group."""
+    items = {item.name: item.model for item in scene.unisim.static_items}
+    return group_lines(*key, Sampled(scene.name, clock, tuple(sampled), items), drive)
 
 
 def renamed(before: str, after: str) -> None:

@@ -6,7 +6,7 @@ import bpy
 
 from ...core.errors import UnisimError
 from ...core.world.drive import Drive
-from ...editing.reading.rig import sensor_name
+from ...editing.sensors.names import sensor_name
 from ..objects.imported import title_of
 
 

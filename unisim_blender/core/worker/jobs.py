@@ -31,8 +31,7 @@ from ..render.renderer import Renderer
 from ..render.tracers.surfels.build import Step
 from ..render.tracers.surfels.cache import surfels_of
 from ..render.tracers.surfels.model import SurfelScene
-from ..scenario import scenario_from_json
-from ..scenario.edits import apply_scenario
+from ..scenario import apply_scenario, scenario_from_json
 from ..scenario.types import Scenario
 from ..sensors.frames import CameraFrame
 from ..world.drive import CameraModel, Drive

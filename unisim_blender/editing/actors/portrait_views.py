@@ -8,10 +8,10 @@ import numpy as np
 
 from ...core.geometry import FloatArray, box_corners, invert_pose, transform_points
 from ...core.world.drive import Actor, CameraModel, Drive
-from ..reading.actors import recorded_poses, recorded_there
 from ..reading.requests import camera_request
 from ..sampled.clock import Clock
 from ..sampled.poses import optical
+from ..sampled.recorded import recorded_poses, recorded_there
 from ..sampled.scene import Sampled, SampledObject
 from ..sampled.source import Source
 

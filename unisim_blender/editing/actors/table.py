@@ -8,9 +8,9 @@ import numpy as np
 
 from ...core.geometry import BoolArray, FloatArray
 from ...core.world.drive import Actor, Drive
-from ..reading.actors import recorded_poses, recorded_there
 from ..sampled.clock import Clock
 from ..sampled.poses import same
+from ..sampled.recorded import recorded_poses, recorded_there
 from .card import HALF_S
 
 

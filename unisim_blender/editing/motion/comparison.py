@@ -8,9 +8,9 @@ import numpy as np
 
 from ...core.geometry import BoolArray, FloatArray
 from ...core.world.drive import Drive
-from ..reading.actors import recorded_poses, recorded_there
 from ..sampled.clock import Clock
 from ..sampled.poses import same
+from ..sampled.recorded import recorded_poses, recorded_there
 from .kinematics import Compared, Limits, exceeded, is_limited, motion_of
 
 EGO_LABEL = "Ego vehicle (car)"

@@ -6,8 +6,8 @@ import numpy as np
 
 from ...core.geometry import BoolArray, FloatArray, invert_pose, transform_points
 from ...core.world.drive import Drive
-from ..reading.actors import recorded_poses, recorded_there
 from ..sampled.clock import Clock
+from ..sampled.recorded import recorded_poses, recorded_there
 from ..sampled.source import Source
 
 AROUND_M = 3.0

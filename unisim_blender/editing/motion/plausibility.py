@@ -10,9 +10,9 @@ import numpy as np
 
 from ...core.geometry import FloatArray, box_corners
 from ...core.world.drive import Actor, Drive
-from ..reading.actors import recorded_poses, recorded_there
 from ..sampled.clock import Clock
 from ..sampled.poses import same
+from ..sampled.recorded import recorded_poses, recorded_there
 from ..sampled.scaling import WHY, Scaling, scale_text
 from ..sampled.scene import Sampled, SampledObject
 from .comparison import Track, compared, label_of

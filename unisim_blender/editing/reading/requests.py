@@ -10,16 +10,18 @@ from typing import Any
 import numpy as np
 
 from ...core.scenario import scenario_to_json
-from ...core.scenario.types import CameraSpec, Scenario, Sensors
+from ...core.scenario.sensors import CameraSpec, Sensors
+from ...core.scenario.types import Scenario
 from ...core.world.drive import CameraModel
+from ..edits.trajectories import keyframes
+from ..readers.sensors import intrinsics
 from ..sampled.clock import Clock
 from ..sampled.poses import optical
 from ..sampled.scene import Sampled, SampledObject
 from ..sampled.source import Source
 from ..sensors.mounts import sensor_times
-from .rig import intrinsics, sensor_id
+from ..sensors.names import sensor_id
 from .scenario import read_scenario
-from .trajectories import keyframes
 
 HERE = Path(tempfile.gettempdir()).resolve() / "moment.json"
 """Where the scenario of the moment would lie; nothing is written there."""

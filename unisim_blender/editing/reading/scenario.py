@@ -6,17 +6,23 @@ What lies within a tenth of a millimetre of the import at every frame is unedite
 from __future__ import annotations
 
 import os
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from ...core.errors import ScenarioError
-from ...core.scenario.types import CameraSpec, FrameRange, LidarSpec, Move, Outputs, Remove, Scale, Scenario, Sensors, Swap
+from ...core.scenario.types import FrameRange, Outputs, Scenario
 from ...core.world.drive import Drive
+from .. import readers  # noqa: F401 so that all are registered
+from ..edits.lines import Line, problem_line
+from ..edits.reader import GROUPS, Reading
+from ..readers.sensors import sensors_of
 from ..sampled.scene import Sampled
 from ..sampled.source import Source
-from .actors import actor_edits
-from .ego_bodies import body_edits
-from .rig import ego_edits, sensors_of
-from .static_items import static_edits
+
+GROUP_OF = {kind: reader.group for reader in GROUPS for kind in reader.kinds}
+"""Which objects are read together, by their kinds."""
+BY_ID = {reader.group for reader in GROUPS if reader.by_id}
+"""Groups of which each id is one of its own."""
 
 
 def read_scenario(
@@ -30,37 +36,41 @@ def read_scenario(
 
     Raises `UnisimError` where another trained scene that a look comes from cannot be read.
     """
-    drive, taken = source.drive, {*source.drive.actors, *(thing.uid for thing in sampled.of("STATIC"))}
-    boxes, edits = static_edits(sampled, taken)
+    drive = source.drive
+    reading = _reading(sampled, drive, lambda name: relative(Path(name), path))
+    edits = tuple(edit for reader in GROUPS for edit in reader.edits(reading))
     return Scenario(
         name=sampled.name,
         log=relative(source.log_path, path),
         scene=None if source.scene_path is None else relative(source.scene_path, path),
         frames=frames,
         sensors=sensors_of(sampled, drive),
-        boxes=boxes or None,
-        edits=(
-            *actor_edits(sampled, drive, taken, lambda scene: relative(Path(scene), path)),
-            *edits,
-            *ego_edits(sampled, drive),
-            *body_edits(sampled, taken, lambda mesh: relative(Path(mesh), path)),
-        ),
+        boxes=reading.boxes or None,
+        edits=edits,
         outputs=outputs,
         path=path,
     )
 
 
+def _reading(sampled: Sampled, drive: Drive, named: Callable[[str], str] = str) -> Reading:
+    """What readers are given of a sampled scene. ``named`` gives a file or a folder as the scenario names it."""
+    return Reading(sampled, drive, {*drive.actors, *(thing.uid for thing in sampled.of("STATIC"))}, named)
+
+
 def edited_ids(sampled: Sampled, drive: Drive) -> set[str]:
     """Ids of recorded actors and sensors that do not stand as they were imported, missing ones too; "ego" for the vehicle."""
-    edits = actor_edits(sampled, drive, set(drive.actors), str)
-    found = {edit.actor for edit in edits if isinstance(edit, Move | Remove | Swap | Scale)} & set(drive.actors)
-    # a vehicle that was deleted took its sensors along: nothing of them is kept
-    sensors = (sensors_of(sampled, drive) if any(sampled.of("EGO")) else None) or Sensors()
-    if sensors.cameras is not None:
-        found |= set(drive.cameras) - {spec.id for spec in sensors.cameras if spec == CameraSpec(spec.id)}
-    if sensors.lidars is not None:
-        found |= set(drive.lidars) - {spec.id for spec in sensors.lidars if spec == LidarSpec(spec.id)}
-    return found | ({"ego"} if any(True for _ in ego_edits(sampled, drive)) else set())
+    reading = _reading(sampled, drive)
+    return {uid for reader in GROUPS for uid in reader.edited_ids(reading)}
+
+
+def group_lines(group: str, uid: str, sampled: Sampled, drive: Drive) -> Iterator[Line]:
+    """Yield the lines of objects that are read together; where they cannot be read, one that says why."""
+    try:
+        for reader in GROUPS:
+            if reader.group == group:
+                yield from reader.lines(_reading(sampled, drive), uid)
+    except ScenarioError as fault:
+        yield problem_line(group, uid, fault, sampled.objects)
 
 
 def relative(target: Path, file: Path) -> str:

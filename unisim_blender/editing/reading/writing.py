@@ -9,7 +9,7 @@ from pathlib import Path
 from ...core.errors import OutputError
 from ...core.files import partial_file
 from ...core.scenario import save_scenario
-from ...core.scenario.types import EgoBody, InsertMesh, Scenario
+from ...core.scenario.types import Scenario
 from .mesh_files import folder
 
 
@@ -17,10 +17,12 @@ def write_scenario(scenario: Scenario, path: Path) -> None:
     """Write a scenario; models that lie in this process's own folder go into one beside it. Raises `UnisimError`."""
     edits = []
     for edit in scenario.edits:
-        if isinstance(edit, InsertMesh | EgoBody) and scenario.resolve(edit.mesh).parent == folder():
-            kept = path.parent / f"{path.stem}_meshes" / scenario.resolve(edit.mesh).name
-            _copy(scenario.resolve(edit.mesh), kept)
-            edit = replace(edit, mesh=kept.relative_to(path.parent).as_posix())
+        for member in edit.meshes:
+            file = scenario.resolve(getattr(edit, member))
+            if file.parent == folder():
+                kept = path.parent / f"{path.stem}_meshes" / file.name
+                _copy(file, kept)
+                edit = replace(edit, **{member: kept.relative_to(path.parent).as_posix()})
         edits.append(edit)
     save_scenario(replace(scenario, edits=tuple(edits)), path)
 

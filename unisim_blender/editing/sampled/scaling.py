@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...core.geometry import BoolArray, FloatArray
-from ...core.scenario.checks import SCALE_BOUNDS, scales
+from ...core.scenario.edits.scale import BOUNDS, scales
 
 SAME_SCALE = 1e-4
 """Within this of 1 an object is as large as it was imported: half a millimetre of a car."""
@@ -62,7 +62,7 @@ def refusal(name: str, scaling: Scaling) -> str:
     if not scales(scaling.factors):
         return (
             f'object "{name}": is scaled by {scale_text(scaling.factors)}; along each axis an actor can be scaled by '
-            f"{SCALE_BOUNDS[0]:g} to {SCALE_BOUNDS[1]:g}"
+            f"{BOUNDS[0]:g} to {BOUNDS[1]:g}"
         )
     return ""
 

@@ -1,10 +1,13 @@
-"""Names of sensors that no other one has, and names of rig presets."""
+"""Names of sensors: as a scenario has them, such that no other one has; and names of rig presets."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Container
 
 from ...core.errors import ScenarioError
+from ...core.world.drive import Drive
+from ..sampled.scene import SampledObject
 
 LONGEST_NAME = 60
 """Letters of a rig preset's name."""
@@ -27,3 +30,19 @@ def preset_name(name: str) -> str:
             f'name "{name}": a preset\'s name has 1 to {LONGEST_NAME} letters, digits, spaces and _-.()+ and begins with no dot'
         )
     return name
+
+
+def sensor_id(thing: SampledObject, drive: Drive) -> str:
+    """What a scenario calls a sensor: as the log does, or after the object; names of files are made of it."""
+    return sensor_name(thing.title, thing.uid, thing.is_original, drive)
+
+
+def sensor_name(title: str, uid: str, is_original: bool, drive: Drive) -> str:
+    """Return a scenario's name of a sensor: the id in the log where it is an original, else one made of its title."""
+    recorded = uid in drive.cameras or uid in drive.lidars
+    return uid if recorded and is_original else safe_name(title)
+
+
+def safe_name(text: str) -> str:
+    """A name of a sensor that a file's name can be made of."""
+    return re.sub(r"[^A-Za-z0-9_.-]|^[.-]", "_", text)

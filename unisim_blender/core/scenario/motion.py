@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...geometry import BoolArray, FloatArray, Trajectory, TrajectoryError, quaternion_from_matrix, slerp
+from ..geometry import BoolArray, FloatArray, Trajectory, TrajectoryError, quaternion_from_matrix, quaternion_from_yaw, slerp
 
 POSITION_TOLERANCE_M = 1e-6
 ROTATION_TOLERANCE_RAD = 1e-7
@@ -194,3 +194,23 @@ def retimed(trajectory: Trajectory, time_map: TimeMap) -> Trajectory:
     source = np.where(np.abs(nearest - source) < SAME_TIME_S, nearest, source)
     positions, quaternions = sampled_keys(trajectory, source)
     return Trajectory(times, positions, quaternions)
+
+
+def beside(
+    trajectory: Trajectory,
+    offset_m: tuple[float, float, float] | None,
+    world_offset_m: tuple[float, float, float] | None,
+    turn_deg: float | None,
+) -> Trajectory:
+    """The trajectory displaced along its own axes and the world's, then turned about its own z."""
+    if offset_m is not None:
+        offset: FloatArray = np.array(offset_m, float)
+        curve = offset_curve(trajectory, trajectory.times_s, lambda times: np.broadcast_to(offset, (len(times), 3)))
+        trajectory = displaced(trajectory, curve)
+    positions, quaternions = trajectory.positions, trajectory.quaternions_wxyz
+    if world_offset_m is not None:
+        positions = positions + np.array(world_offset_m, float)
+    if turn_deg is not None:
+        # a turn on the right passes through slerp, so the keys alone need it
+        quaternions = quaternion_product(quaternions, quaternion_from_yaw(np.radians(turn_deg)))
+    return Trajectory(trajectory.times_s, positions, quaternions)

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from ...core.geometry import BoolArray, FloatArray, Trajectory, matrix_from_quaternion, quaternion_from_matrix
-from ...core.scenario.edits.motion import SAME_TIME_S
-from ...core.scenario.types import Keyframe, Placement, Present, Quaternion, Vector
+from ...core.scenario.keys import Keyframe, Present
+from ...core.scenario.motion import SAME_TIME_S
+from ...core.scenario.placement import Placement, Quaternion, Vector
 from ..sampled.clock import Clock
 from ..sampled.poses import same
 

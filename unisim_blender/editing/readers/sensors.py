@@ -1,8 +1,7 @@
-"""What became of the vehicle's way and of its sensors."""
+"""Reads the sensors: those of the log, changed ones and new ones. They are no edits but a member of their own of a scenario."""
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any, TypeVar
@@ -11,40 +10,74 @@ import numpy as np
 
 from ...core.errors import ScenarioError
 from ...core.geometry import FloatArray, invert_pose, quaternion_from_matrix
-from ...core.scenario.types import CameraSpec, Edit, Ego, Keyframe, LidarSpec, Offset, Sensors, ShiftKey, Shutter
+from ...core.scenario.edit import Edit
+from ...core.scenario.keys import Keyframe
+from ...core.scenario.placement import Offset
+from ...core.scenario.sensors import CameraSpec, LidarSpec, Sensors, Shutter
 from ...core.world.drive import CameraModel, Drive, LidarModel, RollingShutter
+from ..edits.lines import Line, line_of
+from ..edits.reader import GroupReader, Reading, register
+from ..edits.trajectories import placement, quaternion, vector
+from ..edits.words import degrees, moved_words
 from ..sampled.clock import Clock
 from ..sampled.poses import SAME_M, optical, same, same_place, same_turn
-from ..sampled.scene import Sampled
-from ..sampled.scene import SampledObject as Thing
+from ..sampled.scene import Sampled, SampledObject
 from ..sensors.mounts import lag, lidar_json, lidar_model, recorded_mount, sensor_clock
-from .trajectories import keyframes, placement, quaternion, vector
+from ..sensors.names import sensor_id
 
 Spec = TypeVar("Spec", CameraSpec, LidarSpec)
 
 
-def ego_edits(sampled: Sampled, drive: Drive) -> Iterator[Edit]:
-    """None where the vehicle drives as recorded; a shift where it drives beside that, else a new trajectory."""
-    for ego in sampled.of("EGO"):
-        base = drive.world_from_ego.at(sampled.clock.times_s)
-        if same(ego.poses, base).all():
-            return
-        apart = np.einsum("nji,nj->ni", base[:, :3, :3], (ego.poses - base)[:, :3, 3])
-        ahead, left, up = np.abs(apart[:, 0]).max(), apart[:, 1], np.abs(apart[:, 2]).max()
-        if same_turn(ego.poses, base).all() and max(ahead, up, np.ptp(left)) <= 2 * SAME_M:
-            yield Ego(shift_left_m=round(float(left.mean()), 6))
-        elif same_turn(ego.poses, base).all() and max(ahead, up) <= 2 * SAME_M:
-            yield Ego(shift=shift_keys(sampled.clock, left))
-        else:
-            yield Ego(trajectory=keyframes(sampled.clock, ego.poses, np.ones(len(ego.poses), bool)))
-        return
+@register
+class SensorReader(GroupReader):
+    """Reads what of the sensors is not as in the log."""
 
+    group = "RIG"
+    kinds = ("CAMERA", "LIDAR")
 
-def shift_keys(clock: Clock, left_m: FloatArray) -> tuple[ShiftKey, ...]:
-    """Keys of a shift (N,) to the left: of the frames, those at which its rate changes."""
-    rate = np.diff(left_m) / np.diff(clock.times_s)
-    turns = np.concatenate([[True], np.abs(np.diff(rate)) * np.diff(clock.times_s)[1:] > SAME_M, [True]])
-    return tuple(ShiftKey(round(float(left_m[i]), 6), frame=int(clock.frames[i])) for i in np.flatnonzero(turns))
+    def edits(self, reading: Reading) -> Iterator[Edit]:
+        """None: sensors are not among a scenario's edits."""
+        return iter(())
+
+    def lines(self, reading: Reading, uid: str) -> Iterator[Line]:
+        """A line for each sensor that is gone, another one, or new."""
+        sampled, drive, clock = reading.sampled, reading.drive, reading.clock
+        always = np.ones(len(clock.frames), bool)
+        sensors = sensors_of(sampled, drive)
+        listed: dict[str, tuple[CameraSpec | LidarSpec, ...] | None] = {
+            "CAMERA": sensors.cameras if sensors else None,
+            "LIDAR": sensors.lidars if sensors else None,
+        }
+        for kind, specs in listed.items():
+            if specs is None:
+                continue
+            recorded = set(drive.cameras if kind == "CAMERA" else drive.lidars)
+            named = "Camera" if kind == "CAMERA" else "LiDAR"
+            standing = [thing for thing in sampled.of(kind) if thing.there.any()]
+            for name in sorted(recorded - {spec.id for spec in specs}):
+                hidden = next((thing.name for thing in sampled.of(kind) if thing.uid == name and thing.is_original), "")
+                yield line_of(kind, name, "REMOVE", f"{named} removed", (name, hidden), always, clock, name)
+            for spec, thing in zip(specs, standing, strict=True):
+                names = thing.title, thing.name
+                if spec in (CameraSpec(spec.id), LidarSpec(spec.id)) and spec.id in recorded:
+                    continue
+                if spec.id in recorded and spec.like is None:
+                    yield line_of(kind, spec.id, "SENSOR", sensor_words(named, spec), names, always, clock, spec)
+                else:
+                    what = f"{named} copied" if spec.like else f"{named} added"
+                    yield line_of(kind, thing.uid, "INSERT", what, names, always, clock, spec)
+
+    def edited_ids(self, reading: Reading) -> set[str]:
+        """Recorded sensors that are gone or other ones. A vehicle that was deleted took its sensors along: nothing of them is
+        kept."""
+        sampled, drive = reading.sampled, reading.drive
+        sensors = (sensors_of(sampled, drive) if any(sampled.of("EGO")) else None) or Sensors()
+        found: set[str] = set()
+        if sensors.cameras is not None:
+            found |= set(drive.cameras) - {spec.id for spec in sensors.cameras if spec == CameraSpec(spec.id)}
+        if sensors.lidars is not None:
+            found |= set(drive.lidars) - {spec.id for spec in sensors.lidars if spec == LidarSpec(spec.id)}
+        return found
 
 
 def sensors_of(sampled: Sampled, drive: Drive) -> Sensors | None:
@@ -73,7 +106,7 @@ def sensors_of(sampled: Sampled, drive: Drive) -> Sensors | None:
     return Sensors(None if set(cameras) == untouched[0] else cameras, None if set(lidars) == untouched[1] else lidars)
 
 
-def _sighted(spec: Spec, thing: Thing, sampled: Sampled) -> Spec:
+def _sighted(spec: Spec, thing: SampledObject, sampled: Sampled) -> Spec:
     """A sensor's entry, which says whether it sees the ego vehicle's body where a scenario would take it otherwise."""
     taken_as = spec.trajectory is not None
     if thing.sees_body == taken_as or not any(sampled.of("BODY")):
@@ -81,23 +114,7 @@ def _sighted(spec: Spec, thing: Thing, sampled: Sampled) -> Spec:
     return replace(spec, sees_ego_body=thing.sees_body)
 
 
-def sensor_id(thing: Thing, drive: Drive) -> str:
-    """What a scenario calls a sensor: as the log does, or after the object; names of files are made of it."""
-    return sensor_name(thing.title, thing.uid, thing.is_original, drive)
-
-
-def sensor_name(title: str, uid: str, is_original: bool, drive: Drive) -> str:
-    """Return a scenario's name of a sensor: the id in the log where it is an original, else one made of its title."""
-    recorded = uid in drive.cameras or uid in drive.lidars
-    return uid if recorded and is_original else safe_name(title)
-
-
-def safe_name(text: str) -> str:
-    """A name of a sensor that a file's name can be made of."""
-    return re.sub(r"[^A-Za-z0-9_.-]|^[.-]", "_", text)
-
-
-def _camera(thing: Thing, world_from_ego: FloatArray, drive: Drive, clock: Clock) -> CameraSpec:
+def _camera(thing: SampledObject, world_from_ego: FloatArray, drive: Drive, clock: Clock) -> CameraSpec:
     base = drive.cameras.get(thing.uid)
     assert thing.camera is not None  # a thing of kind CAMERA is a camera
     late = lag(base, drive, clock)
@@ -114,7 +131,7 @@ def _camera(thing: Thing, world_from_ego: FloatArray, drive: Drive, clock: Clock
     return spec
 
 
-def _lidar(thing: Thing, world_from_ego: FloatArray, drive: Drive, clock: Clock) -> LidarSpec:
+def _lidar(thing: SampledObject, world_from_ego: FloatArray, drive: Drive, clock: Clock) -> LidarSpec:
     base = drive.lidars.get(thing.uid)
     late = lag(base, drive, clock)
     now = late @ invert_pose(world_from_ego) @ thing.poses
@@ -193,3 +210,27 @@ def _beams(model: LidarModel) -> dict[str, Any]:
         "min_range_m": model.min_range_m,
         "max_range_m": model.max_range_m,
     }
+
+
+def sensor_words(named: str, spec: CameraSpec | LidarSpec) -> str:
+    """Return what of a recorded sensor is another one."""
+    words = []
+    if spec.trajectory is not None:
+        words.append("on a trajectory of its own")
+    if spec.mount_offset is not None:
+        words.append(offset_words(spec.mount_offset))
+    if isinstance(spec, CameraSpec) and (spec.width or spec.fx):
+        words.append("another lens")
+    if isinstance(spec, LidarSpec) and spec.elevation_deg is not None:
+        words.append("other beams")
+    return f"{named}: {', '.join(words)}"
+
+
+def offset_words(offset: Offset) -> str:
+    """Return how far a sensor's mount is displaced along the vehicle's axes, and whether it is turned."""
+    apart = np.eye(4)
+    apart[:3, 3] = offset.position or (0.0, 0.0, 0.0)
+    words = [moved_words(apart)] if offset.position else []
+    if offset.quaternion_wxyz is not None:
+        words.append(f"turned by {degrees(float(np.degrees(2 * np.arccos(np.clip(abs(offset.quaternion_wxyz[0]), 0, 1)))))}")
+    return ", ".join(words)

@@ -2,49 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
 
-from ...geometry import TrajectoryError
-from ...world.drive import Drive
-from ..types import (
-    CopyStatic,
-    Duplicate,
-    Ego,
-    EgoBody,
-    FrameRange,
-    Insert,
-    InsertMesh,
-    Move,
-    Remove,
-    RemoveStatic,
-    Retime,
-    Scale,
-    Scenario,
-    Swap,
-)
-from .actors import duplicate, insert, insert_mesh, move, remove, retime, scale, swap
-from .context import Context, SceneActors, fail
-from .ego import ego
-from .ego_body import ego_body
-from .sensors import select_sensors
-from .static import copy_static, remove_static
-
-EDITORS: dict[type, Callable[[Drive, Any, str, Context], Drive]] = {
-    Remove: remove,
-    Duplicate: duplicate,
-    Insert: insert,
-    InsertMesh: insert_mesh,
-    EgoBody: ego_body,
-    Move: move,
-    Retime: retime,
-    Swap: swap,
-    Scale: scale,
-    CopyStatic: copy_static,
-    RemoveStatic: remove_static,
-    Ego: ego,
-}
+from ..geometry import TrajectoryError
+from ..world.drive import Drive
+from .context import Context, SceneActors
+from .faults import fail
+from .select_sensors import select_sensors
+from .types import FrameRange, Scenario
 
 
 def apply_scenario(scenario: Scenario, base_drive: Drive, scene_actors: SceneActors) -> Drive:
@@ -60,7 +25,7 @@ def apply_scenario(scenario: Scenario, base_drive: Drive, scene_actors: SceneAct
     try:
         for index, edit in enumerate(scenario.edits):
             place = f"{scenario.path}: edits[{index}]"
-            drive = EDITORS[type(edit)](drive, edit, place, context)
+            drive = edit.apply(drive, place, context)
         place = f"{scenario.path}: sensors"
         return select_sensors(_select_frames(drive, scenario), context)
     except TrajectoryError as fault:

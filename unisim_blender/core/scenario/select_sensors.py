@@ -7,13 +7,14 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from ...geometry import FloatArray, Trajectory, matrix_from_quaternion
-from ...sensors.beam_tables import BEAM_TABLES
-from ...world.drive import Camera, CameraModel, Drive, Lidar, LidarModel, RollingShutter
-from ..checks import listed
-from ..types import CameraSpec, LidarSpec, Offset, Placement, Shutter
-from .context import SENSOR_MARGIN_S, Context, fail, pose_of, rotation_of
+from ..geometry import FloatArray, Trajectory, matrix_from_quaternion
+from ..sensors.beam_tables import BEAM_TABLES
+from ..world.drive import Camera, CameraModel, Drive, Lidar, LidarModel, RollingShutter
+from .context import SENSOR_MARGIN_S, Context
+from .faults import fail, listed
 from .motion import merged_times, sampled
+from .placement import Offset, Placement, pose_of, rotation_of
+from .sensors import CameraSpec, LidarSpec, Shutter
 
 FRONT_FROM_OPTICAL = np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]])
 """OpenCV axes (x right, y down, z forward) in axes x forward, y left, z up."""

@@ -5,16 +5,17 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import NoReturn
 
 import numpy as np
 
-from ...errors import ScenarioError, UnisimError
-from ...geometry import FloatArray, Trajectory, make_pose, quaternion_from_yaw
-from ...world.drive import Actor, Drive, Look
-from ..checks import listed
-from ..types import Keyframe, Placement, Present, Rotation, Scenario, ShiftKey
-from .motion import held, quaternion_product
+from ..errors import ScenarioError, UnisimError
+from ..geometry import FloatArray, Trajectory
+from ..world.drive import Actor, Drive, Look
+from .faults import fail, listed
+from .keys import Keyframe, Present, ShiftKey
+from .motion import held
+from .placement import Placement, rotation_of
+from .types import Scenario
 
 TIME_TOLERANCE_S = 1e-6
 MARGIN_S = 1.0
@@ -92,29 +93,8 @@ class Context:
         return replace(found, look=Look(found.look.actor, found.look.scene or str(path)))
 
 
-def fail(place: str, problem: str) -> NoReturn:
-    """Raise `ScenarioError` for a place of the scenario."""
-    raise ScenarioError(f"{place}: {problem}")
-
-
 def actor_of(actors: dict[str, Actor], uid: str, place: str, where: str) -> Actor:
     """The actor ``uid``. Raises `ScenarioError` that lists those there are."""
     if uid not in actors:
         fail(place, f'no actor "{uid}" {where} {listed(actors)}')
     return actors[uid]
-
-
-def rotation_of(rotation: Rotation) -> FloatArray:
-    """Quaternion wxyz (4,): yaw counter-clockwise about z, then pitch with the front up, then roll to the right."""
-    if rotation.quaternion_wxyz is not None:
-        quaternion = np.array(rotation.quaternion_wxyz, float)
-        return np.asarray(quaternion / np.linalg.norm(quaternion))
-    yaw, pitch, roll = (np.radians(angle or 0.0) for angle in (rotation.yaw_deg, rotation.pitch_deg, rotation.roll_deg))
-    about_y = np.array([np.cos(pitch / 2), 0.0, -np.sin(pitch / 2), 0.0])  # y points left: turning about it lowers the front
-    about_x = np.array([np.cos(roll / 2), np.sin(roll / 2), 0.0, 0.0])
-    return quaternion_product(quaternion_product(quaternion_from_yaw(yaw), about_y), about_x)
-
-
-def pose_of(placement: Placement) -> FloatArray:
-    """The placement as a pose (4, 4)."""
-    return make_pose(np.array(placement.position, float), rotation_of(placement))
