@@ -36,6 +36,7 @@ class UniSimMuted(bpy.types.PropertyGroup):
     look: StringProperty()
     look_scene: StringProperty()
     scale: FloatVectorProperty(size=3, default=(1.0, 1.0, 1.0))
+    kept: StringProperty()  # what another carrier of edits keeps
 
 
 class UniSimEdits(bpy.types.PropertyGroup):
