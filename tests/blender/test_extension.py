@@ -61,6 +61,8 @@ def test_it_is_small_and_whole(archive: Path) -> None:
     names = content.namelist()
     assert archive.stat().st_size < 20 << 20
     assert {"LICENSE", "core/rigs/KITTI-like.json"} < set(names)
+    package = ROOT / "unisim_blender"
+    assert {path.relative_to(package).as_posix() for path in package.rglob("*.py")} <= set(names), "every module"
     assert [name for name in names if Path(name).name.startswith("_unisim_native.")], "the compiled kernels"
     wheels = [name for name in names if name.endswith(".whl")]
     manifest = tomllib.loads(content.read("blender_manifest.toml").decode())

@@ -24,7 +24,7 @@ from unisim_blender.editing.motion.displacement import BLEND_S
 from unisim_blender.editing.motion.handles import MOST
 from unisim_blender.editing.sampled.clock import Clock
 from unisim_blender.editing.sensors.directions import angles
-from unisim_blender.operators.drag import TARGET_M, along_line, on_plane, stepped, target_of
+from unisim_blender.operators.drag import TARGET_M, target_of
 
 RIG, FREE = "CAMERA", "PERSP"
 
@@ -256,15 +256,6 @@ def test_a_new_camera_too(street: Any) -> None:
     assert np.linalg.norm(ahead) == pytest.approx(TARGET_M, abs=1e-5)
     camera.keyframe_insert("rotation_euler", frame=3)
     assert not bpy.ops.unisim.aim_sensor.poll()
-
-
-def test_rays() -> None:
-    up, origin = np.array([0.0, 0.0, 1.0]), np.array([0.0, 0.0, 10.0])
-    assert on_plane(origin, np.array([0.0, 1.0, -1.0]), np.zeros(3), up) == pytest.approx([0.0, 10.0, 0.0])
-    assert on_plane(origin, np.array([0.0, 1.0, 0.0]), np.zeros(3), up) is None
-    assert on_plane(origin, np.array([0.0, 0.0, 1.0]), np.zeros(3), up) is None
-    assert along_line(origin, np.array([0.3, 0.0, -1.0]), np.zeros(3), np.array([1.0, 0.0, 0.0])) == pytest.approx(3.0)
-    assert stepped(1.3, 0.5, True) == 1.5 and stepped(1.3, 0.5, False) == 1.3
 
 
 def test_hit_areas_are_small() -> None:

@@ -135,8 +135,8 @@ def dragged_lane() -> Iterator[float]:
     end = np.array([x, y]) + 120 * towards
     yield from drag(x, y, end[0], end[1], shot="lane_dragging")
     (edit,) = scenario().edits
-    drag_of = module("operators.drag")
-    first, last = (drag_of.along_line(*ray_at(*np.round(at)), np.array(origin), np.array(left)) for at in ((x, y), end))
+    dragging = module("editing.motion.dragging")
+    first, last = (dragging.along_axis(*ray_at(*np.round(at)), np.array(origin), np.array(left)) for at in ((x, y), end))
     results["lane_by_mouse_m"], results["lane_in_scenario_m"] = float(last - first), edit.shift_left_m
     assert type(edit).__name__ == "Ego" and abs(edit.shift_left_m - (last - first)) < 0.03, (edit.shift_left_m, last - first)
     yield from key("Z", ctrl=True)
@@ -169,9 +169,9 @@ def dragged_handle() -> Iterator[float]:
     screenshot("handle_hover")
     yield from drag(x, y, x - 60, y + 25, shot="handle_dragging")
     assert edits() == [("Move", thing(car).unisim.uid)], edits()
-    drag_of = module("operators.drag")
     up = np.array([0.0, 0.0, 1.0])
-    first, last = (drag_of.on_plane(*ray_at(*np.round(at)), handle.place, up) for at in ((x, y), (x - 60, y + 25)))
+    dragging = module("editing.motion.dragging")
+    first, last = (dragging.on_plane(*ray_at(*np.round(at)), handle.place, up) for at in ((x, y), (x - 60, y + 25)))
     apply, source = module("core.scenario").apply_scenario, module("bridge.objects.source").source_of(bpy.context.scene)
     now = apply(scenario(), source.drive, module("core.prepare.scenario").scene_actors).actors[thing(car).unisim.uid]
     before = source.drive.actors[thing(car).unisim.uid]

@@ -22,6 +22,7 @@ from ..bridge.objects.trajectories import keyed_pose, trajectory_of
 from ..bridge.window.refresh import refresh
 from ..core.errors import UnisimError
 from ..core.geometry import FloatArray
+from ..editing.motion.dragging import along_axis, on_plane, stepped
 from ..editing.motion.durations import instant
 from ..editing.sampled.clock import Clock
 from ..editing.sensors.directions import angles
@@ -136,7 +137,7 @@ class UNISIM_OT_drag_ego(Dragged, bpy.types.Operator):
 
     def follow(self, context: bpy.types.Context, pressed: FloatArray, mouse: FloatArray, in_steps: bool) -> None:
         """Set the shift to what the mouse moved along the vehicle's left."""
-        first, now = (along_line(*ray(context, at), self.origin, self.left) for at in (pressed, mouse))
+        first, now = (along_axis(*ray(context, at), self.origin, self.left) for at in (pressed, mouse))
         self.left_m = stepped(now - first, STEP_M, in_steps)
 
     def apply(self, context: bpy.types.Context) -> None:
@@ -297,28 +298,6 @@ def ray(context: bpy.types.Context, mouse: FloatArray) -> tuple[FloatArray, Floa
     region, looks = context.region, context.region_data
     at = mouse.tolist()
     return np.array(region_2d_to_origin_3d(region, looks, at), float), np.array(region_2d_to_vector_3d(region, looks, at), float)
-
-
-def on_plane(origin: FloatArray, direction: FloatArray, point: FloatArray, normal: FloatArray) -> FloatArray | None:
-    """Return where a ray meets the plane through a point; None where it runs along it or away from it."""
-    along = float(direction @ normal)
-    if abs(along) < 1e-6:
-        return None
-    away = float((point - origin) @ normal) / along
-    return None if away <= 0 else np.asarray(origin + away * direction)
-
-
-def along_line(origin: FloatArray, direction: FloatArray, point: FloatArray, line: FloatArray) -> float:
-    """Return how far from a point along a unit ``line`` (3,) that line is nearest to a ray."""
-    unit = direction / np.linalg.norm(direction)
-    across = float(unit @ line)
-    apart = origin - point
-    return float((apart @ line - across * (apart @ unit)) / max(1 - across**2, 1e-9))
-
-
-def stepped(value: float, step: float, in_steps: bool) -> float:
-    """Return a value, in steps where that is asked for."""
-    return round(value / step) * step if in_steps else value
 
 
 CLASSES = (UNISIM_OT_drag_ego, UNISIM_OT_drag_trajectory, UNISIM_OT_aim_sensor, UNISIM_OT_drag_aim)

@@ -8,12 +8,13 @@ import bpy
 import numpy as np
 from bpy.props import IntProperty, StringProperty
 
-from ..bridge.changes.muting import drop, mute, rivals_of, unmute
+from ..bridge.changes.muting import drop, mute, unmute
 from ..bridge.changes.reverting import revert
 from ..bridge.objects.source import source_of
 from ..bridge.sampling.edit_list import read_now, reading_of
 from ..bridge.window.selection import choose
 from ..core.errors import UnisimError
+from ..editing.edits.conflicts import conflicting
 from ..editing.edits.lines import Line
 from ..editing.sampled.clock import Clock
 from .polling import allowed, drive, object_mode
@@ -133,7 +134,7 @@ class UNISIM_OT_mute_edit(_OfEdit, bpy.types.Operator):
             mute(scene, source_of(scene), line)
             self.report({"INFO"}, f"Muted: {line.what} ({line.who})")
         else:
-            rivals = rivals_of(line, reading_of(scene).lines)
+            rivals = conflicting(line, reading_of(scene).lines)
             unmute(scene, source_of(scene), line.muted, rivals)
             instead = f"; muted instead: {', '.join(rival.what for rival in rivals)}" if rivals else ""
             self.report({"INFO"}, f"Unmuted: {line.what} ({line.who}){instead}")

@@ -18,6 +18,7 @@ from ..bridge.window.selection import choose, chosen
 from ..core.errors import UnisimError
 from ..core.sensors.beam_tables import BEAM_TABLES
 from ..core.world.drive import CameraModel, LidarModel
+from ..editing.sensors.beams import own_table
 from ..editing.sensors.mounts import lidar_json
 from ..editing.sensors.outlines import DISPLAY_M
 from .polling import allowed, object_mode, selected, vehicle
@@ -173,17 +174,6 @@ class _Beams:
     def table(self) -> LidarModel:
         """The beam table. Raises `UnisimError`."""
         return BEAM_TABLES[self.preset]() if self.preset != OWN else own_table(self.elevations, self.columns, self.max_range_m)
-
-
-def own_table(elevations: str, columns: int, max_range_m: float) -> LidarModel:
-    """A LiDAR whose beams have these elevations, degrees separated by commas. Raises `UnisimError`."""
-    try:
-        degrees = np.array(sorted((float(part) for part in elevations.split(",") if part.strip()), reverse=True))
-    except ValueError as fault:
-        raise UnisimError(f'elevations "{elevations}": are not numbers separated by commas') from fault
-    if not len(degrees) or not (np.abs(degrees) <= 90).all():
-        raise UnisimError(f'elevations "{elevations}": must be at least one, between -90 and 90 degrees')
-    return LidarModel(np.radians(degrees), np.zeros(len(degrees)), columns=columns, max_range_m=max_range_m)
 
 
 class UNISIM_OT_add_lidar(_OnVehicle, _Beams, bpy.types.Operator):

@@ -62,13 +62,13 @@ def test_a_box_before_and_after(scene: Sampled, view: SampledObject) -> None:
     assert dirty_region(after, scene, view, MODEL) == part
 
 
-@pytest.mark.parametrize("change", ["removed", "hidden", "added", "look", "index"])
+@pytest.mark.parametrize("change", ["removed", "hidden", "added", "appearance", "index"])
 def test_what_comes_goes_or_looks_otherwise(scene: Sampled, view: SampledObject, change: str) -> None:
     after = {
         "removed": without(scene, "ahead"),
         "hidden": changed(scene, "ahead", there=np.zeros(2, bool)),
         "added": added(scene, sampled_object("new", "ACTOR", at(0, 0, -10), size_m=SIZE)),
-        "look": changed(scene, "ahead", look="car-02"),
+        "appearance": changed(scene, "ahead", look="car-02"),
         "index": changed(scene, "ahead", index=7),
     }[change]
     part = dirty_region(scene, after, view, MODEL)

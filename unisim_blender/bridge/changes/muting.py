@@ -12,7 +12,6 @@ from typing import Any
 import bpy
 
 from ...editing.edits.lines import Line
-from ...editing.edits.parts import PARTS
 from ...editing.sampled.source import Source
 from ..objects.imported import original_of
 from . import carriers  # noqa: F401 so that all are registered
@@ -29,7 +28,7 @@ def mute(scene: bpy.types.Scene, source: Source, line: Line) -> None:
 
 
 def unmute(scene: bpy.types.Scene, source: Source, number: int, rivals: Iterable[Line] = ()) -> None:
-    """Let a muted edit count again. ``rivals`` are edits that cannot stand beside it (see `rivals_of`): they are
+    """Let a muted edit count again. ``rivals`` are edits that cannot stand beside it (see `conflicts.conflicting`): they are
     muted instead."""
     for rival in rivals:
         mute(scene, source, rival)
@@ -38,23 +37,6 @@ def unmute(scene: bpy.types.Scene, source: Source, number: int, rivals: Iterable
     muted = Muted(item.kind, item.part, item.parked, collection, item.look, item.look_scene, tuple(item.scale), item.kept)
     scene.unisim_edits.muted.remove(number)
     carrier_of(muted.part).unmute(scene, source, muted, original_of(scene, muted.kind, uid))
-
-
-def rivals_of(line: Line, lines: Iterable[Line]) -> list[Line]:
-    """Return the edits that count and cannot stand beside a muted one: an actor has one trajectory, one appearance,
-    or is gone."""
-    if line.is_own_object:
-        return []
-    part = PARTS[line.part]
-    own = [
-        one
-        for one in lines
-        if one.muted < 0 and not one.is_own_object and one.part != "PROBLEM" and (one.kind, one.uid) == (line.kind, line.uid)
-    ]
-    if part.is_absence:
-        return own
-    # what is carried by the same, and an absence
-    return [one for one in own if PARTS[one.part].carrier == part.carrier or PARTS[one.part].is_absence]
 
 
 def drop(scene: bpy.types.Scene, number: int) -> None:

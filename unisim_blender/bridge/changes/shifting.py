@@ -26,12 +26,12 @@ def shift(thing: bpy.types.Object, left_m: float, ahead_m: float, later_s: float
         displaced_along(thing, (0.0, left_m, 0.0))
         done.append(f"{abs(left_m):.2f} m to the {'left' if left_m > 0 else 'right'}")
     if abs(ahead_m) > SAME:
-        way = "forward" if ahead_m > 0 else "backward"
+        direction = "forward" if ahead_m > 0 else "backward"
         if _along_path(thing, ahead_m, clock):
-            done.append(f"{abs(ahead_m):.2f} m {way} along its path")
+            done.append(f"{abs(ahead_m):.2f} m {direction} along its path")
         else:
             displaced_along(thing, (ahead_m, 0.0, 0.0))
-            done.append(f"{abs(ahead_m):.2f} m {way} along its own axis, as it stands still")
+            done.append(f"{abs(ahead_m):.2f} m {direction} along its own axis, as it stands still")
     if abs(later_s) > SAME:
         if trajectory_of(thing) is None and not len(curves_of(thing)):
             done.append("at the same times, as it stands there throughout")

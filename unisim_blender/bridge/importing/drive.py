@@ -199,7 +199,7 @@ def ride_on_vehicle(
     """
     on_mount = (late @ mount)[0]
     if same(mount, mount[:1]).all():
-        animate(thing, way_of_one(Trajectory.from_poses(clock.times_s, mount)), clock, on=ego)
+        animate(thing, single_key(Trajectory.from_poses(clock.times_s, mount)), clock, on=ego)
         return
     animate(thing, Trajectory.from_poses(clock.times_s, mount @ invert_pose(on_mount)), clock, on=ego)
     set_on_trajectory(thing, on_mount)
@@ -245,14 +245,14 @@ def import_one(scene: bpy.types.Scene, source: Source, kind: str, uid: str) -> N
 
 
 def go(thing: bpy.types.Object, actor: Actor, drive: Drive, clock: Clock) -> None:
-    """Let an object go an actor's way, there while the actor is."""
-    way = actor.world_from_actor
-    animate(thing, way if actor.is_moving else way_of_one(way), clock, drive.window(actor))
+    """Let an object follow an actor's trajectory, present while the actor is."""
+    trajectory = actor.world_from_actor
+    animate(thing, trajectory if actor.is_moving else single_key(trajectory), clock, drive.window(actor))
 
 
 def animate(
     thing: bpy.types.Object,
-    way: Trajectory,
+    trajectory: Trajectory,
     clock: Clock,
     present_s: tuple[float, float] | None = None,
     on: bpy.types.Object | None = None,
@@ -263,14 +263,14 @@ def animate(
     """
     write_presence(thing, clock, present_s)
     thing.rotation_mode = "QUATERNION"
-    if len(way.times_s) > 1:
-        write_trajectory(ride(thing, on), way, clock)
+    if len(trajectory.times_s) > 1:
+        write_trajectory(ride(thing, on), trajectory, clock)
         return
     free(thing, on)
     settle_on(thing)
-    thing.location, thing.rotation_quaternion = way.positions[0], way.quaternions_wxyz[0]
+    thing.location, thing.rotation_quaternion = trajectory.positions[0], trajectory.quaternions_wxyz[0]
 
 
-def way_of_one(way: Trajectory) -> Trajectory:
+def single_key(trajectory: Trajectory) -> Trajectory:
     """Standing still at a trajectory's first key."""
-    return Trajectory(way.times_s[:1], way.positions[:1], way.quaternions_wxyz[:1])
+    return Trajectory(trajectory.times_s[:1], trajectory.positions[:1], trajectory.quaternions_wxyz[:1])

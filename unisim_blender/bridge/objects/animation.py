@@ -8,13 +8,10 @@ import bpy
 import numpy as np
 
 from ...core.geometry import BoolArray, FloatArray, Trajectory
-from ...core.scenario.motion import merged_times, sampled_keys
+from ...editing.motion.keys import continuous, dense, hidden_keys
 from ...editing.sampled.clock import Clock
 from ...editing.sampled.scaling import SAME_SHAPE
 
-TURN_RAD = 0.02
-"""Between two keys: what Blender makes of it is 1e-6 rad off slerp."""
-OFF_M = 1e-5
 LINEAR, CONSTANT = 1, 0
 """Numbers of Blender's interpolations, as `foreach_set` takes them."""
 
@@ -159,56 +156,16 @@ def write_presence(thing: bpy.types.Object, clock: Clock, present_s: tuple[float
 
     Hiding it for renders is left to people, who remove it so.
     """
-    hidden = _hidden_keys(clock, present_s)
+    hidden = hidden_keys(clock, present_s)
     if hidden is None:
         thing.animation_data_clear()
     else:
         add_keys(fcurves_of(thing, thing.name), "hide_viewport", hidden[0], hidden[1], CONSTANT)
 
 
-def write_trajectory(thing: bpy.types.Object, way: Trajectory, clock: Clock) -> None:
+def write_trajectory(thing: bpy.types.Object, trajectory: Trajectory, clock: Clock) -> None:
     """Replace all keys of an object by those of a trajectory of two or more keys."""
-    way = dense(way, clock)
-    curves, frames = fcurves_of(thing, thing.name), clock.frame(way.times_s)
-    add_keys(curves, "location", frames, way.positions, LINEAR)
-    add_keys(curves, "rotation_quaternion", frames, continuous(way.quaternions_wxyz), LINEAR)
-
-
-def dense(way: Trajectory, clock: Clock) -> Trajectory:
-    """The same way with keys at all frames besides, where Blender would make something else of its own keys alone: it turns by
-    other numbers than slerp, and a log's frames are not quite evenly spaced."""
-    q = continuous(way.quaternions_wxyz)
-    turns = np.abs((q[1:] * q[:-1]).sum(-1)).min() < np.cos(TURN_RAD / 2)
-    keys = clock.frame(way.times_s)
-    inside = (clock.frames >= keys[0]) & (clock.frames <= keys[-1])
-    true = way.at(clock.times_s[inside])
-    made = np.stack([np.interp(clock.frames[inside], keys, column) for column in way.positions.T], -1)
-    if not turns and np.abs(made - true[:, :3, 3]).max(initial=0.0) < OFF_M:
-        return way
-    times = merged_times(way.times_s, clock.times_s)
-    positions, quaternions = sampled_keys(way, times)
-    return Trajectory(times, positions, quaternions)
-
-
-def _hidden_keys(clock: Clock, present_s: tuple[float, float] | None) -> tuple[FloatArray, FloatArray] | None:
-    """Frames and values of `hide_viewport`; None where the object is there at all of the clock's frames."""
-    if present_s is None:
-        return None
-    there = (clock.times_s >= present_s[0]) & (clock.times_s <= present_s[1])
-    if there.all():
-        return None
-    frames, hidden = [clock.frames[0] - 1], [1.0]
-    for frame, here in zip(clock.frames, there, strict=True):
-        if hidden[-1] != (0.0 if here else 1.0):
-            frames.append(frame)
-            hidden.append(0.0 if here else 1.0)
-    if there[-1]:
-        frames.append(clock.frames[-1] + 1)
-        hidden.append(1.0)
-    return np.array(frames), np.array(hidden)
-
-
-def continuous(quaternions: FloatArray) -> FloatArray:
-    """Quaternions (K, 4) with signs such that neighbours lie on one side: Blender interpolates their numbers."""
-    flips = np.where((quaternions[1:] * quaternions[:-1]).sum(-1) < 0, -1.0, 1.0)
-    return quaternions * np.concatenate([[1.0], np.cumprod(flips)])[:, None]
+    trajectory = dense(trajectory, clock)
+    curves, frames = fcurves_of(thing, thing.name), clock.frame(trajectory.times_s)
+    add_keys(curves, "location", frames, trajectory.positions, LINEAR)
+    add_keys(curves, "rotation_quaternion", frames, continuous(trajectory.quaternions_wxyz), LINEAR)

@@ -63,12 +63,12 @@ def _best_view(drive: Drive, actor: Actor, clock: Clock) -> tuple[int, FloatArra
             frame = int(clock.frames[i])
             if frame not in camera.time_s:
                 continue
-            way = camera.world_from_camera.at(camera.time_s[frame])
-            x, y, z = way[:3, :3].T @ (poses[i, :3, 3] - way[:3, 3])
+            pose = camera.world_from_camera.at(camera.time_s[frame])
+            x, y, z = pose[:3, :3].T @ (poses[i, :3, 3] - pose[:3, 3])
             if z < 1.0:
                 continue
             u, v = camera.model.fx * x / z + camera.model.cx, camera.model.fy * y / z + camera.model.cy
             inside = 0.05 < u / camera.model.width < 0.95 and 0 < v / camera.model.height < 0.95
             if inside and (best is None or z < best[0]):
-                best = float(z), frame, way[:3, 3], poses[i, :3, 3]
+                best = float(z), frame, pose[:3, 3], poses[i, :3, 3]
     return None if best is None else best[1:]

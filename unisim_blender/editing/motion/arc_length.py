@@ -7,7 +7,7 @@ import numpy as np
 from ...core.geometry import FloatArray, matrix_from_quaternion, quaternion_from_matrix, slerp
 
 STEP_M = 0.3
-"""Between two vertices of the path. Annotations of what stands still wander by centimetres, which is no way that it goes."""
+"""Between two vertices of the path. Annotations of what stands still wander by centimetres, which is no path."""
 END_M = 2.0
 """From how long a piece of the path its direction beyond its ends is taken."""
 SAME_FRAME = 1e-6

@@ -25,8 +25,8 @@ def sensor_clock(sensor: Camera | Lidar, clock: Clock) -> Clock:
 
 def recorded_mount(sensor: Camera | Lidar, drive: Drive, clock: Clock) -> FloatArray:
     """Poses (N, 4, 4) of a recorded sensor on the vehicle, core's axes: the vehicle at a frame's time, the sensor at its own."""
-    way = sensor.world_from_camera if isinstance(sensor, Camera) else sensor.world_from_lidar
-    return np.asarray(invert_pose(drive.world_from_ego.at(clock.times_s)) @ way.at(sensor_times(clock, sensor.time_s)))
+    trajectory = sensor.world_from_camera if isinstance(sensor, Camera) else sensor.world_from_lidar
+    return np.asarray(invert_pose(drive.world_from_ego.at(clock.times_s)) @ trajectory.at(sensor_times(clock, sensor.time_s)))
 
 
 def lag(sensor: Camera | Lidar | None, drive: Drive, clock: Clock) -> FloatArray:
