@@ -232,7 +232,7 @@ def _render() -> bool:
         with suppress(UnisimError, OSError):
             header = read_scene_header(scene_path)
             actor = header.drive.actors.get(uid)
-            source = Source((scene_path / header.log_path).resolve(), scene_path, header.drive, None)
+            source = Source((scene_path / header.log_path).resolve(), scene_path, header.drive, None, header.parked)
             values = portrait_request(source, actor, scene_path.name) if actor is not None else None
             if values is not None:
                 request = client(interpreter()).ask(

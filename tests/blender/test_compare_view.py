@@ -28,10 +28,11 @@ from unisim_blender.bridge.comparing import (
 )
 from unisim_blender.bridge.recorded_images import MOST_SHOWN, RecordedImages, Shown, Wanted, resampled
 from unisim_blender.bridge.sampling import Thing, sample_all
-from unisim_blender.bridge.snapshot import camera_request, sized
+from unisim_blender.bridge.snapshot import CameraRequest, camera_request, sized
 from unisim_blender.bridge.source import Source, source_of
 from unisim_blender.core.data.log import Log
 from unisim_blender.core.errors import LogError
+from unisim_blender.core.scenario import scenario_to_json
 from unisim_blender.core.world.drive import CameraModel
 
 FRONT = CameraModel(480, 270, 400.0, 402.0, 238.0, 136.0)
@@ -142,7 +143,7 @@ def test_hatching_is_what_each_pixel_says() -> None:
     np.testing.assert_allclose(hatched(image, unsupported), wanted, atol=1e-6)
 
 
-def request(street: Any, view: Any, frame: float = 9.0) -> tuple[Thing, dict[str, Any], Source]:
+def request(street: Any, view: Any, frame: float = 9.0) -> tuple[Thing, CameraRequest, Source]:
     source = source_of(street)
     sampled = sample_all(street, Clock.of(source.drive).around(frame))
     looking = next(one for one in sampled.things if one.name == view.name)
@@ -150,8 +151,8 @@ def request(street: Any, view: Any, frame: float = 9.0) -> tuple[Thing, dict[str
 
 
 def lack(street: Any, view: Any, frame: float = 9.0) -> str:
-    looking, values, source = request(street, view, frame)
-    return lacks_recorded(looking, values["scenario"], source.drive, source.log, frame)
+    looking, asked, source = request(street, view, frame)
+    return lacks_recorded(looking, scenario_to_json(asked.scenario), source.drive, source.log, frame)
 
 
 @pytest.fixture
@@ -163,8 +164,8 @@ def front(street: Any) -> Any:
 
 def test_a_recorded_camera_has_its_image(street: Any, front: Any) -> None:
     assert lack(street, front) == ""
-    looking, values, source = request(street, front)
-    model = CameraModel.from_dict(values["model"])
+    looking, asked, source = request(street, front)
+    model = asked.model
     found = placement(source.drive.cameras["front_camera"].model, model)
     assert found is not None and found.place == (0, 0, 480, 270)
 
@@ -172,10 +173,12 @@ def test_a_recorded_camera_has_its_image(street: Any, front: Any) -> None:
 def test_what_has_none_says_why(street: Any, front: Any) -> None:
     assert "recorded image of frame 9.5" in lack(street, front, 9.5)
     assert "recorded image of frame 40" in lack(street, front, 40.0)
-    looking, values, source = request(street, front)
-    assert "log is not at hand" in lacks_recorded(looking, values["scenario"], source.drive, None, 9)
+    looking, asked, source = request(street, front)
+    assert "log is not at hand" in lacks_recorded(looking, scenario_to_json(asked.scenario), source.drive, None, 9)
     nobody = Thing("viewport", "NONE", "", "", "", "", "", 0, looking.poses, looking.there, looking.camera)
-    assert "look through a recorded camera" in lacks_recorded(nobody, values["scenario"], source.drive, source.log, 9)
+    assert "look through a recorded camera" in lacks_recorded(
+        nobody, scenario_to_json(asked.scenario), source.drive, source.log, 9
+    )
     copy = front.copy()
     street.collection.objects.link(copy)
     assert "added camera" in lack(street, copy)

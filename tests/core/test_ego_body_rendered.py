@@ -18,7 +18,8 @@ from unisim_blender.core.errors import ScenarioError
 from unisim_blender.core.geometry import invert_pose
 from unisim_blender.core.model.scene_file import drive_to_json, read_scene_header
 from unisim_blender.core.output.labels import moment_labels
-from unisim_blender.core.prepare.renderers import make_backend, other_scenes
+from unisim_blender.core.prepare.renderers import make_backend
+from unisim_blender.core.prepare.scenes import other_scenes
 from unisim_blender.core.render.drive_renderer import DriveRenderer
 from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.scenario import scenario_from_json, scenario_to_json

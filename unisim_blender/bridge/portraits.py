@@ -51,9 +51,7 @@ def portrait_request(source: Source, actor: Actor, name: str) -> dict[str, Any] 
     # nothing else stands in front of it
     poses, there = recorded_poses(actor, here), recorded_there(actor, source.drive, here)
     alone = Thing(actor.uid, "ACTOR", actor.uid, actor.uid, "", "", "", 0, poses, there)
-    values = camera_request(Sampled(name, here, (alone,)), view, source, float(frame), (SIZE_PX, SIZE_PX))
-    del values["indices"]
-    return values
+    return camera_request(Sampled(name, here, (alone,)), view, source, float(frame), (SIZE_PX, SIZE_PX)).values
 
 
 def _best_view(drive: Drive, actor: Actor, clock: Clock) -> tuple[int, FloatArray, FloatArray] | None:

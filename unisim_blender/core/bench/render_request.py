@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 
 from ..data import open_log
 from ..model.scene_file import read_scene_header
-from ..prepare.renderers import make_backend, other_scenes
+from ..prepare.renderers import make_backend
 from ..prepare.replay import replayed_drive
+from ..prepare.scenes import other_scenes
 from ..render.drive_renderer import DriveRenderer
 from ..render.quality import Quality
 from ..render.regions import Region

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 from ..model.config import ModelConfig
 from ..model.scene_file import read_scene_header
 from ..world.drive import Drive
-from .renderers import stamp
+from .scenes import stamp
 
 SHOWN = 5
 """So many actors are named."""

@@ -18,7 +18,7 @@ from ..data.log import Log
 from ..errors import ScenarioError
 from ..files import sha256_of_file
 from ..model.config import ModelConfig
-from ..model.scene_file import HEADER_NAME, WEIGHTS_NAME, read_scene_header
+from ..model.scene_file import HEADER_NAME, read_scene_header
 from ..model.weights import weights_hash
 from ..render.bounded import BoundedRenderer
 from ..render.captures import CaptureStates
@@ -37,6 +37,7 @@ from ..render.tracers.warping.tracer import WarpBackend
 from ..sensors.error_bound import ErrorBound
 from ..world.drive import Drive
 from ..world.replay import DriveStates, parked_boxes
+from .scenes import other_scenes, stamp
 
 
 def pick_device(name: str) -> str:
@@ -48,11 +49,6 @@ def pick_device(name: str) -> str:
     except ModuleNotFoundError:
         return "cpu"
     return "cuda" if torch.cuda.is_available() else "mps" if torch.backends.mps.is_available() else "cpu"
-
-
-def other_scenes(drive: Drive) -> tuple[str, ...]:
-    """Folders of the trained scenes that actors were inserted from."""
-    return tuple(sorted({actor.look.scene for actor in drive.actors.values()} - {""}))
 
 
 def scene_paths(scene: Path, drive: Drive) -> tuple[Path, ...]:
@@ -98,12 +94,6 @@ def environment(device: str, scenes: Iterable[Path] = ()) -> dict[str, str]:
     import torch
 
     return {**common, "torch": torch.__version__, "instruction_set": torch.backends.cpu.get_cpu_capability()}
-
-
-def stamp(scene: Path) -> tuple[Any, ...]:
-    """What changes when a trained scene is written anew. A digest would take longer than an image of the view."""
-    files = [scene / name for name in (HEADER_NAME, WEIGHTS_NAME)]
-    return scene, *((file.stat().st_mtime_ns, file.stat().st_size) if file.is_file() else None for file in files)
 
 
 def make_backend(
@@ -164,9 +154,7 @@ class SceneSource:
 
     def captures(self) -> CaptureStates:
         """See `Source.captures`."""
-        header = read_scene_header(self.scene)
-        one_field = ModelConfig.from_dict(header.model).actors == "none"
-        return CaptureStates(DriveStates(self.drive, {} if one_field else parked_boxes(header.drive)), reach_of(self.shadows))
+        return CaptureStates(DriveStates(self.drive, read_scene_header(self.scene).parked), reach_of(self.shadows))
 
     def steps(self) -> Iterator[Step]:
         """Nothing is to be made first."""

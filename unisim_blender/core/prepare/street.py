@@ -7,7 +7,7 @@ from pathlib import Path
 from ..model.scene_file import read_scene_header
 from ..street.street import Street, load_street
 from ..world.drive import Drive
-from .renderers import other_scenes
+from .scenes import other_scenes
 
 
 def street_of(street: Street, drive: Drive) -> Street:
