@@ -21,9 +21,9 @@ import bpy
 import numpy as np
 
 import unisim_blender
-from unisim_blender.bridge.importing import fit_resolution
-from unisim_blender.bridge.source import source_of
-from unisim_blender.bridge.things import things
+from unisim_blender.bridge.importing.drive import fit_resolution
+from unisim_blender.bridge.objects.imported import things
+from unisim_blender.bridge.objects.source import source_of
 from unisim_blender.core.model.scene_file import read_scene_header
 
 FRAMES = 5

@@ -63,7 +63,7 @@ def written_texts() -> Iterator[str]:
     """Yield constant texts of layouts, reports, and conditions of buttons."""
     for path in [
         *PACKAGE.glob("*.py"),
-        *(p for folder in ("operators", "panels", "bridge") for p in (PACKAGE / folder).glob("*.py")),
+        *(p for folder in ("operators", "panels", "bridge", "editing") for p in sorted((PACKAGE / folder).rglob("*.py"))),
     ]:
         tree = ast.parse(path.read_text(encoding="utf-8"))
         for node in ast.walk(tree):

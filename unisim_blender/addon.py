@@ -31,7 +31,7 @@ from . import (
     view_options,
     view_types,
 )
-from .bridge import neighbours
+from .bridge.sampling import adjacent_frames
 from .registering import close_room, open_room
 
 ROOMS = (
@@ -40,7 +40,7 @@ ROOMS = (
     edit_properties,
     view_options,
     preferences,
-    neighbours,
+    adjacent_frames,
     following,
     edit_watch,
     listing,

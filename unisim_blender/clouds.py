@@ -8,9 +8,9 @@ from typing import Any
 import bpy
 from mathutils import Vector
 
-from .bridge.point_colours import RECORDED
-from .bridge.points import kind_of, points_of
-from .bridge.things import things
+from .bridge.objects.imported import things
+from .bridge.views.points import kind_of, points_of
+from .editing.layout.point_colours import RECORDED
 from .registering import Drawing
 
 SIZE, BEHIND_SIZE = 3.0, 2.0

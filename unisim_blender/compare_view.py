@@ -9,7 +9,7 @@ from typing import Any
 import blf
 import bpy
 
-from .bridge.windows import areas
+from .bridge.window.areas import areas
 from .comparison import IMAGES, TURN_S, difference_of
 from .registering import Drawing, add, take_away
 from .view_options import options_of

@@ -10,11 +10,11 @@ import numpy as np
 from gpu_extras.batch import batch_for_shader
 from numpy.typing import NDArray
 
-from .bridge.comparing import Rectangle, difference, errors, hatched, lacks_recorded, placement, visible
-from .bridge.recorded_images import RecordedImages, Shown, Wanted
-from .bridge.sampling import Thing
-from .bridge.source import Source
 from .core.world.drive import CameraModel
+from .editing.images.comparison import Rectangle, difference, errors, hatched, lacks_recorded, placement, visible
+from .editing.images.recorded import RecordedImages, Shown, Wanted
+from .editing.sampled.scene import SampledObject
+from .editing.sampled.source import Source
 from .view_options import ViewOptions
 
 TURN_S = 0.25
@@ -72,7 +72,13 @@ class Comparison:
         return self.lacks or (self.figures if self.mode == "DIFFERENCE" else "")
 
     def follow(
-        self, options: ViewOptions, source: Source, view: Thing, scenario: dict[str, Any], model: CameraModel, frame: float
+        self,
+        options: ViewOptions,
+        source: Source,
+        view: SampledObject,
+        scenario: dict[str, Any],
+        model: CameraModel,
+        frame: float,
     ) -> None:
         """Find the recorded image of what a view looks at: ``model`` is the view's camera model, at its size."""
         self.options, self.lacks, wanted = options, "", None

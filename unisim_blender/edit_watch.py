@@ -11,10 +11,10 @@ from contextlib import suppress
 import bpy
 from bpy.app.handlers import persistent
 
-from .bridge import edit_reading
-from .bridge.neighbours import BESIDE
-from .bridge.things import has_drive
-from .bridge.windows import areas
+from .bridge.objects.imported import has_drive
+from .bridge.sampling import edit_list
+from .bridge.sampling.adjacent_frames import BESIDE
+from .bridge.window.areas import areas
 from .following import dragging
 
 BUDGET_S = 0.012
@@ -38,7 +38,7 @@ _at: list[tuple[str, Iterator[None]]] = []
 def want() -> None:
     """Have the edits of all scenes read that are not known; called while panels are drawn."""
     if not bpy.app.background and not bpy.app.timers.is_registered(_read):
-        if any(not edit_reading.reading_of(scene).fresh for scene in _scenes()):
+        if any(not edit_list.reading_of(scene).fresh for scene in _scenes()):
             bpy.app.timers.register(_read, first_interval=TICK_S)
 
 
@@ -57,24 +57,24 @@ def _read() -> float | None:
         return WAIT_S
     until, latest = time.thread_time() + BUDGET_S, time.monotonic() + LATEST_S
     while time.thread_time() < until and time.monotonic() < latest:
-        scene = next((one for one in _scenes() if not edit_reading.reading_of(one).fresh), None)
+        scene = next((one for one in _scenes() if not edit_list.reading_of(one).fresh), None)
         if scene is None:
             _redraw()
             return None
-        if not _at or _at[0][0] != scene.name or edit_reading.reading_of(scene).stale:
-            _at[:] = [(scene.name, edit_reading.read_steps(scene))]
+        if not _at or _at[0][0] != scene.name or edit_list.reading_of(scene).stale:
+            _at[:] = [(scene.name, edit_list.read_steps(scene))]
         try:
             next(_at[0][1])
         except StopIteration:
             _at.clear()
             _redraw()
         except ReferenceError:  # something was deleted meanwhile
-            edit_reading.reading_of(scene).mark()
+            edit_list.reading_of(scene).mark()
         except Exception as fault:  # Blender drops a timer that fails, and the panel would wait for ever
             traceback.print_exc()
-            edit_reading.reading_of(scene).fail(f"The edits cannot be read: {fault}")
+            edit_list.reading_of(scene).fail(f"The edits cannot be read: {fault}")
             _at.clear()
-        if edit_reading.made_beside():
+        if edit_list.made_beside():
             _beside_s = time.monotonic()
     return TICK_S
 
@@ -98,7 +98,7 @@ def note_changes(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None =
         for update in updates
     )
     now = time.monotonic()
-    edit_reading.reading_of(scene).mark(moved=told or now - _beside_s > OWN_S)
+    edit_list.reading_of(scene).mark(moved=told or now - _beside_s > OWN_S)
     _changed_s = now
     _soon()
 
@@ -106,7 +106,7 @@ def note_changes(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None =
 @persistent
 def look_again(*_: object) -> None:
     """Another file, or another state of this one."""
-    edit_reading.mark_all()
+    edit_list.mark_all()
     _at.clear()
     _soon()
 
@@ -114,7 +114,7 @@ def look_again(*_: object) -> None:
 @persistent
 def forget(*_: object) -> None:
     """Another file: nothing is known of it."""
-    edit_reading.forget()
+    edit_list.forget()
     look_again()
 
 
@@ -155,4 +155,4 @@ def unregister() -> None:
         if bpy.app.timers.is_registered(timer):
             bpy.app.timers.unregister(timer)
     _at.clear()
-    edit_reading.forget()
+    edit_list.forget()

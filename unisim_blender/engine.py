@@ -12,14 +12,15 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
-from .bridge.outside import outside_drive
-from .bridge.sampling import picture_size
-from .bridge.snapshot import camera_request, moment
-from .bridge.source import source_of
-from .bridge.windows import areas
+from .bridge.objects.source import source_of
+from .bridge.sampling.moment import moment
+from .bridge.sampling.stepping import picture_size
+from .bridge.window.areas import areas
 from .client import Client, Request, client, progress_line
 from .core.colour import linear_from_srgb
 from .core.errors import UnisimError
+from .editing.reading.requests import camera_request
+from .editing.sampled.outside import outside_drive
 from .preferences import device, interpreter
 from .translations import interface
 

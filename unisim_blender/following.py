@@ -7,10 +7,10 @@ from contextlib import suppress
 import bpy
 from bpy.app.handlers import persistent
 
-from .bridge.displacing import displaced_objects, keep, settle
-from .bridge.meshes import scaled_sentence
-from .bridge.things import KINDS_OF_DRIVE, has_drive, things
-from .bridge.trajectories import convert, trajectory_of
+from .bridge.changes.displacing import displaced_objects, keep, settle
+from .bridge.objects.imported import KINDS_OF_DRIVE, has_drive, things
+from .bridge.objects.meshes import scaled_sentence
+from .bridge.objects.trajectories import convert, trajectory_of
 
 LOOK_S = 0.05
 """Until the next look whether a person has let go of what is dragged."""

@@ -14,13 +14,15 @@ from bpy_extras.view3d_utils import location_3d_to_region_2d
 from mathutils import Matrix, Vector
 from mathutils.geometry import intersect_point_line
 
-from .bridge.aiming import is_keyed
-from .bridge.clock import Clock
-from .bridge.handles import MOST, Handle, handles_of
-from .bridge.sampling import frame_of
-from .bridge.source import source_of
-from .bridge.things import things
+from .bridge.changes.aiming import is_keyed
+from .bridge.changes.handles import handles_of
+from .bridge.objects.imported import things
+from .bridge.objects.source import source_of
+from .bridge.sampling.stepping import frame_of
 from .core.errors import UnisimError
+from .editing.layout.gizmo_shapes import INNER, arrow, disc
+from .editing.motion.handles import MOST, Handle
+from .editing.sampled.clock import Clock
 from .operators.drag import TARGET_M, active_sensor, moving_actor, target_of
 from .registering import add, take_away
 
@@ -28,10 +30,6 @@ HANDLE, TARGET = 0.09, 0.11
 """Radii of round handles, as shares of Blender's gizmo size."""
 HIT_PX = 8.0
 """How near the mouse has to be to a handle, and to the outer part of the arrow, in pixels at resolution scale 1."""
-HEAD, STEM, INNER = 0.14, 0.02, 0.35
-"""Of the arrow: half the width of its head and its stem, and the share of its length from which on it can be grabbed, so that
-it takes no clicks meant for what stands in the vehicle's place."""
-CORNERS = 20
 BESIDE_S = 0.05
 """Times nearer than this to the frame that is shown are that frame's."""
 LANE_COLOUR, KEY_COLOUR, SECOND_COLOUR, AIM_COLOUR = (0.2, 0.8, 0.3), (1.0, 0.8, 0.1), (0.9, 0.9, 0.9), (0.3, 0.75, 1.0)
@@ -73,9 +71,7 @@ class UNISIM_GT_dot(_Shape, bpy.types.Gizmo):
 
     def triangles(self) -> list[tuple[float, float, float]]:
         """Return a disc of radius 1."""
-        angles = np.linspace(0, 2 * np.pi, CORNERS + 1)
-        rim = [(float(np.cos(a)), float(np.sin(a)), 0.0) for a in angles]
-        return [corner for a, b in zip(rim[:-1], rim[1:], strict=True) for corner in ((0.0, 0.0, 0.0), a, b)]
+        return disc()
 
     def draw(self, context: bpy.types.Context) -> None:
         """Draw it as large in the window wherever it is."""
@@ -97,10 +93,8 @@ class UNISIM_GT_arrow(_Shape, bpy.types.Gizmo):
     __slots__ = ("shape",)
 
     def triangles(self) -> list[tuple[float, float, float]]:
-        """Return an arrow of length 1, flat in two planes, so that it is seen from everywhere."""
-        outline = [(-STEM, 0.0), (STEM, 0.0), (STEM, 0.72), (-STEM, 0.0), (STEM, 0.72), (-STEM, 0.72)]
-        outline += [(-HEAD, 0.7), (HEAD, 0.7), (0.0, 1.0)]
-        return [(x, 0.0, z) for x, z in outline] + [(0.0, y, z) for y, z in outline]
+        """Return an arrow of length 1."""
+        return arrow()
 
     def draw(self, context: bpy.types.Context) -> None:
         """Draw it."""

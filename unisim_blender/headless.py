@@ -36,7 +36,7 @@ def render_file(path: Path, arguments: Sequence[str]) -> int:
 
 def render_scene(scene: object, arguments: Sequence[str]) -> int:
     """Render what a scene stands for; the exit code."""
-    from .bridge.writing import write_scenario
+    from .editing.reading.writing import write_scenario
     from .operators.export_scenario import scenario_of
     from .preferences import interpreter
 

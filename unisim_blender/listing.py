@@ -16,14 +16,15 @@ import bpy
 import numpy as np
 from bpy.app.handlers import persistent
 
-from .bridge.actor_filter import Entry, Wanted, chosen_entries
-from .bridge.actor_table import Track, figures_of, originals, poses_of, track_of
-from .bridge.clock import Clock
-from .bridge.source import source_of
-from .bridge.things import has_drive, things
-from .bridge.windows import areas
+from .bridge.objects.imported import has_drive, things
+from .bridge.objects.source import source_of
+from .bridge.views.actor_table import originals, poses_of, track_of
+from .bridge.window.areas import areas
 from .core.errors import UnisimError
 from .core.geometry import FloatArray
+from .editing.actors.filter import Entry, Wanted, chosen_entries
+from .editing.actors.table import Track, figures_of
+from .editing.sampled.clock import Clock
 
 BUSY_S = 0.02
 """How long a turn of the timer works on tracks."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import bpy
 from bpy.app.handlers import persistent
 
-from .bridge.importing import fit_resolution
+from .bridge.importing.drive import fit_resolution
 from .registering import add, take_away
 
 SHORTCUTS = (

@@ -5,8 +5,8 @@ from __future__ import annotations
 import blf
 import bpy
 
-from .bridge.notices import notices
-from .bridge.source import source_of
+from .bridge.objects.source import source_of
+from .bridge.views.notices import notices
 from .core.errors import UnisimError
 from .registering import Drawing
 from .view_types import looks_through

@@ -5,13 +5,13 @@ from __future__ import annotations
 import bpy
 import numpy as np
 
-from .bridge.clock import Clock
-from .bridge.sampling import frame_of
-from .bridge.selection import chosen
-from .bridge.sensor_outlines import outline
-from .bridge.source import source_of
-from .bridge.trails import trail
+from .bridge.objects.source import source_of
+from .bridge.sampling.stepping import frame_of
+from .bridge.views.sensor_outlines import outline
+from .bridge.views.trails import trail
+from .bridge.window.selection import chosen
 from .core.errors import UnisimError
+from .editing.sampled.clock import Clock
 from .registering import Drawing
 
 MOST = 20

@@ -12,7 +12,7 @@ from bpy.props import (
     StringProperty,
 )
 
-from .bridge.windows import areas
+from .bridge.window.areas import areas
 from .registering import add, take_away
 
 KINDS = (

@@ -5,10 +5,10 @@ from __future__ import annotations
 import bpy
 import numpy as np
 
-from .bridge.graph_layout import HEIGHT, WIDTH, Shapes, curves, moment
-from .bridge.kinematics import Compared
-from .bridge.sampling import frame_of
+from .bridge.sampling.stepping import frame_of
 from .core.geometry import FloatArray
+from .editing.layout.speed_graph import HEIGHT, WIDTH, Shapes, curves, moment
+from .editing.motion.kinematics import Compared
 from .operators.motion_settings import graph_of
 from .registering import Drawing
 

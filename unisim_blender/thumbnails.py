@@ -21,16 +21,18 @@ import bpy
 import numpy as np
 
 from . import following, interpreters, listing
-from .bridge.naming import apply_words, named_actors
-from .bridge.portrait_files import Portrait, kept_portrait, save_portrait
-from .bridge.portraits import portrait_request
-from .bridge.source import Source, source_of
-from .bridge.windows import areas
+from .bridge.objects.names import apply_words
+from .bridge.objects.source import source_of
+from .bridge.window.areas import areas
 from .client import client
 from .core.actor_images.kept import ActorImage, kept_images
 from .core.actor_images.names import plain_names
 from .core.errors import UnisimError
 from .core.model.scene_file import read_scene_header
+from .editing.actors.names import named_actors
+from .editing.actors.portrait_files import Portrait, kept_portrait, save_portrait
+from .editing.actors.portrait_views import portrait_request
+from .editing.sampled.source import Source
 from .preferences import device, interpreter
 
 LOOK_S = 0.2

@@ -12,19 +12,11 @@ import bpy
 import numpy as np
 
 from . import listing
-from .bridge.actor_filter import Entry
-from .bridge.things import class_colour
-from .bridge.timeline_layout import Room, Timeline, fitting_rows, lay_out, scrolled
-from .core.colour import srgb_from_linear
+from .editing.layout.timeline import Room, Timeline, fitting_rows, lay_out, scrolled
+from .editing.layout.timeline_shapes import rectangles, rows_text
 from .registering import Drawing, add, take_away
 
-BACKGROUND = (0.10, 0.10, 0.10, 0.86)
-EVEN_ROW = (1.0, 1.0, 1.0, 0.03)
-ACTIVE_ROW = (1.0, 1.0, 1.0, 0.16)
-EDITED = (1.0, 1.0, 1.0, 1.0)
 TEXT, FAINT_TEXT = (0.92, 0.92, 0.92, 1.0), (0.62, 0.62, 0.62, 1.0)
-NOW = (0.30, 0.55, 0.95, 1.0)
-TICK = (1.0, 1.0, 1.0, 0.12)
 TEXT_PX = 11.0
 WHEEL_ROWS = 3
 _keys: list[tuple[bpy.types.KeyMap, bpy.types.KeyMapItem]] = []
@@ -104,15 +96,6 @@ def draw() -> None:
     write(blf, label, x, timeline.top + 4 * scale, TEXT)
 
 
-def rows_text(timeline: Timeline) -> str:
-    """Return which rows are shown."""
-    if not timeline.count:
-        return "No actor: clear the filter"
-    if len(timeline.rows) == timeline.count:
-        return f"{timeline.count} actors"
-    return f"{timeline.first + 1}–{timeline.first + len(timeline.rows)} of {timeline.count}"
-
-
 def write(blf: Any, text: str, x: float, y: float, colour: tuple[float, ...]) -> None:
     """Write a line of text with its lower left corner at x, y."""
     blf.color(0, *colour)
@@ -127,42 +110,6 @@ def shortened(text: str, width: float, blf: Any) -> str:
     while len(text) > 1 and blf.dimensions(0, text + "…")[0] > width:
         text = text[:-1]
     return text + "…"
-
-
-def rectangles(timeline: Timeline, now_s: float, active: int | None, scale: float) -> tuple[Any, Any]:
-    """Return the corners (N, 3) of the triangles that are drawn, and their colours (N, 4)."""
-    found: list[tuple[float, float, float, float, tuple[float, ...]]] = []
-
-    def rectangle(left: float, bottom: float, right: float, top: float, colour: tuple[float, ...]) -> None:
-        found.append((left, bottom, right, top, colour))
-
-    rectangle(timeline.left, timeline.bottom, timeline.right, timeline.top, BACKGROUND)
-    for row, entry in enumerate(timeline.rows):
-        bottom = timeline.row_bottom(row)
-        if entry.key == active or row % 2:
-            colour = ACTIVE_ROW if entry.key == active else EVEN_ROW
-            rectangle(timeline.left, bottom, timeline.right, bottom + timeline.row_px, colour)
-    for time_s in timeline.ticks():
-        x = timeline.x_of(time_s)
-        rectangle(x, timeline.bottom, x + 1, timeline.top, TICK)
-    inset, line = 3 * scale, 1.5 * scale
-    for row, entry in enumerate(timeline.rows):
-        bottom = timeline.row_bottom(row)
-        for left, right in timeline.bars(entry):
-            if entry.edited:
-                rectangle(left - line, bottom + inset - line, right + line, bottom + timeline.row_px - inset + line, EDITED)
-            rectangle(left, bottom + inset, right, bottom + timeline.row_px - inset, colour_of(entry))
-    x = timeline.x_of(now_s)
-    rectangle(x - scale, timeline.bottom, x + scale, timeline.top, NOW)
-    corners = np.array([[(a, b), (c, b), (c, d), (a, b), (c, d), (a, d)] for a, b, c, d, _ in found], np.float32).reshape(-1, 2)
-    colours = np.repeat(np.array([colour for *_, colour in found], np.float32), 6, 0)
-    return np.column_stack([corners, np.zeros(len(corners), np.float32)]), colours
-
-
-def colour_of(entry: Entry) -> tuple[float, ...]:
-    """Return the colour of an actor's bars, that of its class; darker where it is hidden in the view."""
-    colour = srgb_from_linear(np.array(class_colour(entry.label), np.float32)) * (0.45 if entry.hidden else 1.0)
-    return (*(float(part) for part in colour), 1.0)
 
 
 class UNISIM_GT_timeline(bpy.types.Gizmo):

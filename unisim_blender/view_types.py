@@ -13,11 +13,11 @@ from typing import Any
 
 import bpy
 
-from .bridge.backgrounds import sees_recorded_image
-from .bridge.ego_bodies import show_bodies, shown_as, to_follow
-from .bridge.frustums import drawn_tiny, resize_frustums, to_resize
-from .bridge.source import source_of
-from .bridge.windows import areas
+from .bridge.importing.backgrounds import sees_recorded_image
+from .bridge.objects.ego_bodies import show_bodies, shown_as, to_follow
+from .bridge.objects.source import source_of
+from .bridge.window.areas import areas
+from .bridge.window.frustums import drawn_tiny, resize_frustums, to_resize
 from .core.errors import UnisimError
 from .registering import Drawing
 

@@ -16,20 +16,21 @@ from bpy_extras.view3d_utils import location_3d_to_region_2d
 from mathutils import Matrix
 from numpy.typing import NDArray
 
-from .bridge.clock import Clock
-from .bridge.neighbours import lacking, sample_now, step_soon
-from .bridge.outside import outside_drive
-from .bridge.sampling import Sampled, Thing, frame_of
-from .bridge.snapshot import camera_request
-from .bridge.source import source_of
-from .bridge.touched import Rectangle, is_empty, joined, touched
-from .bridge.view_parts import ViewPart, view_part
+from .bridge.objects.source import source_of
+from .bridge.sampling.adjacent_frames import lacking, sample_now, step_soon
+from .bridge.sampling.stepping import frame_of
 from .client import Client, Request, client, progress_line
 from .comparison import Comparison
 from .core.errors import UnisimError
 from .core.scenario import scenario_to_json
 from .core.world.drive import Camera, CameraModel
 from .core.world.encoding import decode_sensor
+from .editing.images.dirty_region import Rectangle, is_empty, joined, touched
+from .editing.images.view_parts import ViewPart, view_part
+from .editing.reading.requests import camera_request
+from .editing.sampled.clock import Clock
+from .editing.sampled.outside import outside_drive
+from .editing.sampled.scene import Sampled, SampledObject
 from .preferences import device, interpreter
 from .translations import interface
 from .view_options import options_of
@@ -167,7 +168,9 @@ class View:
             self.drop()
             self.wanted, self.problem = None, str(fault)
 
-    def _wanted(self, context: bpy.types.Context, depsgraph: bpy.types.Depsgraph) -> tuple[dict[str, Any], Sampled, Thing] | None:
+    def _wanted(
+        self, context: bpy.types.Context, depsgraph: bpy.types.Depsgraph
+    ) -> tuple[dict[str, Any], Sampled, SampledObject] | None:
         """The request for the picture of what is looked at now, the scene about this moment, and who looks; None where something
         moves in a way that is not known yet."""
         scene, space = depsgraph.scene, context.region_data
@@ -208,7 +211,7 @@ class View:
         kept = {**values, "passes": self.wanted["passes"]}
         return kept if kept == self.wanted else values
 
-    def _part(self, values: dict[str, Any], sampled: Sampled, view: Thing) -> Rectangle | None:
+    def _part(self, values: dict[str, Any], sampled: Sampled, view: SampledObject) -> Rectangle | None:
         """The part of a finished picture that has to be rendered again; None for all."""
         if self.wanted is None or self.sampled is None or self.problem:
             return None
@@ -313,14 +316,14 @@ def exact_pixels(width: int, height: int) -> Matrix:
     return Matrix(((2 / width, 0, 0, -1), (0, 2 / height, 0, -1), (0, 0, -0.01, 0), (0, 0, 0, 1)))
 
 
-def onlooker(context: bpy.types.Context, frames: int) -> Thing:
+def onlooker(context: bpy.types.Context, frames: int) -> SampledObject:
     """The viewport itself as a camera that stands still."""
     region, space = context.region, context.region_data
     p = np.array(space.window_matrix, float)
     w, h = region.width, region.height
     model = CameraModel(w, h, w / 2 * p[0, 0], h / 2 * p[1, 1], w / 2 * (1 - p[0, 2]), h / 2 * (1 + p[1, 2]))
     poses = np.repeat(np.array(space.view_matrix.inverted(), float)[None], frames, 0)
-    return Thing("viewport", "NONE", "", "", "", "", "", 0, poses, np.ones(frames, bool), model)
+    return SampledObject("viewport", "NONE", "", "", "", "", "", 0, poses, np.ones(frames, bool), model)
 
 
 def camera_rectangle(context: bpy.types.Context, scene: bpy.types.Scene) -> tuple[int, int, int, int]:

@@ -9,10 +9,10 @@ import bpy
 import numpy as np
 from helpers import SAMPLE, driving, select, thing
 
-from unisim_blender.bridge.copies import copy_of
-from unisim_blender.bridge.source import source_of
-from unisim_blender.bridge.static_items import mark
-from unisim_blender.bridge.things import things
+from unisim_blender.bridge.objects.copies import copy_of
+from unisim_blender.bridge.objects.imported import things
+from unisim_blender.bridge.objects.source import source_of
+from unisim_blender.bridge.objects.static_items import mark
 
 
 def passing(scene: Any) -> Any:

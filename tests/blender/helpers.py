@@ -8,10 +8,10 @@ from typing import Any
 
 import bpy
 
-from unisim_blender.bridge.source import source_of
-from unisim_blender.bridge.things import things
+from unisim_blender.bridge.objects.imported import things
+from unisim_blender.bridge.objects.source import source_of
 from unisim_blender.core.prepare.scenario import scene_actors
-from unisim_blender.core.scenario.edits import apply_scenario
+from unisim_blender.core.scenario import apply_scenario
 from unisim_blender.core.scenario.types import Scenario
 from unisim_blender.core.world.drive import Drive
 from unisim_blender.operators.export_scenario import scenario_of

@@ -13,16 +13,18 @@ import pytest
 from helpers import SAMPLE, read, select, thing
 
 from unisim_blender import listing
-from unisim_blender.bridge import card
-from unisim_blender.bridge.actor_filter import Entry, Wanted, chosen_entries, natural, nearest_present
-from unisim_blender.bridge.actor_table import poses_of, steps_of
-from unisim_blender.bridge.animation import curves_of
-from unisim_blender.bridge.clock import Clock
-from unisim_blender.bridge.source import source_of
-from unisim_blender.bridge.things import things
-from unisim_blender.bridge.trajectories import keyed_pose
+from unisim_blender.bridge.objects.animation import curves_of
+from unisim_blender.bridge.objects.imported import things
+from unisim_blender.bridge.objects.source import source_of
+from unisim_blender.bridge.objects.trajectories import keyed_pose
+from unisim_blender.bridge.views import card
+from unisim_blender.bridge.views.actor_table import poses_of
+from unisim_blender.editing.actors.filter import Entry, Wanted, chosen_entries, natural, nearest_present
+from unisim_blender.editing.actors.table import steps_of
+from unisim_blender.editing.actors.texts import dense, distance_text, speed_text, time_text
+from unisim_blender.editing.sampled.clock import Clock
 from unisim_blender.operators.actor_list import GROUPS, ORDERS
-from unisim_blender.panels.actors import UNISIM_UL_actors, dense, distance_text, speed_text, time_text
+from unisim_blender.panels.actors import UNISIM_UL_actors
 
 
 def entries(scene: Any) -> dict[str, Entry]:
@@ -188,7 +190,7 @@ def test_steps_are_the_seconds_of_each_time_that_it_comes() -> None:
 def test_a_row_chooses_the_actor_and_jumps_to_where_it_is(street: Any) -> None:
     manager = bpy.context.window_manager.unisim_actors
     one = thing(street, "ACTOR", "car-03")
-    from unisim_blender.bridge.animation import write_presence
+    from unisim_blender.bridge.objects.animation import write_presence
 
     write_presence(one, Clock.of(source_of(street).drive), (1.2, 1.6))
     listing.look_again()

@@ -9,7 +9,7 @@ import bpy
 import numpy as np
 from helpers import SAMPLE, edited, read
 
-from unisim_blender.core.scenario.types import Insert
+from unisim_blender.core.scenario.edits import Insert
 
 
 def test_a_library_and_an_actor_of_it(street: Any, tmp_path: Path) -> None:

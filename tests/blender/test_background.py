@@ -7,7 +7,7 @@ from typing import Any
 import bpy
 import numpy as np
 
-from unisim_blender.bridge.chart import HEIGHT, LIDAR, PSNR, WIDTH, decades, ticks, training_chart
+from unisim_blender.editing.layout.chart import HEIGHT, LIDAR, PSNR, WIDTH, decades, ticks, training_chart
 from unisim_blender.operators.background import CURVE, show_curve
 
 

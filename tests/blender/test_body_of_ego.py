@@ -13,16 +13,16 @@ from helpers import edited, read, select, thing
 from test_mesh_actors import crate
 from test_scenarios import assert_alike, drive_of, there_and_back
 
-from unisim_blender.bridge.clock import Clock
-from unisim_blender.bridge.ego_bodies import NOTED, show_bodies, shown_as, to_follow
-from unisim_blender.bridge.neighbours import sample_now
-from unisim_blender.bridge.source import source_of
-from unisim_blender.bridge.touched import touched
+from unisim_blender.bridge.objects.ego_bodies import NOTED, show_bodies, shown_as, to_follow
+from unisim_blender.bridge.objects.source import source_of
+from unisim_blender.bridge.sampling.adjacent_frames import sample_now
 from unisim_blender.core.geometry import invert_pose
 from unisim_blender.core.meshes.read import read_mesh
 from unisim_blender.core.scenario import load_scenario, save_scenario
-from unisim_blender.core.scenario.types import EgoBody
+from unisim_blender.core.scenario.edits import EgoBody
 from unisim_blender.core.world.drive import Camera, Lidar
+from unisim_blender.editing.images.dirty_region import touched
+from unisim_blender.editing.sampled.clock import Clock
 from unisim_blender.operators.export_scenario import scenario_of
 
 
@@ -172,7 +172,7 @@ def test_there_and_back_with_a_chase_camera(scene: Any, street: Any, tmp_path: P
     bpy.context.active_object.name = "chase"
     bpy.context.active_object.unisim.sees_ego_body = "ALWAYS"
     first = scenario_of(street, tmp_path / "first.json")
-    from unisim_blender.bridge.writing import write_scenario
+    from unisim_blender.editing.reading.writing import write_scenario
 
     write_scenario(first, tmp_path / "first.json")
     (kept,) = (edit for edit in load_scenario(tmp_path / "first.json").edits if isinstance(edit, EgoBody))

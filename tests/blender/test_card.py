@@ -12,11 +12,11 @@ import pytest
 from helpers import select, thing
 
 from unisim_blender import panels
-from unisim_blender.bridge.card import card_of
-from unisim_blender.bridge.clock import Clock
-from unisim_blender.bridge.source import source_of
-from unisim_blender.bridge.things import is_copy, things
-from unisim_blender.bridge.trails import trail
+from unisim_blender.bridge.objects.imported import is_copy, things
+from unisim_blender.bridge.objects.source import source_of
+from unisim_blender.bridge.views.card import card_of
+from unisim_blender.bridge.views.trails import trail
+from unisim_blender.editing.sampled.clock import Clock
 
 
 def test_a_card_has_the_logs_figures(street: Any) -> None:

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from helpers import thing
 
-from unisim_blender.bridge.edit_state import edit_state
-from unisim_blender.bridge.source import source_of
-from unisim_blender.bridge.things import things
+from unisim_blender.bridge.objects.imported import things
+from unisim_blender.bridge.objects.source import source_of
+from unisim_blender.bridge.sampling.edit_state import edit_state
 from unisim_blender.operators import check
 
 

@@ -14,8 +14,13 @@ from helpers import thing
 from numpy.typing import NDArray
 from PIL import Image
 
-from unisim_blender.bridge.clock import Clock
-from unisim_blender.bridge.comparing import (
+from unisim_blender.bridge.objects.source import source_of
+from unisim_blender.bridge.sampling.stepping import sample_all
+from unisim_blender.core.data.log import Log
+from unisim_blender.core.errors import LogError
+from unisim_blender.core.scenario import scenario_to_json
+from unisim_blender.core.world.drive import CameraModel
+from unisim_blender.editing.images.comparison import (
     LINEAR,
     STRIPE_PX,
     Placement,
@@ -26,14 +31,11 @@ from unisim_blender.bridge.comparing import (
     placement,
     visible,
 )
-from unisim_blender.bridge.recorded_images import MOST_SHOWN, RecordedImages, Shown, Wanted, resampled
-from unisim_blender.bridge.sampling import Thing, sample_all
-from unisim_blender.bridge.snapshot import CameraRequest, camera_request, sized
-from unisim_blender.bridge.source import Source, source_of
-from unisim_blender.core.data.log import Log
-from unisim_blender.core.errors import LogError
-from unisim_blender.core.scenario import scenario_to_json
-from unisim_blender.core.world.drive import CameraModel
+from unisim_blender.editing.images.recorded import MOST_SHOWN, RecordedImages, Shown, Wanted, resampled
+from unisim_blender.editing.reading.requests import CameraRequest, camera_request, sized
+from unisim_blender.editing.sampled.clock import Clock
+from unisim_blender.editing.sampled.scene import SampledObject
+from unisim_blender.editing.sampled.source import Source
 
 FRONT = CameraModel(480, 270, 400.0, 402.0, 238.0, 136.0)
 
@@ -143,7 +145,7 @@ def test_hatching_is_what_each_pixel_says() -> None:
     np.testing.assert_allclose(hatched(image, unsupported), wanted, atol=1e-6)
 
 
-def request(street: Any, view: Any, frame: float = 9.0) -> tuple[Thing, CameraRequest, Source]:
+def request(street: Any, view: Any, frame: float = 9.0) -> tuple[SampledObject, CameraRequest, Source]:
     source = source_of(street)
     sampled = sample_all(street, Clock.of(source.drive).around(frame))
     looking = next(one for one in sampled.things if one.name == view.name)
@@ -175,7 +177,7 @@ def test_what_has_none_says_why(street: Any, front: Any) -> None:
     assert "recorded image of frame 40" in lack(street, front, 40.0)
     looking, asked, source = request(street, front)
     assert "log is not at hand" in lacks_recorded(looking, scenario_to_json(asked.scenario), source.drive, None, 9)
-    nobody = Thing("viewport", "NONE", "", "", "", "", "", 0, looking.poses, looking.there, looking.camera)
+    nobody = SampledObject("viewport", "NONE", "", "", "", "", "", 0, looking.poses, looking.there, looking.camera)
     assert "look through a recorded camera" in lacks_recorded(
         nobody, scenario_to_json(asked.scenario), source.drive, source.log, 9
     )

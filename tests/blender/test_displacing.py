@@ -12,15 +12,15 @@ from helpers import driving, edited, read, select, thing
 from mathutils import Quaternion, Vector
 
 from unisim_blender import following
-from unisim_blender.bridge.animation import keys_of, write_keys
-from unisim_blender.bridge.clock import Clock
-from unisim_blender.bridge.displacing import BLEND_S
-from unisim_blender.bridge.motion import displaced_along, stopped
-from unisim_blender.bridge.source import source_of
-from unisim_blender.bridge.things import things
-from unisim_blender.bridge.trajectories import convert, remove, trajectory_of
+from unisim_blender.bridge.changes.motion import displaced_along, stopped
+from unisim_blender.bridge.objects.animation import keys_of, write_keys
+from unisim_blender.bridge.objects.imported import things
+from unisim_blender.bridge.objects.source import source_of
+from unisim_blender.bridge.objects.trajectories import convert, remove, trajectory_of
 from unisim_blender.core.geometry import invert_pose
-from unisim_blender.core.scenario.types import Duplicate, Ego, Move
+from unisim_blender.core.scenario.edits import Duplicate, Ego, Move
+from unisim_blender.editing.motion.displacement import BLEND_S
+from unisim_blender.editing.sampled.clock import Clock
 
 
 def let_go() -> list[str]:
@@ -191,7 +191,7 @@ def test_a_copy_rides_on_the_same_trajectory_until_it_is_retimed(street: Any) ->
     copy.location.y = 3.5
     (edit,) = read(street).edits
     assert isinstance(edit, Duplicate) and edit.offset_m == pytest.approx((0.0, 3.5, 0.0), abs=1e-4)
-    from unisim_blender.bridge.motion import retimed
+    from unisim_blender.bridge.changes.motion import retimed
 
     retimed(copy, lambda frames: frames + 3)
     assert trajectory_of(copy) != trajectory_of(one)

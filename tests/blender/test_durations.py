@@ -8,9 +8,9 @@ import bpy
 import numpy as np
 from helpers import drawn, select, thing
 
-from unisim_blender.bridge.clock import Clock
-from unisim_blender.bridge.durations import duration, followed, instant, stretched
-from unisim_blender.bridge.source import source_of
+from unisim_blender.bridge.objects.source import source_of
+from unisim_blender.editing.motion.durations import duration, followed, instant, stretched
+from unisim_blender.editing.sampled.clock import Clock
 
 CLOCK = Clock(np.arange(81.0), np.arange(81.0) / 10)
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from unisim_blender.bridge.clock import Clock
-from unisim_blender.bridge.edit_words import displaced_words, metres, moved_words, retimed_words, trajectory_words
 from unisim_blender.core.geometry import FloatArray, Trajectory
+from unisim_blender.editing.edits.words import displaced_words, metres, moved_words, retimed_words, trajectory_words
+from unisim_blender.editing.sampled.clock import Clock
 
 
 def pose(x: float = 0.0, y: float = 0.0, z: float = 0.0, yaw_deg: float = 0.0) -> FloatArray:

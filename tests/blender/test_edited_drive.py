@@ -10,16 +10,15 @@ import numpy as np
 import pytest
 from helpers import SAMPLE
 
-from unisim_blender.bridge import snapshot
-from unisim_blender.bridge.source import Source
 from unisim_blender.core.errors import ScenarioError
 from unisim_blender.core.model.scene_file import read_scene_header
 from unisim_blender.core.prepare.capture_request import capture_request
 from unisim_blender.core.prepare.scenario import scene_actors
-from unisim_blender.core.scenario import scenario_from_json
-from unisim_blender.core.scenario.edits import apply_scenario
+from unisim_blender.core.scenario import apply_scenario, scenario_from_json
 from unisim_blender.core.scenario.types import Scenario
 from unisim_blender.core.world.drive import Camera, Lidar
+from unisim_blender.editing.reading import requests as asked
+from unisim_blender.editing.sampled.source import Source
 
 EDITS: list[dict[str, Any]] = [
     {"type": "ego", "shift_left_m": 1.0},
@@ -47,7 +46,7 @@ def scenario(**members: Any) -> Scenario:
 def test_it_is_what_all_edits_at_once_give(source: Source) -> None:
     for cameras in (CAMERAS, CAMERAS[:1], CAMERAS[1:]):
         told = scenario(sensors={"cameras": cameras, "lidars": [{"id": "pandar64", "columns": 90}]})
-        found, wanted = snapshot.edited_drive(told, source), apply_scenario(told, source.drive, scene_actors)
+        found, wanted = asked.edited_drive(told, source), apply_scenario(told, source.drive, scene_actors)
         assert found.cameras.keys() == wanted.cameras.keys() and found.lidars.keys() == wanted.lidars.keys()
         pairs: list[tuple[Camera | Lidar, Camera | Lidar]] = [(found.cameras[name], one) for name, one in wanted.cameras.items()]
         pairs += [(found.lidars[name], one) for name, one in wanted.lidars.items()]
@@ -66,20 +65,20 @@ def test_edits_are_applied_once_for_many_views(source: Source, monkeypatch: pyte
         applied.append(len(told.edits))
         return apply_scenario(told, *rest)
 
-    monkeypatch.setattr(snapshot, "apply_scenario", counted)
-    monkeypatch.setattr(snapshot, "_newest", None)
+    monkeypatch.setattr(asked, "apply_scenario", counted)
+    monkeypatch.setattr(asked, "_newest", None)
     for x in range(3):
-        snapshot.edited_drive(scenario(sensors={"cameras": [{**CAMERAS[0], "fx": 100.0 + x}]}), source)
+        asked.edited_drive(scenario(sensors={"cameras": [{**CAMERAS[0], "fx": 100.0 + x}]}), source)
     assert applied == [3, 0, 0, 0]
-    one = snapshot.edited_drive(scenario(edits=EDITS[:1]), source)
+    one = asked.edited_drive(scenario(edits=EDITS[:1]), source)
     assert applied[4:] == [1, 0] and "copy" not in one.actors
     # another recorded drive is another one, though it is told the same
     again = replace(source, drive=replace(source.drive, actors={}))
-    assert snapshot.edited_drive(scenario(edits=EDITS[:1]), again).actors == {}
+    assert asked.edited_drive(scenario(edits=EDITS[:1]), again).actors == {}
 
 
 def test_edits_that_cannot_be_are_a_sentence_and_nothing_is_kept_of_them(source: Source) -> None:
     with pytest.raises(ScenarioError, match=r'edits\[0\]\.actor: no actor "nobody"'):
-        snapshot.edited_drive(scenario(edits=[{"type": "remove", "actor": "nobody"}]), source)
-    ego = snapshot.edited_drive(scenario(edits=EDITS[:1]), source).world_from_ego
+        asked.edited_drive(scenario(edits=[{"type": "remove", "actor": "nobody"}]), source)
+    ego = asked.edited_drive(scenario(edits=EDITS[:1]), source).world_from_ego
     assert np.abs(ego.at(0.5)[:3, 3] - source.drive.world_from_ego.at(0.5)[:3, 3]).max() > 0.5

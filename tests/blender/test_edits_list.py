@@ -13,15 +13,15 @@ from edit_cases import CASES, standing, update
 from helpers import driving, read, select
 
 from unisim_blender import edit_watch
-from unisim_blender.bridge import edit_reading, quick_sample
-from unisim_blender.bridge.clock import Clock
-from unisim_blender.bridge.edit_lines import Line
-from unisim_blender.bridge.edit_reading import read_now, read_steps, reading_of
-from unisim_blender.bridge.poses import same
-from unisim_blender.bridge.quick_sample import Sampler
-from unisim_blender.bridge.sampling import sample_all, shown_names
-from unisim_blender.bridge.source import source_of
-from unisim_blender.bridge.things import things
+from unisim_blender.bridge.objects.imported import things
+from unisim_blender.bridge.objects.source import source_of
+from unisim_blender.bridge.sampling import edit_list, from_keys
+from unisim_blender.bridge.sampling.edit_list import read_now, read_steps, reading_of
+from unisim_blender.bridge.sampling.from_keys import Sampler
+from unisim_blender.bridge.sampling.stepping import sample_all, shown_names
+from unisim_blender.editing.edits.lines import Line
+from unisim_blender.editing.sampled.clock import Clock
+from unisim_blender.editing.sampled.poses import same
 
 
 def lines(scene: Any) -> tuple[Line, ...]:
@@ -254,28 +254,28 @@ def test_a_scene_beside_does_not_have_the_list_read_for_ever(street: Any, monkey
 
     def counted(*given: Any) -> Any:
         evaluated.append(1)
-        return quick_sample.evaluated(*given)
+        return from_keys.evaluated(*given)
 
-    monkeypatch.setattr(edit_reading, "evaluated", counted)
+    monkeypatch.setattr(edit_list, "evaluated", counted)
     read_all()
-    assert len(evaluated) == -(-20 // edit_reading.FRAMES_AT_ONCE)
+    assert len(evaluated) == -(-20 // edit_list.FRAMES_AT_ONCE)
     for _ in range(3):  # what Blender tells of the scene beside
         edit_watch.note_changes(street, None)
         update()
         read_all()
-    assert len(evaluated) == -(-20 // edit_reading.FRAMES_AT_ONCE)
+    assert len(evaluated) == -(-20 // edit_list.FRAMES_AT_ONCE)
     edit_watch._beside_s = 0.0
     standing(street).constraints[0].target.location.z = 3.0
     update()
     read_all()
-    assert len(evaluated) == 2 * -(-20 // edit_reading.FRAMES_AT_ONCE)
+    assert len(evaluated) == 2 * -(-20 // edit_list.FRAMES_AT_ONCE)
 
 
 def test_what_fails_is_said_and_ends_the_reading(street: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     def broken(*_: Any) -> Any:
         raise KeyError("odd")
 
-    monkeypatch.setattr(edit_reading, "actor_lines", broken)
+    monkeypatch.setattr(edit_list, "group_lines", broken)
     reading_of(street).mark()
     reading_of(street).known.clear()
     read_all()

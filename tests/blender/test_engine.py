@@ -14,7 +14,7 @@ from helpers import select, thing
 from numpy.typing import NDArray
 from PIL import Image
 
-from unisim_blender.bridge.trajectories import trajectory_of
+from unisim_blender.bridge.objects.trajectories import trajectory_of
 from unisim_blender.core.cli.main import unisim
 
 FRAME = 9

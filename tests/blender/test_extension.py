@@ -60,7 +60,7 @@ def test_it_is_small_and_whole(archive: Path) -> None:
     content = zipfile.ZipFile(archive)
     names = content.namelist()
     assert archive.stat().st_size < 20 << 20
-    assert {"LICENSE", "core/scenario/schema.json"} < set(names)
+    assert {"LICENSE", "core/rigs/KITTI-like.json"} < set(names)
     assert [name for name in names if Path(name).name.startswith("_unisim_native.")], "the compiled kernels"
     wheels = [name for name in names if name.endswith(".whl")]
     manifest = tomllib.loads(content.read("blender_manifest.toml").decode())

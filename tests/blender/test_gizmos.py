@@ -12,16 +12,18 @@ from helpers import driving_car, edited, read, select
 from mathutils import Matrix, Vector
 
 from unisim_blender import gizmos, pie
-from unisim_blender.bridge.aiming import angles, direction_of
-from unisim_blender.bridge.animation import curves_of
-from unisim_blender.bridge.clock import Clock
-from unisim_blender.bridge.displacing import BLEND_S
-from unisim_blender.bridge.handles import MOST, Kept, displace_at, handles_of
-from unisim_blender.bridge.source import source_of
-from unisim_blender.bridge.things import things
-from unisim_blender.bridge.trails import way_of
+from unisim_blender.bridge.changes.aiming import direction_of
+from unisim_blender.bridge.changes.handles import Kept, displace_at, handles_of
+from unisim_blender.bridge.objects.animation import curves_of
+from unisim_blender.bridge.objects.imported import things
+from unisim_blender.bridge.objects.source import source_of
+from unisim_blender.bridge.views.trails import trajectory_poses
 from unisim_blender.core.geometry import FloatArray, invert_pose
-from unisim_blender.core.scenario.types import Ego, Move
+from unisim_blender.core.scenario.edits import Ego, Move
+from unisim_blender.editing.motion.displacement import BLEND_S
+from unisim_blender.editing.motion.handles import MOST
+from unisim_blender.editing.sampled.clock import Clock
+from unisim_blender.editing.sensors.directions import angles
 from unisim_blender.operators.drag import TARGET_M, along_line, on_plane, stepped, target_of
 
 RIG, FREE = "CAMERA", "PERSP"
@@ -48,7 +50,7 @@ def shown(scene: Any, **how: Any) -> list[str]:
 
 def world_offset(scene: Any, one: Any, before: FloatArray) -> FloatArray:
     """How far (N, 3) an object is from where it was, in the world at the clock's frames."""
-    way = way_of(one, clock_of(scene))
+    way = trajectory_poses(one, clock_of(scene))
     assert way is not None
     return np.asarray((way - before)[:, :3, 3])
 
@@ -132,7 +134,7 @@ def test_a_long_drive_has_few_handles(street: Any) -> None:
 
 def test_a_drag_displaces_at_its_time_and_blends(street: Any) -> None:
     one, clock = driving_car(street), clock_of(street)
-    before = way_of(one, clock)
+    before = trajectory_poses(one, clock)
     street.frame_set(3)
     assert bpy.ops.unisim.drag_trajectory(time_s=1.0, offset_m=(0.5, 1.0, 0.0)) == {"FINISHED"}
     assert before is not None
@@ -155,7 +157,7 @@ def test_a_drag_displaces_at_its_time_and_blends(street: Any) -> None:
 
 def test_the_same_handle_again_is_the_same_key(street: Any) -> None:
     one, clock = driving_car(street), clock_of(street)
-    before = way_of(one, clock)
+    before = trajectory_poses(one, clock)
     for _ in range(3):
         displace_at(one, 1.0, np.array([0.0, 0.5, 0.0]), clock)
     assert [len(c.keyframe_points) for c in curves_of(one) if c.data_path == "location"] == [3, 3, 3]
@@ -165,7 +167,7 @@ def test_the_same_handle_again_is_the_same_key(street: Any) -> None:
 
 def test_another_handle_leaves_the_first_where_it_is(street: Any) -> None:
     one, clock = driving_car(street), clock_of(street)
-    before = way_of(one, clock)
+    before = trajectory_poses(one, clock)
     displace_at(one, 0.5, np.array([0.0, 1.0, 0.0]), clock)
     displace_at(one, 1.5, np.array([0.0, -1.0, 0.0]), clock)
     assert before is not None

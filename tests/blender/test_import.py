@@ -10,15 +10,16 @@ import numpy as np
 import pytest
 from helpers import SAMPLE, read, thing
 
-from unisim_blender.bridge.animation import keys_of
-from unisim_blender.bridge.clock import Clock
-from unisim_blender.bridge.importing import import_source, summary
-from unisim_blender.bridge.poses import optical, rigid, same
-from unisim_blender.bridge.sampling import sample_all
-from unisim_blender.bridge.source import open_source, source_of
-from unisim_blender.bridge.things import things
-from unisim_blender.bridge.trajectories import trajectory_of
+from unisim_blender.bridge.importing.drive import import_source, summary
+from unisim_blender.bridge.objects.animation import keys_of
+from unisim_blender.bridge.objects.imported import things
+from unisim_blender.bridge.objects.source import source_of
+from unisim_blender.bridge.objects.trajectories import trajectory_of
+from unisim_blender.bridge.sampling.stepping import sample_all
 from unisim_blender.core.errors import UnisimError
+from unisim_blender.editing.sampled.clock import Clock
+from unisim_blender.editing.sampled.poses import optical, rigid, same
+from unisim_blender.editing.sampled.source import open_source
 
 
 def test_everything_of_the_drive_is_there(street: Any) -> None:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from unisim_blender.bridge.kinematics import Limits, describe, exceeded, is_limited, motion_of, runs, slopes
 from unisim_blender.core.geometry import FloatArray
+from unisim_blender.editing.motion.kinematics import Limits, describe, exceeded, is_limited, motion_of, runs, slopes
 
 TIMES = np.arange(0, 4, 0.1)
 

@@ -13,10 +13,10 @@ import pytest
 from click.testing import CliRunner
 from helpers import REAL_LOG, read
 
-from unisim_blender.bridge.chart import WIDTH
-from unisim_blender.bridge.source import source_of
-from unisim_blender.bridge.things import things
+from unisim_blender.bridge.objects.imported import things
+from unisim_blender.bridge.objects.source import source_of
 from unisim_blender.core.cli.main import unisim
+from unisim_blender.editing.layout.chart import WIDTH
 from unisim_blender.operators.background import CURVE, PREVIEW, curve_icon
 
 

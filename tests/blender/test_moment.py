@@ -12,19 +12,19 @@ from helpers import drawn, driving, thing
 from numpy.typing import NDArray
 from PIL import Image
 
-from unisim_blender.bridge.cameras import model_of
-from unisim_blender.bridge.clock import Clock
-from unisim_blender.bridge.neighbours import lacking, sample_now, step_beside
-from unisim_blender.bridge.poses import same
-from unisim_blender.bridge.sampling import kept_frame, picture_size, sample
-from unisim_blender.bridge.snapshot import camera_request, sized
-from unisim_blender.bridge.source import source_of
-from unisim_blender.bridge.touched import touched
-from unisim_blender.bridge.trajectories import trajectory_of
+from unisim_blender.bridge.objects.cameras import model_of
+from unisim_blender.bridge.objects.source import source_of
+from unisim_blender.bridge.objects.trajectories import trajectory_of
+from unisim_blender.bridge.sampling.adjacent_frames import lacking, sample_now, step_beside
+from unisim_blender.bridge.sampling.stepping import kept_frame, picture_size, sample
 from unisim_blender.core.geometry import FloatArray
 from unisim_blender.core.worker.jobs import Jobs
 from unisim_blender.core.world.drive import Camera
 from unisim_blender.core.world.encoding import decode_sensor
+from unisim_blender.editing.images.dirty_region import touched
+from unisim_blender.editing.reading.requests import camera_request, sized
+from unisim_blender.editing.sampled.clock import Clock
+from unisim_blender.editing.sampled.poses import same
 
 
 def both(scene: Any, frame: float) -> tuple[Any, Any]:

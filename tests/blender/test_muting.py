@@ -13,12 +13,12 @@ from edit_cases import CASES, standing, update
 from helpers import driving, read, select
 from test_edits_list import lines, press
 
-from unisim_blender.bridge.clock import Clock
-from unisim_blender.bridge.poses import same
-from unisim_blender.bridge.sampling import sample_all
-from unisim_blender.bridge.source import source_of
-from unisim_blender.bridge.things import is_copy, things
+from unisim_blender.bridge.objects.imported import is_copy, things
+from unisim_blender.bridge.objects.source import source_of
+from unisim_blender.bridge.sampling.stepping import sample_all
 from unisim_blender.core.scenario.types import Scenario
+from unisim_blender.editing.sampled.clock import Clock
+from unisim_blender.editing.sampled.poses import same
 
 
 def numbers(value: Any) -> Any:

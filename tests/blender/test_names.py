@@ -10,13 +10,14 @@ import pytest
 from helpers import SAMPLE, read, select, thing
 
 from unisim_blender import following, thumbnails
-from unisim_blender.bridge.naming import apply_words, is_plain, names_at_import
-from unisim_blender.bridge.source import source_of
-from unisim_blender.bridge.things import is_copy, original_of, things
+from unisim_blender.bridge.objects.imported import is_copy, original_of, things
+from unisim_blender.bridge.objects.names import apply_words
+from unisim_blender.bridge.objects.source import source_of
 from unisim_blender.core.actor_images import kept
 from unisim_blender.core.actor_images.names import plain_names
 from unisim_blender.core.data import open_log
-from unisim_blender.core.scenario.types import Duplicate
+from unisim_blender.core.scenario.edits import Duplicate
+from unisim_blender.editing.actors.names import is_plain, names_at_import
 
 
 @pytest.fixture(autouse=True)

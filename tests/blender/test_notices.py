@@ -8,8 +8,8 @@ from typing import Any
 
 import bpy
 
-from unisim_blender.bridge.notices import notices
-from unisim_blender.bridge.source import source_of
+from unisim_blender.bridge.objects.source import source_of
+from unisim_blender.bridge.views.notices import notices
 
 
 def said(scene: Any, through: bool = True) -> list[str]:

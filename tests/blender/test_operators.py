@@ -14,14 +14,14 @@ import pytest
 from helpers import SAMPLE, drawn, edited, read, select, thing
 from PIL import Image
 
-from unisim_blender.bridge.clock import Clock
-from unisim_blender.bridge.importing import recorded_colours
-from unisim_blender.bridge.poses import same
-from unisim_blender.bridge.sampling import sample_all
-from unisim_blender.bridge.selection import choose
-from unisim_blender.bridge.source import source_of
-from unisim_blender.bridge.things import things
-from unisim_blender.core.scenario.types import Insert, Move, Swap
+from unisim_blender.bridge.importing.drive import recorded_colours
+from unisim_blender.bridge.objects.imported import things
+from unisim_blender.bridge.objects.source import source_of
+from unisim_blender.bridge.sampling.stepping import sample_all
+from unisim_blender.bridge.window.selection import choose
+from unisim_blender.core.scenario.edits import Insert, Move, Swap
+from unisim_blender.editing.sampled.clock import Clock
+from unisim_blender.editing.sampled.poses import same
 from unisim_blender.operators.background import running
 from unisim_blender.tasks import SequenceTask
 

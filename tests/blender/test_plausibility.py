@@ -8,11 +8,11 @@ import bpy
 import numpy as np
 from helpers import select, thing
 
-from unisim_blender.bridge.clock import Clock
-from unisim_blender.bridge.ground import on_actors
-from unisim_blender.bridge.plausibility import boxes_overlap, warnings_of
-from unisim_blender.bridge.sampling import sample_all
-from unisim_blender.bridge.source import source_of
+from unisim_blender.bridge.objects.source import source_of
+from unisim_blender.bridge.sampling.stepping import sample_all
+from unisim_blender.editing.motion.ground import on_actors
+from unisim_blender.editing.motion.plausibility import boxes_overlap, warnings_of
+from unisim_blender.editing.sampled.clock import Clock
 
 
 def warned(scene: Any) -> dict[str, str]:

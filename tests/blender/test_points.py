@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from unisim_blender.bridge.point_colours import GREY, RECORDED, SIMULATED, number_colours
-from unisim_blender.bridge.points import hide_points, points_of, put_points
-from unisim_blender.bridge.source import source_of
-from unisim_blender.bridge.things import things
+from unisim_blender.bridge.objects.imported import things
+from unisim_blender.bridge.objects.source import source_of
+from unisim_blender.bridge.views.points import hide_points, points_of, put_points
 from unisim_blender.clouds import clouds, offset
+from unisim_blender.editing.layout.point_colours import GREY, RECORDED, SIMULATED, number_colours
 
 
 def points(scene: Any) -> NDArray[Any]:

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from helpers import driving, edited, read, select, thing
 
-from unisim_blender.bridge.clock import Clock
-from unisim_blender.bridge.poses import same
-from unisim_blender.bridge.sampling import sample_all
-from unisim_blender.bridge.source import source_of
-from unisim_blender.bridge.trajectories import trajectory_of
+from unisim_blender.bridge.objects.source import source_of
+from unisim_blender.bridge.objects.trajectories import trajectory_of
+from unisim_blender.bridge.sampling.stepping import sample_all
 from unisim_blender.core.scenario import load_scenario, save_scenario
-from unisim_blender.core.scenario.types import CopyStatic, Duplicate, Ego, Move, Remove, RemoveStatic
+from unisim_blender.core.scenario.edits import CopyStatic, Duplicate, Ego, Move, Remove, RemoveStatic
+from unisim_blender.editing.sampled.clock import Clock
+from unisim_blender.editing.sampled.poses import same
 
 
 def standing(scene: Any) -> str:
@@ -77,7 +77,7 @@ def test_keys_are_a_trajectory(street: Any) -> None:
     uid = driving(street).unisim.uid
     one = trajectory_of(thing(street, "ACTOR", uid))
     assert one is not None
-    from unisim_blender.bridge.animation import keys_of, write_keys
+    from unisim_blender.bridge.objects.animation import keys_of, write_keys
 
     keys = keys_of(one)
     assert keys is not None

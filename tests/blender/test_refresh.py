@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from helpers import driving, read, select, thing
 
-from unisim_blender.bridge.clock import Clock
-from unisim_blender.bridge.importing import set_colours
-from unisim_blender.bridge.source import source_of
+from unisim_blender.bridge.importing.drive import set_colours
+from unisim_blender.bridge.objects.source import source_of
 from unisim_blender.core.errors import UnisimError
-from unisim_blender.core.scenario.types import Move
+from unisim_blender.core.scenario.edits import Move
+from unisim_blender.editing.sampled.clock import Clock
 from unisim_blender.operators import background
 from unisim_blender.operators.render_sequence import UNISIM_OT_render_sequence
 from unisim_blender.tasks import SequenceTask

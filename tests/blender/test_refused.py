@@ -10,13 +10,13 @@ import pytest
 from helpers import SAMPLE, read, thing
 from mathutils import Quaternion
 
-from unisim_blender.bridge.clock import Clock
-from unisim_blender.bridge.outside import outside_drive
-from unisim_blender.bridge.plausibility import warnings_of
-from unisim_blender.bridge.sampling import sample_all
-from unisim_blender.bridge.source import source_of
-from unisim_blender.bridge.things import things
+from unisim_blender.bridge.objects.imported import things
+from unisim_blender.bridge.objects.source import source_of
+from unisim_blender.bridge.sampling.stepping import sample_all
 from unisim_blender.core.errors import ScenarioError
+from unisim_blender.editing.motion.plausibility import warnings_of
+from unisim_blender.editing.sampled.clock import Clock
+from unisim_blender.editing.sampled.outside import outside_drive
 
 
 def test_a_deleted_vehicle_is_refused_and_comes_back_with_its_sensors(street: Any) -> None:

@@ -9,8 +9,8 @@ from typing import Any
 import bpy
 import pytest
 
-from unisim_blender.bridge import results as listing
-from unisim_blender.bridge.results import frames_in, player_command, rendered_cameras
+from unisim_blender.editing.images import rendered as listing
+from unisim_blender.editing.images.rendered import frames_in, player_command, rendered_cameras
 from unisim_blender.operators import background, results
 from unisim_blender.tasks import SequenceTask
 

@@ -13,17 +13,18 @@ import numpy as np
 import pytest
 from helpers import edited, select, thing
 
-from unisim_blender.bridge import rig_presets
-from unisim_blender.bridge.cameras import model_of
-from unisim_blender.bridge.importing import front_camera
-from unisim_blender.bridge.poses import rigid
-from unisim_blender.bridge.sensor_facts import card_of_sensor, rate_of, size_of_sensor
-from unisim_blender.bridge.sensor_outlines import outline
-from unisim_blender.bridge.source import source_of
-from unisim_blender.bridge.things import things
+from unisim_blender.bridge.importing import rig_presets
+from unisim_blender.bridge.importing.drive import front_camera
+from unisim_blender.bridge.objects.cameras import model_of
+from unisim_blender.bridge.objects.imported import things
+from unisim_blender.bridge.objects.source import source_of
+from unisim_blender.bridge.views.sensor_facts import card_of_sensor, size_of_sensor
+from unisim_blender.bridge.views.sensor_outlines import outline
 from unisim_blender.core.geometry import invert_pose
 from unisim_blender.core.rigs import read_rig
 from unisim_blender.core.sensors.beam_tables import BEAM_TABLES
+from unisim_blender.editing.sampled.poses import rigid
+from unisim_blender.editing.sensors.facts import rate_of
 from unisim_blender.panels.sensors import active_index
 
 RIG: dict[str, Any] = {

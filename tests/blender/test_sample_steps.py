@@ -15,16 +15,18 @@ import pytest
 from edit_cases import CASES, standing, update
 from helpers import driving, select
 
-from unisim_blender.bridge.animation import curves_of
-from unisim_blender.bridge.clock import Clock
-from unisim_blender.bridge.importing import import_source
-from unisim_blender.bridge.sample_steps import by_keys_alone, sample_steps
-from unisim_blender.bridge.sampling import Sampled, sample_all
-from unisim_blender.bridge.source import open_source, source_of
-from unisim_blender.bridge.things import things
-from unisim_blender.bridge.variants import new_variant
+from unisim_blender.bridge.changes.variants import new_variant
+from unisim_blender.bridge.importing.drive import import_source
+from unisim_blender.bridge.objects.animation import curves_of
+from unisim_blender.bridge.objects.imported import things
+from unisim_blender.bridge.objects.source import source_of
+from unisim_blender.bridge.sampling.in_steps import by_keys_alone, sample_steps
+from unisim_blender.bridge.sampling.stepping import sample_all
 from unisim_blender.core.errors import UnisimError
 from unisim_blender.core.scenario import scenario_to_json
+from unisim_blender.editing.sampled.clock import Clock
+from unisim_blender.editing.sampled.scene import Sampled
+from unisim_blender.editing.sampled.source import open_source
 from unisim_blender.operators.export_scenario import scenario_of, scenario_steps
 from unisim_blender.operators.in_steps import InSteps, in_thread
 

@@ -14,24 +14,24 @@ from helpers import SAMPLE, edited, read, select, thing
 from mathutils import Euler
 
 from unisim_blender import following
-from unisim_blender.bridge.card import card_of
-from unisim_blender.bridge.clock import Clock
-from unisim_blender.bridge.ground import ground_height
-from unisim_blender.bridge.neighbours import lacking, sample_now, step_beside
-from unisim_blender.bridge.plausibility import warnings_of
-from unisim_blender.bridge.reading import edited_ids
-from unisim_blender.bridge.sampling import sample, sample_all
-from unisim_blender.bridge.scaling import CHANGING, MIRRORED, SHEARED, Scaling, scaling_of
-from unisim_blender.bridge.source import source_of
-from unisim_blender.bridge.things import things
-from unisim_blender.bridge.touched import alike, touched
-from unisim_blender.bridge.trails import trail
-from unisim_blender.bridge.trajectories import trajectory_of
+from unisim_blender.bridge.objects.imported import things
+from unisim_blender.bridge.objects.source import source_of
+from unisim_blender.bridge.objects.trajectories import trajectory_of
+from unisim_blender.bridge.sampling.adjacent_frames import lacking, sample_now, step_beside
+from unisim_blender.bridge.sampling.stepping import sample, sample_all
+from unisim_blender.bridge.views.card import card_of
+from unisim_blender.bridge.views.trails import trail
 from unisim_blender.core.errors import ScenarioError
 from unisim_blender.core.geometry import make_pose, quaternion_from_yaw
 from unisim_blender.core.scenario import load_scenario, save_scenario, scenario_from_json, scenario_to_json
-from unisim_blender.core.scenario.types import Duplicate, InsertMesh, Move, Remove, Scale, Swap
+from unisim_blender.core.scenario.edits import Duplicate, InsertMesh, Move, Remove, Scale, Swap
 from unisim_blender.core.world.drive import CameraModel
+from unisim_blender.editing.images.dirty_region import alike, touched
+from unisim_blender.editing.motion.ground import ground_height
+from unisim_blender.editing.motion.plausibility import warnings_of
+from unisim_blender.editing.reading.scenario import edited_ids
+from unisim_blender.editing.sampled.clock import Clock
+from unisim_blender.editing.sampled.scaling import CHANGING, MIRRORED, SHEARED, Scaling, scaling_of
 
 
 def standing(scene: Any) -> Any:

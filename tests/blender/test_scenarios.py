@@ -10,12 +10,11 @@ import numpy as np
 import pytest
 from helpers import SAMPLE
 
-from unisim_blender.bridge.poses import same
-from unisim_blender.bridge.source import open_source
 from unisim_blender.core.prepare.scenario import scene_actors
-from unisim_blender.core.scenario import load_scenario, save_scenario, scenario_from_json, scenario_to_json
-from unisim_blender.core.scenario.edits import apply_scenario
+from unisim_blender.core.scenario import apply_scenario, load_scenario, save_scenario, scenario_from_json, scenario_to_json
 from unisim_blender.core.world.drive import Drive
+from unisim_blender.editing.sampled.poses import same
+from unisim_blender.editing.sampled.source import open_source
 
 
 def drive_of(path: Path) -> Drive:

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from helpers import edited, read, select, thing
 
-from unisim_blender.bridge.animation import curves_of, write_keys
-from unisim_blender.bridge.arc_length import is_path, shifted_along
-from unisim_blender.bridge.motion import displaced_along
-from unisim_blender.bridge.source import source_of
-from unisim_blender.bridge.trajectories import trajectory_of
+from unisim_blender.bridge.changes.motion import displaced_along
+from unisim_blender.bridge.objects.animation import curves_of, write_keys
+from unisim_blender.bridge.objects.source import source_of
+from unisim_blender.bridge.objects.trajectories import trajectory_of
 from unisim_blender.core.geometry import FloatArray, invert_pose, quaternion_from_yaw
-from unisim_blender.core.scenario.types import Move
+from unisim_blender.core.scenario.edits import Move
+from unisim_blender.editing.motion.arc_length import is_path, shifted_along
 
 
 def actor(scene: Any, moving: bool) -> str:

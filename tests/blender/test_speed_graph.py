@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 from helpers import driving_car, select
 
-from unisim_blender.bridge import motions
-from unisim_blender.bridge.clock import Clock
-from unisim_blender.bridge.graph_layout import EDITED, NOW, OVER, RECORDED, Shapes, axes_of, curves, moment, values
-from unisim_blender.bridge.kinematics import Compared, Limits
-from unisim_blender.bridge.motion import displaced_along
-from unisim_blender.bridge.plausibility import warnings_of
-from unisim_blender.bridge.sampling import sample_all
-from unisim_blender.bridge.source import source_of
-from unisim_blender.bridge.things import things
+from unisim_blender.bridge.changes.motion import displaced_along
+from unisim_blender.bridge.objects.imported import things
+from unisim_blender.bridge.objects.source import source_of
+from unisim_blender.bridge.sampling.stepping import sample_all
+from unisim_blender.bridge.views import motions
+from unisim_blender.editing.layout.speed_graph import EDITED, NOW, OVER, RECORDED, Shapes, axes_of, curves, moment, values
+from unisim_blender.editing.motion.kinematics import Compared, Limits
+from unisim_blender.editing.motion.plausibility import warnings_of
+from unisim_blender.editing.sampled.clock import Clock
 from unisim_blender.operators.motion_settings import graph_of, limits_of
 
 

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from unisim_blender.bridge.things import things
+from unisim_blender.bridge.objects.imported import things
 from unisim_blender.operators import background, results
 
 

@@ -13,10 +13,10 @@ import pytest
 from helpers import SAMPLE, edited, read, select, thing
 
 from unisim_blender import thumbnails
-from unisim_blender.bridge.portrait_files import Portrait, kept_portrait, portrait_path, save_portrait
 from unisim_blender.client import client
 from unisim_blender.core.actor_images.kept import kept_images
-from unisim_blender.core.scenario.types import Insert, Swap
+from unisim_blender.core.scenario.edits import Insert, Swap
+from unisim_blender.editing.actors.portrait_files import Portrait, kept_portrait, portrait_path, save_portrait
 from unisim_blender.operators import actor_choice
 from unisim_blender.panels.actor import portrait
 

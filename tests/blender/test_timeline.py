@@ -10,7 +10,7 @@ import pytest
 from test_actor_list import entry
 
 from unisim_blender import listing, timeline
-from unisim_blender.bridge.timeline_layout import Room, fitting_rows, lay_out, scrolled
+from unisim_blender.editing.layout.timeline import Room, fitting_rows, lay_out, scrolled
 
 ROOM = Room(60.0, 960.0, 0.0, 700.0)
 

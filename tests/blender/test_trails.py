@@ -8,10 +8,11 @@ import bpy
 import numpy as np
 from helpers import thing
 
-from unisim_blender.bridge.clock import Clock
-from unisim_blender.bridge.motion import displaced_along
-from unisim_blender.bridge.source import source_of
-from unisim_blender.bridge.trails import RECORDED, speed_colours, trail, way_of
+from unisim_blender.bridge.changes.motion import displaced_along
+from unisim_blender.bridge.objects.source import source_of
+from unisim_blender.bridge.views.trails import trail, trajectory_poses
+from unisim_blender.editing.motion.trails import RECORDED, speed_colours
+from unisim_blender.editing.sampled.clock import Clock
 
 
 def test_a_way_is_where_the_actor_goes(street: Any) -> None:
@@ -22,7 +23,7 @@ def test_a_way_is_where_the_actor_goes(street: Any) -> None:
     street.frame_set(5)
     lines = trail(one, drive, clock, 5.0)
     assert not (lines.colours[:, :3] == RECORDED).all(1).any()
-    way = way_of(one, clock)
+    way = trajectory_poses(one, clock)
     assert way is not None
     assert np.abs(way[:, :3, 3] - drive.actors[uid].world_from_actor.at(clock.times_s)[:, :3, 3]).max() < 1e-3
     displaced_along(one, (0.0, 3.0, 0.0))
@@ -49,7 +50,7 @@ def test_between_keys_a_way_is_as_blender_interpolates(street: Any) -> None:
         bpy.context.scene.frame_set(frame)
         one.location = (0.0, left, 0.0)
         one.keyframe_insert("location", frame=frame)
-    way = way_of(one, clock)
+    way = trajectory_poses(one, clock)
     assert way is not None
     for frame in (2, 6, 12, 17):
         street.frame_set(frame)

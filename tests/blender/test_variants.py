@@ -16,12 +16,13 @@ from helpers import SAMPLE, driving, read, select
 from test_edits_list import lines, press
 from test_muting import content
 
-from unisim_blender.bridge.compare_edits import alike, compared, differences
-from unisim_blender.bridge.edit_lines import Line
-from unisim_blender.bridge.things import is_copy, things
-from unisim_blender.bridge.variants import delete_variant, file_names, free_name, variants_of
+from unisim_blender.bridge.changes.variants import delete_variant, variants_of
+from unisim_blender.bridge.objects.imported import is_copy, things
 from unisim_blender.core.errors import UnisimError
 from unisim_blender.core.scenario import load_scenario
+from unisim_blender.editing.edits.differences import alike, compared, differences
+from unisim_blender.editing.edits.lines import Line
+from unisim_blender.editing.edits.variant_names import file_names, free_name
 from unisim_blender.operators import background
 from unisim_blender.operators.export_scenario import scenario_of
 from unisim_blender.variant_task import Part, VariantsTask
@@ -216,9 +217,9 @@ def test_names(street: Any) -> None:
         with pytest.raises(RuntimeError, match="has this name|is longer"):
             bpy.ops.unisim.new_variant(name=wrong)
     assert len(bpy.data.scenes) == 2
-    assert free_name("Variant 2") == "Variant 2" and free_name("Cut-in") == "Cut-in 1"
+    assert free_name("Variant 2", bpy.data.scenes) == "Variant 2" and free_name("Cut-in", bpy.data.scenes) == "Cut-in 1"
     new("Variant 2")
-    assert free_name("Variant 2") == "Variant 3"
+    assert free_name("Variant 2", bpy.data.scenes) == "Variant 3"
     assert file_names(["a/b", "a:b", "A_B", ".."]) == ["a_b", "a_b 2", "A_B 3", "variant"]
 
 

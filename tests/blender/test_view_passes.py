@@ -12,13 +12,14 @@ import pytest
 from numpy.typing import NDArray
 from PIL import Image
 
-from unisim_blender.bridge.clock import Clock
-from unisim_blender.bridge.poses import optical
-from unisim_blender.bridge.sampling import Thing, sample_all
-from unisim_blender.bridge.snapshot import camera_request
-from unisim_blender.bridge.source import source_of
+from unisim_blender.bridge.objects.source import source_of
+from unisim_blender.bridge.sampling.stepping import sample_all
 from unisim_blender.core.worker.jobs import Jobs
 from unisim_blender.core.world.drive import CameraModel
+from unisim_blender.editing.reading.requests import camera_request
+from unisim_blender.editing.sampled.clock import Clock
+from unisim_blender.editing.sampled.poses import optical
+from unisim_blender.editing.sampled.scene import SampledObject
 
 SIZE = (160, 100)
 FRAME = 9.0
@@ -43,7 +44,7 @@ def above(street: Any) -> dict[str, Any]:
     poses = np.repeat((pose @ np.diag([1.0, -1.0, -1.0, 1.0]))[None], len(sampled.clock.frames), 0)
     np.testing.assert_allclose(optical(poses)[0], pose)
     model = CameraModel(*SIZE, 125.0, 125.0, 80.0, 50.0)
-    view = Thing("viewport", "NONE", "", "", "", "", "", 0, poses, np.ones(len(poses), bool), model)
+    view = SampledObject("viewport", "NONE", "", "", "", "", "", 0, poses, np.ones(len(poses), bool), model)
     asked = camera_request(sampled, view, source, FRAME, SIZE)
     assert asked.model == model
     return {**asked.values, "quality": "fast", "device": "cpu"}

@@ -9,9 +9,9 @@ from typing import Any
 import bpy
 import numpy as np
 
-from unisim_blender.bridge.backgrounds import recorded_pose
-from unisim_blender.bridge.frustums import drawn_tiny, resize_frustums, to_resize
-from unisim_blender.bridge.source import source_of
+from unisim_blender.bridge.objects.source import source_of
+from unisim_blender.bridge.window.frustums import drawn_tiny, resize_frustums, to_resize
+from unisim_blender.editing.sensors.recorded import recorded_camera_pose
 from unisim_blender.view_types import CAMERAS, EMPTIES, SWITCHES, turned_off, wanted
 
 
@@ -51,7 +51,7 @@ def test_the_recorded_pose_is_that_of_the_frame_and_drive_asked_for(street: Any)
     other = replace(drive, cameras={**drive.cameras, uid: replace(drive.cameras[uid], world_from_camera=moved)})
     for asked, frame, apart in ((drive, 3, 0.0), (drive, 7, 0.0), (other, 7, 1.0), (drive, 7, 0.0), (drive, 7, 0.0)):
         recorded = way.at(np.array([drive.cameras[uid].time_s[frame]]))[0, :3, 3]
-        np.testing.assert_allclose(recorded_pose(asked, uid, float(frame))[:3, 3], recorded + apart, atol=1e-9)
+        np.testing.assert_allclose(recorded_camera_pose(asked, uid, float(frame))[:3, 3], recorded + apart, atol=1e-9)
 
 
 def test_from_outside_all_is_seen_unless_sensors_are_hidden(street: Any) -> None:

@@ -24,7 +24,7 @@ from documentation_pages import NAMES, PAGES, ROOT, Block, blocks
 from unisim_blender.core.cli.main import unisim
 from unisim_blender.core.model.config import PRESETS
 from unisim_blender.core.scenario import scenario_from_json
-from unisim_blender.core.scenario.edits.apply import EDITORS
+from unisim_blender.core.scenario.edit import EDITS
 
 SMALL = {
     "render": {"--width": "64", "--frames": "5", "--jobs": "1"},
@@ -60,10 +60,10 @@ def folder(tmp_path: Path, street: Path, monkeypatch: pytest.MonkeyPatch) -> Ite
     for name in ("detections", "labels", "simulated", "real"):
         (tmp_path / f"{name}.json").write_text(json.dumps(autonomy_document()))
     monkeypatch.chdir(tmp_path)
-    editors, presets = dict(EDITORS), dict(PRESETS)
+    edits, presets = dict(EDITS), dict(PRESETS)
     yield tmp_path
-    EDITORS.clear()
-    EDITORS.update(editors)
+    EDITS.clear()
+    EDITS.update(edits)
     PRESETS.clear()
     PRESETS.update(presets)
 

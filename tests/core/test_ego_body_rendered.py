@@ -22,8 +22,7 @@ from unisim_blender.core.prepare.renderers import make_backend
 from unisim_blender.core.prepare.scenes import other_scenes
 from unisim_blender.core.render.drive_renderer import DriveRenderer
 from unisim_blender.core.render.renderer import Renderer
-from unisim_blender.core.scenario import scenario_from_json, scenario_to_json
-from unisim_blender.core.scenario.edits import apply_scenario
+from unisim_blender.core.scenario import apply_scenario, scenario_from_json, scenario_to_json
 from unisim_blender.core.sensors.frames import CAMERA_PASSES
 from unisim_blender.core.world.captures import Moment
 from unisim_blender.core.world.drive import Camera, Drive, Lidar

@@ -14,8 +14,7 @@ from analytic_scene import Stage, analytic_scene, block, drive_of, ground, rende
 from unisim_blender.core.errors import ScenarioError
 from unisim_blender.core.prepare.renderers import scene_hashes
 from unisim_blender.core.render.regions import Region
-from unisim_blender.core.scenario import load_scenario, save_scenario, scenario_from_json, scenario_to_json
-from unisim_blender.core.scenario.edits import apply_scenario
+from unisim_blender.core.scenario import apply_scenario, load_scenario, save_scenario, scenario_from_json, scenario_to_json
 from unisim_blender.core.sensors.camera import camera_rays, pixel_grid
 from unisim_blender.core.sensors.frames import CAMERA_PASSES
 from unisim_blender.core.world.drive import Actor, CameraModel, Look

@@ -33,8 +33,7 @@ from unisim_blender.core.render.tracers.compiled.tracer import CompiledBackend
 from unisim_blender.core.render.tracers.surfels.model import SurfelSet
 from unisim_blender.core.render.tracers.surfels.placed import PlacedSurfels, carried
 from unisim_blender.core.render.tracers.torch.tracer import TorchBackend
-from unisim_blender.core.scenario import scenario_from_json
-from unisim_blender.core.scenario.edits import apply_scenario
+from unisim_blender.core.scenario import apply_scenario, scenario_from_json
 from unisim_blender.core.sensors.frames import RenderStats
 from unisim_blender.core.sensors.rays import Rays
 from unisim_blender.core.street.bundles import make_bundles

@@ -14,9 +14,9 @@ import pytest
 
 from unisim_blender.core.errors import ScenarioError
 from unisim_blender.core.scenario import load_scenario, save_scenario, scenario_from_json, scenario_to_json
-from unisim_blender.core.scenario.checks import scenario_schema
+from unisim_blender.core.scenario.edit import EDITS as REGISTERED
 from unisim_blender.core.scenario.limits import MOST_MEMBERS, MOST_VALUES
-from unisim_blender.core.scenario.types import EDIT_TYPES
+from unisim_blender.core.scenario.schema import scenario_schema
 
 KEYS = [
     {"time_s": 0.0, "position": [1, 2.5, 3], "yaw_deg": 10},
@@ -116,7 +116,7 @@ def test_the_schema_is_a_schema() -> None:
 def test_the_example_has_every_edit_and_the_schema_knows_no_other() -> None:
     assert (
         {edit["type"] for edit in EDITS}
-        == set(EDIT_TYPES)
+        == set(REGISTERED)
         == set(scenario_schema()["$defs"]["edit"]["properties"]["type"]["enum"])
     )
 
@@ -286,7 +286,7 @@ def test_the_pages_examples_are_valid_and_show_every_edit() -> None:
     examples = documented_examples()
     for example in examples:
         assert same_json(scenario_to_json(scenario_from_json(example)), example)
-    assert {edit["type"] for example in examples for edit in example["edits"]} == set(EDIT_TYPES)
+    assert {edit["type"] for example in examples for edit in example["edits"]} == set(REGISTERED)
 
 
 @pytest.mark.parametrize("name", ("edits", "frames", "trajectory", "cameras"))

@@ -18,8 +18,7 @@ from unisim_blender.core.errors import LogError, OutputError, ScenarioError
 from unisim_blender.core.evaluate import true_edits
 from unisim_blender.core.evaluate.true_edits import TrueEdit
 from unisim_blender.core.geometry import FloatArray, make_pose, points_in_box
-from unisim_blender.core.scenario import load_scenario, scenario_from_json
-from unisim_blender.core.scenario.edits import apply_scenario
+from unisim_blender.core.scenario import apply_scenario, load_scenario, scenario_from_json
 from unisim_blender.core.street.atlas import Detail, Model, painted
 from unisim_blender.core.street.bundles import make_bundles
 from unisim_blender.core.street.cut import inside, outside

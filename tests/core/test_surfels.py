@@ -36,8 +36,7 @@ from unisim_blender.core.render.tracers.surfels.placed import PlacedSurfels
 from unisim_blender.core.render.tracers.surfels.tracer import SurfelBackend
 from unisim_blender.core.render.tracers.surfels.views import open_view
 from unisim_blender.core.render.tracers.warping.tracer import WarpTracer
-from unisim_blender.core.scenario import scenario_from_json
-from unisim_blender.core.scenario.edits import apply_scenario
+from unisim_blender.core.scenario import apply_scenario, scenario_from_json
 from unisim_blender.core.sensors.frames import CameraFrame
 from unisim_blender.core.street.street import Street, build_street, load_street
 from unisim_blender.core.street.truth import truth_camera, truth_lidar

@@ -165,7 +165,7 @@ def blended(kind: str, pressed: tuple[str, ...], path: str, least: float) -> Ite
     yield from keys(*pressed)
 
     def keyed() -> list[int]:
-        curves = sys.modules[f"{MODULE}.bridge.animation"].curves_of(thing(name))
+        curves = sys.modules[f"{MODULE}.bridge.objects.animation"].curves_of(thing(name))
         return [len(curve.keyframe_points) for curve in curves if curve.data_path == path]
 
     yield from until(lambda: keyed() and set(keyed()) == {3}, f"the change is not blended: {keyed()} keys", 10)

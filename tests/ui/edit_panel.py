@@ -22,7 +22,7 @@ def module(name: str) -> Any:
 
 def lines() -> list[Any]:
     """The list that the panel shows; none while it is being read."""
-    reading = module("bridge.edit_reading").reading_of(bpy.context.scene)
+    reading = module("bridge.sampling.edit_list").reading_of(bpy.context.scene)
     return list(reading.lines) if reading.fresh else []
 
 
@@ -131,7 +131,7 @@ def opened() -> Iterator[float]:
     with inside(area("VIEW_3D")):
         bpy.ops.screen.screen_full_area()
     yield 1.0
-    yield from until(lambda: module("bridge.edit_reading").reading_of(bpy.context.scene).fresh, "the list is not read")
+    yield from until(lambda: module("bridge.sampling.edit_list").reading_of(bpy.context.scene).fresh, "the list is not read")
     assert not lines() and view()[2].view_perspective == "CAMERA"
 
 

@@ -160,8 +160,8 @@ def dragged_handle() -> Iterator[float]:
     yield from until(lambda: bpy.context.view_layer.objects.active == thing(car) and thing(car).select_get(), "not selected", 5)
     yield 0.5
     screenshot("handles")
-    clock = module("bridge.clock").Clock.of(module("bridge.source").source_of(bpy.context.scene).drive)
-    handles = module("bridge.handles").handles_of(thing(car), clock)
+    clock = module("editing.sampled.clock").Clock.of(module("bridge.objects.source").source_of(bpy.context.scene).drive)
+    handles = module("bridge.changes.handles").handles_of(thing(car), clock)
     handle = min(handles, key=lambda one: abs(one.time_s - 1.0))
     x, y = place(Vector(handle.place))
     yield from to(x, y)
@@ -172,7 +172,7 @@ def dragged_handle() -> Iterator[float]:
     drag_of = module("operators.drag")
     up = np.array([0.0, 0.0, 1.0])
     first, last = (drag_of.on_plane(*ray_at(*np.round(at)), handle.place, up) for at in ((x, y), (x - 60, y + 25)))
-    apply, source = module("core.scenario.edits").apply_scenario, module("bridge.source").source_of(bpy.context.scene)
+    apply, source = module("core.scenario").apply_scenario, module("bridge.objects.source").source_of(bpy.context.scene)
     now = apply(scenario(), source.drive, module("core.prepare.scenario").scene_actors).actors[thing(car).unisim.uid]
     before = source.drive.actors[thing(car).unisim.uid]
     moved = (now.world_from_actor.at(handle.time_s) - before.world_from_actor.at(handle.time_s))[:3, 3]
@@ -183,7 +183,7 @@ def dragged_handle() -> Iterator[float]:
     yield from key("Z", ctrl=True)
     yield from until(lambda: not edits(), "one Ctrl-Z does not undo the handle", 5)
     assert thing(car).animation_data is None or not [
-        c for c in module("bridge.animation").curves_of(thing(car)) if c.data_path == "location"
+        c for c in module("bridge.objects.animation").curves_of(thing(car)) if c.data_path == "location"
     ]
 
 
@@ -201,8 +201,8 @@ def clicked_through() -> Iterator[float]:
     yield from click()
     yield 0.5
     assert bpy.context.view_layer.objects.active == thing(car) and thing(car).select_get() and scenario() == before
-    clock = module("bridge.clock").Clock.of(module("bridge.source").source_of(bpy.context.scene).drive)
-    free = next(h for h in module("bridge.handles").handles_of(thing(car), clock) if not h.is_key)
+    clock = module("editing.sampled.clock").Clock.of(module("bridge.objects.source").source_of(bpy.context.scene).drive)
+    free = next(h for h in module("bridge.changes.handles").handles_of(thing(car), clock) if not h.is_key)
     yield from to(*place(Vector(free.place)))
     yield 0.3
     yield from click()
@@ -222,7 +222,7 @@ def aimed(kind: str) -> Iterator[float]:
     looks.view_location, looks.view_distance = thing(sensor).matrix_world.translation, 16.0
     looks.update()
     yield 0.6
-    drag_of, aiming = module("operators.drag"), module("bridge.aiming")
+    drag_of, aiming = module("operators.drag"), module("bridge.changes.aiming")
     before = np.degrees(aiming.direction_of(thing(sensor)))
     x, y = place(Vector(drag_of.target_of(thing(sensor))))
     yield from to(x, y)

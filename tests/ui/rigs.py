@@ -44,7 +44,7 @@ def sensors() -> list[str]:
 
 def presets() -> list[str]:
     """Names of one's own presets."""
-    return [path.stem for path in sys.modules[f"{MODULE}.bridge.rig_presets"].own_presets()]
+    return [path.stem for path in sys.modules[f"{MODULE}.bridge.importing.rig_presets"].own_presets()]
 
 
 def region_of(kind: str) -> bpy.types.Region:
@@ -164,8 +164,8 @@ def moved_sensor() -> Iterator[float]:
     for press in (("G",), ("Z",), ("ONE", "1"), ("RET",)):
         yield from key(*press)
     yield 0.6
-    card = sys.modules[f"{MODULE}.bridge.sensor_facts"].card_of_sensor
-    drive = sys.modules[f"{MODULE}.bridge.source"].source_of(bpy.context.scene).drive
+    card = sys.modules[f"{MODULE}.bridge.views.sensor_facts"].card_of_sensor
+    drive = sys.modules[f"{MODULE}.bridge.objects.source"].source_of(bpy.context.scene).drive
     assert card(bpy.context.scene, thing("front_camera"), drive).state == "recorded, moved"
 
 

@@ -144,7 +144,7 @@ def keys(*pressed: str) -> Iterator[float]:
 
 def drives(one: bpy.types.Object) -> bool:
     """Return whether an actor has a trajectory, on a parent or, as in earlier versions, as keys of its own."""
-    curves = sys.modules[f"{MODULE}.bridge.animation"].curves_of(one)
+    curves = sys.modules[f"{MODULE}.bridge.objects.animation"].curves_of(one)
     return one.parent is not None or any(c.data_path == "location" and len(c.keyframe_points) > 1 for c in curves)
 
 

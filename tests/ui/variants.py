@@ -82,9 +82,9 @@ def compared_variants() -> Iterator[float]:
     """A click on the arrows beside the other one lists what differs."""
     yield from press("unisim.compare_variant", across=ARROWS, name=names["second"])
     yield 1.0
-    reading = module("bridge.edit_reading").reading_of
+    reading = module("bridge.sampling.edit_list").reading_of
     both = [reading(bpy.data.scenes[names[name]]).lines for name in ("first", "second")]
-    (one,) = module("bridge.compare_edits").differences(*both)
+    (one,) = module("editing.edits.differences").differences(*both)
     assert one.here.what.startswith("Moved 3.0 m") and one.there.what.startswith("Moved 5.0 m")
     for wheel, name in (("WHEELDOWNMOUSE", "variants_comparison"), ("WHEELUPMOUSE", "variants_scrolled_back")):
         for _ in range(12):
@@ -108,7 +108,7 @@ def deleted_variant() -> Iterator[float]:
     yield from to(*middle(area("VIEW_3D")))
     yield from key("Z", ctrl=True)
     yield from until(lambda: names["second"] in bpy.data.scenes, "the variant does not come back")
-    reading = module("bridge.edit_reading").reading_of
+    reading = module("bridge.sampling.edit_list").reading_of
     yield from until(lambda: reading(bpy.data.scenes[names["second"]]).fresh, "it is not read")
     assert [line.what for line in reading(bpy.data.scenes[names["second"]]).lines] == ["Moved 5.0 m left"]
 

@@ -1,1 +1,1 @@
-"""Between core's types and what stands in a Blender scene. Blender's axes appear here and nowhere else."""
+"""Blender's side of a drive: everything that reads or changes a Blender scene. What needs no Blender lies in `editing`."""

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from ..bridge.animation import LINEAR, add_keys, fcurves_of
+from ..bridge.objects.animation import LINEAR, add_keys, fcurves_of
 from ..core.geometry import FloatArray, quaternion_from_matrix
 from ..core.street.atlas import Model
 from ..core.street.materials import Finish

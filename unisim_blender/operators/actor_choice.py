@@ -9,13 +9,13 @@ from typing import Any
 import bpy
 
 from .. import thumbnails
-from ..bridge.actor_filter import natural
-from ..bridge.naming import named_actors
-from ..bridge.source import source_of
+from ..bridge.objects.source import source_of
 from ..core.actor_images.names import group_of, readable_names
 from ..core.errors import UnisimError
 from ..core.model.scene_file import HEADER_NAME, read_scene_header
 from ..core.world.drive import Actor
+from ..editing.actors.filter import natural
+from ..editing.actors.names import named_actors
 
 PAGE = 32
 """Thumbnails in one grid: what fits the window."""

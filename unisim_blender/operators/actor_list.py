@@ -8,12 +8,12 @@ from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, Po
 from mathutils import Euler
 
 from .. import listing
-from ..bridge.actor_filter import nearest_present
-from ..bridge.clock import Clock
-from ..bridge.selection import choose
-from ..bridge.source import source_of
-from ..bridge.things import things
+from ..bridge.objects.imported import things
+from ..bridge.objects.source import source_of
+from ..bridge.window.selection import choose
 from ..core.errors import UnisimError
+from ..editing.actors.filter import nearest_present
+from ..editing.sampled.clock import Clock
 from ..registering import add, take_away
 from .polling import allowed, drive, object_mode
 

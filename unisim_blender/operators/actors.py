@@ -3,13 +3,13 @@
 import bpy
 from bpy.props import EnumProperty, FloatProperty
 
-from ..bridge.copies import copy_of
-from ..bridge.meshes import size_of
-from ..bridge.motion import displaced_along, moved_to
-from ..bridge.refresh import refresh
-from ..bridge.sampling import frame_of
-from ..bridge.selection import choose, chosen
-from ..bridge.trajectories import remove
+from ..bridge.changes.motion import displaced_along, moved_to
+from ..bridge.objects.copies import copy_of
+from ..bridge.objects.meshes import size_of
+from ..bridge.objects.trajectories import remove
+from ..bridge.sampling.stepping import frame_of
+from ..bridge.window.refresh import refresh
+from ..bridge.window.selection import choose, chosen
 from ..translations import message
 from .polling import allowed, object_mode, selected
 

@@ -8,12 +8,14 @@ import bpy
 import numpy as np
 from bpy.props import StringProperty
 
-from ..bridge.naming import names_at_import
-from ..bridge.portraits import portrait_request, set_preview
-from ..bridge.source import Source, source_of
-from ..bridge.things import new_actor
+from ..bridge.objects.imported import new_actor
+from ..bridge.objects.source import source_of
+from ..bridge.views.portraits import set_preview
 from ..client import client
 from ..core.errors import UnisimError
+from ..editing.actors.names import names_at_import
+from ..editing.actors.portrait_views import portrait_request
+from ..editing.sampled.source import Source
 from ..preferences import device, interpreter
 from ..translations import message
 from .actor_choice import size_text

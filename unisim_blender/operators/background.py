@@ -9,8 +9,8 @@ import bpy
 import numpy as np
 from bpy.app.handlers import persistent
 
-from ..bridge.chart import Picture, training_chart
-from ..bridge.windows import areas, redraw_status_bar
+from ..bridge.window.areas import areas, redraw_status_bar
+from ..editing.layout.chart import Picture, training_chart
 from ..registering import add, take_away
 from ..tasks import SequenceTask, Task, TrainingTask
 from ..translations import message

@@ -10,13 +10,14 @@ import numpy as np
 from bpy.app.handlers import persistent
 from bpy.props import FloatVectorProperty, IntProperty, StringProperty
 
-from ..bridge.clock import Clock
-from ..bridge.edit_state import edit_state
-from ..bridge.plausibility import Finding, warnings_of
-from ..bridge.sampling import Sampled, sample_all
-from ..bridge.selection import choose
-from ..bridge.source import source_of
-from ..bridge.windows import areas
+from ..bridge.objects.source import source_of
+from ..bridge.sampling.edit_state import edit_state
+from ..bridge.sampling.stepping import sample_all
+from ..bridge.window.areas import areas
+from ..bridge.window.selection import choose
+from ..editing.motion.plausibility import Finding, warnings_of
+from ..editing.sampled.clock import Clock
+from ..editing.sampled.scene import Sampled
 from ..following import dragging
 from ..registering import add, take_away
 from ..translations import message

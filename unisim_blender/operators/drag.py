@@ -13,17 +13,18 @@ from bpy.props import FloatProperty, FloatVectorProperty
 from bpy_extras.view3d_utils import region_2d_to_origin_3d, region_2d_to_vector_3d
 from mathutils import Vector
 
-from ..bridge.aiming import aim, angles, base_of, direction_of, is_keyed
-from ..bridge.clock import Clock
-from ..bridge.durations import instant
-from ..bridge.handles import Kept, displace_at
-from ..bridge.motion import displaced_along
-from ..bridge.refresh import refresh
-from ..bridge.source import source_of
-from ..bridge.things import things
-from ..bridge.trajectories import keyed_pose, trajectory_of
+from ..bridge.changes.aiming import aim, base_of, direction_of, is_keyed
+from ..bridge.changes.handles import Kept, displace_at
+from ..bridge.changes.motion import displaced_along
+from ..bridge.objects.imported import things
+from ..bridge.objects.source import source_of
+from ..bridge.objects.trajectories import keyed_pose, trajectory_of
+from ..bridge.window.refresh import refresh
 from ..core.errors import UnisimError
 from ..core.geometry import FloatArray
+from ..editing.motion.durations import instant
+from ..editing.sampled.clock import Clock
+from ..editing.sensors.directions import angles
 from .polling import Need, allowed, object_mode, vehicle
 
 CLICK_PX = 3

@@ -8,14 +8,14 @@ import bpy
 import numpy as np
 from bpy.props import IntProperty, StringProperty
 
-from ..bridge.clock import Clock
-from ..bridge.edit_lines import Line
-from ..bridge.edit_reading import read_now, reading_of
-from ..bridge.muting import drop, mute, rivals_of, unmute
-from ..bridge.reverting import revert
-from ..bridge.selection import choose
-from ..bridge.source import source_of
+from ..bridge.changes.muting import drop, mute, rivals_of, unmute
+from ..bridge.changes.reverting import revert
+from ..bridge.objects.source import source_of
+from ..bridge.sampling.edit_list import read_now, reading_of
+from ..bridge.window.selection import choose
 from ..core.errors import UnisimError
+from ..editing.edits.lines import Line
+from ..editing.sampled.clock import Clock
 from .polling import allowed, drive, object_mode
 
 

@@ -3,9 +3,9 @@
 import bpy
 from bpy.props import FloatProperty
 
-from ..bridge.motion import displaced_along
-from ..bridge.refresh import refresh
-from ..bridge.things import things
+from ..bridge.changes.motion import displaced_along
+from ..bridge.objects.imported import things
+from ..bridge.window.refresh import refresh
 from .polling import allowed, object_mode, vehicle
 
 

@@ -3,10 +3,10 @@
 import bpy
 from bpy.props import EnumProperty, StringProperty
 
-from ..bridge.ego_bodies import make_body, release_body
-from ..bridge.meshes import parts
-from ..bridge.refresh import refresh
-from ..bridge.selection import choose, chosen
+from ..bridge.objects.ego_bodies import make_body, release_body
+from ..bridge.objects.meshes import parts
+from ..bridge.window.refresh import refresh
+from ..bridge.window.selection import choose, chosen
 from ..core.scenario.edits.ego_body import LABEL
 from .meshes import DIRECTIONS, marked_above
 from .polling import allowed, object_mode, selected, vehicle

@@ -7,13 +7,14 @@ import bpy
 from bpy.props import StringProperty
 from bpy_extras.io_utils import ExportHelper
 
-from ..bridge.clock import Clock
-from ..bridge.reading import read_scenario
-from ..bridge.sample_steps import sample_steps
-from ..bridge.sampling import Sampled, sample_all
-from ..bridge.source import source_of
-from ..bridge.writing import write_scenario
+from ..bridge.objects.source import source_of
+from ..bridge.sampling.in_steps import sample_steps
+from ..bridge.sampling.stepping import sample_all
 from ..core.scenario.types import FrameRange, Outputs, Scenario
+from ..editing.reading.scenario import read_scenario
+from ..editing.reading.writing import write_scenario
+from ..editing.sampled.clock import Clock
+from ..editing.sampled.scene import Sampled
 from ..registering import add, take_away
 from ..translations import message
 from .in_steps import InSteps, in_thread

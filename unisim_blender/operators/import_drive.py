@@ -10,21 +10,20 @@ import bpy
 from bpy.props import StringProperty
 from bpy_extras.io_utils import ImportHelper
 
-from ..bridge.applying import apply_edits
-from ..bridge.importing import import_source, recorded_colours, set_colours, summary
-from ..bridge.source import Source, open_source
-from ..bridge.things import has_drive
-from ..bridge.windows import areas
+from ..bridge.changes.applying import apply_edits
+from ..bridge.importing.drive import import_source, recorded_colours, set_colours, summary
+from ..bridge.objects.imported import has_drive
+from ..bridge.window.areas import areas
 from ..core.data import is_pandaset
 from ..core.errors import UnisimError
 from ..core.json_file import read_json
 from ..core.model.scene_file import HEADER_NAME, read_scene_header
 from ..core.prepare.scenario import scene_actors
 from ..core.rigs import FORMAT as RIG_FORMAT
-from ..core.scenario import FORMAT, load_scenario
-from ..core.scenario.edits import apply_scenario
+from ..core.scenario import FORMAT, apply_scenario, load_scenario
 from ..core.scenario.types import Scenario
 from ..core.world.drive import Drive
+from ..editing.sampled.source import Source, open_source
 from ..registering import add, take_away
 from ..translations import message
 from ..view_types import follow_soon

@@ -8,11 +8,11 @@ import numpy as np
 from bpy.props import EnumProperty, IntProperty, StringProperty
 from bpy_extras.io_utils import ImportHelper
 
-from ..bridge.meshes import scale_of, size_of
-from ..bridge.motion import displaced_along
-from ..bridge.refresh import refresh
-from ..bridge.selection import choose, chosen
-from ..bridge.things import box_mesh, collection_of, new_actor
+from ..bridge.changes.motion import displaced_along
+from ..bridge.objects.imported import box_mesh, collection_of, new_actor
+from ..bridge.objects.meshes import scale_of, size_of
+from ..bridge.window.refresh import refresh
+from ..bridge.window.selection import choose, chosen
 from ..core.actor_images.names import group_of
 from ..core.errors import UnisimError
 from ..core.model.scene_file import HEADER_NAME

@@ -3,9 +3,9 @@
 import bpy
 from bpy.props import EnumProperty, StringProperty
 
-from ..bridge.mesh_objects import make_actor
-from ..bridge.meshes import parts
-from ..bridge.selection import choose, chosen
+from ..bridge.objects.mesh_objects import make_actor
+from ..bridge.objects.meshes import parts
+from ..bridge.window.selection import choose, chosen
 from ..translations import message
 from .polling import allowed, drive, object_mode, selected
 

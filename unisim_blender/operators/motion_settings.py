@@ -5,11 +5,11 @@ from __future__ import annotations
 import bpy
 from bpy.props import BoolProperty, FloatProperty, PointerProperty
 
-from ..bridge.clock import Clock
-from ..bridge.kinematics import Compared, Limits
-from ..bridge.motions import compared_now
-from ..bridge.source import source_of
+from ..bridge.objects.source import source_of
+from ..bridge.views.motions import compared_now
 from ..core.errors import UnisimError
+from ..editing.motion.kinematics import Compared, Limits
+from ..editing.sampled.clock import Clock
 from ..registering import add, take_away
 
 DEFAULT = Limits()

@@ -4,16 +4,16 @@ import bpy
 import numpy as np
 from bpy.props import FloatProperty
 
-from ..bridge.clock import Clock
-from ..bridge.durations import followed
-from ..bridge.ground import ground_height
-from ..bridge.meshes import size_of
-from ..bridge.motion import displaced_along, follow
-from ..bridge.refresh import refresh
-from ..bridge.sampling import frame_of
-from ..bridge.selection import chosen
-from ..bridge.source import source_of
+from ..bridge.changes.motion import displaced_along, follow
+from ..bridge.objects.meshes import size_of
+from ..bridge.objects.source import source_of
+from ..bridge.sampling.stepping import frame_of
+from ..bridge.window.refresh import refresh
+from ..bridge.window.selection import chosen
 from ..core.errors import UnisimError
+from ..editing.motion.durations import followed
+from ..editing.motion.ground import ground_height
+from ..editing.sampled.clock import Clock
 from ..translations import message
 from .polling import allowed, object_mode, selected
 

@@ -7,16 +7,17 @@ from typing import Any
 import bpy
 from bpy.app.handlers import persistent
 
-from ..bridge.clock import Clock
-from ..bridge.neighbours import lacking, sample_now, step_beside
-from ..bridge.point_colours import RECORDED, SIMULATED
-from ..bridge.points import Recorded, hide_points, put_points, put_recorded, read_recorded
-from ..bridge.sampling import frame_of
-from ..bridge.snapshot import lidar_request
-from ..bridge.source import source_of
-from ..bridge.windows import areas
+from ..bridge.objects.source import source_of
+from ..bridge.sampling.adjacent_frames import lacking, sample_now, step_beside
+from ..bridge.sampling.stepping import frame_of
+from ..bridge.views.points import hide_points, put_points, put_recorded
+from ..bridge.window.areas import areas
 from ..client import Client, Request, client, progress_line
 from ..core.errors import UnisimError
+from ..editing.layout.point_colours import RECORDED, SIMULATED
+from ..editing.reading.requests import lidar_request
+from ..editing.sampled.clock import Clock
+from ..editing.sensors.returns import Recorded, read_recorded
 from ..preferences import device, interpreter
 from ..registering import add, take_away
 from .polling import allowed, drive

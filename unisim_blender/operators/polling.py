@@ -6,8 +6,8 @@ from typing import Any
 
 import bpy
 
-from ..bridge.selection import chosen
-from ..bridge.things import things
+from ..bridge.objects.imported import things
+from ..bridge.window.selection import chosen
 from ..translations import tooltip
 
 Need = tuple[object, str]

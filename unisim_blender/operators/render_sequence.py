@@ -5,10 +5,10 @@ from pathlib import Path
 
 import bpy
 
-from ..bridge.output_sensors import output_sensors
-from ..bridge.source import source_of
-from ..bridge.writing import write_scenario
+from ..bridge.objects.source import source_of
+from ..bridge.sampling.output_sensors import output_sensors
 from ..core.errors import UnisimError
+from ..editing.reading.writing import write_scenario
 from ..preferences import device, interpreter
 from ..tasks import SequenceTask
 from ..translations import message

@@ -6,7 +6,7 @@ from pathlib import Path
 import bpy
 from bpy.props import EnumProperty
 
-from ..bridge.results import Frames, player_command, rendered_cameras
+from ..editing.images.rendered import Frames, player_command, rendered_cameras
 from ..translations import message
 from .polling import Need, allowed, drive
 

@@ -6,15 +6,15 @@ import bpy
 import numpy as np
 from bpy.props import EnumProperty, FloatProperty
 
-from ..bridge.clock import Clock
-from ..bridge.durations import duration, instant, stretched
-from ..bridge.motion import retimed, stopped
-from ..bridge.refresh import refresh
-from ..bridge.sampling import frame_of
-from ..bridge.selection import chosen
-from ..bridge.source import source_of
+from ..bridge.changes.motion import retimed, stopped
+from ..bridge.objects.source import source_of
+from ..bridge.sampling.stepping import frame_of
+from ..bridge.window.refresh import refresh
+from ..bridge.window.selection import chosen
 from ..core.errors import UnisimError
 from ..core.geometry import FloatArray
+from ..editing.motion.durations import duration, instant, stretched
+from ..editing.sampled.clock import Clock
 from ..translations import message
 from .polling import allowed, object_mode, selected
 

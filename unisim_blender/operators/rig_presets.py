@@ -5,11 +5,20 @@ from pathlib import Path
 import bpy
 from bpy.props import BoolProperty, EnumProperty, FloatVectorProperty, StringProperty
 
-from ..bridge.importing import counted
-from ..bridge.refresh import refresh
-from ..bridge.rig_presets import bring_back, hidden_sensors, look_ahead, own_presets, preset_file, put_rig, rig_of, users_folder
-from ..bridge.selection import choose
-from ..bridge.source import source_of
+from ..bridge.importing.drive import counted
+from ..bridge.importing.rig_presets import (
+    bring_back,
+    hidden_sensors,
+    look_ahead,
+    own_presets,
+    preset_file,
+    put_rig,
+    rig_of,
+    users_folder,
+)
+from ..bridge.objects.source import source_of
+from ..bridge.window.refresh import refresh
+from ..bridge.window.selection import choose
 from ..core.errors import UnisimError
 from ..core.rigs import Rig, read_rig, write_rig
 from .polling import Need, allowed, object_mode, vehicle

@@ -8,17 +8,18 @@ import bpy
 import numpy as np
 from bpy.props import EnumProperty, FloatProperty, FloatVectorProperty, IntProperty, StringProperty
 
-from ..bridge.cameras import set_model
-from ..bridge.importing import DISPLAY_M, fit_resolution
-from ..bridge.refresh import refresh
-from ..bridge.rig import lidar_json
-from ..bridge.rig_presets import free_name, look_ahead, show_sensor
-from ..bridge.selection import choose, chosen
-from ..bridge.source import source_of
-from ..bridge.things import collection_of, things
+from ..bridge.importing.drive import fit_resolution
+from ..bridge.importing.rig_presets import free_name, look_ahead, show_sensor
+from ..bridge.objects.cameras import set_model
+from ..bridge.objects.imported import collection_of, things
+from ..bridge.objects.source import source_of
+from ..bridge.window.refresh import refresh
+from ..bridge.window.selection import choose, chosen
 from ..core.errors import UnisimError
 from ..core.sensors.beam_tables import BEAM_TABLES
 from ..core.world.drive import CameraModel, LidarModel
+from ..editing.sensors.mounts import lidar_json
+from ..editing.sensors.outlines import DISPLAY_M
 from .polling import allowed, object_mode, selected, vehicle
 
 OWN = "OWN"

@@ -3,13 +3,13 @@
 import bpy
 from bpy.props import FloatProperty
 
-from ..bridge.clock import Clock
-from ..bridge.durations import duration
-from ..bridge.refresh import refresh
-from ..bridge.selection import chosen
-from ..bridge.shifting import shift
-from ..bridge.source import source_of
+from ..bridge.changes.shifting import shift
+from ..bridge.objects.source import source_of
+from ..bridge.window.refresh import refresh
+from ..bridge.window.selection import chosen
 from ..core.errors import UnisimError
+from ..editing.motion.durations import duration
+from ..editing.sampled.clock import Clock
 from .polling import allowed, object_mode, selected
 
 

@@ -4,10 +4,10 @@ import bpy
 import numpy as np
 from bpy.props import FloatVectorProperty
 
-from ..bridge.copies import copy_of
-from ..bridge.poses import rigid
-from ..bridge.selection import choose, chosen
-from ..bridge.static_items import forget, mark
+from ..bridge.objects.copies import copy_of
+from ..bridge.objects.static_items import forget, mark
+from ..bridge.window.selection import choose, chosen
+from ..editing.sampled.poses import rigid
 from .polling import allowed, drive, object_mode, selected
 
 

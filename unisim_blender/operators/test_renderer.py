@@ -5,7 +5,7 @@ import threading
 import bpy
 
 from .. import interpreters
-from ..bridge.windows import areas
+from ..bridge.window.areas import areas
 from ..preferences import interpreter
 from ..translations import message
 

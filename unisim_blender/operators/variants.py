@@ -9,21 +9,14 @@ from typing import Any
 import bpy
 from bpy.props import StringProperty
 
-from ..bridge.edit_reading import mark_all
-from ..bridge.output_sensors import output_sensors
-from ..bridge.source import source_of
-from ..bridge.variants import (
-    delete_variant,
-    file_names,
-    free_name,
-    new_variant,
-    rename_variant,
-    show_variant,
-    variants_of,
-)
-from ..bridge.windows import areas
-from ..bridge.writing import write_scenario
+from ..bridge.changes.variants import delete_variant, new_variant, rename_variant, show_variant, variants_of
+from ..bridge.objects.source import source_of
+from ..bridge.sampling.edit_list import mark_all
+from ..bridge.sampling.output_sensors import output_sensors
+from ..bridge.window.areas import areas
 from ..core.errors import UnisimError
+from ..editing.edits.variant_names import file_names, free_name
+from ..editing.reading.writing import write_scenario
 from ..preferences import interpreter
 from ..variant_task import Part, VariantsTask
 from .background import launch, running
@@ -68,7 +61,7 @@ class UNISIM_OT_new_variant(_Named, bpy.types.Operator):
 
     def proposed(self, context: bpy.types.Context) -> str:
         """The next free name."""
-        return free_name(FIRST)
+        return free_name(FIRST, bpy.data.scenes)
 
     def do(self, context: bpy.types.Context, name: str) -> None:
         """Copy the scene."""

@@ -6,9 +6,10 @@ from pathlib import Path
 import bpy
 
 from .. import thumbnails
-from ..bridge.card import Card, card_of
-from ..bridge.source import source_of
+from ..bridge.objects.source import source_of
+from ..bridge.views.card import card_of
 from ..core.errors import UnisimError
+from ..editing.actors.card import Card
 from ..operators.actor_choice import header_of
 from ..translations import interface
 from .sidebar import DrivePanel, row_of

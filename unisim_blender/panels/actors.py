@@ -3,7 +3,7 @@
 import bpy
 
 from .. import listing
-from ..bridge.actor_filter import Entry
+from ..editing.actors.texts import dense, distance_text, speed_text, time_text
 from ..operators.actor_list import ICONS
 from .sidebar import DrivePanel
 
@@ -32,23 +32,6 @@ def columns(layout: bpy.types.UILayout) -> tuple[bpy.types.UILayout, ...]:
     for part in found[1:4]:
         part.alignment = "RIGHT"
     return found
-
-
-def distance_text(entry: Entry) -> str:
-    """Return how far an actor is from the ego vehicle, in metres; a dash where it is not there."""
-    return f"{entry.distance_m:.0f}" if entry.there else "–"
-
-
-def speed_text(entry: Entry) -> str:
-    """Return an actor's speed in km/h; a dash where it is not there."""
-    return f"{entry.speed_m_s * 3.6:.0f}" if entry.there else "–"
-
-
-def time_text(entry: Entry) -> str:
-    """Return from when to when an actor is there, in seconds."""
-    if entry.present_s is None:
-        return "never"
-    return "–".join(f"{time_s:.1f}".removesuffix(".0") for time_s in entry.present_s)
 
 
 class UNISIM_UL_actors(bpy.types.UIList):
@@ -103,12 +86,6 @@ class UNISIM_UL_actors(bpy.types.UIList):
     def draw_filter(self, context, layout):  # type: ignore[no-untyped-def]
         """The panel has the filter, always open."""
         layout.label(text="The filter is above the list")
-
-
-def dense(order: list[int]) -> list[int]:
-    """Return ranks without gaps, in the same order."""
-    places = {rank: place for place, rank in enumerate(sorted(order))}
-    return [places[rank] for rank in order]
 
 
 class UNISIM_PT_actors(DrivePanel, bpy.types.Panel):

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import bpy
 
-from ..bridge.things import things
+from ..bridge.objects.imported import things
 from ..compare_view import draw_options
 from ..translations import interface
 from .sidebar import Sidebar, row_of

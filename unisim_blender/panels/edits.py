@@ -7,9 +7,9 @@ from typing import Any
 import bpy
 
 from .. import edit_watch
-from ..bridge.edit_lines import Line
-from ..bridge.edit_reading import reading_of
-from ..bridge.importing import counted
+from ..bridge.importing.drive import counted
+from ..bridge.sampling.edit_list import reading_of
+from ..editing.edits.lines import Line
 from .sidebar import DrivePanel
 
 PAGE = 12

@@ -2,8 +2,8 @@
 
 import bpy
 
-from ..bridge.graph_layout import values
-from ..bridge.sampling import frame_of
+from ..bridge.sampling.stepping import frame_of
+from ..editing.layout.speed_graph import values
 from ..operators.motion_settings import NAMES, graph_of
 from .sidebar import DrivePanel, row_of
 

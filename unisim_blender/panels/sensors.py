@@ -3,12 +3,13 @@
 import bpy
 from bpy.props import IntProperty
 
-from ..bridge.rig_presets import built_in_presets, own_presets
-from ..bridge.selection import choose
-from ..bridge.sensor_facts import KINDS, card_of_sensor, rate_of, size_of_sensor
-from ..bridge.source import source_of
+from ..bridge.importing.rig_presets import built_in_presets, own_presets
+from ..bridge.objects.source import source_of
+from ..bridge.views.sensor_facts import KINDS, card_of_sensor, size_of_sensor
+from ..bridge.window.selection import choose
 from ..core.errors import UnisimError
 from ..core.world.drive import Drive
+from ..editing.sensors.facts import rate_of
 from ..registering import add, take_away
 from .sidebar import DrivePanel, row_of
 

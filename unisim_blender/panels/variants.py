@@ -7,9 +7,9 @@ from typing import Any
 import bpy
 
 from .. import edit_watch
-from ..bridge.compare_edits import Difference, compared
-from ..bridge.edit_reading import reading_of
-from ..bridge.variants import variants_of
+from ..bridge.changes.variants import variants_of
+from ..bridge.sampling.edit_list import reading_of
+from ..editing.edits.differences import Difference, compared
 from ..operators.background import newest
 from ..variant_task import VariantsTask
 from .edits import count_text, pressed

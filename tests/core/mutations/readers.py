@@ -34,8 +34,7 @@ from unisim_blender.core.model.scene_file import HEADER_NAME, WEIGHTS_NAME, read
 from unisim_blender.core.model.weights import read_weights
 from unisim_blender.core.render.tracers.compiled.scene import CompiledScene
 from unisim_blender.core.rigs import built_in_rigs, read_rig
-from unisim_blender.core.scenario import load_scenario
-from unisim_blender.core.scenario.edits import apply_scenario
+from unisim_blender.core.scenario import apply_scenario, load_scenario
 from unisim_blender.core.street.street import Recipe, load_street, recipe_document
 from unisim_blender.core.world.drive import Actor
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from ..data.log import Log
 from ..errors import UnisimError
 from ..prepare.scenario import prepare_scenario
-from ..scenario.types import Ego
+from ..scenario.edits import Ego
 from ..street.street import RECIPE_FILE, Street, load_street
 from ..street.usual_edits import FOLDER, spread_frames, write_scenarios
 from ..world.drive import Drive

@@ -10,8 +10,7 @@ from typing import Any, NamedTuple
 from ..data import open_log
 from ..errors import LogError, ScenarioError, SceneError
 from ..model.scene_file import SceneHeader, read_scene_header
-from ..scenario import FORMAT, load_scenario, scenario_from_json
-from ..scenario.edits import apply_scenario
+from ..scenario import FORMAT, apply_scenario, load_scenario, scenario_from_json
 from ..scenario.types import Scenario, StreetLog
 from ..world.drive import Actor, Drive
 from .replay import replayed_drive

@@ -1,9 +1,10 @@
-"""Scenario documents: read, checked and written. A document that is read and written again is the same document."""
+"""Scenario documents: read, checked, applied and written. A document that is read and written again is the same document."""
 
 from __future__ import annotations
 
 import json
 from dataclasses import fields, is_dataclass
+from functools import cache
 from pathlib import Path
 from types import UnionType
 from typing import Any, Union, get_args, get_origin, get_type_hints
@@ -11,11 +12,17 @@ from typing import Any, Union, get_args, get_origin, get_type_hints
 from ..errors import ScenarioError
 from ..json_file import check_finite, read_json, write_text
 from ..sensors.frames import FORMER_PASSES
-from .checks import check_document, check_scenario
-from .types import EDIT_TYPES, Edit, Scenario
+from . import edits  # noqa: F401 so that all are registered before a document is read
+from .apply import apply_scenario
+from .checks import check_scenario
+from .edit import EDITS, Edit
+from .schema import FORMAT, VERSION, check_document
+from .types import Scenario
 
-FORMAT = "unisim-scenario"
-VERSION = 1
+__all__ = [
+    "FORMAT", "VERSION", "apply_scenario", "build", "load_scenario", "plain", "save_scenario", "scenario_from_json",
+    "scenario_to_json",
+]  # fmt: skip
 
 
 def load_scenario(path: Path) -> Scenario:
@@ -74,8 +81,8 @@ def plain(value: Any) -> Any:
 
 def build(hint: Any, value: Any) -> Any:
     """A JSON ``value``, which the schema has passed, as the type that ``hint`` names."""
-    if hint == Edit:
-        kind = EDIT_TYPES[value["type"]]
+    if hint is Edit:
+        kind = EDITS[value["type"]]
         return build(kind, {key: member for key, member in value.items() if key != "type"})
     origin, choices = get_origin(hint), get_args(hint)
     if origin in (Union, UnionType):
@@ -86,9 +93,14 @@ def build(hint: Any, value: Any) -> Any:
     if origin is dict:
         return {key: build(choices[1], member) for key, member in value.items()}
     if is_dataclass(hint):
-        hints = get_type_hints(hint)
+        hints = _hints(hint)  # type: ignore[arg-type]
         return hint(**{key: build(hints[key], member) for key, member in value.items()})  # type: ignore[operator]
     return int(value) if hint is int else value  # JSON Schema counts 2.0 among the integers
+
+
+@cache
+def _hints(kind: type) -> dict[str, Any]:
+    return get_type_hints(kind)
 
 
 def _accepts(hint: Any, value: Any) -> bool:

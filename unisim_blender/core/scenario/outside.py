@@ -11,7 +11,7 @@ from ..geometry import Trajectory
 from ..world.captures import SECOND_US
 from ..world.drive import FRAME_MARGIN_S, Actor, Drive
 from .times import actors_outside, ego_outside, recording_us
-from .types import Duplicate, Insert, InsertMesh, Move, Retime, Scenario
+from .types import Scenario
 
 REACH_S = 1.0
 """Sensors look no earlier and no later than so long beside their captures."""
@@ -70,8 +70,12 @@ def carried_outside(drive: Drive, scenario: Scenario, times_us: Iterable[int]) -
 
 def _own_rules(scenario: Scenario) -> dict[str, str | None]:
     """Return what the last edit of where an actor is says of it outside its keys, by the actors' ids."""
-    moved = [edit for edit in scenario.edits if isinstance(edit, Duplicate | Insert | InsertMesh | Move | Retime)]
-    return {edit.actor if isinstance(edit, Move | Retime) else edit.id: edit.outside for edit in moved}
+    told: dict[str, str | None] = {}
+    for edit in scenario.edits:
+        uid = getattr(edit, "id", None) or getattr(edit, "actor", None)
+        if uid is not None and hasattr(edit, "outside"):
+            told[uid] = edit.outside
+    return told
 
 
 def _held(way: Trajectory, first_s: float, last_s: float) -> Trajectory:

@@ -11,9 +11,10 @@ from ..errors import ScenarioError, UnisimError
 from ..world.captures import SECOND_US, microseconds
 from ..world.drive import Drive
 from .limits import MOST_MEMBERS, MOST_S
-from .types import CameraSpec, LidarSpec, Outside, Scenario, TimeRange, Times
+from .sensors import CameraSpec, LidarSpec
+from .time_range import MOST_HZ, Outside, TimeRange, Times
+from .types import Scenario
 
-MOST_HZ = 10_000.0
 _NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
 _RANGE = re.compile(rf"({_NUMBER})?:({_NUMBER})?:({_NUMBER})")
 ABSENT_EGO = (

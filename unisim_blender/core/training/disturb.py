@@ -9,7 +9,7 @@ import numpy as np
 
 from ..data.log import Log
 from ..geometry import Trajectory, quaternion_from_yaw
-from ..scenario.edits.motion import quaternion_product
+from ..scenario.motion import quaternion_product
 from ..world.drive import Actor, Drive
 
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..geometry import FloatArray, Trajectory, matrix_from_quaternion, quaternion_from_yaw
-from ..scenario.edits.motion import quaternion_product
+from ..scenario.motion import quaternion_product
 from ..world.drive import Actor, Drive
 
 FEWEST_KEYS = 8

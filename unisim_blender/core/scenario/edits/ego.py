@@ -1,40 +1,71 @@
-"""The recording vehicle elsewhere: shifted to the left or on a new trajectory, its sensors and its body with it."""
+"""The edit `ego`: the recording vehicle shifted to the left or on a new trajectory, its sensors and its body with it."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ...geometry import FloatArray, Trajectory, invert_pose
 from ...world.drive import Drive
-from ..types import Ego
-from .context import SENSOR_MARGIN_S, Context
-from .motion import displaced, merged_times, offset_curve, sampled
+from ..context import SENSOR_MARGIN_S, Context
+from ..edit import Edit, register
+from ..faults import require
+from ..fragments import NUMBER, ref
+from ..keys import Keyframe, ShiftKey, check_keys
+from ..motion import displaced, merged_times, offset_curve, sampled
+from ..types import Scenario
 
 
-def ego(drive: Drive, edit: Ego, place: str, context: Context) -> Drive:
-    """The drive with the vehicle, all its sensors and its body elsewhere.
+@register
+@dataclass(frozen=True)
+class Ego(Edit):
+    """The recording vehicle drives further left, or elsewhere; its sensors ride along."""
 
-    A shift keeps every heading and every sensor's place on the vehicle exactly, at any time. On a new trajectory the sensors keep
-    their places to within `motion`'s tolerances.
-    """
-    if edit.trajectory is not None:
-        return _on_trajectory(drive, context.trajectory(None, edit.trajectory, edit.outside, place))
-    if edit.shift is None:
-        times, left = np.array([min(drive.time_s.values())]), np.array([float(edit.shift_left_m or 0.0)])
-    else:
-        times, left = context.key_times(edit.shift, f"{place}.shift"), np.array([key.left_m for key in edit.shift], float)
+    type = "ego"
+    members = {
+        "shift_left_m": NUMBER,
+        "shift": {"type": "array", "items": ref("shift_key"), "minItems": 1},
+        "trajectory": ref("keyframes"),
+        "outside": ref("outside"),
+    }
+    seen_by = "ego"
 
-    def offset_at(t: FloatArray) -> FloatArray:
-        shift = np.interp(t, times, left)
-        return np.stack([np.zeros_like(shift), shift, np.zeros_like(shift)], -1)
+    shift_left_m: float | None = None
+    shift: tuple[ShiftKey, ...] | None = None
+    trajectory: tuple[Keyframe, ...] | None = None
+    outside: str | None = None
 
-    start, end = _span(drive)
-    keys = merged_times(drive.world_from_ego.times_s, times, np.array([start, end]))
-    curve = offset_curve(drive.world_from_ego, keys, offset_at)
-    return _with_riders(drive, displaced(drive.world_from_ego, curve), lambda trajectory: displaced(trajectory, curve))
+    def check(self, scenario: Scenario, place: str) -> None:
+        """Refuse what says nothing or two things, and keys that are not in order."""
+        given = [name for name in ("shift_left_m", "shift", "trajectory") if getattr(self, name) is not None]
+        require(len(given) == 1, place, "needs shift_left_m, shift or trajectory, one of them")
+        require(self.outside is None or self.trajectory is not None, f"{place}.outside", "needs a trajectory")
+        check_keys(self.trajectory or (), f"{place}.trajectory")
+        check_keys(self.shift or (), f"{place}.shift")
+
+    def apply(self, drive: Drive, place: str, context: Context) -> Drive:
+        """The drive with the vehicle, all its sensors and its body elsewhere.
+
+        A shift keeps every heading and every sensor's place on the vehicle exactly, at any time. On a new trajectory the sensors
+        keep their places to within `motion`'s tolerances.
+        """
+        if self.trajectory is not None:
+            return _on_trajectory(drive, context.trajectory(None, self.trajectory, self.outside, place))
+        if self.shift is None:
+            times, left = np.array([min(drive.time_s.values())]), np.array([float(self.shift_left_m or 0.0)])
+        else:
+            times, left = context.key_times(self.shift, f"{place}.shift"), np.array([key.left_m for key in self.shift], float)
+
+        def offset_at(t: FloatArray) -> FloatArray:
+            shift = np.interp(t, times, left)
+            return np.stack([np.zeros_like(shift), shift, np.zeros_like(shift)], -1)
+
+        start, end = _span(drive)
+        keys = merged_times(drive.world_from_ego.times_s, times, np.array([start, end]))
+        curve = offset_curve(drive.world_from_ego, keys, offset_at)
+        return _with_riders(drive, displaced(drive.world_from_ego, curve), lambda trajectory: displaced(trajectory, curve))
 
 
 def _on_trajectory(drive: Drive, new: Trajectory) -> Drive:

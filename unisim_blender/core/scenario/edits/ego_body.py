@@ -1,31 +1,53 @@
-"""A mesh as the ego vehicle's body: it rides on the vehicle, and only sensors that do not ride there see it."""
+"""The edit `ego_body`: a body that rides on the vehicle, and that only sensors that do not ride there see."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from ...world.drive import Actor, Drive, Look
-from ..types import EgoBody
-from .actors import check_new, mesh_of
-from .context import SENSOR_MARGIN_S, Context, pose_of
-from .motion import is_moving, merged_times, sampled
+from ..actors import check_new, mesh_of, with_actor
+from ..context import SENSOR_MARGIN_S, Context
+from ..edit import Edit, register
+from ..fragments import PATH, TEXT, ref
+from ..motion import is_moving, merged_times, sampled
+from ..placement import Placement, check_rotation, pose_of
+from ..types import Scenario
 
 LABEL = "Car"
 """The class of a body whose class nobody told."""
 
 
-def ego_body(drive: Drive, edit: EgoBody, place: str, context: Context) -> Drive:
-    """The drive with a mesh on the vehicle, wherever edits before and after this one let it drive."""
-    path, size_m = mesh_of(edit.mesh, place, context)
-    check_new(drive, edit.id, place, context)
-    ego, mount = drive.world_from_ego, pose_of(edit.mount)
-    ends = np.array([min(drive.time_s.values()) - SENSOR_MARGIN_S, max(drive.time_s.values()) + SENSOR_MARGIN_S])
-    trajectory = sampled(lambda t: ego.at(t) @ mount, merged_times(ego.times_s, ends))
-    start, end = context.presence(None, place)
-    body = Actor(
-        edit.id, edit.label or LABEL, size_m, trajectory, start, end, is_moving(trajectory), Look(edit.id, mesh=str(path)),
-        inserted=True, is_ego_body=True,
-    )  # fmt: skip
-    return replace(drive, actors={**drive.actors, body.uid: body})
+@register
+@dataclass(frozen=True)
+class EgoBody(Edit):
+    """A mesh out of a file that is the ego vehicle's body: it rides at ``mount``, and the vehicle's own sensors do not see it."""
+
+    type = "ego_body"
+    members = {"mesh": PATH, "id": TEXT, "mount": ref("placement"), "label": TEXT}
+    meshes = ("mesh",)
+    seen_by = "ego_bodies"
+
+    mesh: str
+    id: str
+    mount: Placement
+    label: str | None = None
+
+    def check(self, scenario: Scenario, place: str) -> None:
+        """Refuse a mount whose rotation is none."""
+        check_rotation(self.mount, f"{place}.mount")
+
+    def apply(self, drive: Drive, place: str, context: Context) -> Drive:
+        """The drive with a mesh on the vehicle, wherever edits before and after this one let it drive."""
+        path, size_m = mesh_of(self.mesh, place, context)
+        check_new(drive, self.id, place, context)
+        ego, mount = drive.world_from_ego, pose_of(self.mount)
+        ends = np.array([min(drive.time_s.values()) - SENSOR_MARGIN_S, max(drive.time_s.values()) + SENSOR_MARGIN_S])
+        trajectory = sampled(lambda t: ego.at(t) @ mount, merged_times(ego.times_s, ends))
+        start, end = context.presence(None, place)
+        body = Actor(
+            self.id, self.label or LABEL, size_m, trajectory, start, end, is_moving(trajectory), Look(self.id, mesh=str(path)),
+            inserted=True, is_ego_body=True,
+        )  # fmt: skip
+        return with_actor(drive, body)

@@ -1,0 +1,41 @@
+"""A scenario's edits carried out on the objects of an imported scene, by their kinds: the other direction of readers."""
+
+from __future__ import annotations
+
+import bpy
+
+from ....core.scenario.types import FrameRange, Scenario
+from ....core.world.drive import Drive
+from ....editing.sampled.clock import Clock
+from ....editing.sampled.source import Source
+from .actors import apply_actors
+from .ego import apply_ego
+from .ego_bodies import apply_bodies
+from .sensors import apply_sensors
+from .static_items import apply_static
+from .target import Target
+
+APPLIED = (apply_actors, apply_static, apply_bodies, apply_ego, apply_sensors)
+"""In this order: sensors are put where the edited vehicle is."""
+
+
+def apply_edits(scene: bpy.types.Scene, source: Source, scenario: Scenario, edited: Drive) -> None:
+    """Make a freshly imported scene stand for ``scenario``, whose edits lead to the drive ``edited``."""
+    target = Target(scene, source.drive, scenario, edited, Clock.of(source.drive))
+    for applied in APPLIED:
+        applied(target)
+    _apply_settings(target)
+
+
+def _apply_settings(target: Target) -> None:
+    """Give the scene the scenario's frames and outputs."""
+    scene, frames, outputs = target.scene, target.scenario.frames, target.scenario.outputs
+    if isinstance(frames, FrameRange):
+        scene.frame_start, scene.frame_end = target.edited.frames[0], target.edited.frames[-1]
+        scene.frame_step = frames.step or 1
+    elif frames:
+        scene.frame_start, scene.frame_end = min(frames), max(frames)
+    if outputs is not None:
+        scene.unisim.passes = set(outputs.passes or ()) - {"rgb"}
+        scene.unisim.quality = outputs.quality or "balanced"
+        scene.unisim.contact_shadows = bool(outputs.contact_shadows)

@@ -1,0 +1,39 @@
+"""The actors of an edited drive in an imported scene, whichever edits made them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import bpy
+
+from ....core.meshes.read import read_mesh
+from ....core.world.drive import Actor
+from ...objects.imported import collection_of, new_actor, things
+from ...objects.mesh_objects import object_of
+from ...objects.trajectories import remove
+from .. import carriers  # noqa: F401 so that all are registered
+from ..carriers.carrier import CARRIERS, Edited
+from .target import Target
+
+
+def apply_actors(target: Target) -> None:
+    """Remove and change objects of recorded actors, and make those of new ones."""
+    scene, recorded, edited = target.scene, target.recorded, target.edited
+    own = {thing.unisim.uid: thing for thing in things(scene, "ACTOR") if thing.name == thing.unisim.home}
+    for uid, actor in recorded.actors.items():
+        now = edited.actors.get(uid)
+        if now is None:
+            remove(own[uid])
+        elif now is not actor:
+            _apply(target, own[uid], now, actor.look.actor)
+    for uid, actor in edited.actors.items():
+        if uid not in recorded.actors and not actor.is_ego_body:
+            mesh = actor.look.mesh
+            thing = object_of(uid, read_mesh(Path(mesh)), actor.label) if mesh else new_actor(uid, actor)
+            collection_of(scene, "ACTOR").objects.link(thing)
+            _apply(target, thing, actor, None if mesh else actor.look.actor if not actor.look.scene else "")
+
+
+def _apply(target: Target, thing: bpy.types.Object, actor: Actor, own_look: str | None) -> None:
+    for carrier in CARRIERS.values():
+        carrier.apply(thing, Edited(actor, target.edited, own_look, target.clock))

@@ -1,0 +1,20 @@
+"""The bodies of the vehicle in an imported scene."""
+
+from __future__ import annotations
+
+from ....core.meshes.read import read_mesh
+from ....core.scenario.edits.ego_body import LABEL, EgoBody
+from ....core.scenario.placement import pose_of
+from ...objects.ego_bodies import mount_body
+from ...objects.imported import collection_of
+from ...objects.mesh_objects import object_of
+from .target import Target
+
+
+def apply_bodies(target: Target) -> None:
+    """Make the bodies and mount them."""
+    for edit in target.scenario.edits:
+        if isinstance(edit, EgoBody):
+            thing = object_of(edit.id, read_mesh(target.scenario.resolve(edit.mesh)), edit.label or LABEL)
+            collection_of(target.scene, "BODY").objects.link(thing)
+            mount_body(thing, target.ego, pose_of(edit.mount), edit.label or LABEL)

@@ -1,0 +1,53 @@
+"""The sensors of a scenario in an imported scene."""
+
+from __future__ import annotations
+
+import bpy
+import numpy as np
+
+from ....core.geometry import invert_pose
+from ....core.scenario.sensors import CameraSpec, LidarSpec
+from ....core.world.drive import Camera, Lidar
+from ....editing.sampled.poses import optical
+from ....editing.sensors.mounts import lag, lidar_json, sensor_times
+from ...importing.drive import ride_on_vehicle
+from ...objects.cameras import set_model
+from ...objects.imported import make, things
+from ...objects.trajectories import remove
+from .target import Target
+
+
+def apply_sensors(target: Target) -> None:
+    """Remove sensors that are gone, and make or change the others."""
+    scene, scenario, edited, clock = target.scene, target.scenario, target.edited, target.clock
+    if scenario.sensors is None:
+        return
+    there: dict[str, Camera | Lidar] = {**edited.cameras, **edited.lidars}
+    for thing in list(things(scene, "CAMERA", "LIDAR")):
+        if thing.unisim.uid not in there:
+            remove(thing)
+    specs: list[CameraSpec | LidarSpec] = [*(scenario.sensors.cameras or ()), *(scenario.sensors.lidars or ())]
+    free = {spec.id for spec in specs if spec.trajectory is not None}
+    told = {spec.id: "ALWAYS" if spec.sees_ego_body else "NEVER" for spec in specs if spec.sees_ego_body is not None}
+    for name, sensor in there.items():
+        kind = "CAMERA" if isinstance(sensor, Camera) else "LIDAR"
+        data = bpy.data.cameras.new(name) if kind == "CAMERA" and not _known(scene, name) else None
+        thing = _known(scene, name) or make(scene, kind, name, name, data)
+        thing.unisim.sees_ego_body = told.get(name, "AUTO")
+        times = sensor_times(clock, sensor.time_s)
+        if isinstance(sensor, Camera):
+            set_model(thing, sensor.model)
+            world = optical(sensor.world_from_camera.at(times))
+        else:
+            thing.unisim.model = lidar_json(sensor.model)
+            world = sensor.world_from_lidar.at(times)
+        if name in free:
+            ride_on_vehicle(thing, world, np.tile(np.eye(4), (len(world), 1, 1)), None, clock)
+        else:
+            # where it is mounted, put where the recorded vehicle's motion has it at the frames
+            mount, late = invert_pose(edited.world_from_ego.at(times)) @ world, lag(sensor, target.recorded, clock)
+            ride_on_vehicle(thing, invert_pose(late) @ mount, late, target.ego, clock)
+
+
+def _known(scene: bpy.types.Scene, name: str) -> bpy.types.Object | None:
+    return next((thing for thing in things(scene, "CAMERA", "LIDAR") if thing.unisim.uid == name), None)

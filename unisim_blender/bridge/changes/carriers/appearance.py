@@ -1,0 +1,79 @@
+"""Edits that are an actor's appearance, which its object notes by name."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import bpy
+
+from ....core.prepare.scenario import scene_actors
+from ....core.world.drive import Drive
+from ....editing.edits.lines import Line
+from ....editing.sampled.source import Source
+from ...objects.imported import box_mesh
+from ...objects.meshes import size_of
+from ...objects.trajectories import trajectory_of
+from ...window.refresh import refresh
+from ..motion import displaced_along
+from .carrier import Carrier, Edited, Muted, register
+
+
+@register
+class AppearanceCarrier(Carrier):
+    """An actor's appearance."""
+
+    name = "appearance"
+
+    def apply(self, thing: bpy.types.Object, edited: Edited) -> None:
+        """Note an appearance that is not the object's own, and give the object that one's box."""
+        actor = edited.actor
+        if edited.own_look is None or (actor.look.actor, actor.look.scene) == (edited.own_look, ""):
+            return
+        thing.unisim.look, thing.unisim.look_scene = actor.look.actor, actor.look.scene
+        thing.data = box_mesh(actor.look_size_m, actor.label)
+
+    def mute(self, scene: bpy.types.Scene, source: Source, item: Any, line: Line, thing: bpy.types.Object | None) -> None:
+        """Keep the names."""
+        assert thing is not None  # the line is of an object
+        item.look, item.look_scene = thing.unisim.look, thing.unisim.look_scene
+        self.revert(scene, source, line, thing)
+
+    def unmute(self, scene: bpy.types.Scene, source: Source, muted: Muted, now: bpy.types.Object | None) -> None:
+        """Give the object the appearance again."""
+        assert now is not None  # a removal is a rival, and muted by now
+        set_appearance(now, source.drive, muted.look, muted.look_scene)
+        refresh([now])
+
+    def revert(self, scene: bpy.types.Scene, source: Source, line: Line, thing: bpy.types.Object | None) -> None:
+        """Give the object its own appearance."""
+        assert thing is not None
+        set_appearance(thing, source.drive, "", "")
+        refresh([thing])
+
+    def keep(self, now: bpy.types.Object, parked: bpy.types.Object) -> None:
+        """The actor's appearance, on the same ground."""
+        if (now.unisim.look, now.unisim.look_scene) == (parked.unisim.look, parked.unisim.look_scene):
+            return
+        rise = (float(size_of(now)[2]) - float(size_of(parked)[2])) / 2
+        parked.unisim.look, parked.unisim.look_scene, parked.data = now.unisim.look, now.unisim.look_scene, now.data
+        lift(parked, rise)
+
+
+def set_appearance(thing: bpy.types.Object, drive: Drive, look: str, look_scene: str) -> None:
+    """Give an actor the appearance of another one, "" for its own: that one's box, on the same ground."""
+    named = look or thing.unisim.uid
+    actor = (scene_actors(Path(bpy.path.abspath(look_scene))) if look_scene else drive.actors)[named]
+    before = float(size_of(thing)[2])
+    thing.unisim.look, thing.unisim.look_scene = look, look_scene
+    thing.data = box_mesh(actor.size_m, actor.label)
+    lift(thing, (float(actor.size_m[2]) - before) / 2)
+
+
+def lift(thing: bpy.types.Object, up_m: float) -> None:
+    """Displace an object upwards along its own axes; that is no change that a person made."""
+    if up_m == 0.0:
+        return
+    displaced_along(thing, (0.0, 0.0, up_m))
+    if trajectory_of(thing) is not None:
+        thing.unisim.rest_location = thing.location

@@ -1,0 +1,62 @@
+"""Edits that are an object of their own: copies, inserted actors, bodies. A muted one is kept outside all scenes."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+
+from ....editing.edits.lines import Line
+from ....editing.sampled.source import Source
+from ...importing.drive import fit_resolution, front_camera
+from ...objects.imported import collection_of
+from ...objects.trajectories import remove
+from ...window.refresh import refresh
+from .carrier import Carrier, Muted, register
+from .parking import note_collection, unlink, with_parts
+
+
+@register
+class ObjectCarrier(Carrier):
+    """An object with its parts."""
+
+    name = "own_object"
+
+    def mute(self, scene: bpy.types.Scene, source: Source, item: Any, line: Line, thing: bpy.types.Object | None) -> None:
+        """Take the object out of all collections; it stays in the file."""
+        assert thing is not None  # the line is of an object
+        item.parked = thing
+        note_collection(scene, item, thing)
+        if scene.camera == thing:
+            scene.camera = None
+            unlink(thing)
+            scene.camera = front_camera(scene)
+            fit_resolution(scene)
+        for one in with_parts(thing):
+            unlink(one)
+            one.use_fake_user = one != thing  # a parent does not keep its parts in the file
+        refresh([])
+
+    def unmute(self, scene: bpy.types.Scene, source: Source, muted: Muted, now: bpy.types.Object | None) -> None:
+        """Put the object where it stood."""
+        assert muted.parked is not None
+        for one in with_parts(muted.parked):
+            (muted.collection or collection_of(scene, muted.kind)).objects.link(one)
+            one.use_fake_user = False
+        refresh([muted.parked])
+
+    def revert(self, scene: bpy.types.Scene, source: Source, line: Line, thing: bpy.types.Object | None) -> None:
+        """Delete the object."""
+        assert thing is not None
+        delete(scene, thing)
+
+
+def delete(scene: bpy.types.Scene, thing: bpy.types.Object) -> None:
+    """Delete an object with its parts; an active camera makes way for the one that looks ahead."""
+    was_active = scene.camera == thing
+    for part in with_parts(thing)[1:]:
+        bpy.data.objects.remove(part)
+    remove(thing)
+    if was_active:
+        scene.camera = front_camera(scene)
+        fit_resolution(scene)

@@ -1,0 +1,171 @@
+"""Edits of where an object of the drive is, and of whether it is there. A muted one is kept outside all scenes, and an object as
+imported stands in its place."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import bpy
+import numpy as np
+from mathutils import Matrix
+
+from ....editing.edits.lines import Line
+from ....editing.edits.parts import PARTS
+from ....editing.sampled.clock import Clock
+from ....editing.sampled.source import Source
+from ...importing.drive import animate, fit_resolution, go, import_one
+from ...objects.imported import box_mesh, collection_of, make, things
+from ...objects.meshes import size_of
+from ...objects.static_items import LABEL
+from ...objects.trajectories import remove, trajectory_of
+from ...sampling.stepping import shown_names
+from ...window.refresh import refresh
+from .appearance import lift, set_appearance
+from .carrier import CARRIERS, Carrier, Edited, Muted, register
+from .own_object import delete
+from .parking import note_collection, parked_copy, unlink
+
+
+@register
+class PlaceCarrier(Carrier):
+    """An object's keys, constraints and visibility, and its lens or beams."""
+
+    name = "place"
+
+    def apply(self, thing: bpy.types.Object, edited: Edited) -> None:
+        """Let the object go where the actor goes."""
+        go(thing, edited.actor, edited.drive, edited.clock)
+
+    def mute(self, scene: bpy.types.Scene, source: Source, item: Any, line: Line, thing: bpy.types.Object | None) -> None:
+        """Keep a copy of the object; one that is not there needs none."""
+        if thing is not None:
+            item.parked = parked_copy(thing, f"{thing.name} muted")
+            note_collection(scene, item, thing)
+        restore(scene, source, line.kind, line.uid, thing)
+
+    def unmute(self, scene: bpy.types.Scene, source: Source, muted: Muted, now: bpy.types.Object | None) -> None:
+        """Let the object of the edit take the place of the one as imported, or delete that one."""
+        if muted.parked is None:
+            assert now is not None
+            delete(scene, now)
+        else:
+            _take_place(scene, now, muted.parked, muted.collection, PARTS[muted.part].is_absence)
+
+    def revert(self, scene: bpy.types.Scene, source: Source, line: Line, thing: bpy.types.Object | None) -> None:
+        """Put the object back to where it was imported; one that was gone has its own appearance."""
+        restored = restore(scene, source, line.kind, line.uid, thing)
+        if PARTS[line.part].is_absence and restored.unisim.look:
+            set_appearance(restored, source.drive, "", "")
+
+
+def restore(scene: bpy.types.Scene, source: Source, kind: str, uid: str, thing: bpy.types.Object | None) -> bpy.types.Object:
+    """Put an object of the drive back to where it was imported, or into the scene again where ``thing`` is None; an
+    actor keeps
+    its appearance. Return the object."""
+    drive = source.drive
+    if thing is not None:
+        scale = tuple(thing.scale)
+        unmoved(thing)
+        if kind == "ACTOR":  # a scale is an edit of its own
+            thing.scale = scale
+    if kind == "STATIC":
+        thing = _item(scene, uid, thing)
+    elif kind == "EGO":
+        animate(thing, drive.world_from_ego, Clock.of(drive))
+    elif kind == "ACTOR" and thing is not None:
+        actor = drive.actors[uid]
+        go(thing, actor, drive, Clock.of(drive))
+        lift(thing, (float(size_of(thing)[2]) - float(actor.size_m[2])) / 2 if thing.unisim.look else 0.0)
+    else:
+        if kind in ("CAMERA", "LIDAR") and thing is None:  # hidden, it is missing for the scenario alone
+            thing = next((t for t in things(scene, kind) if t.unisim.uid == uid and t.name == t.unisim.home), None)
+            if thing is not None:
+                unmoved(thing)
+        import_one(scene, source, kind, uid)
+        thing = next(t for t in things(scene, kind) if t.unisim.uid == uid and t.name == t.unisim.home)
+        if kind == "CAMERA":
+            scene.camera = scene.camera or thing
+            fit_resolution(scene)
+    show(scene, thing)
+    refresh([thing])
+    return thing
+
+
+def unmoved(thing: bpy.types.Object) -> None:
+    """Take away whatever moves, turns, scales or hides an object, but its trajectory."""
+    thing.animation_data_clear()
+    for constraint in list(thing.constraints):
+        thing.constraints.remove(constraint)
+    thing.parent_type = "OBJECT"
+    thing.scale = thing.delta_scale = (1.0, 1.0, 1.0)
+    thing.delta_location = thing.delta_rotation_euler = (0.0, 0.0, 0.0)
+    thing.delta_rotation_quaternion = (1.0, 0.0, 0.0, 0.0)
+    thing.hide_render = thing.hide_viewport = False
+
+
+def show(scene: bpy.types.Scene, thing: bpy.types.Object) -> None:
+    """Put an object into a collection that is rendered, where it is in none."""
+    layer = scene.view_layers[0]
+    for collection in (collection_of(scene, thing.unisim.kind), scene.collection):
+        if thing.name in shown_names(layer.layer_collection):
+            break
+        if thing.name not in collection.objects:
+            collection.objects.link(thing)
+    if thing.name in layer.objects:
+        thing.hide_set(False, view_layer=layer)
+
+
+def _item(scene: bpy.types.Scene, uid: str, thing: bpy.types.Object | None) -> bpy.types.Object:
+    """Put the box of a static item where it was marked."""
+    items = scene.unisim.static_items
+    told = items[uid].model if uid in items or thing is None else thing.unisim.model
+    marked = json.loads(told)
+    if thing is None:
+        thing = make(scene, "STATIC", uid, uid, box_mesh(np.array(marked["size_m"]), LABEL))
+        thing.show_wire, thing.unisim.model = True, json.dumps(marked)
+    thing.parent, thing.rotation_mode = None, "QUATERNION"
+    thing.location, thing.rotation_quaternion, _ = Matrix(marked["world_from_box"]).decompose()
+    return thing
+
+
+def _take_place(
+    scene: bpy.types.Scene,
+    now: bpy.types.Object | None,
+    parked: bpy.types.Object,
+    collection: bpy.types.Collection | None,
+    hidden: bool,
+) -> None:
+    """Let a parked object stand where ``now`` stands, under its name; what refers to that one refers to it.
+
+    ``collection`` is the one that it was in; ``hidden`` says that it is to be in no other, for that one may be what
+    hides it.
+    """
+    above, layer = trajectory_of(parked), scene.view_layers[0]
+    if above is not None:  # its own was in no scene
+        above.use_fake_user = False
+        collection_of(scene, "TRAJECTORY").objects.link(above)
+    if now is None:
+        (collection or collection_of(scene, parked.unisim.kind)).objects.link(parked)
+        parked.name = parked.unisim.home or parked.name
+        refresh([parked])
+        return
+    name, home = now.name, now.unisim.home
+    chosen, active = name in layer.objects and now.select_get(view_layer=layer), layer.objects.active == now
+    if not hidden and now.unisim.kind == "ACTOR":
+        for carrier in CARRIERS.values():
+            carrier.keep(now, parked)
+    now.user_remap(parked)
+    remove(now)
+    parked.name, parked.unisim.home = name, home
+    if above is not None:
+        above.name = f"{name} trajectory"
+    if hidden and collection is not None:
+        unlink(parked)
+        collection.objects.link(parked)
+    layer.update()
+    if parked.name in layer.objects and chosen:
+        parked.select_set(True, view_layer=layer)
+    if active:
+        layer.objects.active = parked
+    refresh([parked])

@@ -1,0 +1,47 @@
+"""Edits that are an object's scale."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+
+from ....editing.edits.lines import Line
+from ....editing.sampled.source import Source
+from ...objects.animation import remove_curves
+from ...window.refresh import refresh
+from .carrier import Carrier, Edited, Muted, register
+
+
+@register
+class ScaleCarrier(Carrier):
+    """An actor's scale."""
+
+    name = "scale"
+
+    def apply(self, thing: bpy.types.Object, edited: Edited) -> None:
+        """Scale the object."""
+        thing.scale = edited.actor.scale
+
+    def mute(self, scene: bpy.types.Scene, source: Source, item: Any, line: Line, thing: bpy.types.Object | None) -> None:
+        """Keep the factors."""
+        assert thing is not None  # the line is of an object
+        item.scale = thing.scale
+        self.revert(scene, source, line, thing)
+
+    def unmute(self, scene: bpy.types.Scene, source: Source, muted: Muted, now: bpy.types.Object | None) -> None:
+        """Scale the object again."""
+        assert now is not None  # a removal is a rival, and muted by now
+        now.scale = muted.scale
+        refresh([now])
+
+    def revert(self, scene: bpy.types.Scene, source: Source, line: Line, thing: bpy.types.Object | None) -> None:
+        """Give the object the size that it was imported with."""
+        assert thing is not None
+        remove_curves(thing, "scale", "delta_scale")
+        thing.scale = thing.delta_scale = (1.0, 1.0, 1.0)
+        refresh([thing])
+
+    def keep(self, now: bpy.types.Object, parked: bpy.types.Object) -> None:
+        """The actor's scale."""
+        parked.scale = now.scale

@@ -1,0 +1,135 @@
+"""Handles on a trajectory: the times at which an actor can be displaced by hand, and what displacing it there means.
+
+A change at one time blends in and out over `displacing.BLEND_S` on both sides, as a change with auto-keying does.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import bpy
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core.geometry import FloatArray
+from ...editing.actors.card import present_span
+from ...editing.motion.displacement import BLEND_S
+from ...editing.motion.handles import Handle, handle_times
+from ...editing.sampled.clock import Clock
+from ..objects.animation import curves_of, shown_by_keys
+from ..objects.trajectories import keyed_pose, trajectory_of
+
+SAME_FRAME = 0.02
+PLACE, TURNS = "location", ("rotation_quaternion", "rotation_euler", "rotation_axis_angle")
+PATHS = (PLACE, "rotation_quaternion")
+"""Properties whose keys dragging changes."""
+PARTS = ("co", "handle_left", "handle_right")
+
+
+def handles_of(thing: bpy.types.Object, clock: Clock) -> list[Handle]:
+    """Return the handles of an object that rides on a trajectory, in order of time; none where it rides on none.
+
+    There is one at each key of its displacement and at whole seconds, while the object is present.
+    """
+    span = present_span(shown_by_keys(thing, clock.frames), clock)
+    if trajectory_of(thing) is None or span is None:
+        return []
+    times = handle_times(clock.time_s(_key_frames(thing)), span)
+    frames = clock.frame(np.array([time for time, _ in times]))
+    return [
+        Handle(time, keyed_pose(thing, float(frame))[:3, 3], is_key) for (time, is_key), frame in zip(times, frames, strict=True)
+    ]
+
+
+def displace_at(thing: bpy.types.Object, time_s: float, offset_m: FloatArray, clock: Clock) -> None:
+    """Displace an object at a time by an offset (3,) in the world, and less and less up to `BLEND_S` before and after it.
+
+    Keys within that span stay, and the change ends at the nearest of them. Raises `ValueError` where it rides on no trajectory.
+    """
+    above = trajectory_of(thing)
+    if above is None:
+        raise ValueError(f"{thing.name}: rides on no trajectory")
+    first, frame, last = (float(f) for f in clock.frame(np.array([time_s - BLEND_S, time_s, time_s + BLEND_S])))
+    axes = (keyed_pose(above, frame) @ np.array(thing.matrix_parent_inverse, float))[:3, :3]
+    apart = axes.T @ np.asarray(offset_m, float)
+    for index in range(3):
+        if _curve(thing, index) is None:
+            thing.keyframe_insert(PLACE, index=index, frame=frame)
+        curve = _curve(thing, index)
+        assert curve is not None  # it was there, or the key made it
+        frames = [float(key.co[0]) for key in curve.keyframe_points]
+        ends = [
+            end
+            for end, low, high in ((first, first, frame), (last, frame, last))
+            if not any(low - SAME_FRAME <= f <= high + SAME_FRAME and abs(f - frame) > SAME_FRAME for f in frames)
+        ]
+        values = [curve.evaluate(f) for f in (*ends, frame)]
+        values[-1] += float(apart[index])
+        for at, value in zip((*ends, _nearest(frames, frame)), values, strict=True):
+            key = curve.keyframe_points.insert(at, value, options={"FAST"})
+            key.interpolation = "BEZIER"
+            key.handle_left_type = key.handle_right_type = "AUTO_CLAMPED"
+        curve.update()
+
+
+def _nearest(frames: list[float], frame: float) -> float:
+    """The frame of a key that is at ``frame`` but for rounding, else that frame."""
+    return next((f for f in frames if abs(f - frame) <= SAME_FRAME), frame)
+
+
+def _curve(thing: bpy.types.Object, index: int) -> bpy.types.FCurve | None:
+    return next((c for c in curves_of(thing) if c.data_path == PLACE and c.array_index == index), None)
+
+
+def _key_frames(thing: bpy.types.Object) -> FloatArray:
+    return np.array([key.co[0] for c in curves_of(thing) if c.data_path == PLACE for key in c.keyframe_points], float)
+
+
+@dataclass(frozen=True)
+class _Keys:
+    """A curve's keys as arrays, and how they are interpolated and handled."""
+
+    numbers: dict[str, NDArray[np.float32]]
+    kinds: list[tuple[str, str, str]]
+
+
+@dataclass
+class Kept:
+    """How an object stood before it was dragged: `restore` puts it back, keys and their handles too."""
+
+    numbers: dict[str, tuple[float, ...]]
+    had_data: bool
+    curves: dict[tuple[str, int], _Keys] = field(default_factory=dict)
+
+    @staticmethod
+    def of(thing: bpy.types.Object) -> Kept:
+        """Keep an object's location and rotation."""
+        kept = Kept({path: tuple(getattr(thing, path)) for path in (PLACE, *TURNS)}, thing.animation_data is not None)
+        for curve in curves_of(thing):
+            if curve.data_path in PATHS:
+                numbers: dict[str, NDArray[np.float32]] = {}
+                for part in PARTS:
+                    numbers[part] = np.empty(2 * len(curve.keyframe_points), np.float32)
+                    curve.keyframe_points.foreach_get(part, numbers[part])
+                kinds = [(k.interpolation, k.handle_left_type, k.handle_right_type) for k in curve.keyframe_points]
+                kept.curves[curve.data_path, curve.array_index] = _Keys(numbers, kinds)
+        return kept
+
+    def restore(self, thing: bpy.types.Object) -> None:
+        """Put an object back where it stood."""
+        for path, numbers in self.numbers.items():
+            setattr(thing, path, numbers)
+        for curve in [curve for curve in curves_of(thing) if curve.data_path in PATHS]:
+            keys = self.curves.get((curve.data_path, curve.array_index))
+            if keys is None:
+                curves_of(thing).remove(curve)  # type: ignore[union-attr]
+                continue
+            curve.keyframe_points.clear()
+            curve.keyframe_points.add(len(keys.kinds))
+            for part, values in keys.numbers.items():
+                curve.keyframe_points.foreach_set(part, values)
+            for key, kinds in zip(curve.keyframe_points, keys.kinds, strict=True):
+                key.interpolation, key.handle_left_type, key.handle_right_type = kinds
+            curve.update()
+        if not self.had_data and thing.animation_data is not None and not len(curves_of(thing)):
+            thing.animation_data_clear()

@@ -1,0 +1,107 @@
+"""Trajectories changed as keyframes: displaced, put elsewhere, at other times."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import bpy
+import numpy as np
+
+from ...core.geometry import FloatArray, matrix_from_quaternion
+from ...editing.motion.paths import Keys, along_line, standing_still
+from ...editing.sampled.clock import Clock
+from ..objects.animation import add_to_keys, curves_of, keys_of, write_keys
+from ..objects.meshes import size_of
+from ..objects.trajectories import keyed_pose, own_trajectory, ride, settle_on
+
+
+def displaced_along(thing: bpy.types.Object, offset_m: Sequence[float]) -> None:
+    """Move a thing along its own axes by ``offset_m`` (3,), alike at every frame."""
+    offset = np.array(offset_m, float)
+    paths = {curve.data_path for curve in curves_of(thing)}
+    if "rotation_quaternion" not in paths:  # its keys keep their interpolation: all of them move alike
+        apart = matrix_from_quaternion(np.array(thing.matrix_basis.to_quaternion(), float)) @ offset
+        thing.location = np.array(thing.location) + apart
+        if "location" not in paths:
+            thing.unisim.rest_location = thing.location  # auto-keying keys what people move by hand alone
+        for curve in curves_of(thing):
+            if curve.data_path == "location":
+                add_to_keys(curve, float(apart[curve.array_index]))
+        return
+    keys = keys_of(thing)
+    assert keys is not None  # it has keys of its rotation
+    frames, positions, quaternions = keys
+    write_keys(thing, frames, positions + matrix_from_quaternion(quaternions) @ offset, quaternions)
+
+
+def moved_to(thing: bpy.types.Object, place: Sequence[float], frame: float) -> None:
+    """Move a thing's whole trajectory, in the ground's plane, so that it is at ``place`` at a frame. Its height stays."""
+    now = keyed_pose(thing, frame)[:3, 3]
+    apart = np.array([place[0] - now[0], place[1] - now[1], 0.0])
+    above = own_trajectory(thing) or thing
+    keys = keys_of(above)
+    if keys is None:
+        above.location = np.array(above.location) + apart
+        return
+    frames, positions, quaternions = keys
+    write_keys(above, frames, positions + apart, quaternions)
+
+
+def follow(thing: bpy.types.Object, line: FloatArray, frame: float, speed_m_s: float, clock: Clock) -> None:
+    """Put a thing on a trajectory along a line (P, 3) from ``frame`` on, its front ahead and its underside on the line.
+
+    The speed is that in the log's seconds, whatever Blender's frame rate.
+    """
+    start_s = float(clock.time_s(np.array(frame)))
+    lengths, positions, quaternions = along_line(line, speed_m_s / clock.rate, float(size_of(thing)[2]))
+    above = own_trajectory(thing) or ride(thing)
+    settle_on(thing)
+    write_keys(above, clock.frame(start_s + lengths / speed_m_s), positions, quaternions)
+
+
+def retimed(thing: bpy.types.Object, at: Callable[[FloatArray], FloatArray], path: str = "") -> None:
+    """Move a thing's keys, those of its presence too unless ``path`` names one property, to ``at`` their frames; ``at`` rises."""
+    above = own_trajectory(thing)
+    for curve in (*curves_of(thing), *(curves_of(above) if above is not None else ())):
+        if path and curve.data_path != path:
+            continue
+        _moved(curve, at)
+
+
+def _moved(curve: bpy.types.FCurve, at: Callable[[FloatArray], FloatArray]) -> None:
+    """Move a curve's keys, with their handles, to ``at`` their frames."""
+    points = curve.keyframe_points
+    values = np.empty(2 * len(points), np.float32)
+    for part in ("co", "handle_left", "handle_right"):
+        points.foreach_get(part, values)
+        values[::2] = at(values[::2].astype(float))
+        points.foreach_set(part, values)
+    curve.update()
+
+
+def _held(curve: bpy.types.FCurve, frame: float, at: Callable[[FloatArray], FloatArray]) -> None:
+    """Hold a curve's value at ``frame`` until ``at`` that frame, and move what comes after it."""
+    value, after = curve.evaluate(frame), float(at(np.array(frame)))
+    _moved(curve, lambda old: np.where(old > frame, at(old), old))
+    first = curve.keyframe_points.insert(frame, value)
+    first.interpolation = "LINEAR"
+    curve.keyframe_points.insert(after, value)
+    curve.update()
+
+
+def stopped(thing: bpy.types.Object, frame: float, seconds: float, clock: Clock) -> None:
+    """Let a thing stand still from ``frame`` on for some seconds of the log, and then go on as before."""
+
+    def later(frames: FloatArray) -> FloatArray:
+        return clock.frame(clock.time_s(frames) + seconds)
+
+    above = own_trajectory(thing) or thing
+    keys = keys_of(above)
+    if keys is None:
+        return
+    retimed(thing, lambda old: np.where(old > frame, later(old), old), "hide_viewport")
+    if above is not thing:  # what displaces it from its trajectory stands still with it
+        for curve in curves_of(thing):
+            if curve.data_path != "hide_viewport":
+                _held(curve, frame, later)
+    write_keys(above, *standing_still(Keys(*keys), frame, float(later(np.array(frame))), later(keys[0])))

@@ -1,0 +1,72 @@
+"""Edits muted: the object stands as it was imported, and the edit waits in the file until it is unmuted.
+
+A scenario is the difference between the drive and what stands there. A muted edit is therefore none of the scene's state: what
+carries it keeps it elsewhere (see `carriers`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+import bpy
+
+from ...editing.edits.lines import Line
+from ...editing.edits.parts import PARTS
+from ...editing.sampled.source import Source
+from ..objects.imported import original_of
+from . import carriers  # noqa: F401 so that all are registered
+from .carriers.carrier import Muted, carrier_of
+from .carriers.parking import discard
+
+
+def mute(scene: bpy.types.Scene, source: Source, line: Line) -> None:
+    """Keep an edit of a scene without letting it count. Raises `UnisimError`."""
+    thing = scene.objects.get(line.thing)
+    item = scene.unisim_edits.muted.add()
+    note(item, line)
+    carrier_of(line.part).mute(scene, source, item, line, thing)
+
+
+def unmute(scene: bpy.types.Scene, source: Source, number: int, rivals: Iterable[Line] = ()) -> None:
+    """Let a muted edit count again. ``rivals`` are edits that cannot stand beside it (see `rivals_of`): they are
+    muted instead."""
+    for rival in rivals:
+        mute(scene, source, rival)
+    item = scene.unisim_edits.muted[number]
+    uid, collection = item.uid, scene.collection if item.at_root else item.collection
+    muted = Muted(item.kind, item.part, item.parked, collection, item.look, item.look_scene, tuple(item.scale))
+    scene.unisim_edits.muted.remove(number)
+    carrier_of(muted.part).unmute(scene, source, muted, original_of(scene, muted.kind, uid))
+
+
+def rivals_of(line: Line, lines: Iterable[Line]) -> list[Line]:
+    """Return the edits that count and cannot stand beside a muted one: an actor has one trajectory, one appearance,
+    or is gone."""
+    if line.is_own_object:
+        return []
+    part = PARTS[line.part]
+    own = [
+        one
+        for one in lines
+        if one.muted < 0 and not one.is_own_object and one.part != "PROBLEM" and (one.kind, one.uid) == (line.kind, line.uid)
+    ]
+    if part.is_absence:
+        return own
+    # what is carried by the same, and an absence
+    return [one for one in own if PARTS[one.part].carrier == part.carrier or PARTS[one.part].is_absence]
+
+
+def drop(scene: bpy.types.Scene, number: int) -> None:
+    """Delete a muted edit: what is shown stays as it is."""
+    parked = scene.unisim_edits.muted[number].parked
+    scene.unisim_edits.muted.remove(number)
+    if parked is not None:
+        discard(parked)
+
+
+def note(item: Any, line: Line) -> None:
+    """Write the line of an edit into a muted edit."""
+    item.name, item.kind, item.uid, item.part, item.what = line.who, line.kind, line.uid, line.part, line.what
+    item.thing, item.start_s, item.end_s = line.thing, line.start_s, line.end_s
+    item.first, item.last = line.frames[0], line.frames[-1]

@@ -1,0 +1,53 @@
+"""Actors shifted sideways, along their trajectory and in time."""
+
+from __future__ import annotations
+
+import bpy
+
+from ...editing.motion.arc_length import is_path, shifted_keys
+from ...editing.sampled.clock import Clock
+from ..objects.animation import curves_of, keys_of, write_keys
+from ..objects.trajectories import own_trajectory, trajectory_of
+from .motion import displaced_along, retimed
+
+SAME = 1e-6
+"""Smaller shifts, in metres or seconds, are none."""
+
+
+def shift(thing: bpy.types.Object, left_m: float, ahead_m: float, later_s: float, clock: Clock) -> str:
+    """Shift an actor, alike at every time, and return what was done as a sentence.
+
+    ``left_m`` is along its own y axis. ``ahead_m`` is an arc length along the path of its trajectory, straight on beyond the
+    path's ends; an actor that goes nowhere is shifted along its own x axis. ``later_s`` is in seconds of the log and takes its
+    presence along.
+    """
+    done = []
+    if abs(left_m) > SAME:
+        displaced_along(thing, (0.0, left_m, 0.0))
+        done.append(f"{abs(left_m):.2f} m to the {'left' if left_m > 0 else 'right'}")
+    if abs(ahead_m) > SAME:
+        way = "forward" if ahead_m > 0 else "backward"
+        if _along_path(thing, ahead_m, clock):
+            done.append(f"{abs(ahead_m):.2f} m {way} along its path")
+        else:
+            displaced_along(thing, (ahead_m, 0.0, 0.0))
+            done.append(f"{abs(ahead_m):.2f} m {way} along its own axis, as it stands still")
+    if abs(later_s) > SAME:
+        if trajectory_of(thing) is None and not len(curves_of(thing)):
+            done.append("at the same times, as it stands there throughout")
+        else:
+            retimed(thing, lambda frames: clock.frame(clock.time_s(frames) + later_s))
+            frames = abs(later_s) * clock.rate
+            done.append(f"{abs(later_s):.2f} s ({frames:.1f} frames) {'later' if later_s > 0 else 'earlier'}")
+    return f"{thing.name}: {', '.join(done)}" if done else ""
+
+
+def _along_path(thing: bpy.types.Object, ahead_m: float, clock: Clock) -> bool:
+    """Shift the keys of an actor's trajectory along their path; return whether there is one."""
+    above = trajectory_of(thing) or thing
+    keys = keys_of(above)
+    if keys is None or not is_path(keys[1]):
+        return False
+    above = own_trajectory(thing) or thing
+    write_keys(above, *shifted_keys(*keys, clock.frames, ahead_m))
+    return True

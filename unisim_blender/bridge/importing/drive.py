@@ -1,0 +1,300 @@
+"""A drive into a Blender scene. What is there already is brought up to date, never doubled."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from collections.abc import Generator, Iterator
+from typing import NamedTuple
+
+import bpy
+
+from ...core.errors import UnisimError
+from ...core.geometry import FloatArray, Trajectory, invert_pose
+from ...core.world.drive import Actor, Camera, Drive, Lidar
+from ...editing.actors.names import names_at_import
+from ...editing.reading.scenario import edited_ids
+from ...editing.sampled.clock import Clock
+from ...editing.sampled.poses import optical, same
+from ...editing.sampled.source import Source
+from ...editing.sensors.mounts import lag, lidar_json, recorded_mount
+from ...editing.sensors.outlines import DISPLAY_M
+from ..objects.animation import write_presence, write_trajectory
+from ..objects.cameras import model_of, set_model
+from ..objects.imported import box_mesh, collection_of, has_drive, make, things
+from ..objects.source import source_of
+from ..objects.trajectories import free, local_matrix, ride, set_on_trajectory, settle_on
+from ..sampling.in_steps import sample_steps
+from .backgrounds import set_background
+
+ASIDE = "Not in the drive"
+"""The collection of what a new file of Blender's brings."""
+DEFAULTS = {"Cube": (0.0, 0.0, 0.0), "Light": (4.0762, 1.0055, 5.9039), "Camera": (7.3589, -6.9258, 4.9583)}
+"""Names and places of Blender's default objects."""
+
+
+class Step(NamedTuple):
+    """Steps ``done``, steps in all, ``what`` is being done. ``draw``: whether the window is best drawn before the next one.
+
+    Blender compiles shaders where it first draws a kind of object; so they are not all compiled in one redraw."""
+
+    done: int
+    total: int
+    what: str
+    draw: bool = False
+
+
+def import_source(scene: bpy.types.Scene, source: Source) -> Iterator[Step]:
+    """Put a source's drive into a scene. What is returned does it step by step: whoever runs it may stop, and say how far it is.
+
+    Where the scene holds the drive already, what was edited stays as it is, and the rest is brought up to date. Raises
+    `UnisimError` in the first step where it holds another drive.
+    """
+    kept: set[str] = set()
+    first = not has_drive(scene)
+    if not first:
+        kept = yield from _edited(scene, source)
+    drive, about = source.drive, scene.unisim
+    actors = [drive.actors[uid] for uid in sorted(set(drive.actors) - kept)]
+    cameras = [camera for name, camera in drive.cameras.items() if name not in kept]
+    lidars = [lidar for name, lidar in drive.lidars.items() if name not in kept]
+    total = 2 + len(cameras) + len(lidars) + len(actors)
+    done = 0
+    about.trajectories = True
+    about.log, about.scene = str(source.log_path), str(source.scene_path or "")
+    about.origin = json.dumps(drive.world_origin.tolist())
+    clock, names = Clock.of(drive), names_at_import(source)
+    set_time(scene, clock)
+    if first:
+        scene.frame_set(scene.frame_start)
+        for kind in ("EGO", "ACTOR", "CAMERA", "TRAJECTORY"):  # in the outliner, what people use comes first
+            collection_of(scene, kind)
+    set_colours(scene)
+    yield Step(done := done + 1, total, "time")
+    ego = _ego(scene, drive, clock) if "ego" not in kept else next(things(scene, "EGO"))
+    yield Step(done := done + 1, total, "ego vehicle")
+    for camera in cameras:
+        _camera(scene, source, camera, ego, clock)
+        yield Step(done := done + 1, total, camera.sensor_id, draw=camera is cameras[-1])
+    for lidar in lidars:
+        _lidar(scene, drive, lidar, ego, clock)
+        yield Step(done := done + 1, total, lidar.sensor_id, draw=lidar is lidars[-1])
+    for actor in actors:
+        _actor(scene, drive, actor, clock, names[actor.uid]).pass_index = 1 + sorted(drive.actors).index(actor.uid)
+        yield Step(done := done + 1, total, actor.label)
+    yield Step(total, total, "actors", draw=True)
+    if first:
+        set_aside(scene)
+        scene.render.engine = "UNISIM"
+    if scene.camera is None or first:
+        scene.camera = front_camera(scene) or scene.camera
+        fit_resolution(scene)
+
+
+def import_sensors(scene: bpy.types.Scene, source: Source, names: set[str]) -> None:
+    """Make objects of recorded sensors that were deleted, as the import makes them."""
+    ego, clock = next(things(scene, "EGO")), Clock.of(source.drive)
+    for name, camera in source.drive.cameras.items():
+        if name in names:
+            _camera(scene, source, camera, ego, clock)
+    for name, lidar in source.drive.lidars.items():
+        if name in names:
+            _lidar(scene, source.drive, lidar, ego, clock)
+
+
+def front_camera(scene: bpy.types.Scene) -> bpy.types.Object | None:
+    """Return the camera of the rig that looks furthest ahead along the vehicle; None where there is none."""
+    cameras = [camera for camera in things(scene, "CAMERA") if not camera.hide_render]
+    return max(cameras, key=lambda camera: -local_matrix(camera, scene.frame_current)[0][2], default=None)
+
+
+def set_aside(scene: bpy.types.Scene) -> None:
+    """Keep the objects that a new file of Blender's brings out of the view and of images; they stay in the file."""
+    found = [thing for thing in scene.objects if thing.unisim.kind == "NONE" and is_default(thing)]
+    if not found:
+        return
+    aside = bpy.data.collections.new(ASIDE)
+    scene.collection.children.link(aside)
+    for thing in found:
+        for collection in thing.users_collection:
+            collection.objects.unlink(thing)
+        aside.objects.link(thing)
+    aside.hide_render = True
+    for layer in scene.view_layers:
+        layer.layer_collection.children[aside.name].exclude = True
+
+
+def is_default(thing: bpy.types.Object) -> bool:
+    """Return whether an object is one of those that a new file of Blender's has, as they were."""
+    at = DEFAULTS.get(thing.name)
+    plain = thing.parent is None and thing.animation_data is None and not thing.modifiers and not thing.constraints
+    return at is not None and plain and all(abs(a - b) < 1e-3 for a, b in zip(thing.location, at, strict=True))
+
+
+def summary(source: Source) -> str:
+    """Return what a drive holds, as one line."""
+    drive = source.drive
+    labels = Counter(actor.label for actor in drive.actors.values())
+    most = ", ".join(f"{count} {label}" for label, count in labels.most_common(3))
+    others = f", {sum(labels.values()) - sum(n for _, n in labels.most_common(3))} others" if len(labels) > 3 else ""
+    times = sorted(drive.time_s.values())
+    parts = [
+        f"{len(times)} frames ({times[-1] - times[0]:.1f} s)",
+        counted(len(drive.cameras), "camera"),
+        counted(len(drive.lidars), "LiDAR"),
+        counted(len(drive.actors), "actor") + (f" ({most}{others})" if labels else ""),
+    ]
+    trained = "no trained scene" if source.scene_path is None else f"trained scene {source.scene_path.name}"
+    images = "" if source.log is not None else "; the log itself is not at hand"
+    return f"Imported {source.log_path.name}: {', '.join(parts)}; {trained}{images}"
+
+
+def counted(number: int, what: str) -> str:
+    """Return a number and what it counts, in the plural where there is not one."""
+    return f"{number} {what}" if number == 1 else f"{number} {what}s"
+
+
+def _edited(scene: bpy.types.Scene, source: Source) -> Generator[Step, None, set[str]]:
+    """Return, after some steps, what of the drive in a scene does not stand as it was imported, by id."""
+    before = source_of(scene)
+    if before.log_path != source.log_path:
+        raise UnisimError(
+            f'scene "{scene.name}": holds the drive {before.log_path} already; import {source.log_path} into a new scene'
+        )
+    steps = sample_steps(scene, Clock.of(before.drive))
+    while True:
+        try:
+            done, total = next(steps)
+        except StopIteration as end:
+            return edited_ids(end.value, before.drive)
+        yield Step(done, 2 * total, "edits")
+
+
+def fit_resolution(scene: bpy.types.Scene) -> None:
+    """Make pictures as large as the active camera's, where that is one of the rig."""
+    if scene.camera is None or scene.camera.unisim.kind != "CAMERA":
+        return
+    model = model_of(scene.camera)
+    render = scene.render
+    render.resolution_x, render.resolution_y = model.width, model.height
+    # Blender has one focal length: what fx and fy differ by is the pixel's shape
+    ratio = model.fy / model.fx
+    render.pixel_aspect_x, render.pixel_aspect_y = max(1.0, ratio), max(1.0, 1 / ratio)
+
+
+def set_time(scene: bpy.types.Scene, clock: Clock) -> None:
+    """Frame n is the log's frame n, at the log's rate."""
+    rate = clock.rate
+    whole = max(1, round(rate))
+    scene.render.fps, scene.render.fps_base = whole, whole / rate
+    scene.frame_start, scene.frame_end = int(clock.frames[0]), int(clock.frames[-1])
+    scene.frame_set(min(max(scene.frame_current, scene.frame_start), scene.frame_end))
+
+
+def set_colours(scene: bpy.types.Scene) -> None:
+    """Pictures are shown as they were recorded."""
+    view = scene.view_settings
+    view.view_transform, view.look, view.exposure, view.gamma = "Standard", "None", 0.0, 1.0
+    scene.render.dither_intensity = 0.0  # noise of one step of eight bits
+
+
+def recorded_colours(scene: bpy.types.Scene) -> bool:
+    """Whether pictures are shown as they were recorded."""
+    view = scene.view_settings
+    return view.view_transform == "Standard" and view.look == "None" and view.exposure == 0 and view.gamma == 1
+
+
+def _ego(scene: bpy.types.Scene, drive: Drive, clock: Clock) -> bpy.types.Object:
+    ego = make(scene, "EGO", "ego", "Ego vehicle", None)
+    ego.empty_display_type, ego.empty_display_size = "ARROWS", 1.0
+    animate(ego, drive.world_from_ego, clock)
+    return ego
+
+
+def ride_on_vehicle(
+    thing: bpy.types.Object, mount: FloatArray, late: FloatArray, ego: bpy.types.Object | None, clock: Clock
+) -> None:
+    """Parent a sensor to the vehicle ``ego``, or to nothing.
+
+    ``mount`` (N, 4, 4) are its poses in the parent's axes, in Blender's convention, at the clock's frames. A sensor looks
+    a little earlier or later than the frame's time, so the vehicle's motion until then, whose inverse ``late`` (N, 4, 4)
+    is, moves its object on the vehicle; so do corrections that training makes. That is its trajectory. The object's own
+    transform is its mount.
+    """
+    on_mount = (late @ mount)[0]
+    if same(mount, mount[:1]).all():
+        animate(thing, way_of_one(Trajectory.from_poses(clock.times_s, mount)), clock, on=ego)
+        return
+    animate(thing, Trajectory.from_poses(clock.times_s, mount @ invert_pose(on_mount)), clock, on=ego)
+    set_on_trajectory(thing, on_mount)
+
+
+def _camera(scene: bpy.types.Scene, source: Source, camera: Camera, ego: bpy.types.Object, clock: Clock) -> None:
+    name = camera.sensor_id
+    standing = next((t for t in things(scene, "CAMERA") if t.unisim.uid == name and t.name == t.unisim.home), None)
+    data = standing.data if standing is not None else bpy.data.cameras.new(f"UniSim {name}")  # each variant has its own
+    thing = make(scene, "CAMERA", name, name, data)
+    set_model(thing, camera.model)
+    data.display_size, data.clip_end = DISPLAY_M, 1000.0
+    if source.log is not None:
+        set_background(data, source.log, name)
+    drive = source.drive
+    ride_on_vehicle(thing, optical(recorded_mount(camera, drive, clock)), lag(camera, drive, clock), ego, clock)
+
+
+def _lidar(scene: bpy.types.Scene, drive: Drive, lidar: Lidar, ego: bpy.types.Object, clock: Clock) -> None:
+    thing = make(scene, "LIDAR", lidar.sensor_id, lidar.sensor_id, None)
+    thing.empty_display_type, thing.empty_display_size = "CONE", DISPLAY_M
+    thing.unisim.model = lidar_json(lidar.model)
+    ride_on_vehicle(thing, recorded_mount(lidar, drive, clock), lag(lidar, drive, clock), ego, clock)
+
+
+def _actor(scene: bpy.types.Scene, drive: Drive, actor: Actor, clock: Clock, name: str) -> bpy.types.Object:
+    thing = make(scene, "ACTOR", actor.uid, name, box_mesh(actor.size_m, actor.label))
+    thing.show_wire, thing.color = True, (1.0, 1.0, 1.0, 1.0)
+    go(thing, actor, drive, clock)
+    return thing
+
+
+def import_one(scene: bpy.types.Scene, source: Source, kind: str, uid: str) -> None:
+    """Put one actor or sensor of the drive into a scene, or bring it up to date. Needs the ego vehicle."""
+    drive, clock, ego = source.drive, Clock.of(source.drive), next(things(scene, "EGO"))
+    if kind == "ACTOR":
+        name = names_at_import(source)[uid]
+        _actor(scene, drive, drive.actors[uid], clock, name).pass_index = 1 + sorted(drive.actors).index(uid)
+    elif kind == "CAMERA":
+        _camera(scene, source, drive.cameras[uid], ego, clock)
+    else:
+        _lidar(scene, drive, drive.lidars[uid], ego, clock)
+
+
+def go(thing: bpy.types.Object, actor: Actor, drive: Drive, clock: Clock) -> None:
+    """Let an object go an actor's way, there while the actor is."""
+    way = actor.world_from_actor
+    animate(thing, way if actor.is_moving else way_of_one(way), clock, drive.window(actor))
+
+
+def animate(
+    thing: bpy.types.Object,
+    way: Trajectory,
+    clock: Clock,
+    present_s: tuple[float, float] | None = None,
+    on: bpy.types.Object | None = None,
+) -> None:
+    """Put an object on a trajectory in the axes of ``on``, or in the world's; one key stands for a place, without a trajectory.
+
+    Outside ``present_s`` the object is hidden in the view.
+    """
+    write_presence(thing, clock, present_s)
+    thing.rotation_mode = "QUATERNION"
+    if len(way.times_s) > 1:
+        write_trajectory(ride(thing, on), way, clock)
+        return
+    free(thing, on)
+    settle_on(thing)
+    thing.location, thing.rotation_quaternion = way.positions[0], way.quaternions_wxyz[0]
+
+
+def way_of_one(way: Trajectory) -> Trajectory:
+    """Standing still at a trajectory's first key."""
+    return Trajectory(way.times_s[:1], way.positions[:1], way.quaternions_wxyz[:1])

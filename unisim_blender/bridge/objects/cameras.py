@@ -1,0 +1,37 @@
+"""Camera models as Blender cameras, and back. A Blender camera's numbers are float32, so the exact model rides along, and is what
+counts as long as lens and shift are as they were imported."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+
+import bpy
+
+from ...core.world.drive import CameraModel
+from ...editing.sensors.lenses import Lens, lens_of, model_of_lens
+
+
+def set_model(thing: bpy.types.Object, model: CameraModel) -> None:
+    """Give a camera object an exact model."""
+    camera, lens = thing.data, lens_of(model)
+    camera.sensor_fit, camera.sensor_width = lens.fit, lens.width_mm
+    camera.lens, camera.shift_x, camera.shift_y = lens.focal_mm, lens.shift_x, lens.shift_y
+    thing.unisim.model = json.dumps({"camera": asdict(model), "shown": _shown(camera)})
+
+
+def _shown(camera: bpy.types.Camera) -> list[float]:
+    return [camera.lens, camera.sensor_width, camera.shift_x, camera.shift_y]
+
+
+def model_of(thing: bpy.types.Object, size: tuple[int, int] | None = None) -> CameraModel:
+    """The model of a camera object. ``size`` (width, height) is for one that has none of its own: the render's."""
+    camera = thing.data
+    kept = json.loads(thing.unisim.model) if thing.unisim.model else None
+    exact = None
+    if kept is not None:
+        exact = CameraModel.from_dict(kept["camera"])
+        if kept["shown"] == _shown(camera) and camera.sensor_fit == "HORIZONTAL":
+            return exact
+    lens = Lens(camera.lens, camera.shift_x, camera.shift_y, camera.sensor_width, camera.sensor_height, camera.sensor_fit)
+    return model_of_lens(lens, size, exact)

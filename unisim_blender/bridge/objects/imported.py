@@ -1,0 +1,147 @@
+"""The objects of a drive in a Blender scene: found, made, put into their collections."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import bpy
+import numpy as np
+
+from ...core.geometry import FloatArray
+from ...core.world.drive import Actor
+from ...editing.layout.box_shape import box_shape
+from ...editing.layout.class_colours import class_colour
+
+COLLECTIONS = {
+    "EGO": "Ego", "CAMERA": "Sensors", "LIDAR": "Sensors", "ACTOR": "Actors", "STATIC": "Static items", "POINTS": "LiDAR points",
+    "TRAJECTORY": "Trajectories", "BODY": "Ego",
+}  # fmt: skip
+ROOT = "UniSim"
+KINDS_OF_DRIVE = ("EGO", "CAMERA", "LIDAR", "ACTOR", "STATIC", "BODY")
+"""Kinds of objects that a scenario is read from."""
+
+
+def things(scene: bpy.types.Scene, *kinds: str) -> Iterator[bpy.types.Object]:
+    """The scene's objects of some kinds, by name."""
+    for thing in sorted(scene.objects, key=lambda o: o.name):
+        if thing.unisim.kind in kinds:
+            yield thing
+
+
+def rides_on_ego(thing: bpy.types.Object) -> bool:
+    """Return whether an object is the ego vehicle or rides on it: by its parents, or by a constraint to what rides there."""
+    above: bpy.types.Object | None = thing
+    while above is not None:
+        if above.unisim.kind == "EGO":
+            return True
+        targets = [getattr(constraint, "target", None) for constraint in above.constraints if not constraint.mute]
+        if any(_parented_to_ego(target) for target in targets if target is not None):
+            return True
+        above = above.parent
+    return False
+
+
+def sees_body(thing: bpy.types.Object) -> bool:
+    """Return whether what looks through an object sees the ego vehicle's body: all but sensors on the vehicle, unless it is told
+    otherwise."""
+    if thing.unisim.kind not in ("CAMERA", "LIDAR"):
+        return True
+    told = thing.unisim.sees_ego_body
+    return told == "ALWAYS" if told != "AUTO" else not rides_on_ego(thing)
+
+
+def _parented_to_ego(thing: bpy.types.Object) -> bool:
+    above: bpy.types.Object | None = thing
+    while above is not None and above.unisim.kind != "EGO":
+        above = above.parent
+    return above is not None
+
+
+def has_drive(scene: bpy.types.Scene) -> bool:
+    """Whether a drive was imported into a scene: one made by New Scene > Copy Settings has the settings and no
+    objects."""
+    return bool(scene.unisim.log) and any(thing.unisim.kind in KINDS_OF_DRIVE for thing in scene.objects)
+
+
+def collection_of(scene: bpy.types.Scene, kind: str) -> bpy.types.Collection:
+    """The collection for a kind of thing, made where it is not there yet. Each scene has its own."""
+    root = _child(scene.collection, ROOT)
+    return _child(root, COLLECTIONS[kind])
+
+
+def _child(parent: bpy.types.Collection, name: str) -> bpy.types.Collection:
+    for child in parent.children:
+        if child.name.split(".")[0] == name:
+            return child
+    child = bpy.data.collections.new(name)
+    parent.children.link(child)
+    return child
+
+
+def make(scene: bpy.types.Scene, kind: str, uid: str, name: str, data: bpy.types.ID | None) -> bpy.types.Object:
+    """The object of that kind and id: the one that an earlier import made, with new data, or a new one."""
+    for thing in things(scene, kind):
+        if thing.unisim.uid == uid and thing.name == thing.unisim.home and not thing.unisim.look:
+            old = thing.data
+            if old is not data and type(old) is type(data):
+                thing.data = data
+                if old is not None and old.users == 0:
+                    bpy.data.batch_remove([old])
+            return thing
+    thing = bpy.data.objects.new(name, data)
+    collection_of(scene, kind).objects.link(thing)
+    thing.unisim.kind, thing.unisim.uid, thing.unisim.home = kind, uid, thing.name
+    return thing
+
+
+def original_of(scene: bpy.types.Scene, kind: str, uid: str) -> bpy.types.Object | None:
+    """Return the object that stands for what was imported with an id: the one that has the name which the import
+    gave it, else,
+    where that was renamed, the first by name. None where all were deleted."""
+    found = [thing for thing in things(scene, kind) if thing.unisim.uid == uid]
+    return next((thing for thing in found if thing.name == thing.unisim.home), found[0] if found else None)
+
+
+def title_of(thing: bpy.types.Object) -> str:
+    """Return what a scenario calls an object that has no id of the log's. In a variant that is its name in the
+    variant that it was
+    copied from, as long as it keeps the name that it got with the copy."""
+    about = thing.unisim
+    return about.called if about.called and about.called_as == thing.name else thing.name
+
+
+def is_copy(scene: bpy.types.Scene, thing: bpy.types.Object) -> bool:
+    """Return whether an object is a copy of another one that is there."""
+    return bool(thing.unisim.uid) and original_of(scene, thing.unisim.kind, thing.unisim.uid) != thing
+
+
+def new_actor(name: str, actor: Actor) -> bpy.types.Object:
+    """An object for an actor that no import brings, with the box of that actor's look; in no collection yet."""
+    thing = bpy.data.objects.new(name, box_mesh(actor.look_size_m, actor.label))
+    thing.rotation_mode, thing.show_wire = "QUATERNION", True
+    thing.unisim.kind, thing.unisim.uid = "ACTOR", actor.look.actor
+    return thing
+
+
+def box_mesh(size_m: FloatArray, label: str) -> bpy.types.Mesh:
+    """A box of that size (3,) about the origin, with an arrow on its roof that points forward; one mesh for all
+    alike."""
+    name = "UniSim box " + " ".join(f"{s:.3f}" for s in size_m) + f" {label}"
+    found = bpy.data.meshes.get(name)
+    if found is not None:
+        return found
+    mesh = bpy.data.meshes.new(name)
+    mesh.from_pydata(*box_shape(np.asarray(size_m, float).tolist()))
+    mesh.materials.append(class_material(label))
+    mesh.update()
+    return mesh
+
+
+def class_material(label: str) -> bpy.types.Material:
+    """A class's material: its colour, see-through in the view."""
+    name = f"UniSim {label}"
+    material = bpy.data.materials.get(name)
+    if material is None:
+        material = bpy.data.materials.new(name)
+        material.diffuse_color = (*class_colour(label), 0.25)
+    return material

@@ -1,0 +1,214 @@
+"""Ordinary mesh objects that stand in a drive as actors: their shape, colours and textures as core's models.
+
+An actor is one object with all that is parented to it, so a car of a hundred parts under one empty is one actor.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import bpy
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core.colour import bytes_from_srgb, srgb_from_linear
+from ...core.errors import ScenarioError
+from ...core.geometry import FloatArray, invert_pose
+from ...core.meshes.model import FLAT, MeshModel, centred, check_model
+from ...editing.sampled.poses import rigid
+from ...editing.sampled.scaling import UNIT, Factors, Scaling, refusal, scale_text, scaling_of, size_text
+from .trajectories import trajectory_of
+
+SHAPES = ("MESH", "CURVE", "SURFACE", "META", "FONT")
+MOST_TEXELS = 2048
+"""Larger textures are thinned."""
+MOST_PICTURES = 32
+"""How many of Blender's pictures are kept as core has them."""
+PLAIN = 0.8
+"""What has neither material nor colours, linear."""
+
+
+def parts(thing: bpy.types.Object) -> Iterator[bpy.types.Object]:
+    """What of an object and its children has a surface."""
+    for part in (thing, *thing.children_recursive):
+        if part.type in SHAPES and not part.hide_render:
+            yield part
+
+
+def model_of(thing: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> tuple[MeshModel, FloatArray]:
+    """An actor's model about the middle of its extent, in the object's axes without its scale; and where that middle is (3,).
+
+    Raises `ScenarioError` where there is nothing to render.
+    """
+    textures: list[NDArray[np.uint8]] = []
+    pieces = []
+    for part in parts(thing):
+        evaluated = part.evaluated_get(depsgraph)
+        mesh = evaluated.to_mesh()
+        if mesh is not None and len(mesh.polygons):
+            pieces.append(_piece(mesh, _within(evaluated, thing.evaluated_get(depsgraph)), textures))
+        evaluated.to_mesh_clear()
+    if not pieces:
+        raise ScenarioError(f'object "{thing.name}": is an actor without any surface')
+    first = np.cumsum([0, *(len(piece.vertices) for piece in pieces)])
+    joined: dict[str, Any] = {
+        field.name: np.concatenate([getattr(piece, field.name) for piece in pieces])
+        for field in fields(MeshModel)
+        if field.name != "textures"
+    }
+    joined["faces"] = np.concatenate([piece.faces + np.int32(at) for piece, at in zip(pieces, first, strict=False)])
+    model = MeshModel(**joined, textures=tuple(textures))
+    check_model(model, Path(f'object "{thing.name}"'))
+    return centred(model)
+
+
+def size_of(thing: bpy.types.Object) -> FloatArray:
+    """How large an object is drawn (3,) along its own axes, as it was evaluated last; of an actor that is a mesh, with all its
+    parts."""
+    return extent_of(thing) * (1.0 if thing.unisim.mesh else np.array(scale_of(thing)))
+
+
+def scale_of(thing: bpy.types.Object) -> Factors:
+    """How much larger an object is drawn along its own axes (3,) than its data is, as it was evaluated last."""
+    world = np.array(thing.matrix_world, float)[None]
+    return scaling_of(world, rigid(world)).factors
+
+
+def scaled_sentence(thing: bpy.types.Object) -> str:
+    """Return what it means that an actor was scaled, as a sentence."""
+    world = np.array(thing.matrix_world, float)[None]
+    scaling = Scaling() if thing.unisim.mesh else scaling_of(world, rigid(world))
+    size = size_text(size_of(thing).tolist())
+    if fault := refusal(thing.name, scaling):
+        return fault
+    if scaling.factors == UNIT:
+        return f"{thing.name}: measures {size}"
+    return (
+        f"{thing.name}: is scaled by {scale_text(scaling.factors)} about its centre to {size}; Snap to Ground sets it on the road"
+    )
+
+
+def extent_of(thing: bpy.types.Object) -> FloatArray:
+    """An object's extent (3,) along its own axes without its scale; of an actor that is a mesh, with it and all its parts."""
+    if not thing.unisim.mesh:
+        return np.ptp(np.array(thing.bound_box, float), axis=0)
+    corners = corners_of(thing, lambda part: _within(part, thing))
+    return np.ptp(corners, axis=0) if len(corners) else np.zeros(3)
+
+
+def corners_of(thing: bpy.types.Object, placed: Callable[[bpy.types.Object], FloatArray]) -> FloatArray:
+    """Corners (8 P, 3) of the boxes round an object's parts, each where ``placed`` (4, 4) puts it."""
+    corners = [np.zeros((0, 3))]
+    for part in parts(thing):
+        whole = placed(part)
+        corners.append(np.array(part.bound_box, float) @ whole[:3, :3].T + whole[:3, 3])
+    return np.concatenate(corners)
+
+
+def _within(part: bpy.types.Object, thing: bpy.types.Object) -> FloatArray:
+    """From a part's own coordinates to the axes of ``thing``, which it belongs to, with that one's scale (4, 4).
+
+    Along the parents where they alone place it: matrices in the world are float32, and a model must not change as it drives.
+    """
+    whole, above = np.eye(4), part
+    while above is not None and above.name != thing.name and above.parent_type == "OBJECT" and not above.constraints:
+        whole = np.array(above.matrix_parent_inverse, float) @ np.array(above.matrix_basis, float) @ whole
+        above = above.parent
+    # neither a trajectory nor the ego vehicle has a scale
+    scaled = thing.parent is not None and trajectory_of(thing) is None and thing.parent.unisim.kind != "EGO"
+    if above is None or above.name != thing.name or scaled or thing.constraints:
+        world = np.array(thing.matrix_world, float)
+        return np.asarray(invert_pose(rigid(world)) @ np.array(part.matrix_world, float))
+    return np.asarray(np.diag([*thing.scale, 1.0]) @ whole)
+
+
+def _piece(mesh: bpy.types.Mesh, whole: FloatArray, textures: list[NDArray[np.uint8]]) -> MeshModel:
+    """One part's triangles after ``whole`` (4, 4). Its pictures are added to ``textures``."""
+    mesh.calc_loop_triangles()
+    count = len(mesh.loop_triangles)
+    vertices = _got(mesh.vertices, "co", 3) @ whole[:3, :3].T + whole[:3, 3]
+    faces = _got(mesh.loop_triangles, "vertices", 3, np.int32)
+    loops = _got(mesh.loop_triangles, "loops", 3, np.int32)
+    slots = _got(mesh.loop_triangles, "material_index", 1, np.int32)[:, 0]
+    turn = np.linalg.inv(whole[:3, :3])  # normals go with the inverse transpose
+    normals = (_got(mesh.corner_normals, "vector", 3) @ turn)[loops]
+    normals /= np.maximum(np.linalg.norm(normals, axis=-1, keepdims=True), 1e-12)
+    layer = mesh.uv_layers.active
+    uv = np.zeros((count, 3, 2)) if layer is None else _got(layer.uv, "vector", 2)[loops]
+    colours, texture = np.ones((count, 3, 3)), np.full(count, FLAT)
+    materials = list(mesh.materials) or [None]
+    for slot, material in enumerate(materials):
+        mine = np.minimum(slots, len(materials) - 1) == slot
+        if not mine.any():
+            continue
+        base, picture, painted = look_of(material)
+        attribute = mesh.color_attributes.active_color if painted else None
+        colours[mine] = PLAIN if material is None and attribute is None else base
+        if attribute is not None:
+            at = faces if attribute.domain == "POINT" else loops
+            colours[mine] *= _got(attribute.data, "color", 4)[at[mine]][..., :3]
+        if picture is not None and layer is not None:
+            texture[mine] = len(textures)
+            textures.append(pixels_of(picture))
+    return MeshModel(
+        vertices.astype(np.float32), faces, normals.astype(np.float32), np.clip(colours, 0, 1).astype(np.float32),
+        uv.astype(np.float32), texture.astype(np.int32),
+    )  # fmt: skip
+
+
+def look_of(material: bpy.types.Material | None) -> tuple[FloatArray, bpy.types.Image | None, bool]:
+    """A material's base colour (3,), linear; the picture that multiplies it; whether the mesh's colour attribute does."""
+    if material is None:
+        return np.ones(3), None, True
+    tree = material.node_tree
+    shader = next((node for node in tree.nodes if node.type == "BSDF_PRINCIPLED"), None) if tree is not None else None
+    if shader is None:
+        return np.array(material.diffuse_color[:3], float), None, False
+    socket = shader.inputs["Base Color"]
+    before = list(_before(socket))
+    picture = next((node.image for node in before if node.type == "TEX_IMAGE" and node.image is not None), None)
+    painted = any(node.type in ("VERTEX_COLOR", "ATTRIBUTE") for node in before)
+    base = np.ones(3) if before else np.array(socket.default_value[:3], float)
+    return base, picture, painted
+
+
+def pixels_of(image: bpy.types.Image) -> NDArray[np.uint8]:
+    """A picture's colours (H, W, 3) sRGB, top row first."""
+    key = image.name_full, image.filepath, tuple(image.size), image.is_dirty
+    found = None if image.is_dirty else _pictures.get(key)
+    if found is None:
+        width, height = image.size
+        values = np.empty(width * height * image.channels, np.float32)
+        image.pixels.foreach_get(values)
+        step = -(-max(width, height) // MOST_TEXELS) or 1
+        shown = values.reshape(height, width, image.channels)[::-step, ::step]
+        shown = np.repeat(shown, 3, -1) if image.channels == 1 else shown[..., :3]
+        found = bytes_from_srgb(srgb_from_linear(shown) if image.is_float else shown)
+        if len(_pictures) >= MOST_PICTURES:
+            _pictures.clear()
+        _pictures[key] = found
+    return found
+
+
+_pictures: dict[tuple[Any, ...], NDArray[np.uint8]] = {}
+
+
+def _before(socket: bpy.types.NodeSocket) -> Iterator[bpy.types.Node]:
+    """The nodes that a socket's value comes from."""
+    seen: set[str] = set()
+    waiting = [link.from_node for link in socket.links]
+    while waiting:
+        node = waiting.pop()
+        if node.name not in seen:
+            seen.add(node.name)
+            yield node
+            waiting += [link.from_node for entry in node.inputs for link in entry.links]
+
+
+def _got(collection: Any, name: str, width: int, kind: type = np.float32) -> NDArray[Any]:
+    values: NDArray[Any] = np.empty(len(collection) * width, kind)
+    collection.foreach_get(name, values)
+    return values.reshape(-1, width)

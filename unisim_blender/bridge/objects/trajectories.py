@@ -1,0 +1,156 @@
+"""The trajectory that an object of the drive rides on: a hidden, locked parent that carries the keys.
+
+The object itself keeps a free local transform. Moving or turning it with Blender's own tools therefore displaces it from its
+trajectory by the same amount, in the trajectory's own axes, at every frame. Objects that never move have no trajectory.
+"""
+
+from __future__ import annotations
+
+import bpy
+import numpy as np
+from mathutils import Matrix, Quaternion
+
+from ...core.geometry import FloatArray
+from .animation import curves_of, keys_of, move_curves, remove_curves, write_keys
+from .imported import collection_of
+
+KIND = "TRAJECTORY"
+PATHS = ("location", "rotation_quaternion", "rotation_euler")
+"""What moves an object on its trajectory."""
+
+
+def trajectory_of(thing: bpy.types.Object) -> bpy.types.Object | None:
+    """Return the parent that carries the keys of ``thing``; None where it has none."""
+    above = thing.parent
+    return above if above is not None and above.unisim.kind == KIND else None
+
+
+def ride(thing: bpy.types.Object, on: bpy.types.Object | None = None) -> bpy.types.Object:
+    """Put ``thing``, undisplaced, onto a new trajectory that is parented to ``on``. Return the trajectory."""
+    free(thing, on)
+    above = _new(thing, thing.name)
+    above.parent = on
+    above.matrix_parent_inverse.identity()
+    _attach(thing, above)
+    settle_on(thing)
+    return above
+
+
+def free(thing: bpy.types.Object, on: bpy.types.Object | None = None) -> None:
+    """Take ``thing`` off its trajectory and parent it to ``on``. A trajectory that nothing rides on is deleted."""
+    above = trajectory_of(thing)
+    thing.parent = on
+    thing.matrix_parent_inverse.identity()
+    if above is not None:
+        _drop(above)
+
+
+def own_trajectory(thing: bpy.types.Object) -> bpy.types.Object | None:
+    """Return the trajectory of ``thing`` after giving it one of its own where copies ride on the same; None where it has none."""
+    above = trajectory_of(thing)
+    if above is None or len(above.children) == 1:
+        return above
+    copy = _new(thing, thing.name)
+    copy.parent = above.parent
+    copy.matrix_parent_inverse = above.matrix_parent_inverse
+    copy.location, copy.rotation_quaternion = above.location, above.rotation_quaternion
+    keys = keys_of(above)
+    if keys is not None:
+        write_keys(copy, *keys)
+    _attach(thing, copy)
+    return copy
+
+
+def remove(thing: bpy.types.Object) -> None:
+    """Delete an object, and its trajectory where nothing else rides on that."""
+    above = trajectory_of(thing)
+    bpy.data.objects.remove(thing)
+    if above is not None:
+        _drop(above)
+
+
+def settle_on(thing: bpy.types.Object) -> None:
+    """Put ``thing`` onto its trajectory without any displacement."""
+    remove_curves(thing, *PATHS)
+    thing.location = (0.0, 0.0, 0.0)
+    thing.rotation_quaternion = (1.0, 0.0, 0.0, 0.0)
+    thing.rotation_euler = (0.0, 0.0, 0.0)
+    thing.unisim.rest_location, thing.unisim.rest_rotation = (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0)
+
+
+def set_on_trajectory(thing: bpy.types.Object, pose: FloatArray) -> None:
+    """Put ``thing`` at a pose (4, 4) in the axes of its trajectory; that counts as undisplaced."""
+    thing.location, thing.rotation_quaternion, _ = Matrix(pose.tolist()).decompose()
+    thing.unisim.rest_location, thing.unisim.rest_rotation = thing.location, thing.rotation_quaternion
+
+
+def convert(thing: bpy.types.Object) -> bool:
+    """Move keys that earlier versions kept on the object itself onto a trajectory; return whether there were any.
+
+    Objects that constraints, drivers or the NLA move stay as they are.
+    """
+    data = thing.animation_data
+    moving = any(curve.data_path == "location" and len(curve.keyframe_points) > 1 for curve in curves_of(thing))
+    if not moving or trajectory_of(thing) is not None or thing.rotation_mode != "QUATERNION":
+        return False
+    if thing.constraints or data.drivers or any(track.strips for track in data.nla_tracks):
+        return False
+    above = _new(thing, thing.name)
+    above.parent, above.matrix_parent_inverse = thing.parent, thing.matrix_parent_inverse
+    above.location, above.rotation_quaternion = thing.location, thing.rotation_quaternion
+    move_curves(thing, above, "location", "rotation_quaternion")
+    _attach(thing, above)
+    settle_on(thing)
+    return True
+
+
+def local_matrix(thing: bpy.types.Object, frame: float) -> Matrix:
+    """Return where keys put an object in its parent's axes at a frame (4, 4); properties without keys count as they are."""
+    values = {(curve.data_path, curve.array_index): curve.evaluate(frame) for curve in curves_of(thing)}
+
+    def numbers(path: str) -> list[float]:
+        return [values.get((path, i), value) for i, value in enumerate(getattr(thing, path))]
+
+    place = Matrix.Translation(numbers("location"))
+    if thing.rotation_mode == "QUATERNION":
+        return place @ Quaternion(numbers("rotation_quaternion")).normalized().to_matrix().to_4x4()
+    if thing.rotation_mode == "AXIS_ANGLE":
+        return place @ thing.matrix_basis.to_quaternion().to_matrix().to_4x4()
+    euler = thing.rotation_euler.copy()
+    euler[:] = numbers("rotation_euler")
+    return place @ euler.to_matrix().to_4x4()
+
+
+def keyed_pose(thing: bpy.types.Object, frame: float) -> FloatArray:
+    """Return where an object's own keys and its parents' put it at a frame, as a pose in the world (4, 4)."""
+    own = np.array(local_matrix(thing, frame), float)
+    if thing.parent is None:
+        return own
+    return keyed_pose(thing.parent, frame) @ np.array(thing.matrix_parent_inverse, float) @ own
+
+
+def _new(thing: bpy.types.Object, name: str) -> bpy.types.Object:
+    """A trajectory that nothing rides on yet."""
+    above = bpy.data.objects.new(f"{name} trajectory", None)
+    collection_of(thing.users_scene[0], KIND).objects.link(above)
+    above.unisim.kind, above.unisim.uid = KIND, thing.unisim.uid
+    above.rotation_mode = "QUATERNION"
+    above.empty_display_size = 0.01
+    above.hide_viewport = above.hide_select = above.hide_render = True
+    above.lock_location = above.lock_rotation = above.lock_scale = (True, True, True)
+    return above
+
+
+def _attach(thing: bpy.types.Object, above: bpy.types.Object) -> None:
+    thing.parent = above
+    thing.matrix_parent_inverse.identity()
+    thing.rotation_mode = "QUATERNION"
+
+
+def _drop(above: bpy.types.Object) -> None:
+    if above.children:
+        return
+    action = above.animation_data.action if above.animation_data is not None else None
+    bpy.data.objects.remove(above)
+    if action is not None and action.users == 0:
+        bpy.data.actions.remove(action)

@@ -1,0 +1,210 @@
+"""The scene about the frame that is shown, without leaving it: the viewport must not change frames.
+
+Where a thing is now is known; where it is a frame earlier and later follows from its own and its parents' keys. What anything
+else moves (a constraint, a driver, the NLA) is evaluated in another scene beside this one, which holds those things alone and is
+thrown away at once. That scene is in no window, so Blender writes nothing of it back: what is shown, and changes without a key,
+stay. Making it is not allowed while a view is drawn, so the viewport has it done by a timer.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import bpy
+import numpy as np
+from bpy.app.handlers import persistent
+
+from ...core.geometry import BoolArray, FloatArray
+from ...editing.sampled.clock import Clock
+from ...editing.sampled.poses import rigid
+from ...editing.sampled.scaling import scaling_of
+from ...editing.sampled.scene import Sampled
+from ..objects.animation import curves_of, keys_hide
+from ..objects.imported import KINDS_OF_DRIVE, things
+from ..objects.trajectories import keyed_pose
+from ..window.areas import areas
+from .stepping import frame_of, sample
+
+BESIDE = "UniSim beside"
+WAIT_S = 0.2
+"""Until the next try, while a picture is rendered."""
+
+
+@dataclass(frozen=True)
+class Stepped:
+    """A thing's poses now (4, 4) and at N frames (N, 4, 4), whether it is there (N,), and what is wrong with its scale then, as
+    they were evaluated."""
+
+    now: FloatArray
+    poses: FloatArray
+    there: BoolArray
+    fault: str
+
+
+Moment = tuple[float, tuple[float, ...]]
+"""The frame that is shown, and those about it."""
+
+_stepped: dict[str, tuple[Moment, dict[str, Stepped]]] = {}
+"""By scene: its newest moment, and things by name."""
+_asked: dict[str, tuple[Clock, tuple[str, ...]]] = {}
+"""Moments that the timer is to evaluate, by scene; names of objects beside the drive's own."""
+
+
+def sample_now(
+    scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph, clock: Clock, also: tuple[bpy.types.Object, ...] = ()
+) -> Sampled:
+    """The scene's things at the frames of ``clock``, which the frame that is shown is about. Of what is `lacking`, keys alone
+    count."""
+    now = frame_of(scene)
+    here = Clock(np.array([now, now + 1.0]), clock.time_s(np.array([now, now + 1.0])))
+    one = sample(scene, depsgraph, here, lambda frame: None, also)
+    stepped = _known(scene, clock)
+    sampled = []
+    for thing in one.things:
+        owner = scene.objects.get(thing.name) or next(other for other in also if other.name == thing.name)
+        scaling = thing.scaling
+        if thing.name in stepped:
+            if not thing.mesh and not scaling.fault:
+                scaling = scaling._replace(fault=stepped[thing.name].fault)
+            poses, there = _displaced(stepped[thing.name], thing.poses[0], bool(thing.there[0])), stepped[thing.name].there
+        else:
+            keyed_now = np.linalg.inv(keyed_pose(owner, now))
+            poses = thing.poses[0] @ np.stack([keyed_now @ keyed_pose(owner, frame) for frame in clock.frames])
+            hidden = [_hidden(owner, frame) for frame in clock.frames]
+            there = np.array([bool(thing.there[0]) if now_hidden is None else not now_hidden for now_hidden in hidden])
+        sampled.append(replace(thing, poses=rigid(poses), there=there & (not owner.hide_render), scaling=scaling))
+    return replace(one, clock=clock, things=tuple(sampled))
+
+
+def lacking(scene: bpy.types.Scene, clock: Clock, also: Iterable[bpy.types.Object] = ()) -> list[bpy.types.Object]:
+    """Things that keys alone do not tell of, and that were not evaluated about this moment yet."""
+    known = _known(scene, clock)
+    found = {thing.name: thing for thing in (*things(scene, *KINDS_OF_DRIVE), *also)}
+    return [thing for name, thing in found.items() if name not in known and not moved_by_keys(thing)]
+
+
+def step_beside(scene: bpy.types.Scene, clock: Clock, moved: Sequence[bpy.types.Object]) -> bool:
+    """Evaluate some things at the frames of ``clock``, for `sample_now`; False where that has to wait for a render to end.
+
+    Not to be called while anything is drawn.
+    """
+    if not moved:
+        return True
+    if bpy.app.is_job_running("RENDER"):
+        return False
+    now = frame_of(scene)
+    moment = now, tuple(clock.frames)
+    beside = bpy.data.scenes.new(BESIDE)
+    try:
+        beside.frame_set(int(now))  # makes its depsgraph; the frame handlers that this calls find an empty scene
+        depsgraph = beside.view_layers[0].depsgraph
+        for thing in moved:
+            beside.collection.objects.link(thing)
+        matrices = np.empty((1 + len(clock.frames), len(moved), 4, 4))
+        there = np.empty((1 + len(clock.frames), len(moved)), bool)
+        hides = [keys_hide(thing) for thing in moved]
+        for at, frame in enumerate((now, *clock.frames)):
+            beside.frame_current, beside.frame_subframe = int(np.floor(frame)), float(frame - np.floor(frame))
+            depsgraph.update()
+            for i, thing in enumerate(moved):
+                matrices[at, i] = thing.evaluated_get(depsgraph).matrix_world
+                there[at, i] = not (hides[i] and thing.evaluated_get(depsgraph).hide_viewport)
+    finally:
+        bpy.data.scenes.remove(beside)
+    poses = rigid(matrices)
+    new = {
+        thing.name: Stepped(
+            poses[0, i], poses[1:, i], there[1:, i], scaling_of(matrices[1:, i], poses[1:, i], there[1:, i]).fault
+        )
+        for i, thing in enumerate(moved)
+    }
+    _stepped[scene.name] = moment, _known(scene, clock) | new
+    return True
+
+
+def step_soon(scene: bpy.types.Scene, clock: Clock, also: Iterable[bpy.types.Object] = ()) -> None:
+    """Have a timer evaluate what is `lacking`, and the views drawn again then."""
+    _asked[scene.name] = clock, tuple(thing.name for thing in also)
+    if not bpy.app.timers.is_registered(_step_asked):
+        bpy.app.timers.register(_step_asked, first_interval=0.0)
+
+
+def _step_asked() -> float | None:
+    for name, (clock, others) in list(_asked.items()):
+        scene = bpy.data.scenes.get(name)
+        also = [bpy.data.objects[other] for other in others if other in bpy.data.objects]
+        if scene is not None and not step_beside(scene, clock, lacking(scene, clock, also)):
+            return WAIT_S
+        del _asked[name]
+    for area in areas("VIEW_3D"):
+        area.tag_redraw()
+    return None
+
+
+def moved_by_keys(thing: bpy.types.Object) -> bool:
+    """Whether nothing but its own and its parents' keys moves a thing."""
+    data = thing.animation_data
+    plain = (
+        (data is None or not (data.drivers or (data.use_nla and any(track.strips for track in data.nla_tracks))))
+        and all(constraint.mute for constraint in thing.constraints)
+        and thing.rotation_mode != "AXIS_ANGLE"
+        and not any((*thing.delta_location, *thing.delta_rotation_euler, *thing.delta_rotation_quaternion[1:]))
+    )
+    if not plain or thing.parent is None:
+        return plain
+    return thing.parent_type == "OBJECT" and tuple(thing.parent.scale) == (1.0, 1.0, 1.0) and moved_by_keys(thing.parent)
+
+
+def _known(scene: bpy.types.Scene, clock: Clock) -> dict[str, Stepped]:
+    moment, stepped = _stepped.get(scene.name, (None, {}))
+    return stepped if moment == (frame_of(scene), tuple(clock.frames)) else {}
+
+
+def _displaced(stepped: Stepped, now: FloatArray, there: bool) -> FloatArray:
+    """Poses (N, 4, 4), displaced as the pose now (4, 4) is by a change without a key. Blender does not evaluate hidden things."""
+    return now @ np.linalg.inv(stepped.now) @ stepped.poses if there else stepped.poses
+
+
+def _hidden(thing: bpy.types.Object, frame: float) -> bool | None:
+    """Whether keys hide a thing at a frame; None where none do."""
+    for curve in curves_of(thing):
+        if curve.data_path == "hide_viewport":
+            return curve.evaluate(frame) > 0.5
+    return None
+
+
+@persistent
+def forget_moved(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None = None) -> None:
+    """Forget a scene's moment when anything in it moved. That a scene beside came and went moves nothing."""
+    if scene.name in _stepped and depsgraph is not None and any(update.is_updated_transform for update in depsgraph.updates):
+        del _stepped[scene.name]
+
+
+@persistent
+def forget_all(*_: object) -> None:
+    """Forget every moment: another file, or another state of it."""
+    _stepped.clear()
+
+
+def _handlers() -> tuple[tuple[list[object], object], ...]:
+    handlers = bpy.app.handlers
+    changed = (handlers.load_post, handlers.undo_post, handlers.redo_post)
+    return (handlers.depsgraph_update_post, forget_moved), *((when, forget_all) for when in changed)
+
+
+def register() -> None:
+    """Hear of what moves."""
+    for when, handler in _handlers():
+        when.append(handler)
+
+
+def unregister() -> None:
+    """Hear no more, and forget."""
+    for when, handler in _handlers():
+        if handler in when:
+            when.remove(handler)
+    if bpy.app.timers.is_registered(_step_asked):
+        bpy.app.timers.unregister(_step_asked)
+    _stepped.clear()
+    _asked.clear()

@@ -1,0 +1,207 @@
+"""The edits list of each scene, read in steps: what did not change since the last reading is not read again.
+
+`Reading.stale` says that the scene may have changed since. Whoever shows the list shows that, too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+
+import bpy
+import numpy as np
+
+from ...core.errors import UnisimError
+from ...core.world.drive import Drive
+from ...editing.edits.lines import Line
+from ...editing.reading.scenario import BY_ID, GROUP_OF, group_lines
+from ...editing.sampled.clock import Clock
+from ...editing.sampled.scene import Sampled
+from ...editing.sampled.scene import SampledObject as Thing
+from ..objects.imported import KINDS_OF_DRIVE, things
+from ..objects.source import source_of
+from .adjacent_frames import moved_by_keys
+from .from_keys import Sampler, evaluated
+from .stepping import shown_names
+
+FRAMES_AT_ONCE = 4
+"""Frames that are evaluated beside between two looks at the time."""
+
+Key = tuple[str, str]
+"""Group and id of what is read together."""
+
+
+@dataclass
+class Reading:
+    """A scene's edits as they were read last. ``problem`` says why they could not be.
+
+    ``stale``: whether the scene may have changed since; ``moved``: whether something may have moved; ``busy``:
+    whether it is being
+    read.
+    """
+
+    lines: tuple[Line, ...] = ()
+    problem: str = ""
+    stale: bool = True
+    moved: bool = True
+    busy: bool = False
+    known: dict[Key, tuple[object, tuple[Line, ...]]] = field(default_factory=dict)
+
+    def mark(self, moved: bool = True) -> None:
+        """Note that the scene may have changed."""
+        self.stale = True
+        self.moved |= moved
+
+    def fail(self, problem: str) -> None:
+        """Note why the edits could not be read."""
+        self.lines, self.problem, self.stale, self.busy = (), problem, False, False
+
+    @property
+    def fresh(self) -> bool:
+        """Whether the lines are true of the scene as it is."""
+        return not self.stale and not self.busy
+
+    @property
+    def active(self) -> tuple[Line, ...]:
+        """The edits that count."""
+        return tuple(line for line in self.lines if line.muted < 0 and line.part != "PROBLEM")
+
+
+_beside: list[bool] = []
+"""Whether a scene beside was made since that was asked last."""
+
+
+def made_beside() -> bool:
+    """Return whether a scene beside was made since this was asked last: Blender tells of that as a change."""
+    made = bool(_beside)
+    _beside.clear()
+    return made
+
+
+_readings: dict[str, Reading] = {}
+
+
+def reading_of(scene: bpy.types.Scene) -> Reading:
+    """Return what is known of a scene's edits."""
+    return _readings.setdefault(scene.name, Reading())
+
+
+def mark_all() -> None:
+    """Note that every scene may have changed."""
+    for name in [name for name in _readings if name not in bpy.data.scenes]:
+        del _readings[name]
+    for reading in _readings.values():
+        reading.mark()
+
+
+def forget() -> None:
+    """Forget all that was read."""
+    _readings.clear()
+
+
+def read_now(scene: bpy.types.Scene) -> tuple[Line, ...]:
+    """Read a scene's edits at once and return them. Raises `UnisimError` where they cannot be read."""
+    reading_of(scene).mark()
+    for _ in read_steps(scene):
+        pass
+    reading = reading_of(scene)
+    if reading.problem:
+        raise UnisimError(reading.problem)
+    return reading.lines
+
+
+def read_steps(scene: bpy.types.Scene) -> Iterator[None]:
+    """Read a scene's edits, a step of some milliseconds at a time. To be begun anew where the scene changes
+    meanwhile."""
+    reading = reading_of(scene)
+    reading.stale, reading.busy, moved = False, True, reading.moved
+    try:
+        source = source_of(scene)
+        clock = Clock.of(source.drive)
+        if scene.render.frame_map_old != scene.render.frame_map_new:
+            raise UnisimError("Output > Frame Range > Time Stretching is set, so frames are not the log's: set both alike")
+    except (UnisimError, OSError) as fault:
+        reading.fail(str(fault))
+        return
+    live = any(window.scene == scene for window in bpy.context.window_manager.windows)
+    sampler = Sampler(scene, clock, shown_names(scene.view_layers[0].layer_collection), live)
+    known: dict[Key, tuple[object, tuple[Line, ...]]] = {}
+    lines: list[Line] = []
+    for key, group in _groups(scene, source.drive).items():
+        signature = (
+            tuple(sampler.signature(thing) for thing in group),
+            clock.frames.tobytes(),
+            str(source.scene_path),
+            _marked(scene, key),
+        )
+        before = reading.known.get(key)
+        free = [thing for thing in group if not moved_by_keys(thing)]
+        if before is not None and before[0] == signature and not (free and moved):
+            known[key] = before
+        else:
+            sampled: list[Thing] = []
+            yield from _sampled(sampler, group, free, sampled)
+            known[key] = signature, tuple(_lines(key, sampled, source.drive, clock, scene))
+        lines += known[key][1]
+        yield
+    lines += muted_lines(scene)
+    reading.known, reading.moved, reading.busy = known, False, False
+    reading.problem, reading.lines = "", tuple(sorted(lines, key=lambda line: (line.part != "PROBLEM", line.who, line.part)))
+
+
+def muted_lines(scene: bpy.types.Scene) -> list[Line]:
+    """Return the lines of the edits that are muted, as they were read when they were muted."""
+    return [
+        Line(
+            item.kind, item.uid, item.part, item.what, item.name, item.thing, item.start_s, item.end_s,
+            tuple(range(item.first, item.last + 1)), None, number,
+        )
+        for number, item in enumerate(scene.unisim_edits.muted)
+    ]  # fmt: skip
+
+
+def _groups(scene: bpy.types.Scene, drive: Drive) -> dict[Key, list[bpy.types.Object]]:
+    """Return what has to be read together: each actor with its copies, the rig, the static items."""
+    groups: dict[Key, list[bpy.types.Object]] = {("RIG", ""): []}
+    groups |= {("ACTOR", uid): [] for uid in sorted(drive.actors)}
+    for thing in things(scene, *KINDS_OF_DRIVE):
+        group = GROUP_OF[thing.unisim.kind]
+        groups.setdefault((group, thing.unisim.uid if group in BY_ID else ""), []).append(thing)
+    if len(scene.unisim.static_items):
+        groups.setdefault(("STATIC", ""), [])
+    return groups
+
+
+def _marked(scene: bpy.types.Scene, key: Key) -> object:
+    return tuple((item.name, item.model) for item in scene.unisim.static_items) if key[0] == "STATIC" else ()
+
+
+def _sampled(
+    sampler: Sampler, group: list[bpy.types.Object], free: list[bpy.types.Object], sampled: list[Thing]
+) -> Iterator[None]:
+    """Sample a group into ``sampled``, with rests."""
+    beside = {}
+    if free:
+        frames, parts = sampler.clock.frames, []
+        for at in range(0, len(frames), FRAMES_AT_ONCE):
+            _beside[:] = [True]
+            parts.append(evaluated(sampler.scene, frames[at : at + FRAMES_AT_ONCE].tolist(), free))
+            yield
+        matrices, there = (np.concatenate([part[i] for part in parts]) for i in (0, 1))
+        beside = {thing.name: (matrices[:, i], there[:, i]) for i, thing in enumerate(free)}
+    for thing in group:
+        sampled.append(sampler.thing(thing, *beside.get(thing.name, ())))
+        if thing.unisim.kind != "ACTOR":  # a sensor takes milliseconds, an actor none
+            yield
+
+
+def _lines(key: Key, sampled: list[Thing], drive: Drive, clock: Clock, scene: bpy.types.Scene) -> Iterator[Line]:
+    """Yield the lines of a group."""
+    items = {item.name: item.model for item in scene.unisim.static_items}
+    return group_lines(*key, Sampled(scene.name, clock, tuple(sampled), items), drive)
+
+
+def renamed(before: str, after: str) -> None:
+    """Keep what was read of a scene that got another name."""
+    if before in _readings:
+        _readings[after] = replace(_readings.pop(before), stale=True)

@@ -1,0 +1,92 @@
+"""A digest of everything in a scene that edits change, to tell whether a result is of the scene as it is now."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterable
+from typing import Any
+
+import bpy
+import numpy as np
+from numpy.typing import NDArray
+
+from ..objects.animation import curves_of
+from ..objects.imported import KINDS_OF_DRIVE, things
+from ..objects.meshes import size_of
+
+TRANSFORMS = (
+    "location",
+    "rotation_mode",
+    "rotation_quaternion",
+    "rotation_euler",
+    "scale",
+    "delta_location",
+    "delta_rotation_quaternion",
+    "delta_rotation_euler",
+    "delta_scale",
+)
+"""What places an object that is not animated."""
+FLAGS = ("kind", "uid", "look", "look_scene", "model", "mesh", "label")
+"""What an object of a drive stands for."""
+LENS = ("lens", "shift_x", "shift_y", "sensor_width", "sensor_height", "sensor_fit", "type")
+
+
+def edit_state(scene: bpy.types.Scene) -> str:
+    """Return a digest of a scene's edits: the same before and after saving, at every frame, and after undo and redo."""
+    digest = hashlib.blake2b(digest_size=16)
+    for thing in things(scene, *KINDS_OF_DRIVE, "TRAJECTORY"):
+        about = thing.unisim
+        said: list[object] = [thing.name, thing.hide_render, *(getattr(about, name) for name in FLAGS)]
+        if thing.type == "MESH":
+            said += np.round(size_of(thing), 5).tolist()
+        if thing.type == "CAMERA":
+            said += [getattr(thing.data, name) for name in LENS]
+        for part in (thing, *(thing.children_recursive if about.mesh else ())):
+            said += _placed(part)
+        digest.update(repr(said).encode())
+    rest: list[object] = [(item.name, item.model) for item in scene.unisim.static_items]
+    rest += [pair for layer in scene.view_layers for pair in _left_out(layer.layer_collection)]
+    rest += [scene.render.frame_map_old, scene.render.frame_map_new]
+    digest.update(repr(rest).encode())
+    return digest.hexdigest()
+
+
+def _placed(thing: bpy.types.Object) -> list[object]:
+    """What animates an object, and those of its transforms that nothing animates."""
+    said: list[object] = []
+    data, animated = thing.animation_data, set()
+    for curve in curves_of(thing):
+        animated.add(curve.data_path)
+        points = np.empty(2 * len(curve.keyframe_points), np.float32)
+        kinds = np.empty(len(curve.keyframe_points), np.int32)
+        curve.keyframe_points.foreach_get("co", points)
+        curve.keyframe_points.foreach_get("interpolation", kinds)
+        said += [curve.data_path, curve.array_index, curve.mute, hash_of(points, kinds)]
+    strips = [strip for track in data.nla_tracks for strip in track.strips] if data is not None else []
+    said += [(s.name, s.frame_start, s.frame_end, s.scale, s.mute, s.action.name if s.action else "") for s in strips]
+    if data is not None:
+        animated |= {driver.data_path for driver in data.drivers}
+    if not strips:
+        said += [(name, _plain(getattr(thing, name))) for name in TRANSFORMS if name not in animated]
+    said += [(constraint.type, constraint.mute, constraint.influence) for constraint in thing.constraints]
+    if thing.parent is not None:
+        said += [thing.parent.name, *(_plain(row) for row in thing.matrix_parent_inverse)]
+    return said
+
+
+def hash_of(*arrays: NDArray[Any]) -> str:
+    """Return a digest of arrays' bytes."""
+    digest = hashlib.blake2b(digest_size=8)
+    for array in arrays:
+        digest.update(array.tobytes())
+    return digest.hexdigest()
+
+
+def _plain(value: str | Iterable[float]) -> object:
+    return value if isinstance(value, str) else tuple(value)
+
+
+def _left_out(layer: bpy.types.LayerCollection) -> list[tuple[str, bool, bool]]:
+    """Name, exclusion and hiding of a collection and of those in it."""
+    found = [(layer.collection.name, layer.exclude, layer.collection.hide_render)]
+    return found + [pair for child in layer.children for pair in _left_out(child)]

@@ -1,0 +1,222 @@
+"""Where an object is at every frame of the drive, from its keys and those of its parents, without stepping through
+the frames.
+
+Objects that anything else moves (a constraint, a driver, the NLA) are evaluated in a scene beside, as `neighbours`
+does it.
+`signature` tells whether an object is the same as when it was looked at last.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import bpy
+import numpy as np
+from mathutils import Euler, Quaternion
+
+from ...core.geometry import BoolArray, FloatArray, matrix_from_quaternion
+from ...editing.motion.displacement import SAME
+from ...editing.sampled.clock import Clock
+from ...editing.sampled.poses import rigid
+from ...editing.sampled.scaling import Scaling, scaling_of
+from ...editing.sampled.scene import SampledObject
+from ..objects.animation import curves_of, keys_hide
+from ..objects.cameras import model_of
+from ..objects.imported import sees_body, title_of
+from ..objects.trajectories import trajectory_of
+from .adjacent_frames import BESIDE, moved_by_keys
+from .stepping import picture_size
+
+PATHS = ("location", "rotation_quaternion", "rotation_euler", "scale")
+HIDING = ("hide_viewport", "hide_render")
+STATE = ("name", "type", "parent_type", "rotation_mode", "hide_render", "hide_viewport", "pass_index")
+ABOUT = ("kind", "uid", "home", "look", "look_scene", "mesh", "label", "model", "called", "called_as")
+NUMBERS = ("location", "rotation_quaternion", "rotation_euler", "scale")
+DELTAS = ("delta_location", "delta_rotation_euler", "delta_rotation_quaternion", "delta_scale")
+LENS = ("lens", "sensor_width", "sensor_height", "shift_x", "shift_y", "sensor_fit")
+
+
+class Sampler:
+    """Samples objects of one scene at the frames of ``clock``. ``shown`` are the names of objects in collections
+    that are
+    rendered; ``live``: whether the scene is in a window, so that changes without a key are there to be seen."""
+
+    def __init__(self, scene: bpy.types.Scene, clock: Clock, shown: set[str], live: bool) -> None:
+        self.scene, self.clock, self.shown, self.live = scene, clock, shown, live
+        self._matrices: dict[str, FloatArray] = {}
+        self._signatures: dict[str, tuple[object, ...]] = {}
+
+    def thing(self, thing: bpy.types.Object, matrices: FloatArray | None = None, there: BoolArray | None = None) -> SampledObject:
+        """Return an object at all frames; ``matrices`` (N, 4, 4) and ``there`` (N,) are given where keys do not tell
+        them."""
+        if matrices is None or there is None:
+            matrices, there = self.matrices(thing), self.there(thing)
+        about, above = thing.unisim, trajectory_of(thing)
+        poses = rigid(matrices)
+        scaling = Scaling() if about.mesh else scaling_of(matrices, poses, there)
+        return SampledObject(
+            name=thing.name,
+            kind=about.kind,
+            uid=about.uid,
+            home=about.home,
+            look=about.look,
+            look_scene=bpy.path.abspath(about.look_scene) if about.look_scene else "",
+            model=about.model,
+            index=thing.pass_index,
+            poses=poses,
+            there=there & (thing.name in self.shown),
+            camera=model_of(thing, picture_size(self.scene.render)) if thing.type == "CAMERA" else None,
+            mesh=title_of(thing) if about.mesh else "",
+            label=about.label,
+            scaling=scaling,
+            sees_body=sees_body(thing),
+            called=title_of(thing),
+            ridden=rigid(self.matrices(above)) if above is not None and moved_by_keys(above) else None,
+            span=_span(above) if above is not None else None,
+        )
+
+    def matrices(self, thing: bpy.types.Object) -> FloatArray:
+        """Return where keys put an object in the world (N, 4, 4), with its scale."""
+        if thing.name not in self._matrices:
+            own = self._local(thing)
+            if thing.parent is not None:
+                own = self.matrices(thing.parent) @ np.array(thing.matrix_parent_inverse, float) @ own
+            self._matrices[thing.name] = own
+        return self._matrices[thing.name]
+
+    def there(self, thing: bpy.types.Object) -> BoolArray:
+        """Return whether keys and switches show an object (N,), whatever its collections do."""
+        keyed = {curve.data_path: self._values(curve) > 0.5 for curve in curves_of(thing) if curve.data_path in HIDING}
+        for_renders = np.full(len(self.clock.frames), thing.hide_render)
+        return ~(keyed.get("hide_render", for_renders) | keyed.get("hide_viewport", np.zeros_like(for_renders)))
+
+    def signature(self, thing: bpy.types.Object) -> tuple[object, ...]:
+        """Return what an object's samples depend on, parents included; what moves it beside keys is not part of it."""
+        if thing.name not in self._signatures:
+            keyed = {curve.data_path for curve in curves_of(thing)}
+            numbers = [tuple(getattr(thing, path)) for path in NUMBERS if path not in keyed]
+            numbers += [tuple(getattr(thing, path)) for path in DELTAS]
+            own = (
+                *(getattr(thing, name) for name in STATE if name != "hide_viewport" or name not in keyed),
+                *(getattr(thing.unisim, name) for name in ABOUT),
+                *numbers,
+                tuple(tuple(row) for row in thing.matrix_parent_inverse),
+                tuple(_curve_state(curve) for curve in curves_of(thing)),
+                tuple(self._pending(thing).ravel().round(6).tolist()),
+                thing.name in self.shown,
+                moved_by_keys(thing),
+                _lens(thing),
+            )
+            self._signatures[thing.name] = own if thing.parent is None else (*own, hash(self.signature(thing.parent)))
+        return self._signatures[thing.name]
+
+    def _local(self, thing: bpy.types.Object) -> FloatArray:
+        """Return an object's own transform (N, 4, 4) by its keys."""
+        count = len(self.clock.frames)
+        found = {(curve.data_path, curve.array_index): curve for curve in curves_of(thing) if curve.data_path in PATHS}
+
+        def numbers(path: str) -> FloatArray:
+            now = getattr(thing, path)
+            return np.stack(
+                [self._values(found[path, i]) if (path, i) in found else np.full(count, v) for i, v in enumerate(now)], -1
+            )
+
+        whole = np.tile(np.eye(4), (count, 1, 1))
+        if thing.rotation_mode == "QUATERNION":
+            turns = numbers("rotation_quaternion")
+            whole[:, :3, :3] = matrix_from_quaternion(turns / np.maximum(np.linalg.norm(turns, axis=1, keepdims=True), 1e-12))
+        elif thing.rotation_mode == "AXIS_ANGLE":
+            whole[:, :3, :3] = np.array(thing.matrix_basis.to_quaternion().to_matrix(), float)
+        elif any(path == "rotation_euler" for path, _ in found):
+            angles = numbers("rotation_euler")
+            whole[:, :3, :3] = [np.array(Euler(row, thing.rotation_mode).to_matrix(), float) for row in angles.tolist()]
+        else:
+            whole[:, :3, :3] = np.array(thing.rotation_euler.to_matrix(), float)
+        whole[:, :3, 3] = numbers("location")
+        pending = self._pending(thing)
+        whole[:, :3, :3] = pending[:3, :3] @ whole[:, :3, :3]
+        whole[:, :3, 3] += pending[:3, 3]
+        whole[:, :3, :3] *= numbers("scale")[:, None]
+        return whole
+
+    def _pending(self, thing: bpy.types.Object) -> FloatArray:
+        """Return the change (4, 4) of an object that has keys which was made without a key: the next frame displaces
+        its keys
+        by it (`displacing.keep`), in its parent's axes."""
+        apart = np.eye(4)
+        curves = {(curve.data_path, curve.array_index): curve for curve in curves_of(thing)}
+        if (
+            not curves
+            or not self.live
+            or trajectory_of(thing) is None
+            or not thing.visible_get(view_layer=self.scene.view_layers[0])
+        ):
+            return apart
+        frame = self.scene.frame_current_final
+
+        def then(path: str, now: FloatArray) -> FloatArray:
+            return np.array([curves[path, i].evaluate(frame) if (path, i) in curves else v for i, v in enumerate(now)])
+
+        now = np.array(thing.location, float)
+        keyed = then("location", now)
+        if np.abs(now - keyed).max() > SAME * max(1.0, float(np.abs(keyed).max())):
+            apart[:3, 3] = now - keyed
+        turn = np.array(thing.rotation_quaternion, float)
+        keyed = then("rotation_quaternion", turn)
+        if np.abs(turn - keyed).max() > SAME:
+            turned = Quaternion(turn).normalized() @ Quaternion(keyed).normalized().inverted()
+            apart[:3, :3] = np.array(turned.to_matrix(), float)
+        return apart
+
+    def _values(self, curve: bpy.types.FCurve) -> FloatArray:
+        evaluate = curve.evaluate
+        return np.array([evaluate(frame) for frame in self.clock.frames.tolist()])
+
+
+def evaluated(scene: bpy.types.Scene, frames: Sequence[float], moved: Sequence[bpy.types.Object]) -> tuple[FloatArray, BoolArray]:
+    """Return where things are in the world (N, T, 4, 4) and whether they are shown (N, T), by evaluating them in a
+    scene beside.
+
+    Not to be called while anything is drawn or rendered.
+    """
+    matrices, there = np.empty((len(frames), len(moved), 4, 4)), np.ones((len(frames), len(moved)), bool)
+    hides = [keys_hide(thing) for thing in moved]
+    beside = bpy.data.scenes.new(BESIDE)
+    try:
+        beside.frame_set(int(frames[0]))
+        depsgraph = beside.view_layers[0].depsgraph
+        for thing in moved:
+            beside.collection.objects.link(thing)
+        for at, frame in enumerate(frames):
+            beside.frame_current, beside.frame_subframe = int(np.floor(frame)), float(frame - np.floor(frame))
+            depsgraph.update()
+            for i, thing in enumerate(moved):
+                now = thing.evaluated_get(depsgraph)
+                matrices[at, i] = now.matrix_world
+                there[at, i] = not (hides[i] and now.hide_viewport) and not now.hide_render
+    finally:
+        bpy.data.scenes.remove(beside)
+    return matrices, there
+
+
+def _span(above: bpy.types.Object) -> tuple[float, float] | None:
+    """Return the frames of a trajectory's first and last key."""
+    curve = next((curve for curve in curves_of(above) if curve.data_path == "location" and len(curve.keyframe_points)), None)
+    return None if curve is None else (float(curve.keyframe_points[0].co[0]), float(curve.keyframe_points[-1].co[0]))
+
+
+def _curve_state(curve: bpy.types.FCurve) -> tuple[object, ...]:
+    points = curve.keyframe_points
+    values = np.empty(2 * len(points), np.float32)
+    parts = []
+    for name in ("co", "handle_left", "handle_right"):
+        points.foreach_get(name, values)
+        parts.append(values.tobytes())
+    ways = np.empty(len(points), np.int32)
+    points.foreach_get("interpolation", ways)
+    told = curve.data_path, curve.array_index, curve.extrapolation, curve.mute, len(curve.modifiers)
+    return (*told, hash((*parts, ways.tobytes())))
+
+
+def _lens(thing: bpy.types.Object) -> tuple[object, ...]:
+    return tuple(getattr(thing.data, name) for name in LENS) if thing.type == "CAMERA" else ()

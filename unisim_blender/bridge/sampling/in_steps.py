@@ -1,0 +1,90 @@
+"""What stands where at all frames of a drive, read in steps of some milliseconds, so that a window goes on in between.
+
+Keys tell where most objects are; the rest is evaluated in a scene beside. The frame that is shown stays.
+`sampling.sample_all` evaluates the scene at every frame instead: it is the plain reference, and what runs without a window.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from dataclasses import replace
+
+import bpy
+import numpy as np
+
+from ...core.geometry import BoolArray, FloatArray
+from ...editing.reading.mesh_files import file_of
+from ...editing.sampled.clock import Clock
+from ...editing.sampled.scaling import CHANGING, Scaling
+from ...editing.sampled.scene import Sampled, SampledObject
+from ..objects.animation import curves_of, scale_changes
+from ..objects.imported import KINDS_OF_DRIVE, things
+from ..objects.meshes import extent_of, model_of
+from .adjacent_frames import moved_by_keys
+from .from_keys import Sampler, evaluated
+from .stepping import depsgraph_of, refuse_stretching, shown_names
+
+FRAMES_AT_ONCE = 4
+"""Frames that are evaluated beside in one step."""
+
+Progress = tuple[int, int]
+"""Steps that are done, and all steps."""
+
+
+def sample_steps(scene: bpy.types.Scene, clock: Clock) -> Generator[Progress, None, Sampled]:
+    """Return, after some steps, the scene's things at all of the clock's frames.
+
+    The scene must not change between steps. Raises `UnisimError` where it cannot be read.
+    """
+    refuse_stretching(scene)
+    found = list(things(scene, *KINDS_OF_DRIVE))
+    free = [thing for thing in found if not by_keys_alone(thing)]
+    parts = range(0, len(clock.frames), FRAMES_AT_ONCE) if free else ()
+    done, total = 0, len(parts) + len(found)
+    beside: dict[str, tuple[FloatArray, BoolArray]] = {}
+    if free:
+        evaluations = []
+        for at in parts:
+            evaluations.append(evaluated(scene, clock.frames[at : at + FRAMES_AT_ONCE].tolist(), free))
+            yield (done := done + 1), total
+        matrices, there = (np.concatenate([part[i] for part in evaluations]) for i in (0, 1))
+        beside = {thing.name: (matrices[:, i], there[:, i]) for i, thing in enumerate(free)}
+    shown = scene == bpy.context.scene
+    layer = bpy.context.view_layer if shown else scene.view_layers[0]
+    live = any(window.scene == scene for window in bpy.context.window_manager.windows)
+    sampler = Sampler(scene, clock, shown_names(layer.layer_collection), live)
+    sampled = []
+    for thing in found:
+        sampled.append(_completed(scene, thing, sampler.thing(thing, *beside.get(thing.name, ()))))
+        yield (done := done + 1), total
+    return Sampled(scene.name, clock, tuple(sampled), {item.name: item.model for item in scene.unisim.static_items})
+
+
+def by_keys_alone(thing: bpy.types.Object) -> bool:
+    """Return whether `Sampler` finds an object where Blender evaluates it: no deltas of the scale, no muted curves, and no parent
+    whose path moves what is parented to it."""
+    above: bpy.types.Object | None = thing
+    while above is not None:
+        muted = any(curve.mute or (curve.group is not None and curve.group.mute) for curve in curves_of(above))
+        deltas = any(curve.data_path.startswith("delta_") for curve in curves_of(above))
+        if muted or deltas or tuple(above.delta_scale) != (1.0, 1.0, 1.0) or (above is not thing and above.type == "CURVE"):
+            return False
+        above = above.parent
+    return moved_by_keys(thing)
+
+
+def _completed(scene: bpy.types.Scene, thing: bpy.types.Object, one: SampledObject) -> SampledObject:
+    """What `Sampler` does not tell of an object: its size, the model that its surface is, and keys of its scale."""
+    if not thing.unisim.mesh:
+        scaling = one.scaling
+        if not scaling.fault and scale_changes(thing):
+            scaling = Scaling(scaling.factors, CHANGING)
+        size = extent_of(thing) * np.array(scaling.factors)
+        return replace(one, scaling=scaling, size_m=tuple(size.tolist()), mesh="")
+    size_m, file, poses = tuple(extent_of(thing).tolist()), "", one.poses
+    if one.there.any():
+        model, middle = model_of(thing, depsgraph_of(scene))
+        poses = poses.copy()
+        poses[:, :3, 3] += poses[:, :3, :3] @ middle
+        size_m, file = tuple(model.size_m.tolist()), str(file_of(model))
+    return replace(one, poses=poses, size_m=size_m, mesh=file)

@@ -1,0 +1,79 @@
+"""What the actor list and the presence timeline show of each actor, worked out outside of any drawing.
+
+An actor's track is where its keys put it at all frames of the clock, and when they show it. It is worked out again only when the
+actor changed; distance and speed at another frame then take one step for all actors together.
+"""
+
+from __future__ import annotations
+
+import bpy
+import numpy as np
+
+from ...core.actor_images.names import group_of
+from ...core.geometry import BoolArray, FloatArray, make_pose
+from ...core.world.drive import Drive
+from ...editing.actors.table import Track, differs, steps_of
+from ...editing.sampled.clock import Clock
+from ..objects.animation import curves_of, shown_by_keys
+from ..objects.imported import things
+from ..objects.trajectories import keyed_pose, trajectory_of
+
+
+def track_of(thing: bpy.types.Object, drive: Drive, clock: Clock, original: bool) -> Track:
+    """Return an actor's track; ``original`` tells whether the object stands for the recorded actor and is no copy."""
+    poses, there = poses_of(thing, clock.frames), there_of(thing, clock.frames)
+    recorded = drive.actors.get(thing.unisim.look or thing.unisim.uid)
+    label = thing.unisim.label or (recorded.label if recorded is not None else "")
+    return Track(
+        thing.name, thing.unisim.uid, label, group_of(label), poses[:, :3, 3], there, steps_of(there, clock),
+        is_edited(thing, drive, clock, poses, there, original),
+    )  # fmt: skip
+
+
+def is_edited(thing: bpy.types.Object, drive: Drive, clock: Clock, poses: FloatArray, there: BoolArray, original: bool) -> bool:
+    """Return whether a scenario would name an actor: it is new, removed, has another appearance, or goes elsewhere or at other
+    times than recorded. What constraints, drivers or the NLA do counts as edited unseen."""
+    actor = drive.actors.get(thing.unisim.uid)
+    if actor is None or not original or thing.unisim.mesh or thing.unisim.look or thing.hide_render:
+        return True
+    for one in (thing, trajectory_of(thing)):
+        data = one.animation_data if one is not None else None
+        if one is not None and (one.constraints or (data is not None and (data.drivers or data.nla_tracks))):
+            return True
+    return differs(poses, there, actor, drive, clock)
+
+
+def poses_of(thing: bpy.types.Object, frames: FloatArray) -> FloatArray:
+    """Return where an object's own keys and its parents' put it at frames (N,), as poses in the world (N, 4, 4)."""
+    if thing.rotation_mode != "QUATERNION":
+        return np.stack([keyed_pose(thing, float(frame)) for frame in frames])
+    found = {(curve.data_path, curve.array_index): curve for curve in curves_of(thing)}
+
+    def values(path: str) -> FloatArray:
+        columns = []
+        for index, value in enumerate(getattr(thing, path)):
+            curve = found.get((path, index))
+            columns.append(np.full(len(frames), value) if curve is None else [curve.evaluate(frame) for frame in frames])
+        return np.array(columns, float).T
+
+    quaternions = values("rotation_quaternion")
+    quaternions /= np.maximum(np.linalg.norm(quaternions, axis=1, keepdims=True), 1e-12)
+    own = make_pose(values("location"), quaternions)
+    if thing.parent is None:
+        return own
+    return poses_of(thing.parent, frames) @ np.array(thing.matrix_parent_inverse, float) @ own
+
+
+def there_of(thing: bpy.types.Object, frames: FloatArray) -> BoolArray:
+    """Return whether keys show an object at frames (N,), and it is not removed."""
+    return shown_by_keys(thing, frames) & (not thing.hide_render)
+
+
+def originals(scene: bpy.types.Scene) -> dict[str, str]:
+    """Return the name of the object that stands for each imported actor, by id; as `things.original_of`, for all at once."""
+    found: dict[str, str] = {}
+    for thing in things(scene, "ACTOR"):
+        uid = thing.unisim.uid
+        if uid and (uid not in found or thing.name == thing.unisim.home):
+            found[uid] = thing.name
+    return found

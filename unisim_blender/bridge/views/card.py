@@ -1,0 +1,43 @@
+"""What the sidebar says of an actor at the frame that is shown."""
+
+from __future__ import annotations
+
+import bpy
+import numpy as np
+
+from ...core.world.drive import Drive
+from ...editing.actors.card import HALF_S, Card, present_span, role_words, size_words
+from ...editing.sampled.clock import Clock
+from ...editing.sampled.scaling import UNIT
+from ..objects.animation import shown_by_keys
+from ..objects.imported import is_copy, things
+from ..objects.meshes import scale_of, size_of
+from ..objects.trajectories import keyed_pose
+
+
+def card_of(scene: bpy.types.Scene, thing: bpy.types.Object, drive: Drive) -> Card:
+    """Return the card of an actor at the frame that is shown."""
+    clock = Clock.of(drive)
+    now = float(clock.time_s(np.array(scene.frame_current_final)))
+    before, after = clock.frame(np.array([now - HALF_S, now + HALF_S]))
+    moved = keyed_pose(thing, float(after))[:3, 3] - keyed_pose(thing, float(before))[:3, 3]
+    ego = next(things(scene, "EGO"), None)
+    apart = 0.0 if ego is None else (thing.matrix_world.translation - ego.matrix_world.translation).length
+    recorded = drive.actors.get(thing.unisim.look or thing.unisim.uid)
+    label = thing.unisim.label or (recorded.label if recorded is not None else "")
+    return Card(
+        thing.name, label, role_of(scene, thing, drive), float(np.linalg.norm(moved)) / (2 * HALF_S), apart,
+        present_span(shown_by_keys(thing, clock.frames), clock), size_of_card(thing),
+    )  # fmt: skip
+
+
+def size_of_card(thing: bpy.types.Object) -> str:
+    """Return how large an actor is drawn, and by what it is scaled, in words."""
+    return size_words(size_of(thing).tolist(), UNIT if thing.unisim.mesh else scale_of(thing))
+
+
+def role_of(scene: bpy.types.Scene, thing: bpy.types.Object, drive: Drive) -> str:
+    """Return what an actor is in one or two words."""
+    about = thing.unisim
+    is_recorded = about.uid in drive.actors and not about.look_scene
+    return role_words(about.mesh, is_recorded, is_recorded and is_copy(scene, thing), bool(about.look))

@@ -1,0 +1,46 @@
+"""The motion of actors and of the ego vehicle, as edited and as recorded, and where the edit exceeds the limits.
+
+Check Edits and the speed graph both ask here, so they agree.
+"""
+
+from __future__ import annotations
+
+import bpy
+import numpy as np
+
+from ...core.world.drive import Drive
+from ...editing.motion.compared import Track, compared, label_of
+from ...editing.motion.kinematics import Compared, Limits
+from ...editing.sampled.clock import Clock
+from ...editing.sampled.poses import rigid
+from ..objects.animation import shown_by_keys
+from .trails import trajectory_poses
+
+
+def track_of(thing: bpy.types.Object, drive: Drive, clock: Clock) -> Track:
+    """Return where keys put an actor or the ego vehicle at the clock's frames, without leaving the frame that is shown."""
+    poses = trajectory_poses(thing, clock)
+    if poses is None:
+        poses = np.tile(rigid(np.array(thing.matrix_world, float)), (len(clock.frames), 1, 1))
+    kind, uid = thing.unisim.kind, thing.unisim.uid
+    label = label_of(kind, thing.unisim.look or uid, thing.unisim.label, drive)
+    return Track(thing.name, kind, uid, label, poses, shown_by_keys(thing, clock.frames))
+
+
+_newest: dict[str, tuple[tuple[object, ...], Compared]] = {}
+"""The newest comparison of each object, and what it was made of."""
+MOST = 8
+"""Comparisons that are kept."""
+
+
+def compared_now(thing: bpy.types.Object, drive: Drive, clock: Clock, limits: Limits) -> Compared:
+    """Return an object's motion beside the recorded one. It is computed again only when the motion or a limit changes."""
+    track = track_of(thing, drive, clock)
+    key = (id(drive), limits, track.kind, track.uid, track.label, track.poses.tobytes(), track.there.tobytes())
+    kept = _newest.pop(thing.name, None)
+    if kept is None or kept[0] != key:
+        kept = key, compared(track, drive, clock, limits)
+    _newest[thing.name] = kept
+    while len(_newest) > MOST:
+        del _newest[next(iter(_newest))]
+    return kept[1]

@@ -1,0 +1,77 @@
+"""Sweeps as point-cloud meshes: recorded returns, and simulated ones. The meshes hold the data; `clouds.py` draws them."""
+
+from __future__ import annotations
+
+import uuid
+
+import bpy
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core.geometry import FloatArray
+from ...editing.layout.point_colours import RECORDED, SIMULATED, Colours, point_colours
+from ...editing.sensors.returns import Recorded
+from ..objects.imported import collection_of, things
+
+MOST_POINTS = 60_000
+"""More are thinned for display."""
+KINDS = (RECORDED, SIMULATED)
+
+
+def put_points(
+    scene: bpy.types.Scene, lidar: str, kind: str, points: FloatArray, attributes: dict[str, NDArray[np.generic]]
+) -> bpy.types.Object:
+    """Show points (N, 3) of the world, with attributes (N,), in place of those that were shown of that LiDAR and kind."""
+    uid = f"{lidar} {kind}"
+    thing = next((t for t in things(scene, "POINTS") if t.unisim.uid == uid), None)
+    if thing is None:
+        thing = bpy.data.objects.new(f"{lidar} ({kind})", bpy.data.meshes.new(f"UniSim {uid}"))
+        collection_of(scene, "POINTS").objects.link(thing)
+        thing.unisim.kind, thing.unisim.uid = "POINTS", uid
+        thing.hide_select = thing.hide_render = True
+        thing.hide_viewport = True  # else Blender's own dots lie over the coloured points
+    thing.unisim.stamp = uuid.uuid4().hex
+    step = -(-len(points) // MOST_POINTS) or 1
+    mesh = thing.data
+    mesh.clear_geometry()
+    mesh.vertices.add(len(points[::step]))
+    mesh.vertices.foreach_set("co", np.ascontiguousarray(points[::step], np.float32).ravel())
+    for name, values in attributes.items():
+        whole = np.issubdtype(values.dtype, np.integer)
+        attribute = mesh.attributes.new(name, "INT" if whole else "FLOAT", "POINT")
+        attribute.data.foreach_set("value", np.ascontiguousarray(values[::step], np.int32 if whole else np.float32))
+    mesh.update()
+    return thing
+
+
+def put_recorded(scene: bpy.types.Scene, found: list[Recorded]) -> None:
+    """Show recorded returns that were read."""
+    for one in found:
+        put_points(scene, one.lidar, RECORDED, one.points, one.attributes)
+
+
+def kind_of(thing: bpy.types.Object) -> str:
+    """Whether points are recorded or simulated."""
+    return next(kind for kind in KINDS if thing.unisim.uid.endswith(kind))
+
+
+def points_of(thing: bpy.types.Object, by: str) -> tuple[NDArray[np.float32], Colours]:
+    """Points (N, 3) of the world and their colours (N, 4), by ONE, INTENSITY, DEPTH or INSTANCE."""
+    mesh = thing.data
+    count = len(mesh.vertices)
+    points = np.empty(3 * count, np.float32)
+    mesh.vertices.foreach_get("co", points)
+    attributes: dict[str, NDArray[np.generic]] = {}
+    for name in ("intensity", "depth", "instance", "class"):
+        if (found := mesh.attributes.get(name)) is not None:
+            attributes[name] = np.empty(count, np.int32 if found.data_type == "INT" else np.float32)
+            found.data.foreach_get("value", attributes[name])
+    return points.reshape(-1, 3), point_colours(kind_of(thing), by, attributes, count)
+
+
+def hide_points(scene: bpy.types.Scene, kind: str) -> None:
+    """Take one kind of points away."""
+    for thing in [thing for thing in things(scene, "POINTS") if kind_of(thing) == kind]:
+        mesh = thing.data
+        bpy.data.objects.remove(thing)
+        bpy.data.meshes.remove(mesh)

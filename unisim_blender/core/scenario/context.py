@@ -1,0 +1,100 @@
+"""What every edit may look at beside the drive it changes, and the checks and conversions that all edits share."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import ScenarioError, UnisimError
+from ..geometry import FloatArray, Trajectory
+from ..world.drive import Actor, Drive, Look
+from .faults import fail, listed
+from .keys import Keyframe, Present, ShiftKey
+from .motion import held
+from .placement import Placement, rotation_of
+from .types import Scenario
+
+TIME_TOLERANCE_S = 1e-6
+MARGIN_S = 1.0
+"""Before the first and after the last time of a drive: what is always there is there this much longer."""
+SENSOR_MARGIN_S = 0.25
+"""Before the first and after the last time of a drive: how far sweeps and shutters may look, and be placed exactly."""
+
+SceneActors = Callable[[Path], dict[str, Actor]]
+
+
+@dataclass(frozen=True)
+class Context:
+    """The scenario, the drive before any edit, and where other scenes' actors come from."""
+
+    scenario: Scenario
+    recorded: Drive
+    scene_actors: SceneActors
+
+    def check_time(self, time_s: float, place: str) -> float:
+        """``time_s``, where it lies in the log. Raises `ScenarioError`."""
+        first, last = min(self.recorded.time_s.values()), max(self.recorded.time_s.values())
+        if not first - TIME_TOLERANCE_S <= time_s <= last + TIME_TOLERANCE_S:
+            fail(place, f"time {time_s:g} s lies outside the log ({first:g} … {last:g} s)")
+        return float(time_s)
+
+    def key_times(self, keys: Sequence[Keyframe | ShiftKey], place: str) -> FloatArray:
+        """Times (T,) of keys, increasing, from their times or frames. Raises `ScenarioError`."""
+        times: list[float] = []
+        for index, key in enumerate(keys):
+            here = f"{place}[{index}]"
+            if key.frame is not None and key.frame not in self.recorded.time_s:
+                frames = sorted(self.recorded.time_s)
+                fail(f"{here}.frame", f"no frame {key.frame} in the log ({frames[0]} … {frames[-1]})")
+            if key.time_s is not None:
+                time = self.check_time(key.time_s, f"{here}.time_s")
+            else:
+                assert key.frame is not None  # one of both is there: the scenario was checked
+                time = self.recorded.time_s[key.frame]
+            if times and time <= times[-1]:
+                fail(here, f"{time:g} s must lie after the key before, {times[-1]:g} s")
+            times.append(time)
+        return np.array(times)
+
+    def trajectory(
+        self, pose: Placement | None, keys: tuple[Keyframe, ...] | None, outside: str | None, place: str
+    ) -> Trajectory:
+        """The trajectory of keyframes, or of a pose that stands still."""
+        if pose is not None:
+            return Trajectory(np.zeros(1), np.array([pose.position], float), rotation_of(pose)[None])
+        assert keys is not None  # pose or keyframes are there: the scenario was checked
+        times = self.key_times(keys, f"{place}.trajectory")
+        positions = np.array([key.position for key in keys], float)
+        trajectory = Trajectory(times, positions, np.stack([rotation_of(key) for key in keys]))
+        return held(trajectory) if outside == "hold" else trajectory
+
+    def presence(self, present: Present | None, place: str) -> tuple[float, float]:
+        """From when to when; ends that are not given lie beyond the drive's."""
+        start, end = min(self.recorded.time_s.values()) - MARGIN_S, max(self.recorded.time_s.values()) + MARGIN_S
+        if present is not None and present.start_s is not None:
+            start = self.check_time(present.start_s, f"{place}.present.start_s")
+        if present is not None and present.end_s is not None:
+            end = self.check_time(present.end_s, f"{place}.present.end_s")
+        return start, end
+
+    def look_of(self, actor: str, scene: str | None, place: str, member: str) -> Actor:
+        """The actor whose look an edit asks for, with its look's scene; of the log where no other scene is named."""
+        if scene is None or self.scenario.resolve(scene) == self.scenario.scene_path:
+            return actor_of(self.recorded.actors, actor, f"{place}.{member}", "in the log")
+        path = self.scenario.resolve(scene)
+        try:
+            actors = self.scene_actors(path)
+        except UnisimError as fault:
+            raise ScenarioError(f"{place}.scene: {fault}") from fault
+        found = actor_of(actors, actor, f"{place}.{member}", f"in the scene {scene}")
+        return replace(found, look=Look(found.look.actor, found.look.scene or str(path)))
+
+
+def actor_of(actors: dict[str, Actor], uid: str, place: str, where: str) -> Actor:
+    """The actor ``uid``. Raises `ScenarioError` that lists those there are."""
+    if uid not in actors:
+        fail(place, f'no actor "{uid}" {where} {listed(actors)}')
+    return actors[uid]

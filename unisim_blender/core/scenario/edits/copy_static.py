@@ -1,0 +1,40 @@
+"""The edit `copy_static`: of what carries no annotation. The ground in its box stays."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from ...world.drive import Drive, StaticCopy
+from ..context import Context
+from ..edit import Edit, register
+from ..faults import fail
+from ..fragments import TEXT, ref
+from ..placement import Placement, check_rotation, pose_of
+from ..static_boxes import box_of, check_box
+from ..types import Scenario
+
+
+@register
+@dataclass(frozen=True)
+class CopyStatic(Edit):
+    """What stands in the box stands also at the target."""
+
+    type = "copy_static"
+    members = {"box": TEXT, "id": TEXT, "target": ref("placement")}
+    seen_by = "static_items"
+
+    box: str
+    id: str
+    target: Placement
+
+    def check(self, scenario: Scenario, place: str) -> None:
+        """Refuse a target whose rotation is none, and a box that is not there."""
+        check_rotation(self.target, f"{place}.target")
+        check_box(self.box, scenario, place)
+
+    def apply(self, drive: Drive, place: str, context: Context) -> Drive:
+        """The drive in which what stands in the box stands also at the target."""
+        if self.id in context.recorded.actors or self.id in drive.actors:
+            fail(f"{place}.id", f'"{self.id}" is an actor already')
+        copy = StaticCopy(self.id, box_of(self.box, context.scenario), pose_of(self.target))
+        return replace(drive, static_copies=(*drive.static_copies, copy))

@@ -1,0 +1,72 @@
+"""The edit `duplicate`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...world.drive import Drive
+from ..actors import check_new, current, newcomer, with_actor
+from ..context import Context
+from ..edit import Edit, register
+from ..faults import require
+from ..fragments import NUMBER, TEXT, VECTOR
+from ..keys import ACTOR_PATH, Keyframe, Present, check_path
+from ..motion import TimeMap, beside, retimed
+from ..placement import Placement, Vector
+from ..types import Scenario
+
+
+@register
+@dataclass(frozen=True)
+class Duplicate(Edit):
+    """A second actor with the source's look: displaced, later, or on a path of its own."""
+
+    type = "duplicate"
+    members = {
+        "actor": TEXT,
+        "id": TEXT,
+        "offset_m": VECTOR,
+        "world_offset_m": VECTOR,
+        "turn_deg": NUMBER,
+        "time_offset_s": NUMBER,
+        **ACTOR_PATH,
+    }
+    seen_by = "duplicate"
+
+    actor: str
+    id: str
+    offset_m: Vector | None = None
+    world_offset_m: Vector | None = None
+    turn_deg: float | None = None
+    time_offset_s: float | None = None
+    pose: Placement | None = None
+    trajectory: tuple[Keyframe, ...] | None = None
+    outside: str | None = None
+    present: Present | None = None
+
+    def check(self, scenario: Scenario, place: str) -> None:
+        """Refuse a displacement beside a path, and a path that contradicts itself."""
+        displaced = {
+            name for name in ("offset_m", "world_offset_m", "turn_deg", "time_offset_s") if getattr(self, name) is not None
+        }
+        placed = self.pose is not None or self.trajectory is not None
+        require(not (displaced and placed), place, f"has {', '.join(sorted(displaced))} beside a path of its own")
+        check_path(self, place, needed=False)
+
+    def apply(self, drive: Drive, place: str, context: Context) -> Drive:
+        """The drive with a second actor that looks like the source."""
+        source = current(drive, self.actor, f"{place}.actor", context)
+        check_new(drive, self.id, place, context)
+        if self.pose is not None or self.trajectory is not None:
+            trajectory = context.trajectory(self.pose, self.trajectory, self.outside, place)
+            start, end = source.start_s, source.end_s
+        else:
+            trajectory = beside(source.world_from_actor, self.offset_m, self.world_offset_m, self.turn_deg)
+            later = self.time_offset_s or 0.0
+            trajectory = retimed(trajectory, TimeMap(np.array([later]), np.zeros(1))) if later else trajectory
+            start, end = source.start_s + later, source.end_s + later
+        if self.present is not None:
+            start, end = context.presence(self.present, place)
+        return with_actor(drive, newcomer(source, self.id, trajectory, start, end))

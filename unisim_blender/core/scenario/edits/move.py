@@ -1,0 +1,43 @@
+"""The edit `move`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from ...world.drive import Drive
+from ..actors import current, with_actor
+from ..context import Context
+from ..edit import Edit, register
+from ..fragments import TEXT
+from ..keys import ACTOR_PATH, Keyframe, Present, check_path
+from ..motion import is_moving
+from ..placement import Placement
+from ..types import Scenario
+
+
+@register
+@dataclass(frozen=True)
+class Move(Edit):
+    """A new trajectory, or a place to stand."""
+
+    type = "move"
+    members = {"actor": TEXT, **ACTOR_PATH}
+    seen_by = "move"
+
+    actor: str
+    pose: Placement | None = None
+    trajectory: tuple[Keyframe, ...] | None = None
+    outside: str | None = None
+    present: Present | None = None
+
+    def check(self, scenario: Scenario, place: str) -> None:
+        """Refuse a path that is missing or contradicts itself."""
+        check_path(self, place)
+
+    def apply(self, drive: Drive, place: str, context: Context) -> Drive:
+        """The drive with the actor on another path; it is there when it was, unless the edit says when."""
+        actor = current(drive, self.actor, f"{place}.actor", context)
+        trajectory = context.trajectory(self.pose, self.trajectory, self.outside, place)
+        start, end = (actor.start_s, actor.end_s) if self.present is None else context.presence(self.present, place)
+        moving = is_moving(trajectory)
+        return with_actor(drive, replace(actor, world_from_actor=trajectory, start_s=start, end_s=end, is_moving=moving))

@@ -1,0 +1,32 @@
+"""The edit `remove`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from ...world.drive import Drive
+from ..actors import current
+from ..context import Context
+from ..edit import Edit, register
+from ..fragments import TEXT
+
+
+@register
+@dataclass(frozen=True)
+class Remove(Edit):
+    """The actor is not there."""
+
+    type = "remove"
+    members = {"actor": TEXT}
+    seen_by = "remove"
+
+    actor: str
+
+    def apply(self, drive: Drive, place: str, context: Context) -> Drive:
+        """The drive without the actor."""
+        current(drive, self.actor, f"{place}.actor", context)
+        return replace(drive, actors={uid: actor for uid, actor in drive.actors.items() if uid != self.actor})
+
+    def removes(self, uid: str) -> bool:
+        """Whether ``uid`` is the actor."""
+        return uid == self.actor

@@ -1,0 +1,32 @@
+"""The edit `remove_static`: of what carries no annotation. The ground in its box stays."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from ...world.drive import Drive
+from ..context import Context
+from ..edit import Edit, register
+from ..fragments import TEXT
+from ..static_boxes import box_of, check_box
+from ..types import Scenario
+
+
+@register
+@dataclass(frozen=True)
+class RemoveStatic(Edit):
+    """What stands in the box is not there."""
+
+    type = "remove_static"
+    members = {"box": TEXT}
+    seen_by = "static_items"
+
+    box: str
+
+    def check(self, scenario: Scenario, place: str) -> None:
+        """Refuse a box that is not there."""
+        check_box(self.box, scenario, place)
+
+    def apply(self, drive: Drive, place: str, context: Context) -> Drive:
+        """The drive in which nothing stands in the box."""
+        return replace(drive, static_removals=(*drive.static_removals, box_of(self.box, context.scenario)))

@@ -1,0 +1,53 @@
+"""The edit `scale`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...world.drive import Drive
+from ..actors import current, with_actor
+from ..context import Context
+from ..edit import Edit, register
+from ..faults import fail, require
+from ..fragments import TEXT, VECTOR
+from ..placement import Vector
+from ..types import Scenario
+
+BOUNDS = 0.1, 10.0
+"""Of an actor's size along each axis, in parts of its look's own; both are allowed."""
+UNSCALABLE = f"must lie between {BOUNDS[0]:g} and {BOUNDS[1]:g} along each axis"
+
+
+def scales(factors: Sequence[float]) -> bool:
+    """Whether an actor can be scaled by these factors along its axes."""
+    return all(BOUNDS[0] <= factor <= BOUNDS[1] for factor in factors)
+
+
+@register
+@dataclass(frozen=True)
+class Scale(Edit):
+    """The actor's box and field larger or smaller along its own axes (forward, left, up), about its box's centre: factors of 0.1
+    to 10."""
+
+    type = "scale"
+    members = {"actor": TEXT, "factors": VECTOR}
+    seen_by = "scale"
+
+    actor: str
+    factors: Vector
+
+    def check(self, scenario: Scenario, place: str) -> None:
+        """Refuse factors beyond the bounds."""
+        require(scales(self.factors), f"{place}.factors", f"{list(self.factors)} {UNSCALABLE}")
+
+    def apply(self, drive: Drive, place: str, context: Context) -> Drive:
+        """The drive with the actor larger or smaller about its box's centre, after what earlier edits scaled it by."""
+        actor = current(drive, self.actor, f"{place}.actor", context)
+        total = actor.scale[0] * self.factors[0], actor.scale[1] * self.factors[1], actor.scale[2] * self.factors[2]
+        if not scales(total):
+            sizes = [round(factor, 6) for factor in total]
+            fail(f"{place}.factors", f'with the edits before, "{self.actor}" is scaled by {sizes}, which {UNSCALABLE}')
+        return with_actor(drive, replace(actor, size_m=actor.look_size_m * np.array(total), scale=total))

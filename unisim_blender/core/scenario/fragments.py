@@ -1,0 +1,42 @@
+"""Fragments of JSON Schema that the parts of a scenario share. Each part has its own schema beside its type."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+Schema = Mapping[str, Any]
+"""A JSON Schema, draft 2020-12, as Python values."""
+
+NUMBER: Schema = {"type": "number"}
+POSITIVE: Schema = {"type": "number", "exclusiveMinimum": 0}
+FRAME: Schema = {"type": "integer", "minimum": 0}
+PIXELS: Schema = {"type": "integer", "minimum": 1, "maximum": 32768}
+TEXT: Schema = {"type": "string", "minLength": 1, "maxLength": 200}
+"""An id, a class or another short text."""
+PATH: Schema = {"type": "string", "minLength": 1, "maxLength": 4096}
+"""A file or a folder, relative to the scenario's file."""
+
+
+def numbers(count: int, item: Schema = NUMBER) -> Schema:
+    """An array of ``count`` numbers."""
+    return {"type": "array", "items": item, "minItems": count, "maxItems": count}
+
+
+VECTOR = numbers(3)
+
+
+def ref(name: str) -> Schema:
+    """What ``$defs`` has under a name."""
+    return {"$ref": f"#/$defs/{name}"}
+
+
+def members_of(properties: Mapping[str, Schema], required: Sequence[str] = (), about: str = "") -> Schema:
+    """An object with these members and no others."""
+    return {
+        "type": "object",
+        "properties": dict(properties),
+        **({"required": list(required)} if required else {}),
+        "additionalProperties": False,
+        **({"description": about} if about else {}),
+    }

@@ -1,0 +1,84 @@
+"""The JSON Schema of scenario documents, assembled of what stands beside each part's type; documents checked by it."""
+
+from __future__ import annotations
+
+from dataclasses import MISSING, fields
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from ..errors import ScenarioError
+from . import keys, placement, sensors, time_range, types
+from .edit import EDITS, Edit
+from .fragments import Schema, members_of, ref
+from .limits import check_limits, place_in
+
+FORMAT, VERSION = "unisim-scenario", 1
+ABOUT = (
+    "A recorded drive and what is changed of it. Metres, seconds, degrees; world: z up, re-centred on the first ego pose; "
+    "boxes and the ego vehicle: x forward, y left, z up, position is a box's centre; times from the log's first frame. "
+    "Paths are relative to the scenario's file."
+)
+
+
+def scenario_schema() -> dict[str, Any]:
+    """The JSON Schema (draft 2020-12) of scenario documents with all registered edits."""
+    return _schema(tuple(EDITS.values()))
+
+
+@cache
+def _schema(kinds: tuple[type[Edit], ...]) -> dict[str, Any]:
+    chosen = [
+        {"if": {"properties": {"type": {"const": kind.type}}, "required": ["type"]}, "then": ref(kind.type)} for kind in kinds
+    ]
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": f"UniSim scenario, version {VERSION}",
+        "description": ABOUT,
+        "type": "object",
+        "properties": {"format": {"const": FORMAT}, "version": {"const": VERSION}, **types.MEMBERS},
+        "required": ["format", "version", "name", "log", "edits"],
+        "additionalProperties": False,
+        "$defs": {
+            **types.DEFS,
+            **placement.DEFS,
+            **keys.DEFS,
+            **sensors.DEFS,
+            **time_range.DEFS,
+            "edit": {
+                "type": "object",
+                "required": ["type"],
+                "properties": {"type": {"enum": [kind.type for kind in kinds]}},
+                "allOf": chosen,
+            },
+            **{kind.type: edit_schema(kind) for kind in kinds},
+        },
+    }
+
+
+def edit_schema(kind: type[Edit]) -> Schema:
+    """The JSON Schema of one edit: its members, of which those without a default are required."""
+    required = [field.name for field in fields(kind) if field.default is MISSING]
+    about = " ".join((kind.__doc__ or "").partition("\n\n")[0].split())
+    return members_of({"type": {"const": kind.type}, **kind.members}, ["type", *required], about)
+
+
+def check_document(document: Any, path: Path) -> None:
+    """Raise `ScenarioError` for the first fault, in the file's order, that the schema finds in a JSON value."""
+    check_by_schema(document, scenario_schema(), path)
+
+
+def check_by_schema(document: Any, schema: dict[str, Any], path: Path) -> None:
+    """Raise `ScenarioError` for the first fault that a schema, with ``format`` and ``version``, finds in a file's JSON value."""
+    from jsonschema import Draft202012Validator  # here, so that scenarios can be written where only numpy is installed
+
+    if isinstance(document, dict) and document.get("format") == schema["properties"]["format"]["const"]:
+        version = document.get("version")
+        if isinstance(version, int) and version > 1:
+            raise ScenarioError(f"{path}: has version {version}, newer than the 1 that this program reads")
+    check_limits(document, path)
+    faults = Draft202012Validator(schema).iter_errors(document)
+    first = min(faults, key=lambda fault: [str(step).zfill(8) for step in fault.absolute_path], default=None)
+    if first is not None:
+        message = first.message if len(first.message) <= 200 else f"{first.message[:120]} … {first.message[-60:]}"
+        raise ScenarioError(f"{place_in(path, tuple(first.absolute_path))}: {message}")

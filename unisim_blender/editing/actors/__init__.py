@@ -1,0 +1,1 @@
+"""The list of actors: filter, rows, cards, names and pictures."""

@@ -1,0 +1,72 @@
+"""A portrait of one actor as a request to the worker: from where it was recorded best, with no other actor."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ...core.geometry import FloatArray, box_corners, invert_pose, transform_points
+from ...core.world.drive import Actor, CameraModel, Drive
+from ..reading.requests import camera_request
+from ..sampled.clock import Clock
+from ..sampled.poses import optical
+from ..sampled.recorded import recorded_poses, recorded_there
+from ..sampled.scene import Sampled, SampledObject
+from ..sampled.source import Source
+
+SIZE_PX = 192
+FILLED = 0.9
+"""How much of the picture's width or height the actor fills."""
+FAR_SIZES = 3.0
+"""How far the camera stands, beside the actor's size."""
+
+
+def portrait_request(source: Source, actor: Actor, name: str) -> dict[str, Any] | None:
+    """What the worker needs for a portrait; None for an actor that no camera came near. No other actor is there."""
+    clock = Clock.of(source.drive)
+    seen = _best_view(source.drive, actor, clock)
+    if seen is None:
+        return None
+    frame, eye, centre = seen
+    size = float(np.linalg.norm(actor.size_m))
+    ahead = centre - eye
+    ahead /= np.linalg.norm(ahead)
+    eye = centre - ahead * FAR_SIZES * size
+    back = -ahead
+    right = np.cross([0.0, 0.0, 1.0], back)
+    right /= np.linalg.norm(right)
+    pose = np.eye(4)
+    pose[:3, :3] = np.stack([right, np.cross(back, right), back], 1)  # Blender's axes: a camera looks along -z
+    pose[:3, 3] = eye
+    at = recorded_poses(actor, clock)[int(np.searchsorted(clock.frames, frame))]
+    seen_from = transform_points(invert_pose(optical(pose)), box_corners(at, actor.size_m))
+    focal = FILLED * SIZE_PX / 2 / np.abs(seen_from[:, :2] / seen_from[:, 2:]).max()
+    model = CameraModel(SIZE_PX, SIZE_PX, focal, focal, SIZE_PX / 2, SIZE_PX / 2)
+    here = clock.around(frame)
+    count = len(here.frames)
+    view = SampledObject("portrait", "NONE", "", "", "", "", "", 0, np.repeat(pose[None], count, 0), np.ones(count, bool), model)
+    # nothing else stands in front of it
+    poses, there = recorded_poses(actor, here), recorded_there(actor, source.drive, here)
+    alone = SampledObject(actor.uid, "ACTOR", actor.uid, actor.uid, "", "", "", 0, poses, there)
+    return camera_request(Sampled(name, here, (alone,)), view, source, float(frame), (SIZE_PX, SIZE_PX)).values
+
+
+def _best_view(drive: Drive, actor: Actor, clock: Clock) -> tuple[int, FloatArray, FloatArray] | None:
+    """The frame in which some camera is nearest and has the actor in its picture, the camera's place and the actor's centre."""
+    best: tuple[float, int, FloatArray, FloatArray] | None = None
+    poses, there = recorded_poses(actor, clock), recorded_there(actor, drive, clock)
+    for camera in drive.cameras.values():
+        for i in np.flatnonzero(there):
+            frame = int(clock.frames[i])
+            if frame not in camera.time_s:
+                continue
+            way = camera.world_from_camera.at(camera.time_s[frame])
+            x, y, z = way[:3, :3].T @ (poses[i, :3, 3] - way[:3, 3])
+            if z < 1.0:
+                continue
+            u, v = camera.model.fx * x / z + camera.model.cx, camera.model.fy * y / z + camera.model.cy
+            inside = 0.05 < u / camera.model.width < 0.95 and 0 < v / camera.model.height < 0.95
+            if inside and (best is None or z < best[0]):
+                best = float(z), frame, way[:3, 3], poses[i, :3, 3]
+    return None if best is None else best[1:]

@@ -1,0 +1,1 @@
+"""The list of edits: its lines in words, and how two variants differ."""

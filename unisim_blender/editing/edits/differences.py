@@ -1,0 +1,66 @@
+"""Two variants compared by their edits. Nothing here needs Blender."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, is_dataclass
+from typing import Any
+
+from .lines import Line
+
+SAME = 1e-4
+"""Numbers of two edits that differ by less are the same: metres, degrees, parts of quaternions."""
+
+
+Lines = tuple[Line, ...]
+_last: list[tuple[Lines, Lines, tuple[Difference, ...]]] = []
+"""What was compared last: a panel asks whenever it is drawn."""
+
+
+@dataclass(frozen=True)
+class Difference:
+    """An edit that two variants do not have alike. ``here`` is the first one's, ``there`` the second one's, None
+    where it has none."""
+
+    here: Line | None
+    there: Line | None
+
+    @property
+    def line(self) -> Line:
+        """The edit of the first variant, or else of the second."""
+        found = self.here or self.there
+        assert found is not None
+        return found
+
+
+def compared(here: Lines, there: Lines) -> tuple[Difference, ...]:
+    """Return the differences of two lists; of the same two lists as before, what was found then."""
+    if not _last or _last[0][0] is not here or _last[0][1] is not there:
+        _last[:] = [(here, there, tuple(differences(here, there)))]
+    return _last[0][2]
+
+
+def differences(here: Iterable[Line], there: Iterable[Line]) -> Iterator[Difference]:
+    """Yield what two variants' edits differ in, by object. Muted edits do not count."""
+    first, second = ({line.key: line for line in lines if line.muted < 0 and line.part != "PROBLEM"} for lines in (here, there))
+    for key in sorted({*first, *second}, key=lambda key: ((first.get(key) or second[key]).who, key)):
+        a, b = first.get(key), second.get(key)
+        if a is None or b is None or not alike(a.edit, b.edit):
+            yield Difference(a, b)
+
+
+def alike(a: Any, b: Any) -> bool:
+    """Return whether two values are the same, numbers within `SAME`."""
+    if a is b:
+        return True
+    if type(a) is not type(b):
+        return False
+    if is_dataclass(a):
+        return alike(vars(a), vars(b))
+    if isinstance(a, dict):
+        return set(a) == set(b) and all(alike(a[name], b[name]) for name in a)
+    if isinstance(a, list | tuple):
+        return len(a) == len(b) and all(alike(one, other) for one, other in zip(a, b, strict=True))
+    if isinstance(a, float):
+        return abs(a - b) <= SAME
+    return bool(a == b)

@@ -1,0 +1,38 @@
+"""How the edits list words where an object goes, beside how it was recorded."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...core.geometry import BoolArray, FloatArray, Trajectory, invert_pose
+from ...core.world.drive import Actor
+from ..sampled.clock import Clock
+from ..sampled.scene import SampledObject as Thing
+from .words import displaced_words, joined, presence_words, trajectory_words
+
+RETIMED_FRAMES = 0.02
+"""Trajectories whose first or last key is this far from the recorded one are retimed."""
+
+
+def path_words(thing: Thing, base: FloatArray, lifted: FloatArray, there: BoolArray, actor: Actor | None, clock: Clock) -> str:
+    """Return how an object goes another way than ``base`` (N, 4, 4), which lies ``lifted`` for an object with
+    another appearance."""
+    at = thing.there & there if (thing.there & there).any() else thing.there
+    few = Clock(clock.frames[at], clock.times_s[at])
+    parts = []
+    if thing.ridden is not None and actor is not None:
+        recorded = actor.world_from_actor
+        parts.append(trajectory_words(few, thing.ridden[at], base[at], recorded, is_retimed(thing, recorded, clock)))
+        rise = invert_pose(base[at]) @ lifted[at]
+        parts.append(displaced_words(invert_pose(thing.ridden[at] @ rise) @ thing.poses[at]))
+    else:
+        parts.append(trajectory_words(few, thing.poses[at], lifted[at], None, False))
+    if (thing.there != there).any() and not any(part.startswith("Retimed") for part in parts):
+        parts.append(presence_words(clock, thing.there))
+    return joined(parts)
+
+
+def is_retimed(thing: Thing, recorded: Trajectory, clock: Clock) -> bool:
+    """Return whether the keys of an object's trajectory lie at other times than the recorded ones."""
+    keys = clock.frame(recorded.times_s[[0, -1]])
+    return thing.span is not None and bool(np.abs(np.array(thing.span) - keys).max() > RETIMED_FRAMES)

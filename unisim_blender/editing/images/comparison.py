@@ -1,0 +1,130 @@
+"""A recorded image beside a rendered one: which view has one, how its pixels lie in that view, and how the two differ.
+
+Images here have their lowest row first, as Blender's have.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core.colour import linear_from_srgb
+from ...core.data.log import Log
+from ...core.world.drive import CameraModel, Drive
+from ..sampled.scene import SampledObject
+
+POSE_KEPT = {"id", "width", "height", "fx", "fy", "cx", "cy", "shutter"}
+"""What a scenario may say of a camera that stands where it recorded: its intrinsics alone differ."""
+LINEAR = linear_from_srgb(np.arange(256, dtype=np.float32) / 255)
+"""By eight-bit sRGB."""
+STRIPE_PX = 6
+"""How wide the stripes of the hatching are, and how far they are apart."""
+HATCH_RGB, HATCH_ALPHA = (1.0, 0.02, 0.02), 0.4
+"""Linear colour and opacity of the hatching over unsupported pixels."""
+MOST_DB = 99.0
+"""What equal images count as."""
+
+Rectangle = tuple[int, int, int, int]
+"""Left, bottom, width, height in pixels of a region."""
+
+
+@dataclass(frozen=True)
+class Placement:
+    """How a recorded image lies in a view of ``size`` (width, height): ``box`` (left, top, right, bottom) of the image, in its
+    pixels, fills ``place`` (left, top, right, bottom) of the view. Beside that the camera recorded nothing."""
+
+    size: tuple[int, int]
+    box: tuple[float, float, float, float]
+    place: tuple[int, int, int, int]
+
+
+def placement(recorded: CameraModel, shown: CameraModel) -> Placement | None:
+    """Return how an image of camera model ``recorded`` lies in the view of the model ``shown``, from the same place; None where
+    they share no pixel."""
+    across = _placed(recorded.width, recorded.fx, recorded.cx, shown.width, shown.fx, shown.cx)
+    down = _placed(recorded.height, recorded.fy, recorded.cy, shown.height, shown.fy, shown.cy)
+    if across is None or down is None:
+        return None
+    return Placement(
+        (shown.width, shown.height), (across[0], down[0], across[1], down[1]), (across[2], down[2], across[3], down[3])
+    )
+
+
+def _placed(
+    length: int, f: float, c: float, length_shown: int, f_shown: float, c_shown: float
+) -> tuple[float, float, int, int] | None:
+    """Along one axis: where the box begins and ends, in the recorded pixels, and its place, in the view's."""
+    scale = f_shown / f
+    begin, end = c_shown - c * scale, c_shown + (length - c) * scale
+    # a view's last pixel counts if it is covered but for rounding
+    first, last = max(0, int(np.ceil(begin - 0.01))), min(length_shown, int(np.floor(end + 0.01)))
+    if last <= first:
+        return None
+    return max(0.0, (first - begin) / scale), min(float(length), (last - begin) / scale), first, last
+
+
+def lacks_recorded(view: SampledObject, scenario: dict[str, Any], drive: Drive, log: Log | None, frame: float) -> str:
+    """Return one sentence that says why nothing was recorded in a view at a frame; "" where an image was.
+
+    ``scenario`` is what the view is rendered by, as a JSON object.
+    """
+    if view.kind != "CAMERA":
+        return "This view has no recorded image: look through a recorded camera (Numpad 0)"
+    if view.uid not in drive.cameras or not view.is_original:
+        return f"{view.name} is an added camera: it has no recorded image"
+    cameras = (scenario.get("sensors") or {}).get("cameras") or ()
+    moved = any(set(camera) - POSE_KEPT for camera in cameras if camera["id"] == view.uid)
+    if moved or any(edit["type"] == "ego" for edit in scenario.get("edits", ())):
+        return f"{view.name} is not where it recorded: no recorded image shows this view"
+    if log is None:
+        return "The log is not at hand: there are no recorded images"
+    if frame != int(frame) or log.image_path(view.uid, int(frame)) is None:
+        return f"{view.name} has no recorded image of frame {frame:g}"
+    return ""
+
+
+def visible(rectangle: Rectangle, region: tuple[int, int]) -> tuple[slice, slice]:
+    """Return the rows and columns of the image in ``rectangle`` that a region of that size (width, height) shows."""
+    left, bottom, width, height = rectangle
+    spans = ((bottom, height, region[1]), (left, width, region[0]))
+    rows, columns = (slice(max(0, -start), max(0, min(length, end - start))) for start, length, end in spans)
+    return rows, columns
+
+
+def difference(
+    recorded: NDArray[np.uint8], covered: NDArray[np.bool_], rendered: NDArray[np.uint8], gain: float
+) -> NDArray[np.float32]:
+    """Return |recorded - rendered| times ``gain`` of images (H, W, 3), eight-bit sRGB, as linear premultiplied RGBA (H, W, 4);
+    transparent where the recorded image does not cover the view (H, W)."""
+    apart = np.abs(recorded.astype(np.int16) - rendered)
+    out = np.empty((*covered.shape, 4), np.float32)
+    out[..., :3] = LINEAR[np.minimum(np.rint(apart * np.float32(gain)), 255).astype(np.uint8)]
+    out[..., 3] = 1.0
+    out[~covered] = 0.0
+    return out
+
+
+def errors(recorded: NDArray[np.uint8], covered: NDArray[np.bool_], rendered: NDArray[np.uint8]) -> tuple[float, float] | None:
+    """Return the mean absolute error, in steps of eight bits, and the PSNR in dB of images (H, W, 3) where the recorded one
+    covers the view (H, W); None where it does so nowhere."""
+    if not covered.any():
+        return None
+    apart = (recorded.astype(np.int16) - rendered)[covered].astype(np.float32)
+    squared = float(np.mean(np.square(apart), dtype=np.float64))
+    psnr = MOST_DB if squared == 0 else min(MOST_DB, 10 * float(np.log10(255**2 / squared)))
+    return float(np.mean(np.abs(apart), dtype=np.float64)), psnr
+
+
+def hatched(image: NDArray[np.float32], unsupported: NDArray[np.bool_]) -> NDArray[np.float32]:
+    """Return a linear premultiplied image (H, W, 4) with diagonal red stripes over unsupported pixels (H, W)."""
+    height, width = unsupported.shape
+    stripes = (np.arange(height + width) // STRIPE_PX) % 2 == 0
+    diagonal = np.lib.stride_tricks.sliding_window_view(stripes, width)[:height]  # pixel (y, x) is of stripe y + x
+    over = np.flatnonzero(unsupported & diagonal)
+    out = image.copy()
+    pixels = out.reshape(-1, 4)
+    pixels[over] = (1 - HATCH_ALPHA) * pixels[over] + HATCH_ALPHA * np.array([*HATCH_RGB, 1.0], np.float32)
+    return out

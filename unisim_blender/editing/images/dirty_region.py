@@ -1,0 +1,85 @@
+"""Which part of a picture an edit can have touched: what shows no box that changed is the same as before."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...core.geometry import FloatArray, box_corners, invert_pose, transform_points
+from ...core.world.drive import CameraModel
+from ..sampled.poses import optical
+from ..sampled.scene import Sampled, SampledObject
+
+MARGIN_PX = 2
+"""A pixel is met by rays about its middle; the renderer knows how far its decoder carries them."""
+NEAR_M = 0.1
+
+TOLD = ("kind", "uid", "look", "look_scene", "model", "camera", "size_m", "mesh", "sees_body", "scaling")
+"""What of a thing, beside where it is, says how it looks."""
+
+Rectangle = tuple[int, int, int, int]
+"""Left, top, right, bottom in pixels from the top left corner; right and bottom do not belong to it."""
+
+
+def touched(before: Sampled, after: Sampled, view: SampledObject, model: CameraModel, beside_m: float = 0.1) -> Rectangle | None:
+    """The part of ``view``'s picture whose rays see the difference between two states of a scene at the same frames; None where
+    all of it may.
+
+    ``beside_m`` is how far beside a box it may still show. An empty rectangle means that nothing differs.
+    """
+    if not np.array_equal(before.clock.times_s, after.clock.times_s) or before.items != after.items:
+        return None
+    old, new = ({thing.name: thing for thing in state.things} for state in (before, after))
+    rectangle: Rectangle | None = (model.width, model.height, 0, 0)
+    for name in sorted({*old, *new}):
+        states = [thing for thing in (old.get(name), new.get(name)) if thing is not None]
+        if len(states) == 2 and alike(*states):
+            continue
+        if name == view.name:
+            return None
+        for thing in states:
+            if thing.kind in ("CAMERA", "LIDAR", "EGO", "NONE"):
+                continue  # what looks is not seen
+            if thing.kind == "BODY" and not view.sees_body:
+                continue
+            if thing.kind not in ("ACTOR", "BODY") or rectangle is None:
+                return None
+            if thing.there.any():
+                rectangle = joined(rectangle, _seen(thing, view, model, beside_m))
+    return rectangle
+
+
+def alike(a: SampledObject, b: SampledObject) -> bool:
+    """Whether two states of a thing look the same."""
+    told = all(getattr(a, name) == getattr(b, name) for name in TOLD)
+    return told and np.array_equal(a.poses, b.poses) and np.array_equal(a.there, b.there)
+
+
+def _seen(thing: SampledObject, view: SampledObject, model: CameraModel, beside_m: float) -> Rectangle | None:
+    """What a box covers of the picture, wherever box and camera are at the frames; None where it reaches behind the camera."""
+    size: FloatArray = np.array(thing.size_m) * 1.1 + 2 * beside_m
+    corners = np.concatenate([box_corners(pose, size) for pose in thing.poses])
+    seen = np.concatenate([transform_points(invert_pose(pose), corners) for pose in optical(view.poses)])
+    ahead = seen[:, 2] > NEAR_M
+    if not ahead.any():
+        return model.width, model.height, 0, 0
+    if not ahead.all():
+        return None
+    u = model.fx * seen[:, 0] / seen[:, 2] + model.cx
+    v = model.fy * seen[:, 1] / seen[:, 2] + model.cy
+    left, right = np.clip([u.min() - MARGIN_PX, u.max() + MARGIN_PX], 0, model.width)
+    top, bottom = np.clip([v.min() - MARGIN_PX, v.max() + MARGIN_PX], 0, model.height)
+    return int(left), int(top), int(np.ceil(right)), int(np.ceil(bottom))
+
+
+def is_empty(part: Rectangle) -> bool:
+    """Whether there is nothing in it."""
+    return part[0] >= part[2] or part[1] >= part[3]
+
+
+def joined(a: Rectangle, b: Rectangle | None) -> Rectangle | None:
+    """The rectangle about two, of which either may be empty; None where the second is all."""
+    if b is None:
+        return None
+    if is_empty(b) or is_empty(a):
+        return a if is_empty(b) else b
+    return min(a[0], b[0]), min(a[1], b[1]), max(a[2], b[2]), max(a[3], b[3])

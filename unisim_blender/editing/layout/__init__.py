@@ -1,0 +1,1 @@
+"""Layouts and colours of what is drawn: speed graph, presence timeline, charts, LiDAR points."""

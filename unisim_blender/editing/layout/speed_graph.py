@@ -1,0 +1,149 @@
+"""The speed graph as shapes in pixels: triangles with colours and lines of text. numpy alone; whoever draws it needs a GPU."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ...core.geometry import FloatArray
+from ..motion.kinematics import QUANTITIES, Compared, Motion
+from .chart import ticks
+
+WIDTH, HEIGHT = 440, 214
+"""Of the graph, in pixels at Blender's resolution scale 1."""
+LEFT, RIGHT, TOP, BOTTOM = 132, 14, 42, 84
+"""Margins round the speed's axes: numbers and values on the left, title and speed above, times and strips below."""
+STRIP, STRIP_GAP = 10, 4
+"""Height of a strip that says where a limit is exceeded, and the gap between two."""
+PAPER, INK, GRID = (0.06, 0.06, 0.06, 0.82), (0.85, 0.85, 0.85, 1.0), (0.32, 0.32, 0.32, 1.0)
+RECORDED, EDITED, OVER, NOW = (0.62, 0.62, 0.62, 1.0), (0.25, 0.55, 1.0, 1.0), (1.0, 0.16, 0.12, 1.0), (1.0, 0.85, 0.2, 1.0)
+STRIPS = {"acceleration_m_s2": "accel.", "lateral_m_s2": "lateral", "curvature_1_m": "curv."}
+UNITS = {"acceleration_m_s2": "m/s²", "lateral_m_s2": "m/s²", "curvature_1_m": "1/m"}
+KMH = 3.6
+
+Colour = tuple[float, float, float, float]
+
+
+@dataclass
+class Shapes:
+    """Triangles (3 T, 2) with a colour for each corner, and texts as (text, x, y, colour), y up from the graph's lower left."""
+
+    corners: list[FloatArray] = field(default_factory=list)
+    colours: list[Colour] = field(default_factory=list)
+    texts: list[tuple[str, float, float, Colour]] = field(default_factory=list)
+
+    def box(self, x: float, y: float, width: float, height: float, colour: Colour) -> None:
+        """Add a rectangle."""
+        a, b, c, d = (np.array(p, float) for p in ((x, y), (x + width, y), (x + width, y + height), (x, y + height)))
+        self.corners += [a, b, c, a, c, d]
+        self.colours += [colour] * 6
+
+    def line(self, points: FloatArray, width: float, colours: Sequence[Colour]) -> None:
+        """Add a line through points (P, 2), a colour for each of its pieces; a piece with a NaN is left out."""
+        for (a, b), colour in zip(zip(points[:-1], points[1:], strict=True), colours, strict=True):
+            along = b - a
+            length = float(np.hypot(*along))
+            if not np.isfinite(length) or length < 1e-9:
+                continue
+            side = np.array([-along[1], along[0]]) / length * width / 2
+            self.corners += [a - side, b - side, b + side, a - side, b + side, a + side]
+            self.colours += [colour] * 6
+
+
+@dataclass(frozen=True)
+class Axes:
+    """Where the graph has times and speeds, in pixels."""
+
+    first_s: float
+    last_s: float
+    top_m_s: float
+
+    def x(self, time_s: FloatArray) -> FloatArray:
+        """Columns of times."""
+        share = (np.asarray(time_s) - self.first_s) / max(self.last_s - self.first_s, 1e-9)
+        return np.asarray(LEFT + share * (WIDTH - LEFT - RIGHT))
+
+    def y(self, speed_m_s: FloatArray) -> FloatArray:
+        """Rows of speeds."""
+        return np.asarray(BOTTOM + np.asarray(speed_m_s) / self.top_m_s * (HEIGHT - TOP - BOTTOM))
+
+
+def axes_of(graph: Compared) -> Axes:
+    """Return axes that hold both curves from 0 up."""
+    speeds = np.concatenate([graph.now.speed_m_s, graph.recorded.speed_m_s if graph.recorded is not None else []])
+    top = float(np.nanmax(speeds)) if np.isfinite(speeds).any() else 0.0
+    return Axes(float(graph.now.times_s[0]), float(graph.now.times_s[-1]), max(1.15 * top, 2.0))
+
+
+def curves(graph: Compared) -> Shapes:
+    """Return what changes with the motion alone: axes, curves, and strips that are red where a limit is exceeded."""
+    shapes, axes = Shapes(), axes_of(graph)
+    shapes.box(0, 0, WIDTH, HEIGHT, PAPER)
+    right, times = WIDTH - RIGHT, graph.now.times_s
+    for speed in ticks(0.0, axes.top_m_s * KMH):
+        row = float(axes.y(np.array(speed / KMH)))
+        shapes.box(LEFT, row, right - LEFT, 1, GRID)
+        shapes.texts.append((f"{speed:g}", LEFT - 30, row - 4, INK))
+    shapes.texts.append(("km/h", LEFT - 64, BOTTOM + 36, INK))
+    for time in ticks(axes.first_s, axes.last_s):
+        column = float(axes.x(np.array(time)))
+        shapes.box(column, BOTTOM - 4, 1, 4, INK)
+        shapes.texts.append((f"{time:g} s", column - 6, BOTTOM - 18, INK))
+    shapes.box(LEFT, BOTTOM, right - LEFT, 1, INK)
+
+    def points(motion: Motion) -> FloatArray:
+        return np.stack([axes.x(times), axes.y(motion.speed_m_s)], -1)
+
+    if graph.recorded is not None:
+        shapes.line(points(graph.recorded), 2.0, [RECORDED] * (len(times) - 1))
+    over = graph.anywhere
+    if graph.is_edited:
+        pieces = [OVER if a or b else EDITED for a, b in zip(over[:-1], over[1:], strict=True)]
+        shapes.line(points(graph.now), 2.5, pieces)
+    edges = axes.x(np.concatenate([times[:1], (times[1:] + times[:-1]) / 2, times[-1:]]))
+    for i, name in enumerate(QUANTITIES):
+        low = low_of_strip(i)
+        shapes.box(LEFT, low, right - LEFT, STRIP, GRID)
+        for at in np.flatnonzero(graph.exceeded[name]):
+            shapes.box(float(edges[at]), low, max(float(edges[at + 1] - edges[at]), 2.0), STRIP, OVER)
+    return shapes
+
+
+def low_of_strip(i: int) -> float:
+    """Return the lower edge of the strip of a quantity, by its number."""
+    return float(BOTTOM - 28 - (i + 1) * STRIP - i * STRIP_GAP)
+
+
+def moment(graph: Compared, frame: float) -> Shapes:
+    """Return what changes with the frame that is shown: its line, and the values there."""
+    shapes, axes = Shapes(), axes_of(graph)
+    time_s = float(np.interp(frame, graph.frames, graph.now.times_s))
+    column = float(axes.x(np.array(time_s)))
+    low = low_of_strip(len(QUANTITIES) - 1)
+    shapes.box(column - 0.75, low, 1.5, HEIGHT - TOP - low, NOW)
+    what = "edited blue, recorded grey" if graph.is_edited and graph.recorded is not None else ""
+    what = what or ("edited blue" if graph.is_edited else "as recorded")
+    shapes.texts.append((f"{graph.name}: {what}", 6, HEIGHT - 15, INK))
+    (time, _), (speed, _), *over = values(graph, frame)
+    shapes.texts.append((f"{time} (frame {frame:g}): {speed}", 6, HEIGHT - 32, INK))
+    for i, name in enumerate(QUANTITIES):
+        text, is_over = over[i] if over else ("", False)
+        shapes.texts.append((f"{STRIPS[name]} {text}", 6, low_of_strip(i) + 1, OVER if is_over else INK))
+    return shapes
+
+
+def values(graph: Compared, frame: float) -> list[tuple[str, bool]]:
+    """Return the values at a frame as texts, and whether each is over its limit: time, speed, accelerations and curvature."""
+    at = int(np.argmin(np.abs(graph.frames - frame)))
+    now = graph.now
+    speed = now.speed_m_s[at]
+    if not np.isfinite(speed):
+        return [(f"{now.times_s[at]:.2f} s", False), ("not present", False)]
+    found = [(f"{now.times_s[at]:.2f} s", False), (f"{speed * KMH:.1f} km/h", False)]
+    for name, digits in (("acceleration_m_s2", 1), ("lateral_m_s2", 1), ("curvature_1_m", 3)):
+        value = getattr(now, name)[at]
+        text = f"{round(float(value), digits) + 0.0:+.{digits}f}" if np.isfinite(value) else "–"  # no minus before a zero
+        found.append((f"{text} {UNITS[name]}", bool(graph.exceeded[name][at])))
+    return found

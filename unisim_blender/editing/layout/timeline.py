@@ -1,0 +1,129 @@
+"""Where the presence timeline has its rows and bars, in pixels of the 3D view, and what a click hits. No Blender here."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..actors.filter import Entry
+
+ROW_PX, AXIS_PX, NAMES_PX, EDGE_PX, BELOW_PX = 16.0, 20.0, 150.0, 8.0, 36.0
+"""Heights of a row and of the axis, width of the names, and the distances from the view's sides and from below, where Blender has
+the settings of the last operation; on an ordinary display."""
+MOST = 0.38
+"""Fraction of the view's height that the timeline takes at most."""
+LEAST_PX = 160.0
+"""A timeline with bars shorter than this is not drawn."""
+SHORTEST_PX = 3.0
+"""A bar is at least so long, so that one frame is seen."""
+TICKS_S = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 30.0, 60.0)
+TICK_PX = 60.0
+
+
+@dataclass(frozen=True)
+class Room:
+    """What a 3D view leaves for the timeline: from left to right and from the bottom to the top, in pixels of its region, and how
+    large a pixel of an ordinary display is."""
+
+    left: float
+    right: float
+    bottom: float
+    top: float
+    scale: float = 1.0
+
+
+@dataclass(frozen=True)
+class Timeline:
+    """The rows that fit, ``rows`` from ``first`` on of ``count``; bars lie from ``start`` to ``end`` in pixels and stand for
+    ``start_s`` to ``end_s`` seconds. ``bottom`` and ``top`` bound all of it, rows begin at ``rows_top`` and go down."""
+
+    rows: tuple[Entry, ...]
+    first: int
+    count: int
+    left: float
+    right: float
+    bottom: float
+    top: float
+    rows_top: float
+    row_px: float
+    start: float
+    end: float
+    start_s: float
+    end_s: float
+
+    def x_of(self, time_s: float) -> float:
+        """Return where a time lies."""
+        return self.start + (time_s - self.start_s) / (self.end_s - self.start_s) * (self.end - self.start)
+
+    def time_at(self, x: float) -> float:
+        """Return the time at a place; the drive's first or last beyond the bars."""
+        share = float(np.clip((x - self.start) / (self.end - self.start), 0.0, 1.0))
+        return self.start_s + share * (self.end_s - self.start_s)
+
+    def covers(self, x: float, y: float) -> bool:
+        """Return whether a place is on the timeline."""
+        return self.left <= x <= self.right and self.bottom <= y <= self.top
+
+    def bars(self, entry: Entry) -> list[tuple[float, float]]:
+        """Return from where to where an actor's bars reach."""
+        found = []
+        for start_s, end_s in entry.steps:
+            start, end = self.x_of(float(start_s)), self.x_of(float(end_s))
+            middle = (start + end) / 2
+            half = max(end - start, SHORTEST_PX) / 2
+            found.append((middle - half, middle + half))
+        return found
+
+    def row_at(self, y: float) -> int | None:
+        """Return which of the rows is at a height."""
+        row = int((self.rows_top - y) // self.row_px)
+        return row if 0 <= row < len(self.rows) and y <= self.rows_top else None
+
+    def row_bottom(self, row: int) -> float:
+        """Return the lower edge of a row."""
+        return self.rows_top - (row + 1) * self.row_px
+
+    def hit(self, x: float, y: float) -> tuple[Entry, float] | None:
+        """Return the actor whose bar or name is at a place, and the time there; on a name, and beside the bars, the nearest time
+        at which the actor is there. None beside the rows."""
+        row = self.row_at(y)
+        if row is None or not self.covers(x, y) or not len(self.rows[row].steps):
+            return None
+        entry, time_s = self.rows[row], self.time_at(x)
+        inside = np.clip(time_s, entry.steps[:, 0], entry.steps[:, 1])
+        return entry, float(inside[np.abs(inside - time_s).argmin()])
+
+    def ticks(self) -> list[float]:
+        """Return the times that are labelled."""
+        a_second = (self.end - self.start) / (self.end_s - self.start_s)
+        step = next((step for step in TICKS_S if step * a_second >= TICK_PX), TICKS_S[-1])
+        first = int(np.ceil(self.start_s / step - 1e-6))
+        return [number * step for number in range(first, int(np.floor(self.end_s / step + 1e-6)) + 1)]
+
+
+def fitting_rows(room: Room) -> int:
+    """Return how many rows fit."""
+    height = MOST * (room.top - room.bottom) - (AXIS_PX + BELOW_PX) * room.scale
+    return max(0, int(height // (ROW_PX * room.scale)))
+
+
+def lay_out(room: Room, entries: Sequence[Entry], scroll: int, start_s: float, end_s: float) -> Timeline | None:
+    """Return the timeline of as many entries as fit, from row ``scroll`` on; None where there is no room for any."""
+    fit, scale = fitting_rows(room), room.scale
+    left, right = room.left + EDGE_PX * scale, room.right - EDGE_PX * scale
+    start, end = left + NAMES_PX * scale, right - EDGE_PX * scale
+    if fit < 1 or end - start < LEAST_PX * scale or end_s <= start_s:
+        return None
+    first = scrolled(scroll, 0, len(entries), fit)
+    rows = tuple(entries[first : first + fit])
+    bottom = room.bottom + BELOW_PX * scale
+    rows_top = bottom + max(len(rows), 1) * ROW_PX * scale
+    top = rows_top + AXIS_PX * scale
+    return Timeline(rows, first, len(entries), left, right, bottom, top, rows_top, ROW_PX * scale, start, end, start_s, end_s)
+
+
+def scrolled(first: int, by: int, count: int, fit: int) -> int:
+    """Return the first row after scrolling, kept where the last rows fill the timeline."""
+    return int(np.clip(first + by, 0, max(0, count - fit)))

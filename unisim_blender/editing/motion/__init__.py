@@ -1,0 +1,1 @@
+"""Motion of actors: speed and acceleration, plausibility, ground, arc length, durations."""

@@ -1,0 +1,159 @@
+"""Speed, acceleration and curvature of a trajectory from its positions and times, and where they exceed limits. numpy alone.
+
+Annotated positions are noisy by centimetres, and differences of second order turn centimetres into several m/s². So each
+quantity is a derivative of a polynomial fitted by least squares to the samples within `HALF_S` (Savitzky and Golay 1964): a
+parabola through positions gives the velocity; a line through speeds the longitudinal acceleration, and a line through headings
+the yaw rate, from which lateral acceleration and curvature follow.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...core.geometry import BoolArray, FloatArray
+
+HALF_S = 0.3
+"""Half the width of a fit, in seconds; at least three samples."""
+MOVING_M_S = 1.5
+"""Slower than this the direction of travel is the annotations' noise: there is no curvature and no lateral acceleration."""
+TOLERANCE = 1.05
+"""By which factor an edit may exceed what was recorded, where the recording itself exceeds a limit."""
+ON_WHEELS = ("car", "truck", "bus", "van", "semi")
+"""Words of the classes that the limits are for. Pedestrians turn on the spot."""
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What a road vehicle is not expected to exceed.
+
+    acceleration_m_s2: speeding up or braking. UN Regulation 13-H asks for a mean deceleration of 6.43 m/s² of the brakes of
+    every passenger car; few drivers use it. lateral_m_s2: up to about 0.4 g tyres respond linearly, which ordinary driving
+    does not leave (Mitschke and Wallentowitz, "Dynamik der Kraftfahrzeuge"). curvature_1_m: a radius of 5 m, about the
+    smallest that a small car can drive; the design car of AASHTO's "Green Book" needs 6.4 m.
+    """
+
+    acceleration_m_s2: float = 6.0
+    lateral_m_s2: float = 4.0
+    curvature_1_m: float = 0.2
+
+
+@dataclass(frozen=True)
+class Motion:
+    """A trajectory's motion at times (N,), in seconds: arrays (N,) that are NaN where the object is absent, and where it is too
+    slow to tell. Acceleration is positive while it speeds up, lateral acceleration and curvature are positive to the left."""
+
+    times_s: FloatArray
+    speed_m_s: FloatArray
+    acceleration_m_s2: FloatArray
+    lateral_m_s2: FloatArray
+    curvature_1_m: FloatArray
+
+
+@dataclass(frozen=True)
+class Compared:
+    """An object's motion beside the recorded one, which is None for what nobody recorded. ``exceeded`` says where (N,) each
+    quantity of `QUANTITIES` exceeds its limit: nowhere for what stands as recorded, and for classes without limits."""
+
+    name: str
+    frames: FloatArray
+    now: Motion
+    recorded: Motion | None
+    is_edited: bool
+    exceeded: dict[str, BoolArray]
+
+    @property
+    def anywhere(self) -> BoolArray:
+        """Whether any limit is exceeded (N,)."""
+        return np.any(list(self.exceeded.values()), axis=0)
+
+
+QUANTITIES = ("acceleration_m_s2", "lateral_m_s2", "curvature_1_m")
+"""The members that `Limits` and `Motion` share."""
+
+
+def motion_of(positions: FloatArray, times_s: FloatArray, there: BoolArray | None = None) -> Motion:
+    """Return the motion along positions (N, 3) at rising times (N,); ``there`` (N,) says when the object is present.
+
+    Each stretch of presence is taken by itself. One of fewer than three samples has a speed alone.
+    """
+    count = len(times_s)
+    there = np.ones(count, bool) if there is None else there
+    speed, acceleration, lateral, curvature = (np.full(count, np.nan) for _ in range(4))
+    for first, last in runs(there):
+        part = slice(first, last)
+        if last - first < 2:
+            continue
+        velocity = slopes(times_s[part], positions[part], 2)
+        speed[part] = np.linalg.norm(velocity, axis=1)
+        if last - first < 3:
+            continue
+        acceleration[part] = slopes(times_s[part], speed[part], 1)
+        for begin, end in runs(speed[part] > MOVING_M_S):
+            moving = slice(first + begin, first + end)
+            if end - begin < 3:
+                continue
+            heading = np.unwrap(np.arctan2(velocity[begin:end, 1], velocity[begin:end, 0]))
+            yaw_rate = slopes(times_s[moving], heading, 1)
+            lateral[moving] = yaw_rate * speed[moving]
+            curvature[moving] = yaw_rate / speed[moving]
+    return Motion(times_s, speed, acceleration, lateral, curvature)
+
+
+def slopes(times_s: FloatArray, values: FloatArray, degree: int) -> FloatArray:
+    """Return derivatives (N, ...) of values (N, ...) by time: those of polynomials fitted around each of the times (N,).
+
+    The degree is 1 or 2, and 1 where there are two samples only. At both ends the fit is one-sided.
+    """
+    count = len(times_s)
+    degree = min(degree, count - 1)
+    half = max(HALF_S, 1.01 * float(np.diff(times_s).max()))
+    first = np.searchsorted(times_s, times_s - half - 1e-9)
+    last = np.searchsorted(times_s, times_s + half + 1e-9)
+    while (few := last - first <= degree).any():  # one-sided and sparse
+        first, last = np.where(few, np.maximum(first - 1, 0), first), np.where(few, np.minimum(last + 1, count), last)
+    columns = first[:, None] + np.arange(int((last - first).max()))
+    weights = (columns < last[:, None]).astype(float)
+    near = np.minimum(columns, count - 1)
+    powers = ((times_s[near] - times_s[:, None]) / half)[..., None] ** np.arange(degree + 1) * weights[..., None]
+    flat = values.reshape(count, -1)
+    left, right = np.swapaxes(powers, 1, 2) @ powers, np.swapaxes(powers, 1, 2) @ flat[near]
+    return np.asarray(np.linalg.solve(left, right)[:, 1] / half).reshape(values.shape)
+
+
+def runs(mask: BoolArray) -> list[tuple[int, int]]:
+    """Return the stretches in which a mask (N,) is true, as first index and the index after the last."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(int)))
+    return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+
+
+def is_limited(label: str) -> bool:
+    """Return whether the limits are for actors of a class."""
+    return any(word in label.lower() for word in ON_WHEELS)
+
+
+def exceeded(motion: Motion, limits: Limits, recorded: Motion | None = None) -> dict[str, BoolArray]:
+    """Return where (N,) each of `QUANTITIES` exceeds its limit.
+
+    ``recorded`` is the motion that was edited: where it exceeds a limit itself, by a fault of the annotation say, the edit has
+    to exceed its largest value by `TOLERANCE`, so that an edit is not blamed for what the recording has.
+    """
+    found = {}
+    for name in QUANTITIES:
+        limit = getattr(limits, name)
+        before = np.abs(getattr(recorded, name)) if recorded is not None else np.zeros(0)
+        before = before[np.isfinite(before)]
+        if len(before) and before.max() > limit:
+            limit = TOLERANCE * before.max()
+        found[name] = np.nan_to_num(np.abs(getattr(motion, name))) > limit
+    return found
+
+
+def describe(name: str, value: float) -> str:
+    """Return what a vehicle does whose quantity of this name has this value, as a part of a sentence."""
+    if name == "acceleration_m_s2":
+        return f"{'accelerates' if value > 0 else 'brakes'} at {abs(value):.1f} m/s²"
+    if name == "lateral_m_s2":
+        return f"corners at {abs(value):.1f} m/s²"
+    return f"turns at a radius of {1 / abs(value):.1f} m ({abs(value):.2f} 1/m)"

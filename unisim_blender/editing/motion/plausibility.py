@@ -1,0 +1,192 @@
+"""Edits that no real drive would show: overlaps, cars sideways, too fast or beyond the limits of motion, actors off the ground or
+of odd sizes, views from far away."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...core.geometry import FloatArray, box_corners
+from ...core.world.drive import Actor, Drive
+from ..sampled.clock import Clock
+from ..sampled.poses import same
+from ..sampled.recorded import recorded_poses, recorded_there
+from ..sampled.scaling import WHY, Scaling, scale_text
+from ..sampled.scene import Sampled, SampledObject
+from .compared import Track, compared, label_of
+from .ground import heights, undersides
+from .kinematics import ON_WHEELS, Limits, describe
+
+SIDEWAYS_RAD = np.radians(25)
+MOVING_M_S = 1.5
+"""Slower than this, annotations' noise is larger than the motion."""
+FASTEST_M_S = {"pedestrian": 8.0, "bicycle": 18.0, "car": 70.0, "truck": 45.0, "bus": 40.0, "cone": 0.5, "sign": 0.5}
+"""By a word of the class."""
+OFF_GROUND_M = 0.5
+FAR_VIEW_M = 3.0
+ASIDE_SHARE = 0.5
+"""Of what a camera sees, sideways: how much may lie beyond what any camera recorded."""
+PLAUSIBLE_SCALE = 0.5, 2.0
+"""Of what was recorded: an actor that is smaller or larger is told."""
+OVERLAP_M = 0.1
+"""Boxes are drawn generously: less than this is no collision."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What is odd about an object, and where to look."""
+
+    name: str
+    frame: int
+    text: str
+
+
+def warnings_of(sampled: Sampled, drive: Drive, limits: Limits | None = None) -> Iterator[Finding]:
+    """What is not plausible in a sampled scene. What stands as recorded is taken as it is.
+
+    ``limits`` are those of motion; the default ones where it is None.
+    """
+    limits = limits or Limits()
+    actors = [thing for thing in sampled.of("ACTOR") if thing.there.any()]
+    edited = [thing for thing in actors if not _as_recorded(thing, drive, sampled.clock)]
+    ground = undersides(drive)
+    for thing in edited:
+        label = _label(thing, drive)
+        yield from _motion(thing, label, sampled.clock)
+        yield from _limits(thing, drive, sampled.clock, limits)
+        yield from _height(thing, ground, sampled.clock)
+        yield from _size(thing, sampled.clock)
+    changed = {thing.name for thing in edited}
+    for i, a in enumerate(actors):
+        for b in actors[i + 1 :]:
+            if {a.name, b.name} & changed:
+                yield from _overlap(a, b, sampled.clock)
+    for thing in sampled.of("EGO"):
+        yield from _limits(thing, drive, sampled.clock, limits)
+    for thing in sampled.of("CAMERA"):
+        yield from _far(thing, drive, sampled.clock)
+        yield from _aside(thing, drive, sampled.clock)
+
+
+def _as_recorded(thing: SampledObject, drive: Drive, clock: Clock) -> bool:
+    actor = drive.actors.get(thing.uid)
+    if actor is None or not thing.is_original or thing.look or thing.scaling != Scaling():
+        return False
+    there = recorded_there(actor, drive, clock)
+    return bool((there == thing.there).all() and same(thing.poses, recorded_poses(actor, clock))[there].all())
+
+
+def _label(thing: SampledObject, drive: Drive) -> str:
+    if thing.mesh:
+        return thing.label.lower()
+    actor: Actor | None = drive.actors.get(thing.look or thing.uid)
+    return "" if actor is None else actor.label.lower()
+
+
+def _motion(thing: SampledObject, label: str, clock: Clock) -> Iterator[Finding]:
+    step = np.diff(thing.poses[:, :3, 3], axis=0)
+    both = thing.there[1:] & thing.there[:-1]
+    speed = np.linalg.norm(step, axis=1) / np.diff(clock.times_s)
+    limit = next((fastest for word, fastest in FASTEST_M_S.items() if word in label), max(FASTEST_M_S.values()))
+    too_fast = both & (speed > limit)
+    if too_fast.any():
+        at = int(np.argmax(np.where(too_fast, speed, 0)))
+        yield Finding(thing.name, int(clock.frames[at]), f"goes {speed[at] * 3.6:.0f} km/h")
+    if any(word in label for word in ON_WHEELS):
+        ahead = thing.poses[:-1, :3, 0]
+        along = np.abs((step * ahead).sum(1)) / np.maximum(np.linalg.norm(step, axis=1), 1e-9)
+        skids = both & (speed > MOVING_M_S) & (np.arccos(np.clip(along, 0, 1)) > SIDEWAYS_RAD)
+        if skids.any():
+            yield Finding(thing.name, int(clock.frames[int(np.argmax(skids))]), "drives sideways")
+
+
+def _limits(thing: SampledObject, drive: Drive, clock: Clock, limits: Limits) -> Iterator[Finding]:
+    """Where it exceeds each limit of motion most."""
+    label = label_of(thing.kind, thing.look or thing.uid, thing.label if thing.mesh else "", drive)
+    found = compared(Track(thing.name, thing.kind, thing.uid, label, thing.poses, thing.there), drive, clock, limits)
+    for name, where in found.exceeded.items():
+        if where.any():
+            values = getattr(found.now, name)
+            at = int(np.argmax(np.where(where, np.abs(values), -1)))
+            yield Finding(thing.name, int(clock.frames[at]), describe(name, float(values[at])))
+
+
+def _height(thing: SampledObject, ground: FloatArray, clock: Clock) -> Iterator[Finding]:
+    """Its underside beside the ground there."""
+    if not len(ground):
+        return
+    under = thing.poses[:, :3, 3] - thing.poses[:, :3, 2] * thing.size_m[2] / 2
+    off = under[:, 2] - heights(ground, under)
+    wrong = thing.there & (np.abs(np.nan_to_num(off)) > OFF_GROUND_M)
+    if wrong.any():
+        at = int(np.argmax(wrong))
+        yield Finding(
+            thing.name, int(clock.frames[at]), f"is {abs(off[at]):.1f} m {'above' if off[at] > 0 else 'below'} the ground"
+        )
+
+
+def _size(thing: SampledObject, clock: Clock) -> Iterator[Finding]:
+    """Its size beside what was recorded, and a scale that cannot be rendered."""
+    frame, (least, most) = int(clock.frames[int(np.argmax(thing.there))]), PLAUSIBLE_SCALE
+    if thing.scaling.fault:
+        yield Finding(thing.name, frame, WHY[thing.scaling.fault])
+    elif not all(least <= factor <= most for factor in thing.scaling.factors):
+        yield Finding(thing.name, frame, f"is scaled by {scale_text(thing.scaling.factors)}, beyond {least:g} to {most:g}")
+
+
+def _overlap(a: SampledObject, b: SampledObject, clock: Clock) -> Iterator[Finding]:
+    reach = (np.linalg.norm(a.size_m) + np.linalg.norm(b.size_m)) / 2
+    near = a.there & b.there & (np.linalg.norm(a.poses[:, :3, 3] - b.poses[:, :3, 3], axis=1) < reach)
+    for at in np.flatnonzero(near):
+        if boxes_overlap(a.poses[at], np.array(a.size_m), b.poses[at], np.array(b.size_m)):
+            yield Finding(a.name, int(clock.frames[at]), f"overlaps {b.name}")
+            return
+
+
+def boxes_overlap(pose_a: FloatArray, size_a: FloatArray, pose_b: FloatArray, size_b: FloatArray) -> bool:
+    """Whether two boxes, made smaller by `OVERLAP_M`, have a point in common: no face or pair of edges parts them (the separating
+    axes of Gottschalk, Lin and Manocha, "OBBTree", 1996)."""
+    corners = [box_corners(pose, np.maximum(size - OVERLAP_M, 1e-3)) for pose, size in ((pose_a, size_a), (pose_b, size_b))]
+    faces = np.concatenate([pose_a[:3, :3].T, pose_b[:3, :3].T])
+    edges = np.cross(faces[:3, None], faces[None, 3:]).reshape(-1, 3)
+    axes = np.concatenate([faces, edges[np.linalg.norm(edges, axis=1) > 1e-6]])
+    low, high = zip(*(((c @ axes.T).min(0), (c @ axes.T).max(0)) for c in corners), strict=True)
+    return bool(((low[0] <= high[1]) & (low[1] <= high[0])).all())
+
+
+def _far(thing: SampledObject, drive: Drive, clock: Clock) -> Iterator[Finding]:
+    places = [camera.world_from_camera.positions for camera in drive.cameras.values()]
+    if not places:
+        return
+    away = np.linalg.norm(thing.poses[:, None, :3, 3] - np.concatenate(places)[None], axis=-1).min(1)
+    if away.max() > FAR_VIEW_M:
+        at = int(away.argmax())
+        yield Finding(thing.name, int(clock.frames[at]), f"looks from {away[at]:.1f} m beside anything recorded")
+
+
+def _aside(thing: SampledObject, drive: Drive, clock: Clock) -> Iterator[Finding]:
+    """Whether a camera looks where none was looking during the drive."""
+    unseen = np.array([unseen_share(thing, drive, frame) for frame in range(len(clock.frames))])
+    if len(unseen) and unseen.max() > ASIDE_SHARE:
+        at = int(unseen.argmax())
+        text = f"looks {unseen[at]:.0%} beside all that was recorded"
+        yield Finding(thing.name, int(clock.frames[at]), text)
+
+
+def unseen_share(thing: SampledObject, drive: Drive, frame: int) -> float:
+    """Return which share of a camera's directions, sideways, no camera of the drive ever looked into."""
+    if thing.camera is None or not drive.cameras:
+        return 0.0
+    half = np.arctan(thing.camera.width / 2 / thing.camera.fx)
+    ahead = -thing.poses[frame, :3, 2]  # a Blender camera looks along -z
+    headings = np.arctan2(ahead[1], ahead[0]) + np.linspace(-half, half, 16)
+    seen = np.zeros(len(headings), bool)
+    for camera in drive.cameras.values():
+        reach = np.arctan(camera.model.width / 2 / camera.model.fx)
+        poses = camera.world_from_camera.at(camera.world_from_camera.times_s)
+        axes = np.arctan2(poses[:, 1, 2], poses[:, 0, 2])
+        apart = np.abs((headings[:, None] - axes + np.pi) % (2 * np.pi) - np.pi)
+        seen |= (apart <= reach).any(1)
+    return float((~seen).mean())

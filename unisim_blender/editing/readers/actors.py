@@ -1,0 +1,105 @@
+"""What became of the recorded actors, and which are new: the objects of each id, handed to the readers of actors' edits."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from typing import Any, NamedTuple
+
+from ...core.errors import ScenarioError
+from ...core.scenario.edit import Edit
+from ...core.world.drive import Actor
+from ..edits.lines import Line
+from ..sampled.clock import Clock
+from ..sampled.poses import same
+from ..sampled.recorded import recorded_poses
+from ..sampled.scaling import refusal
+from ..sampled.scene import SampledObject as Thing
+from .reader import ACTORS, NEW_ACTORS, ActorReader, GroupReader, NewActorReader, Reading, Standing, register
+
+
+class Found(NamedTuple):
+    """An edit, who read it, and off what. ``told``: whether it has a line of its own."""
+
+    edit: Edit
+    reader: ActorReader[Any] | NewActorReader[Any]
+    standing: Standing
+    told: bool = True
+
+
+@register
+class Actors(GroupReader):
+    """Reads actors, those of each id together: the recorded one and its copies, or inserted ones."""
+
+    group = "ACTOR"
+    kinds = ("ACTOR",)
+    by_id = True
+
+    def edits(self, reading: Reading) -> Iterator[Edit]:
+        """The edits of the recorded actors by their ids, then of inserted ones."""
+        by_id = _by_id(reading)
+        for uid in sorted(reading.drive.actors):
+            yield from (found.edit for found in _found(reading, uid, by_id.pop(uid, [])))
+        for uid, standing in by_id.items():
+            yield from (found.edit for found in _found(reading, uid, standing))
+
+    def lines(self, reading: Reading, uid: str) -> Iterator[Line]:
+        """The edits of one id."""
+        for found in _found(reading, uid, _by_id(reading).get(uid, [])):
+            if found.told:
+                yield found.reader.line(found.edit, found.standing)
+
+    def edited_ids(self, reading: Reading) -> set[str]:
+        """Recorded actors with an edit."""
+        by_id = _by_id(reading)
+        return {
+            uid
+            for uid in reading.drive.actors
+            if any(isinstance(found.reader, ActorReader) and found.told for found in _found(reading, uid, by_id.get(uid, [])))
+        }
+
+
+def _by_id(reading: Reading) -> dict[str, list[Thing]]:
+    by_id: dict[str, list[Thing]] = {}
+    for thing in reading.sampled.of("ACTOR"):
+        if fault := refusal(thing.name, thing.scaling):
+            raise ScenarioError(fault)
+        by_id.setdefault(thing.uid, []).append(thing)
+    return by_id
+
+
+def _found(reading: Reading, uid: str, things: list[Thing]) -> Iterator[Found]:
+    """The edits of one id. Copies are told beside the recorded actor: they come before what became of that."""
+    actor = reading.drive.actors.get(uid)
+    own = None if actor is None else original(things, actor, reading.clock)
+    for thing in things:
+        if thing is not own and thing.there.any():
+            yield from _new(Standing(reading, thing, actor))
+    if actor is not None:
+        standing = Standing(reading, own, actor)
+        for reader in ACTORS:
+            if reader.of_absent == standing.is_gone and (edit := reader.read(standing)) is not None:
+                yield Found(edit, reader, standing)
+
+
+def _new(standing: Standing) -> Iterator[Found]:
+    """The edit that adds an actor, and those that it needs beside, which are part of its line."""
+    adds = next(reader for reader in NEW_ACTORS if reader.reads(standing))
+    new = adds.read(standing)
+    yield Found(new, adds, standing)
+    for reader in ACTORS:
+        if (edit := reader.read_new(new.id, standing)) is not None:
+            yield Found(edit, reader, standing, told=False)
+
+
+def original(standing: Iterable[Thing], actor: Actor, clock: Clock) -> Thing | None:
+    """Which of the objects with one actor's id is the actor itself: the one with the name that the import gave it, else one that
+    goes where the actor was recorded, else the first. Told here and not by a handler, so that undo stays Blender's."""
+    things = list(standing)
+    recorded = recorded_poses(actor, clock)
+    for thing in things:
+        if thing.is_original:
+            return thing
+    for thing in things:
+        if same(thing.poses, recorded).all():
+            return thing
+    return things[0] if things else None

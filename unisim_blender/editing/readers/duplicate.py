@@ -1,0 +1,46 @@
+"""Reads `duplicate`: a copy of a recorded actor's object."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...core.scenario.edits import Duplicate
+from ..edits.lines import Line, line_of
+from ..edits.path_words import path_words
+from ..edits.trajectories import present, vector
+from ..edits.words import joined
+from ..sampled.poses import SAME_M, same_turn
+from .reader import NewActorReader, Standing, register
+
+
+@register
+class DuplicateReader(NewActorReader[Duplicate]):
+    """Reads copies with their source's appearance."""
+
+    def reads(self, standing: Standing) -> bool:
+        """One with another appearance is an inserted actor."""
+        return standing.actor is not None and not standing.here.look
+
+    def read(self, standing: Standing) -> Duplicate:
+        """A copy that is displaced alike at all frames, in the world's axes or its own, keeps the actor's own trajectory between
+        frames too."""
+        thing, actor, base, there = standing.here, standing.known, standing.recorded, standing.recorded_there
+        uid = standing.reading.new_id(thing)
+        changed = bool((thing.there != there).any())
+        at = thing.there & there
+        apart = (thing.poses - base)[at, :3, 3]
+        if not changed and same_turn(thing.poses, base)[at].all():
+            if (np.ptp(apart, axis=0) <= 2 * SAME_M).all():
+                return Duplicate(actor.uid, uid, world_offset_m=vector(apart.mean(0)))
+            beside = np.einsum("nji,nj->ni", base[at, :3, :3], apart)
+            if (np.ptp(beside, axis=0) <= 2 * SAME_M).all():
+                return Duplicate(actor.uid, uid, offset_m=vector(beside.mean(0)))
+        return Duplicate(actor.uid, uid, **standing.path(), present=present(standing.clock, thing.there) if changed else None)
+
+    def line(self, edit: Duplicate, standing: Standing) -> Line:
+        """Where the copy is, beside the recorded actor."""
+        thing, base = standing.here, standing.recorded
+        words = path_words(thing, base, base, standing.recorded_there, standing.known, standing.clock)
+        what = joined(["Copied", words.removeprefix("Moved ")]) if words else "Copied, in place"
+        what = what.replace("Copied; ", "Copied: ")
+        return line_of("ACTOR", thing.uid, "COPY", what, standing.names, thing.there, standing.clock, edit)

@@ -1,0 +1,69 @@
+"""Reads `ego`: the recording vehicle beside its recorded trajectory, or on another one."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from ...core.geometry import FloatArray, invert_pose
+from ...core.scenario.edit import Edit
+from ...core.scenario.edits import Ego
+from ...core.scenario.keys import ShiftKey
+from ..edits.lines import Line, line_of
+from ..edits.path_words import is_retimed
+from ..edits.trajectories import keyframes
+from ..edits.words import displaced_words, joined, trajectory_words
+from ..sampled.clock import Clock
+from ..sampled.poses import SAME_M, same, same_turn
+from .reader import GroupReader, Reading, register
+
+
+@register
+class EgoReader(GroupReader):
+    """Reads the vehicle."""
+
+    group = "RIG"
+    kinds = ("EGO",)
+
+    def edits(self, reading: Reading) -> Iterator[Edit]:
+        """None where the vehicle drives as recorded; a shift where it drives beside that, else a new trajectory."""
+        ego = next(reading.sampled.of("EGO"), None)
+        if ego is None:
+            return
+        base = reading.drive.world_from_ego.at(reading.clock.times_s)
+        if same(ego.poses, base).all():
+            return
+        apart = np.einsum("nji,nj->ni", base[:, :3, :3], (ego.poses - base)[:, :3, 3])
+        ahead, left, up = np.abs(apart[:, 0]).max(), apart[:, 1], np.abs(apart[:, 2]).max()
+        if same_turn(ego.poses, base).all() and max(ahead, up, np.ptp(left)) <= 2 * SAME_M:
+            yield Ego(shift_left_m=round(float(left.mean()), 6))
+        elif same_turn(ego.poses, base).all() and max(ahead, up) <= 2 * SAME_M:
+            yield Ego(shift=shift_keys(reading.clock, left))
+        else:
+            yield Ego(trajectory=keyframes(reading.clock, ego.poses, np.ones(len(ego.poses), bool)))
+
+    def lines(self, reading: Reading, uid: str) -> Iterator[Line]:
+        """How the vehicle drives elsewhere."""
+        clock, recorded = reading.clock, reading.drive.world_from_ego
+        for edit in self.edits(reading):
+            ego = next(reading.sampled.of("EGO"))
+            base = recorded.at(clock.times_s)
+            if ego.ridden is not None:
+                ridden = trajectory_words(clock, ego.ridden, base, recorded, is_retimed(ego, recorded, clock))
+                words = joined([ridden, displaced_words(invert_pose(ego.ridden) @ ego.poses)])
+            else:
+                words = trajectory_words(clock, ego.poses, base, None, False)
+            differs = ~same(ego.poses, base)
+            yield line_of("EGO", "ego", "EGO", words or "Moved", (ego.title, ego.name), differs, clock, edit)
+
+    def edited_ids(self, reading: Reading) -> set[str]:
+        """The vehicle's, "ego", where it drives elsewhere."""
+        return {"ego"} if any(True for _ in self.edits(reading)) else set()
+
+
+def shift_keys(clock: Clock, left_m: FloatArray) -> tuple[ShiftKey, ...]:
+    """Keys of a shift (N,) to the left: of the frames, those at which its rate changes."""
+    rate = np.diff(left_m) / np.diff(clock.times_s)
+    turns = np.concatenate([[True], np.abs(np.diff(rate)) * np.diff(clock.times_s)[1:] > SAME_M, [True]])
+    return tuple(ShiftKey(round(float(left_m[i]), 6), frame=int(clock.frames[i])) for i in np.flatnonzero(turns))

@@ -1,0 +1,46 @@
+"""Reads `ego_body`: meshes that are fixed to the recording vehicle."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from ...core.errors import ScenarioError
+from ...core.geometry import invert_pose
+from ...core.scenario.edits import EgoBody
+from ..edits.lines import Line, line_of
+from ..edits.trajectories import placement
+from ..sampled.poses import same
+from .reader import GroupReader, Reading, register
+
+
+@register
+class EgoBodies(GroupReader):
+    """Reads the vehicle's bodies."""
+
+    group = "RIG"
+    kinds = ("BODY",)
+
+    def edits(self, reading: Reading) -> Iterator[EgoBody]:
+        """An edit for each body. Raises `ScenarioError` for one that is not fixed to the vehicle."""
+        ego = next(reading.sampled.of("EGO"), None)
+        for thing in reading.sampled.of("BODY"):
+            if not thing.there.any():
+                continue
+            if ego is None:
+                raise ScenarioError(
+                    f'object "{thing.name}": is a body of the ego vehicle, which is not there: undo that it was deleted'
+                )
+            mount = invert_pose(ego.poses) @ thing.poses
+            if not same(mount, mount[:1]).all():
+                raise ScenarioError(
+                    f'object "{thing.name}": moves on the ego vehicle, which its body is fixed to: keep it parented to the '
+                    "vehicle, and clear its keys and constraints"
+                )
+            yield EgoBody(reading.relative(thing.mesh), reading.new_id(thing), placement(mount[0]), thing.label or None)
+
+    def lines(self, reading: Reading, uid: str) -> Iterator[Line]:
+        """A line for each body."""
+        bodies = [thing for thing in reading.sampled.of("BODY") if thing.there.any()]
+        for body, thing in zip(self.edits(reading), bodies, strict=True):
+            names, words = (thing.title, thing.name), "Body of the ego vehicle"
+            yield line_of("BODY", thing.uid, "BODY", words, names, thing.there, reading.clock, body)

@@ -1,0 +1,30 @@
+"""Reads `insert`: an object with an appearance that is not its source's, or of an actor that the recording does not have."""
+
+from __future__ import annotations
+
+from ...core.scenario.edits import Insert
+from ..edits.lines import Line, line_of
+from ..edits.trajectories import present
+from .reader import NewActorReader, Standing, register
+
+
+@register
+class InsertReader(NewActorReader[Insert]):
+    """Reads inserted actors."""
+
+    def reads(self, standing: Standing) -> bool:
+        """A copy with its source's appearance is a duplicate; without a recorded actor there may be a mesh."""
+        thing = standing.here
+        return bool(thing.look) if standing.actor is not None else not thing.mesh
+
+    def read(self, standing: Standing) -> Insert:
+        """The object's appearance and path."""
+        thing = standing.here
+        uid = standing.reading.new_id(thing)
+        path = Standing(standing.reading, thing, None).path()
+        return Insert(thing.look or thing.uid, uid, standing.look_scene, **path, present=present(standing.clock, thing.there))
+
+    def line(self, edit: Insert, standing: Standing) -> Line:
+        """That it is there."""
+        thing = standing.here
+        return line_of("ACTOR", thing.uid, "INSERT", "Inserted", standing.names, thing.there, standing.clock, edit)

@@ -1,0 +1,28 @@
+"""Reads `insert_mesh`: an object that is a mesh."""
+
+from __future__ import annotations
+
+from ...core.scenario.edits import InsertMesh
+from ..edits.lines import Line, line_of
+from ..edits.trajectories import present
+from .reader import NewActorReader, Standing, register
+
+
+@register
+class InsertMeshReader(NewActorReader[InsertMesh]):
+    """Reads meshes."""
+
+    def reads(self, standing: Standing) -> bool:
+        """Its own surface is what is rendered."""
+        return standing.actor is None and bool(standing.here.mesh)
+
+    def read(self, standing: Standing) -> InsertMesh:
+        """The model's file and the object's path."""
+        thing, reading = standing.here, standing.reading
+        uid, when = reading.new_id(thing), present(standing.clock, thing.there)
+        return InsertMesh(reading.relative(thing.mesh), uid, thing.label or None, **standing.path(), present=when)
+
+    def line(self, edit: InsertMesh, standing: Standing) -> Line:
+        """That it is there."""
+        thing = standing.here
+        return line_of("ACTOR", thing.uid, "MESH", "Mesh inserted", standing.names, thing.there, standing.clock, edit)

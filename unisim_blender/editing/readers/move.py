@@ -1,0 +1,30 @@
+"""Reads `move`: an actor that goes elsewhere than it was recorded, or is there at other times."""
+
+from __future__ import annotations
+
+from ...core.scenario.edits import Move
+from ..edits.lines import Line, line_of
+from ..edits.path_words import path_words
+from ..edits.trajectories import present
+from ..sampled.poses import same
+from .reader import ActorReader, Standing, register
+
+
+@register
+class MoveReader(ActorReader[Move]):
+    """Reads trajectories and places."""
+
+    def read(self, standing: Standing) -> Move | None:
+        """The object's poses, where they are not those of the recorded actor on its ground."""
+        thing, there = standing.here, standing.recorded_there
+        changed = bool((thing.there != there).any())
+        if not changed and same(thing.poses, standing.lifted)[there].all():
+            return None
+        return Move(standing.known.uid, **standing.path(), present=present(standing.clock, thing.there) if changed else None)
+
+    def line(self, edit: Move, standing: Standing) -> Line:
+        """How it goes elsewhere."""
+        thing, there, lifted = standing.here, standing.recorded_there, standing.lifted
+        words = path_words(thing, standing.recorded, lifted, there, standing.known, standing.clock)
+        differs = (thing.there != there) | (thing.there & ~same(thing.poses, lifted))
+        return line_of("ACTOR", edit.actor, "MOVE", words or "Moved", standing.names, differs, standing.clock, edit)

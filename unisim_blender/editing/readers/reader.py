@@ -1,0 +1,205 @@
+"""What readers of edits are: of the objects of a sampled scene they make the edits of a scenario, and lines of the edits list."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any, ClassVar, Generic, TypeVar
+
+from ...core.errors import ScenarioError
+from ...core.geometry import BoolArray, FloatArray
+from ...core.prepare.scenario import scene_actors
+from ...core.scenario.edit import Edit
+from ...core.scenario.placement import BoxSpec
+from ...core.world.drive import Actor, Drive
+from ..edits.lines import Line
+from ..edits.trajectories import way
+from ..sampled.clock import Clock
+from ..sampled.recorded import recorded_poses, recorded_there
+from ..sampled.scene import Sampled
+from ..sampled.scene import SampledObject as Thing
+
+Made = TypeVar("Made", bound=Edit)
+
+
+@dataclass(frozen=True)
+class Reading:
+    """A sampled scene and what it is read against. Ids of new actors go into ``taken``, boxes of static items into ``boxes``;
+    ``relative`` gives a file or a folder as the scenario names it."""
+
+    sampled: Sampled
+    drive: Drive
+    taken: set[str]
+    relative: Callable[[str], str] = str
+    boxes: dict[str, BoxSpec] = field(default_factory=dict)
+
+    @property
+    def clock(self) -> Clock:
+        """When the scene was sampled."""
+        return self.sampled.clock
+
+    def new_id(self, thing: Thing) -> str:
+        """An id after the object's name that nothing else has; it is taken from now on."""
+        uid, number = thing.title, 2
+        while uid in self.taken:
+            uid, number = f"{thing.title} {number}", number + 1
+        self.taken.add(uid)
+        return uid
+
+
+class GroupReader(ABC):
+    """Reads all edits of objects that are read together."""
+
+    group: ClassVar[str]
+    """Which objects are sampled and read together; readers may share one."""
+    kinds: ClassVar[tuple[str, ...]]
+    """Kinds of the objects that it reads."""
+    by_id: ClassVar[bool] = False
+    """Whether those of each id are a group of their own."""
+
+    @abstractmethod
+    def edits(self, reading: Reading) -> Iterator[Edit]:
+        """The edits that make the objects of the recorded ones, in the order of a scenario. Raises `ScenarioError`."""
+
+    @abstractmethod
+    def lines(self, reading: Reading, uid: str) -> Iterator[Line]:
+        """The lines of a group's edits; ``uid`` is the group's id where each has its own. Raises `ScenarioError`."""
+
+    def edited_ids(self, reading: Reading) -> set[str]:
+        """Ids of what was recorded and does not stand as it was imported."""
+        return set()
+
+
+@dataclass(frozen=True)
+class Standing:
+    """An object beside the recorded actor that it stands for, or that it is a copy of; None is one that is not there."""
+
+    reading: Reading
+    thing: Thing | None
+    actor: Actor | None
+
+    @property
+    def is_gone(self) -> bool:
+        """Whether the actor is at no frame of the scene."""
+        return self.thing is None or not self.thing.there.any()
+
+    @property
+    def here(self) -> Thing:
+        """The object, which is there."""
+        assert self.thing is not None
+        return self.thing
+
+    @property
+    def known(self) -> Actor:
+        """The recorded actor, which is there."""
+        assert self.actor is not None
+        return self.actor
+
+    @property
+    def clock(self) -> Clock:
+        """When the scene was sampled."""
+        return self.reading.clock
+
+    @property
+    def names(self) -> tuple[str, str]:
+        """The object's names in the scenario and in Blender."""
+        return self.here.title, self.here.name
+
+    @cached_property
+    def recorded(self) -> FloatArray:
+        """Poses (N, 4, 4) of the recorded actor."""
+        return recorded_poses(self.known, self.clock)
+
+    @cached_property
+    def recorded_there(self) -> BoolArray:
+        """Whether the recorded actor is there (N,)."""
+        return recorded_there(self.known, self.reading.drive, self.clock)
+
+    @cached_property
+    def lifted(self) -> FloatArray:
+        """Poses (N, 4, 4) of the recorded actor where it stands on the same ground with the object's appearance."""
+        poses = self.recorded
+        if not self.here.look:
+            return poses
+        lifted = poses.copy()
+        lifted[:, :3, 3] += (self.look_size_m[2] - self.known.size_m[2]) / 2 * poses[:, :3, 2]
+        return lifted
+
+    @property
+    def look_size_m(self) -> FloatArray:
+        """The size (3,) of the box that comes with the object's appearance. Raises `ScenarioError`."""
+        thing = self.here
+        actors = scene_actors(Path(thing.look_scene)) if thing.look_scene else self.reading.drive.actors
+        if thing.look not in actors:
+            where = thing.look_scene or "the log"
+            raise ScenarioError(f'object "{thing.name}": has the look of "{thing.look}", which {where} lacks')
+        return actors[thing.look].size_m
+
+    @property
+    def look_scene(self) -> str | None:
+        """The other trained scene that the appearance is of, as the scenario names it."""
+        return self.reading.relative(self.here.look_scene) if self.here.look_scene else None
+
+    def path(self) -> dict[str, Any]:
+        """``pose`` or ``trajectory`` of the object; what is between frames is as in the recorded actor's."""
+        actor = self.actor
+        recorded = actor.world_from_actor if actor is not None and actor.is_moving and not self.here.look else None
+        return dict(way(self.clock, self.here.poses, self.here.there, recorded))
+
+
+class ActorReader(ABC, Generic[Made]):
+    """Reads one edit off the object of a recorded actor."""
+
+    of_absent: ClassVar[bool] = False
+    """Whether it reads actors that are gone, in place of those that are there."""
+
+    @abstractmethod
+    def read(self, standing: Standing) -> Made | None:
+        """The edit; None where the actor is without it."""
+
+    @abstractmethod
+    def line(self, edit: Made, standing: Standing) -> Line:
+        """The edit in words."""
+
+    def read_new(self, new: str, standing: Standing) -> Made | None:
+        """The edit of an actor ``new`` that another edit adds; None where it is without."""
+        return None
+
+
+class NewActorReader(ABC, Generic[Made]):
+    """Reads the edit that adds an actor off its object."""
+
+    @abstractmethod
+    def reads(self, standing: Standing) -> bool:
+        """Whether an object is of this reader. Of each object one reader is."""
+
+    @abstractmethod
+    def read(self, standing: Standing) -> Made:
+        """The edit."""
+
+    @abstractmethod
+    def line(self, edit: Made, standing: Standing) -> Line:
+        """The edit in words."""
+
+
+GROUPS: list[GroupReader] = []
+"""Readers of groups, in the order in which a scenario has their edits."""
+ACTORS: list[ActorReader[Any]] = []
+"""Readers of recorded actors, in the order in which edits of one actor are applied."""
+NEW_ACTORS: list[NewActorReader[Any]] = []
+Kind = TypeVar("Kind", bound="type[GroupReader] | type[ActorReader[Any]] | type[NewActorReader[Any]]")
+
+
+def register(kind: Kind) -> Kind:
+    """Let a reader read scenes."""
+    reader = kind()
+    if isinstance(reader, GroupReader):
+        GROUPS.append(reader)
+    elif isinstance(reader, ActorReader):
+        ACTORS.append(reader)
+    else:
+        NEW_ACTORS.append(reader)
+    return kind

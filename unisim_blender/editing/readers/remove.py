@@ -1,0 +1,25 @@
+"""Reads `remove`: a recorded actor without an object, or with one that is not rendered."""
+
+from __future__ import annotations
+
+from ...core.actor_images.names import plain_names
+from ...core.scenario.edits import Remove
+from ..edits.lines import Line, line_of
+from .reader import ActorReader, Standing, register
+
+
+@register
+class RemoveReader(ActorReader[Remove]):
+    """Reads removed actors."""
+
+    of_absent = True
+
+    def read(self, standing: Standing) -> Remove | None:
+        """An actor that is there at no frame was not removed."""
+        return Remove(standing.known.uid) if standing.recorded_there.any() else None
+
+    def line(self, edit: Remove, standing: Standing) -> Line:
+        """An actor whose object was deleted has the name that the list of actors gives it."""
+        uid, thing = standing.known.uid, standing.thing
+        names = standing.names if thing is not None else (plain_names(standing.reading.drive.actors)[uid], "")
+        return line_of("ACTOR", uid, "REMOVE", "Removed", names, standing.recorded_there, standing.clock, edit)

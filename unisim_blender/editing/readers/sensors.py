@@ -1,0 +1,237 @@
+"""Reads the sensors: those of the log, changed ones and new ones. They are no edits but a member of their own of a scenario."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any, TypeVar
+
+import numpy as np
+
+from ...core.errors import ScenarioError
+from ...core.geometry import FloatArray, invert_pose, quaternion_from_matrix
+from ...core.scenario.edit import Edit
+from ...core.scenario.keys import Keyframe
+from ...core.scenario.placement import Offset
+from ...core.scenario.sensors import CameraSpec, LidarSpec, Sensors, Shutter
+from ...core.world.drive import CameraModel, Drive, LidarModel, RollingShutter
+from ..edits.lines import Line, line_of
+from ..edits.trajectories import placement, quaternion, vector
+from ..edits.words import degrees, moved_words
+from ..sampled.clock import Clock
+from ..sampled.poses import SAME_M, optical, same, same_place, same_turn
+from ..sampled.scene import Sampled
+from ..sampled.scene import SampledObject as Thing
+from ..sensors.mounts import lag, lidar_json, lidar_model, recorded_mount, sensor_clock
+from ..sensors.names import sensor_id
+from .reader import GroupReader, Reading, register
+
+Spec = TypeVar("Spec", CameraSpec, LidarSpec)
+
+
+@register
+class SensorReader(GroupReader):
+    """Reads what of the sensors is not as in the log."""
+
+    group = "RIG"
+    kinds = ("CAMERA", "LIDAR")
+
+    def edits(self, reading: Reading) -> Iterator[Edit]:
+        """None: sensors are not among a scenario's edits."""
+        return iter(())
+
+    def lines(self, reading: Reading, uid: str) -> Iterator[Line]:
+        """A line for each sensor that is gone, another one, or new."""
+        sampled, drive, clock = reading.sampled, reading.drive, reading.clock
+        always = np.ones(len(clock.frames), bool)
+        sensors = sensors_of(sampled, drive)
+        listed: dict[str, tuple[CameraSpec | LidarSpec, ...] | None] = {
+            "CAMERA": sensors.cameras if sensors else None,
+            "LIDAR": sensors.lidars if sensors else None,
+        }
+        for kind, specs in listed.items():
+            if specs is None:
+                continue
+            recorded = set(drive.cameras if kind == "CAMERA" else drive.lidars)
+            named = "Camera" if kind == "CAMERA" else "LiDAR"
+            standing = [thing for thing in sampled.of(kind) if thing.there.any()]
+            for name in sorted(recorded - {spec.id for spec in specs}):
+                hidden = next((thing.name for thing in sampled.of(kind) if thing.uid == name and thing.is_original), "")
+                yield line_of(kind, name, "REMOVE", f"{named} removed", (name, hidden), always, clock, name)
+            for spec, thing in zip(specs, standing, strict=True):
+                names = thing.title, thing.name
+                if spec in (CameraSpec(spec.id), LidarSpec(spec.id)) and spec.id in recorded:
+                    continue
+                if spec.id in recorded and spec.like is None:
+                    yield line_of(kind, spec.id, "SENSOR", sensor_words(named, spec), names, always, clock, spec)
+                else:
+                    what = f"{named} copied" if spec.like else f"{named} added"
+                    yield line_of(kind, thing.uid, "INSERT", what, names, always, clock, spec)
+
+    def edited_ids(self, reading: Reading) -> set[str]:
+        """Recorded sensors that are gone or other ones. A vehicle that was deleted took its sensors along: nothing of them is
+        kept."""
+        sampled, drive = reading.sampled, reading.drive
+        sensors = (sensors_of(sampled, drive) if any(sampled.of("EGO")) else None) or Sensors()
+        found: set[str] = set()
+        if sensors.cameras is not None:
+            found |= set(drive.cameras) - {spec.id for spec in sensors.cameras if spec == CameraSpec(spec.id)}
+        if sensors.lidars is not None:
+            found |= set(drive.lidars) - {spec.id for spec in sensors.lidars if spec == LidarSpec(spec.id)}
+        return found
+
+
+def sensors_of(sampled: Sampled, drive: Drive) -> Sensors | None:
+    """The sensors to render; None where they are those of the log, as they were."""
+    clock = sampled.clock
+    ego = next(sampled.of("EGO"), None)
+    if ego is None and any(sampled.of("CAMERA", "LIDAR")):
+        raise ScenarioError(
+            f'scene "{sampled.name}": has no ego vehicle, which its sensors are mounted on: undo that it was deleted, '
+            "or import the drive again"
+        )
+    world_from_ego = drive.world_from_ego.at(clock.times_s) if ego is None else ego.poses
+    cameras = tuple(
+        _sighted(_camera(thing, world_from_ego, drive, clock), thing, sampled)
+        for thing in sampled.of("CAMERA")
+        if thing.there.any()
+    )
+    lidars = tuple(
+        _sighted(_lidar(thing, world_from_ego, drive, clock), thing, sampled)
+        for thing in sampled.of("LIDAR")
+        if thing.there.any()
+    )
+    untouched = {CameraSpec(name) for name in drive.cameras}, {LidarSpec(name) for name in drive.lidars}
+    if (set(cameras), set(lidars)) == untouched:
+        return None
+    return Sensors(None if set(cameras) == untouched[0] else cameras, None if set(lidars) == untouched[1] else lidars)
+
+
+def _sighted(spec: Spec, thing: Thing, sampled: Sampled) -> Spec:
+    """A sensor's entry, which says whether it sees the ego vehicle's body where a scenario would take it otherwise."""
+    taken_as = spec.trajectory is not None
+    if thing.sees_body == taken_as or not any(sampled.of("BODY")):
+        return spec
+    return replace(spec, sees_ego_body=thing.sees_body)
+
+
+def _camera(thing: Thing, world_from_ego: FloatArray, drive: Drive, clock: Clock) -> CameraSpec:
+    base = drive.cameras.get(thing.uid)
+    assert thing.camera is not None  # a thing of kind CAMERA is a camera
+    late = lag(base, drive, clock)
+    now = late @ invert_pose(world_from_ego) @ optical(thing.poses)
+    name = sensor_id(thing, drive)
+    if base is None:
+        spec = CameraSpec(name, **intrinsics(thing.camera), **_mount(now, optical(thing.poses), clock))
+    else:
+        spec = CameraSpec(name, like=None if name == thing.uid else thing.uid)
+        if thing.camera != base.model:
+            spec = replace(spec, **intrinsics(thing.camera))
+        if not same(now, (mount := late @ recorded_mount(base, drive, clock))).all():
+            spec = replace(spec, **_moved(now, mount, optical(thing.poses), sensor_clock(base, clock)))
+    return spec
+
+
+def _lidar(thing: Thing, world_from_ego: FloatArray, drive: Drive, clock: Clock) -> LidarSpec:
+    base = drive.lidars.get(thing.uid)
+    late = lag(base, drive, clock)
+    now = late @ invert_pose(world_from_ego) @ thing.poses
+    name = sensor_id(thing, drive)
+    model = lidar_model(thing.model)
+    if base is None:
+        return LidarSpec(name, **_beams(model), **_mount(now, thing.poses, clock))
+    spec = LidarSpec(name, like=None if name == thing.uid else thing.uid)
+    if lidar_json(model) != lidar_json(base.model):
+        spec = replace(spec, **_beams(model))
+    if not same(now, (mount := late @ recorded_mount(base, drive, clock))).all():
+        spec = replace(spec, **_moved(now, mount, thing.poses, sensor_clock(base, clock)))
+    return spec
+
+
+def _moved(now: FloatArray, mount: FloatArray, world: FloatArray, clock: Clock) -> dict[str, Any]:
+    """A sensor of the log in another place on the vehicle, or on a way of its own."""
+    apart = (now - mount)[:, :3, 3]
+    turned = now[:, :3, :3] @ np.swapaxes(mount[:, :3, :3], -1, -2)
+    turns = np.tile(np.eye(4), (len(now), 1, 1))
+    turns[:, :3, :3] = turned
+    rigid = not (np.ptp(apart, axis=0) > 2 * SAME_M).any() and same_turn(turns, turns[:1]).all()
+    # where training has a mount waver, one that is displaced wavers with it
+    displaced = invert_pose(mount) @ now
+    if not rigid and not same(displaced, displaced[:1]).all():
+        return {"trajectory": free_way(clock, world)}
+    unmoved = bool(same_place(now, mount).all())
+    unturned = bool(same_turn(now, mount).all())
+    return {
+        "mount_offset": Offset(
+            position=None if unmoved else vector(apart.mean(0)),
+            quaternion_wxyz=None if unturned else quaternion(quaternion_from_matrix(turned[len(turned) // 2])),
+        )
+    }
+
+
+def _mount(now: FloatArray, world: FloatArray, clock: Clock) -> dict[str, Any]:
+    """A new sensor's place on the vehicle, or a way of its own."""
+    if same(now, now[:1]).all():
+        return {"mount": placement(now[0])}
+    return {"trajectory": free_way(clock, world)}
+
+
+def free_way(clock: Clock, world: FloatArray) -> tuple[Keyframe, ...]:
+    """Keys of a sensor that does not ride on the vehicle: poses (N, 4, 4) at the clock's times. One that stands still has one."""
+    still = bool(same(world, world[:1]).all())
+    return tuple(
+        Keyframe(
+            time_s=max(0.0, float(time)),
+            position=vector(pose[:3, 3]),
+            quaternion_wxyz=quaternion(quaternion_from_matrix(pose[:3, :3])),
+        )
+        for i, (time, pose) in enumerate(zip(clock.times_s, world, strict=True))
+        if (i == 0 if still else time >= 0.0)
+    )
+
+
+def intrinsics(model: CameraModel) -> dict[str, Any]:
+    """A camera model as members of a `CameraSpec`."""
+    shutter = None if model.shutter == RollingShutter() else Shutter(model.shutter.duration_s, model.shutter.reference)
+    return {
+        "width": model.width, "height": model.height, "fx": model.fx, "fy": model.fy, "cx": model.cx, "cy": model.cy,
+        "shutter": shutter,
+    }  # fmt: skip
+
+
+def _beams(model: LidarModel) -> dict[str, Any]:
+    return {
+        "elevation_deg": tuple(np.degrees(model.elevation_rad).tolist()),
+        "azimuth_offset_deg": tuple(np.degrees(model.azimuth_offset_rad).tolist()),
+        "columns": model.columns,
+        "sweep_s": model.sweep_s,
+        "start_azimuth_deg": float(np.degrees(model.start_azimuth_rad)),
+        "direction": model.direction,
+        "time_offset_s": model.time_offset_s,
+        "min_range_m": model.min_range_m,
+        "max_range_m": model.max_range_m,
+    }
+
+
+def sensor_words(named: str, spec: CameraSpec | LidarSpec) -> str:
+    """Return what of a recorded sensor is another one."""
+    words = []
+    if spec.trajectory is not None:
+        words.append("on a trajectory of its own")
+    if spec.mount_offset is not None:
+        words.append(offset_words(spec.mount_offset))
+    if isinstance(spec, CameraSpec) and (spec.width or spec.fx):
+        words.append("another lens")
+    if isinstance(spec, LidarSpec) and spec.elevation_deg is not None:
+        words.append("other beams")
+    return f"{named}: {', '.join(words)}"
+
+
+def offset_words(offset: Offset) -> str:
+    """Return how far a sensor's mount is displaced along the vehicle's axes, and whether it is turned."""
+    apart = np.eye(4)
+    apart[:3, 3] = offset.position or (0.0, 0.0, 0.0)
+    words = [moved_words(apart)] if offset.position else []
+    if offset.quaternion_wxyz is not None:
+        words.append(f"turned by {degrees(float(np.degrees(2 * np.arccos(np.clip(abs(offset.quaternion_wxyz[0]), 0, 1)))))}")
+    return ", ".join(words)

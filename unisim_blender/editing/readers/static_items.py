@@ -1,0 +1,83 @@
+"""Reads `copy_static` and `remove_static`: boxes round things without annotation, and what is done with them."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+
+import numpy as np
+
+from ...core.errors import ScenarioError
+from ...core.geometry import quaternion_from_matrix
+from ...core.scenario.edits import CopyStatic, RemoveStatic
+from ...core.scenario.placement import BoxSpec
+from ..edits.lines import Line, line_of
+from ..edits.trajectories import placement, quaternion, vector
+from ..sampled.poses import same
+from ..sampled.scaling import UNIT, scale_text
+from ..sampled.scene import SampledObject as Thing
+from .reader import GroupReader, Reading, register
+
+
+@register
+class StaticItems(GroupReader):
+    """Reads static items.
+
+    An item's own box (the one with the name that it was given) stands for the item: where it was marked, nothing is edited;
+    elsewhere, the item moved; hidden for renders or deleted, it is gone. Every other box of its id is a copy.
+    """
+
+    group = "STATIC"
+    kinds = ("STATIC",)
+
+    def edits(self, reading: Reading) -> Iterator[CopyStatic | RemoveStatic]:
+        """Removals and copies of what stands in boxes."""
+        sampled = reading.sampled
+        standing: dict[str, list[Thing]] = {uid: [] for uid in sampled.items}
+        for thing in sampled.of("STATIC"):
+            refuse_scale(thing)
+            standing.setdefault(thing.uid, []).append(thing)
+        for uid, things in sorted(standing.items()):
+            marked = json.loads(sampled.items[uid] if uid in sampled.items else things[0].model)
+            home, size = np.array(marked["world_from_box"]), np.array(marked["size_m"])
+            own = next((thing for thing in things if thing.is_original), None)
+            stays = own is not None and own.there.any() and bool(same(own.poses, home).all())
+            new: list[CopyStatic | RemoveStatic] = []
+            # a copy from another file says nothing about the item here
+            if not stays and (own is not None or uid in sampled.items):
+                new.append(RemoveStatic(uid))
+            for thing in things:
+                if thing.there.any() and not (thing is own and stays):
+                    # static items stand still: where they are at the first frame counts
+                    new.append(CopyStatic(uid, reading.new_id(thing), placement(thing.poses[0])))
+            if new:
+                turn = quaternion(quaternion_from_matrix(home[:3, :3]))
+                reading.boxes[uid] = BoxSpec(position=vector(home[:3, 3]), quaternion_wxyz=turn, size_m=vector(size))
+                yield from new
+
+    def lines(self, reading: Reading, uid: str) -> Iterator[Line]:
+        """A line for each item and copy. An item that is moved is removed and copied in a scenario; it is one line."""
+        clock, sampled, always = reading.clock, reading.sampled, np.ones(len(reading.clock.frames), bool)
+        edits = list(self.edits(reading))
+        for uid in reading.boxes:
+            standing = [thing for thing in sampled.of("STATIC") if thing.uid == uid and thing.there.any()]
+            own = next((thing for thing in standing if thing.is_original), None)
+            copies = [edit for edit in edits if isinstance(edit, CopyStatic) and edit.box == uid]
+            gone = RemoveStatic(uid) in edits
+            copied = [thing for thing in standing if not (thing is own and not gone)]
+            for edit, thing in zip(copies, copied, strict=True):
+                far = f"{np.linalg.norm(thing.poses[0, :3, 3] - np.array(reading.boxes[uid].position)):.1f} m away"
+                part, words = ("MOVE", f"Moved {far}") if thing is own else ("COPY", f"Copied: {far}")
+                yield line_of("STATIC", uid, part, words, (thing.title, thing.name), always, clock, edit)
+            if gone and own is None:
+                hidden = next((thing.name for thing in sampled.of("STATIC") if thing.uid == uid and thing.is_original), "")
+                yield line_of("STATIC", uid, "REMOVE", "Removed", (uid, hidden), always, clock, RemoveStatic(uid))
+
+
+def refuse_scale(thing: Thing) -> None:
+    """Raise `ScenarioError` where a static item's box is drawn in another size than it was marked in."""
+    if thing.scaling.fault or thing.scaling.factors != UNIT:
+        raise ScenarioError(
+            f'object "{thing.name}": is scaled by {scale_text(thing.scaling.factors)}, which a static item cannot be: clear its '
+            "scale (Alt-S), or that of its parent"
+        )

@@ -1,0 +1,28 @@
+"""Reads `swap`: an actor with the appearance of another one."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from ...core.actor_images.names import plain_names
+from ...core.scenario.edits import Swap
+from ..edits.lines import Line, line_of
+from .reader import ActorReader, Standing, register
+
+
+@register
+class SwapReader(ActorReader[Swap]):
+    """Reads appearances."""
+
+    def read(self, standing: Standing) -> Swap | None:
+        """What the object notes."""
+        thing = standing.here
+        return Swap(standing.known.uid, thing.look, standing.look_scene) if thing.look else None
+
+    def line(self, edit: Swap, standing: Standing) -> Line:
+        """Whose appearance it is."""
+        actors = standing.reading.drive.actors
+        own_look = edit.scene is None and edit.look in actors
+        named = plain_names(actors)[edit.look] if own_look else f"{edit.look} of {Path(edit.scene or '').name}"
+        words, there = f"Appearance of {named}", standing.here.there
+        return line_of("ACTOR", edit.actor, "APPEARANCE", words, standing.names, there, standing.clock, edit)

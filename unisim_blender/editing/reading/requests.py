@@ -1,0 +1,146 @@
+"""One image or sweep as a request to the worker: the state of the world at a moment, and the sensor that records it.
+
+The edits are those that an export writes. They are applied here, on the recorded drive that is kept: the worker gets a state.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ...core.prepare.capabilities import capability_warnings
+from ...core.prepare.capture_request import capture_request
+from ...core.prepare.scenario import scene_actors
+from ...core.scenario import apply_scenario
+from ...core.scenario.checks import check_scenario
+from ...core.scenario.sensors import CameraSpec, Sensors
+from ...core.scenario.types import Scenario
+from ...core.world.drive import Camera, CameraModel, Drive, Lidar
+from ..edits.trajectories import keyframes
+from ..readers.sensors import intrinsics
+from ..sampled.clock import Clock
+from ..sampled.poses import optical
+from ..sampled.scene import Sampled, SampledObject
+from ..sampled.source import Source
+from ..sensors.mounts import sensor_times
+from ..sensors.names import sensor_id
+from .scenario import read_scenario
+
+HERE = Path(tempfile.gettempdir()).resolve() / "moment.json"
+"""Where the scenario of the moment would lie; nothing is written there."""
+
+
+class CameraRequest(NamedTuple):
+    """``values`` are what the worker needs, beside what is asked of it; ``model`` is the camera's, at the picture's size.
+    ``scenario`` is what the picture is of, ``indices`` are Blender's pass indices by the actors' ids."""
+
+    values: dict[str, Any]
+    model: CameraModel
+    scenario: Scenario
+    indices: dict[str, int]
+
+
+def camera_request(
+    sampled: Sampled, view: SampledObject, source: Source, frame: float, size: tuple[int, int], aspect: float = 1.0
+) -> CameraRequest:
+    """What the worker needs for a picture of size (width, height) through ``view``; ``aspect``: a pixel's height by its width.
+    Raises `UnisimError` for edits that cannot be."""
+    scenario = read_scenario(only(sampled, view), source, HERE)
+    clock, drive = Clock.of(source.drive), source.drive
+    recorded = drive.cameras.get(view.uid) if view.kind == "CAMERA" else None
+    time_s = float(clock.time_s(np.array(frame)))
+    if view.kind != "CAMERA":
+        here = keyframes(sampled.clock, optical(view.poses), np.ones(len(view.poses), bool))
+        assert view.camera is not None
+        scenario = replace(
+            scenario, sensors=Sensors((CameraSpec(sensor_id(view, drive), **intrinsics(view.camera), trajectory=here),), ())
+        )
+    if recorded is not None:
+        at = Clock(np.array([frame, frame + 1.0]), np.array([time_s, time_s + 1 / clock.rate]))
+        time_s = float(sensor_times(at, recorded.time_s)[0])
+    assert view.camera is not None
+    model = sized(view.camera, size, aspect, recorded is not None)
+    edited = edited_drive(scenario, source)
+    camera = edited.cameras[sensor_id(view, drive)]
+    # as `unisim render` resizes a camera: its own width decides how finely an image is traced
+    camera = replace(camera, model=model, full_width=camera.model.width)
+    return CameraRequest(_request(source, edited, camera, time_s), model, scenario, indices(sampled))
+
+
+def indices(sampled: Sampled) -> dict[str, int]:
+    """Blender's pass index of each actor, by the id that a scenario has for it."""
+    actors = list(sampled.of("ACTOR", "BODY"))
+    return {**{thing.uid: thing.index for thing in actors if thing.is_original}, **{thing.title: thing.index for thing in actors}}
+
+
+def lidar_request(sampled: Sampled, lidar: SampledObject, source: Source, frame: float) -> dict[str, Any]:
+    """What the worker needs for a sweep of ``lidar``."""
+    scenario = read_scenario(only(sampled, lidar), source, HERE)
+    recorded = source.drive.lidars.get(lidar.uid)
+    clock = Clock.of(source.drive)
+    time_s = float(clock.time_s(np.array(frame)))
+    if recorded is not None:
+        time_s = recorded.time_s.get(int(frame), time_s)
+    edited = edited_drive(scenario, source)
+    return _request(source, edited, edited.lidars[sensor_id(lidar, source.drive)], time_s)
+
+
+def edited_drive(scenario: Scenario, source: Source) -> Drive:
+    """The recorded drive with a scenario's edits and sensors. Raises `ScenarioError`.
+
+    Views differ in what looks more often than in what is there: the drive of the last edits is kept, without its sensors.
+    """
+    check_scenario(scenario)
+    edits = replace(scenario, sensors=None)
+    if _newest is None or _newest.source is not source or _newest.edits != edits:
+        _keep(_Edited(source, edits, apply_scenario(edits, source.drive, scene_actors)))
+    assert _newest is not None
+    # sensors are put on the edited vehicle, after all edits
+    return apply_scenario(replace(scenario, edits=(), boxes=None, frames=None), _newest.drive, scene_actors)
+
+
+class _Edited(NamedTuple):
+    source: Source
+    edits: Scenario
+    drive: Drive
+
+
+_newest: _Edited | None = None
+
+
+def _keep(edited: _Edited) -> None:
+    global _newest
+    _newest = edited
+
+
+def _request(source: Source, edited: Drive, sensor: Camera | Lidar, time_s: float) -> dict[str, Any]:
+    """A capture's request, with sentences about what the trained scene cannot show of the edits."""
+    scene, warnings = source.scene_path, []
+    if scene is not None:
+        warnings = capability_warnings(scene, source.drive, edited, isinstance(sensor, Lidar))
+    request = capture_request(edited, source.parked, sensor, time_s, source.log_path, scene)
+    return {**request, "warnings": warnings}
+
+
+def only(sampled: Sampled, sensor: SampledObject) -> Sampled:
+    """The same without the other sensors. The one that looks is there, though it may be hidden for renders."""
+    others = [thing for thing in sampled.things if thing.kind not in ("CAMERA", "LIDAR", "NONE")]
+    looks = [replace(thing, there=np.ones_like(thing.there)) for thing in sampled.things if thing.name == sensor.name]
+    return replace(sampled, things=tuple(sorted([*others, *looks], key=lambda thing: thing.name)))
+
+
+def sized(model: CameraModel, size: tuple[int, int], aspect: float, exact: bool) -> CameraModel:
+    """A camera's intrinsics at another size (width, height). One of the rig keeps its own wherever the picture has its shape;
+    else the view is as Blender frames it: as wide as the lens says, whatever the height."""
+    width, height = size
+    sx, sy = width / model.width, height / model.height
+    if exact and abs(model.height * sx - height) <= 1.0:
+        return replace(model, width=width, height=height, fx=model.fx * sx, fy=model.fy * sy, cx=model.cx * sx, cy=model.cy * sy)
+    return replace(
+        model, width=width, height=height, fx=model.fx * sx, fy=model.fx * sx / aspect,
+        cx=model.cx * sx, cy=height / 2 + (model.cy - model.height / 2) * sx / aspect,
+    )  # fmt: skip

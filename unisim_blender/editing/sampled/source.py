@@ -1,0 +1,69 @@
+"""The recorded drive that a scene was imported from, opened again whenever it is needed.
+
+It is the float64 original that edits are told from. Opening takes a second, so the newest one is kept.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from ...core.data import open_log
+from ...core.data.log import Log
+from ...core.errors import UnisimError
+from ...core.model.scene_file import HEADER_NAME, read_scene_header
+from ...core.prepare.replay import replayed_drive
+from ...core.world.drive import Box, Drive
+from ...core.world.replay import parked_boxes
+
+
+@dataclass(frozen=True)
+class Source:
+    """``log_path``, and ``scene_path`` where a trained scene is loaded; ``log`` is None where only the scene is at hand.
+    ``parked`` are the boxes of parked actors that the static world does not hold, by their ids."""
+
+    log_path: Path
+    scene_path: Path | None
+    drive: Drive
+    log: Log | None
+    parked: Mapping[str, Box]
+
+
+class NotImported(UnisimError):
+    """A Blender scene without a drive."""
+
+
+_newest: dict[tuple[object, ...], Source] = {}
+
+
+def open_source(log: str, scene: str) -> Source:
+    """The drive of a log's folder, as the trained scene in folder ``scene`` replays it, where that is not "".
+
+    Knows nothing of Blender, so a thread may call it. Raises `UnisimError`.
+    """
+    log_path = Path(log)
+    scene_path = Path(scene) if scene else None
+    key = (log_path, scene_path, *(_changed(path) for path in (log_path, scene_path)))
+    found = _newest.get(key)
+    if found is None:
+        recorded = open_log(log_path) if log_path.is_dir() else None
+        if scene_path is not None:
+            header = read_scene_header(scene_path)
+            drive = header.drive if recorded is None else replayed_drive(header, recorded.drive, log_path)
+            parked = header.parked
+        elif recorded is not None:
+            drive, parked = recorded.drive, parked_boxes(recorded.drive)
+        else:
+            raise NotImported(f"{log_path}: there is no log")
+        found = Source(log_path, scene_path, drive, recorded, parked)
+        _newest.clear()
+        _newest[key] = found
+    return found
+
+
+def _changed(path: Path | None) -> float:
+    if path is None:
+        return 0.0
+    file = path / HEADER_NAME
+    return file.stat().st_mtime if file.is_file() else 0.0

@@ -1,0 +1,35 @@
+"""Recorded LiDAR returns of a frame, read from the log's files."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core.geometry import FloatArray
+from ..sampled.source import Source
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """A LiDAR's recorded returns of a frame: points (N, 3) of the world, and attributes (N,) by name."""
+
+    lidar: str
+    points: FloatArray
+    attributes: dict[str, NDArray[np.generic]]
+
+
+def read_recorded(source: Source, frame: int) -> list[Recorded]:
+    """Read the recorded returns of a frame, of every LiDAR, from the log's files; in any thread."""
+    log, found = source.log, []
+    for name in source.drive.lidars if log is not None else ():
+        assert log is not None
+        if frame not in log.sweep_frames(name):
+            found.append(Recorded(name, np.zeros((0, 3)), {}))
+            continue
+        sweep = log.sweep(name, frame)
+        depth = np.linalg.norm(sweep.points - sweep.origins, axis=1)
+        attributes = {"intensity": sweep.intensity, "class": sweep.semantic, "depth": depth}
+        found.append(Recorded(name, sweep.points, attributes))
+    return found
