@@ -26,7 +26,6 @@ from ..sampled.clock import Clock
 from ..sampled.poses import optical
 from ..sampled.scene import Sampled, SampledObject
 from ..sampled.source import Source
-from ..sensors.mounts import sensor_times
 from ..sensors.names import sensor_id
 from .scenario import read_scenario
 
@@ -52,20 +51,17 @@ def camera_request(
     scenario = read_scenario(only(sampled, view), source, HERE)
     clock, drive = Clock.of(source.drive), source.drive
     recorded = drive.cameras.get(view.uid) if view.kind == "CAMERA" else None
-    time_s = float(clock.time_s(np.array(frame)))
     if view.kind != "CAMERA":
         here = keyframes(sampled.clock, optical(view.poses), np.ones(len(view.poses), bool))
         assert view.camera is not None
         scenario = replace(
             scenario, sensors=Sensors((CameraSpec(sensor_id(view, drive), **intrinsics(view.camera), trajectory=here),), ())
         )
-    if recorded is not None:
-        at = Clock(np.array([frame, frame + 1.0]), np.array([time_s, time_s + 1 / clock.rate]))
-        time_s = float(sensor_times(at, recorded.time_s)[0])
     assert view.camera is not None
     model = sized(view.camera, size, aspect, recorded is not None)
     edited = edited_drive(scenario, source)
     camera = edited.cameras[sensor_id(view, drive)]
+    time_s = clock.capture(camera, frame).time_s(camera)
     # as `unisim render` resizes a camera: its own width decides how finely an image is traced
     camera = replace(camera, model=model, full_width=camera.model.width)
     return CameraRequest(_request(source, edited, camera, time_s), model, scenario, indices(sampled))
@@ -80,13 +76,9 @@ def indices(sampled: Sampled) -> dict[str, int]:
 def lidar_request(sampled: Sampled, lidar: SampledObject, source: Source, frame: float) -> dict[str, Any]:
     """What the worker needs for a sweep of ``lidar``."""
     scenario = read_scenario(only(sampled, lidar), source, HERE)
-    recorded = source.drive.lidars.get(lidar.uid)
-    clock = Clock.of(source.drive)
-    time_s = float(clock.time_s(np.array(frame)))
-    if recorded is not None:
-        time_s = recorded.time_s.get(int(frame), time_s)
     edited = edited_drive(scenario, source)
-    return _request(source, edited, edited.lidars[sensor_id(lidar, source.drive)], time_s)
+    sensor = edited.lidars[sensor_id(lidar, source.drive)]
+    return _request(source, edited, sensor, Clock.of(source.drive).capture(sensor, frame).time_s(sensor))
 
 
 def edited_drive(scenario: Scenario, source: Source) -> Drive:
