@@ -22,7 +22,7 @@ import numpy as np
 
 import unisim_blender
 from unisim_blender.bridge.importing.drive import fit_resolution
-from unisim_blender.bridge.objects.imported import things
+from unisim_blender.bridge.objects.imported import imported_objects
 from unisim_blender.bridge.objects.source import source_of
 from unisim_blender.core.model.scene_file import read_scene_header
 
@@ -54,18 +54,20 @@ def main(trained: Path, out: Path) -> None:
     scene = bpy.context.scene
     with timed("import"):
         bpy.ops.unisim.import_scene(filepath=str(trained / "scene.json"))
-    scene.camera = next(thing for thing in things(scene, "CAMERA") if thing.unisim.uid == trained_camera(trained))
+    scene.camera = next(thing for thing in imported_objects(scene, "CAMERA") if thing.unisim.uid == trained_camera(trained))
     fit_resolution(scene)
     drive = source_of(scene).drive
     # one camera and one LiDAR: what is deleted is not rendered
-    rig = [thing for thing in things(scene, "LIDAR") if drive.lidars[thing.unisim.uid].model.beams][:1] + [scene.camera]
-    for sensor in [thing for thing in things(scene, "CAMERA", "LIDAR") if thing not in rig]:
+    rig = [thing for thing in imported_objects(scene, "LIDAR") if drive.lidars[thing.unisim.uid].model.beams][:1] + [scene.camera]
+    for sensor in [thing for thing in imported_objects(scene, "CAMERA", "LIDAR") if thing not in rig]:
         bpy.data.objects.remove(sensor)
     middle = drive.frames[len(drive.frames) // 2]
     scene.frame_set(middle)
-    ego = np.array(next(things(scene, "EGO")).matrix_world)
+    ego = np.array(next(imported_objects(scene, "EGO")).matrix_world)
     boxes = {
-        thing: np.linalg.inv(ego) @ np.array(thing.matrix_world) for thing in things(scene, "ACTOR") if not thing.hide_viewport
+        thing: np.linalg.inv(ego) @ np.array(thing.matrix_world)
+        for thing in imported_objects(scene, "ACTOR")
+        if not thing.hide_viewport
     }
     driving = [
         thing for thing in boxes if drive.actors[thing.unisim.uid].is_moving and "Car" in drive.actors[thing.unisim.uid].label

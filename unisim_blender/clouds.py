@@ -8,7 +8,7 @@ from typing import Any
 import bpy
 from mathutils import Vector
 
-from .bridge.objects.imported import things
+from .bridge.objects.imported import imported_objects
 from .bridge.views.points import kind_of, points_of
 from .editing.layout.point_colours import RECORDED
 from .registering import Drawing
@@ -25,7 +25,7 @@ _clouds: dict[tuple[str, str], tuple[tuple[str, str], Any]] = {}
 def clouds(scene: bpy.types.Scene, build: Build) -> list[tuple[bpy.types.Object, Any]]:
     """The scene's clouds and what is drawn of each, built only where points or colours are others than they were."""
     by = scene.unisim.points_colour
-    found = list(things(scene, "POINTS"))
+    found = list(imported_objects(scene, "POINTS"))
     names = {(scene.name, thing.name) for thing in found}
     for name in [name for name in _clouds if name not in names and (name[0] == scene.name or name[0] not in bpy.data.scenes)]:
         del _clouds[name]
@@ -39,7 +39,7 @@ def clouds(scene: bpy.types.Scene, build: Build) -> list[tuple[bpy.types.Object,
 def offset(scene: bpy.types.Scene, thing: bpy.types.Object) -> Vector:
     """How far from its place a cloud is drawn: recorded ones where the scene has them beside, to the vehicle's left."""
     aside = scene.unisim.recorded_offset_m if kind_of(thing) == RECORDED else 0.0
-    ego = next(things(scene, "EGO"), None)
+    ego = next(imported_objects(scene, "EGO"), None)
     left = ego.matrix_world.to_quaternion() @ Vector((0.0, 1.0, 0.0)) if ego is not None else Vector((0.0, 1.0, 0.0))
     return left * aside
 
@@ -55,7 +55,7 @@ def draw() -> None:
     drawn = [(offset(scene, thing), batch) for thing, batch in clouds(scene, _batch) if batch is not None]
     if not drawn:
         return
-    # the engine's picture has no depth: over it all points are seen alike
+    # the engine's image has no depth: over it all points are seen alike
     flat = space.shading.type == "RENDERED" and scene.render.engine == "UNISIM"
     for test, size in (("NONE", SIZE),) if flat else (("GREATER", BEHIND_SIZE), ("LESS_EQUAL", SIZE)):
         gpu.state.depth_test_set(test)

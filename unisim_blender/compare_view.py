@@ -22,7 +22,7 @@ UNSUPPORTED = "Unsupported: nothing recorded shows this"
 
 
 def drawn_view(region: bpy.types.Region) -> Any:
-    """Return the picture that the engine draws into a region; None where it draws none."""
+    """Return the image that the engine draws into a region; None where it draws none."""
     viewport = sys.modules.get(f"{__package__}.viewport")
     address = region.as_pointer()
     found = viewport.VIEWS if viewport is not None else ()

@@ -20,6 +20,7 @@ class UniSimMuted(bpy.types.PropertyGroup):
     ``look`` or ``scale`` is all there is to it. ``collection`` is where it stood, ``at_root``: in the scene's own. ``name`` and
     the rest are the line in the list."""
 
+    # .blend files keep these under their names: `thing` is the object's name, `look` and `look_scene` the appearance
     kind: StringProperty()
     uid: StringProperty()
     part: StringProperty()
@@ -35,6 +36,7 @@ class UniSimMuted(bpy.types.PropertyGroup):
     look: StringProperty()
     look_scene: StringProperty()
     scale: FloatVectorProperty(size=3, default=(1.0, 1.0, 1.0))
+    kept: StringProperty()  # what another carrier of edits keeps
 
 
 class UniSimEdits(bpy.types.PropertyGroup):

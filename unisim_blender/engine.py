@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from .bridge.objects.source import source_of
 from .bridge.sampling.moment import moment
-from .bridge.sampling.stepping import picture_size
+from .bridge.sampling.stepping import image_size
 from .bridge.window.areas import areas
 from .client import Client, Request, client, progress_line
 from .core.colour import linear_from_srgb
@@ -30,7 +30,7 @@ LOOK_S = 0.01
 """Between two looks at whether something has come for a viewport."""
 QUIET_S, QUIET = 0.1, 3.0
 """What has come is drawn so long after the last drawing, and so many times as long as that took: where OpenGL is software,
-drawing takes its time from the worker. The first and the last of a picture are drawn at once."""
+drawing takes its time from the worker. The first and the last of an image are drawn at once."""
 PASSES = {
     "Depth": ("use_pass_z", 1, "Z", "VALUE", "depth"),
     "Normal": ("use_pass_normal", 3, "XYZ", "VECTOR", "normal"),
@@ -63,7 +63,7 @@ class UniSimEngine(bpy.types.RenderEngine):
             self.register_pass(scene, renderlayer, name, channels, letters, kind)
 
     def render(self, depsgraph: bpy.types.Depsgraph) -> None:
-        """One frame: read the scene about it, then wait for bands of the picture."""
+        """One frame: read the scene about it, then wait for bands of the image."""
         scene = depsgraph.scene
         worker = client(interpreter())
         try:
@@ -102,10 +102,10 @@ class UniSimEngine(bpy.types.RenderEngine):
             if view is not None:
                 view.drop()
 
-    # ---- a picture
+    # ---- an image
 
     def _asked(self, worker: Client, scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> tuple[Request, Picture]:
-        """Take the snapshot and ask for the picture."""
+        """Take the snapshot and ask for the image."""
         self.update_stats("UniSim", interface("Reading the scene"))
         viewport = sys.modules.get(f"{__package__}.viewport")
         for shown in list(viewport.VIEWS) if viewport is not None else ():
@@ -123,7 +123,7 @@ class UniSimEngine(bpy.types.RenderEngine):
 
         sampled, view = moment(scene, depsgraph, source, frame, step, scene.camera)
         self.frame_set(shown, subframe=part)
-        size = picture_size(render)
+        size = image_size(render)
         layer = depsgraph.view_layer_eval
         names = wanted_passes(scene, layer)
         picture = Picture(size, border_of(render, size), names, layer.name)
@@ -149,7 +149,7 @@ class UniSimEngine(bpy.types.RenderEngine):
         """Put bands into the result as they come; Esc ends it at once."""
         self.update_stats("UniSim", interface("Rendering"))
         left, bottom, right, top = picture.border
-        # a border's result begins at its own corner, whether the picture is cropped to it or not
+        # a border's result begins at its own corner, whether the image is cropped to it or not
         result = self.begin_result(0, 0, right - left, top - bottom, layer=picture.layer)
         cancelled = False
         try:
@@ -186,15 +186,15 @@ class UniSimEngine(bpy.types.RenderEngine):
             self.end_result(result, cancel=cancelled)
 
     def _fail(self, sentence: str) -> None:
-        """Say why there is no picture, to the window and to scripts."""
+        """Say why there is no image, to the window and to scripts."""
         self.error_set(sentence)
         self.report({"ERROR"}, sentence)
 
 
 class Picture:
-    """What of a picture has come: for each pass an array, its lowest row first, of the border's size.
+    """What of an image has come: for each pass an array, its lowest row first, of the border's size.
 
-    ``border`` is (left, bottom, right, top) in pixels of the whole picture of ``size`` (width, height), counted from below as
+    ``border`` is (left, bottom, right, top) in pixels of the whole image of ``size`` (width, height), counted from below as
     Blender does.
     """
 
@@ -207,7 +207,7 @@ class Picture:
         self.indices: dict[str, int] = {}
 
     def put(self, event: dict[str, Any], arrays: dict[str, Any]) -> float:
-        """Put a band in; the share of the picture that is there."""
+        """Put a band in; the share of the image that is there."""
         first, last = event["rows"]
         height = self.size[1]
         _, bottom, _, top = self.border
@@ -231,7 +231,7 @@ class Picture:
 
 
 def border_of(render: bpy.types.RenderSettings, size: tuple[int, int]) -> tuple[int, int, int, int]:
-    """The part of a picture of ``size`` (width, height) that is rendered: left, bottom, right, top in pixels."""
+    """The part of an image of ``size`` (width, height) that is rendered: left, bottom, right, top in pixels."""
     width, height = size
     if not render.use_border:
         return 0, 0, width, height
@@ -241,7 +241,7 @@ def border_of(render: bpy.types.RenderSettings, size: tuple[int, int]) -> tuple[
 
 
 def redraw_soon() -> None:
-    """Draw the viewports again when there is something to draw: parts of a picture are on their way."""
+    """Draw the viewports again when there is something to draw: parts of an image are on their way."""
     if not bpy.app.timers.is_registered(_look):
         bpy.app.timers.register(_look, first_interval=LOOK_S)
 

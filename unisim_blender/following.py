@@ -8,14 +8,14 @@ import bpy
 from bpy.app.handlers import persistent
 
 from .bridge.changes.displacing import displaced_objects, keep, settle
-from .bridge.objects.imported import KINDS_OF_DRIVE, has_drive, things
+from .bridge.objects.imported import KINDS_OF_DRIVE, has_drive, imported_objects
 from .bridge.objects.meshes import scaled_sentence
 from .bridge.objects.trajectories import convert, trajectory_of
 
 LOOK_S = 0.05
 """Until the next look whether a person has let go of what is dragged."""
 DRAGGING = ("TRANSFORM_OT", "UNISIM_OT_drag")
-"""How the names of operators begin that move things while a mouse button or a key is held."""
+"""How the names of operators begin that move objects while a mouse button or a key is held."""
 READING = ("UNISIM_OT_export", "UNISIM_OT_render", "UNISIM_OT_check")
 """How the names of operators begin that read whole scenes in steps, between which nothing may change."""
 SAID_S = 6.0
@@ -149,7 +149,7 @@ def look_again(*_: object) -> None:
             scene.unisim.trajectories = True
         for thing in displaced_objects(scene):
             settle(scene, thing)
-        for thing in things(scene, "ACTOR"):
+        for thing in imported_objects(scene, "ACTOR"):
             _is_resized(scene, thing)
 
 

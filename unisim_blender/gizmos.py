@@ -16,7 +16,7 @@ from mathutils.geometry import intersect_point_line
 
 from .bridge.changes.aiming import is_keyed
 from .bridge.changes.handles import handles_of
-from .bridge.objects.imported import things
+from .bridge.objects.imported import imported_objects
 from .bridge.objects.source import source_of
 from .bridge.sampling.stepping import frame_of
 from .core.errors import UnisimError
@@ -51,7 +51,7 @@ def through(context: bpy.types.Context, *kinds: str) -> bool:
 
 
 class _Shape:
-    """A shape that starts an operator. It has no motion of its own: its group puts it where the operator has moved things."""
+    """A shape that starts an operator. It has no motion of its own: its group puts it where the operator has moved objects."""
 
     def setup(self: Any) -> None:
         """Make the triangles."""
@@ -131,7 +131,7 @@ class UNISIM_GGT_lane(_Group, bpy.types.GizmoGroup):
     def poll(cls, context: bpy.types.Context) -> bool:
         """The vehicle has to be seen."""
         seen = context.space_data.show_object_viewport_empty
-        return are_shown(context) and seen and next(things(context.scene, "EGO"), None) is not None
+        return are_shown(context) and seen and next(imported_objects(context.scene, "EGO"), None) is not None
 
     def setup(self, context: bpy.types.Context) -> None:
         """Make the arrow."""
@@ -141,7 +141,7 @@ class UNISIM_GGT_lane(_Group, bpy.types.GizmoGroup):
 
     def draw_prepare(self, context: bpy.types.Context) -> None:
         """Put the arrow at the vehicle."""
-        ego = next(things(context.scene, "EGO"), None)
+        ego = next(imported_objects(context.scene, "EGO"), None)
         if ego is not None:
             world = ego.matrix_world
             self.arrow.matrix_basis = standing(world.translation, world.to_3x3().col[1])

@@ -16,7 +16,7 @@ import bpy
 import numpy as np
 from bpy.app.handlers import persistent
 
-from .bridge.objects.imported import has_drive, things
+from .bridge.objects.imported import has_drive, imported_objects
 from .bridge.objects.source import source_of
 from .bridge.views.actor_table import originals, poses_of, track_of
 from .bridge.window.areas import areas
@@ -110,7 +110,7 @@ def _bring_up(scene: bpy.types.Scene, table: Table, busy_s: float) -> bool:
     except (UnisimError, OSError) as fault:
         _tables[scene.session_uid] = Table(all_stale=False, problem=str(fault))
         return True
-    found = {thing.session_uid: thing for thing in things(scene, "ACTOR")}
+    found = {thing.session_uid: thing for thing in imported_objects(scene, "ACTOR")}
     if table.all_stale:
         table.all_stale, table.stale, table.clock = False, set(found), Clock.of(drive)
         table.tracks.clear()
@@ -131,7 +131,7 @@ def _bring_up(scene: bpy.types.Scene, table: Table, busy_s: float) -> bool:
         table.stale.discard(key)
         if time.monotonic() > until and table.stale:
             return False
-    ego = next(things(scene, "EGO"), None)
+    ego = next(imported_objects(scene, "EGO"), None)
     table.ego = poses_of(ego, table.clock.frames)[:, :3, 3] if ego is not None else np.zeros((len(table.clock.frames), 3))
     _figure(scene, table, found)
     return True

@@ -1,4 +1,4 @@
-"""Where operators are found beside the sidebar: the Object and Add menus, shortcuts; and the active camera's picture size."""
+"""Where operators are found beside the sidebar: the Object and Add menus, shortcuts; and the active camera's image size."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def draw_render_menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:
 
 @persistent
 def follow_camera(scene: bpy.types.Scene, *_: object) -> None:
-    """Another camera is active: pictures become as large as its own, if it is one of the rig.
+    """Another camera is active: images become as large as its own, if it is one of the rig.
 
     Told after any change of the scene: the message bus does not hear of Ctrl-Numpad 0.
     """

@@ -76,6 +76,7 @@ class UniSimObject(bpy.types.PropertyGroup):
     """What an object stands for. Copies made with Blender's own tools have the same values: what a copy is called in a
     scenario is derived when the scenario is read."""
 
+    # .blend files keep these under their names: `home` is the original name, `look` and `look_scene` the appearance
     kind: EnumProperty(name="Kind", items=KINDS, default="NONE")
     uid: StringProperty(name="Id", description="Identifier in the log or the scenario")
     home: StringProperty(name="Name", description="Name of the object when it was imported; copies have another name")

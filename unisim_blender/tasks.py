@@ -157,7 +157,7 @@ class SequenceTask(Task):
         return message(", {rate:.2f} frames/s", rate=rate)
 
     def newest(self) -> Path | None:
-        """The picture that was finished last."""
+        """The image that was finished last."""
         pictures = list((self.folder / "camera").glob("*/*.png"))
         try:
             return max(pictures, key=lambda path: path.stat().st_mtime_ns, default=None)

@@ -235,10 +235,10 @@ def _render() -> bool:
             header = read_scene_header(scene_path)
             actor = header.drive.actors.get(uid)
             source = Source((scene_path / header.log_path).resolve(), scene_path, header.drive, None, header.parked)
-            values = portrait_request(source, actor, scene_path.name) if actor is not None else None
-            if values is not None:
+            asked = portrait_request(source, actor, scene_path.name) if actor is not None else None
+            if asked is not None:
                 request = client(interpreter()).ask(
-                    "camera", **values, passes=["rgb", "instance"], quality="balanced", device=device()
+                    "camera", **asked.values, passes=["rgb", "instance"], quality="balanced", device=device()
                 )
                 _rendering.append(Portrait(scene_path, uid, request))
     return news

@@ -55,7 +55,7 @@ class VariantsTask(SequenceTask):
         return f"{part.name} ({self.at + 1} of {len(self.parts)}): {part.done} of {len(part.wanted)}; {whole} in all"
 
     def newest(self) -> Path | None:
-        """The picture that was finished last."""
+        """The image that was finished last."""
         self_folder = self.folder
         try:
             self.folder = self.parts[self.at].folder

@@ -25,7 +25,7 @@ from .core.errors import UnisimError
 from .core.scenario import scenario_to_json
 from .core.world.drive import Camera, CameraModel
 from .core.world.encoding import decode_sensor
-from .editing.images.dirty_region import Rectangle, is_empty, joined, touched
+from .editing.images.dirty_region import Rectangle, dirty_region, is_empty, joined
 from .editing.images.view_parts import ViewPart, view_part
 from .editing.reading.requests import camera_request
 from .editing.sampled.clock import Clock
@@ -38,21 +38,21 @@ from .view_options import options_of
 COARSE = (8, 4)
 """The view is shown with one in so many pixels each way before it is finished."""
 PART = 0.1
-"""A smaller share of the picture is shown when it is finished."""
+"""A smaller share of the image is shown when it is finished."""
 
 GATHER_S = 0.05
 """For so long a drawing takes in what has come."""
 
 BOX_M, SHADOW_M = 0.1, 2.0
-"""How far beside an actor's box a picture may change, without and with contact shadows."""
+"""How far beside an actor's box an image may change, without and with contact shadows."""
 
 VIEWS: WeakSet[View] = WeakSet()
-"""Every viewport's picture, as long as it is shown."""
+"""Every viewport's image, as long as it is shown."""
 
 
 @dataclass(eq=False)
 class View:
-    """One viewport's picture and the request that fills it. ``rectangle`` is left, bottom, width, height in the region."""
+    """One viewport's image and the request that fills it. ``rectangle`` is left, bottom, width, height in the region."""
 
     key: object = None
     wanted: dict[str, Any] | None = None
@@ -65,7 +65,7 @@ class View:
     linear: NDArray[np.float32] = field(default_factory=lambda: np.zeros((0, 0, 4), np.float32))
     problem: str = ""
     progress: str = ""
-    """How far something is that has to be made before there is a picture."""
+    """How far something is that has to be made before there is an image."""
     warning: str = ""
     """What the scene's method cannot show."""
     outside: str = ""
@@ -76,11 +76,11 @@ class View:
     fresh: bool = False
     """Whether nothing was drawn yet of what was asked for last."""
     srgb: NDArray[np.uint8] = field(default_factory=lambda: np.zeros((0, 0, 3), np.uint8))
-    """The picture in eight bits."""
+    """The image in eight bits."""
     unsupported: NDArray[np.bool_] | None = None
-    """Which of its pixels nothing recorded supports, where that was asked for; like the picture, its lowest row first."""
+    """Which of its pixels nothing recorded supports, where that was asked for; like the image, its lowest row first."""
     revision: int = 0
-    """Another one whenever the picture is."""
+    """Another one whenever the image is."""
     comparison: Comparison = field(default_factory=Comparison)
     region: int = 0
     """The address of the region that it is drawn into."""
@@ -90,7 +90,7 @@ class View:
 
     @property
     def pending(self) -> bool:
-        """Whether more of the picture is to come."""
+        """Whether more of the image is to come."""
         return self.request is not None
 
     @property
@@ -111,7 +111,7 @@ class View:
         self.changes += 1
 
     def make_way(self) -> None:
-        """Leave the worker to a render job; a picture that is not finished is asked for again after it."""
+        """Leave the worker to a render job; an image that is not finished is asked for again after it."""
         if self.pending:
             self.drop()
             self.key = self.wanted = None
@@ -123,7 +123,7 @@ class View:
         self.request, self.progress, self.warning = None, "", ""
 
     def follow(self, context: bpy.types.Context, depsgraph: bpy.types.Depsgraph) -> None:
-        """Ask for the picture of what is looked at now, unless it was asked for already, or a render job runs."""
+        """Ask for the image of what is looked at now, unless it was asked for already, or a render job runs."""
         self.waits = bpy.app.is_job_running("RENDER")
         if self.waits:
             return
@@ -171,7 +171,7 @@ class View:
     def _wanted(
         self, context: bpy.types.Context, depsgraph: bpy.types.Depsgraph
     ) -> tuple[dict[str, Any], Sampled, SampledObject] | None:
-        """The request for the picture of what is looked at now, the scene about this moment, and who looks; None where something
+        """The request for the image of what is looked at now, the scene about this moment, and who looks; None where something
         moves in a way that is not known yet."""
         scene, space = depsgraph.scene, context.region_data
         source = source_of(scene)
@@ -190,7 +190,7 @@ class View:
             return None
         sampled = sample_now(scene, depsgraph, clock, also)
         if through is not None:
-            view = next(thing for thing in sampled.things if thing.name == through.name)
+            view = next(thing for thing in sampled.objects if thing.name == through.name)
             self.rectangle = camera_rectangle(context, scene)
         else:
             self.rectangle = 0, 0, context.region.width, context.region.height
@@ -205,14 +205,14 @@ class View:
         return {**asked.values, **set_up, "clip": clip, "passes": passes}, sampled, view
 
     def _with_passes(self, values: dict[str, Any]) -> dict[str, Any]:
-        """The same request with the pass that the finished picture has already, where nothing else is to be rendered."""
+        """The same request with the pass that the finished image has already, where nothing else is to be rendered."""
         if self.wanted is None or self.pending or set(values["passes"]) >= set(self.wanted["passes"]):
             return values
         kept = {**values, "passes": self.wanted["passes"]}
         return kept if kept == self.wanted else values
 
     def _part(self, values: dict[str, Any], sampled: Sampled, view: SampledObject) -> Rectangle | None:
-        """The part of a finished picture that has to be rendered again; None for all."""
+        """The part of a finished image that has to be rendered again; None for all."""
         if self.wanted is None or self.sampled is None or self.problem:
             return None
         elsewhere = ("sensor", "time_s", "quality", "shadows", "device", "clip", "passes")
@@ -220,7 +220,7 @@ class View:
             return None
         camera = decode_sensor(values["sensor"])
         assert isinstance(camera, Camera)
-        part = touched(self.sampled, sampled, view, camera.model, SHADOW_M if values["shadows"] else BOX_M)
+        part = dirty_region(self.sampled, sampled, view, camera.model, SHADOW_M if values["shadows"] else BOX_M)
         return None if part is None else joined(part, self.unfinished)
 
     def _ask(self, values: dict[str, Any], part: Rectangle | None) -> None:
@@ -251,7 +251,7 @@ class View:
             self.unsupported = np.zeros((height, width), bool)
 
     def gather(self) -> None:
-        """Take in what has come of the picture; where that is much, the rest with the next drawing."""
+        """Take in what has come of the image; where that is much, the rest with the next drawing."""
         until = time.perf_counter() + GATHER_S
         while self.request is not None and self.worker is not None and time.perf_counter() < until:
             try:
@@ -283,7 +283,7 @@ class View:
         self.revision, self.fresh = self.revision + 1, False
 
     def draw(self, engine: bpy.types.RenderEngine, scene: bpy.types.Scene, region: bpy.types.Region) -> None:
-        """Show the picture, and the recorded one where that is wanted."""
+        """Show the image, and the recorded one where that is wanted."""
         self.comparison.gather()
         gpu.state.blend_set("ALPHA_PREMULT")
         engine.bind_display_space_shader(scene)

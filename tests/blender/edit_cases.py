@@ -10,14 +10,16 @@ import numpy as np
 from helpers import SAMPLE, driving, select, thing
 
 from unisim_blender.bridge.objects.copies import copy_of
-from unisim_blender.bridge.objects.imported import things
+from unisim_blender.bridge.objects.imported import imported_objects
 from unisim_blender.bridge.objects.source import source_of
 from unisim_blender.bridge.objects.static_items import mark
 
 
 def passing(scene: Any) -> Any:
     """An actor that is not there throughout."""
-    return next(t for t in things(scene, "ACTOR") if t.animation_data is not None and t.animation_data.action is not None)
+    return next(
+        t for t in imported_objects(scene, "ACTOR") if t.animation_data is not None and t.animation_data.action is not None
+    )
 
 
 def standing(scene: Any) -> Any:

@@ -8,7 +8,7 @@ from typing import Any
 
 import bpy
 
-from unisim_blender.bridge.objects.imported import things
+from unisim_blender.bridge.objects.imported import imported_objects
 from unisim_blender.bridge.objects.source import source_of
 from unisim_blender.core.prepare.scenario import scene_actors
 from unisim_blender.core.scenario import apply_scenario
@@ -32,7 +32,7 @@ def edited(scene: Any) -> Drive:
 
 def thing(scene: Any, kind: str, uid: str) -> Any:
     """The object of a kind and id that was imported."""
-    return next(t for t in things(scene, kind) if t.unisim.uid == uid and t.name == t.unisim.home)
+    return next(t for t in imported_objects(scene, kind) if t.unisim.uid == uid and t.name == t.unisim.home)
 
 
 def select(*objects: Any) -> None:

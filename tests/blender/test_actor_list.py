@@ -14,14 +14,12 @@ from helpers import SAMPLE, read, select, thing
 
 from unisim_blender import listing
 from unisim_blender.bridge.objects.animation import curves_of
-from unisim_blender.bridge.objects.imported import things
+from unisim_blender.bridge.objects.imported import imported_objects
 from unisim_blender.bridge.objects.source import source_of
 from unisim_blender.bridge.objects.trajectories import keyed_pose
 from unisim_blender.bridge.views import card
 from unisim_blender.bridge.views.actor_table import poses_of
-from unisim_blender.editing.actors.filter import Entry, Wanted, chosen_entries, natural, nearest_present
-from unisim_blender.editing.actors.table import steps_of
-from unisim_blender.editing.actors.texts import dense, distance_text, speed_text, time_text
+from unisim_blender.editing.actors.filter import Entry
 from unisim_blender.editing.sampled.clock import Clock
 from unisim_blender.operators.actor_list import GROUPS, ORDERS
 from unisim_blender.panels.actors import UNISIM_UL_actors
@@ -45,22 +43,13 @@ def rows_of(scene: Any) -> tuple[list[int], list[int]]:
     return found
 
 
-def entry(name: str, **more: Any) -> Entry:
-    """An entry made up."""
-    usual: dict[str, Any] = {
-        "key": hash(name), "label": "Car", "group": "CAR", "distance_m": 10.0, "speed_m_s": 0.0, "there": True,
-        "steps": np.array([[0.0, 2.0]]), "edited": False, "hidden": False,
-    }  # fmt: skip
-    return Entry(name=name, **{**usual, **more})
-
-
 def test_it_says_what_the_card_says(street: Any) -> None:
     drive = source_of(street).drive
     for frame in (0, 7, 19):
         street.frame_set(frame)
         known = entries(street)
         assert len(known) == len(drive.actors)
-        for one in things(street, "ACTOR"):
+        for one in imported_objects(street, "ACTOR"):
             said, row = card.card_of(street, one, drive), known[one.name]
             assert row.speed_m_s == pytest.approx(said.speed_m_s, abs=1e-3) and row.label == said.label
             assert row.distance_m == pytest.approx(said.distance_m, abs=1e-3) and row.present_s == pytest.approx(said.present_s)
@@ -68,7 +57,7 @@ def test_it_says_what_the_card_says(street: Any) -> None:
 
 
 def test_poses_of_all_frames_are_those_of_each(street: Any) -> None:
-    one = next(o for o in things(street, "ACTOR") if o.parent is not None)
+    one = next(o for o in imported_objects(street, "ACTOR") if o.parent is not None)
     one.location = (0.5, -1.0, 0.0)
     frames = np.array([0.0, 3.0, 3.5, 19.0])
     assert np.allclose(poses_of(one, frames), [keyed_pose(one, frame) for frame in frames], atol=1e-5)
@@ -78,7 +67,7 @@ def test_poses_of_all_frames_are_those_of_each(street: Any) -> None:
 
 
 def test_only_what_the_scenario_names_is_edited(street: Any) -> None:
-    cars = [o for o in things(street, "ACTOR") if o.unisim.uid.startswith("car")]
+    cars = [o for o in imported_objects(street, "ACTOR") if o.unisim.uid.startswith("car")]
     standing = [o for o in cars if o.parent is None]
     driving = [o for o in cars if o.parent is not None]
     standing[0].location.x += 1.0
@@ -134,7 +123,7 @@ def test_a_copy_stands_for_a_deleted_original(street: Any) -> None:
 
 
 def test_another_state_of_the_file_is_read_anew(street: Any) -> None:
-    one = next(o for o in things(street, "ACTOR") if o.parent is not None)
+    one = next(o for o in imported_objects(street, "ACTOR") if o.parent is not None)
     before = entries(street)[one.name].distance_m
     for curve in curves_of(one.parent):  # writing keys so tells the depsgraph nothing
         if curve.data_path == "location" and curve.array_index == 0:
@@ -156,35 +145,6 @@ def test_changes_reach_the_list_through_the_depsgraph(street: Any) -> None:
     bpy.context.view_layer.update()
     assert entries(street)[one.name].hidden
     assert bpy.ops.unisim.hide_actor(name=one.name) == {"FINISHED"} and not one.hide_get()
-
-
-def test_filters_and_orders() -> None:
-    known = [
-        entry("Car 10", distance_m=5.0), entry("Car 2, white", distance_m=50.0, edited=True),
-        entry("Cone 1", group="OTHER", label="Cones", distance_m=1.0, steps=np.array([[1.0, 2.0]])),
-        entry("Pedestrian 1", group="PERSON", label="Pedestrian", there=False, distance_m=3.0, steps=np.array([[0.5, 0.6]])),
-        entry("Never", there=False, steps=np.zeros((0, 2))),
-    ]  # fmt: skip
-
-    def names(**wanted: Any) -> list[str]:
-        return [one.name for one in chosen_entries(known, Wanted(**wanted))]
-
-    assert names() == ["Car 2, white", "Car 10", "Cone 1", "Never", "Pedestrian 1"]
-    assert names(order="DISTANCE") == ["Cone 1", "Car 10", "Car 2, white", "Pedestrian 1", "Never"]
-    assert names(order="TIME") == ["Car 2, white", "Car 10", "Pedestrian 1", "Cone 1", "Never"]
-    assert names(text="cone") == ["Cone 1"] and names(text="CONES") == ["Cone 1"] and names(text="white") == ["Car 2, white"]
-    assert names(group="PERSON") == ["Pedestrian 1"] and names(edited=True) == ["Car 2, white"]
-    assert names(now=True) == ["Car 2, white", "Car 10", "Cone 1"] and names(within_m=6.0) == ["Car 10", "Cone 1"]
-    assert sorted(["Car 10", "Car 9", "Bus 1"], key=natural) == ["Bus 1", "Car 9", "Car 10"]
-    assert (
-        nearest_present(known[2], 0.2) == 1.0 and nearest_present(known[2], 1.5) == 1.5 and nearest_present(known[4], 0.0) is None
-    )
-
-
-def test_steps_are_the_seconds_of_each_time_that_it_comes() -> None:
-    clock = Clock(np.arange(6.0), np.arange(6) * 0.1)
-    steps = steps_of(np.array([True, False, True, True, False, True]), clock)
-    assert np.allclose(steps, [[0.0, 0.0], [0.2, 0.3], [0.5, 0.5]]) and not len(steps_of(np.zeros(6, bool), clock))
 
 
 def test_a_row_chooses_the_actor_and_jumps_to_where_it_is(street: Any) -> None:
@@ -237,11 +197,6 @@ def test_rows_of_the_list_are_the_shown_actors_in_order(street: Any) -> None:
     drawn = {place: one.name for flag, place, one in zip(flags, order, street.objects, strict=True) if flag}
     assert [drawn[place] for place in sorted(drawn)] == names and sorted(drawn) == list(range(len(names)))
     manager.order = "NAME"
-    assert dense([0, 2, 5, 3]) == [0, 1, 3, 2]
-    one = entry("Car 1", distance_m=12.4, speed_m_s=10.0, steps=np.array([[0.0, 0.5], [2.0, 7.94]]))
-    assert (distance_text(one), speed_text(one), time_text(one)) == ("12", "36", "0–7.9")
-    gone = entry("Car 2", there=False, steps=np.zeros((0, 2)))
-    assert (distance_text(gone), speed_text(gone), time_text(gone)) == ("–", "–", "never")
 
 
 def test_icons_are_blenders(addon: Any) -> None:
@@ -250,7 +205,7 @@ def test_icons_are_blenders(addon: Any) -> None:
 
 
 def test_three_hundred_actors_take_little(street: Any) -> None:
-    sources = list(things(street, "ACTOR"))
+    sources = list(imported_objects(street, "ACTOR"))
     collection = sources[0].users_collection[0]
     for number in range(280):
         copy = sources[number % len(sources)].copy()

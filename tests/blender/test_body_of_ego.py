@@ -21,7 +21,7 @@ from unisim_blender.core.meshes.read import read_mesh
 from unisim_blender.core.scenario import load_scenario, save_scenario
 from unisim_blender.core.scenario.edits import EgoBody
 from unisim_blender.core.world.drive import Camera, Lidar
-from unisim_blender.editing.images.dirty_region import touched
+from unisim_blender.editing.images.dirty_region import dirty_region
 from unisim_blender.editing.sampled.clock import Clock
 from unisim_blender.operators.export_scenario import scenario_of
 
@@ -202,10 +202,10 @@ def test_what_an_edit_of_it_changes_is_seen_from_outside_alone(street: Any) -> N
     box.location.z += 0.4
     bpy.context.view_layer.update()
     after = now()
-    views = {view.name: view for view in after.things if view.kind == "CAMERA"}
+    views = {view.name: view for view in after.objects if view.kind == "CAMERA"}
     for name, none in (("front_camera", True), (outside.name, False)):
         model = views[name].camera
-        rectangle = touched(before, after, views[name], model)
+        rectangle = dirty_region(before, after, views[name], model)
         assert rectangle is not None
         assert (rectangle[0] >= rectangle[2]) == none, (name, rectangle)
 

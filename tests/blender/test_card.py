@@ -12,7 +12,7 @@ import pytest
 from helpers import select, thing
 
 from unisim_blender import panels
-from unisim_blender.bridge.objects.imported import is_copy, things
+from unisim_blender.bridge.objects.imported import imported_objects, is_copy
 from unisim_blender.bridge.objects.source import source_of
 from unisim_blender.bridge.views.card import card_of
 from unisim_blender.bridge.views.trails import trail
@@ -38,7 +38,7 @@ def test_a_card_has_the_logs_figures(street: Any) -> None:
 
 def test_a_renamed_actor_is_no_copy_and_keeps_its_recorded_outline(street: Any) -> None:
     drive = source_of(street).drive
-    one = next(o for o in things(street, "ACTOR") if o.parent is None)
+    one = next(o for o in imported_objects(street, "ACTOR") if o.parent is None)
     one.name = "White car"
     one.location.x += 2.0
     bpy.context.view_layer.update()
@@ -46,7 +46,7 @@ def test_a_renamed_actor_is_no_copy_and_keeps_its_recorded_outline(street: Any) 
     assert len(trail(one, drive, Clock.of(drive), 0.0).points)
     select(one)
     bpy.ops.object.duplicate()
-    copies = [is_copy(street, o) for o in things(street, "ACTOR") if o.unisim.uid == one.unisim.uid]
+    copies = [is_copy(street, o) for o in imported_objects(street, "ACTOR") if o.unisim.uid == one.unisim.uid]
     assert sorted(copies) == [False, True]
 
 

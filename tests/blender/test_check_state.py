@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from helpers import thing
 
-from unisim_blender.bridge.objects.imported import things
+from unisim_blender.bridge.objects.imported import imported_objects
 from unisim_blender.bridge.objects.source import source_of
 from unisim_blender.bridge.sampling.edit_state import edit_state
 from unisim_blender.operators import check
@@ -82,7 +82,7 @@ def keyed(scene: Any) -> None:
         lambda scene: bpy.data.objects.remove(car(scene)),
         lambda scene: setattr(car(scene, moving=True), "location", (0.0, 1.0, 0.0)),
         keyed,
-        lambda scene: setattr(next(things(scene, "CAMERA")).data, "lens", 20.0),
+        lambda scene: setattr(next(imported_objects(scene, "CAMERA")).data, "lens", 20.0),
         lambda scene: setattr(car(scene).unisim, "look", "another"),
         lambda scene: car(scene).constraints.new("COPY_LOCATION"),
         lambda scene: setattr(bpy.context.view_layer.layer_collection.children[-1], "exclude", True),

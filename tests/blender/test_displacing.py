@@ -14,7 +14,7 @@ from mathutils import Quaternion, Vector
 from unisim_blender import following
 from unisim_blender.bridge.changes.motion import displaced_along, stopped
 from unisim_blender.bridge.objects.animation import keys_of, write_keys
-from unisim_blender.bridge.objects.imported import things
+from unisim_blender.bridge.objects.imported import imported_objects
 from unisim_blender.bridge.objects.source import source_of
 from unisim_blender.bridge.objects.trajectories import convert, remove, trajectory_of
 from unisim_blender.core.geometry import invert_pose
@@ -79,7 +79,7 @@ def test_r_turns_it_at_every_frame(street: Any) -> None:
 
 
 def test_the_vehicle_too(street: Any) -> None:
-    ego = next(things(street, "EGO"))
+    ego = next(imported_objects(street, "EGO"))
     select(ego)
     ego.location.y += 1.5
     assert "whole trajectory" in let_go()[0]
@@ -210,7 +210,7 @@ def test_what_nothing_rides_on_is_deleted(street: Any) -> None:
 
 def test_files_of_earlier_versions_are_brought_up_to_date(street: Any) -> None:
     uid = driving(street).unisim.uid
-    one, ego = thing(street, "ACTOR", uid), next(things(street, "EGO"))
+    one, ego = thing(street, "ACTOR", uid), next(imported_objects(street, "EGO"))
     for old in (one, ego):  # as it was: keys on the object itself
         above = trajectory_of(old)
         assert above is not None
@@ -227,7 +227,7 @@ def test_files_of_earlier_versions_are_brought_up_to_date(street: Any) -> None:
 
 
 def test_a_trajectory_is_neither_seen_nor_picked(street: Any) -> None:
-    for one in things(street, "TRAJECTORY"):
+    for one in imported_objects(street, "TRAJECTORY"):
         assert one.hide_select and one.hide_viewport and all(one.lock_location)
 
 

@@ -5,34 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 import bpy
-import numpy as np
 from helpers import drawn, select, thing
 
 from unisim_blender.bridge.objects.source import source_of
-from unisim_blender.editing.motion.durations import duration, followed, instant, stretched
-from unisim_blender.editing.sampled.clock import Clock
-
-CLOCK = Clock(np.arange(81.0), np.arange(81.0) / 10)
-
-
-def test_seconds_have_frames_beside_them() -> None:
-    assert instant(-1e-9, CLOCK) == "0.00 s (frame 0.0)"
-    assert instant(1.2, CLOCK) == "1.20 s (frame 12.0)" and duration(0.5, CLOCK) == "0.50 s (5.0 frames)"
-
-
-def test_following_a_curve() -> None:
-    lines = followed(40.0, 8.0, 0.5, CLOCK)
-    assert lines == ["40.0 m take 5.00 s (50.0 frames)", "From 0.50 s (frame 5.0) to 5.50 s (frame 55.0)"]
-    assert followed(40.0, 8.0, 6.0, CLOCK)[2:] == ["The log ends at 8.00 s (frame 80.0)", "24.0 m before the curve's end"]
-
-
-def test_stretching() -> None:
-    assert stretched(1.0, 3.0, 0.5, CLOCK) == [
-        "From 1.00 s (frame 10.0) to 3.00 s (frame 30.0)",
-        "2.00 s (20.0 frames) become 4.00 s (40.0 frames)",
-        "What comes after is 2.00 s (20.0 frames) later",
-    ]
-    assert stretched(1.0, 3.0, 2.0, CLOCK)[-1] == "What comes after is 1.00 s (10.0 frames) earlier"
 
 
 def test_operators_report_them(street: Any, capfd: Any) -> None:

@@ -13,7 +13,7 @@ from edit_cases import CASES, standing, update
 from helpers import driving, read, select
 
 from unisim_blender import edit_watch
-from unisim_blender.bridge.objects.imported import things
+from unisim_blender.bridge.objects.imported import imported_objects
 from unisim_blender.bridge.objects.source import source_of
 from unisim_blender.bridge.sampling import edit_list, from_keys
 from unisim_blender.bridge.sampling.edit_list import read_now, read_steps, reading_of
@@ -55,7 +55,7 @@ def test_an_edit_is_a_line(street: Any, name: str) -> None:
 
 @pytest.mark.parametrize("name", CASES)
 def test_revert_leaves_an_empty_scenario(street: Any, name: str) -> None:
-    camera, count = street.camera.name, len(list(things(street, "ACTOR", "EGO", "CAMERA", "LIDAR")))
+    camera, count = street.camera.name, len(list(imported_objects(street, "ACTOR", "EGO", "CAMERA", "LIDAR")))
     CASES[name][0](street)
     (line,) = lines(street)
     press(bpy.ops.unisim.revert_edit, line)
@@ -63,7 +63,7 @@ def test_revert_leaves_an_empty_scenario(street: Any, name: str) -> None:
     scenario = read(street)
     assert scenario.edits == () and scenario.sensors is None
     assert street.camera is not None and street.camera.name == camera
-    assert len(list(things(street, "ACTOR", "EGO", "CAMERA", "LIDAR"))) == count
+    assert len(list(imported_objects(street, "ACTOR", "EGO", "CAMERA", "LIDAR"))) == count
 
 
 def test_a_reverted_actor_drives_as_recorded_again(street: Any) -> None:
@@ -179,7 +179,7 @@ def test_what_did_not_change_is_not_sampled_again(street: Any, monkeypatch: pyte
 def test_keys_tell_what_stepping_through_the_frames_does(street: Any) -> None:
     """Random keys, curves, rotation modes and parents: the quick sampler and Blender's own evaluation agree."""
     draw = random.Random(3)
-    for one in list(things(street, "ACTOR", "EGO", "CAMERA")):
+    for one in list(imported_objects(street, "ACTOR", "EGO", "CAMERA")):
         for frame in (0, 6, 13, 19):
             one.location = [v + draw.uniform(-1, 1) for v in one.location]
             one.keyframe_insert("location", frame=frame)
@@ -191,13 +191,13 @@ def test_keys_tell_what_stepping_through_the_frames_does(street: Any) -> None:
                 one.keyframe_insert("rotation_quaternion", frame=frame)
     loose = standing(street)
     loose.animation_data_clear()
-    loose.rotation_mode, loose.parent = "XYZ", next(things(street, "EGO"))
+    loose.rotation_mode, loose.parent = "XYZ", next(imported_objects(street, "EGO"))
     loose.rotation_euler = (0.1, 0.2, 0.3)
     street.frame_set(4)
     clock = Clock.of(source_of(street).drive)
-    slow = {one.name: one for one in sample_all(street, clock).things}
+    slow = {one.name: one for one in sample_all(street, clock).objects}
     sampler = Sampler(street, clock, shown_names(bpy.context.view_layer.layer_collection), True)
-    for one in things(street, "ACTOR", "EGO", "CAMERA", "LIDAR"):
+    for one in imported_objects(street, "ACTOR", "EGO", "CAMERA", "LIDAR"):
         quick = sampler.thing(one)
         assert np.abs(quick.poses - slow[one.name].poses).max() < 2e-5, one.name
         assert (quick.there == slow[one.name].there).all(), one.name

@@ -15,7 +15,7 @@ from unisim_blender import gizmos, pie
 from unisim_blender.bridge.changes.aiming import direction_of
 from unisim_blender.bridge.changes.handles import Kept, displace_at, handles_of
 from unisim_blender.bridge.objects.animation import curves_of
-from unisim_blender.bridge.objects.imported import things
+from unisim_blender.bridge.objects.imported import imported_objects
 from unisim_blender.bridge.objects.source import source_of
 from unisim_blender.bridge.views.trails import trajectory_poses
 from unisim_blender.core.geometry import FloatArray, invert_pose
@@ -63,9 +63,9 @@ def test_which_are_shown(street: Any) -> None:
     assert shown(street) == ["Ego Lane", "Trajectory"]
     select(street.camera)
     assert shown(street) == ["Ego Lane", "Sensor Direction"]
-    select(next(things(street, "LIDAR")))
+    select(next(imported_objects(street, "LIDAR")))
     assert shown(street) == ["Ego Lane", "Sensor Direction"]
-    standing = next(o for o in things(street, "ACTOR") if o.parent is None)
+    standing = next(o for o in imported_objects(street, "ACTOR") if o.parent is None)
     select(standing)
     assert shown(street) == ["Ego Lane"]
 
@@ -111,7 +111,7 @@ def test_handles_are_on_the_trajectory(street: Any) -> None:
     displace_at(one, 0.6, np.array([0.0, 1.0, 0.0]), clock)
     found = handles_of(one, clock)
     assert [(round(h.time_s, 3), h.is_key) for h in found] == [(0.0, False), (0.6, True), (1.0, False)]
-    assert not handles_of(next(o for o in things(street, "ACTOR") if o.parent is None), clock)
+    assert not handles_of(next(o for o in imported_objects(street, "ACTOR") if o.parent is None), clock)
 
 
 def test_a_drag_that_begins_in_the_middle_of_an_actor_is_for_the_actor(street: Any) -> None:
@@ -211,13 +211,13 @@ def test_esc_puts_everything_back(street: Any) -> None:
 
 
 def test_what_stands_still_has_no_handles(street: Any) -> None:
-    select(next(o for o in things(street, "ACTOR") if o.parent is None))
+    select(next(o for o in imported_objects(street, "ACTOR") if o.parent is None))
     assert not bpy.ops.unisim.drag_trajectory.poll()
 
 
 @pytest.mark.parametrize("kind", ["CAMERA", "LIDAR"])
 def test_aiming_a_sensor_turns_its_mount(street: Any, kind: str) -> None:
-    sensor = next(things(street, kind))
+    sensor = next(imported_objects(street, kind))
     select(sensor)
     yaw, pitch = np.degrees(direction_of(sensor))
     place = tuple(sensor.location)
@@ -295,7 +295,7 @@ def test_the_pie_has_eight_slots_for_each_kind(street: Any) -> None:
                 assert getattr(getattr(bpy.ops, group), name).get_rna_type()
     driving_car(street)
     assert pie.kind_of_active(bpy.context) == "ACTOR"
-    select(next(things(street, "EGO")))
+    select(next(imported_objects(street, "EGO")))
     assert pie.kind_of_active(bpy.context) == "EGO"
     select()
     assert pie.kind_of_active(bpy.context) == "NONE"

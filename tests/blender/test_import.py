@@ -10,24 +10,25 @@ import numpy as np
 import pytest
 from helpers import SAMPLE, read, thing
 
-from unisim_blender.bridge.importing.drive import import_source, summary
+from unisim_blender.bridge.importing.drive import import_source
 from unisim_blender.bridge.objects.animation import keys_of
-from unisim_blender.bridge.objects.imported import things
+from unisim_blender.bridge.objects.imported import imported_objects
 from unisim_blender.bridge.objects.source import source_of
 from unisim_blender.bridge.objects.trajectories import trajectory_of
 from unisim_blender.bridge.sampling.stepping import sample_all
 from unisim_blender.core.errors import UnisimError
 from unisim_blender.editing.sampled.clock import Clock
-from unisim_blender.editing.sampled.poses import optical, rigid, same
+from unisim_blender.editing.sampled.poses import optical, same
 from unisim_blender.editing.sampled.source import open_source
+from unisim_blender.editing.sampled.summary import summary
 
 
 def test_everything_of_the_drive_is_there(street: Any) -> None:
     drive = source_of(street).drive
-    assert {t.unisim.uid for t in things(street, "ACTOR")} == set(drive.actors)
-    assert {t.unisim.uid for t in things(street, "CAMERA")} == set(drive.cameras)
-    assert {t.unisim.uid for t in things(street, "LIDAR")} == set(drive.lidars)
-    assert len(list(things(street, "EGO"))) == 1
+    assert {t.unisim.uid for t in imported_objects(street, "ACTOR")} == set(drive.actors)
+    assert {t.unisim.uid for t in imported_objects(street, "CAMERA")} == set(drive.cameras)
+    assert {t.unisim.uid for t in imported_objects(street, "LIDAR")} == set(drive.lidars)
+    assert len(list(imported_objects(street, "EGO"))) == 1
     assert street.camera is not None
 
 
@@ -36,7 +37,7 @@ def test_things_stand_where_the_drive_has_them(street: Any) -> None:
     clock = Clock.of(drive)
     sampled = sample_all(street, clock)
     checked = 0
-    for one in sampled.things:
+    for one in sampled.objects:
         if one.kind == "ACTOR":
             actor = drive.actors[one.uid]
             times = clock.times_s if actor.is_moving else clock.times_s[:1].repeat(len(clock.times_s))
@@ -64,7 +65,7 @@ def test_frame_n_is_the_logs_frame_n_at_its_rate(street: Any) -> None:
 
 
 def test_keys_are_linear_and_turns_are_quaternions(street: Any) -> None:
-    moving = [t for t in things(street, "ACTOR") if trajectory_of(t) is not None]
+    moving = [t for t in imported_objects(street, "ACTOR") if trajectory_of(t) is not None]
     assert moving
     for one in moving:
         assert one.rotation_mode == "QUATERNION" and not keys_of(one)
@@ -117,22 +118,19 @@ def test_a_drop_that_fails_is_one_sentence(scene: Any, tmp_path: Path) -> None:
     assert not scene.objects
 
 
-def test_rigid_takes_scale_away() -> None:
-    matrix = np.diag([2.0, 3.0, 4.0, 1.0])
-    assert np.allclose(rigid(matrix), np.eye(4))
-
-
 def test_appended_from_a_file_all_is_there(street: Any, tmp_path: Path) -> None:
     car = thing(street, "ACTOR", "car-12")
     car.location.y += 1.0
     name = street.name
-    before = {(t.unisim.kind, t.unisim.uid, t.unisim.home) for t in things(street, "EGO", "ACTOR", "CAMERA", "LIDAR")}
+    before = {(t.unisim.kind, t.unisim.uid, t.unisim.home) for t in imported_objects(street, "EGO", "ACTOR", "CAMERA", "LIDAR")}
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "street.blend"))
     bpy.ops.wm.read_factory_settings(use_empty=True)
     held = set(bpy.data.scenes.keys())
     bpy.ops.wm.append(directory=str(tmp_path / "street.blend" / "Scene"), filename=name)
     (new,) = (scene for scene in bpy.data.scenes if scene.name not in held)
-    assert {(t.unisim.kind, t.unisim.uid, t.unisim.home) for t in things(new, "EGO", "ACTOR", "CAMERA", "LIDAR")} == before
+    assert {
+        (t.unisim.kind, t.unisim.uid, t.unisim.home) for t in imported_objects(new, "EGO", "ACTOR", "CAMERA", "LIDAR")
+    } == before
     moved = thing(new, "ACTOR", "car-12")
     assert moved.location.y == pytest.approx(car_y(source_of(new), "car-12") + 1.0, abs=1e-4)
 
@@ -150,7 +148,7 @@ def test_a_scene_with_the_settings_alone_holds_no_drive(street: Any) -> None:
         read(other)
     for _ in import_source(other, open_source(street.unisim.log, street.unisim.scene)):
         pass
-    assert len(list(things(other, "ACTOR"))) == len(list(things(street, "ACTOR"))) > 0
+    assert len(list(imported_objects(other, "ACTOR"))) == len(list(imported_objects(street, "ACTOR"))) > 0
     assert source_of(other) is source_of(street)
 
 

@@ -13,7 +13,7 @@ import pytest
 from click.testing import CliRunner
 from helpers import REAL_LOG, read
 
-from unisim_blender.bridge.objects.imported import things
+from unisim_blender.bridge.objects.imported import imported_objects
 from unisim_blender.bridge.objects.source import source_of
 from unisim_blender.core.cli.main import unisim
 from unisim_blender.editing.layout.chart import WIDTH
@@ -42,7 +42,7 @@ def test_a_log_is_dropped_by_any_of_its_files(scene: Any, street_log: Path) -> N
 
 
 def test_recorded_images_are_behind_the_cameras(logged: Any) -> None:
-    for camera in things(logged, "CAMERA"):
+    for camera in imported_objects(logged, "CAMERA"):
         (shown,) = camera.data.background_images
         assert camera.data.show_background_images and shown.image.size[0] > 0
         assert shown.image_user.frame_duration == 3
@@ -54,7 +54,7 @@ def test_recorded_points(logged: Any) -> None:
     source = source_of(logged)
     assert source.log is not None
     name = next(iter(source.drive.lidars))
-    (one,) = things(logged, "POINTS")
+    (one,) = imported_objects(logged, "POINTS")
     recorded = source.log.sweep(name, 1).points
     count = len(one.data.vertices)
     assert count > 1000
@@ -68,7 +68,7 @@ def test_recorded_points(logged: Any) -> None:
     sensor = source.drive.lidars[name].world_from_lidar.at(source.drive.lidars[name].time_s[1])[:3, 3]
     assert np.abs(np.linalg.norm(out.reshape(-1, 3) - sensor, axis=1) - depth).max() < 1.5  # the vehicle moves during a sweep
     logged.frame_set(2)
-    assert len(next(things(logged, "POINTS")).data.vertices) > 1000
+    assert len(next(imported_objects(logged, "POINTS")).data.vertices) > 1000
 
 
 def test_training_from_blender(logged: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -84,9 +84,9 @@ def test_training_from_blender(logged: Any, tmp_path: Path, monkeypatch: pytest.
 
 
 def test_edits_survive_another_import(logged: Any, street_log: Path) -> None:
-    one = next(o for o in things(logged, "ACTOR") if o.animation_data is None)
+    one = next(o for o in imported_objects(logged, "ACTOR") if o.animation_data is None)
     one.location.x += 1.5
-    gone = next(o for o in things(logged, "ACTOR") if o is not one)
+    gone = next(o for o in imported_objects(logged, "ACTOR") if o is not one)
     bpy.data.objects.remove(gone)
     before = read(logged).edits
     assert len(before) == 2
@@ -111,5 +111,5 @@ def test_a_real_log(scene: Any) -> None:
         f"{time.monotonic() - begun:.1f} s, {(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) / 1024:.0f} MiB more"
     )
     drive = source_of(scene).drive
-    assert len(list(things(scene, "ACTOR"))) == len(drive.actors)
+    assert len(list(imported_objects(scene, "ACTOR"))) == len(drive.actors)
     assert read(scene).edits == () and read(scene).sensors is None

@@ -16,12 +16,12 @@ from unisim_blender.bridge.objects.cameras import model_of
 from unisim_blender.bridge.objects.source import source_of
 from unisim_blender.bridge.objects.trajectories import trajectory_of
 from unisim_blender.bridge.sampling.adjacent_frames import lacking, sample_now, step_beside
-from unisim_blender.bridge.sampling.stepping import kept_frame, picture_size, sample
+from unisim_blender.bridge.sampling.stepping import image_size, kept_frame, sample
 from unisim_blender.core.geometry import FloatArray
 from unisim_blender.core.worker.jobs import Jobs
 from unisim_blender.core.world.drive import Camera
 from unisim_blender.core.world.encoding import decode_sensor
-from unisim_blender.editing.images.dirty_region import touched
+from unisim_blender.editing.images.dirty_region import dirty_region
 from unisim_blender.editing.reading.requests import camera_request, sized
 from unisim_blender.editing.sampled.clock import Clock
 from unisim_blender.editing.sampled.poses import same
@@ -47,8 +47,8 @@ def test_the_moment_is_what_stepping_finds(street: Any, frame: int) -> None:
     above_of(child).parent = empty
     empty.location = (1.0, 2.0, 0.0)
     now, stepped = both(street, frame)
-    assert [t.name for t in now.things] == [t.name for t in stepped.things]
-    for a, b in zip(now.things, stepped.things, strict=True):
+    assert [t.name for t in now.objects] == [t.name for t in stepped.objects]
+    for a, b in zip(now.objects, stepped.objects, strict=True):
         assert same(a.poses, b.poses).all(), a.name
         assert (a.there == b.there).all(), a.name
 
@@ -158,10 +158,10 @@ WAYS = (
 def test_whatever_moves_a_thing_the_moment_is_what_stepping_finds(street: Any, way: Any, frame: float) -> None:
     one = way(street)
     now, stepped = both(street, frame)
-    for a, b in zip(now.things, stepped.things, strict=True):
+    for a, b in zip(now.objects, stepped.objects, strict=True):
         assert (a.there == b.there).all(), a.name
         assert same(a.poses[a.there], b.poses[b.there]).all(), a.name
-    (moved,) = [t for t in now.things if t.name == one.name]
+    (moved,) = [t for t in now.objects if t.name == one.name]
     assert np.abs(np.diff(moved.poses[moved.there][:, :3, 3], axis=0)).max() > 0.1  # it does move
 
 
@@ -191,7 +191,7 @@ def test_looking_beside_leaves_everything_as_it_is(street: Any) -> None:
     assert street.frame_current == 9 and not lacking(street, clock)
     for name, matrix, location, _ in before:
         assert (street.objects[name].matrix_world, street.objects[name].location) == (matrix, location), name
-    (moved,) = [t for t in sample_now(street, bpy.context.evaluated_depsgraph_get(), clock).things if t.name == one.name]
+    (moved,) = [t for t in sample_now(street, bpy.context.evaluated_depsgraph_get(), clock).objects if t.name == one.name]
     at = list(clock.frames).index(9)
     assert moved.poses[at, :3, 3] == pytest.approx(np.array(one.matrix_world.translation), abs=1e-5)
 
@@ -214,7 +214,7 @@ def test_an_edit_that_is_not_seen_now_counts_all_the_same(street: Any, edit: str
     bpy.context.view_layer.update()
     assert lacking(street, clock)
     now, stepped = both(street, 9)
-    for a, b in zip(now.things, stepped.things, strict=True):
+    for a, b in zip(now.objects, stepped.objects, strict=True):
         assert same(a.poses, b.poses).all(), a.name
 
 
@@ -240,16 +240,16 @@ def test_what_an_edit_touches_holds_all_that_it_changes(street: Any, tmp_path: P
     bpy.context.view_layer.update()
     after, _ = both(street, frame)
     second = picture(street, tmp_path / "b.png")
-    view = next(t for t in after.things if t.name == street.camera.name)
-    model = sized(model_of(street.camera), picture_size(street.render), 1.0, True)
-    rectangle = touched(before, after, view, model)
+    view = next(t for t in after.objects if t.name == street.camera.name)
+    model = sized(model_of(street.camera), image_size(street.render), 1.0, True)
+    rectangle = dirty_region(before, after, view, model)
     assert rectangle is not None
     left, top, right, bottom = rectangle
     assert (right - left) * (bottom - top) < first.shape[0] * first.shape[1] / 2
     assert (np.abs(first - second).max(-1) > 1).any()
-    assert touched(before, before, view, model) == (model.width, model.height, 0, 0)
+    assert dirty_region(before, before, view, model) == (model.width, model.height, 0, 0)
     # what the worker renders again, laid over the picture before, is the picture after, to the bit
-    jobs, source, size = Jobs(tmp_path), source_of(street), picture_size(street.render)
+    jobs, source, size = Jobs(tmp_path), source_of(street), image_size(street.render)
     old, new = (camera_request(state, view, source, frame, size).values for state in (before, after))
     part = {**new, "rows": [top, bottom], "columns": [left, right], "touched": True}
     assert np.array_equal(shown(jobs, [old, part]), shown(jobs, [new]))

@@ -13,7 +13,7 @@ from edit_cases import CASES, standing, update
 from helpers import driving, read, select
 from test_edits_list import lines, press
 
-from unisim_blender.bridge.objects.imported import is_copy, things
+from unisim_blender.bridge.objects.imported import imported_objects, is_copy
 from unisim_blender.bridge.objects.source import source_of
 from unisim_blender.bridge.sampling.stepping import sample_all
 from unisim_blender.core.scenario.types import Scenario
@@ -185,8 +185,8 @@ def test_sensors_stay_on_the_vehicle_when_its_edit_is_muted(street: Any) -> None
     bpy.ops.unisim.shift_ego(left_m=2.0)
     mute(street)
     mute(street)
-    (vehicle,) = things(street, "EGO")
-    for sensor in things(street, "CAMERA", "LIDAR"):
+    (vehicle,) = imported_objects(street, "EGO")
+    for sensor in imported_objects(street, "CAMERA", "LIDAR"):
         above = sensor.parent if sensor.parent.unisim.kind == "EGO" else sensor.parent.parent
         assert above == vehicle
     assert street.camera is not None and street.camera.unisim.kind == "CAMERA"

@@ -10,7 +10,7 @@ import pytest
 from helpers import SAMPLE, read, select, thing
 
 from unisim_blender import following, thumbnails
-from unisim_blender.bridge.objects.imported import is_copy, original_of, things
+from unisim_blender.bridge.objects.imported import imported_objects, is_copy, original_of
 from unisim_blender.bridge.objects.names import apply_words
 from unisim_blender.bridge.objects.source import source_of
 from unisim_blender.core.actor_images import kept
@@ -29,7 +29,7 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def names(scene: Any) -> dict[str, str]:
     """The names of the actors by id."""
-    return {one.unisim.uid: one.name for one in things(scene, "ACTOR")}
+    return {one.unisim.uid: one.name for one in imported_objects(scene, "ACTOR")}
 
 
 def word(scene: Any, **words: str) -> dict[str, str]:
@@ -75,7 +75,7 @@ def test_the_same_drive_in_two_scenes_is_named_in_both(street: Any) -> None:
     bpy.ops.scene.new(type="NEW")
     other = bpy.context.scene
     assert bpy.ops.unisim.import_scene(filepath=str(SAMPLE / "scene" / "scene.json")) == {"FINISHED"}
-    second = next(one for one in things(other, "ACTOR") if one.unisim.uid == "car-04")
+    second = next(one for one in imported_objects(other, "ACTOR") if one.unisim.uid == "car-04")
     assert second.name.endswith(".001") and second.name == second.unisim.home
     for scene in (street, other):
         assert len(word(scene, car_04="white")) == 1
@@ -92,11 +92,11 @@ def test_words_that_are_kept_are_in_the_names_at_once(scene: Any, cache: Path, s
     plain = plain_names(source_of(scene).drive.actors)
     assert found == {uid: f"{plain[uid]}, {made[uid].word}" if made[uid].word else plain[uid] for uid in plain}
     assert bpy.ops.unisim.import_log(filepath=str(street_log)) == {"FINISHED"}  # again: nothing is doubled or renamed
-    assert names(scene) == found and len(list(things(scene, "ACTOR"))) == len(found)
+    assert names(scene) == found and len(list(imported_objects(scene, "ACTOR"))) == len(found)
 
 
 def test_a_renamed_object_is_still_followed(street: Any) -> None:
-    own = next(o for o in things(street, "ACTOR") if o.parent is not None)
+    own = next(o for o in imported_objects(street, "ACTOR") if o.parent is not None)
     before = own.name
     own.location.x += 1.0
     bpy.context.view_layer.update()

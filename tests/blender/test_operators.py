@@ -15,7 +15,7 @@ from helpers import SAMPLE, drawn, edited, read, select, thing
 from PIL import Image
 
 from unisim_blender.bridge.importing.drive import recorded_colours
-from unisim_blender.bridge.objects.imported import things
+from unisim_blender.bridge.objects.imported import imported_objects
 from unisim_blender.bridge.objects.source import source_of
 from unisim_blender.bridge.sampling.stepping import sample_all
 from unisim_blender.bridge.window.selection import choose
@@ -154,10 +154,10 @@ def test_resolution_follows_the_active_camera_and_nothing_else(street: Any) -> N
 def test_a_sequence_is_resumed_and_gives_the_commands_bytes(street: Any, tmp_path: Path) -> None:
     street.frame_start, street.frame_end = 4, 6
     street.unisim.out = str(tmp_path / "out")
-    for other in [o for o in things(street, "LIDAR")]:
+    for other in [o for o in imported_objects(street, "LIDAR")]:
         bpy.data.objects.remove(other)
     bpy.ops.unisim.add_camera(width=64, height=36)
-    bpy.data.objects.remove(next(o for o in things(street, "CAMERA") if o.unisim.uid != "camera"))
+    bpy.data.objects.remove(next(o for o in imported_objects(street, "CAMERA") if o.unisim.uid != "camera"))
     assert bpy.ops.unisim.render_sequence() == {"FINISHED"}
     pictures = sorted((tmp_path / "out" / "camera" / "camera").glob("*.png"))
     assert [path.stem for path in pictures] == ["000004", "000005", "000006"]
@@ -180,7 +180,7 @@ def test_a_sequence_of_some_sensors_at_a_width(street: Any, tmp_path: Path) -> N
     choose(bpy.context, street.camera.parent)
     with pytest.raises(RuntimeError, match="Output > Sensors: no camera or LiDAR is selected"):
         bpy.ops.unisim.render_sequence()
-    lidar = next(things(street, "LIDAR"))
+    lidar = next(imported_objects(street, "LIDAR"))
     street.unisim.out = str(tmp_path / "sweeps")
     choose(bpy.context, lidar)
     assert bpy.ops.unisim.render_sequence() == {"FINISHED"}

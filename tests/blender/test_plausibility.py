@@ -11,7 +11,7 @@ from helpers import select, thing
 from unisim_blender.bridge.objects.source import source_of
 from unisim_blender.bridge.sampling.stepping import sample_all
 from unisim_blender.editing.motion.ground import on_actors
-from unisim_blender.editing.motion.plausibility import boxes_overlap, warnings_of
+from unisim_blender.editing.motion.plausibility import warnings_of
 from unisim_blender.editing.sampled.clock import Clock
 
 
@@ -79,18 +79,6 @@ def test_the_list_jumps_to_the_place(street: Any) -> None:
     (item,) = street.unisim_check.warnings
     assert bpy.ops.unisim.go_to(thing=item.name, frame=item.frame) == {"FINISHED"}
     assert bpy.context.active_object == one and street.frame_current == item.frame
-
-
-def test_boxes_overlap() -> None:
-    size = np.array([4.0, 2.0, 1.5])
-    a, b = np.eye(4), np.eye(4)
-    assert boxes_overlap(a, size, b, size)
-    b[:3, 3] = [0, 2.05, 0]
-    assert not boxes_overlap(a, size, b, size)
-    turn = np.eye(4)
-    turn[:2, :2] = [[0, -1], [1, 0]]
-    turn[:3, 3] = [0, 2.5, 0]
-    assert boxes_overlap(a, size, turn, size)  # its nose is in the other's side
 
 
 def test_returns_of_an_actor_are_no_ground(street: Any) -> None:

@@ -9,16 +9,16 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from unisim_blender.bridge.objects.imported import things
+from unisim_blender.bridge.objects.imported import imported_objects
 from unisim_blender.bridge.objects.source import source_of
 from unisim_blender.bridge.views.points import hide_points, points_of, put_points
 from unisim_blender.clouds import clouds, offset
-from unisim_blender.editing.layout.point_colours import GREY, RECORDED, SIMULATED, number_colours
+from unisim_blender.editing.layout.point_colours import GREY, RECORDED, SIMULATED
 
 
 def points(scene: Any) -> NDArray[Any]:
     """The simulated points (N, 3)."""
-    (one,) = [t for t in things(scene, "POINTS") if t.unisim.uid.endswith("simulated")]
+    (one,) = [t for t in imported_objects(scene, "POINTS") if t.unisim.uid.endswith("simulated")]
     out = np.empty(3 * len(one.data.vertices), np.float32)
     one.data.vertices.foreach_get("co", out)
     return out.reshape(-1, 3)
@@ -31,14 +31,14 @@ def test_a_simulated_sweep_stands_in_the_world(street: Any) -> None:
     assert len(first) > 5000
     low = np.percentile(first[:, 2], 30)
     assert abs(low) < 1.0  # most of a sweep is road
-    (one,) = things(street, "POINTS")
+    (one,) = imported_objects(street, "POINTS")
     assert one.hide_viewport  # drawn in colours, not as Blender's own dots
     mesh = one.data
     assert {"intensity", "depth", "instance"} <= {a.name for a in mesh.attributes}
     street.frame_set(12)
     assert np.abs(points(street).mean(0) - first.mean(0)).max() > 0.5
     assert bpy.ops.unisim.show_points(recorded=False, simulated=False) == {"FINISHED"}
-    assert not list(things(street, "POINTS"))
+    assert not list(imported_objects(street, "POINTS"))
 
 
 def test_recorded_and_simulated_points_are_coloured_alike(street: Any) -> None:
@@ -56,15 +56,6 @@ def test_recorded_and_simulated_points_are_coloured_alike(street: Any) -> None:
     assert not np.array_equal(points_of(recorded, "ONE")[1], points_of(simulated, "ONE")[1])
     bare = put_points(street, "lidar", RECORDED, points, {})
     assert points_of(bare, "DEPTH")[1] == pytest.approx(np.tile([*GREY, 1.0], (3, 1)))
-
-
-def test_numbers_have_colours_that_can_be_told_apart() -> None:
-    colours = number_colours(np.arange(-1, 60))[:, :3]
-    assert colours[:2] == pytest.approx(np.array([GREY, GREY]))
-    apart = np.linalg.norm(colours[2:, None] - colours[None, 2:], axis=-1) + np.eye(59)
-    assert apart.min() > 0.03 and np.median(apart.min(1)) > 0.1
-    near = [apart[n - 1, n + after - 1] for after in (13, 21, 34) for n in range(1, 60 - after)]
-    assert min(near) > 0.1
 
 
 def test_clouds_are_built_again_only_when_something_changed(street: Any) -> None:

@@ -10,7 +10,7 @@ import pytest
 from helpers import SAMPLE, read, thing
 from mathutils import Quaternion
 
-from unisim_blender.bridge.objects.imported import things
+from unisim_blender.bridge.objects.imported import imported_objects
 from unisim_blender.bridge.objects.source import source_of
 from unisim_blender.bridge.sampling.stepping import sample_all
 from unisim_blender.core.errors import ScenarioError
@@ -20,7 +20,7 @@ from unisim_blender.editing.sampled.outside import outside_drive
 
 
 def test_a_deleted_vehicle_is_refused_and_comes_back_with_its_sensors(street: Any) -> None:
-    bpy.data.objects.remove(next(things(street, "EGO")))
+    bpy.data.objects.remove(next(imported_objects(street, "EGO")))
     with pytest.raises(ScenarioError, match="has no ego vehicle"):
         read(street)
     bpy.ops.unisim.import_scene(filepath=str(SAMPLE / "scene" / "scene.json"))

@@ -16,7 +16,7 @@ from helpers import edited, select, thing
 from unisim_blender.bridge.importing import rig_presets
 from unisim_blender.bridge.importing.drive import front_camera
 from unisim_blender.bridge.objects.cameras import model_of
-from unisim_blender.bridge.objects.imported import things
+from unisim_blender.bridge.objects.imported import imported_objects
 from unisim_blender.bridge.objects.source import source_of
 from unisim_blender.bridge.views.sensor_facts import card_of_sensor, size_of_sensor
 from unisim_blender.bridge.views.sensor_outlines import outline
@@ -205,7 +205,7 @@ def test_saving_asks_before_it_replaces_and_removing_deletes(street: Any, folder
             bpy.ops.unisim.remove_rig(filepath=str(path))
     assert bpy.ops.unisim.remove_rig(filepath=str(team)) == {"FINISHED"}
     assert not team.exists() and other.exists() and rig_presets.own_presets() == []
-    for one in list(things(street, "CAMERA", "LIDAR")):
+    for one in list(imported_objects(street, "CAMERA", "LIDAR")):
         one.hide_render = True
     with pytest.raises(RuntimeError, match="has no sensor on the vehicle that a rig preset could hold"):
         bpy.ops.unisim.save_rig(name="None")

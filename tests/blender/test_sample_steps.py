@@ -18,7 +18,7 @@ from helpers import driving, select
 from unisim_blender.bridge.changes.variants import new_variant
 from unisim_blender.bridge.importing.drive import import_source
 from unisim_blender.bridge.objects.animation import curves_of
-from unisim_blender.bridge.objects.imported import things
+from unisim_blender.bridge.objects.imported import imported_objects
 from unisim_blender.bridge.objects.source import source_of
 from unisim_blender.bridge.sampling.in_steps import by_keys_alone, sample_steps
 from unisim_blender.bridge.sampling.stepping import sample_all
@@ -59,8 +59,8 @@ def near(a: Any, b: Any) -> bool:
 def agree(quick: Sampled, slow: Sampled) -> None:
     """Assert that two readings of a scene are one."""
     assert (quick.name, quick.items) == (slow.name, slow.items)
-    assert [one.name for one in quick.things] == [one.name for one in slow.things]
-    for ours, theirs in zip(quick.things, slow.things, strict=True):
+    assert [one.name for one in quick.objects] == [one.name for one in slow.objects]
+    for ours, theirs in zip(quick.objects, slow.objects, strict=True):
         assert np.abs(ours.poses - theirs.poses).max() < 2e-5, ours.name
         assert (ours.there == theirs.there).all(), ours.name
         for field in fields(ours):
@@ -317,4 +317,4 @@ def test_nothing_else_is_selected_by_reading(street: Any) -> None:
     MORE["driven"](street)
     ended(sample_steps(street, Clock.of(source_of(street).drive)))
     assert bpy.context.view_layer.objects.active == one and set(bpy.data.scenes) == scenes
-    assert len(list(things(street, "EGO"))) == 1
+    assert len(list(imported_objects(street, "EGO"))) == 1

@@ -14,7 +14,7 @@ from helpers import SAMPLE, edited, read, select, thing
 from mathutils import Euler
 
 from unisim_blender import following
-from unisim_blender.bridge.objects.imported import things
+from unisim_blender.bridge.objects.imported import imported_objects
 from unisim_blender.bridge.objects.source import source_of
 from unisim_blender.bridge.objects.trajectories import trajectory_of
 from unisim_blender.bridge.sampling.adjacent_frames import lacking, sample_now, step_beside
@@ -22,16 +22,15 @@ from unisim_blender.bridge.sampling.stepping import sample, sample_all
 from unisim_blender.bridge.views.card import card_of
 from unisim_blender.bridge.views.trails import trail
 from unisim_blender.core.errors import ScenarioError
-from unisim_blender.core.geometry import make_pose, quaternion_from_yaw
 from unisim_blender.core.scenario import load_scenario, save_scenario, scenario_from_json, scenario_to_json
 from unisim_blender.core.scenario.edits import Duplicate, InsertMesh, Move, Remove, Scale, Swap
 from unisim_blender.core.world.drive import CameraModel
-from unisim_blender.editing.images.dirty_region import alike, touched
+from unisim_blender.editing.images.dirty_region import alike, dirty_region
 from unisim_blender.editing.motion.ground import ground_height
 from unisim_blender.editing.motion.plausibility import warnings_of
 from unisim_blender.editing.reading.scenario import edited_ids
 from unisim_blender.editing.sampled.clock import Clock
-from unisim_blender.editing.sampled.scaling import CHANGING, MIRRORED, SHEARED, Scaling, scaling_of
+from unisim_blender.editing.sampled.scaling import CHANGING, Scaling
 
 
 def standing(scene: Any) -> Any:
@@ -47,22 +46,6 @@ def driving(scene: Any) -> Any:
 
 
 # what a scale is, without Blender
-
-
-def test_factors_of_matrices_whatever_way_they_turn() -> None:
-    poses = np.stack([make_pose(np.array([3.0, 2, 1]), quaternion_from_yaw(angle)) for angle in (0.0, 1.0, 4.0)])
-    matrices = (poses @ np.diag([1.5, 1.0, 0.7, 1.0])).astype(np.float32)
-    assert scaling_of(matrices, poses) == Scaling((1.5, 1.0, 0.7))
-    assert scaling_of(poses.astype(np.float32), poses) == Scaling()
-    assert scaling_of(poses @ np.diag([1.00005, 1, 1, 1.0]), poses) == Scaling()
-    assert scaling_of(poses @ np.diag([1.5, -1.0, 1, 1.0]), poses).fault == MIRRORED
-    leaning = np.eye(4)
-    leaning[0, 1] = 0.05
-    assert scaling_of(poses @ leaning, poses).fault == SHEARED
-    growing = matrices.copy()
-    growing[2, :3, 0] *= 1.1
-    assert scaling_of(growing, poses).fault == CHANGING
-    assert scaling_of(growing, poses, np.array([True, True, False])).fault == ""
 
 
 # reading
@@ -204,7 +187,7 @@ def test_a_scale_that_changes_over_time_is_refused_whichever_frames_are_looked_a
     street.frame_set(15)
     depsgraph = bpy.context.evaluated_depsgraph_get()
     now = sample_now(street, depsgraph, clock(street).around(15))
-    assert next(t for t in now.things if t.name == one.name).scaling.fault == CHANGING
+    assert next(t for t in now.objects if t.name == one.name).scaling.fault == CHANGING
 
 
 def test_a_scale_that_is_keyed_and_stays_is_none_that_changes(street: Any) -> None:
@@ -227,13 +210,13 @@ def test_a_scale_that_a_constraint_changes_is_told_about_the_moment_too(street: 
     depsgraph = bpy.context.evaluated_depsgraph_get()
     assert step_beside(street, here, lacking(street, here))
     for state in (sample_now(street, depsgraph, here), sample_all(street, clock(street))):
-        assert next(t for t in state.things if t.name == one.name).scaling.fault == CHANGING
+        assert next(t for t in state.objects if t.name == one.name).scaling.fault == CHANGING
 
 
 def test_static_items_cannot_be_scaled(street: Any) -> None:
     street.cursor.location = (18.0, 5.0, 0.5)
     bpy.ops.unisim.mark_static()
-    item = next(things(street, "STATIC"))
+    item = next(imported_objects(street, "STATIC"))
     item.scale, item.location.x = (2.0, 1.0, 1.0), item.location.x + 3.0
     with pytest.raises(ScenarioError, match=f'"{item.name}": is scaled by 2 x 1 x 1, which a static item cannot be'):
         read(street)
@@ -269,7 +252,7 @@ def test_a_scenario_with_scales_comes_through(scene: Any, tmp_path: Path) -> Non
     ):  # fmt: skip
         assert drive.actors[uid].scale == factors, uid
         np.testing.assert_allclose(drive.actors[uid].size_m, sizes[look].size_m * factors)
-        box = next(t for t in sample_all(scene, clock(scene)).things if t.name == uid or (t.uid == uid and t.is_original))
+        box = next(t for t in sample_all(scene, clock(scene)).objects if t.name == uid or (t.uid == uid and t.is_original))
         np.testing.assert_allclose(box.size_m, drive.actors[uid].size_m, rtol=1e-5, err_msg=uid)
     edits = read(bpy.context.scene).edits
     assert [type(edit) for edit in edits] == [Duplicate, Scale, Scale, Swap, Scale, Duplicate, Scale]
@@ -344,20 +327,20 @@ def test_a_scaled_box_touches_what_the_larger_one_covers(street: Any) -> None:
     for factor in (1.0, 1.5, -1.5):
         one.scale = (factor, 1.5 * abs(factor), abs(factor))
         states.append(state())
-    view = next(t for t in states[0].things if t.name == street.camera.name)
-    larger = next(t for t in states[1].things if t.name == one.name)
+    view = next(t for t in states[0].objects if t.name == street.camera.name)
+    larger = next(t for t in states[1].objects if t.name == one.name)
     np.testing.assert_allclose(larger.size_m, np.array([4.7, 2.1, 1.72]) * [1.5, 2.25, 1.5], rtol=1e-4)
-    alone = touched(states[1], states[0], view, model)
-    assert alone is not None and alone == touched(states[0], states[1], view, model)
-    smaller = touched(states[0], _without(states[0], one.name), view, model)
+    alone = dirty_region(states[1], states[0], view, model)
+    assert alone is not None and alone == dirty_region(states[0], states[1], view, model)
+    smaller = dirty_region(states[0], _without(states[0], one.name), view, model)
     assert smaller is not None and smaller[2] - smaller[0] < alone[2] - alone[0] and smaller[3] - smaller[1] < alone[3] - alone[1]
     assert not alike(larger, replace(larger, scaling=Scaling(larger.scaling.factors, CHANGING)))
     # of the same size and mirrored is another state, which is refused
-    assert touched(states[1], states[2], view, model) != (model.width, model.height, 0, 0)
+    assert dirty_region(states[1], states[2], view, model) != (model.width, model.height, 0, 0)
 
 
 def _without(state: Any, name: str) -> Any:
-    return replace(state, things=tuple(t for t in state.things if t.name != name))
+    return replace(state, objects=tuple(t for t in state.objects if t.name != name))
 
 
 @pytest.mark.parametrize("of", [standing, driving])

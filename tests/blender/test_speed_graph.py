@@ -10,11 +10,13 @@ import pytest
 from helpers import driving_car, select
 
 from unisim_blender.bridge.changes.motion import displaced_along
-from unisim_blender.bridge.objects.imported import things
+from unisim_blender.bridge.objects.imported import imported_objects
 from unisim_blender.bridge.objects.source import source_of
 from unisim_blender.bridge.sampling.stepping import sample_all
 from unisim_blender.bridge.views import motions
 from unisim_blender.editing.layout.speed_graph import EDITED, NOW, OVER, RECORDED, Shapes, axes_of, curves, moment, values
+from unisim_blender.editing.motion import comparison
+from unisim_blender.editing.motion.comparison import Track, compared
 from unisim_blender.editing.motion.kinematics import Compared, Limits
 from unisim_blender.editing.motion.plausibility import warnings_of
 from unisim_blender.editing.sampled.clock import Clock
@@ -104,13 +106,13 @@ def test_pedestrians_have_no_such_limits(street: Any) -> None:
     swerve(one, 3.0)
     clock = Clock.of(drive)
     track = motions.track_of(one, drive, clock)
-    walking = motions.Track(track.name, track.kind, track.uid, "Pedestrian", track.poses, track.there)
-    assert motions.compared(track, drive, clock, Limits()).anywhere.any()
-    assert not motions.compared(walking, drive, clock, Limits()).anywhere.any()
+    walking = Track(track.name, track.kind, track.uid, "Pedestrian", track.poses, track.there)
+    assert compared(track, drive, clock, Limits()).anywhere.any()
+    assert not compared(walking, drive, clock, Limits()).anywhere.any()
 
 
 def test_the_ego_vehicle_too(street: Any) -> None:
-    ego = next(things(street, "EGO"))
+    ego = next(imported_objects(street, "EGO"))
     select(ego)
     assert not graph().is_edited
     swerve(ego, 3.0)
@@ -124,13 +126,13 @@ def test_it_is_computed_again_only_when_the_motion_changes(street: Any, monkeypa
     one = driving_car(street)
     first = graph()
     computed = []
-    real = motions.compared
+    real = comparison.compared
 
     def counted(*given: Any) -> Compared:
         computed.append(1)
         return real(*given)
 
-    monkeypatch.setattr(motions, "compared", counted)
+    monkeypatch.setattr(comparison, "compared", counted)
     street.frame_set(7)
     assert graph() is first and not computed
     displaced_along(one, (0.0, 1.0, 0.0))

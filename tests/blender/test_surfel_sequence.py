@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from unisim_blender.bridge.objects.imported import things
+from unisim_blender.bridge.objects.imported import imported_objects
 from unisim_blender.operators import background, results
 
 
@@ -59,7 +59,7 @@ def test_a_log_is_rendered_cancelled_and_resumed(logged: Any, tmp_path: Path) ->
     assert manager.unisim_task.startswith("Stopped at ") and background.newest[0].problem == ""
     done = sorted((out / ".state").glob("*.json"))
     assert 1 <= len(done) < 3, "the sequence was at its end before it was cancelled: give it more to do"
-    camera = next(things(logged, "CAMERA")).unisim.uid
+    camera = next(imported_objects(logged, "CAMERA")).unisim.uid
     first = out / "camera" / camera / f"{done[0].stem}.png"
     stamp, content = first.stat().st_mtime_ns, first.read_bytes()
 
@@ -84,6 +84,6 @@ def test_an_edit_is_in_the_images(logged: Any, tmp_path: Path) -> None:
         (path,) = (tmp_path / name / "camera").glob("*/000001.png")
         with Image.open(path) as image:
             shots.append(np.asarray(image.convert("RGB"), float))
-        for actor in list(things(logged, "ACTOR")):
+        for actor in list(imported_objects(logged, "ACTOR")):
             bpy.data.objects.remove(actor)
     assert (np.abs(shots[0] - shots[1]).max(-1) > 20).mean() > 0.01

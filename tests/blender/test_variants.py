@@ -17,11 +17,10 @@ from test_edits_list import lines, press
 from test_muting import content
 
 from unisim_blender.bridge.changes.variants import delete_variant, variants_of
-from unisim_blender.bridge.objects.imported import is_copy, things
+from unisim_blender.bridge.objects.imported import imported_objects, is_copy
 from unisim_blender.core.errors import UnisimError
 from unisim_blender.core.scenario import load_scenario
-from unisim_blender.editing.edits.differences import alike, compared, differences
-from unisim_blender.editing.edits.lines import Line
+from unisim_blender.editing.edits.differences import differences
 from unisim_blender.editing.edits.variant_names import file_names, free_name
 from unisim_blender.operators import background
 from unisim_blender.operators.export_scenario import scenario_of
@@ -54,7 +53,7 @@ def test_a_variant_of_an_unedited_drive_is_unedited(street: Any) -> None:
     for scene in (street, variant):
         assert read(show(scene)).edits == () and read(scene).sensors is None
         assert lines(scene) == ()
-        assert not any(is_copy(scene, one) for one in things(scene, "ACTOR", "EGO", "CAMERA", "LIDAR"))
+        assert not any(is_copy(scene, one) for one in imported_objects(scene, "ACTOR", "EGO", "CAMERA", "LIDAR"))
     assert not set(street.objects) & set(variant.objects)
 
 
@@ -158,7 +157,7 @@ def test_ids_stay_when_the_first_variant_is_deleted(street: Any, tmp_path: Path)
 def test_a_copy_made_in_a_variant_has_an_id_of_its_own(street: Any) -> None:
     CASES["copied"][0](street)
     variant = new()
-    select(next(one for one in things(variant, "ACTOR") if is_copy(variant, one)))
+    select(next(one for one in imported_objects(variant, "ACTOR") if is_copy(variant, one)))
     bpy.ops.object.duplicate_move(TRANSFORM_OT_translate={"value": (0.0, 4.0, 0.0)})
     update()
     ids = [getattr(edit, "id", "") for edit in read(variant).edits]
@@ -231,28 +230,13 @@ def test_the_frame_that_is_shown_stays(street: Any) -> None:
     assert show(street).frame_current == 4
 
 
-def test_differences() -> None:
-    def line(uid: str, what: str, edit: object, muted: int = -1) -> Line:
-        return Line("ACTOR", uid, "MOVE", what, uid, uid, 0.0, 1.0, (0, 1), edit, muted)
-
-    here = (line("a", "1", [1.0, 2.0]), line("b", "1", [1.0]), line("c", "1", [1.0]), line("d", "1", [3.0], muted=0))
-    there = (line("a", "1", [1.00001, 2.0]), line("b", "2", [2.0]), line("d", "1", [3.0]))
-    found = list(differences(here, there))
-    assert [(one.line.uid, one.here is not None, one.there is not None) for one in found] == [
-        ("b", True, True), ("c", True, False), ("d", False, True),
-    ]  # fmt: skip
-    assert compared(here, there) is compared(here, there) and list(compared(here, there)) == found
-    assert list(compared(here, here)) == []
-    assert not alike({"a": 1}, {"b": 1}) and not alike([1.0], [1.0, 2.0]) and alike(("x", None), ("x", None))
-
-
 def test_differences_of_two_variants(street: Any) -> None:
     driving(street).location.y = 1.0
     standing(street).location.x += 1.0
     variant = new()
     driving(variant).location.y = 2.0
     press(bpy.ops.unisim.revert_edit, next(line for line in lines(variant) if line.thing == standing(variant).name))
-    select(next(one for one in things(variant, "ACTOR") if "cone" in one.unisim.uid))
+    select(next(one for one in imported_objects(variant, "ACTOR") if "cone" in one.unisim.uid))
     bpy.ops.unisim.delete_actor()
     found = {one.line.uid: one for one in differences(lines(variant), lines(street))}
     changed = found[driving(street).unisim.uid]
@@ -291,7 +275,7 @@ def test_nothing_is_exported_where_one_variant_cannot_be_read(street: Any, tmp_p
 
 def test_variants_are_rendered_together_and_taken_up_again(street: Any, tmp_path: Path) -> None:
     street.frame_start, street.frame_end = 4, 5
-    for one in list(things(street, "CAMERA")):
+    for one in list(imported_objects(street, "CAMERA")):
         bpy.data.objects.remove(one)
     driving(street).location.y = 1.0
     street.unisim.out = str(tmp_path)

@@ -25,6 +25,8 @@ from unisim_blender.core.cli.main import unisim
 from unisim_blender.core.model.config import PRESETS
 from unisim_blender.core.scenario import scenario_from_json
 from unisim_blender.core.scenario.edit import EDITS
+from unisim_blender.editing.edits.parts import PARTS
+from unisim_blender.editing.edits.reader import ACTORS
 
 SMALL = {
     "render": {"--width": "64", "--frames": "5", "--jobs": "1"},
@@ -60,12 +62,12 @@ def folder(tmp_path: Path, street: Path, monkeypatch: pytest.MonkeyPatch) -> Ite
     for name in ("detections", "labels", "simulated", "real"):
         (tmp_path / f"{name}.json").write_text(json.dumps(autonomy_document()))
     monkeypatch.chdir(tmp_path)
-    edits, presets = dict(EDITS), dict(PRESETS)
+    tables, readers = [(table, dict(table)) for table in (EDITS, PARTS, PRESETS)], list(ACTORS)
     yield tmp_path
-    EDITS.clear()
-    EDITS.update(edits)
-    PRESETS.clear()
-    PRESETS.update(presets)
+    for table, before in tables:
+        table.clear()
+        table.update(before)
+    ACTORS[:] = readers
 
 
 def autonomy_document() -> dict[str, Any]:

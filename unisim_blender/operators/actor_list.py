@@ -8,7 +8,7 @@ from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, Po
 from mathutils import Euler
 
 from .. import listing
-from ..bridge.objects.imported import things
+from ..bridge.objects.imported import imported_objects
 from ..bridge.objects.source import source_of
 from ..bridge.window.selection import choose
 from ..core.errors import UnisimError
@@ -151,7 +151,7 @@ def turn_to(context: bpy.types.Context, thing: bpy.types.Object) -> None:
     if looks is None or (looks.view_perspective == "CAMERA" and in_image(context.scene, thing)):
         return
     if looks.view_perspective == "CAMERA":
-        ego = next(things(context.scene, "EGO"), None)
+        ego = next(imported_objects(context.scene, "EGO"), None)
         heading = ego.matrix_world.to_euler().z if ego is not None else 0.0
         looks.view_perspective = "PERSP"
         looks.view_rotation = Euler((TILT_RAD, 0.0, heading - math.pi / 2)).to_quaternion()
@@ -226,7 +226,7 @@ class UNISIM_OT_select_listed(bpy.types.Operator):
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Select them and nothing else."""
         keys = {entry.key for entry in listing.refresh_now(context.scene).shown}
-        found = [thing for thing in things(context.scene, "ACTOR") if thing.session_uid in keys and thing.visible_get()]
+        found = [thing for thing in imported_objects(context.scene, "ACTOR") if thing.session_uid in keys and thing.visible_get()]
         choose(context, *found)
         self.report({"INFO"}, f"{len(found)} of {len(keys)} listed actors are visible and selected")
         return {"FINISHED"}

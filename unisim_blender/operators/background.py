@@ -79,7 +79,7 @@ def keep_line(*_: object) -> None:
 
 
 def show(picture: Path) -> None:
-    """Put a picture file into the image that previews are shown in."""
+    """Put an image file into the image that previews are shown in."""
     image = bpy.data.images.get(PREVIEW)
     try:
         if image is None:

@@ -68,7 +68,7 @@ def compare_all(*_: object) -> None:
 
 def place_of(found: Finding, sampled: Sampled) -> tuple[float, ...]:
     """Return where in the world the object of a finding is at its frame, in metres."""
-    thing = next(thing for thing in sampled.things if thing.name == found.name)
+    thing = next(thing for thing in sampled.objects if thing.name == found.name)
     at = int(np.searchsorted(sampled.clock.frames, found.frame))
     return tuple(thing.poses[at, :3, 3].tolist())
 

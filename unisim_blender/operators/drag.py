@@ -16,7 +16,7 @@ from mathutils import Vector
 from ..bridge.changes.aiming import aim, base_of, direction_of, is_keyed
 from ..bridge.changes.handles import Kept, displace_at
 from ..bridge.changes.motion import displaced_along
-from ..bridge.objects.imported import things
+from ..bridge.objects.imported import imported_objects
 from ..bridge.objects.source import source_of
 from ..bridge.objects.trajectories import keyed_pose, trajectory_of
 from ..bridge.window.refresh import refresh
@@ -127,7 +127,7 @@ class UNISIM_OT_drag_ego(Dragged, bpy.types.Operator):
 
     def subject(self, context: bpy.types.Context) -> bpy.types.Object:
         """Return the vehicle."""
-        return next(things(context.scene, "EGO"))
+        return next(imported_objects(context.scene, "EGO"))
 
     def begin(self, context: bpy.types.Context) -> None:
         """Note the line along which it is dragged."""

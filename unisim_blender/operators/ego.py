@@ -4,7 +4,7 @@ import bpy
 from bpy.props import FloatProperty
 
 from ..bridge.changes.motion import displaced_along
-from ..bridge.objects.imported import things
+from ..bridge.objects.imported import imported_objects
 from ..bridge.window.refresh import refresh
 from .polling import allowed, object_mode, vehicle
 
@@ -27,7 +27,7 @@ class UNISIM_OT_shift_ego(bpy.types.Operator):
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Displace its whole trajectory."""
-        vehicles = list(things(context.scene, "EGO"))
+        vehicles = list(imported_objects(context.scene, "EGO"))
         for ego in vehicles:
             displaced_along(ego, (0.0, self.left_m, 0.0))
         refresh(vehicles)

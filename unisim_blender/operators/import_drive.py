@@ -11,7 +11,7 @@ from bpy.props import StringProperty
 from bpy_extras.io_utils import ImportHelper
 
 from ..bridge.changes.applying import apply_edits
-from ..bridge.importing.drive import import_source, recorded_colours, set_colours, summary
+from ..bridge.importing.drive import import_source, recorded_colours, set_colours
 from ..bridge.objects.imported import has_drive
 from ..bridge.window.areas import areas
 from ..core.data import is_pandaset
@@ -24,6 +24,7 @@ from ..core.scenario import FORMAT, apply_scenario, load_scenario
 from ..core.scenario.types import Scenario
 from ..core.world.drive import Drive
 from ..editing.sampled.source import Source, open_source
+from ..editing.sampled.summary import summary
 from ..registering import add, take_away
 from ..translations import message
 from ..view_types import follow_soon

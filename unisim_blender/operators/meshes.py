@@ -1,4 +1,4 @@
-"""Ordinary objects made actors: things that nobody recorded."""
+"""Ordinary objects made actors: objects that nobody recorded."""
 
 import bpy
 from bpy.props import EnumProperty, StringProperty

@@ -17,7 +17,7 @@ from ..core.errors import UnisimError
 from ..editing.layout.point_colours import RECORDED, SIMULATED
 from ..editing.reading.requests import lidar_request
 from ..editing.sampled.clock import Clock
-from ..editing.sensors.returns import Recorded, read_recorded
+from ..editing.sensors.returns import Recorded, recorded_returns
 from ..preferences import device, interpreter
 from ..registering import add, take_away
 from .polling import allowed, drive
@@ -43,12 +43,12 @@ def show_recorded(scene: bpy.types.Scene) -> None:
     """Show the recorded returns of the frame that is shown. In a window a thread reads them, and a timer shows them then."""
     source, frame = source_of(scene), scene.frame_current
     if bpy.app.background:
-        put_recorded(scene, read_recorded(source, frame))
+        put_recorded(scene, recorded_returns(source, frame))
         return
     before = reading.pop(scene.name, None)
     if before is not None:
         before.cancel()
-    reading[scene.name] = reader.submit(read_recorded, source, frame)
+    reading[scene.name] = reader.submit(recorded_returns, source, frame)
     if not bpy.app.timers.is_registered(show_read):
         bpy.app.timers.register(show_read, first_interval=READ_S)
 
@@ -127,7 +127,7 @@ def gather() -> float | None:
 
 @persistent
 def follow(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None = None) -> None:
-    """Show the points of the frame that is shown now; while a picture is rendered nothing changes."""
+    """Show the points of the frame that is shown now; while an image is rendered nothing changes."""
     about = scene.unisim
     if not (about.show_recorded or about.show_simulated) or bpy.app.is_job_running("RENDER"):
         return

@@ -6,7 +6,7 @@ from typing import Any
 
 import bpy
 
-from ..bridge.objects.imported import things
+from ..bridge.objects.imported import imported_objects
 from ..bridge.window.selection import chosen
 from ..translations import tooltip
 
@@ -35,7 +35,7 @@ def object_mode(context: bpy.types.Context) -> Need:
 
 def vehicle(context: bpy.types.Context) -> Need:
     """The ego vehicle is there."""
-    return next(things(context.scene, "EGO"), None), "Import a drive first: there is no ego vehicle"
+    return next(imported_objects(context.scene, "EGO"), None), "Import a drive first: there is no ego vehicle"
 
 
 def selected(context: bpy.types.Context, sentence: str, *kinds: str) -> Need:

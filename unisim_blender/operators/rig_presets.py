@@ -5,7 +5,6 @@ from pathlib import Path
 import bpy
 from bpy.props import BoolProperty, EnumProperty, FloatVectorProperty, StringProperty
 
-from ..bridge.importing.drive import counted
 from ..bridge.importing.rig_presets import (
     bring_back,
     hidden_sensors,
@@ -21,6 +20,7 @@ from ..bridge.window.refresh import refresh
 from ..bridge.window.selection import choose
 from ..core.errors import UnisimError
 from ..core.rigs import Rig, read_rig, write_rig
+from ..editing.sampled.summary import counted
 from .polling import Need, allowed, object_mode, vehicle
 
 MODES = (

@@ -11,7 +11,7 @@ from bpy.props import EnumProperty, FloatProperty, FloatVectorProperty, IntPrope
 from ..bridge.importing.drive import fit_resolution
 from ..bridge.importing.rig_presets import free_name, look_ahead, show_sensor
 from ..bridge.objects.cameras import set_model
-from ..bridge.objects.imported import collection_of, things
+from ..bridge.objects.imported import collection_of, imported_objects
 from ..bridge.objects.source import source_of
 from ..bridge.window.refresh import refresh
 from ..bridge.window.selection import choose, chosen
@@ -32,7 +32,7 @@ PRESETS = [
 
 def ride(context: bpy.types.Context, thing: bpy.types.Object, kind: str, place: tuple[float, float, float]) -> None:
     """Put a new sensor on the vehicle and make it the one that is selected."""
-    ego = next(things(context.scene, "EGO"))
+    ego = next(imported_objects(context.scene, "EGO"))
     give_name(context.scene, thing)
     collection_of(context.scene, kind).objects.link(thing)
     thing.unisim.kind, thing.unisim.uid = kind, thing.name
@@ -71,7 +71,7 @@ class _OfSensor:
 
     def sensor(self: Any, context: bpy.types.Context) -> bpy.types.Object | None:
         """The sensor of that name; None, with a report, where there is none."""
-        found = next((thing for thing in things(context.scene, "CAMERA", "LIDAR") if thing.name == self.name), None)
+        found = next((thing for thing in imported_objects(context.scene, "CAMERA", "LIDAR") if thing.name == self.name), None)
         if found is None:
             self.report({"ERROR"}, f'no sensor "{self.name}" in scene "{context.scene.name}"')
         return found

@@ -1,4 +1,4 @@
-"""Things without annotation: a box of space marked as an item, which can then be moved, copied and deleted."""
+"""Objects without annotation: a box of space marked as an item, which can then be moved, copied and deleted."""
 
 import bpy
 import numpy as np

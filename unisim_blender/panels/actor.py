@@ -19,7 +19,7 @@ PICTURE_SCALE = 5.0
 
 
 def active_card(context: bpy.types.Context) -> Card | None:
-    """Return the card of the active actor; None where another thing is active."""
+    """Return the card of the active actor; None where another object is active."""
     thing = context.active_object
     if thing is None or thing.unisim.kind != "ACTOR" or thing.name not in context.scene.objects:
         return None

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import bpy
 
-from ..bridge.objects.imported import things
+from ..bridge.objects.imported import imported_objects
 from ..compare_view import draw_options
 from ..translations import interface
 from .sidebar import Sidebar, row_of
@@ -30,7 +30,7 @@ class UNISIM_PT_drive(Sidebar, bpy.types.Panel):
         column = layout.column(align=True)
         row_of(column, "Log", Path(about.log).name, "FILE_FOLDER")
         row_of(column, "Scene", Path(about.scene).name if about.scene else "", "SHADING_RENDERED")
-        actors, sensors = (sum(1 for _ in things(scene, *kinds)) for kinds in (("ACTOR",), ("CAMERA", "LIDAR")))
+        actors, sensors = (sum(1 for _ in imported_objects(scene, *kinds)) for kinds in (("ACTOR",), ("CAMERA", "LIDAR")))
         row_of(
             column,
             "Contains",

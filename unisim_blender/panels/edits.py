@@ -7,9 +7,9 @@ from typing import Any
 import bpy
 
 from .. import edit_watch
-from ..bridge.importing.drive import counted
 from ..bridge.sampling.edit_list import reading_of
 from ..editing.edits.lines import Line
+from ..editing.sampled.summary import counted
 from .sidebar import DrivePanel
 
 PAGE = 12

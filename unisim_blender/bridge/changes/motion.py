@@ -16,7 +16,7 @@ from ..objects.trajectories import keyed_pose, own_trajectory, ride, settle_on
 
 
 def displaced_along(thing: bpy.types.Object, offset_m: Sequence[float]) -> None:
-    """Move a thing along its own axes by ``offset_m`` (3,), alike at every frame."""
+    """Move an object along its own axes by ``offset_m`` (3,), alike at every frame."""
     offset = np.array(offset_m, float)
     paths = {curve.data_path for curve in curves_of(thing)}
     if "rotation_quaternion" not in paths:  # its keys keep their interpolation: all of them move alike
@@ -35,7 +35,7 @@ def displaced_along(thing: bpy.types.Object, offset_m: Sequence[float]) -> None:
 
 
 def moved_to(thing: bpy.types.Object, place: Sequence[float], frame: float) -> None:
-    """Move a thing's whole trajectory, in the ground's plane, so that it is at ``place`` at a frame. Its height stays."""
+    """Move an object's whole trajectory, in the ground's plane, so that it is at ``place`` at a frame. Its height stays."""
     now = keyed_pose(thing, frame)[:3, 3]
     apart = np.array([place[0] - now[0], place[1] - now[1], 0.0])
     above = own_trajectory(thing) or thing
@@ -48,7 +48,7 @@ def moved_to(thing: bpy.types.Object, place: Sequence[float], frame: float) -> N
 
 
 def follow(thing: bpy.types.Object, line: FloatArray, frame: float, speed_m_s: float, clock: Clock) -> None:
-    """Put a thing on a trajectory along a line (P, 3) from ``frame`` on, its front ahead and its underside on the line.
+    """Put an object on a trajectory along a line (P, 3) from ``frame`` on, its front ahead and its underside on the line.
 
     The speed is that in the log's seconds, whatever Blender's frame rate.
     """
@@ -60,7 +60,7 @@ def follow(thing: bpy.types.Object, line: FloatArray, frame: float, speed_m_s: f
 
 
 def retimed(thing: bpy.types.Object, at: Callable[[FloatArray], FloatArray], path: str = "") -> None:
-    """Move a thing's keys, those of its presence too unless ``path`` names one property, to ``at`` their frames; ``at`` rises."""
+    """Move the keys of an object, and of its presence unless ``path`` names one property, to ``at`` their frames, which rises."""
     above = own_trajectory(thing)
     for curve in (*curves_of(thing), *(curves_of(above) if above is not None else ())):
         if path and curve.data_path != path:
@@ -90,7 +90,7 @@ def _held(curve: bpy.types.FCurve, frame: float, at: Callable[[FloatArray], Floa
 
 
 def stopped(thing: bpy.types.Object, frame: float, seconds: float, clock: Clock) -> None:
-    """Let a thing stand still from ``frame`` on for some seconds of the log, and then go on as before."""
+    """Let an object stand still from ``frame`` on for some seconds of the log, and then go on as before."""
 
     def later(frames: FloatArray) -> FloatArray:
         return clock.frame(clock.time_s(frames) + seconds)

@@ -2,7 +2,7 @@
 
 Blender gives the objects of a copied scene other names. Their ids stay: `home` follows the name of what was
 imported, and
-`called` keeps the name that a scenario has for the rest (see `things.title_of`).
+`called` keeps the name that a scenario has for the rest (see `imported.title_of`).
 """
 
 from __future__ import annotations

@@ -29,7 +29,7 @@ def set_background(camera: bpy.types.Camera, log: Log, sensor_id: str) -> None:
     camera.background_images.clear()
     shown = camera.background_images.new()
     shown.image, shown.alpha, shown.display_depth = image, OPACITY, "BACK"
-    # Blender counts a sequence's pictures from its first: file number = frame - frame_start + 1 + frame_offset
+    # Blender counts a sequence's images from its first: file number = frame - frame_start + 1 + frame_offset
     user = shown.image_user
     user.frame_start, user.frame_offset = frames[0], frames[0] - 1
     user.frame_duration = frames[-1] - frames[0] + 1

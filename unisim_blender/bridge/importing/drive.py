@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections import Counter
 from collections.abc import Generator, Iterator
 from typing import NamedTuple
 
@@ -21,7 +20,7 @@ from ...editing.sensors.mounts import lag, lidar_json, recorded_mount
 from ...editing.sensors.outlines import DISPLAY_M
 from ..objects.animation import write_presence, write_trajectory
 from ..objects.cameras import model_of, set_model
-from ..objects.imported import box_mesh, collection_of, has_drive, make, things
+from ..objects.imported import box_mesh, collection_of, has_drive, imported_objects, make
 from ..objects.source import source_of
 from ..objects.trajectories import free, local_matrix, ride, set_on_trajectory, settle_on
 from ..sampling.in_steps import sample_steps
@@ -71,7 +70,7 @@ def import_source(scene: bpy.types.Scene, source: Source) -> Iterator[Step]:
             collection_of(scene, kind)
     set_colours(scene)
     yield Step(done := done + 1, total, "time")
-    ego = _ego(scene, drive, clock) if "ego" not in kept else next(things(scene, "EGO"))
+    ego = _ego(scene, drive, clock) if "ego" not in kept else next(imported_objects(scene, "EGO"))
     yield Step(done := done + 1, total, "ego vehicle")
     for camera in cameras:
         _camera(scene, source, camera, ego, clock)
@@ -93,7 +92,7 @@ def import_source(scene: bpy.types.Scene, source: Source) -> Iterator[Step]:
 
 def import_sensors(scene: bpy.types.Scene, source: Source, names: set[str]) -> None:
     """Make objects of recorded sensors that were deleted, as the import makes them."""
-    ego, clock = next(things(scene, "EGO")), Clock.of(source.drive)
+    ego, clock = next(imported_objects(scene, "EGO")), Clock.of(source.drive)
     for name, camera in source.drive.cameras.items():
         if name in names:
             _camera(scene, source, camera, ego, clock)
@@ -104,7 +103,7 @@ def import_sensors(scene: bpy.types.Scene, source: Source, names: set[str]) -> N
 
 def front_camera(scene: bpy.types.Scene) -> bpy.types.Object | None:
     """Return the camera of the rig that looks furthest ahead along the vehicle; None where there is none."""
-    cameras = [camera for camera in things(scene, "CAMERA") if not camera.hide_render]
+    cameras = [camera for camera in imported_objects(scene, "CAMERA") if not camera.hide_render]
     return max(cameras, key=lambda camera: -local_matrix(camera, scene.frame_current)[0][2], default=None)
 
 
@@ -131,29 +130,6 @@ def is_default(thing: bpy.types.Object) -> bool:
     return at is not None and plain and all(abs(a - b) < 1e-3 for a, b in zip(thing.location, at, strict=True))
 
 
-def summary(source: Source) -> str:
-    """Return what a drive holds, as one line."""
-    drive = source.drive
-    labels = Counter(actor.label for actor in drive.actors.values())
-    most = ", ".join(f"{count} {label}" for label, count in labels.most_common(3))
-    others = f", {sum(labels.values()) - sum(n for _, n in labels.most_common(3))} others" if len(labels) > 3 else ""
-    times = sorted(drive.time_s.values())
-    parts = [
-        f"{len(times)} frames ({times[-1] - times[0]:.1f} s)",
-        counted(len(drive.cameras), "camera"),
-        counted(len(drive.lidars), "LiDAR"),
-        counted(len(drive.actors), "actor") + (f" ({most}{others})" if labels else ""),
-    ]
-    trained = "no trained scene" if source.scene_path is None else f"trained scene {source.scene_path.name}"
-    images = "" if source.log is not None else "; the log itself is not at hand"
-    return f"Imported {source.log_path.name}: {', '.join(parts)}; {trained}{images}"
-
-
-def counted(number: int, what: str) -> str:
-    """Return a number and what it counts, in the plural where there is not one."""
-    return f"{number} {what}" if number == 1 else f"{number} {what}s"
-
-
 def _edited(scene: bpy.types.Scene, source: Source) -> Generator[Step, None, set[str]]:
     """Return, after some steps, what of the drive in a scene does not stand as it was imported, by id."""
     before = source_of(scene)
@@ -171,7 +147,7 @@ def _edited(scene: bpy.types.Scene, source: Source) -> Generator[Step, None, set
 
 
 def fit_resolution(scene: bpy.types.Scene) -> None:
-    """Make pictures as large as the active camera's, where that is one of the rig."""
+    """Make images as large as the active camera's, where that is one of the rig."""
     if scene.camera is None or scene.camera.unisim.kind != "CAMERA":
         return
     model = model_of(scene.camera)
@@ -192,14 +168,14 @@ def set_time(scene: bpy.types.Scene, clock: Clock) -> None:
 
 
 def set_colours(scene: bpy.types.Scene) -> None:
-    """Pictures are shown as they were recorded."""
+    """Images are shown as they were recorded."""
     view = scene.view_settings
     view.view_transform, view.look, view.exposure, view.gamma = "Standard", "None", 0.0, 1.0
     scene.render.dither_intensity = 0.0  # noise of one step of eight bits
 
 
 def recorded_colours(scene: bpy.types.Scene) -> bool:
-    """Whether pictures are shown as they were recorded."""
+    """Whether images are shown as they were recorded."""
     view = scene.view_settings
     return view.view_transform == "Standard" and view.look == "None" and view.exposure == 0 and view.gamma == 1
 
@@ -231,7 +207,7 @@ def ride_on_vehicle(
 
 def _camera(scene: bpy.types.Scene, source: Source, camera: Camera, ego: bpy.types.Object, clock: Clock) -> None:
     name = camera.sensor_id
-    standing = next((t for t in things(scene, "CAMERA") if t.unisim.uid == name and t.name == t.unisim.home), None)
+    standing = next((t for t in imported_objects(scene, "CAMERA") if t.unisim.uid == name and t.name == t.unisim.home), None)
     data = standing.data if standing is not None else bpy.data.cameras.new(f"UniSim {name}")  # each variant has its own
     thing = make(scene, "CAMERA", name, name, data)
     set_model(thing, camera.model)
@@ -258,7 +234,7 @@ def _actor(scene: bpy.types.Scene, drive: Drive, actor: Actor, clock: Clock, nam
 
 def import_one(scene: bpy.types.Scene, source: Source, kind: str, uid: str) -> None:
     """Put one actor or sensor of the drive into a scene, or bring it up to date. Needs the ego vehicle."""
-    drive, clock, ego = source.drive, Clock.of(source.drive), next(things(scene, "EGO"))
+    drive, clock, ego = source.drive, Clock.of(source.drive), next(imported_objects(scene, "EGO"))
     if kind == "ACTOR":
         name = names_at_import(source)[uid]
         _actor(scene, drive, drive.actors[uid], clock, name).pass_index = 1 + sorted(drive.actors).index(uid)

@@ -20,7 +20,7 @@ from ...editing.sensors.names import preset_name, safe_name
 from ...editing.sensors.outlines import DISPLAY_M
 from ...editing.sensors.recorded import from_frame
 from ..objects.cameras import model_of, set_model
-from ..objects.imported import collection_of, original_of, rides_on_ego, things
+from ..objects.imported import collection_of, imported_objects, original_of, rides_on_ego
 from ..objects.trajectories import remove
 from ..sampling.stepping import frame_of
 from .drive import fit_resolution, front_camera, import_sensors
@@ -59,9 +59,9 @@ def is_recorded(scene: bpy.types.Scene, thing: bpy.types.Object, drive: Drive) -
 def rig_of(scene: bpy.types.Scene, drive: Drive, about: str) -> tuple[Rig, list[str]]:
     """The sensors on the vehicle as they are mounted at this frame, and the names of sensors that no rig can hold: those that do
     not ride on the vehicle, and LiDARs without a beam table. Sensors that are hidden for renders are left out."""
-    ego, cameras, lidars, left = next(things(scene, "EGO")), [], [], []
+    ego, cameras, lidars, left = next(imported_objects(scene, "EGO")), [], [], []
     taken: set[str] = set()
-    for thing in things(scene, "CAMERA", "LIDAR"):
+    for thing in imported_objects(scene, "CAMERA", "LIDAR"):
         if thing.hide_render:
             continue
         beams = lidar_model(thing.unisim.model) if thing.unisim.kind == "LIDAR" else None
@@ -88,9 +88,9 @@ def put_rig(
     ``replace``: of the sensors on the vehicle, recorded ones are hidden, in renders too, and can be shown again; others go.
     Sensors that do not ride on the vehicle stay.
     """
-    ego = next(things(scene, "EGO"))
+    ego = next(imported_objects(scene, "EGO"))
     if replace:
-        for thing in [thing for thing in things(scene, "CAMERA", "LIDAR") if rides_on_ego(thing)]:
+        for thing in [thing for thing in imported_objects(scene, "CAMERA", "LIDAR") if rides_on_ego(thing)]:
             if is_recorded(scene, thing, drive):
                 show_sensor(thing, False)
             else:
@@ -162,7 +162,7 @@ def free_name(scene: bpy.types.Scene, drive: Drive, wanted: str, has: str = "") 
 
     ``has`` is the name that the sensor's object has so far.
     """
-    sensors = {safe_name(thing.name) for thing in things(scene, "CAMERA", "LIDAR")}
+    sensors = {safe_name(thing.name) for thing in imported_objects(scene, "CAMERA", "LIDAR")}
     return free_among(wanted, {*sensors, *drive.cameras, *drive.lidars, *bpy.data.objects.keys()} - {has})
 
 

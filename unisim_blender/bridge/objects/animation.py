@@ -1,4 +1,4 @@
-"""Trajectories as keyframes: location and quaternion, LINEAR, and from when to when a thing is there."""
+"""Trajectories as keyframes: location and quaternion, LINEAR, and from when to when an object is there."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def add_keys(
 
 
 def curves_of(thing: bpy.types.Object) -> Curves:
-    """The curves that move a thing; none where it has no action."""
+    """The curves that move an object; none where it has no action."""
     data = thing.animation_data
     if data is None or data.action is None:
         return ()
@@ -73,7 +73,7 @@ def shown_by_keys(thing: bpy.types.Object, frames: FloatArray) -> BoolArray:
 
 
 def keys_hide(thing: bpy.types.Object) -> bool:
-    """Whether keys, of its action or of a strip of the NLA, say when a thing is there."""
+    """Whether keys, of its action or of a strip of the NLA, say when an object is there."""
     data = thing.animation_data
     strips = [strip for track in data.nla_tracks for strip in track.strips if strip.action] if data is not None else []
     found = [curves_of(thing), *(_curves(strip.action, getattr(strip, "action_slot", None)) for strip in strips)]
@@ -81,7 +81,7 @@ def keys_hide(thing: bpy.types.Object) -> bool:
 
 
 def scale_changes(thing: bpy.types.Object) -> bool:
-    """Whether keys make the scale of a thing, or of what it is parented to, another at one time than at another."""
+    """Whether keys make the scale of an object, or of what it is parented to, another at one time than at another."""
     for curve in curves_of(thing):
         values = [key.co[1] for key in curve.keyframe_points] if curve.data_path in ("scale", "delta_scale") else []
         if values and not curve.mute and max(values) - min(values) > SAME_SHAPE * max(map(abs, values)):
@@ -90,7 +90,7 @@ def scale_changes(thing: bpy.types.Object) -> bool:
 
 
 def keys_of(thing: bpy.types.Object) -> tuple[FloatArray, FloatArray, FloatArray] | None:
-    """Frames (K,), locations (K, 3) and unit quaternions wxyz (K, 4) of the keys that move a thing; None without keys."""
+    """Frames (K,), locations (K, 3) and unit quaternions wxyz (K, 4) of the keys that move an object; None without keys."""
     found = {(curve.data_path, curve.array_index): curve for curve in curves_of(thing)}
     moving = [curve for (path, _), curve in found.items() if path in ("location", "rotation_quaternion")]
     frames = np.unique([key.co[0] for curve in moving for key in curve.keyframe_points])
@@ -109,7 +109,7 @@ def keys_of(thing: bpy.types.Object) -> tuple[FloatArray, FloatArray, FloatArray
 
 
 def write_keys(thing: bpy.types.Object, frames: FloatArray, positions: FloatArray, quaternions: FloatArray) -> None:
-    """Replace the keys that move a thing; what else is animated stays."""
+    """Replace the keys that move an object; what else is animated stays."""
     curves = curves_of(thing)
     if isinstance(curves, tuple):
         curves = fcurves_of(thing, thing.name)
@@ -191,7 +191,7 @@ def dense(way: Trajectory, clock: Clock) -> Trajectory:
 
 
 def _hidden_keys(clock: Clock, present_s: tuple[float, float] | None) -> tuple[FloatArray, FloatArray] | None:
-    """Frames and values of `hide_viewport`; None where the thing is there at all of the clock's frames."""
+    """Frames and values of `hide_viewport`; None where the object is there at all of the clock's frames."""
     if present_s is None:
         return None
     there = (clock.times_s >= present_s[0]) & (clock.times_s <= present_s[1])

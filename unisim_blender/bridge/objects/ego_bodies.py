@@ -9,7 +9,7 @@ import numpy as np
 from mathutils import Matrix
 
 from ...core.geometry import FloatArray
-from .imported import collection_of, sees_body, things
+from .imported import collection_of, imported_objects, sees_body
 from .mesh_objects import make_actor
 from .meshes import size_of
 
@@ -27,7 +27,7 @@ def make_body(
     ``forward`` is a key of `mesh_objects.FORWARD`, or "AUTO". ``on_vehicle`` puts it there: pointing ahead, its underside at the
     height of the vehicle's origin, its rear `REAR_M` behind that; without it the body stays where it stands at this frame.
     """
-    ego, body = next(things(scene, "EGO")), found[-1]
+    ego, body = next(imported_objects(scene, "EGO")), found[-1]
     for part in (body, *found[:-1]):
         world = part.matrix_world.copy()
         part.parent = None if part is body else body
@@ -77,12 +77,12 @@ def shown_as(scene: bpy.types.Scene, through: Iterable[bpy.types.Object | None])
 
 def to_follow(scene: bpy.types.Scene, wanted: str) -> bool:
     """Return whether some body is not drawn as ``wanted``."""
-    return any(body.get(NOTED, "SHOWN").partition(" ")[0] != wanted for body in things(scene, "BODY"))
+    return any(body.get(NOTED, "SHOWN").partition(" ")[0] != wanted for body in imported_objects(scene, "BODY"))
 
 
 def show_bodies(scene: bpy.types.Scene, wanted: str, layers: Iterable[bpy.types.ViewLayer]) -> None:
     """Draw all bodies as `shown_as` has it."""
-    for body in things(scene, "BODY"):
+    for body in imported_objects(scene, "BODY"):
         for layer in layers:
             _show(body, wanted, layer)
 

@@ -21,7 +21,7 @@ KINDS_OF_DRIVE = ("EGO", "CAMERA", "LIDAR", "ACTOR", "STATIC", "BODY")
 """Kinds of objects that a scenario is read from."""
 
 
-def things(scene: bpy.types.Scene, *kinds: str) -> Iterator[bpy.types.Object]:
+def imported_objects(scene: bpy.types.Scene, *kinds: str) -> Iterator[bpy.types.Object]:
     """The scene's objects of some kinds, by name."""
     for thing in sorted(scene.objects, key=lambda o: o.name):
         if thing.unisim.kind in kinds:
@@ -64,7 +64,7 @@ def has_drive(scene: bpy.types.Scene) -> bool:
 
 
 def collection_of(scene: bpy.types.Scene, kind: str) -> bpy.types.Collection:
-    """The collection for a kind of thing, made where it is not there yet. Each scene has its own."""
+    """The collection for a kind of object, made where it is not there yet. Each scene has its own."""
     root = _child(scene.collection, ROOT)
     return _child(root, COLLECTIONS[kind])
 
@@ -80,7 +80,7 @@ def _child(parent: bpy.types.Collection, name: str) -> bpy.types.Collection:
 
 def make(scene: bpy.types.Scene, kind: str, uid: str, name: str, data: bpy.types.ID | None) -> bpy.types.Object:
     """The object of that kind and id: the one that an earlier import made, with new data, or a new one."""
-    for thing in things(scene, kind):
+    for thing in imported_objects(scene, kind):
         if thing.unisim.uid == uid and thing.name == thing.unisim.home and not thing.unisim.look:
             old = thing.data
             if old is not data and type(old) is type(data):
@@ -98,7 +98,7 @@ def original_of(scene: bpy.types.Scene, kind: str, uid: str) -> bpy.types.Object
     """Return the object that stands for what was imported with an id: the one that has the name which the import
     gave it, else,
     where that was renamed, the first by name. None where all were deleted."""
-    found = [thing for thing in things(scene, kind) if thing.unisim.uid == uid]
+    found = [thing for thing in imported_objects(scene, kind) if thing.unisim.uid == uid]
     return next((thing for thing in found if thing.name == thing.unisim.home), found[0] if found else None)
 
 

@@ -26,7 +26,7 @@ SHAPES = ("MESH", "CURVE", "SURFACE", "META", "FONT")
 MOST_TEXELS = 2048
 """Larger textures are thinned."""
 MOST_PICTURES = 32
-"""How many of Blender's pictures are kept as core has them."""
+"""How many of Blender's images are kept as core has them."""
 PLAIN = 0.8
 """What has neither material nor colours, linear."""
 
@@ -126,7 +126,7 @@ def _within(part: bpy.types.Object, thing: bpy.types.Object) -> FloatArray:
 
 
 def _piece(mesh: bpy.types.Mesh, whole: FloatArray, textures: list[NDArray[np.uint8]]) -> MeshModel:
-    """One part's triangles after ``whole`` (4, 4). Its pictures are added to ``textures``."""
+    """One part's triangles after ``whole`` (4, 4). Its images are added to ``textures``."""
     mesh.calc_loop_triangles()
     count = len(mesh.loop_triangles)
     vertices = _got(mesh.vertices, "co", 3) @ whole[:3, :3].T + whole[:3, 3]
@@ -144,7 +144,7 @@ def _piece(mesh: bpy.types.Mesh, whole: FloatArray, textures: list[NDArray[np.ui
         mine = np.minimum(slots, len(materials) - 1) == slot
         if not mine.any():
             continue
-        base, picture, painted = look_of(material)
+        base, picture, painted = surface_of(material)
         attribute = mesh.color_attributes.active_color if painted else None
         colours[mine] = PLAIN if material is None and attribute is None else base
         if attribute is not None:
@@ -159,8 +159,8 @@ def _piece(mesh: bpy.types.Mesh, whole: FloatArray, textures: list[NDArray[np.ui
     )  # fmt: skip
 
 
-def look_of(material: bpy.types.Material | None) -> tuple[FloatArray, bpy.types.Image | None, bool]:
-    """A material's base colour (3,), linear; the picture that multiplies it; whether the mesh's colour attribute does."""
+def surface_of(material: bpy.types.Material | None) -> tuple[FloatArray, bpy.types.Image | None, bool]:
+    """A material's base colour (3,), linear; the image that multiplies it; whether the mesh's colour attribute does."""
     if material is None:
         return np.ones(3), None, True
     tree = material.node_tree
@@ -176,7 +176,7 @@ def look_of(material: bpy.types.Material | None) -> tuple[FloatArray, bpy.types.
 
 
 def pixels_of(image: bpy.types.Image) -> NDArray[np.uint8]:
-    """A picture's colours (H, W, 3) sRGB, top row first."""
+    """An image's colours (H, W, 3) sRGB, top row first."""
     key = image.name_full, image.filepath, tuple(image.size), image.is_dirty
     found = None if image.is_dirty else _pictures.get(key)
     if found is None:

@@ -12,7 +12,7 @@ import bpy
 
 from ...core.actor_images.names import full_name
 from ...editing.actors.names import is_plain
-from .imported import things
+from .imported import imported_objects
 
 
 def apply_words(scene: bpy.types.Scene, plain: Mapping[str, str], words: Mapping[str, str]) -> dict[str, str]:
@@ -21,7 +21,7 @@ def apply_words(scene: bpy.types.Scene, plain: Mapping[str, str], words: Mapping
     Names that people gave, and those of files from earlier versions, stay. Return the new names by the old ones.
     """
     found: dict[str, list[bpy.types.Object]] = {}
-    for thing in things(scene, "ACTOR"):
+    for thing in imported_objects(scene, "ACTOR"):
         if words.get(thing.unisim.uid) and thing.unisim.uid in plain:
             found.setdefault(thing.unisim.uid, []).append(thing)
     renamed = {}

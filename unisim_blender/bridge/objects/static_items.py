@@ -1,4 +1,4 @@
-"""Boxes round things that carry no annotation."""
+"""Boxes round objects that carry no annotation."""
 
 from __future__ import annotations
 

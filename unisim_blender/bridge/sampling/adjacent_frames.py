@@ -1,7 +1,7 @@
 """The scene about the frame that is shown, without leaving it: the viewport must not change frames.
 
-Where a thing is now is known; where it is a frame earlier and later follows from its own and its parents' keys. What anything
-else moves (a constraint, a driver, the NLA) is evaluated in another scene beside this one, which holds those things alone and is
+Where an object is now is known; where it is a frame earlier and later follows from its own and its parents' keys. What anything
+else moves (a constraint, a driver, the NLA) is evaluated in another scene beside this one, which holds those objects alone and is
 thrown away at once. That scene is in no window, so Blender writes nothing of it back: what is shown, and changes without a key,
 stay. Making it is not allowed while a view is drawn, so the viewport has it done by a timer.
 """
@@ -21,19 +21,19 @@ from ...editing.sampled.poses import rigid
 from ...editing.sampled.scaling import scaling_of
 from ...editing.sampled.scene import Sampled
 from ..objects.animation import curves_of, keys_hide
-from ..objects.imported import KINDS_OF_DRIVE, things
+from ..objects.imported import KINDS_OF_DRIVE, imported_objects
 from ..objects.trajectories import keyed_pose
 from ..window.areas import areas
 from .stepping import frame_of, sample
 
 BESIDE = "UniSim beside"
 WAIT_S = 0.2
-"""Until the next try, while a picture is rendered."""
+"""Until the next try, while an image is rendered."""
 
 
 @dataclass(frozen=True)
 class Stepped:
-    """A thing's poses now (4, 4) and at N frames (N, 4, 4), whether it is there (N,), and what is wrong with its scale then, as
+    """An object's poses now (4, 4) and at N frames (N, 4, 4), whether it is there (N,), and what is wrong with its scale then, as
     they were evaluated."""
 
     now: FloatArray
@@ -46,7 +46,7 @@ Moment = tuple[float, tuple[float, ...]]
 """The frame that is shown, and those about it."""
 
 _stepped: dict[str, tuple[Moment, dict[str, Stepped]]] = {}
-"""By scene: its newest moment, and things by name."""
+"""By scene: its newest moment, and objects by name."""
 _asked: dict[str, tuple[Clock, tuple[str, ...]]] = {}
 """Moments that the timer is to evaluate, by scene; names of objects beside the drive's own."""
 
@@ -54,14 +54,14 @@ _asked: dict[str, tuple[Clock, tuple[str, ...]]] = {}
 def sample_now(
     scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph, clock: Clock, also: tuple[bpy.types.Object, ...] = ()
 ) -> Sampled:
-    """The scene's things at the frames of ``clock``, which the frame that is shown is about. Of what is `lacking`, keys alone
+    """The scene's objects at the frames of ``clock``, which the frame that is shown is about. Of what is `lacking`, keys alone
     count."""
     now = frame_of(scene)
     here = Clock(np.array([now, now + 1.0]), clock.time_s(np.array([now, now + 1.0])))
     one = sample(scene, depsgraph, here, lambda frame: None, also)
     stepped = _known(scene, clock)
     sampled = []
-    for thing in one.things:
+    for thing in one.objects:
         owner = scene.objects.get(thing.name) or next(other for other in also if other.name == thing.name)
         scaling = thing.scaling
         if thing.name in stepped:
@@ -74,18 +74,18 @@ def sample_now(
             hidden = [_hidden(owner, frame) for frame in clock.frames]
             there = np.array([bool(thing.there[0]) if now_hidden is None else not now_hidden for now_hidden in hidden])
         sampled.append(replace(thing, poses=rigid(poses), there=there & (not owner.hide_render), scaling=scaling))
-    return replace(one, clock=clock, things=tuple(sampled))
+    return replace(one, clock=clock, objects=tuple(sampled))
 
 
 def lacking(scene: bpy.types.Scene, clock: Clock, also: Iterable[bpy.types.Object] = ()) -> list[bpy.types.Object]:
-    """Things that keys alone do not tell of, and that were not evaluated about this moment yet."""
+    """Objects that keys alone do not tell of, and that were not evaluated about this moment yet."""
     known = _known(scene, clock)
-    found = {thing.name: thing for thing in (*things(scene, *KINDS_OF_DRIVE), *also)}
+    found = {thing.name: thing for thing in (*imported_objects(scene, *KINDS_OF_DRIVE), *also)}
     return [thing for name, thing in found.items() if name not in known and not moved_by_keys(thing)]
 
 
 def step_beside(scene: bpy.types.Scene, clock: Clock, moved: Sequence[bpy.types.Object]) -> bool:
-    """Evaluate some things at the frames of ``clock``, for `sample_now`; False where that has to wait for a render to end.
+    """Evaluate some objects at the frames of ``clock``, for `sample_now`; False where that has to wait for a render to end.
 
     Not to be called while anything is drawn.
     """
@@ -143,7 +143,7 @@ def _step_asked() -> float | None:
 
 
 def moved_by_keys(thing: bpy.types.Object) -> bool:
-    """Whether nothing but its own and its parents' keys moves a thing."""
+    """Whether nothing but its own and its parents' keys moves an object."""
     data = thing.animation_data
     plain = (
         (data is None or not (data.drivers or (data.use_nla and any(track.strips for track in data.nla_tracks))))
@@ -162,12 +162,12 @@ def _known(scene: bpy.types.Scene, clock: Clock) -> dict[str, Stepped]:
 
 
 def _displaced(stepped: Stepped, now: FloatArray, there: bool) -> FloatArray:
-    """Poses (N, 4, 4), displaced as the pose now (4, 4) is by a change without a key. Blender does not evaluate hidden things."""
+    """Poses (N, 4, 4), displaced as the pose now (4, 4) is by a change without a key. Hidden objects are not evaluated."""
     return now @ np.linalg.inv(stepped.now) @ stepped.poses if there else stepped.poses
 
 
 def _hidden(thing: bpy.types.Object, frame: float) -> bool | None:
-    """Whether keys hide a thing at a frame; None where none do."""
+    """Whether keys hide an object at a frame; None where none do."""
     for curve in curves_of(thing):
         if curve.data_path == "hide_viewport":
             return curve.evaluate(frame) > 0.5

@@ -18,7 +18,8 @@ from ...editing.reading.scenario import BY_ID, GROUP_OF, group_lines
 from ...editing.sampled.clock import Clock
 from ...editing.sampled.scene import Sampled
 from ...editing.sampled.scene import SampledObject as Thing
-from ..objects.imported import KINDS_OF_DRIVE, things
+from ..objects.imported import KINDS_OF_DRIVE
+from ..objects.imported import imported_objects as things
 from ..objects.source import source_of
 from .adjacent_frames import moved_by_keys
 from .from_keys import Sampler, evaluated

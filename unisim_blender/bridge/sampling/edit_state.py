@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..objects.animation import curves_of
-from ..objects.imported import KINDS_OF_DRIVE, things
+from ..objects.imported import KINDS_OF_DRIVE, imported_objects
 from ..objects.meshes import size_of
 
 TRANSFORMS = (
@@ -34,7 +34,7 @@ LENS = ("lens", "shift_x", "shift_y", "sensor_width", "sensor_height", "sensor_f
 def edit_state(scene: bpy.types.Scene) -> str:
     """Return a digest of a scene's edits: the same before and after saving, at every frame, and after undo and redo."""
     digest = hashlib.blake2b(digest_size=16)
-    for thing in things(scene, *KINDS_OF_DRIVE, "TRAJECTORY"):
+    for thing in imported_objects(scene, *KINDS_OF_DRIVE, "TRAJECTORY"):
         about = thing.unisim
         said: list[object] = [thing.name, thing.hide_render, *(getattr(about, name) for name in FLAGS)]
         if thing.type == "MESH":

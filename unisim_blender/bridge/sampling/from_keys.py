@@ -25,7 +25,7 @@ from ..objects.cameras import model_of
 from ..objects.imported import sees_body, title_of
 from ..objects.trajectories import trajectory_of
 from .adjacent_frames import BESIDE, moved_by_keys
-from .stepping import picture_size
+from .stepping import image_size
 
 PATHS = ("location", "rotation_quaternion", "rotation_euler", "scale")
 HIDING = ("hide_viewport", "hide_render")
@@ -58,14 +58,14 @@ class Sampler:
             name=thing.name,
             kind=about.kind,
             uid=about.uid,
-            home=about.home,
+            original_name=about.home,
             look=about.look,
             look_scene=bpy.path.abspath(about.look_scene) if about.look_scene else "",
             model=about.model,
             index=thing.pass_index,
             poses=poses,
             there=there & (thing.name in self.shown),
-            camera=model_of(thing, picture_size(self.scene.render)) if thing.type == "CAMERA" else None,
+            camera=model_of(thing, image_size(self.scene.render)) if thing.type == "CAMERA" else None,
             mesh=title_of(thing) if about.mesh else "",
             label=about.label,
             scaling=scaling,
@@ -174,7 +174,7 @@ class Sampler:
 
 
 def evaluated(scene: bpy.types.Scene, frames: Sequence[float], moved: Sequence[bpy.types.Object]) -> tuple[FloatArray, BoolArray]:
-    """Return where things are in the world (N, T, 4, 4) and whether they are shown (N, T), by evaluating them in a
+    """Return where objects are in the world (N, T, 4, 4) and whether they are shown (N, T), by evaluating them in a
     scene beside.
 
     Not to be called while anything is drawn or rendered.

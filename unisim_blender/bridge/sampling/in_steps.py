@@ -18,7 +18,7 @@ from ...editing.sampled.clock import Clock
 from ...editing.sampled.scaling import CHANGING, Scaling
 from ...editing.sampled.scene import Sampled, SampledObject
 from ..objects.animation import curves_of, scale_changes
-from ..objects.imported import KINDS_OF_DRIVE, things
+from ..objects.imported import KINDS_OF_DRIVE, imported_objects
 from ..objects.meshes import extent_of, model_of
 from .adjacent_frames import moved_by_keys
 from .from_keys import Sampler, evaluated
@@ -32,12 +32,12 @@ Progress = tuple[int, int]
 
 
 def sample_steps(scene: bpy.types.Scene, clock: Clock) -> Generator[Progress, None, Sampled]:
-    """Return, after some steps, the scene's things at all of the clock's frames.
+    """Return, after some steps, the scene's objects at all of the clock's frames.
 
     The scene must not change between steps. Raises `UnisimError` where it cannot be read.
     """
     refuse_stretching(scene)
-    found = list(things(scene, *KINDS_OF_DRIVE))
+    found = list(imported_objects(scene, *KINDS_OF_DRIVE))
     free = [thing for thing in found if not by_keys_alone(thing)]
     parts = range(0, len(clock.frames), FRAMES_AT_ONCE) if free else ()
     done, total = 0, len(parts) + len(found)

@@ -1,4 +1,4 @@
-"""One picture or sweep as a request to the worker: the scenario of the moment, and what looks at it.
+"""One image or sweep as a request to the worker: the scenario of the moment, and what looks at it.
 
 The scene is read at the frames next to the one that is shown, which is all that a shutter or a sweep can see of it, by the very
 code that reads it for export.
@@ -25,4 +25,4 @@ def moment(
     """The scene about ``frame``, and what ``camera`` is in it."""
     clock = Clock.of(source.drive).around(frame)
     sampled = sample(scene, depsgraph, clock, set_frame, also=[camera])
-    return sampled, next(thing for thing in sampled.things if thing.name == camera.name)
+    return sampled, next(thing for thing in sampled.objects if thing.name == camera.name)

@@ -1,4 +1,4 @@
-"""What stands where in a Blender scene, at some frames: the scene is stepped through them, so whatever moves a thing counts
+"""What stands where in a Blender scene, at some frames: the scene is stepped through them, so whatever moves an object counts
 alike, a key, a parent, a constraint or the NLA.
 
 What is read here holds nothing of Blender's, so it can be looked at in any thread.
@@ -21,7 +21,7 @@ from ...editing.sampled.scaling import CHANGING, Scaling, scaling_of
 from ...editing.sampled.scene import Sampled, SampledObject
 from ..objects.animation import keys_hide, scale_changes
 from ..objects.cameras import model_of
-from ..objects.imported import KINDS_OF_DRIVE, sees_body, things, title_of
+from ..objects.imported import KINDS_OF_DRIVE, imported_objects, sees_body, title_of
 from ..objects.meshes import extent_of
 from ..objects.meshes import model_of as model_of_mesh
 
@@ -50,13 +50,13 @@ def sample(
     set_frame: SetFrame,
     also: Iterable[bpy.types.Object] = (),
 ) -> Sampled:
-    """The scene's things at each frame of ``clock``. ``set_frame`` takes the depsgraph to a frame; ``also`` are cameras that are
+    """The scene's objects at each frame of ``clock``. ``set_frame`` takes the depsgraph to a frame; ``also`` are cameras that are
     no part of the rig."""
     refuse_stretching(scene)
-    found = [*things(scene, *KINDS_OF_DRIVE)]
+    found = [*imported_objects(scene, *KINDS_OF_DRIVE)]
     found += [thing for thing in also if thing not in found]
     shown = shown_names(depsgraph.view_layer_eval.layer_collection)
-    # keys say when a thing is there; without keys, disabling it in viewports is a matter of the view alone
+    # keys say when an object is there; without keys, disabling it in viewports is a matter of the view alone
     keyed = [keys_hide(thing) for thing in found]
     matrices = np.empty((len(found), len(clock.frames), 4, 4))
     there = np.zeros((len(found), len(clock.frames)), bool)
@@ -68,7 +68,7 @@ def sample(
             there[i, at] = not (now.hide_viewport and keyed[i]) and not now.hide_render and thing.name in shown
     poses = rigid(matrices)
     scalings = [_scaling(thing, matrices[i], poses[i], there[i]) for i, thing in enumerate(found)]
-    size = picture_size(scene.render)
+    size = image_size(scene.render)
     extents = [
         tuple((extent_of(thing) * np.array(scaling.factors)).tolist()) for thing, scaling in zip(found, scalings, strict=True)
     ]
@@ -86,7 +86,7 @@ def sample(
                 name=thing.name,
                 kind=thing.unisim.kind,
                 uid=thing.unisim.uid,
-                home=thing.unisim.home,
+                original_name=thing.unisim.home,
                 look=thing.unisim.look,
                 look_scene=bpy.path.abspath(thing.unisim.look_scene) if thing.unisim.look_scene else "",
                 model=thing.unisim.model,
@@ -123,14 +123,14 @@ def _scaling(thing: bpy.types.Object, matrices: FloatArray, poses: FloatArray, t
     return Scaling(scaling.factors, CHANGING) if not scaling.fault and scale_changes(thing) else scaling
 
 
-def picture_size(render: bpy.types.RenderSettings) -> tuple[int, int]:
-    """Width and height of a picture, in pixels."""
+def image_size(render: bpy.types.RenderSettings) -> tuple[int, int]:
+    """Width and height of an image, in pixels."""
     percent = render.resolution_percentage
     return render.resolution_x * percent // 100, render.resolution_y * percent // 100
 
 
 def sample_all(scene: bpy.types.Scene, clock: Clock) -> Sampled:
-    """The scene's things at all of the clock's frames; the frame that is shown stays."""
+    """The scene's objects at all of the clock's frames; the frame that is shown stays."""
     with kept_frame(scene):
         return sample(scene, depsgraph_of(scene), clock, scene.frame_set)
 

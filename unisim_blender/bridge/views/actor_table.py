@@ -15,7 +15,7 @@ from ...core.world.drive import Drive
 from ...editing.actors.table import Track, differs, steps_of
 from ...editing.sampled.clock import Clock
 from ..objects.animation import curves_of, shown_by_keys
-from ..objects.imported import things
+from ..objects.imported import imported_objects
 from ..objects.trajectories import keyed_pose, trajectory_of
 
 
@@ -70,9 +70,9 @@ def there_of(thing: bpy.types.Object, frames: FloatArray) -> BoolArray:
 
 
 def originals(scene: bpy.types.Scene) -> dict[str, str]:
-    """Return the name of the object that stands for each imported actor, by id; as `things.original_of`, for all at once."""
+    """Return the name of the object that stands for each imported actor, by id; as `imported.original_of`, for all at once."""
     found: dict[str, str] = {}
-    for thing in things(scene, "ACTOR"):
+    for thing in imported_objects(scene, "ACTOR"):
         uid = thing.unisim.uid
         if uid and (uid not in found or thing.name == thing.unisim.home):
             found[uid] = thing.name

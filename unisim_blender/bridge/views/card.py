@@ -10,7 +10,7 @@ from ...editing.actors.card import HALF_S, Card, present_span, role_words, size_
 from ...editing.sampled.clock import Clock
 from ...editing.sampled.scaling import UNIT
 from ..objects.animation import shown_by_keys
-from ..objects.imported import is_copy, things
+from ..objects.imported import imported_objects, is_copy
 from ..objects.meshes import scale_of, size_of
 from ..objects.trajectories import keyed_pose
 
@@ -21,7 +21,7 @@ def card_of(scene: bpy.types.Scene, thing: bpy.types.Object, drive: Drive) -> Ca
     now = float(clock.time_s(np.array(scene.frame_current_final)))
     before, after = clock.frame(np.array([now - HALF_S, now + HALF_S]))
     moved = keyed_pose(thing, float(after))[:3, 3] - keyed_pose(thing, float(before))[:3, 3]
-    ego = next(things(scene, "EGO"), None)
+    ego = next(imported_objects(scene, "EGO"), None)
     apart = 0.0 if ego is None else (thing.matrix_world.translation - ego.matrix_world.translation).length
     recorded = drive.actors.get(thing.unisim.look or thing.unisim.uid)
     label = thing.unisim.label or (recorded.label if recorded is not None else "")

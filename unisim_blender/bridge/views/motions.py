@@ -9,7 +9,7 @@ import bpy
 import numpy as np
 
 from ...core.world.drive import Drive
-from ...editing.motion.compared import Track, compared, label_of
+from ...editing.motion.comparison import Track, kept_comparison, label_of
 from ...editing.motion.kinematics import Compared, Limits
 from ...editing.sampled.clock import Clock
 from ...editing.sampled.poses import rigid
@@ -27,20 +27,6 @@ def track_of(thing: bpy.types.Object, drive: Drive, clock: Clock) -> Track:
     return Track(thing.name, kind, uid, label, poses, shown_by_keys(thing, clock.frames))
 
 
-_newest: dict[str, tuple[tuple[object, ...], Compared]] = {}
-"""The newest comparison of each object, and what it was made of."""
-MOST = 8
-"""Comparisons that are kept."""
-
-
 def compared_now(thing: bpy.types.Object, drive: Drive, clock: Clock, limits: Limits) -> Compared:
     """Return an object's motion beside the recorded one. It is computed again only when the motion or a limit changes."""
-    track = track_of(thing, drive, clock)
-    key = (id(drive), limits, track.kind, track.uid, track.label, track.poses.tobytes(), track.there.tobytes())
-    kept = _newest.pop(thing.name, None)
-    if kept is None or kept[0] != key:
-        kept = key, compared(track, drive, clock, limits)
-    _newest[thing.name] = kept
-    while len(_newest) > MOST:
-        del _newest[next(iter(_newest))]
-    return kept[1]
+    return kept_comparison(track_of(thing, drive, clock), drive, clock, limits)

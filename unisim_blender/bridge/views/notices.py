@@ -8,13 +8,13 @@ from ...editing.layout.point_colours import RECORDED
 from ...editing.sampled.outside import outside_drive
 from ...editing.sampled.source import Source
 from ..importing.backgrounds import sees_recorded_image
-from ..objects.imported import things
+from ..objects.imported import imported_objects
 from ..sampling.stepping import frame_of
 from .points import kind_of
 
 
 def notices(scene: bpy.types.Scene, source: Source, camera: bpy.types.Object | None) -> list[str]:
-    """Return a sentence for each thing that was asked for and is not in the view.
+    """Return a sentence for everything that was asked for and is not in the view.
 
     ``camera`` is the camera of the drive whose recorded image stands behind the boxes; None where the view has no such image.
     """
@@ -26,7 +26,7 @@ def notices(scene: bpy.types.Scene, source: Source, camera: bpy.types.Object | N
         if int(frame) not in log.image_frames(camera.unisim.uid):
             found.append(f"Frame {int(frame)}: {camera.name} recorded no image")
         elif not sees_recorded_image(scene, camera, source.drive):
-            if next(things(scene, "EGO"), None) is None:  # cameras stand where they were mounted on it
+            if next(imported_objects(scene, "EGO"), None) is None:  # cameras stand where they were mounted on it
                 found.append(f"The ego vehicle was deleted: the recorded image of {camera.name} is not shown")
             else:
                 found.append(f"{camera.name} was moved: its recorded image is not shown")
@@ -34,7 +34,7 @@ def notices(scene: bpy.types.Scene, source: Source, camera: bpy.types.Object | N
         if log is None:
             found.append(f"{source.log_path.name}: the log is not at hand, so no recorded points are shown")
         else:  # of what was read and put there: to look into the log's files takes seconds
-            clouds = [thing for thing in things(scene, "POINTS") if kind_of(thing) == RECORDED]
+            clouds = [thing for thing in imported_objects(scene, "POINTS") if kind_of(thing) == RECORDED]
             lacking = [thing.unisim.uid.removesuffix(f" {RECORDED}") for thing in clouds if not thing.data.vertices]
             found += [f"Frame {int(frame)}: {', '.join(lacking)} recorded no sweep"] if lacking else []
     return found

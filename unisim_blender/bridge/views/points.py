@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ...core.geometry import FloatArray
 from ...editing.layout.point_colours import RECORDED, SIMULATED, Colours, point_colours
 from ...editing.sensors.returns import Recorded
-from ..objects.imported import collection_of, things
+from ..objects.imported import collection_of, imported_objects
 
 MOST_POINTS = 60_000
 """More are thinned for display."""
@@ -23,7 +23,7 @@ def put_points(
 ) -> bpy.types.Object:
     """Show points (N, 3) of the world, with attributes (N,), in place of those that were shown of that LiDAR and kind."""
     uid = f"{lidar} {kind}"
-    thing = next((t for t in things(scene, "POINTS") if t.unisim.uid == uid), None)
+    thing = next((t for t in imported_objects(scene, "POINTS") if t.unisim.uid == uid), None)
     if thing is None:
         thing = bpy.data.objects.new(f"{lidar} ({kind})", bpy.data.meshes.new(f"UniSim {uid}"))
         collection_of(scene, "POINTS").objects.link(thing)
@@ -71,7 +71,7 @@ def points_of(thing: bpy.types.Object, by: str) -> tuple[NDArray[np.float32], Co
 
 def hide_points(scene: bpy.types.Scene, kind: str) -> None:
     """Take one kind of points away."""
-    for thing in [thing for thing in things(scene, "POINTS") if kind_of(thing) == kind]:
+    for thing in [thing for thing in imported_objects(scene, "POINTS") if kind_of(thing) == kind]:
         mesh = thing.data
         bpy.data.objects.remove(thing)
         bpy.data.meshes.remove(mesh)

@@ -1,4 +1,4 @@
-"""A picture of one actor: from where it was recorded best, cut out of its surroundings."""
+"""An image of one actor: from where it was recorded best, cut out of its surroundings."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 
 def set_preview(thing: bpy.types.Object, rgb: NDArray[np.float32], shown: NDArray[np.bool_]) -> None:
-    """Give an asset a picture (H, W, 3) of display-referred sRGB, see-through where ``shown`` (H, W) is False."""
+    """Give an asset an image (H, W, 3) of display-referred sRGB, see-through where ``shown`` (H, W) is False."""
     rgba = np.concatenate([rgb, shown[..., None].astype(np.float32)], -1)[::-1]
     preview = thing.preview_ensure()
     preview.image_size = rgba.shape[1], rgba.shape[0]

@@ -11,7 +11,7 @@ from ...editing.sensors.facts import Card, beams_of
 from ...editing.sensors.recorded import recorded_pose
 from ..importing.rig_presets import is_recorded, mount_of
 from ..objects.cameras import model_of
-from ..objects.imported import rides_on_ego, things
+from ..objects.imported import imported_objects, rides_on_ego
 
 KINDS = ("CAMERA", "LIDAR")
 
@@ -57,7 +57,7 @@ def recorded_sensor(scene: bpy.types.Scene, thing: bpy.types.Object, drive: Driv
 
 
 def _place(scene: bpy.types.Scene, thing: bpy.types.Object, drive: Drive) -> str:
-    ego = next(things(scene, "EGO"), None)
+    ego = next(imported_objects(scene, "EGO"), None)
     if ego is None or not rides_on_ego(thing):
         return "not on the vehicle"
     x, y, z = np.round(mount_of(scene, thing, ego, drive)[:3, 3], 2) + 0.0  # no -0.00

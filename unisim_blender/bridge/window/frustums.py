@@ -10,7 +10,7 @@ from collections.abc import Iterable, Iterator
 
 import bpy
 
-from ..objects.imported import things
+from ..objects.imported import imported_objects
 
 TINY_M = 0.01
 """The smallest size that Blender draws."""
@@ -39,4 +39,4 @@ def resize_frustums(scene: bpy.types.Scene, tiny: bool) -> None:
 
 
 def _cameras(scene: bpy.types.Scene) -> Iterator[bpy.types.Camera]:
-    return (thing.data for thing in things(scene, "CAMERA"))
+    return (thing.data for thing in imported_objects(scene, "CAMERA"))

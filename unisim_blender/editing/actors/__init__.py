@@ -1,1 +1,1 @@
-"""The list of actors: filter, rows, cards, names and pictures."""
+"""The list of actors: filter, rows, cards, names and images."""

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from ...core.geometry import FloatArray, box_corners, invert_pose, transform_points
 from ...core.world.drive import Actor, CameraModel, Drive
-from ..reading.requests import camera_request
+from ..reading.requests import CameraRequest, camera_request
 from ..sampled.clock import Clock
 from ..sampled.poses import optical
 from ..sampled.recorded import recorded_poses, recorded_there
@@ -17,12 +15,12 @@ from ..sampled.source import Source
 
 SIZE_PX = 192
 FILLED = 0.9
-"""How much of the picture's width or height the actor fills."""
+"""How much of the image's width or height the actor fills."""
 FAR_SIZES = 3.0
 """How far the camera stands, beside the actor's size."""
 
 
-def portrait_request(source: Source, actor: Actor, name: str) -> dict[str, Any] | None:
+def portrait_request(source: Source, actor: Actor, name: str) -> CameraRequest | None:
     """What the worker needs for a portrait; None for an actor that no camera came near. No other actor is there."""
     clock = Clock.of(source.drive)
     seen = _best_view(source.drive, actor, clock)
@@ -49,11 +47,11 @@ def portrait_request(source: Source, actor: Actor, name: str) -> dict[str, Any] 
     # nothing else stands in front of it
     poses, there = recorded_poses(actor, here), recorded_there(actor, source.drive, here)
     alone = SampledObject(actor.uid, "ACTOR", actor.uid, actor.uid, "", "", "", 0, poses, there)
-    return camera_request(Sampled(name, here, (alone,)), view, source, float(frame), (SIZE_PX, SIZE_PX)).values
+    return camera_request(Sampled(name, here, (alone,)), view, source, float(frame), (SIZE_PX, SIZE_PX))
 
 
 def _best_view(drive: Drive, actor: Actor, clock: Clock) -> tuple[int, FloatArray, FloatArray] | None:
-    """The frame in which some camera is nearest and has the actor in its picture, the camera's place and the actor's centre."""
+    """The frame in which some camera is nearest and has the actor in its image, the camera's place and the actor's centre."""
     best: tuple[float, int, FloatArray, FloatArray] | None = None
     poses, there = recorded_poses(actor, clock), recorded_there(actor, drive, clock)
     for camera in drive.cameras.values():

@@ -13,7 +13,7 @@ import numpy as np
 from ...core.errors import ScenarioError
 from ...core.geometry import BoolArray
 from ..sampled.clock import Clock
-from ..sampled.scene import SampledObject as Thing
+from ..sampled.scene import SampledObject
 from .parts import OWN_OBJECT, PARTS
 
 
@@ -64,7 +64,7 @@ def line_of(
     return Line(kind, uid, part, what, *named, float(clock.times_s[at[0]]), float(clock.times_s[at[-1]]), frames, edit)
 
 
-def problem_line(kind: str, uid: str, fault: ScenarioError, things: Iterable[Thing]) -> Line:
+def problem_line(kind: str, uid: str, fault: ScenarioError, things: Iterable[SampledObject]) -> Line:
     """Return the line of what keeps a scene from being read."""
     thing = next((thing for thing in things if f'"{thing.name}"' in str(fault)), None)
     text, title, name = str(fault).split(": ", 1)[-1], "", ""

@@ -7,14 +7,16 @@ import numpy as np
 from ...core.geometry import BoolArray, FloatArray, Trajectory, invert_pose
 from ...core.world.drive import Actor
 from ..sampled.clock import Clock
-from ..sampled.scene import SampledObject as Thing
+from ..sampled.scene import SampledObject
 from .words import displaced_words, joined, presence_words, trajectory_words
 
 RETIMED_FRAMES = 0.02
 """Trajectories whose first or last key is this far from the recorded one are retimed."""
 
 
-def path_words(thing: Thing, base: FloatArray, lifted: FloatArray, there: BoolArray, actor: Actor | None, clock: Clock) -> str:
+def path_words(
+    thing: SampledObject, base: FloatArray, lifted: FloatArray, there: BoolArray, actor: Actor | None, clock: Clock
+) -> str:
     """Return how an object goes another way than ``base`` (N, 4, 4), which lies ``lifted`` for an object with
     another appearance."""
     at = thing.there & there if (thing.there & there).any() else thing.there
@@ -32,7 +34,7 @@ def path_words(thing: Thing, base: FloatArray, lifted: FloatArray, there: BoolAr
     return joined(parts)
 
 
-def is_retimed(thing: Thing, recorded: Trajectory, clock: Clock) -> bool:
+def is_retimed(thing: SampledObject, recorded: Trajectory, clock: Clock) -> bool:
     """Return whether the keys of an object's trajectory lie at other times than the recorded ones."""
     keys = clock.frame(recorded.times_s[[0, -1]])
     return thing.span is not None and bool(np.abs(np.array(thing.span) - keys).max() > RETIMED_FRAMES)

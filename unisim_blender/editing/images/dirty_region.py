@@ -1,4 +1,4 @@
-"""Which part of a picture an edit can have touched: what shows no box that changed is the same as before."""
+"""The part of an image that an edit can change (its dirty region): what shows no box that changed is the same as before."""
 
 from __future__ import annotations
 
@@ -14,21 +14,23 @@ MARGIN_PX = 2
 NEAR_M = 0.1
 
 TOLD = ("kind", "uid", "look", "look_scene", "model", "camera", "size_m", "mesh", "sees_body", "scaling")
-"""What of a thing, beside where it is, says how it looks."""
+"""What of an object, beside where it is, says how it looks."""
 
 Rectangle = tuple[int, int, int, int]
 """Left, top, right, bottom in pixels from the top left corner; right and bottom do not belong to it."""
 
 
-def touched(before: Sampled, after: Sampled, view: SampledObject, model: CameraModel, beside_m: float = 0.1) -> Rectangle | None:
-    """The part of ``view``'s picture whose rays see the difference between two states of a scene at the same frames; None where
-    all of it may.
+def dirty_region(
+    before: Sampled, after: Sampled, view: SampledObject, model: CameraModel, beside_m: float = 0.1
+) -> Rectangle | None:
+    """Return the part of ``view``'s image whose rays see the difference between two states of a scene at the same frames; None
+    where all of it may.
 
     ``beside_m`` is how far beside a box it may still show. An empty rectangle means that nothing differs.
     """
     if not np.array_equal(before.clock.times_s, after.clock.times_s) or before.items != after.items:
         return None
-    old, new = ({thing.name: thing for thing in state.things} for state in (before, after))
+    old, new = ({thing.name: thing for thing in state.objects} for state in (before, after))
     rectangle: Rectangle | None = (model.width, model.height, 0, 0)
     for name in sorted({*old, *new}):
         states = [thing for thing in (old.get(name), new.get(name)) if thing is not None]
@@ -49,13 +51,13 @@ def touched(before: Sampled, after: Sampled, view: SampledObject, model: CameraM
 
 
 def alike(a: SampledObject, b: SampledObject) -> bool:
-    """Whether two states of a thing look the same."""
+    """Whether two states of an object look the same."""
     told = all(getattr(a, name) == getattr(b, name) for name in TOLD)
     return told and np.array_equal(a.poses, b.poses) and np.array_equal(a.there, b.there)
 
 
 def _seen(thing: SampledObject, view: SampledObject, model: CameraModel, beside_m: float) -> Rectangle | None:
-    """What a box covers of the picture, wherever box and camera are at the frames; None where it reaches behind the camera."""
+    """What a box covers of the image, wherever box and camera are at the frames; None where it reaches behind the camera."""
     size: FloatArray = np.array(thing.size_m) * 1.1 + 2 * beside_m
     corners = np.concatenate([box_corners(pose, size) for pose in thing.poses])
     seen = np.concatenate([transform_points(invert_pose(pose), corners) for pose in optical(view.poses)])

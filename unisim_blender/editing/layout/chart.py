@@ -1,4 +1,4 @@
-"""Curves as a picture, made with numpy alone: Blender has no charts, and draws nothing without a window."""
+"""Curves as an image, made with numpy alone: Blender has no charts, and draws nothing without a window."""
 
 from __future__ import annotations
 
@@ -97,7 +97,7 @@ def decades(low: float, high: float) -> list[float]:
 
 
 def write(picture: Picture, text: str, left: int, top: int, centred: bool = False) -> None:
-    """Put a line of text into a picture (H, W, 3)."""
+    """Put a line of text into an image (H, W, 3)."""
     left -= 2 * DOT * len(text) if centred else 0
     for i, letter in enumerate(text):
         dots = np.array([[int(row) >> (2 - bit) & 1 for bit in range(3)] for row in LETTERS.get(letter, "00000")], bool)

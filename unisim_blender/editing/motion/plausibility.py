@@ -15,7 +15,7 @@ from ..sampled.poses import same
 from ..sampled.recorded import recorded_poses, recorded_there
 from ..sampled.scaling import WHY, Scaling, scale_text
 from ..sampled.scene import Sampled, SampledObject
-from .compared import Track, compared, label_of
+from .comparison import Track, compared, label_of
 from .ground import heights, undersides
 from .kinematics import ON_WHEELS, Limits, describe
 

@@ -9,12 +9,12 @@ from ...core.errors import ScenarioError
 from ...core.scenario.edit import Edit
 from ...core.world.drive import Actor
 from ..edits.lines import Line
+from ..edits.reader import ACTORS, NEW_ACTORS, ActorReader, GroupReader, NewActorReader, Reading, Standing, register
 from ..sampled.clock import Clock
 from ..sampled.poses import same
 from ..sampled.recorded import recorded_poses
 from ..sampled.scaling import refusal
-from ..sampled.scene import SampledObject as Thing
-from .reader import ACTORS, NEW_ACTORS, ActorReader, GroupReader, NewActorReader, Reading, Standing, register
+from ..sampled.scene import SampledObject
 
 
 class Found(NamedTuple):
@@ -58,8 +58,8 @@ class Actors(GroupReader):
         }
 
 
-def _by_id(reading: Reading) -> dict[str, list[Thing]]:
-    by_id: dict[str, list[Thing]] = {}
+def _by_id(reading: Reading) -> dict[str, list[SampledObject]]:
+    by_id: dict[str, list[SampledObject]] = {}
     for thing in reading.sampled.of("ACTOR"):
         if fault := refusal(thing.name, thing.scaling):
             raise ScenarioError(fault)
@@ -67,7 +67,7 @@ def _by_id(reading: Reading) -> dict[str, list[Thing]]:
     return by_id
 
 
-def _found(reading: Reading, uid: str, things: list[Thing]) -> Iterator[Found]:
+def _found(reading: Reading, uid: str, things: list[SampledObject]) -> Iterator[Found]:
     """The edits of one id. Copies are told beside the recorded actor: they come before what became of that."""
     actor = reading.drive.actors.get(uid)
     own = None if actor is None else original(things, actor, reading.clock)
@@ -91,7 +91,7 @@ def _new(standing: Standing) -> Iterator[Found]:
             yield Found(edit, reader, standing, told=False)
 
 
-def original(standing: Iterable[Thing], actor: Actor, clock: Clock) -> Thing | None:
+def original(standing: Iterable[SampledObject], actor: Actor, clock: Clock) -> SampledObject | None:
     """Which of the objects with one actor's id is the actor itself: the one with the name that the import gave it, else one that
     goes where the actor was recorded, else the first. Told here and not by a handler, so that undo stays Blender's."""
     things = list(standing)

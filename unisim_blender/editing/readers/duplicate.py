@@ -7,10 +7,10 @@ import numpy as np
 from ...core.scenario.edits import Duplicate
 from ..edits.lines import Line, line_of
 from ..edits.path_words import path_words
+from ..edits.reader import NewActorReader, Standing, register
 from ..edits.trajectories import present, vector
 from ..edits.words import joined
 from ..sampled.poses import SAME_M, same_turn
-from .reader import NewActorReader, Standing, register
 
 
 @register

@@ -12,11 +12,11 @@ from ...core.scenario.edits import Ego
 from ...core.scenario.keys import ShiftKey
 from ..edits.lines import Line, line_of
 from ..edits.path_words import is_retimed
+from ..edits.reader import GroupReader, Reading, register
 from ..edits.trajectories import keyframes
 from ..edits.words import displaced_words, joined, trajectory_words
 from ..sampled.clock import Clock
 from ..sampled.poses import SAME_M, same, same_turn
-from .reader import GroupReader, Reading, register
 
 
 @register

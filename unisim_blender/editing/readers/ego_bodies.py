@@ -8,9 +8,9 @@ from ...core.errors import ScenarioError
 from ...core.geometry import invert_pose
 from ...core.scenario.edits import EgoBody
 from ..edits.lines import Line, line_of
+from ..edits.reader import GroupReader, Reading, register
 from ..edits.trajectories import placement
 from ..sampled.poses import same
-from .reader import GroupReader, Reading, register
 
 
 @register

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from ...core.scenario.edits import Insert
 from ..edits.lines import Line, line_of
+from ..edits.reader import NewActorReader, Standing, register
 from ..edits.trajectories import present
-from .reader import NewActorReader, Standing, register
 
 
 @register

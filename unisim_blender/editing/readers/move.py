@@ -5,9 +5,9 @@ from __future__ import annotations
 from ...core.scenario.edits import Move
 from ..edits.lines import Line, line_of
 from ..edits.path_words import path_words
+from ..edits.reader import ActorReader, Standing, register
 from ..edits.trajectories import present
 from ..sampled.poses import same
-from .reader import ActorReader, Standing, register
 
 
 @register

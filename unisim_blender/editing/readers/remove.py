@@ -5,7 +5,7 @@ from __future__ import annotations
 from ...core.actor_images.names import plain_names
 from ...core.scenario.edits import Remove
 from ..edits.lines import Line, line_of
-from .reader import ActorReader, Standing, register
+from ..edits.reader import ActorReader, Standing, register
 
 
 @register

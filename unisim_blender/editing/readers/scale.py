@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from ...core.scenario.edits import Scale
 from ..edits.lines import Line, line_of
+from ..edits.reader import ActorReader, Standing, register
 from ..sampled.scaling import UNIT, scale_text
-from .reader import ActorReader, Standing, register
 
 
 @register

@@ -16,15 +16,14 @@ from ...core.scenario.placement import Offset
 from ...core.scenario.sensors import CameraSpec, LidarSpec, Sensors, Shutter
 from ...core.world.drive import CameraModel, Drive, LidarModel, RollingShutter
 from ..edits.lines import Line, line_of
+from ..edits.reader import GroupReader, Reading, register
 from ..edits.trajectories import placement, quaternion, vector
 from ..edits.words import degrees, moved_words
 from ..sampled.clock import Clock
 from ..sampled.poses import SAME_M, optical, same, same_place, same_turn
-from ..sampled.scene import Sampled
-from ..sampled.scene import SampledObject as Thing
+from ..sampled.scene import Sampled, SampledObject
 from ..sensors.mounts import lag, lidar_json, lidar_model, recorded_mount
 from ..sensors.names import sensor_id
-from .reader import GroupReader, Reading, register
 
 Spec = TypeVar("Spec", CameraSpec, LidarSpec)
 
@@ -107,7 +106,7 @@ def sensors_of(sampled: Sampled, drive: Drive) -> Sensors | None:
     return Sensors(None if set(cameras) == untouched[0] else cameras, None if set(lidars) == untouched[1] else lidars)
 
 
-def _sighted(spec: Spec, thing: Thing, sampled: Sampled) -> Spec:
+def _sighted(spec: Spec, thing: SampledObject, sampled: Sampled) -> Spec:
     """A sensor's entry, which says whether it sees the ego vehicle's body where a scenario would take it otherwise."""
     taken_as = spec.trajectory is not None
     if thing.sees_body == taken_as or not any(sampled.of("BODY")):
@@ -115,7 +114,7 @@ def _sighted(spec: Spec, thing: Thing, sampled: Sampled) -> Spec:
     return replace(spec, sees_ego_body=thing.sees_body)
 
 
-def _camera(thing: Thing, world_from_ego: FloatArray, drive: Drive, clock: Clock) -> CameraSpec:
+def _camera(thing: SampledObject, world_from_ego: FloatArray, drive: Drive, clock: Clock) -> CameraSpec:
     base = drive.cameras.get(thing.uid)
     assert thing.camera is not None  # a thing of kind CAMERA is a camera
     late = lag(base, drive, clock)
@@ -132,7 +131,7 @@ def _camera(thing: Thing, world_from_ego: FloatArray, drive: Drive, clock: Clock
     return spec
 
 
-def _lidar(thing: Thing, world_from_ego: FloatArray, drive: Drive, clock: Clock) -> LidarSpec:
+def _lidar(thing: SampledObject, world_from_ego: FloatArray, drive: Drive, clock: Clock) -> LidarSpec:
     base = drive.lidars.get(thing.uid)
     late = lag(base, drive, clock)
     now = late @ invert_pose(world_from_ego) @ thing.poses

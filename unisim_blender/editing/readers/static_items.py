@@ -12,11 +12,11 @@ from ...core.geometry import quaternion_from_matrix
 from ...core.scenario.edits import CopyStatic, RemoveStatic
 from ...core.scenario.placement import BoxSpec
 from ..edits.lines import Line, line_of
+from ..edits.reader import GroupReader, Reading, register
 from ..edits.trajectories import placement, quaternion, vector
 from ..sampled.poses import same
 from ..sampled.scaling import UNIT, scale_text
-from ..sampled.scene import SampledObject as Thing
-from .reader import GroupReader, Reading, register
+from ..sampled.scene import SampledObject
 
 
 @register
@@ -33,7 +33,7 @@ class StaticItems(GroupReader):
     def edits(self, reading: Reading) -> Iterator[CopyStatic | RemoveStatic]:
         """Removals and copies of what stands in boxes."""
         sampled = reading.sampled
-        standing: dict[str, list[Thing]] = {uid: [] for uid in sampled.items}
+        standing: dict[str, list[SampledObject]] = {uid: [] for uid in sampled.items}
         for thing in sampled.of("STATIC"):
             refuse_scale(thing)
             standing.setdefault(thing.uid, []).append(thing)
@@ -74,7 +74,7 @@ class StaticItems(GroupReader):
                 yield line_of("STATIC", uid, "REMOVE", "Removed", (uid, hidden), always, clock, RemoveStatic(uid))
 
 
-def refuse_scale(thing: Thing) -> None:
+def refuse_scale(thing: SampledObject) -> None:
     """Raise `ScenarioError` where a static item's box is drawn in another size than it was marked in."""
     if thing.scaling.fault or thing.scaling.factors != UNIT:
         raise ScenarioError(

@@ -7,7 +7,7 @@ from pathlib import Path
 from ...core.actor_images.names import plain_names
 from ...core.scenario.edits import Swap
 from ..edits.lines import Line, line_of
-from .reader import ActorReader, Standing, register
+from ..edits.reader import ActorReader, Standing, register
 
 
 @register

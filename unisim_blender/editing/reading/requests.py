@@ -46,7 +46,7 @@ class CameraRequest(NamedTuple):
 def camera_request(
     sampled: Sampled, view: SampledObject, source: Source, frame: float, size: tuple[int, int], aspect: float = 1.0
 ) -> CameraRequest:
-    """What the worker needs for a picture of size (width, height) through ``view``; ``aspect``: a pixel's height by its width.
+    """What the worker needs for an image of size (width, height) through ``view``; ``aspect``: a pixel's height by its width.
     Raises `UnisimError` for edits that cannot be."""
     scenario = read_scenario(only(sampled, view), source, HERE)
     clock, drive = Clock.of(source.drive), source.drive
@@ -120,13 +120,13 @@ def _request(source: Source, edited: Drive, sensor: Camera | Lidar, time_s: floa
 
 def only(sampled: Sampled, sensor: SampledObject) -> Sampled:
     """The same without the other sensors. The one that looks is there, though it may be hidden for renders."""
-    others = [thing for thing in sampled.things if thing.kind not in ("CAMERA", "LIDAR", "NONE")]
-    looks = [replace(thing, there=np.ones_like(thing.there)) for thing in sampled.things if thing.name == sensor.name]
-    return replace(sampled, things=tuple(sorted([*others, *looks], key=lambda thing: thing.name)))
+    others = [thing for thing in sampled.objects if thing.kind not in ("CAMERA", "LIDAR", "NONE")]
+    looks = [replace(thing, there=np.ones_like(thing.there)) for thing in sampled.objects if thing.name == sensor.name]
+    return replace(sampled, objects=tuple(sorted([*others, *looks], key=lambda thing: thing.name)))
 
 
 def sized(model: CameraModel, size: tuple[int, int], aspect: float, exact: bool) -> CameraModel:
-    """A camera's intrinsics at another size (width, height). One of the rig keeps its own wherever the picture has its shape;
+    """A camera's intrinsics at another size (width, height). One of the rig keeps its own wherever the image has its shape;
     else the view is as Blender frames it: as wide as the lens says, whatever the height."""
     width, height = size
     sx, sy = width / model.width, height / model.height

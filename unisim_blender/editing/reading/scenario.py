@@ -14,7 +14,7 @@ from ...core.scenario.types import FrameRange, Outputs, Scenario
 from ...core.world.drive import Drive
 from .. import readers  # noqa: F401 so that all are registered
 from ..edits.lines import Line, problem_line
-from ..readers.reader import GROUPS, Reading
+from ..edits.reader import GROUPS, Reading
 from ..readers.sensors import sensors_of
 from ..sampled.scene import Sampled
 from ..sampled.source import Source
@@ -70,7 +70,7 @@ def group_lines(group: str, uid: str, sampled: Sampled, drive: Drive) -> Iterato
             if reader.group == group:
                 yield from reader.lines(_reading(sampled, drive), uid)
     except ScenarioError as fault:
-        yield problem_line(group, uid, fault, sampled.things)
+        yield problem_line(group, uid, fault, sampled.objects)
 
 
 def relative(target: Path, file: Path) -> str:

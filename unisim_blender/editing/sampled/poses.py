@@ -13,7 +13,7 @@ from ...core.geometry import BoolArray, FloatArray
 BLENDER_FROM_OPTICAL = np.diag([1.0, -1.0, -1.0, 1.0])
 """Also its own inverse."""
 SAME_M, SAME_RAD = 1e-4, 1e-5
-"""Within these a thing stands where it was imported."""
+"""Within these an object stands where it was imported."""
 FLOAT32_ULP = 2.0**-23
 
 

@@ -1,4 +1,4 @@
-"""How large a thing is drawn: its scale along its own axes, and what of a scale sensors could not be shown."""
+"""How large an object is drawn: its scale along its own axes, and what of a scale sensors could not be shown."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ...core.geometry import BoolArray, FloatArray
 from ...core.scenario.edits.scale import BOUNDS, scales
 
 SAME_SCALE = 1e-4
-"""Within this of 1 a thing is as large as it was imported: half a millimetre of a car."""
+"""Within this of 1 an object is as large as it was imported: half a millimetre of a car."""
 SAME_SHAPE = 1e-3
 """Axes that lean by less are at right angles, and factors that differ by less are the same throughout."""
 DIGITS = 5
@@ -37,7 +37,7 @@ class Scaling(NamedTuple):
 
 
 def scaling_of(matrices: FloatArray, poses: FloatArray, there: BoolArray | None = None) -> Scaling:
-    """Return the scaling of one thing over N frames, from Blender's matrices and the rigid poses of these (N, 4, 4); frames at
+    """Return the scaling of one object over N frames, from Blender's matrices and the rigid poses of these (N, 4, 4); frames at
     which it is not ``there`` (N,) do not count."""
     some = slice(None) if there is None or not there.any() else there
     drawn, turned = np.asarray(matrices, np.float64)[some, :3, :3], poses[some, :3, :3]

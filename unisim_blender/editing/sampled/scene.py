@@ -23,7 +23,7 @@ class SampledObject:
     name: str
     kind: str
     uid: str
-    home: str
+    original_name: str
     look: str
     look_scene: str
     model: str
@@ -48,19 +48,19 @@ class SampledObject:
     @property
     def is_original(self) -> bool:
         """Whether it has the name that the import gave it."""
-        return self.name == self.home
+        return self.name == self.original_name
 
 
 @dataclass(frozen=True)
 class Sampled:
-    """The things of a scene at the frames of ``clock``, in order of their names. ``items`` are the static items that were
+    """The objects of a scene at the frames of ``clock``, in order of their names. ``items`` are the static items that were
     marked in the scene, by id, as their boxes have it in ``model``; a box may be gone."""
 
     name: str
     clock: Clock
-    things: tuple[SampledObject, ...]
+    objects: tuple[SampledObject, ...]
     items: dict[str, str] = field(default_factory=dict)
 
     def of(self, *kinds: str) -> Iterator[SampledObject]:
-        """The things of some kinds."""
-        return (thing for thing in self.things if thing.kind in kinds)
+        """The objects of some kinds."""
+        return (thing for thing in self.objects if thing.kind in kinds)

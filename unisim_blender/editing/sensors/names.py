@@ -7,7 +7,7 @@ from collections.abc import Container
 
 from ...core.errors import ScenarioError
 from ...core.world.drive import Drive
-from ..sampled.scene import SampledObject as Thing
+from ..sampled.scene import SampledObject
 
 LONGEST_NAME = 60
 """Letters of a rig preset's name."""
@@ -32,7 +32,7 @@ def preset_name(name: str) -> str:
     return name
 
 
-def sensor_id(thing: Thing, drive: Drive) -> str:
+def sensor_id(thing: SampledObject, drive: Drive) -> str:
     """What a scenario calls a sensor: as the log does, or after the object; names of files are made of it."""
     return sensor_name(thing.title, thing.uid, thing.is_original, drive)
 

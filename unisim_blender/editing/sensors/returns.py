@@ -20,7 +20,7 @@ class Recorded:
     attributes: dict[str, NDArray[np.generic]]
 
 
-def read_recorded(source: Source, frame: int) -> list[Recorded]:
+def recorded_returns(source: Source, frame: int) -> list[Recorded]:
     """Read the recorded returns of a frame, of every LiDAR, from the log's files; in any thread."""
     log, found = source.log, []
     for name in source.drive.lidars if log is not None else ():

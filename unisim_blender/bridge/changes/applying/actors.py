@@ -8,7 +8,7 @@ import bpy
 
 from ....core.meshes.read import read_mesh
 from ....core.world.drive import Actor
-from ...objects.imported import collection_of, new_actor, things
+from ...objects.imported import collection_of, imported_objects, new_actor
 from ...objects.mesh_objects import object_of
 from ...objects.trajectories import remove
 from .. import carriers  # noqa: F401 so that all are registered
@@ -19,7 +19,7 @@ from .target import Target
 def apply_actors(target: Target) -> None:
     """Remove and change objects of recorded actors, and make those of new ones."""
     scene, recorded, edited = target.scene, target.recorded, target.edited
-    own = {thing.unisim.uid: thing for thing in things(scene, "ACTOR") if thing.name == thing.unisim.home}
+    own = {thing.unisim.uid: thing for thing in imported_objects(scene, "ACTOR") if thing.name == thing.unisim.home}
     for uid, actor in recorded.actors.items():
         now = edited.actors.get(uid)
         if now is None:

@@ -12,7 +12,7 @@ from ....editing.sampled.poses import optical
 from ....editing.sensors.mounts import lag, lidar_json
 from ...importing.drive import ride_on_vehicle
 from ...objects.cameras import set_model
-from ...objects.imported import make, things
+from ...objects.imported import imported_objects, make
 from ...objects.trajectories import remove
 from .target import Target
 
@@ -23,7 +23,7 @@ def apply_sensors(target: Target) -> None:
     if scenario.sensors is None:
         return
     there: dict[str, Camera | Lidar] = {**edited.cameras, **edited.lidars}
-    for thing in list(things(scene, "CAMERA", "LIDAR")):
+    for thing in list(imported_objects(scene, "CAMERA", "LIDAR")):
         if thing.unisim.uid not in there:
             remove(thing)
     specs: list[CameraSpec | LidarSpec] = [*(scenario.sensors.cameras or ()), *(scenario.sensors.lidars or ())]
@@ -50,4 +50,4 @@ def apply_sensors(target: Target) -> None:
 
 
 def _known(scene: bpy.types.Scene, name: str) -> bpy.types.Object | None:
-    return next((thing for thing in things(scene, "CAMERA", "LIDAR") if thing.unisim.uid == name), None)
+    return next((thing for thing in imported_objects(scene, "CAMERA", "LIDAR") if thing.unisim.uid == name), None)

@@ -9,7 +9,7 @@ import bpy
 from ....core.scenario.types import Scenario
 from ....core.world.drive import Drive
 from ....editing.sampled.clock import Clock
-from ...objects.imported import things
+from ...objects.imported import imported_objects
 
 
 @dataclass(frozen=True)
@@ -25,4 +25,4 @@ class Target:
     @property
     def ego(self) -> bpy.types.Object:
         """The vehicle's object."""
-        return next(things(self.scene, "EGO"))
+        return next(imported_objects(self.scene, "EGO"))

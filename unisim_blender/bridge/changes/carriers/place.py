@@ -15,7 +15,7 @@ from ....editing.edits.parts import PARTS
 from ....editing.sampled.clock import Clock
 from ....editing.sampled.source import Source
 from ...importing.drive import animate, fit_resolution, go, import_one
-from ...objects.imported import box_mesh, collection_of, make, things
+from ...objects.imported import box_mesh, collection_of, imported_objects, make
 from ...objects.meshes import size_of
 from ...objects.static_items import LABEL
 from ...objects.trajectories import remove, trajectory_of
@@ -79,11 +79,11 @@ def restore(scene: bpy.types.Scene, source: Source, kind: str, uid: str, thing: 
         lift(thing, (float(size_of(thing)[2]) - float(actor.size_m[2])) / 2 if thing.unisim.look else 0.0)
     else:
         if kind in ("CAMERA", "LIDAR") and thing is None:  # hidden, it is missing for the scenario alone
-            thing = next((t for t in things(scene, kind) if t.unisim.uid == uid and t.name == t.unisim.home), None)
+            thing = next((t for t in imported_objects(scene, kind) if t.unisim.uid == uid and t.name == t.unisim.home), None)
             if thing is not None:
                 unmoved(thing)
         import_one(scene, source, kind, uid)
-        thing = next(t for t in things(scene, kind) if t.unisim.uid == uid and t.name == t.unisim.home)
+        thing = next(t for t in imported_objects(scene, kind) if t.unisim.uid == uid and t.name == t.unisim.home)
         if kind == "CAMERA":
             scene.camera = scene.camera or thing
             fit_resolution(scene)

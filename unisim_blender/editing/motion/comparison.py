@@ -56,3 +56,21 @@ def label_of(kind: str, uid: str, own: str, drive: Drive) -> str:
         return EGO_LABEL
     actor = drive.actors.get(uid)
     return own or (actor.label if actor is not None else "")
+
+
+_newest: dict[str, tuple[tuple[object, ...], Compared]] = {}
+"""The newest comparison of each object, and what it was made of."""
+MOST = 8
+"""Comparisons that are kept."""
+
+
+def kept_comparison(track: Track, drive: Drive, clock: Clock, limits: Limits) -> Compared:
+    """Return what `compared` does; the newest of each object is kept until its motion or a limit changes."""
+    key = (id(drive), limits, track.kind, track.uid, track.label, track.poses.tobytes(), track.there.tobytes())
+    kept = _newest.pop(track.name, None)
+    if kept is None or kept[0] != key:
+        kept = key, compared(track, drive, clock, limits)
+    _newest[track.name] = kept
+    while len(_newest) > MOST:
+        del _newest[next(iter(_newest))]
+    return kept[1]

@@ -15,12 +15,11 @@ from ...core.prepare.scenario import scene_actors
 from ...core.scenario.edit import Edit
 from ...core.scenario.placement import BoxSpec
 from ...core.world.drive import Actor, Drive
-from ..edits.lines import Line
-from ..edits.trajectories import way
 from ..sampled.clock import Clock
 from ..sampled.recorded import recorded_poses, recorded_there
-from ..sampled.scene import Sampled
-from ..sampled.scene import SampledObject as Thing
+from ..sampled.scene import Sampled, SampledObject
+from .lines import Line
+from .trajectories import way
 
 Made = TypeVar("Made", bound=Edit)
 
@@ -41,7 +40,7 @@ class Reading:
         """When the scene was sampled."""
         return self.sampled.clock
 
-    def new_id(self, thing: Thing) -> str:
+    def new_id(self, thing: SampledObject) -> str:
         """An id after the object's name that nothing else has; it is taken from now on."""
         uid, number = thing.title, 2
         while uid in self.taken:
@@ -78,7 +77,7 @@ class Standing:
     """An object beside the recorded actor that it stands for, or that it is a copy of; None is one that is not there."""
 
     reading: Reading
-    thing: Thing | None
+    thing: SampledObject | None
     actor: Actor | None
 
     @property
@@ -87,7 +86,7 @@ class Standing:
         return self.thing is None or not self.thing.there.any()
 
     @property
-    def here(self) -> Thing:
+    def here(self) -> SampledObject:
         """The object, which is there."""
         assert self.thing is not None
         return self.thing

@@ -64,7 +64,7 @@ def folder_of(filepath: str) -> str:
     return str(path.parent if path.name == HEADER_NAME else path)
 
 
-def looks(self: bpy.types.OperatorProperties, context: bpy.types.Context) -> list[Item]:
+def appearances(self: bpy.types.OperatorProperties, context: bpy.types.Context) -> list[Item]:
     """The actors of a menu of Replace Appearance."""
     return items_of(context, self.scene, self.group, self.page)
 
@@ -98,7 +98,7 @@ class UNISIM_OT_replace_look(_Chooses, bpy.types.Operator):
     )
     group: EnumProperty(name="Class", description="Classes that are shown", items=GROUPS, update=other_page)
     page: IntProperty(name="Page", description="Page that is shown; 0 for all at once", min=0, update=other_page)
-    look: EnumProperty(name="Appearance", description="Actor whose appearance is used", items=looks)
+    look: EnumProperty(name="Appearance", description="Actor whose appearance is used", items=appearances)
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:

@@ -1,0 +1,31 @@
+"""Helper modules of these tests are imported by name. No Blender is needed: nothing here imports bpy."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from unisim_blender.core.cli.main import unisim
+from unisim_blender.editing.sampled.source import Source, open_source
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+SAMPLE = Path(__file__).parents[2] / "sample"
+
+
+@pytest.fixture(scope="session")
+def source(tmp_path_factory: pytest.TempPathFactory) -> Source:
+    """The sample's trained scene; the log that it was trained on is not at hand."""
+    return open_source(str(tmp_path_factory.mktemp("no") / "log"), str(SAMPLE / "scene"))
+
+
+@pytest.fixture(scope="session")
+def street_log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A log of a procedural street, a few frames long."""
+    path = tmp_path_factory.mktemp("log") / "street"
+    result = CliRunner().invoke(unisim, ["synth", str(path), "--frames", "3", "--width", "96", "--height", "54"])
+    assert result.exit_code == 0, result.output
+    return path

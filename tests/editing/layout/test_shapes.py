@@ -1,0 +1,45 @@
+"""Shapes of boxes and gizmos, colours of classes, and axes of the speed graph."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from unisim_blender.editing.layout.box_shape import box_shape
+from unisim_blender.editing.layout.class_colours import COLOURS, OTHER_COLOUR, class_colour
+from unisim_blender.editing.layout.gizmo_shapes import CORNERS, HEAD, STEM, arrow, disc
+from unisim_blender.editing.layout.speed_graph import BOTTOM, LEFT, RIGHT, WIDTH, Axes
+
+
+def test_a_box_is_closed_and_its_faces_look_outward() -> None:
+    vertices, edges, faces = box_shape((4.0, 2.0, 1.5))
+    corners = np.array(vertices)
+    assert np.ptp(corners[:8], axis=0) == pytest.approx([4.0, 2.0, 1.5]) and corners[:8].mean(0) == pytest.approx(np.zeros(3))
+    assert np.ptp(corners, axis=0) == pytest.approx([4.0, 2.0, 1.5]), "the arrow is no larger"
+    around = [tuple(sorted((face[i], face[(i + 1) % 4]))) for face in faces for i in range(4)]
+    assert len(faces) == 6 and len(set(around)) == 12 and all(around.count(edge) == 2 for edge in around)
+    for face in faces:
+        a, b, c = (corners[i] for i in face[:3])
+        assert np.dot(np.cross(b - a, c - b), corners[list(face)].mean(0)) > 0
+    tip = corners[10]
+    assert tip == pytest.approx([2.0, 0.0, 0.75]) and {i for edge in edges for i in edge} == {8, 9, 10}
+
+
+def test_gizmos_are_triangles() -> None:
+    round_ = np.array(disc()).reshape(-1, 3, 3)
+    assert len(round_) == CORNERS and np.linalg.norm(round_[:, 1:], axis=-1) == pytest.approx(np.ones((CORNERS, 2)))
+    area = np.linalg.norm(np.cross(round_[:, 1], round_[:, 2]), axis=-1).sum() / 2
+    assert area == pytest.approx(np.pi, rel=0.02)
+    pointing = np.array(arrow()).reshape(-1, 3, 3)
+    assert len(pointing) == 6 and pointing[..., 2].max() == 1.0 and np.abs(pointing[..., :2]).max() == HEAD > STEM
+    assert np.abs(pointing[:3, :, 1]).max() == 0 and np.abs(pointing[3:, :, 0]).max() == 0, "flat in two planes"
+
+
+def test_classes_have_colours() -> None:
+    assert class_colour("Medium-sized Truck") == COLOURS["truck"] and class_colour("Pickup Truck") == COLOURS["truck"]
+    assert class_colour("Pedestrian with Object") == COLOURS["pedestrian"] and class_colour("Tram") == OTHER_COLOUR
+
+
+def test_axes_hold_times_and_speeds() -> None:
+    axes = Axes(1.0, 5.0, 20.0)
+    assert axes.x(np.array([1.0, 5.0])) == pytest.approx([LEFT, WIDTH - RIGHT]) and axes.y(np.array(0.0)) == BOTTOM

@@ -1,0 +1,143 @@
+"""Requests to the worker from a sampled scene: what looks, when, and with which intrinsics; portraits of actors."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from imported_scene import added, changed, imported, one_of, sampled_object, standing
+
+from unisim_blender.core.geometry import box_corners, invert_pose, transform_points
+from unisim_blender.core.scenario import load_scenario, scenario_to_json
+from unisim_blender.core.scenario.edits import InsertMesh, Move
+from unisim_blender.core.scenario.placement import Placement
+from unisim_blender.core.scenario.sensors import Sensors
+from unisim_blender.core.scenario.types import Scenario
+from unisim_blender.core.sensors.exposure import exposure_window
+from unisim_blender.core.world.drive import Camera, CameraModel
+from unisim_blender.core.world.encoding import decode_sensor, decode_state
+from unisim_blender.core.world.replay import DriveStates
+from unisim_blender.editing.actors.portrait_views import FILLED, SIZE_PX, portrait_request
+from unisim_blender.editing.reading.mesh_files import folder
+from unisim_blender.editing.reading.requests import camera_request, indices, lidar_request, only, sized
+from unisim_blender.editing.reading.scenario import relative
+from unisim_blender.editing.reading.writing import write_scenario
+from unisim_blender.editing.sampled.source import Source
+
+MODEL = CameraModel(480, 270, 400.0, 402.0, 238.0, 136.0)
+
+
+def test_a_recorded_camera_looks_at_its_own_time(source: Source) -> None:
+    sampled = imported(source.drive)
+    view, camera = one_of(sampled, "front_camera"), source.drive.cameras["front_camera"]
+    request = camera_request(sampled, view, source, 7.0, (camera.model.width, camera.model.height))
+    looks = decode_sensor(request.values["sensor"])
+    assert isinstance(looks, Camera) and looks.sensor_id == "front_camera"
+    assert request.values["time_s"] == camera.time_s[7]
+    assert request.model == looks.model == camera.model
+    assert request.scenario.edits == () and request.scenario.sensors == Sensors(None, ())
+    assert json.loads(json.dumps(request.values)) == request.values
+    states = DriveStates(source.drive, source.parked)
+    assert decode_state(request.values["state"]) == states.state(*exposure_window(camera, camera.time_s[7]))
+
+
+def test_another_camera_has_a_trajectory_of_its_own(source: Source) -> None:
+    sampled = imported(source.drive)
+    view = sampled_object("Camera", "NONE", one_of(sampled, "front_camera").poses, uid="", camera=MODEL)
+    request = camera_request(added(sampled, view), view, source, 7.0, (96, 54))
+    (camera,) = scenario_to_json(request.scenario)["sensors"]["cameras"]
+    assert decode_sensor(request.values["sensor"]).sensor_id == camera["id"] == "Camera" and len(camera["trajectory"]) == 20
+    assert request.values["time_s"] == source.drive.time_s[7] and request.model.width == 96
+
+
+def test_a_sweep_and_who_looks_alone(source: Source) -> None:
+    sampled = imported(source.drive)
+    lidar = replace(one_of(sampled, "pandar64"), there=np.zeros(20, bool))  # hidden for renders, and asked for
+    request = lidar_request(sampled, lidar, source, 3.0)
+    assert (
+        decode_sensor(request["sensor"]).sensor_id == "pandar64"
+        and request["time_s"] == source.drive.lidars["pandar64"].time_s[3]
+    )
+    alone = only(changed(sampled, "pandar64", there=lidar.there), lidar)
+    assert [one.name for one in alone.of("CAMERA", "LIDAR")] == ["pandar64"] and one_of(alone, "pandar64").there.all()
+
+
+def test_edits_of_the_moment_are_in_it(source: Source) -> None:
+    uid = standing(source.drive).uid
+    sampled = imported(source.drive)
+    poses = one_of(sampled, uid).poses.copy()
+    poses[:, 0, 3] += 2.0
+    sampled = changed(sampled, uid, poses=poses, index=5)
+    request = camera_request(sampled, one_of(sampled, "front_camera"), source, 7.0, (96, 54))
+    (edit,) = request.scenario.edits
+    assert isinstance(edit, Move) and edit.actor == uid and request.indices[uid] == 5
+    copy = replace(one_of(sampled, uid), name="Copy", index=9)
+    assert indices(added(sampled, copy))["Copy"] == 9 and indices(added(sampled, copy))[uid] == 5
+
+
+@pytest.mark.parametrize("size", [(960, 540), (240, 135), (391, 220)])
+def test_a_camera_of_the_rig_keeps_its_own_intrinsics(size: tuple[int, int]) -> None:
+    found = sized(MODEL, size, 1.0, True)
+    assert (found.width, found.height) == size
+    assert (found.fx / size[0], found.cx / size[0]) == pytest.approx((400 / 480, 238 / 480))
+    assert (found.fy / size[1], found.cy / size[1]) == pytest.approx((402 / 270, 136 / 270))
+
+
+def test_another_shape_is_as_wide_as_the_lens_says() -> None:
+    found = sized(MODEL, (480, 480), 1.0, True)
+    assert (found.fx, found.fy, found.cx) == (400.0, 400.0, 238.0) and found.cy == 240 + 1.0
+    squeezed = sized(MODEL, (480, 270), 2.0, False)
+    assert squeezed.fy == 200.0 and squeezed.fx == 400.0
+
+
+def test_a_portrait_shows_all_of_the_actor_and_no_other(source: Source) -> None:
+    shown = 0
+    for actor in source.drive.actors.values():
+        request = portrait_request(source, actor, "portrait")
+        if request is None:
+            continue
+        shown += 1
+        document = scenario_to_json(request.scenario)
+        (camera,) = document["sensors"]["cameras"]
+        key = camera["trajectory"][0]
+        model = request.model
+        assert (model.width, model.height) == (SIZE_PX, SIZE_PX) and model.fx == pytest.approx(model.fy)
+        removed = {edit["actor"] for edit in document["edits"] if edit["type"] == "remove"}
+        assert actor.uid not in removed and len(removed) >= len(source.drive.actors) - 1 - 5
+        w, x, y, z = key["quaternion_wxyz"]
+        axes = np.array([
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ])  # fmt: skip
+        pose = np.eye(4)
+        pose[:3, :3], pose[:3, 3] = axes, key["position"]
+        if actor.is_moving:
+            continue
+        corners = transform_points(invert_pose(pose), box_corners(actor.world_from_actor.at(0.0), actor.size_m))
+        across = np.abs(corners[:, :2] / corners[:, 2:]).max() * model.fx
+        assert (corners[:, 2] > 0).all() and across == pytest.approx(FILLED * SIZE_PX / 2, rel=1e-3)
+    assert shown > 5
+
+
+def test_paths_are_relative_to_the_scenario() -> None:
+    assert relative(Path("/a/b/log"), Path("/a/c/scenario.json")) == "../b/log"
+
+
+def test_a_written_scenario_has_its_meshes_beside_it(tmp_path: Path) -> None:
+    assert folder() == folder() and folder().is_dir()
+    mesh, own = folder() / "abc.npz", tmp_path / "own.npz"
+    mesh.write_bytes(b"shape")
+    own.write_bytes(b"other")
+    path = tmp_path / "out" / "cut in.json"
+    path.parent.mkdir()
+    place = Placement(position=(1.0, 2.0, 3.0), quaternion_wxyz=(1.0, 0.0, 0.0, 0.0))
+    edits = (InsertMesh(str(mesh), "box", pose=place), InsertMesh("../own.npz", "own", pose=place))
+    write_scenario(Scenario(name="x", log=str(tmp_path), edits=edits, path=path), path)
+    kept = path.parent / "cut in_meshes" / "abc.npz"
+    assert kept.read_bytes() == b"shape"
+    meshes = [edit.mesh for edit in load_scenario(path).edits if isinstance(edit, InsertMesh)]
+    assert meshes == ["cut in_meshes/abc.npz", "../own.npz"]
