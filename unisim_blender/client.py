@@ -13,7 +13,7 @@ import subprocess
 import tempfile
 import threading
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, BinaryIO, cast
@@ -59,11 +59,14 @@ class Client:
         self._running = False
         self._closed = False
 
-    def ask(self, do: str, prepare: Prepare | None = None, **values: Any) -> Request:
-        """Ask for a job; a worker that is not there is started for it. ``prepare`` gets its arrays."""
+    def ask(self, do: str, prepare: Prepare | None = None, warnings: Sequence[str] = (), **values: Any) -> Request:
+        """Ask for a job; a worker that is not there is started for it. ``prepare`` gets its arrays; ``warnings`` are its first
+        events: what comes out otherwise than the edits ask for."""
         with self._lock:
             number = next(self._numbers)
             request = self._requests[number] = Request(number, {**values, "do": do, "id": number}, prepare)
+            for sentence in warnings:
+                request.events.put({"event": "warning", "text": sentence})
             if not self._running:
                 self._running, self._outgoing = True, queue.SimpleQueue()
                 threading.Thread(target=self._run, args=(self._outgoing,), daemon=True).start()

@@ -127,14 +127,14 @@ class UniSimEngine(bpy.types.RenderEngine):
         layer = depsgraph.view_layer_eval
         names = wanted_passes(scene, layer)
         picture = Picture(size, border_of(render, size), names, layer.name)
-        values = camera_request(sampled, view, source, frame, size, render.pixel_aspect_y / render.pixel_aspect_x)
-        picture.indices = values.pop("indices")
+        asked = camera_request(sampled, view, source, frame, size, render.pixel_aspect_y / render.pixel_aspect_x)
+        picture.indices = asked.indices
         height = size[1]
         left, bottom, right, top = picture.border
         clip = scene.unisim.clip_render and not (view.kind == "CAMERA" and view.uid in source.drive.cameras)
         request = worker.ask(
             "camera",
-            **values,
+            **asked.values,
             passes=["rgb", *(PASSES[name][-1] for name in names), *(["unsupported"] if clip else [])],
             clip=clip,
             quality=scene.unisim.quality,

@@ -234,11 +234,11 @@ def _render() -> bool:
         with suppress(UnisimError, OSError):
             header = read_scene_header(scene_path)
             actor = header.drive.actors.get(uid)
-            source = Source((scene_path / header.log_path).resolve(), scene_path, header.drive, None)
-            values = portrait_request(source, actor, scene_path.name) if actor is not None else None
-            if values is not None:
+            source = Source((scene_path / header.log_path).resolve(), scene_path, header.drive, None, header.parked)
+            asked = portrait_request(source, actor, scene_path.name) if actor is not None else None
+            if asked is not None:
                 request = client(interpreter()).ask(
-                    "camera", **values, passes=["rgb", "instance"], quality="balanced", device=device()
+                    "camera", **asked.values, passes=["rgb", "instance"], quality="balanced", device=device()
                 )
                 _rendering.append(Portrait(scene_path, uid, request))
     return news

@@ -22,7 +22,9 @@ from .bridge.sampling.stepping import frame_of
 from .client import Client, Request, client, progress_line
 from .comparison import Comparison
 from .core.errors import UnisimError
-from .core.world.drive import CameraModel
+from .core.scenario import scenario_to_json
+from .core.world.drive import Camera, CameraModel
+from .core.world.encoding import decode_sensor
 from .editing.images.dirty_region import Rectangle, dirty_region, is_empty, joined
 from .editing.images.view_parts import ViewPart, view_part
 from .editing.reading.requests import camera_request
@@ -194,14 +196,13 @@ class View:
             self.rectangle = 0, 0, context.region.width, context.region.height
             view = onlooker(context, len(clock.frames))
         aspect = scene.render.pixel_aspect_y / scene.render.pixel_aspect_x
-        values = camera_request(sampled, view, source, frame, self.rectangle[2:], aspect)
-        del values["indices"]
+        asked = camera_request(sampled, view, source, frame, self.rectangle[2:], aspect)
         options = options_of(context.space_data)
-        self.comparison.follow(options, source, view, values["scenario"], CameraModel.from_dict(values["model"]), frame)
+        self.comparison.follow(options, source, view, scenario_to_json(asked.scenario), asked.model, frame)
         clip = options.clip and through is None
         passes = ["rgb", "unsupported"] if clip or options.unsupported else ["rgb"]
         set_up = {"quality": scene.unisim.quality, "shadows": scene.unisim.contact_shadows, "device": device()}
-        return {**values, **set_up, "clip": clip, "passes": passes}, sampled, view
+        return {**asked.values, **set_up, "clip": clip, "passes": passes}, sampled, view
 
     def _with_passes(self, values: dict[str, Any]) -> dict[str, Any]:
         """The same request with the pass that the finished image has already, where nothing else is to be rendered."""
@@ -214,11 +215,12 @@ class View:
         """The part of a finished image that has to be rendered again; None for all."""
         if self.wanted is None or self.sampled is None or self.problem:
             return None
-        elsewhere = ("camera", "time_s", "model", "quality", "shadows", "device", "clip", "passes")
+        elsewhere = ("sensor", "time_s", "quality", "shadows", "device", "clip", "passes")
         if any(values[name] != self.wanted[name] for name in elsewhere) or self.linear.shape[:2] != self.rectangle[:1:-1]:
             return None
-        model = CameraModel.from_dict(values["model"])
-        part = dirty_region(self.sampled, sampled, view, model, SHADOW_M if values["shadows"] else BOX_M)
+        camera = decode_sensor(values["sensor"])
+        assert isinstance(camera, Camera)
+        part = dirty_region(self.sampled, sampled, view, camera.model, SHADOW_M if values["shadows"] else BOX_M)
         return None if part is None else joined(part, self.unfinished)
 
     def _ask(self, values: dict[str, Any], part: Rectangle | None) -> None:

@@ -11,18 +11,18 @@ from helpers import thing
 
 from unisim_blender.bridge.objects.source import source_of
 from unisim_blender.bridge.sampling.stepping import sample_all
-from unisim_blender.core.world.drive import CameraModel
+from unisim_blender.core.scenario import scenario_to_json
 from unisim_blender.editing.images.comparison import (
     lacks_recorded,
     placement,
 )
-from unisim_blender.editing.reading.requests import camera_request
+from unisim_blender.editing.reading.requests import CameraRequest, camera_request
 from unisim_blender.editing.sampled.clock import Clock
 from unisim_blender.editing.sampled.scene import SampledObject
 from unisim_blender.editing.sampled.source import Source
 
 
-def request(street: Any, view: Any, frame: float = 9.0) -> tuple[SampledObject, dict[str, Any], Source]:
+def request(street: Any, view: Any, frame: float = 9.0) -> tuple[SampledObject, CameraRequest, Source]:
     source = source_of(street)
     sampled = sample_all(street, Clock.of(source.drive).around(frame))
     looking = next(one for one in sampled.objects if one.name == view.name)
@@ -30,8 +30,8 @@ def request(street: Any, view: Any, frame: float = 9.0) -> tuple[SampledObject, 
 
 
 def lack(street: Any, view: Any, frame: float = 9.0) -> str:
-    looking, values, source = request(street, view, frame)
-    return lacks_recorded(looking, values["scenario"], source.drive, source.log, frame)
+    looking, asked, source = request(street, view, frame)
+    return lacks_recorded(looking, scenario_to_json(asked.scenario), source.drive, source.log, frame)
 
 
 @pytest.fixture
@@ -43,8 +43,8 @@ def front(street: Any) -> Any:
 
 def test_a_recorded_camera_has_its_image(street: Any, front: Any) -> None:
     assert lack(street, front) == ""
-    looking, values, source = request(street, front)
-    model = CameraModel.from_dict(values["model"])
+    looking, asked, source = request(street, front)
+    model = asked.model
     found = placement(source.drive.cameras["front_camera"].model, model)
     assert found is not None and found.place == (0, 0, 480, 270)
 
@@ -52,10 +52,12 @@ def test_a_recorded_camera_has_its_image(street: Any, front: Any) -> None:
 def test_what_has_none_says_why(street: Any, front: Any) -> None:
     assert "recorded image of frame 9.5" in lack(street, front, 9.5)
     assert "recorded image of frame 40" in lack(street, front, 40.0)
-    looking, values, source = request(street, front)
-    assert "log is not at hand" in lacks_recorded(looking, values["scenario"], source.drive, None, 9)
+    looking, asked, source = request(street, front)
+    assert "log is not at hand" in lacks_recorded(looking, scenario_to_json(asked.scenario), source.drive, None, 9)
     nobody = SampledObject("viewport", "NONE", "", "", "", "", "", 0, looking.poses, looking.there, looking.camera)
-    assert "look through a recorded camera" in lacks_recorded(nobody, values["scenario"], source.drive, source.log, 9)
+    assert "look through a recorded camera" in lacks_recorded(
+        nobody, scenario_to_json(asked.scenario), source.drive, source.log, 9
+    )
     copy = front.copy()
     street.collection.objects.link(copy)
     assert "added camera" in lack(street, copy)

@@ -19,6 +19,8 @@ from unisim_blender.bridge.sampling.adjacent_frames import lacking, sample_now, 
 from unisim_blender.bridge.sampling.stepping import image_size, kept_frame, sample
 from unisim_blender.core.geometry import FloatArray
 from unisim_blender.core.worker.jobs import Jobs
+from unisim_blender.core.world.drive import Camera
+from unisim_blender.core.world.encoding import decode_sensor
 from unisim_blender.editing.images.dirty_region import dirty_region
 from unisim_blender.editing.reading.requests import camera_request, sized
 from unisim_blender.editing.sampled.clock import Clock
@@ -248,7 +250,7 @@ def test_what_an_edit_touches_holds_all_that_it_changes(street: Any, tmp_path: P
     assert dirty_region(before, before, view, model) == (model.width, model.height, 0, 0)
     # what the worker renders again, laid over the picture before, is the picture after, to the bit
     jobs, source, size = Jobs(tmp_path), source_of(street), image_size(street.render)
-    old, new = (camera_request(state, view, source, frame, size) for state in (before, after))
+    old, new = (camera_request(state, view, source, frame, size).values for state in (before, after))
     part = {**new, "rows": [top, bottom], "columns": [left, right], "touched": True}
     assert np.array_equal(shown(jobs, [old, part]), shown(jobs, [new]))
     assert not np.array_equal(shown(jobs, [old]), shown(jobs, [new]))
@@ -256,8 +258,9 @@ def test_what_an_edit_touches_holds_all_that_it_changes(street: Any, tmp_path: P
 
 def shown(jobs: Jobs, requests: list[dict[str, Any]]) -> FloatArray:
     """The colours of what is asked for, one laid over the other."""
-    model = requests[0]["model"]
-    whole = np.full((model["height"], model["width"], 3), np.nan)
+    camera = decode_sensor(requests[0]["sensor"])
+    assert isinstance(camera, Camera)
+    whole = np.full((camera.model.height, camera.model.width, 3), np.nan)
     for event in (event for request in requests for event in jobs.camera(request)):
         (top, bottom), (left, right) = event["rows"], event["columns"]
         place = event["arrays"]["rgb"]

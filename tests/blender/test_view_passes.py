@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -46,10 +45,9 @@ def above(street: Any) -> dict[str, Any]:
     np.testing.assert_allclose(optical(poses)[0], pose)
     model = CameraModel(*SIZE, 125.0, 125.0, 80.0, 50.0)
     view = SampledObject("viewport", "NONE", "", "", "", "", "", 0, poses, np.ones(len(poses), bool), model)
-    values = camera_request(sampled, view, source, FRAME, SIZE)
-    del values["indices"]
-    assert values["model"] == asdict(model)
-    return {**values, "quality": "fast", "device": "cpu"}
+    asked = camera_request(sampled, view, source, FRAME, SIZE)
+    assert asked.model == model
+    return {**asked.values, "quality": "fast", "device": "cpu"}
 
 
 def answers(jobs: Jobs, **request: Any) -> Iterator[tuple[dict[str, Any], dict[str, NDArray[Any]]]]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import queue
 import signal
@@ -11,7 +10,6 @@ import sysconfig
 import threading
 import time
 from collections.abc import Iterator
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +21,7 @@ from unisim_blender import interpreters
 from unisim_blender.client import Client, Request
 from unisim_blender.core.model.scene_file import read_scene_header
 from unisim_blender.core.prepare.backends import make_backend
+from unisim_blender.core.prepare.capture_request import capture_request
 from unisim_blender.core.render.drive_renderer import DriveRenderer
 from unisim_blender.core.render.regions import Region
 from unisim_blender.core.render.renderer import Renderer
@@ -85,9 +84,32 @@ def test_an_unknown_job_is_a_sentence(worker: Client) -> None:
     assert "another version" in str(last(worker.ask("sing"))["text"])
 
 
-def test_a_broken_scenario_is_a_sentence(worker: Client) -> None:
-    event = last(worker.ask("camera", scenario={"format": "x"}, path="/tmp/x.json", camera="c", time_s=0.0, model={}))
-    assert event["event"] == "error" and "/tmp/x.json" in str(event["text"])
+@pytest.mark.parametrize(
+    ("changed", "sentence"),
+    [
+        ({"state": "no"}, "a state that was sent is no"),
+        ({"state": None}, "the request has no state"),
+        ({"sensor": ""}, "a sensor that was sent is no"),
+        ({"time_s": 1.0}, "the request's time, 1.0, is not within its state"),
+        ({"scene": "/tmp/nowhere"}, "/tmp/nowhere"),
+    ],
+)
+def test_a_broken_request_is_a_sentence(worker: Client, changed: dict[str, Any], sentence: str) -> None:
+    event = last(worker.ask("camera", **sample_request(**changed)))
+    assert event["event"] == "error" and sentence in str(event["text"])
+
+
+def test_an_image_of_a_lidar_is_a_sentence(worker: Client) -> None:
+    drive = read_scene_header(SAMPLE / "scene").drive
+    lidar = drive.lidars["pandar64"]
+    asked = capture_request(drive, {}, lidar, 0.5, SAMPLE, SAMPLE / "scene")
+    assert "an image is asked for of LiDAR 'pandar64'" in str(last(worker.ask("camera", **asked))["text"])
+
+
+def test_warnings_are_the_first_events(worker: Client) -> None:
+    request = worker.ask("about", warnings=["one", "two"])
+    assert [request.events.get(timeout=LIMIT_S).get("text") for _ in range(2)] == ["one", "two"]
+    assert last(request)["event"] == "done"
 
 
 NOISY = """#!/bin/sh
@@ -158,8 +180,8 @@ def test_training_passes_over_what_has_no_torch(bare: Path, tmp_path: Path, monk
 
 def test_a_gpu_without_torch_is_a_sentence(bare: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(interpreters, "WHEELS", site_packages(tmp_path))
-    path = SAMPLE / "scenario.json"
-    request = {"scenario": json.loads(path.read_text()), "path": str(path), "lidar": "pandar64", "time_s": 0.5}
+    header = read_scene_header(SAMPLE / "scene")
+    request = capture_request(header.drive, header.parked, header.drive.lidars["pandar64"], 0.5, SAMPLE, SAMPLE / "scene")
     client = Client(str(bare))
     try:
         assert last(client.ask("lidar", **request, device="auto"))["event"] == "done"
@@ -171,15 +193,11 @@ def test_a_gpu_without_torch_is_a_sentence(bare: Path, tmp_path: Path, monkeypat
 
 def sample_request(**more: Any) -> dict[str, Any]:
     """A request for an image of the sample's camera at twice its own width."""
-    scene = SAMPLE / "scene"
-    camera = read_scene_header(scene).drive.cameras["front_camera"]
-    paths = {"log": str(scene / "none"), "scene": str(scene)}
-    return {
-        "scenario": {"format": "unisim-scenario", "version": 1, "name": "x", "edits": [], **paths},
-        "path": str(scene / "x.json"), "camera": "front_camera", "time_s": camera.time_s[0],
-        "model": asdict(camera.model.resized(2 * camera.model.width)), "passes": ["rgb"], "quality": "balanced", "device": "cpu",
-        **more,
-    }  # fmt: skip
+    header = read_scene_header(SAMPLE / "scene")
+    camera = header.drive.cameras["front_camera"]
+    twice = camera.resized(2 * camera.model.width)
+    asked = capture_request(header.drive, header.parked, twice, camera.time_s[0], SAMPLE / "none", SAMPLE / "scene")
+    return {**asked, "passes": ["rgb"], "quality": "balanced", "device": "cpu", **more}
 
 
 def test_arrays_are_prepared_in_a_thread(worker: Client) -> None:

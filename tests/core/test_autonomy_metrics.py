@@ -343,6 +343,17 @@ def test_a_bad_document_is_one_sentence(
     assert capsys.readouterr().err == f"Error: {caught.value}\n"
 
 
+def test_frames_may_be_times(tmp_path: Path) -> None:
+    one = FrameOutput(boxes(CAR), np.array([0.9]), ("vehicle",), np.zeros(1, bool))
+    given = Outputs("bev", {("", "t0000001050000us"): one, ("", 3): one}, True, tmp_path / "out.json")
+    write_outputs(given.path, given)
+    again = read_outputs(given.path)
+    assert list(again.frames) == [("", "t0000001050000us"), ("", 3)]
+    labels = Outputs("bev", {("", "t0000001050000us"): one}, True, tmp_path / "labels.json")
+    with pytest.raises(MetricsError, match="has no frame 3, which"):
+        measure(again, labels, None, 10, 0)
+
+
 def test_documents_that_do_not_belong_together() -> None:
     empty = output([], [])
     with pytest.raises(MetricsError, match="has no frame 1 of sequence 'a'"):

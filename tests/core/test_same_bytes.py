@@ -11,7 +11,6 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +23,8 @@ from PIL import Image
 
 from unisim_blender.core import native
 from unisim_blender.core.colour import bytes_from_srgb
+from unisim_blender.core.model.scene_file import read_scene_header
+from unisim_blender.core.prepare.capture_request import capture_request
 from unisim_blender.core.prepare.scenario import prepare_scenario
 from unisim_blender.core.worker.jobs import Jobs
 
@@ -154,12 +155,15 @@ def test_the_workers_image_has_the_command_lines_bytes(
 ) -> None:
     """Whole in bands, or the part of it that an edit touched; at the same time, without the frame's number."""
     path, camera = inputs / "busy.json", "front_camera"
-    recorded = prepare_scenario(path).edited.cameras[camera]
-    model = recorded.model.resized(96)
+    prepared = prepare_scenario(path)
+    recorded, scene = prepared.edited.cameras[camera], prepared.scene_path
+    assert scene is not None
+    seen_by, log = recorded.resized(96), prepared.scenario.log_path
+    model, parked, time_s = seen_by.model, read_scene_header(scene).parked, recorded.time_s[int(FRAME)]
     left, top, right, bottom = region or (0, 0, model.width, model.height)
     request = {
-        "scenario": json.loads(path.read_text()), "path": str(path), "camera": camera, "time_s": recorded.time_s[int(FRAME)],
-        "model": asdict(model), "passes": ["rgb", "depth", "instance"], "quality": "fast", "shadows": True,
+        **capture_request(prepared.edited, parked, seen_by, time_s, log, scene),
+        "passes": ["rgb", "depth", "instance"], "quality": "fast", "shadows": True,
         "rows": [top, bottom], "columns": [left, right], "touched": region is not None, "coarse": [8] if region is None else [],
     }  # fmt: skip
     shown = {name: np.full((model.height, model.width), np.nan) for name in ("depth", "instance")}

@@ -97,11 +97,11 @@ def make_library(source: Source, path: Path) -> Generator[str, None, None]:
     try:
         actors, names = sorted(source.drive.actors.items()), names_at_import(source)
         for number, (uid, actor) in enumerate(actors):
-            values = portrait_request(source, actor, path.stem)
-            if values is None:
+            asked = portrait_request(source, actor, path.stem)
+            if asked is None:
                 continue
             worker = client(interpreter())
-            request = worker.ask("camera", **values, passes=["rgb", "instance"], quality="balanced", device=device())
+            request = worker.ask("camera", **asked.values, passes=["rgb", "instance"], quality="balanced", device=device())
             rgb, shown = [], []
             while True:
                 yield message("Preview {number} of {count}", number=number + 1, count=len(actors))

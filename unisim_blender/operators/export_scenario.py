@@ -51,8 +51,7 @@ def sampled_in_steps(scene: bpy.types.Scene, clock: Clock) -> Generator[str | No
 def _settings(scene: bpy.types.Scene) -> tuple[FrameRange | None, Outputs]:
     """The frames of a scenario, None for all of the log's, and its outputs."""
     clock, settings = Clock.of(source_of(scene).drive), scene.unisim
-    all_frames = scene.frame_start <= clock.frames[0] and scene.frame_end >= clock.frames[-1] and scene.frame_step == 1
-    frames = None if all_frames else FrameRange(scene.frame_start, scene.frame_end + 1, scene.frame_step)
+    frames = clock.frame_range(scene.frame_start, scene.frame_end, scene.frame_step)
     passes = ("rgb", *(name for name in ("depth", "normal", "instance", "opacity", "unsupported") if name in settings.passes))
     return frames, Outputs(passes=passes, quality=settings.quality, contact_shadows=settings.contact_shadows or None)
 

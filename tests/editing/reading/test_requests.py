@@ -11,14 +11,18 @@ import pytest
 from imported_scene import added, changed, imported, one_of, sampled_object, standing
 
 from unisim_blender.core.geometry import box_corners, invert_pose, transform_points
-from unisim_blender.core.scenario import load_scenario, scenario_from_json
+from unisim_blender.core.scenario import load_scenario, scenario_to_json
 from unisim_blender.core.scenario.edits import InsertMesh, Move
 from unisim_blender.core.scenario.placement import Placement
+from unisim_blender.core.scenario.sensors import Sensors
 from unisim_blender.core.scenario.types import Scenario
-from unisim_blender.core.world.drive import CameraModel
+from unisim_blender.core.sensors.exposure import exposure_window
+from unisim_blender.core.world.drive import Camera, CameraModel
+from unisim_blender.core.world.encoding import decode_sensor, decode_state
+from unisim_blender.core.world.replay import DriveStates
 from unisim_blender.editing.actors.portrait_views import FILLED, SIZE_PX, portrait_request
 from unisim_blender.editing.reading.mesh_files import folder
-from unisim_blender.editing.reading.requests import HERE, camera_request, indices, lidar_request, only, sized
+from unisim_blender.editing.reading.requests import camera_request, indices, lidar_request, only, sized
 from unisim_blender.editing.reading.scenario import relative
 from unisim_blender.editing.reading.writing import write_scenario
 from unisim_blender.editing.sampled.source import Source
@@ -30,26 +34,33 @@ def test_a_recorded_camera_looks_at_its_own_time(source: Source) -> None:
     sampled = imported(source.drive)
     view, camera = one_of(sampled, "front_camera"), source.drive.cameras["front_camera"]
     request = camera_request(sampled, view, source, 7.0, (camera.model.width, camera.model.height))
-    assert request["camera"] == "front_camera" and request["time_s"] == camera.time_s[7]
-    assert CameraModel.from_dict(request["model"]) == camera.model
-    assert request["scenario"].get("edits", []) == [] and request["scenario"]["sensors"] == {"lidars": []}
-    assert json.loads(json.dumps(request)) == request
+    looks = decode_sensor(request.values["sensor"])
+    assert isinstance(looks, Camera) and looks.sensor_id == "front_camera"
+    assert request.values["time_s"] == camera.time_s[7]
+    assert request.model == looks.model == camera.model
+    assert request.scenario.edits == () and request.scenario.sensors == Sensors(None, ())
+    assert json.loads(json.dumps(request.values)) == request.values
+    states = DriveStates(source.drive, source.parked)
+    assert decode_state(request.values["state"]) == states.state(*exposure_window(camera, camera.time_s[7]))
 
 
 def test_another_camera_has_a_trajectory_of_its_own(source: Source) -> None:
     sampled = imported(source.drive)
     view = sampled_object("Camera", "NONE", one_of(sampled, "front_camera").poses, uid="", camera=MODEL)
     request = camera_request(added(sampled, view), view, source, 7.0, (96, 54))
-    (camera,) = request["scenario"]["sensors"]["cameras"]
-    assert request["camera"] == camera["id"] == "Camera" and len(camera["trajectory"]) == 20
-    assert request["time_s"] == pytest.approx(source.drive.time_s[7]) and request["model"]["width"] == 96
+    (camera,) = scenario_to_json(request.scenario)["sensors"]["cameras"]
+    assert decode_sensor(request.values["sensor"]).sensor_id == camera["id"] == "Camera" and len(camera["trajectory"]) == 20
+    assert request.values["time_s"] == source.drive.time_s[7] and request.model.width == 96
 
 
 def test_a_sweep_and_who_looks_alone(source: Source) -> None:
     sampled = imported(source.drive)
     lidar = replace(one_of(sampled, "pandar64"), there=np.zeros(20, bool))  # hidden for renders, and asked for
     request = lidar_request(sampled, lidar, source, 3.0)
-    assert request["lidar"] == "pandar64" and request["time_s"] == source.drive.lidars["pandar64"].time_s[3]
+    assert (
+        decode_sensor(request["sensor"]).sensor_id == "pandar64"
+        and request["time_s"] == source.drive.lidars["pandar64"].time_s[3]
+    )
     alone = only(changed(sampled, "pandar64", there=lidar.there), lidar)
     assert [one.name for one in alone.of("CAMERA", "LIDAR")] == ["pandar64"] and one_of(alone, "pandar64").there.all()
 
@@ -61,8 +72,8 @@ def test_edits_of_the_moment_are_in_it(source: Source) -> None:
     poses[:, 0, 3] += 2.0
     sampled = changed(sampled, uid, poses=poses, index=5)
     request = camera_request(sampled, one_of(sampled, "front_camera"), source, 7.0, (96, 54))
-    (edit,) = scenario_from_json(request["scenario"], HERE).edits
-    assert isinstance(edit, Move) and edit.actor == uid and request["indices"][uid] == 5
+    (edit,) = request.scenario.edits
+    assert isinstance(edit, Move) and edit.actor == uid and request.indices[uid] == 5
     copy = replace(one_of(sampled, uid), name="Copy", index=9)
     assert indices(added(sampled, copy))["Copy"] == 9 and indices(added(sampled, copy))[uid] == 5
 
@@ -89,11 +100,12 @@ def test_a_portrait_shows_all_of_the_actor_and_no_other(source: Source) -> None:
         if request is None:
             continue
         shown += 1
-        (camera,) = request["scenario"]["sensors"]["cameras"]
+        document = scenario_to_json(request.scenario)
+        (camera,) = document["sensors"]["cameras"]
         key = camera["trajectory"][0]
-        model = CameraModel.from_dict(request["model"])
+        model = request.model
         assert (model.width, model.height) == (SIZE_PX, SIZE_PX) and model.fx == pytest.approx(model.fy)
-        removed = {edit["actor"] for edit in request["scenario"]["edits"] if edit["type"] == "remove"}
+        removed = {edit["actor"] for edit in document["edits"] if edit["type"] == "remove"}
         assert actor.uid not in removed and len(removed) >= len(source.drive.actors) - 1 - 5
         w, x, y, z = key["quaternion_wxyz"]
         axes = np.array([

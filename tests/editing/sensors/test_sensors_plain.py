@@ -18,7 +18,7 @@ from unisim_blender.editing.sampled.source import Source
 from unisim_blender.editing.sensors.directions import AHEAD, STEEPEST_RAD, angles, level_axes, turned_to
 from unisim_blender.editing.sensors.facts import beams_of, rate_of
 from unisim_blender.editing.sensors.lenses import Lens, lens_of, model_of_lens
-from unisim_blender.editing.sensors.mounts import lag, lidar_json, lidar_model, recorded_mount, sensor_times
+from unisim_blender.editing.sensors.mounts import lag, lidar_json, lidar_model, recorded_mount
 from unisim_blender.editing.sensors.names import LONGEST_NAME, free_name, preset_name
 from unisim_blender.editing.sensors.outlines import DISPLAY_M, pyramid, ring
 from unisim_blender.editing.sensors.recorded import from_frame, recorded_camera_pose, recorded_pose, sees_the_same
@@ -74,11 +74,13 @@ def test_which_poses_see_the_recorded_image() -> None:
 def test_a_sensors_own_times_and_its_mount(source: Source) -> None:
     drive = source.drive
     clock, camera = Clock.of(drive), drive.cameras["front_camera"]
-    times = sensor_times(clock, camera.time_s)
+    times = clock.of_sensor(camera).times_s
     assert times == pytest.approx([camera.time_s[int(frame)] for frame in clock.frames])
     few = {frame: time for frame, time in camera.time_s.items() if frame < 5}
     delay = np.median([few[frame] - drive.time_s[frame] for frame in few])
-    assert sensor_times(clock, few)[10] == pytest.approx(drive.time_s[10] + delay), "the usual delay where it has no time"
+    assert clock.of_sensor(replace(camera, time_s=few)).times_s[10] == pytest.approx(drive.time_s[10] + delay), (
+        "the usual delay where it has no time"
+    )
     assert (lag(None, drive, clock) == np.eye(4)).all()
     mount = lag(camera, drive, clock) @ recorded_mount(camera, drive, clock)
     assert np.abs(mount - mount[:1]).max() < 0.01, "fixed to the vehicle at its own times, but for what training corrects"
@@ -141,7 +143,7 @@ def test_names() -> None:
 
 def test_recorded_returns_of_a_log(street_log: Path) -> None:
     log = open_log(street_log)
-    source = Source(street_log, None, log.drive, log)
+    source = Source(street_log, None, log.drive, log, {})
     (one,) = recorded_returns(source, 1)
     sweep = log.sweep(one.lidar, 1)
     assert np.array_equal(one.points, sweep.points) and set(one.attributes) == {"intensity", "class", "depth"}

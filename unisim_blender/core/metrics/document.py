@@ -44,12 +44,16 @@ class FrameOutput:
     plan: FloatArray | None = None
 
 
+FrameKey = tuple[str, int | str]
+"""A sequence, and a frame's number or the name of a time ("t0000001050000us")."""
+
+
 @dataclass(frozen=True)
 class Outputs:
     """A document: what its boxes are, and frames by sequence and number. ``scored``: every box has a score."""
 
     kind: str
-    frames: dict[tuple[str, int], FrameOutput]
+    frames: dict[FrameKey, FrameOutput]
     scored: bool = True
     path: Path = field(default=Path("outputs.json"), compare=False)
 
@@ -65,11 +69,13 @@ def read_outputs(path: Path) -> Outputs:
     kind = root.key("boxes").text()
     if kind not in KINDS:
         root.key("boxes").fail(f"must be one of {', '.join(KINDS)}, not {short(kind)}")
-    frames: dict[tuple[str, int], FrameOutput] = {}
+    frames: dict[FrameKey, FrameOutput] = {}
     scored = True
     for node in root.key("frames").elements():
         _known(node, {"sequence", "frame", "boxes", "plan"})
-        key = (node.key("sequence").text() if "sequence" in node.value else "", node.key("frame").integer())
+        frame = node.key("frame")
+        number = frame.text() if isinstance(frame.value, str) else frame.integer()
+        key = (node.key("sequence").text() if "sequence" in node.value else "", number)
         if key in frames:
             node.fail(f"{_named(key)} is there twice")
         frames[key], has_scores = _read_frame(node, kind)
@@ -135,7 +141,7 @@ def write_outputs(path: Path, outputs: Outputs) -> None:
     write_text(path, dumps(document, indent=1) + "\n", MetricsError)
 
 
-def _frame_to_json(key: tuple[str, int], frame: FrameOutput, scored: bool) -> dict[str, Any]:
+def _frame_to_json(key: FrameKey, frame: FrameOutput, scored: bool) -> dict[str, Any]:
     boxes: list[dict[str, Any]] = []
     for index, box in enumerate(frame.boxes):
         item: dict[str, Any] = {"box": box.tolist(), "class": frame.classes[index]}
@@ -164,7 +170,7 @@ def check_pair(outputs: Outputs, labels: Outputs) -> None:
         raise MetricsError(f"{labels.path}: frames: there is none")
 
 
-def _named(key: tuple[str, int]) -> str:
+def _named(key: FrameKey) -> str:
     return f"frame {key[1]}" + (f" of sequence {key[0]!r}" if key[0] else "")
 
 

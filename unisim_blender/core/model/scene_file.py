@@ -20,6 +20,8 @@ from ..errors import SceneError, short
 from ..geometry import FloatArray, Trajectory
 from ..json_file import Node, read_json, write_text
 from ..world.drive import Actor, Box, Camera, CameraModel, Drive, Lidar, LidarModel, Look, RollingShutter, StaticCopy
+from ..world.replay import parked_boxes
+from .config import ModelConfig
 
 FORMAT = "unisim-scene"
 VERSION = 1
@@ -54,6 +56,12 @@ class SceneHeader:
         if self.model.get("density") != "volume":
             return "neural"
         return "ngp" if self.model.get("actors") == "none" else "nsg"
+
+    @property
+    def parked(self) -> dict[str, Box]:
+        """Boxes of actors that stood still throughout the recording, by their ids: the static field does not hold them. A scene
+        that is one field holds everything, so it has none."""
+        return {} if ModelConfig.from_dict(self.model).actors == "none" else parked_boxes(self.drive)
 
 
 def header_path(path: Path) -> Path:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import lru_cache
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from ..data import open_log
 from ..data.readers import reader_of
@@ -14,6 +15,7 @@ from ..scenario import FORMAT, apply_scenario, load_scenario, scenario_from_json
 from ..scenario.types import Scenario, StreetLog
 from ..world.drive import Actor, Drive
 from .replay import replayed_drive
+from .scenes import stamp
 
 
 class PreparedScenario(NamedTuple):
@@ -53,8 +55,13 @@ def recorded_drive(scenario: Scenario, refined: bool = True) -> Drive:
 
 
 def scene_actors(path: Path) -> dict[str, Actor]:
-    """The actors of the trained scene in folder ``path``."""
-    return read_scene_header(path).drive.actors
+    """The actors of the trained scene in folder ``path``; those of a scene that was read before are kept."""
+    return _scene_actors(stamp(path))
+
+
+@lru_cache(maxsize=8)
+def _scene_actors(stamped: tuple[Any, ...]) -> dict[str, Actor]:
+    return read_scene_header(stamped[0]).drive.actors
 
 
 def _log_drive(scenario: Scenario) -> Drive:

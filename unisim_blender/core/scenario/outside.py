@@ -70,8 +70,12 @@ def carried_outside(drive: Drive, scenario: Scenario, times_us: Iterable[int]) -
 
 def _own_rules(scenario: Scenario) -> dict[str, str | None]:
     """Return what the last edit of where an actor is says of it outside its keys, by the actors' ids."""
-    moved = [edit for edit in scenario.edits if hasattr(edit, "outside")]
-    return {str(getattr(edit, "id", None) or getattr(edit, "actor", "")): getattr(edit, "outside", None) for edit in moved}
+    told: dict[str, str | None] = {}
+    for edit in scenario.edits:
+        uid = getattr(edit, "id", None) or getattr(edit, "actor", None)
+        if uid is not None and hasattr(edit, "outside"):
+            told[uid] = edit.outside
+    return told
 
 
 def _held(way: Trajectory, first_s: float, last_s: float) -> Trajectory:

@@ -45,6 +45,7 @@ def _schema(kinds: tuple[type[Edit], ...]) -> dict[str, Any]:
             **keys.DEFS,
             **time_range.DEFS,
             **sensors.DEFS,
+            **time_range.DEFS,
             "edit": {
                 "type": "object",
                 "required": ["type"],

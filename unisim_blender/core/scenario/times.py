@@ -12,10 +12,9 @@ from ..world.captures import SECOND_US, microseconds
 from ..world.drive import Drive
 from .limits import MOST_MEMBERS, MOST_S
 from .sensors import CameraSpec, LidarSpec
-from .time_range import TimeRange, Times
-from .types import Outside, Scenario
+from .time_range import MOST_HZ, Outside, TimeRange, Times
+from .types import Scenario
 
-MOST_HZ = 10_000.0
 _NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
 _RANGE = re.compile(rf"({_NUMBER})?:({_NUMBER})?:({_NUMBER})")
 ABSENT_EGO = (

@@ -12,7 +12,7 @@ from .edit import Edit
 from .fragments import FRAME, PATH, PIXELS, TEXT, Schema, members_of, ref
 from .placement import BoxSpec
 from .sensors import Sensors
-from .time_range import Times
+from .time_range import Outside, Times
 
 RECORDED = "recorded"
 """The ``scene`` of a scenario that needs no trained scene."""
@@ -25,14 +25,6 @@ class FrameRange:
     start: int | None = None
     stop: int | None = None
     step: int | None = None
-
-
-@dataclass(frozen=True)
-class Outside:
-    """What moves before and after the recording: actors are "absent" where None, or "hold" or "continue"; so does the ego."""
-
-    actors: str | None = None
-    ego: str | None = None
 
 
 @dataclass(frozen=True)
@@ -140,12 +132,7 @@ MEMBERS: dict[str, Schema] = {
         "else": {"type": "array", "items": FRAME, "minItems": 1, "uniqueItems": True},
     },
     "times": ref("times"),
-    "outside": {
-        "description": "What moves before and after the recording: actors, and the ego vehicle.",
-        "if": {"type": "object"},
-        "then": members_of({"actors": {"enum": ["absent", "hold", "continue"]}, "ego": {"enum": ["hold", "continue"]}}),
-        "else": {"enum": ["absent", "hold", "continue"]},
-    },
+    "outside": ref("outside_recording"),
     "sensors": ref("sensors"),
     "boxes": {
         "type": "object",

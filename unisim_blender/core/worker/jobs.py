@@ -1,10 +1,13 @@
-"""What the worker can be asked for: what it is, images, sweeps. Each job is a generator of events."""
+"""What the worker can be asked for: what it is, images, sweeps. Each job is a generator of events.
+
+A request has the state of the world and the sensor (`prepare/capture_request.py`): the worker keeps scenes, and reads neither
+logs nor scenarios for an image, but for the log that surfels are made of.
+"""
 
 from __future__ import annotations
 
 import itertools
 from collections.abc import Generator, Iterator
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,40 +16,35 @@ from numpy.typing import NDArray
 
 from ..data import open_log
 from ..data.log import Log
+from ..errors import UnisimError
 from ..prepare.backends import make_backend
-from ..prepare.capabilities import capability_warnings
 from ..prepare.devices import pick_device
 from ..prepare.renderers import UNTRAINED_DEFAULT
-from ..prepare.scenario import recorded_drive, scene_actors
-from ..prepare.scenes import other_scenes, stamp
-from ..render.drive_renderer import DriveRenderer
+from ..prepare.scenes import stamp
 from ..render.observed_space import ObservedSpace, Observing, keep_space, kept_space, observe_space
 from ..render.regions import Region
 from ..render.renderer import Renderer
 from ..render.tracers.surfels.build import Step
 from ..render.tracers.surfels.cache import surfels_of
 from ..render.tracers.surfels.model import SurfelScene
-from ..scenario import apply_scenario, scenario_from_json
-from ..scenario.types import Scenario
+from ..render.visibility import seen_by
 from ..sensors.frames import CameraFrame
-from ..world.drive import CameraModel, Drive
+from ..world.drive import Camera, Lidar
+from ..world.encoding import EncodingError, decode_sensor, decode_state
+from ..world.state import WorldState
 from .about import about
 from .protocol import Job, Message
 
 BAND_PIXELS = 32768
 """So many are rendered and shown at once, where Esc is heard between: 0.1 s on two cores."""
-NOW = 0
-"""The number of the one frame of a request."""
 
 
 class Jobs:
-    """The jobs, and what they keep: drives and trained scenes that were read once, surfels. ``folder`` is where pixels are
-    left."""
+    """The jobs, and what they keep: trained scenes that were loaded once, surfels. ``folder`` is where pixels are left."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self.scenes: dict[object, Any] = {}
-        self.recorded: dict[object, Drive] = {}
         self.log: Log | None = None
         self.surfels: SurfelScene | None = None
         self.spaces: dict[object, ObservedSpace] = {}
@@ -60,31 +58,27 @@ class Jobs:
     def camera(self, request: Message) -> Iterator[Message]:
         """An image, in bands of rows from the top.
 
-        Of the request: ``scenario`` (its document), ``path`` (what its paths are relative to), ``camera``, ``time_s``, ``model``,
-        ``passes``, ``quality``, ``device``; ``rows`` and ``columns`` (first, past the last) where not all are wanted, and
-        ``touched``, whether these are only what an edit can have touched directly; ``coarse``, strides at which it is shown
-        first; ``shadows``; ``clip``, whether nothing is shown but what the recording observed (see `observed_space`): what else
-        there would be is ``unsupported``, and its colours mean nothing. Events have arrays of rgb and the passes, coarse ones of
-        rgb and ``unsupported`` alone; the ``rows`` and ``columns`` that they cover, and where in these they have pixels: at
-        ``origin`` and every ``stride`` from there, both as (row, column). Before them, ``warning`` says what the scene's method
-        cannot show, and ``progress`` how far something is that has to be made first.
+        Of the request: what `capture_request` has, ``passes``, ``quality``, ``device``; ``rows`` and ``columns`` (first, past the
+        last) where not all are wanted, and ``touched``, whether these are only what an edit can have touched directly;
+        ``coarse``, strides at which it is shown first; ``shadows``; ``clip``, whether nothing is shown but what the recording
+        observed (see `observed_space`): what else there would be is ``unsupported``, and its colours mean nothing. Events have
+        arrays of rgb and the passes, coarse ones of rgb and ``unsupported`` alone; the ``rows`` and ``columns`` that they cover,
+        and where in these they have pixels: at ``origin`` and every ``stride`` from there, both as (row, column). Before them,
+        ``progress`` says how far something is that has to be made first.
         """
-        scenario, drive = self._drive(request)
-        yield from self._warnings(scenario, drive, sweeps=False)
-        name, passes = str(request["camera"]), tuple(request.get("passes", ("rgb",)))
-        model = CameraModel.from_dict(request["model"])
-        # as `unisim render` resizes a camera: its own width decides how finely an image is traced
-        own = drive.cameras[name].model.width
-        camera = replace(drive.cameras[name], model=model, time_s={NOW: float(request["time_s"])}, full_width=own)
-        renderer = yield from self._renderer(request, scenario, replace(drive, cameras={name: camera}, lidars={}))
+        camera = decode_sensor(_text(request, "sensor"))
+        if not isinstance(camera, Camera):
+            raise EncodingError(f"an image is asked for of LiDAR {camera.sensor_id!r}")
+        renderer = yield from self._renderer(request)
+        state, time_s = _seen_state(request, renderer, camera)
+        passes, model = tuple(request.get("passes", ("rgb",))), camera.model
         first, last = request.get("rows") or (0, model.height)
         left, right = request.get("columns") or (0, model.width)
         region = Region(left, first, right, last)
-        state = renderer.state(camera, camera.time_s[NOW])
         if request.get("touched"):
-            region = renderer.renderer.dilated(state, region).within_image(model)
+            region = renderer.dilated(state, region).within_image(model)
         band, coarse = max(1, BAND_PIXELS // (region.right - region.left)), request.get("coarse", ())
-        for part in renderer.renderer.progressive(state, camera, camera.time_s[NOW], passes, region, coarse, band):
+        for part in renderer.progressive(state, camera, time_s, passes, region, coarse, band):
             covered = part.region
             yield self._leave(
                 _arrays(part.frame), instances=list(part.frame.instances), origin=part.origin, stride=part.stride,
@@ -92,47 +86,33 @@ class Jobs:
             )  # fmt: skip
 
     def lidar(self, request: Message) -> Iterator[Message]:
-        """A sweep of ``lidar`` at ``time_s``: points (N, 3) in the world, intensity, depth, instance of beams that return."""
-        scenario, drive = self._drive(request)
-        yield from self._warnings(scenario, drive, sweeps=True)
-        name = str(request["lidar"])
-        lidar = replace(drive.lidars[name], time_s={NOW: float(request["time_s"])})
-        renderer = yield from self._renderer(request, scenario, replace(drive, cameras={}, lidars={name: lidar}))
-        sweep = renderer.lidar(name, NOW)
+        """A sweep, of what `capture_request` has: points (N, 3) in the world, intensity, depth, instance of beams that return."""
+        lidar = decode_sensor(_text(request, "sensor"))
+        if not isinstance(lidar, Lidar):
+            raise EncodingError(f"a sweep is asked for of camera {lidar.sensor_id!r}")
+        renderer = yield from self._renderer(request)
+        state, time_s = _seen_state(request, renderer, lidar)
+        sweep = renderer.render(state, lidar, time_s)
         at = sweep.returned
         points = sweep.origins[at] + sweep.directions[at] * sweep.depth_m[at][:, None]
         arrays = {"points": points, "intensity": sweep.intensity[at], "depth": sweep.depth_m[at], "instance": sweep.instance[at]}
         yield self._leave(arrays, instances=list(sweep.instances))
 
-    def _drive(self, request: Message) -> tuple[Scenario, Drive]:
-        scenario = scenario_from_json(request["scenario"], Path(request["path"]))
-        # a log's own files are not looked at again: reading it takes a second
-        key = scenario.log_path, None if scenario.scene_path is None else stamp(scenario.scene_path)
-        if key not in self.recorded:
-            self.recorded = {key: recorded_drive(scenario)}
-        return scenario, apply_scenario(scenario, self.recorded[key], scene_actors)
-
-    def _warnings(self, scenario: Scenario, drive: Drive, sweeps: bool) -> Iterator[Message]:
-        """What comes out otherwise than the edits ask for."""
-        if scenario.scene_path is not None:
-            (recorded,) = self.recorded.values()
-            for sentence in capability_warnings(scenario.scene_path, recorded, drive, sweeps):
-                yield {"event": "warning", "text": sentence}
-
-    def _renderer(self, request: Message, scenario: Scenario, drive: Drive) -> Generator[Message, None, DriveRenderer]:
+    def _renderer(self, request: Message) -> Generator[Message, None, Renderer]:
         """The renderer of a request: of its trained scene, or of the log's surfels where it has none."""
         device, quality = pick_device(str(request.get("device", "cpu"))), str(request.get("quality", "balanced"))
         shadows = bool(request.get("shadows"))
-        if scenario.scene_path is not None:
-            backend = make_backend(scenario.scene_path, other_scenes(drive), quality, device, self.scenes)
+        if request.get("scene") is not None:
+            scene = Path(_text(request, "scene"))
+            backend = make_backend(scene, map(str, request.get("others", ())), quality, device, self.scenes)
             clip = bool(request.get("clip"))
             if (clip or "unsupported" in request.get("passes", ())) and isinstance(backend, Observing):
-                space = yield from self._space(backend, stamp(scenario.scene_path))
-                return DriveRenderer(Renderer(backend.within(space, clip), shadows, backend), drive)
+                space = yield from self._space(backend, stamp(scene))
+                return Renderer(backend.within(space, clip), shadows, backend)
         else:
-            log, surfels = yield from self._surfels(scenario.log_path)
+            log, surfels = yield from self._surfels(Path(_text(request, "log")))
             backend = UNTRAINED_DEFAULT.backend(surfels, log, quality=quality)
-        return DriveRenderer(Renderer(backend, shadows), drive)
+        return Renderer(backend, shadows)
 
     def _space(self, backend: Observing, key: object) -> Generator[Message, None, ObservedSpace]:
         """What a trained scene's recording observed, and events of how far that is worked out."""
@@ -181,6 +161,20 @@ class Jobs:
                 places[key] = {"dtype": array.dtype.str, "shape": list(array.shape), "offset": offset}
                 offset += array.nbytes
         return {"event": "arrays", "file": path.name, "arrays": places, **more}
+
+
+def _seen_state(request: Message, renderer: Renderer, sensor: Camera | Lidar) -> tuple[WorldState, float]:
+    """Return the state that a request's capture depends on, and the capture's time in seconds. Raises `UnisimError`."""
+    state, time_s = decode_state(_text(request, "state")), request.get("time_s")
+    if not isinstance(time_s, int | float) or not state.start_s <= time_s <= state.end_s:
+        raise UnisimError(f"the request's time, {time_s}, is not within its state, {state.start_s:g} to {state.end_s:g} s")
+    return state if renderer.backend.sees_all else seen_by(state, sensor, renderer.reach), float(time_s)
+
+
+def _text(request: Message, name: str) -> str:
+    if not isinstance(value := request.get(name), str):
+        raise UnisimError(f"the request has no {name}: the worker is of another version than the extension")
+    return value
 
 
 def _arrays(image: CameraFrame) -> dict[str, NDArray[Any]]:

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from ...core.geometry import FloatArray, box_corners, invert_pose, transform_points
 from ...core.world.drive import Actor, CameraModel, Drive
-from ..reading.requests import camera_request
+from ..reading.requests import CameraRequest, camera_request
 from ..sampled.clock import Clock
 from ..sampled.poses import optical
 from ..sampled.recorded import recorded_poses, recorded_there
@@ -22,7 +20,7 @@ FAR_SIZES = 3.0
 """How far the camera stands, beside the actor's size."""
 
 
-def portrait_request(source: Source, actor: Actor, name: str) -> dict[str, Any] | None:
+def portrait_request(source: Source, actor: Actor, name: str) -> CameraRequest | None:
     """What the worker needs for a portrait; None for an actor that no camera came near. No other actor is there."""
     clock = Clock.of(source.drive)
     seen = _best_view(source.drive, actor, clock)
@@ -49,9 +47,7 @@ def portrait_request(source: Source, actor: Actor, name: str) -> dict[str, Any] 
     # nothing else stands in front of it
     poses, there = recorded_poses(actor, here), recorded_there(actor, source.drive, here)
     alone = SampledObject(actor.uid, "ACTOR", actor.uid, actor.uid, "", "", "", 0, poses, there)
-    values = camera_request(Sampled(name, here, (alone,)), view, source, float(frame), (SIZE_PX, SIZE_PX))
-    del values["indices"]
-    return values
+    return camera_request(Sampled(name, here, (alone,)), view, source, float(frame), (SIZE_PX, SIZE_PX))
 
 
 def _best_view(drive: Drive, actor: Actor, clock: Clock) -> tuple[int, FloatArray, FloatArray] | None:

@@ -22,7 +22,7 @@ from ..edits.words import degrees, moved_words
 from ..sampled.clock import Clock
 from ..sampled.poses import SAME_M, optical, same, same_place, same_turn
 from ..sampled.scene import Sampled, SampledObject
-from ..sensors.mounts import lag, lidar_json, lidar_model, recorded_mount, sensor_clock
+from ..sensors.mounts import lag, lidar_json, lidar_model, recorded_mount
 from ..sensors.names import sensor_id
 
 Spec = TypeVar("Spec", CameraSpec, LidarSpec)
@@ -127,7 +127,7 @@ def _camera(thing: SampledObject, world_from_ego: FloatArray, drive: Drive, cloc
         if thing.camera != base.model:
             spec = replace(spec, **intrinsics(thing.camera))
         if not same(now, (mount := late @ recorded_mount(base, drive, clock))).all():
-            spec = replace(spec, **_moved(now, mount, optical(thing.poses), sensor_clock(base, clock)))
+            spec = replace(spec, **_moved(now, mount, optical(thing.poses), clock.of_sensor(base)))
     return spec
 
 
@@ -143,7 +143,7 @@ def _lidar(thing: SampledObject, world_from_ego: FloatArray, drive: Drive, clock
     if lidar_json(model) != lidar_json(base.model):
         spec = replace(spec, **_beams(model))
     if not same(now, (mount := late @ recorded_mount(base, drive, clock))).all():
-        spec = replace(spec, **_moved(now, mount, thing.poses, sensor_clock(base, clock)))
+        spec = replace(spec, **_moved(now, mount, thing.poses, clock.of_sensor(base)))
     return spec
 
 

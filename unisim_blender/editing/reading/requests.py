@@ -1,25 +1,31 @@
-"""One image or sweep as a request to the worker: the scenario of a moment, and the sensor that records it."""
+"""One image or sweep as a request to the worker: the state of the world at a moment, and the sensor that records it.
+
+The edits are those that an export writes. They are applied here, on the recorded drive that is kept: the worker gets a state.
+"""
 
 from __future__ import annotations
 
 import tempfile
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...core.scenario import scenario_to_json
+from ...core.prepare.capabilities import capability_warnings
+from ...core.prepare.capture_request import capture_request
+from ...core.prepare.scenario import scene_actors
+from ...core.scenario import apply_scenario
+from ...core.scenario.checks import check_scenario
 from ...core.scenario.sensors import CameraSpec, Sensors
 from ...core.scenario.types import Scenario
-from ...core.world.drive import CameraModel
+from ...core.world.drive import Camera, CameraModel, Drive, Lidar
 from ..edits.trajectories import keyframes
 from ..readers.sensors import intrinsics
 from ..sampled.clock import Clock
 from ..sampled.poses import optical
 from ..sampled.scene import Sampled, SampledObject
 from ..sampled.source import Source
-from ..sensors.mounts import sensor_times
 from ..sensors.names import sensor_id
 from .scenario import read_scenario
 
@@ -27,31 +33,38 @@ HERE = Path(tempfile.gettempdir()).resolve() / "moment.json"
 """Where the scenario of the moment would lie; nothing is written there."""
 
 
+class CameraRequest(NamedTuple):
+    """``values`` are what the worker needs, beside what is asked of it; ``model`` is the camera's, at the picture's size.
+    ``scenario`` is what the picture is of, ``indices`` are Blender's pass indices by the actors' ids."""
+
+    values: dict[str, Any]
+    model: CameraModel
+    scenario: Scenario
+    indices: dict[str, int]
+
+
 def camera_request(
     sampled: Sampled, view: SampledObject, source: Source, frame: float, size: tuple[int, int], aspect: float = 1.0
-) -> dict[str, Any]:
-    """What the worker needs for an image of size (width, height) through ``view``; ``aspect``: a pixel's height by its width."""
+) -> CameraRequest:
+    """What the worker needs for an image of size (width, height) through ``view``; ``aspect``: a pixel's height by its width.
+    Raises `UnisimError` for edits that cannot be."""
     scenario = read_scenario(only(sampled, view), source, HERE)
     clock, drive = Clock.of(source.drive), source.drive
     recorded = drive.cameras.get(view.uid) if view.kind == "CAMERA" else None
-    time_s = float(clock.time_s(np.array(frame)))
     if view.kind != "CAMERA":
         here = keyframes(sampled.clock, optical(view.poses), np.ones(len(view.poses), bool))
         assert view.camera is not None
         scenario = replace(
             scenario, sensors=Sensors((CameraSpec(sensor_id(view, drive), **intrinsics(view.camera), trajectory=here),), ())
         )
-    if recorded is not None:
-        at = Clock(np.array([frame, frame + 1.0]), np.array([time_s, time_s + 1 / clock.rate]))
-        time_s = float(sensor_times(at, recorded.time_s)[0])
     assert view.camera is not None
-    return {
-        **about(scenario),
-        "camera": sensor_id(view, drive),
-        "time_s": time_s,
-        "model": asdict(sized(view.camera, size, aspect, recorded is not None)),
-        "indices": indices(sampled),
-    }
+    model = sized(view.camera, size, aspect, recorded is not None)
+    edited = edited_drive(scenario, source)
+    camera = edited.cameras[sensor_id(view, drive)]
+    time_s = clock.capture(camera, frame).time_s(camera)
+    # as `unisim render` resizes a camera: its own width decides how finely an image is traced
+    camera = replace(camera, model=model, full_width=camera.model.width)
+    return CameraRequest(_request(source, edited, camera, time_s), model, scenario, indices(sampled))
 
 
 def indices(sampled: Sampled) -> dict[str, int]:
@@ -63,17 +76,46 @@ def indices(sampled: Sampled) -> dict[str, int]:
 def lidar_request(sampled: Sampled, lidar: SampledObject, source: Source, frame: float) -> dict[str, Any]:
     """What the worker needs for a sweep of ``lidar``."""
     scenario = read_scenario(only(sampled, lidar), source, HERE)
-    recorded = source.drive.lidars.get(lidar.uid)
-    clock = Clock.of(source.drive)
-    time_s = float(clock.time_s(np.array(frame)))
-    if recorded is not None:
-        time_s = recorded.time_s.get(int(frame), time_s)
-    return {**about(scenario), "lidar": sensor_id(lidar, source.drive), "time_s": time_s}
+    edited = edited_drive(scenario, source)
+    sensor = edited.lidars[sensor_id(lidar, source.drive)]
+    return _request(source, edited, sensor, Clock.of(source.drive).capture(sensor, frame).time_s(sensor))
 
 
-def about(scenario: Scenario) -> dict[str, Any]:
-    """A scenario as a request holds it."""
-    return {"scenario": scenario_to_json(scenario), "path": str(scenario.path)}
+def edited_drive(scenario: Scenario, source: Source) -> Drive:
+    """The recorded drive with a scenario's edits and sensors. Raises `ScenarioError`.
+
+    Views differ in what looks more often than in what is there: the drive of the last edits is kept, without its sensors.
+    """
+    check_scenario(scenario)
+    edits = replace(scenario, sensors=None)
+    if _newest is None or _newest.source is not source or _newest.edits != edits:
+        _keep(_Edited(source, edits, apply_scenario(edits, source.drive, scene_actors)))
+    assert _newest is not None
+    # sensors are put on the edited vehicle, after all edits
+    return apply_scenario(replace(scenario, edits=(), boxes=None, frames=None), _newest.drive, scene_actors)
+
+
+class _Edited(NamedTuple):
+    source: Source
+    edits: Scenario
+    drive: Drive
+
+
+_newest: _Edited | None = None
+
+
+def _keep(edited: _Edited) -> None:
+    global _newest
+    _newest = edited
+
+
+def _request(source: Source, edited: Drive, sensor: Camera | Lidar, time_s: float) -> dict[str, Any]:
+    """A capture's request, with sentences about what the trained scene cannot show of the edits."""
+    scene, warnings = source.scene_path, []
+    if scene is not None:
+        warnings = capability_warnings(scene, source.drive, edited, isinstance(sensor, Lidar))
+    request = capture_request(edited, source.parked, sensor, time_s, source.log_path, scene)
+    return {**request, "warnings": warnings}
 
 
 def only(sampled: Sampled, sensor: SampledObject) -> Sampled:

@@ -1,4 +1,7 @@
-"""Frames and seconds: frame n of the Blender scene is frame n of the log."""
+"""Frames of a Blender scene, seconds and captures: frame n of the scene is frame n of the log.
+
+Import, export, F12, the viewport and Render Sequence all go by a `Clock`: which capture of a sensor a frame is, and back.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...core.geometry import FloatArray
-from ...core.world.drive import Drive
+from ...core.scenario.types import FrameRange
+from ...core.world.captures import Capture, microseconds
+from ...core.world.drive import Camera, Drive, Lidar
 
 
 @dataclass(frozen=True)
@@ -37,6 +42,35 @@ class Clock:
         last = int(np.searchsorted(self.frames, frame, side="right"))
         first, last = max(0, min(first, len(self.frames) - 2)), min(max(last, 1), len(self.frames) - 1)
         return Clock(self.frames[first : last + 1], self.times_s[first : last + 1])
+
+    def of_sensor(self, sensor: Camera | Lidar) -> Clock:
+        """The same frames at a sensor's own timestamps; where it lacks a frame, the frame's time and the sensor's usual delay."""
+        own = sensor.time_s
+        delays = [time_s - float(self.time_s(np.array(float(frame)))) for frame, time_s in own.items()]
+        delay = np.median(delays) if delays else 0.0
+        times = [
+            own[int(frame)] if frame.is_integer() and int(frame) in own else time_s + delay
+            for frame, time_s in zip(self.frames.tolist(), self.times_s.tolist(), strict=True)
+        ]
+        return Clock(self.frames, np.array(times))
+
+    def capture(self, sensor: Camera | Lidar, frame: float) -> Capture:
+        """A sensor's capture that a frame, whole or not, shows: that of the log's frame where the sensor has one, else the one
+        at the time between its timestamps."""
+        if float(frame).is_integer() and int(frame) in sensor.time_s:
+            return Capture.of_frame(sensor, int(frame))
+        return Capture.at(sensor, microseconds(float(self.of_sensor(sensor).time_s(np.array(frame)))))
+
+    def frame_of(self, sensor: Camera | Lidar, capture: Capture) -> float:
+        """The frame, whole or not, that shows a sensor's capture."""
+        if capture.frame is not None:
+            return float(capture.frame)
+        return float(self.of_sensor(sensor).frame(np.array(capture.time_s(sensor))))
+
+    def frame_range(self, first: int, last: int, step: int) -> FrameRange | None:
+        """The log's frames that a Blender scene's frame range and step name; None for all of them."""
+        everything = first <= self.frames[0] and last >= self.frames[-1] and step == 1
+        return None if everything else FrameRange(first, last + 1, step)
 
     def frame(self, time_s: FloatArray) -> FloatArray:
         """Frames (...) at times (...); beyond the ends at the mean rate."""

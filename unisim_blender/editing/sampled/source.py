@@ -5,6 +5,7 @@ It is the float64 original that edits are told from. Opening takes a second, so 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,17 +14,20 @@ from ...core.data.log import Log
 from ...core.errors import UnisimError
 from ...core.model.scene_file import HEADER_NAME, read_scene_header
 from ...core.prepare.replay import replayed_drive
-from ...core.world.drive import Drive
+from ...core.world.drive import Box, Drive
+from ...core.world.replay import parked_boxes
 
 
 @dataclass(frozen=True)
 class Source:
-    """``log_path``, and ``scene_path`` where a trained scene is loaded; ``log`` is None where only the scene is at hand."""
+    """``log_path``, and ``scene_path`` where a trained scene is loaded; ``log`` is None where only the scene is at hand.
+    ``parked`` are the boxes of parked actors that the static world does not hold, by their ids."""
 
     log_path: Path
     scene_path: Path | None
     drive: Drive
     log: Log | None
+    parked: Mapping[str, Box]
 
 
 class NotImported(UnisimError):
@@ -47,11 +51,12 @@ def open_source(log: str, scene: str) -> Source:
         if scene_path is not None:
             header = read_scene_header(scene_path)
             drive = header.drive if recorded is None else replayed_drive(header, recorded.drive, log_path)
+            parked = header.parked
         elif recorded is not None:
-            drive = recorded.drive
+            drive, parked = recorded.drive, parked_boxes(recorded.drive)
         else:
             raise NotImported(f"{log_path}: there is no log")
-        found = Source(log_path, scene_path, drive, recorded)
+        found = Source(log_path, scene_path, drive, recorded, parked)
         _newest.clear()
         _newest[key] = found
     return found

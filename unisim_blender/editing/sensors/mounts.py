@@ -11,22 +11,10 @@ from ...core.world.drive import Camera, Drive, Lidar, LidarModel
 from ..sampled.clock import Clock
 
 
-def sensor_times(clock: Clock, time_s: dict[int, float]) -> FloatArray:
-    """A sensor's own times (N,) at the clock's frames; of frames that it lacks, the frame's time and the sensor's usual delay."""
-    own = np.array(list(time_s.values()), float)
-    delay = np.median(own - clock.time_s(np.array(list(time_s), float))) if time_s else 0.0
-    return np.array([time_s.get(int(f), t + delay) for f, t in zip(clock.frames, clock.times_s, strict=True)])
-
-
-def sensor_clock(sensor: Camera | Lidar, clock: Clock) -> Clock:
-    """The clock's frames at a sensor's own times."""
-    return Clock(clock.frames, sensor_times(clock, sensor.time_s))
-
-
 def recorded_mount(sensor: Camera | Lidar, drive: Drive, clock: Clock) -> FloatArray:
     """Poses (N, 4, 4) of a recorded sensor on the vehicle, core's axes: the vehicle at a frame's time, the sensor at its own."""
     trajectory = sensor.world_from_camera if isinstance(sensor, Camera) else sensor.world_from_lidar
-    return np.asarray(invert_pose(drive.world_from_ego.at(clock.times_s)) @ trajectory.at(sensor_times(clock, sensor.time_s)))
+    return np.asarray(invert_pose(drive.world_from_ego.at(clock.times_s)) @ trajectory.at(clock.of_sensor(sensor).times_s))
 
 
 def lag(sensor: Camera | Lidar | None, drive: Drive, clock: Clock) -> FloatArray:
@@ -36,7 +24,7 @@ def lag(sensor: Camera | Lidar | None, drive: Drive, clock: Clock) -> FloatArray
     """
     if sensor is None:
         return np.tile(np.eye(4), (len(clock.frames), 1, 1))
-    then = drive.world_from_ego.at(sensor_times(clock, sensor.time_s))
+    then = drive.world_from_ego.at(clock.of_sensor(sensor).times_s)
     return np.asarray(invert_pose(then) @ drive.world_from_ego.at(clock.times_s))
 
 

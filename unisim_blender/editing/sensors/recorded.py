@@ -8,7 +8,6 @@ from ...core.geometry import FloatArray
 from ...core.world.drive import Camera, Drive, Lidar
 from ..sampled.clock import Clock
 from ..sampled.poses import optical
-from .mounts import sensor_times
 
 NEAR_M, NEAR_RAD = 0.05, 0.005
 """Within these of where it was recorded a camera sees its recorded image."""
@@ -16,7 +15,7 @@ NEAR_M, NEAR_RAD = 0.05, 0.005
 
 def recorded_pose(sensor: Camera | Lidar, drive: Drive, frame: float) -> FloatArray:
     """Return where a sensor was recorded at a frame (4, 4), Blender's axes."""
-    at = sensor_times(from_frame(drive, frame), sensor.time_s)[0]
+    at = Clock.of(drive).capture(sensor, frame).time_s(sensor)
     if isinstance(sensor, Camera):
         return optical(sensor.world_from_camera.at(at))
     return sensor.world_from_lidar.at(at)

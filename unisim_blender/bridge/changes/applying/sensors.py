@@ -9,7 +9,7 @@ from ....core.geometry import invert_pose
 from ....core.scenario.sensors import CameraSpec, LidarSpec
 from ....core.world.drive import Camera, Lidar
 from ....editing.sampled.poses import optical
-from ....editing.sensors.mounts import lag, lidar_json, sensor_times
+from ....editing.sensors.mounts import lag, lidar_json
 from ...importing.drive import ride_on_vehicle
 from ...objects.cameras import set_model
 from ...objects.imported import imported_objects, make
@@ -34,7 +34,7 @@ def apply_sensors(target: Target) -> None:
         data = bpy.data.cameras.new(name) if kind == "CAMERA" and not _known(scene, name) else None
         thing = _known(scene, name) or make(scene, kind, name, name, data)
         thing.unisim.sees_ego_body = told.get(name, "AUTO")
-        times = sensor_times(clock, sensor.time_s)
+        times = clock.of_sensor(sensor).times_s
         if isinstance(sensor, Camera):
             set_model(thing, sensor.model)
             world = optical(sensor.world_from_camera.at(times))

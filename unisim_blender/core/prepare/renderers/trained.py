@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import ClassVar
 
 from ...errors import ScenarioError
-from ...model.config import ModelConfig
 from ...model.scene_file import read_scene_header
 from ...render.bounded import BoundedRenderer
 from ...render.captures import CaptureStates
@@ -16,7 +15,7 @@ from ...render.drive_renderer import DriveRenderer
 from ...render.renderer import Renderer, reach_of
 from ...sensors.error_bound import ErrorBound
 from ...world.drive import Drive
-from ...world.replay import DriveStates, parked_boxes
+from ...world.replay import DriveStates
 from ..backends import make_backend
 from ..capabilities import capability_warnings
 from ..scenes import other_scenes, scene_hashes, scene_paths
@@ -45,9 +44,7 @@ class SceneSource(Source):
 
     def captures(self) -> CaptureStates:
         """See `Source.captures`."""
-        header = read_scene_header(self.scene)
-        one_field = ModelConfig.from_dict(header.model).actors == "none"
-        return CaptureStates(DriveStates(self.drive, {} if one_field else parked_boxes(header.drive)), reach_of(self.shadows))
+        return CaptureStates(DriveStates(self.drive, read_scene_header(self.scene).parked), reach_of(self.shadows))
 
     def scenes(self) -> tuple[Path, ...]:
         """Its own folder, and those that actors were inserted from."""

@@ -17,7 +17,6 @@ from ....ops.constants import OPAQUE, WHOLE
 from ....sensors.frames import RenderStats
 from ....sensors.rays import Rays, sound_directions
 from ....world.drive import Box
-from ....world.replay import parked_boxes
 from ....world.state import WorldState
 from ...actor_sets import active_actors
 from ...observed_space import Observed, ObservedSpace
@@ -52,7 +51,7 @@ class CompiledBackend:
     ) -> None:
         self.scene, self.others = scene, dict(others or {})
         self.quality = quality
-        self.parked: Mapping[str, Box] = parked_boxes(scene.header.drive)
+        self.parked: Mapping[str, Box] = scene.header.parked
         self.space: ObservedSpace | None = None
         self.clipped = False
 

@@ -31,7 +31,6 @@ from ....sensors.bounds import Bounds
 from ....sensors.frames import RenderStats
 from ....sensors.rays import Rays, sound_directions
 from ....world.drive import Box
-from ....world.replay import parked_boxes
 from ....world.state import WorldState
 from ...actor_sets import active_actors
 from ...observed_space import Observed, ObservedSpace
@@ -57,7 +56,7 @@ class TorchBackend:
         self.scene, self.device, self.quality = scene, scene.actor_tables.device, quality
         self.scenes = {path: (s.model, s.actor_tables) for path, s in {"": scene, **(others or {})}.items()}
         self.looks = {path: None if m.config.actors == "none" else tuple(m.actor_ids) for path, (m, _) in self.scenes.items()}
-        self.parked: Mapping[str, Box] = {} if self.looks[""] is None else parked_boxes(scene.header.drive)
+        self.parked: Mapping[str, Box] = scene.header.parked
         self.space: ObservedSpace | None = None
         self.clipped = False
 
