@@ -1,5 +1,4 @@
-// Decodes composited features to what a sensor measures: perceptrons of a feature and a direction, and the camera
-// decoder.
+// Decodes composited features to sensor values: perceptrons of a feature and a direction, and the camera decoder.
 //
 // The specification is plain torch, in core/model/decode.py. Every output is one sum in a fixed order (taps by row,
 // column and channel), so its bits depend neither on threads nor on tiles nor on what else is decoded.
@@ -376,9 +375,9 @@ extern "C" int UNISIM_DECODE_HALF(const unisim_head *, const unisim_layer *, int
                                   int);
 #endif
 
-// The image rgb (height up, width up, 3) of features (height, width, features) seen along directions (height, width,
-// 3). `layers`: two convolutions per residual block, then the last one, whose outputs are the rows, columns and
-// colours of a cell's pixels. `half`: convolutions multiply bfloat16, where `has_half` is true.
+// The image rgb (height up, width up, 3) of features (height, width, features) along directions (height, width, 3).
+// `layers`: two convolutions per residual block, then the last one, whose outputs are the rows, columns and colours of
+// a cell's pixels. `half`: convolutions multiply bfloat16, where `has_half` is true.
 extern "C" int UNISIM_NAME(unisim_decode_image)(const unisim_head *head, const unisim_layer *layers, int count, int up,
                                                 const float *features, const float *directions, int height, int width, float *rgb,
                                                 int half, int threads) {

@@ -116,15 +116,15 @@ struct unisim_actor_set {
     const float *scales;             // (count, 3): factors of the boxes' sizes in the world, along their own axes
 };
 
-// Everything that an edit or the time of a ray changes in a scene.
+// The active actors of a state of the world, and its edits of static space.
 struct unisim_active_actors {
-    const unisim_actor_set *actor_sets;  // the scene's own actors first, then those of foreign scenes
+    const unisim_actor_set *actor_sets;   // the scene's own actors first, then those of foreign scenes
     int32_t actor_set_count;
-    const unisim_actor_set *copies;      // copied boxes of static space, null for none
-    const double *world_from_source;     // (copies, 3, 4): the boxes that they are copies of
-    int32_t removed_boxes;               // how many boxes of static space are removed
+    const unisim_actor_set *copies;       // copied boxes of static space, null for none
+    const double *world_from_source;      // (copies, 3, 4): the boxes that they are copies of
+    int32_t removed_boxes;                // how many boxes of static space are removed
     const double *removed_box_from_world; // (removed_boxes, 3, 4)
-    const float *removed_box_sizes;      // (removed_boxes, 3)
+    const float *removed_box_sizes;       // (removed_boxes, 3)
 };
 
 // Rays in the world frame, finite, with unit directions. `order` (n) is the order in which they are computed:
@@ -154,7 +154,7 @@ struct unisim_sampling {
     // The march along the signed distance; stride_m 0 places samples by quantiles instead.
     float stride_m;          // the longest step
     float step_growth_per_m; // growth of the longest step per metre of distance from the origin, relative
-    float relaxation;        // steps may be this much longer than the distance, which is then taken to fall by 1 / relaxation a metre
+    float relaxation;        // how much longer than the distance a step may be; it is taken to fall by 1 / relaxation a metre
     float min_slope, min_step_m;
     int32_t splits;          // how often the interval that absorbs most is split
     float split_weight;      // only intervals of at least this weight are split

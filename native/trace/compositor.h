@@ -8,9 +8,12 @@ namespace {
 
 // Sums along each ray of the tile.
 struct RaySums {
-    float transmittance[TILE], transmittance_without_foreign[TILE]; // after all segments, and after all but foreign ones
-    float weight[TILE], weighted_t[TILE];                           // of the samples: their weights, and weight times distance
-    std::vector<float> feature, feature_without_foreign; // (TILE, features) of all but foreign segments: behind those, and without them
+    // after all segments, and after all but foreign ones
+    float transmittance[TILE], transmittance_without_foreign[TILE];
+    // of the samples: weight, and weight times distance
+    float weight[TILE], weighted_t[TILE];
+    // (TILE, features) of all segments that are not foreign: with the weights that foreign ones leave, and without these
+    std::vector<float> feature, feature_without_foreign;
 };
 
 class Compositor {

@@ -25,8 +25,7 @@ struct Tile {
     MeshSegments mesh_segments;
     std::vector<SegmentRef> segments[TILE]; // of all kinds, by ray
     int64_t samples = 0;                    // points at which a field was evaluated
-    // a block of points in a field's unit cube, the numbers of their actors' grids, their encodings, their hidden
-    // units
+    // a block of points in a field's unit cube: the numbers of their actors' grids, their encodings and hidden units
     float x[3][BLOCK];
     int32_t row[BLOCK];
     std::vector<float> code, block;
@@ -42,8 +41,7 @@ struct Tile {
         block.resize(static_cast<size_t>(BLOCK) * wide);
     }
 
-    // Calls visit(segments) for every kind that has any: a fixed order, so that sums are the same whatever the tile
-    // holds.
+    // Calls visit(segments) for every kind that has any, in a fixed order: sums have one order.
     template <class Visit> void each(const Visit &visit) {
         each_field(visit);
         if (mesh_segments.count) visit(mesh_segments);
