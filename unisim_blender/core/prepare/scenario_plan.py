@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,7 +14,7 @@ from ..scenario import scenario_to_json
 from ..scenario.types import Outputs, Scenario
 from ..sensors.error_bound import ErrorBound
 from ..sensors.frames import CAMERA_PASSES
-from ..sequence.plan import FrameRenderer, RenderPlan, SequenceSettings
+from ..sequence.plan import RenderPlan, SequenceSettings
 from .backends import environment
 from .renderers import RENDERERS, UNTRAINED_DEFAULT, renderer_of
 from .renderers.renderer_kind import RendererSpec
@@ -91,7 +90,7 @@ def plan_scenario(path: Path, options: RenderOptions) -> tuple[RenderPlan, Prepa
     hashes = source.hashes()
     if missing := source.warnings(prepared.recorded, bool(settings.lidars)):
         about["warnings"] = missing
-    make: Callable[[], FrameRenderer] | None = source.bounded(options.max_error) if options.max_error else source
+    make = source.bounded(options.max_error) if options.max_error else source
     if make is None:
         raise UnisimError(f"--max-error {options.max_error[0]}: holds for trained scenes, not for --renderer {name}")
     where = environment(options.device, source.scenes())
