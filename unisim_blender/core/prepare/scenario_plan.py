@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,7 +16,7 @@ from ..scenario.times import parse_times, scenario_times_us, with_times
 from ..scenario.types import Outputs, Scenario
 from ..sensors.error_bound import ErrorBound
 from ..sensors.frames import CAMERA_PASSES
-from ..sequence.plan import CaptureRenderer, RenderPlan, SequenceSettings
+from ..sequence.plan import RenderPlan, SequenceSettings
 from ..world.captures import moments_of
 from .backends import environment
 from .renderers import RENDERERS, UNTRAINED_DEFAULT, renderer_of
@@ -104,7 +103,7 @@ def plan_scenario(path: Path, options: RenderOptions) -> tuple[RenderPlan, Prepa
     hashes = source.hashes()
     if missing := source.warnings(prepared.recorded, bool(settings.lidars)):
         about["warnings"] = missing
-    make: Callable[[], CaptureRenderer] | None = source.bounded(options.max_error) if options.max_error else source
+    make = source.bounded(options.max_error) if options.max_error else source
     if make is None:
         raise UnisimError(f"--max-error {options.max_error[0]}: holds for trained scenes, not for --renderer {name}")
     where = environment(options.device, source.scenes())

@@ -11,7 +11,7 @@ import click
 from ...errors import UnisimError
 from ...output.frame_files import camera_path
 from ...prepare.renderers import RENDERERS, UNTRAINED_DEFAULT
-from ...prepare.renderers.renderer_kind import Source
+from ...prepare.renderers.renderer_kind import Maker
 from ...prepare.scenario_plan import SEQUENCE_FORMATS, RenderOptions, plan_scenario, sequence_formats
 from ...prepare.selection import split_names
 from ...progress import Bar
@@ -108,7 +108,7 @@ def command(
     for sentence in plan.about.get("warnings", ()):
         click.echo(f"Warning: {sentence}", err=True)
     with Bar(total=1.0, bar_format="{desc}: {percentage:3.0f}%|{bar}| {elapsed}", dynamic_ncols=True, delay=0.5) as bar:
-        for step in cast(Source, plan.make_renderer).steps():
+        for step in cast(Maker, plan.make_renderer).steps():
             bar.set_description_str(step.text, refresh=False)
             bar.update(step.share - bar.n)
     wanted = {*sequence_formats(prepared.scenario), *formats, *(("video",) if video else ())}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple, Protocol
 
@@ -27,12 +27,20 @@ class RendererSpec(NamedTuple):
     frames: tuple[int, ...] | None
 
 
-class Source(ABC):
+class Maker(ABC):
     """Makes a renderer in any process, and pickles."""
 
     @abstractmethod
     def __call__(self) -> CaptureRenderer:
         """Make the renderer; what computes is imported here. Raises `UnisimError`."""
+
+    def steps(self) -> Iterator[Step]:
+        """What has to be made once before, step by step."""
+        return iter(())
+
+
+class Source(Maker):
+    """Makes a renderer, and says what its frames depend on."""
 
     @abstractmethod
     def hashes(self) -> dict[str, str]:
@@ -42,10 +50,6 @@ class Source(ABC):
     def captures(self) -> CaptureStates:
         """What of the world each capture depends on; the renderer sees the same."""
 
-    def steps(self) -> Iterator[Step]:
-        """What has to be made once before, step by step."""
-        return iter(())
-
     def scenes(self) -> tuple[Path, ...]:
         """Folders of the trained scenes that are rendered."""
         return ()
@@ -54,7 +58,7 @@ class Source(ABC):
         """One sentence for each thing that comes out otherwise than the edits ask for."""
         return []
 
-    def bounded(self, bounds: tuple[ErrorBound, ...]) -> Callable[[], CaptureRenderer] | None:
+    def bounded(self, bounds: tuple[ErrorBound, ...]) -> Maker | None:
         """Return what makes the renderer that keeps its frames to bounds of their errors; None where there is none."""
         return None
 

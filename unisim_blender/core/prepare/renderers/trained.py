@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
@@ -19,7 +18,7 @@ from ...world.replay import DriveStates
 from ..backends import make_backend
 from ..capabilities import capability_warnings
 from ..scenes import other_scenes, scene_hashes, scene_paths
-from .renderer_kind import RendererSpec, Source
+from .renderer_kind import Maker, RendererSpec, Source
 
 
 @dataclass(frozen=True)
@@ -54,13 +53,13 @@ class SceneSource(Source):
         """See `capability_warnings`."""
         return capability_warnings(self.scene, recorded, self.drive, sweeps)
 
-    def bounded(self, bounds: tuple[ErrorBound, ...]) -> Callable[[], BoundedRenderer]:
+    def bounded(self, bounds: tuple[ErrorBound, ...]) -> BoundedSource:
         """See `Source.bounded`."""
         return BoundedSource(self, bounds)
 
 
 @dataclass(frozen=True)
-class BoundedSource:
+class BoundedSource(Maker):
     """The same of a renderer whose error is bounded."""
 
     source: SceneSource
