@@ -52,7 +52,7 @@ def test_a_finished_training_leaves_them(tmp_path: Path, cache: Path, monkeypatc
     for file in cache.iterdir():
         file.unlink()
     baked = saved(tmp_path / "baked", True)
-    monkeypatch.setattr(CompiledScene, "_ask", asked_again)
+    monkeypatch.setattr(CompiledScene, "_evaluate_cells", asked_again)
     assert same(CompiledScene(baked).cells, plain)
     assert not list(cache.iterdir())
     load_scene(baked)
@@ -74,7 +74,7 @@ def test_they_are_asked_for_once(tmp_path: Path, cache: Path, monkeypatch: pytes
     path = saved(tmp_path / "scene", False)
     first = CompiledScene(path).cells
     assert [file.suffix for file in cache.iterdir()] == [".npz"]
-    monkeypatch.setattr(CompiledScene, "_ask", asked_again)
+    monkeypatch.setattr(CompiledScene, "_evaluate_cells", asked_again)
     assert same(CompiledScene(path).cells, first)
     # other weights, and other boxes, have others
     with pytest.raises(AssertionError, match="asked again"):
@@ -90,7 +90,7 @@ def test_they_are_asked_for_once(tmp_path: Path, cache: Path, monkeypatch: pytes
 
 def test_those_of_another_header_do_not_count(tmp_path: Path, cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = saved(tmp_path / "scene", True)
-    monkeypatch.setattr(CompiledScene, "_ask", asked_again)
+    monkeypatch.setattr(CompiledScene, "_evaluate_cells", asked_again)
     CompiledScene(path)
     monkeypatch.setattr(cells, "CELLS_VERSION", cells.CELLS_VERSION + 1)
     with pytest.raises(AssertionError, match="asked again"):

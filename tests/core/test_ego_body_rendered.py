@@ -151,9 +151,9 @@ def test_own_sensors_render_the_same_bytes_and_others_see_it(
 ) -> None:
     scene = saved(tmp_path / "scene", CONFIGS["tiny"])
     if device == "torch":
-        from unisim_blender.core.prepare import renderers
+        from unisim_blender.core.prepare.backends.compiled import Compiled
 
-        monkeypatch.setattr(renderers, "compiled", lambda *_: False)
+        monkeypatch.setattr(Compiled, "takes", lambda *_: False)
 
     def renderer(*edits: dict[str, Any]) -> DriveRenderer:
         drive = standing(folder, *edits)

@@ -23,6 +23,7 @@ from unisim_blender.core.data.log import Log
 from unisim_blender.core.errors import LogError, SceneError
 from unisim_blender.core.evaluate.metrics import psnr
 from unisim_blender.core.files import cache_folder
+from unisim_blender.core.prepare.capture_request import capture_request
 from unisim_blender.core.prepare.renderers import surfel_renderers
 from unisim_blender.core.render.code_identity import code_digest
 from unisim_blender.core.render.drive_renderer import DriveRenderer
@@ -43,6 +44,7 @@ from unisim_blender.core.street.truth import truth_camera, truth_lidar
 from unisim_blender.core.street.write import write_log
 from unisim_blender.core.worker.jobs import Jobs
 from unisim_blender.core.world.drive import Drive
+from unisim_blender.core.world.replay import parked_boxes
 
 pytestmark = pytest.mark.skipif(native.library() is None, reason="surfels are made by the compiled kernels")
 CAMERA, LIDAR, FRAME = "front_camera", "pandar64", 3
@@ -304,9 +306,8 @@ def test_surfels_are_kept_until_their_folder_goes(log: Log, scenes: dict[str, Su
 def test_the_worker_renders_a_log_without_a_scene(path: Path, tmp_path: Path) -> None:
     log = open_log(path)
     camera = log.drive.cameras[CAMERA]
-    model = {**vars(camera.model.resized(48)), "shutter": vars(camera.model.shutter)}
-    document = {"format": "unisim-scenario", "version": 1, "name": "x", "log": str(path), "edits": []}
-    request = {"scenario": document, "path": str(tmp_path / "x.json"), "camera": CAMERA, "time_s": 0.3, "model": model}
+    camera = replace(camera, model=camera.model.resized(48))
+    request = capture_request(log.drive, parked_boxes(log.drive), camera, 0.3, path, None)
     jobs = Jobs(tmp_path)
     first = cast(Generator[dict[str, Any], None, None], jobs.camera(request))
     told = [next(first) for _ in range(4)]

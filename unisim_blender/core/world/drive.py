@@ -8,6 +8,7 @@ Times: seconds from the log's first frame, float64.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -202,11 +203,14 @@ class Drive:
     """What was subtracted from the log's own world coordinates, float64."""
 
     def window(self, actor: Actor) -> tuple[float, float]:
-        """When an actor is there, seconds. One of the first (last) frame is there before (after) it too: a frame's sensors look
-        earlier and later than its time."""
-        first, last = self.time_s[self.frames[0]], self.time_s[self.frames[-1]]
-        start = min(first - FRAME_MARGIN_S, actor.start_s) if actor.start_s <= first else actor.start_s
-        end = max(last + FRAME_MARGIN_S, actor.end_s) if actor.end_s >= last else actor.end_s
+        """When an actor is there, finite, seconds. One of the first (last) frame is there before (after) it too: a frame's
+        sensors look earlier and later than its time."""
+        first, last = self.time_s[self.frames[0]] - FRAME_MARGIN_S, self.time_s[self.frames[-1]] + FRAME_MARGIN_S
+        start, end = actor.start_s, actor.end_s
+        if start <= self.time_s[self.frames[0]]:
+            start = min(first, start) if math.isfinite(start) else first
+        if end >= self.time_s[self.frames[-1]]:
+            end = max(last, end) if math.isfinite(end) else last
         return start, end
 
     @property
