@@ -129,30 +129,30 @@ def train(detector: str, sets: tuple[Path, ...], out: Path, steps: int, batch: i
 @click.option("--out", required=True, type=click.Path(path_type=Path), help="Folder for documents, figures and pictures.")
 @click.option("--pictures", default=6, show_default=True, help="Frames to draw, spread over the set.")
 @click.option("--least", default=0.3, show_default=True, help="Least score of the detections that are drawn.")
-def test(detector: Path, set_: Path, out: Path, pictures: int, least: float) -> None:
+def test(detector: Path, set_: Path, out: Path, images: int, least: float) -> None:
     """AP of a trained DETECTOR on SET, its detections and labels as `unisim metrics` reads them, and pictures."""
     import numpy as np
 
-    from .pictures import picture
+    from .images import image
     from .testing import detect, labels, markdown, without_scores_below
     from .training import load_detector
 
     trained, samples = load_detector(detector), read_set(set_)
     _tell_of_overlap(trained, samples)
     found, truth = detect(trained, samples), labels(trained.detector, samples)
-    figures = measure(found, truth)
+    metrics = measure(found, truth)
     out.mkdir(parents=True, exist_ok=True)
     write_outputs(out / "detections.json", found)
     write_outputs(out / "labels.json", truth)
-    write_file(out / "figures.json", (json.dumps(figures, indent=1) + "\n").encode())
+    write_file(out / "figures.json", (json.dumps(metrics, indent=1) + "\n").encode())
     shown = without_scores_below(found, least)
     keys = list(samples)
-    for index in np.unique(np.linspace(0, len(keys) - 1, min(pictures, len(keys))).round().astype(int)):
+    for index in np.unique(np.linspace(0, len(keys) - 1, min(images, len(keys))).round().astype(int)):
         key = keys[index]
         place = (key.sequence, key.frame)
-        drawn = picture(trained.detector.kind, samples[key], truth.frames[place], shown.frames[place])
+        drawn = image(trained.detector.kind, samples[key], truth.frames[place], shown.frames[place])
         write_file(out / f"{key.name}.png", png_bytes(drawn))
-    for line in markdown({f"{trained.detector.name}, {set_.name}": figures["classes"]["vehicle"]}):
+    for line in markdown({f"{trained.detector.name}, {set_.name}": metrics["classes"]["vehicle"]}):
         click.echo(line)
 
 
@@ -171,11 +171,11 @@ def gap(detector: Path, real: Path, simulated: Path, sim_trained: Path | None, o
     frames = read_set(real)
     for one in (trained, other):
         _tell_of_overlap(one, frames)
-    figures = gaps(trained, other, frames, read_set(simulated))
-    write_file(out, (json.dumps(figures, indent=1) + "\n").encode())
-    names = [name for name in ("real", "real2sim", "sim2real") if name in figures]
-    rows = {name: figures[name] for name in names} | {f"lost, {name}": value for name, value in figures["lost"].items()}
-    for line in [*markdown(rows), "", *markdown({"agreement": figures["agreement"]})]:
+    metrics = gaps(trained, other, frames, read_set(simulated))
+    write_file(out, (json.dumps(metrics, indent=1) + "\n").encode())
+    names = [name for name in ("real", "real2sim", "sim2real") if name in metrics]
+    rows = {name: metrics[name] for name in names} | {f"lost, {name}": value for name, value in metrics["lost"].items()}
+    for line in [*markdown(rows), "", *markdown({"agreement": metrics["agreement"]})]:
         click.echo(line)
 
 

@@ -49,9 +49,9 @@ class LidarDetector:
             points, boxes = varied(points, boxes, rng)
             middle = float(rng.normal(0, 4) if rng.random() < 0.8 else rng.uniform(-24, 24))
             low, high = middle - CROP_M / 2, middle + CROP_M / 2
-        picture = raster(points, (low, high))
-        classes, regression = encode(boxes, ignored, picture.shape[1] // STRIDE, picture.shape[2] // STRIDE, low)
-        return Example(picture, classes, regression)
+        image = raster(points, (low, high))
+        classes, regression = encode(boxes, ignored, image.shape[1] // STRIDE, image.shape[2] // STRIDE, low)
+        return Example(image, classes, regression)
 
     def boxes(self, regression: NDArray[np.float32], rows: NDArray[np.int64], columns: NDArray[np.int64]) -> FloatArray:
         """x, y, length, width, yaw."""

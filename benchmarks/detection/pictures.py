@@ -19,7 +19,7 @@ PIXELS_PER_M = 9
 _GROUND_M = 0.25
 
 
-def picture(kind: str, sample: Sample, truth: FrameOutput, found: FrameOutput) -> NDArray[np.uint8]:
+def image(kind: str, sample: Sample, truth: FrameOutput, found: FrameOutput) -> NDArray[np.uint8]:
     """Labels green, ignored ones grey, detections orange with their scores (H, W, 3)."""
     canvas = _sweep(sample) if kind == "bev" else _image(sample)
     draw = ImageDraw.Draw(canvas)

@@ -40,8 +40,8 @@ def detect(trained: Trained, samples: Samples) -> Outputs:
     """All frames' detections."""
     frames = {}
     for key, sample in tqdm(samples.items(), desc=f"{trained.detector.name} detections", unit="frame", leave=False):
-        picture = torch.from_numpy(trained.detector.example(sample, None).input)[None]
-        maps = trained.network(picture.contiguous(memory_format=torch.channels_last))[0].numpy()
+        image = torch.from_numpy(trained.detector.example(sample, None).input)[None]
+        maps = trained.network(image.contiguous(memory_format=torch.channels_last))[0].numpy()
         boxes, scores = decode(trained.detector, maps)
         frames[(key.sequence, key.frame)] = FrameOutput(boxes, scores, (CLASS,) * len(boxes), np.zeros(len(boxes), bool))
     return Outputs(trained.detector.kind, frames)
@@ -81,13 +81,13 @@ def gaps(
     if on_simulated is not None:
         rows["sim2real"] = detect(on_simulated, real)
     measured = {name: precision(outputs, truth, ious, CLASS, resamples) for name, outputs in rows.items()}
-    figures: dict[str, Any] = {"frames": len(real), "resampled": len(set(units_of(truth)))}
-    figures.update({name: one.figures() for name, one in measured.items()})
-    figures["lost"] = {name: lost(measured["real"], one) for name, one in measured.items() if name != "real"}
+    metrics: dict[str, Any] = {"frames": len(real), "resampled": len(set(units_of(truth)))}
+    metrics.update({name: one.metrics() for name, one in measured.items()})
+    metrics["lost"] = {name: lost(measured["real"], one) for name, one in measured.items() if name != "real"}
     _, least = best_f1(all_matches(seen, truth, (AGREEMENT_IOU,), CLASS)[0])
     agreed = precision(replayed, confident(seen, least), (AGREEMENT_IOU,), CLASS, resamples)
-    figures["agreement"] = {"label_score": least if np.isfinite(least) else None, **agreed.figures()}
-    return figures
+    metrics["agreement"] = {"label_score": least if np.isfinite(least) else None, **agreed.metrics()}
+    return metrics
 
 
 def lost(before: Precision, after: Precision) -> dict[str, Any]:

@@ -57,9 +57,9 @@ class Trainer:
 
     def advance(self) -> tuple[float, float]:
         """One step; its losses of class and box."""
-        picture, classes, regression = self._batch()
+        image, classes, regression = self._batch()
         self.network.train()
-        focal, away = loss(self.network(picture), classes, regression)
+        focal, away = loss(self.network(image), classes, regression)
         self.optimizer.zero_grad()
         (focal + away).backward()
         nn.utils.clip_grad_norm_(self.network.parameters(), 10.0)
@@ -77,9 +77,9 @@ class Trainer:
             order = np.random.default_rng([self.settings.seed, turn]).permutation(len(self.samples))
             rng = np.random.default_rng([self.settings.seed, 1, int(number)])
             examples.append(self.detector.example(self.samples[order[place]], rng))
-        picture = torch.from_numpy(np.stack([e.input for e in examples])).contiguous(memory_format=torch.channels_last)
+        image = torch.from_numpy(np.stack([e.input for e in examples])).contiguous(memory_format=torch.channels_last)
         classes = torch.from_numpy(np.stack([e.classes for e in examples]))
-        return picture, classes, torch.from_numpy(np.stack([e.regression for e in examples]))
+        return image, classes, torch.from_numpy(np.stack([e.regression for e in examples]))
 
     def state(self) -> dict[str, Any]:
         """All that goes on."""

@@ -75,11 +75,11 @@ def train_scene(settings: Settings, found: Findings, preset: str) -> None:
     step = Trainer.step
 
     def noted(trainer: Trainer) -> dict[str, float]:
-        figures = step(trainer)
-        done.append((time.monotonic(), figures))
+        metrics = step(trainer)
+        done.append((time.monotonic(), metrics))
         if len(done) % 50 == 1:
-            found.note(steps=len(done), last=figures)
-        return figures
+            found.note(steps=len(done), last=metrics)
+        return metrics
 
     with patch.object(Trainer, "step", noted):
         header = train(
@@ -90,13 +90,13 @@ def train_scene(settings: Settings, found: Findings, preset: str) -> None:
     found.note(
         steps=len(done), seconds=seconds, steps_per_s=len(done) / max(seconds, 1e-9), last=done[-1][1],
         late_steps_per_s=(len(late) - 1) / max(late[-1][0] - late[0][0], 1e-9) if len(late) > 1 else None,
-        losses=[[i, figures["loss"]] for i, (_, figures) in list(enumerate(done))[:: max(len(done) // KEPT_LOSSES, 1)]],
+        losses=[[i, metrics["loss"]] for i, (_, metrics) in list(enumerate(done))[:: max(len(done) // KEPT_LOSSES, 1)]],
         whole_s=round(time.monotonic() - begun, 1), training_peak=peak_memory(settings.device),
     )  # fmt: skip
     scene, frame = load_scene(scene_of(settings, preset), settings.device), held_out(log)
     drive = scene.header.drive
-    picture = DriveRenderer(Renderer(TorchBackend(scene)), drive).camera(CAMERA, frame).rgb
-    error = float(np.mean((np.clip(picture, 0, 1) - recorded_image(log, CAMERA, frame, None)) ** 2))
+    image = DriveRenderer(Renderer(TorchBackend(scene)), drive).camera(CAMERA, frame).rgb
+    error = float(np.mean((np.clip(image, 0, 1) - recorded_image(log, CAMERA, frame, None)) ** 2))
     found.note(
         held_out_frame=frame, psnr_db=round(-10 * float(np.log10(max(error, 1e-10))), 2), peak=peak_memory(settings.device)
     )

@@ -136,8 +136,8 @@ def time_scene(settings: Settings, found: Findings, preset: str) -> None:
 
 def _difference(image: Callable[[], CameraFrame]) -> NDArray[np.float32]:
     """Return how far apart a picture's colours are with and without kernels."""
-    pictures = []
+    images = []
     for name in WAYS:
         with way(name):
-            pictures.append(image().rgb)
-    return np.abs(pictures[0] - pictures[1])
+            images.append(image().rgb)
+    return np.abs(images[0] - images[1])

@@ -29,5 +29,5 @@ def test_a_library_and_an_actor_of_it(street: Any, tmp_path: Path) -> None:
     car.location = (20.0, 3.0, 0.8)
     (edit,) = read(street).edits
     assert isinstance(edit, Insert) and edit.actor == car.unisim.look
-    assert edited(street).actors[edit.id].look.actor == car.unisim.look
+    assert edited(street).actors[edit.id].appearance.actor == car.unisim.look
     assert str(SAMPLE) in car.unisim.look_scene

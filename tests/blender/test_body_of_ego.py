@@ -181,8 +181,8 @@ def test_there_and_back_with_a_chase_camera(scene: Any, street: Any, tmp_path: P
     again = there_and_back(tmp_path / "first.json", tmp_path)
     before, after = drive_of(tmp_path / "first.json"), drive_of(again)
     one, other = before.actors[kept.id], after.actors[kept.id]
-    assert Path(one.look.mesh).name == Path(other.look.mesh).name
-    after.actors[kept.id] = replace(other, look=one.look)
+    assert Path(one.appearance.mesh).name == Path(other.appearance.mesh).name
+    after.actors[kept.id] = replace(other, appearance=one.appearance)
     assert_alike(before, after)
     assert {name: camera.sees_ego_body for name, camera in after.cameras.items()} == {
         "front_camera": False, "chase": True, "roadside": True,

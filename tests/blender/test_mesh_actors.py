@@ -68,7 +68,7 @@ def test_a_marked_mesh_is_inserted_with_its_colours(street: Any) -> None:
     np.testing.assert_allclose(made.colours[up], np.broadcast_to([0.1, 0.6, 0.1], made.colours[up].shape), atol=1e-6)
     np.testing.assert_allclose(made.colours[~up], np.broadcast_to([0.6, 0.1, 0.1], made.colours[~up].shape), atol=1e-6)
     actor = edited(street).actors[box.name]
-    assert actor.inserted and actor.look.mesh and not actor.is_moving
+    assert actor.inserted and actor.appearance.mesh and not actor.is_moving
     select(box)
     assert bpy.ops.unisim.release_mesh() == {"FINISHED"}
     assert not inserted(street)
@@ -208,8 +208,8 @@ def test_there_and_back_in_files_of_its_own(scene: Any, tmp_path: Path) -> None:
     np.testing.assert_allclose(other.colours, one.colours, atol=1e-6)
     np.testing.assert_allclose(other.vertices[other.faces], one.vertices[one.faces], atol=1e-6)
     np.testing.assert_allclose(other.normals, one.normals, atol=2e-3)
-    look = before.actors["box"].look
-    after.actors["box"] = type(after.actors["box"])(**{**vars(after.actors["box"]), "look": look})
+    look = before.actors["box"].appearance
+    after.actors["box"] = type(after.actors["box"])(**{**vars(after.actors["box"]), "appearance": look})
     assert_alike(before, after)
     # and again: the same files
     bpy.ops.wm.read_factory_settings(use_empty=True)

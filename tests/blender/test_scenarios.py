@@ -31,7 +31,7 @@ def assert_alike(a: Drive, b: Drive) -> None:
     assert set(a.actors) == set(b.actors)
     for uid, one in a.actors.items():
         other = b.actors[uid]
-        assert one.look == other.look and one.label == other.label, uid
+        assert one.appearance == other.appearance and one.label == other.label, uid
         there = one.present(times)
         assert (there == other.present(times)).all(), uid
         assert same(other.world_from_actor.at(times)[there], one.world_from_actor.at(times)[there]).all(), uid

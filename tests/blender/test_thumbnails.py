@@ -169,7 +169,7 @@ def test_an_actor_of_the_drive_is_inserted_and_replaced(street: Any) -> None:
     new = bpy.context.active_object
     (edit,) = read(street).edits
     assert isinstance(edit, Insert) and edit.actor == "car-03" and edit.scene is None
-    assert edited(street).actors[edit.id].look.actor == "car-03" and edit.id == new.name
+    assert edited(street).actors[edit.id].appearance.actor == "car-03" and edit.id == new.name
     select(thing(street, "ACTOR", "car-04"))
     assert bpy.ops.unisim.replace_look(look="car-12") == {"FINISHED"}
     swap = next(edit for edit in read(street).edits if isinstance(edit, Swap))

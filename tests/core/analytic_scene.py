@@ -30,7 +30,7 @@ from unisim_blender.core.render.tracers.torch.actor_tensors import ActiveActorTe
 from unisim_blender.core.render.tracers.torch.sampling import Sampling
 from unisim_blender.core.render.tracers.torch.trace import trace
 from unisim_blender.core.render.tracers.torch.tracer import TorchBackend
-from unisim_blender.core.world.drive import Actor, Box, Camera, CameraModel, Drive, Lidar, LidarModel, Look, StaticCopy
+from unisim_blender.core.world.drive import Actor, Appearance, Box, Camera, CameraModel, Drive, Lidar, LidarModel, StaticCopy
 
 GROUND_M = 0.0
 """World height of the ground, where a scene has one."""
@@ -136,8 +136,8 @@ def analytic_scene(
 
 def still(uid: str, position: Points, size: Points, yaw: float = 0.0, **changes: Any) -> Actor:
     """An actor that stands still, throughout."""
-    way = Trajectory(np.zeros(1), np.array([position], float), quaternion_from_yaw(np.array([yaw])))
-    return replace(Actor(uid, "Car", np.array(size, float), way, 0.0, 0.5, False, Look(uid)), **changes)
+    trajectory = Trajectory(np.zeros(1), np.array([position], float), quaternion_from_yaw(np.array([yaw])))
+    return replace(Actor(uid, "Car", np.array(size, float), trajectory, 0.0, 0.5, False, Appearance(uid)), **changes)
 
 
 FRONT = quaternion_from_matrix(np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]]))
@@ -177,8 +177,8 @@ class Stage:
 
     def active(self) -> ActiveActorTensors:
         scenes = {path: (scene, tables(scene)) for path, scene in {"": self.scene, **self.others}.items()}
-        looks = {path: tuple(scene.actor_ids) for path, (scene, _) in scenes.items()}
-        return active_actor_tensors(active_actors(whole_state(self.drive), looks), scenes)
+        appearances = {path: tuple(scene.actor_ids) for path, (scene, _) in scenes.items()}
+        return active_actor_tensors(active_actors(whole_state(self.drive), appearances), scenes)
 
     def trace(
         self,

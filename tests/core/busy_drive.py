@@ -17,7 +17,7 @@ from unisim_blender.core.render.tracer import Backend
 from unisim_blender.core.render.tracers.compiled.scene import CompiledScene
 from unisim_blender.core.render.tracers.compiled.tracer import CompiledBackend
 from unisim_blender.core.render.tracers.torch.tracer import TorchBackend
-from unisim_blender.core.world.drive import Actor, Drive, Look, RollingShutter
+from unisim_blender.core.world.drive import Actor, Appearance, Drive, RollingShutter
 
 GUEST_SCENE = "other"
 
@@ -29,9 +29,11 @@ def weaving(keys: int, start: tuple[float, float, float], speed: float) -> Traje
     return Trajectory(times, positions, quaternion_from_yaw(0.3 * np.sin(7 * times)))
 
 
-def ridden(way: Trajectory, height: float, quaternion: FloatArray) -> Trajectory:
+def ridden(trajectory: Trajectory, height: float, quaternion: FloatArray) -> Trajectory:
     """The way of a sensor on a vehicle that looks ahead."""
-    return Trajectory(way.times_s, way.positions + [0, 0, height], np.broadcast_to(quaternion, way.quaternions_wxyz.shape))
+    return Trajectory(
+        trajectory.times_s, trajectory.positions + [0, 0, height], np.broadcast_to(quaternion, trajectory.quaternions_wxyz.shape)
+    )
 
 
 def busy_drive(folder: Path) -> Drive:
@@ -46,18 +48,18 @@ def busy_drive(folder: Path) -> Drive:
         replace(near, world_from_actor=weaving(8, (-9.0, 0.0, 0.8), -4.0), is_moving=True),
         replace(cone, size_m=cone.size_m * [1.5, 0.8, 2.0], scale=(1.5, 0.8, 2.0)),
         MOVING,
-        still("guest", (-15, 1.5, 1.0), (3, 2, 2), yaw=0.3, look=Look("car", GUEST_SCENE), inserted=True),
+        still("guest", (-15, 1.5, 1.0), (3, 2, 2), yaw=0.3, appearance=Appearance("car", GUEST_SCENE), inserted=True),
         still(
             "cube",
             (0, 0, 0),
             (1, 1, 1),
-            look=Look("cube", mesh=str(mesh)),
+            appearance=Appearance("cube", mesh=str(mesh)),
             inserted=True,
             world_from_actor=weaving(15, (-13.0, -1.0, 1.0), 6.0),
             is_moving=True,
         ),
-        still("early", (-11, 1, 0.8), (4.0, 1.8, 1.6), look=Look("car"), start_s=-1.0, end_s=0.12),
-        still("late", (-10, 2, 0.8), (4.0, 1.8, 1.6), look=Look("near"), start_s=0.33, end_s=0.5),
+        still("early", (-11, 1, 0.8), (4.0, 1.8, 1.6), appearance=Appearance("car"), start_s=-1.0, end_s=0.12),
+        still("late", (-10, 2, 0.8), (4.0, 1.8, 1.6), appearance=Appearance("near"), start_s=0.33, end_s=0.5),
     ]
     drive = edited(actors)
     ego = weaving(29, (-20.0, 0.0, 0.0), 5.0)

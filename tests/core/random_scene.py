@@ -90,6 +90,6 @@ def saved(folder: Path, config: ModelConfig, seed: int = 0) -> Path:
     return folder
 
 
-def picture_rays(drive: Drive, up: int = 2) -> Rays:
+def image_rays(drive: Drive, up: int = 2) -> Rays:
     camera = drive.cameras["front"]
     return camera_rays(camera, camera.time_s[2], *pixel_grid(camera.model, up))

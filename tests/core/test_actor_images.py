@@ -114,8 +114,8 @@ def test_every_class_has_a_group() -> None:
 def standing(uid: str, x: float, y: float, size: tuple[float, ...] = (4.5, 1.9, 1.5)) -> Actor:
     """A car that stands beside the tiny drive."""
     car = tiny_drive().actors["car"]
-    way = Trajectory(np.zeros(1), np.array([[x, y, size[2] / 2]]), np.array([[1.0, 0, 0, 0]]))
-    return replace(car, uid=uid, size_m=np.array(size), world_from_actor=way, is_moving=False)
+    trajectory = Trajectory(np.zeros(1), np.array([[x, y, size[2] / 2]]), np.array([[1.0, 0, 0, 0]]))
+    return replace(car, uid=uid, size_m=np.array(size), world_from_actor=trajectory, is_moving=False)
 
 
 def test_the_best_view_is_large_and_nothing_stands_before_it() -> None:
@@ -209,8 +209,8 @@ def test_images_are_kept_until_the_log_changes(tmp_path: Path, monkeypatch: pyte
     assert set(made) == set(log.drive.actors) and kept_images(path) == made
     assert all(one.image is None or one.image.read_bytes().startswith(b"\x89PNG") for one in made.values())
     assert any(one.image for one in made.values())
-    picture = next(one.image for one in made.values() if one.image)
-    picture.unlink()
+    image = next(one.image for one in made.values() if one.image)
+    image.unlink()
     assert kept_images(path) is None  # half of it is none of it
     list(make_images(log))
     index = kept_folder(path) / "actors.json"

@@ -251,16 +251,16 @@ def test_units_are_sequences_where_there_are_several() -> None:
     label = output([CAR], [1.0])
     labels = Outputs("bev", {("a", 0): label, ("a", 1): label, ("b", 0): label}, False)
     found = Outputs("bev", {("a", 0): perfect, ("a", 1): perfect, ("b", 0): output([], [], None)}, True)
-    figures = measure(found, labels, resamples=200)
-    assert figures["resampled"] == 2
-    assert figures["classes"]["car"]["ap@0.5"] == {"value": pytest.approx(2 / 3), "interval": [0.0, 1.0]}
+    metrics = measure(found, labels, resamples=200)
+    assert metrics["resampled"] == 2
+    assert metrics["classes"]["car"]["ap@0.5"] == {"value": pytest.approx(2 / 3), "interval": [0.0, 1.0]}
 
 
 def test_a_class_is_matched_with_itself_alone() -> None:
     frame = output([CAR], [0.9])
     other = FrameOutput(frame.boxes, frame.scores, ("bus",), frame.ignored)
-    figures = measure(Outputs("bev", {("a", 0): other}), Outputs("bev", {("a", 0): frame}, False), resamples=5)
-    assert figures["classes"]["car"]["ap@0.1"]["value"] == 0.0 and "bus" not in figures["classes"]
+    metrics = measure(Outputs("bev", {("a", 0): other}), Outputs("bev", {("a", 0): frame}, False), resamples=5)
+    assert metrics["classes"]["car"]["ap@0.1"]["value"] == 0.0 and "bus" not in metrics["classes"]
 
 
 def test_agreement_with_detections_on_other_data() -> None:
@@ -296,11 +296,11 @@ def test_forecasts_and_plans_of_two_documents(tmp_path: Path, capsys: pytest.Cap
     paths = [write(tmp_path / "sim.json", simulated), write(tmp_path / "real.json", real)]
     out = tmp_path / "figures.json"
     assert run(["metrics", *map(str, paths), "--agreement", "--resamples", "5", "--out", str(out)]) == 0
-    figures = json.loads(out.read_text())
-    forecast = figures["classes"]["car"]["forecasts"]
+    metrics = json.loads(out.read_text())
+    forecast = metrics["classes"]["car"]["forecasts"]
     # the label is the most probable mode, straight on: 0.5 m at either step
     assert forecast == {"min_ade_m": 0.5, "actors": 1, "f1": 1.0, "least_score": 0.9}
-    assert figures["plans"] == {"end_point_error_m": 2.0, "frames": 1}
+    assert metrics["plans"] == {"end_point_error_m": 2.0, "frames": 1}
     printed = capsys.readouterr().out
     assert "AP@0.3    100.0   100.0 … 100.0" in printed and "end-point error 2.000 m" in printed
 

@@ -93,7 +93,7 @@ class Run:
     """A training: its trainer, each step's figures, and what the learnt tensors were before."""
 
     trainer: Trainer
-    figures: list[dict[str, float]]
+    metrics: list[dict[str, float]]
     before: dict[str, Tensor]
 
 
@@ -123,7 +123,7 @@ def trained(runs: dict[str, Run], tmp_path_factory: pytest.TempPathFactory) -> d
     return found
 
 
-def picture(scene_path: Path, frame: int = 1) -> CameraFrame:
+def image(scene_path: Path, frame: int = 1) -> CameraFrame:
     scene = load_scene(scene_path)
     renderer = DriveRenderer(Renderer(TorchBackend(scene)), scene.header.drive)
     return renderer.camera("front_camera", frame, ("rgb", "depth", "instance", "normal"))
@@ -131,14 +131,14 @@ def picture(scene_path: Path, frame: int = 1) -> CameraFrame:
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_its_loss_falls(runs: dict[str, Run], kind: str) -> None:
-    figures = runs[kind].figures
-    first, last = (np.mean([f["rgb"] for f in part]) for part in (figures[:6], figures[-6:]))
+    metrics = runs[kind].metrics
+    first, last = (np.mean([f["rgb"] for f in part]) for part in (metrics[:6], metrics[-6:]))
     assert last < 0.75 * first, (first, last)
-    assert ("depth" in figures[0]) == ("lidar" not in KINDS[kind][1])
-    if "depth" in figures[0]:
-        assert figures[-1]["depth"] < 0.75 * figures[0]["depth"]
+    assert ("depth" in metrics[0]) == ("lidar" not in KINDS[kind][1])
+    if "depth" in metrics[0]:
+        assert metrics[-1]["depth"] < 0.75 * metrics[0]["depth"]
     ours = {"band", "eikonal", "flat", "free", "spread"}
-    assert ours <= figures[0].keys() if KINDS[kind][0] == "tiny" else not ours & figures[0].keys()
+    assert ours <= metrics[0].keys() if KINDS[kind][0] == "tiny" else not ours & metrics[0].keys()
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -169,9 +169,9 @@ def test_saved_and_loaded_it_gives_the_same_picture(log: Log, runs: dict[str, Ru
     (again / CHECKPOINT).write_bytes((scene / CHECKPOINT).read_bytes())
     train(log, config_of(kind), again, resume=True, quiet=True)
     assert (again / "weights.safetensors").read_bytes() == (scene / "weights.safetensors").read_bytes()
-    shown = picture(scene)
+    shown = image(scene)
     assert shown.rgb.shape == (32, 48, 3) and np.isfinite(shown.rgb).all() and 0 <= shown.rgb.min() and shown.rgb.max() <= 1
-    np.testing.assert_array_equal(picture(again).rgb, shown.rgb)
+    np.testing.assert_array_equal(image(again).rgb, shown.rgb)
     kept, model = load_scene(scene), runs[kind].trainer.model
     assert kept.actor_tables.shape == (len(model.actor_ids), *model.actors.row)
     assert not any(name.startswith(("actors.latents", "actors.own", "actors.hyper")) for name in kept.model.state_dict())
@@ -226,10 +226,10 @@ def test_a_scene_graph_is_edited(
     as_it_was = rendered(edited(trained["nsg"], path, tmp_path / "a.json", []), tmp_path / "a")
     removed: dict[str, object] = {"type": "remove", "actor": "car-1"}
     copied: dict[str, object] = {"type": "duplicate", "actor": "car-1", "id": "new", "world_offset_m": [0.0, 4.0, 0.0]}
-    pictures = [as_it_was]
+    images = [as_it_was]
     for number, edits in enumerate(([removed], [copied], [copied, removed])):
-        pictures.append(rendered(edited(trained["nsg"], path, tmp_path / f"{number}.json", edits), tmp_path / f"{number}"))
-    assert len(set(pictures)) == len(pictures), "every edit is seen"
+        images.append(rendered(edited(trained["nsg"], path, tmp_path / f"{number}.json", edits), tmp_path / f"{number}"))
+    assert len(set(images)) == len(images), "every edit is seen"
     assert "Warning" not in capsys.readouterr().err
     assert "warnings" not in json.loads((tmp_path / "1/manifest.json").read_text())["inputs"]
 
@@ -248,7 +248,7 @@ def test_one_field_says_that_it_has_no_actors(
     shift: dict[str, object] = {"type": "ego", "shift_left_m": 1.0}
     assert rendered(edited(trained["ngp"], path, tmp_path / "c.json", [shift]), tmp_path / "c") != as_it_was
     assert "Warning" not in capsys.readouterr().err
-    assert picture(trained["ngp"]).instance is not None and not picture(trained["ngp"]).instance.any()  # type: ignore[union-attr]
+    assert image(trained["ngp"]).instance is not None and not image(trained["ngp"]).instance.any()  # type: ignore[union-attr]
 
 
 def test_a_renderer_is_what_its_scene_was_trained_as(

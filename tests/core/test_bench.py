@@ -15,17 +15,17 @@ from analytic_scene import drive_of, still
 from click.testing import CliRunner
 from numpy.typing import NDArray
 from random_scene import CARS, TINY, saved
+from unisim_blender.core.bench.metrics import metrics_of
 
 from unisim_blender.core import native
 from unisim_blender.core.bench.cases import all_cases, camera_case, middle, state_case, subject_of, windows
 from unisim_blender.core.bench.copies import grid, model_actor, with_copies, with_tracks
 from unisim_blender.core.bench.errors import depth_error, image_error
-from unisim_blender.core.bench.figures import figures_of
 from unisim_blender.core.bench.machine import processor
 from unisim_blender.core.bench.measure import turns
 from unisim_blender.core.bench.methods import DEFAULT, TYPICAL, VARIANTS, all_methods
 from unisim_blender.core.bench.pareto import pareto_front
-from unisim_blender.core.bench.plots import pictures
+from unisim_blender.core.bench.plots import images
 from unisim_blender.core.bench.process import RendererProcess
 from unisim_blender.core.bench.render_request import Measurement, RenderRequest, RenderSession, SceneSetup
 from unisim_blender.core.bench.run import run_bench
@@ -67,22 +67,22 @@ def measured(scene: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def figures(measured: Path) -> dict[str, Any]:
+def metrics(measured: Path) -> dict[str, Any]:
     document = json.loads((measured / "bench.json").read_text())
     assert document["complete"] and document["machine"]["variant"] == native.variant()
     found: dict[str, Any] = document["figures"]
     return found
 
 
-def rows_by_method(figures: dict[str, Any], kind: str) -> dict[str, dict[str, Any]]:
-    return {row["method"]: row for row in figures[kind][0]["entries"]}
+def rows_by_method(metrics: dict[str, Any], kind: str) -> dict[str, dict[str, Any]]:
+    return {row["method"]: row for row in metrics[kind][0]["entries"]}
 
 
 @needs_library
-def test_every_method_is_measured_in_every_round(figures: dict[str, Any]) -> None:
-    assert list(figures) == ["camera", "lidar", "pixels", "copies", "state", "region", "scenes", "memory"]
+def test_every_method_is_measured_in_every_round(metrics: dict[str, Any]) -> None:
+    assert list(metrics) == ["camera", "lidar", "pixels", "copies", "state", "region", "scenes", "memory"]
     for kind, errors in (("camera", ("psnr_db", "delta_e")), ("lidar", ("median_mm", "p90_mm", "p99_mm", "within_2cm"))):
-        rows = rows_by_method(figures, kind)
+        rows = rows_by_method(metrics, kind)
         assert {f"native {name}" for name in QUALITY} | {"torch eager", "torch with kernels"} <= rows.keys()
         for row in rows.values():
             assert len(row["rounds_s"]) == 2 and row["seconds"] > 0 and row["per_second"] == 1 / row["seconds"]
@@ -92,12 +92,12 @@ def test_every_method_is_measured_in_every_round(figures: dict[str, Any]) -> Non
             assert kind == "lidar" or row["psnr_db"] > 20
         assert rows["native reference"][errors[1]] <= rows["native fast"][errors[1]]
         assert any(row["front"] for row in rows.values())
-        assert set(figures[kind][0]["truth"]) >= set(errors)
+        assert set(metrics[kind][0]["truth"]) >= set(errors)
 
 
 @needs_library
-def test_the_same_bits_have_the_same_error(figures: dict[str, Any]) -> None:
-    rows = rows_by_method(figures, "camera")
+def test_the_same_bits_have_the_same_error(metrics: dict[str, Any]) -> None:
+    rows = rows_by_method(metrics, "camera")
     if f"native {TYPICAL}, 1 thread" in rows:
         assert rows[f"native {TYPICAL}, 1 thread"]["psnr_db"] == rows[f"native {TYPICAL}"]["psnr_db"]
     assert abs(rows["torch eager"]["psnr_db"] - rows["torch with kernels"]["psnr_db"]) < 1
@@ -107,25 +107,25 @@ def test_the_same_bits_have_the_same_error(figures: dict[str, Any]) -> None:
 
 
 @needs_library
-def test_growth_and_memory(figures: dict[str, Any]) -> None:
-    assert [(row["width"], row["height"]) for row in figures["pixels"][0]["entries"]] == [(24, 16), (48, 32)]
-    none, seen, behind = figures["copies"][0]["entries"]
+def test_growth_and_memory(metrics: dict[str, Any]) -> None:
+    assert [(row["width"], row["height"]) for row in metrics["pixels"][0]["entries"]] == [(24, 16), (48, 32)]
+    none, seen, behind = metrics["copies"][0]["entries"]
     assert (none["copies"], seen["copies"], behind["copies"]) == (0, 3, 3) and behind["behind"] and not seen["behind"]
     # what is out of view is left out before rays are traced, so counts do not name it
     assert behind["actors_skipped"] == none["actors_skipped"] and behind["samples_per_ray"] == none["samples_per_ray"]
-    region = figures["region"][0]
+    region = metrics["region"][0]
     assert region["whole_s"] > 0 and all(row["same_bits"] for row in region["entries"])
     part, whole = region["entries"]
     assert part["rays"] < 0.7 * whole["rays"]
-    assert [row["sensor"] for row in figures["scenes"][0]["entries"]] == ["camera", "lidar"] * 2
-    assert all(row["weights_bytes"] > 0 and row["volume_m3"] == 60 * 40 * 16 for row in figures["scenes"][0]["entries"])
-    assert all(10 < row["peak_mb"] < 10_000 and len(row["rounds_s"]) == 1 for row in figures["memory"][0]["entries"])
+    assert [row["sensor"] for row in metrics["scenes"][0]["entries"]] == ["camera", "lidar"] * 2
+    assert all(row["weights_bytes"] > 0 and row["volume_m3"] == 60 * 40 * 16 for row in metrics["scenes"][0]["entries"])
+    assert all(10 < row["peak_mb"] < 10_000 and len(row["rounds_s"]) == 1 for row in metrics["memory"][0]["entries"])
 
 
 @needs_library
-def test_what_a_state_costs_is_in_the_report(measured: Path, figures: dict[str, Any]) -> None:
+def test_what_a_state_costs_is_in_the_report(measured: Path, metrics: dict[str, Any]) -> None:
     """A row for a sweep and one for a picture, whose steps add up."""
-    (case,) = figures["state"]
+    (case,) = metrics["state"]
     assert case["repeats"] == 3 and [row["sensor"] for row in case["entries"]] == ["lidar", "camera"]
     for row, shape in zip(case["entries"], ((4, 180), (32, 48)), strict=True):
         assert (row["rows"], row["columns"]) == shape and row["rays"] == shape[0] * shape[1]
@@ -150,7 +150,7 @@ def test_a_state_costs_more_with_more_actors(scene: Path) -> None:
         case = state_case(subject, replace(SETTINGS, state_actors=actors, state_repeats=1), 1)
         for entry in case.entries:
             entry.measurements.append(session.render(entry.request))
-        found.append(figures_of([case])["state"][0]["entries"])
+        found.append(metrics_of([case])["state"][0]["entries"])
     for few, many in zip(*found, strict=True):
         # the scene's own actors are there, however few are asked for
         assert few["actors"] == len(subject.header.drive.actors) and many["actors"] == 40
@@ -171,14 +171,14 @@ def test_copies_on_tracks_are_present_and_apart() -> None:
 
 
 @needs_library
-def test_tables_and_pictures(measured: Path, figures: dict[str, Any]) -> None:
+def test_tables_and_pictures(measured: Path, metrics: dict[str, Any]) -> None:
     text = (measured / "bench.md").read_text()
     for title in ("## Camera front, frame", "48×32", "## LiDAR top", "## Pixels", "## Actors", "## A region", "## Memory"):
         assert title in text
     assert "interrupted" not in text and "(scaled)" in text and processor() in text
     assert {path.name for path in measured.iterdir()} == {"bench.json", "bench.md", "camera.png", "lidar.png", "growth.png"}
     assert all((measured / name).read_bytes().startswith(b"\x89PNG") for name in ("camera.png", "lidar.png", "growth.png"))
-    assert pictures({}) == {} and pictures({"pixels": figures["pixels"]}).keys() == {"growth.png"}
+    assert images({}) == {} and images({"pixels": metrics["pixels"]}).keys() == {"growth.png"}
 
 
 @needs_library
@@ -266,7 +266,7 @@ def test_recorded_pictures_are_compared_where_there_is_a_log(scene: Path) -> Non
     # a picture that is off by a tenth everywhere
     off = [np.where(piece < 0.5, piece + np.float32(0.1), piece - np.float32(0.1)) for piece in case.recorded]
     case.entries[2].measurements.append(Measurement(1.0, 10, 10, 10, 0, 0, off))
-    row = figures_of([case])["camera"][0]["entries"][0]
+    row = metrics_of([case])["camera"][0]["entries"][0]
     assert row["recorded_psnr_db"] == pytest.approx(20, abs=0.01) and "psnr_db" not in row
 
 

@@ -47,16 +47,16 @@ def made(seed: int, size: int, roughness: float) -> tuple[SparseImage, NDArray[n
         "unsupported": rng.random(SHAPE) < 0.01,
         CROWDED: rng.random(SHAPE) < 0.005,
     }
-    picture = SparseImage(SHAPE)
+    image = SparseImage(SHAPE)
     corners = (np.mgrid[0 : h - 1 : size, 0 : w - 1 : size]).reshape(2, -1).T
-    picture.known[::size, ::size] = True
+    image.known[::size, ::size] = True
     middles = corners[::3] + size // 2
-    picture.known[middles[:, 0], middles[:, 1]] = True
-    numbers = np.flatnonzero(picture.known)
+    image.known[middles[:, 0], middles[:, 1]] = True
+    numbers = np.flatnonzero(image.known)
     for name, values in maps.items():
         kind = np.float32 if values.dtype.kind == "f" else values.dtype
-        picture.put(numbers, {name: values.reshape(h * w, *values.shape[2:])[numbers].astype(kind)})
-    return picture, corners
+        image.put(numbers, {name: values.reshape(h * w, *values.shape[2:])[numbers].astype(kind)})
+    return image, corners
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -64,23 +64,23 @@ def made(seed: int, size: int, roughness: float) -> tuple[SparseImage, NDArray[n
 @np.errstate(invalid="ignore", divide="ignore")
 def test_the_kernels_have_numpys_bits(seed: int, size: int, roughness: float, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("OMP_NUM_THREADS", str(1 + seed % 3))
-    picture, some = made(seed, size, roughness)
-    got, wanted = differ(picture, some, size, 0.03), plain_differ(picture, some, size, 0.03)
+    image, some = made(seed, size, roughness)
+    got, wanted = differ(image, some, size, 0.03), plain_differ(image, some, size, 0.03)
     assert wanted[0].any() and wanted[1].any() and not wanted[0].all()
     for a, b in zip(got, wanted, strict=True):
         assert np.array_equal(a, b)
     asked = some[::3]
-    alike = plain_foretold(picture, asked, size, 0.03)
+    alike = plain_foretold(image, asked, size, 0.03)
     assert alike.any() and not alike.all()
-    assert np.array_equal(foretold(picture, asked, size, 0.03), alike)
+    assert np.array_equal(foretold(image, asked, size, 0.03), alike)
     other, _ = made(seed, size, roughness)
     leaves = some[~wanted[0]]
-    before = {name: values.copy() for name, values in picture.values.items()}
-    fill(picture, leaves, size)
+    before = {name: values.copy() for name, values in image.values.items()}
+    fill(image, leaves, size)
     plain_fill(other, leaves, size)
     for name, values in other.values.items():
-        assert values.dtype == picture.values[name].dtype
-        assert np.array_equal(picture.values[name], values, equal_nan=values.dtype.kind == "f"), name
+        assert values.dtype == image.values[name].dtype
+        assert np.array_equal(image.values[name], values, equal_nan=values.dtype.kind == "f"), name
         assert not np.array_equal(before[name], values, equal_nan=values.dtype.kind == "f") or name in (
             CROWDED,
             "unsupported",
@@ -89,7 +89,7 @@ def test_the_kernels_have_numpys_bits(seed: int, size: int, roughness: float, mo
 
 
 def test_maps_that_the_kernels_do_not_know_are_numpys(monkeypatch: pytest.MonkeyPatch) -> None:
-    picture, some = made(0, 4, 0.002)
-    picture.values["depth"] = picture.values["depth"].astype(np.float64)
+    image, some = made(0, 4, 0.002)
+    image.values["depth"] = image.values["depth"].astype(np.float64)
     monkeypatch.setattr(blocks, "_call", None)
-    assert differ(picture, some, 4, 0.03)[0].any()
+    assert differ(image, some, 4, 0.03)[0].any()

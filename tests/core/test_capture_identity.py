@@ -17,7 +17,7 @@ from unisim_blender.core.render.visibility import Reach
 from unisim_blender.core.sequence.identity import CaptureIdentities
 from unisim_blender.core.sequence.plan import RenderPlan
 from unisim_blender.core.sequence.run import render_sequence
-from unisim_blender.core.world.drive import Actor, Box, Drive, Look, StaticCopy
+from unisim_blender.core.world.drive import Actor, Appearance, Box, Drive, StaticCopy
 from unisim_blender.core.world.replay import DriveStates
 
 FRAMES = range(6)
@@ -25,8 +25,8 @@ FRAMES = range(6)
 
 def standing(uid: str, x: float, y: float, **changes: Any) -> Actor:
     """A box of 2 m edges that stands throughout; the camera looks along x from x = 1 to 3.5 m, 28 degrees to either side."""
-    way = Trajectory(np.zeros(1), np.array([[x, y, 1.0]]), IDENTITY[None])
-    return replace(Actor(uid, "Car", np.full(3, 2.0), way, 0.0, 0.5, False, Look(uid)), **changes)
+    trajectory = Trajectory(np.zeros(1), np.array([[x, y, 1.0]]), IDENTITY[None])
+    return replace(Actor(uid, "Car", np.full(3, 2.0), trajectory, 0.0, 0.5, False, Appearance(uid)), **changes)
 
 
 def plan_of(drive: Drive, **changes: Any) -> RenderPlan:
@@ -72,8 +72,8 @@ def test_an_actor_that_leaves_the_view_is_stale_where_it_was_in_view() -> None:
 
 
 def moved(actor: Actor) -> Actor:
-    way = actor.world_from_actor
-    return replace(actor, world_from_actor=replace(way, positions=way.positions + [0.0, 1e-6, 0.0]))
+    trajectory = actor.world_from_actor
+    return replace(actor, world_from_actor=replace(trajectory, positions=trajectory.positions + [0.0, 1e-6, 0.0]))
 
 
 @pytest.mark.parametrize(
@@ -81,7 +81,7 @@ def moved(actor: Actor) -> Actor:
     [
         moved,
         lambda a: replace(a, size_m=a.size_m * 1.01, scale=(1.01, 1.01, 1.01)),
-        lambda a: replace(a, look=Look("other")),
+        lambda a: replace(a, appearance=Appearance("other")),
         lambda a: replace(a, uid="renamed"),
     ],
 )
@@ -94,8 +94,8 @@ def test_a_retimed_actor_is_stale_where_its_trajectory_changed() -> None:
     """A key that is displaced changes the frames whose exposure lies beside it, and no other."""
     drive = tiny_drive()
     car = drive.actors["car"]
-    way = car.world_from_actor
-    bent = replace(way, positions=way.positions + 0.3 * (np.arange(6) == 4)[:, None])
+    trajectory = car.world_from_actor
+    bent = replace(trajectory, positions=trajectory.positions + 0.3 * (np.arange(6) == 4)[:, None])
     found = stale(drive, replace(drive, actors={**drive.actors, "car": replace(car, world_from_actor=bent)}))
     # frames at the neighbouring keys hang on this one with a weight of 0
     assert found == {"camera/front": [3, 4, 5], "lidar/top": [3, 4, 5]}

@@ -64,8 +64,8 @@ def test_the_table_grows_and_nothing_is_done_twice(
     monkeypatch.setattr(methods, "METHODS", {**METHODS, "unisim": TINY})
     out = tmp_path / "out"
     assert run(command(log, out, "--methods", "unisim")) == 0
-    figures = out / "figures" / "unisim" / "removal.json"
-    trained, before = (out / "scenes" / "unisim" / HEADER_NAME).stat(), figures.stat()
+    metrics = out / "figures" / "unisim" / "removal.json"
+    trained, before = (out / "scenes" / "unisim" / HEADER_NAME).stat(), metrics.stat()
     assert run(command(log, out, "--methods", "surfel")) == 0
     document = json.loads((out / "comparison.json").read_text())
     assert list(document["rows"]) == ["unisim", "surfel"]
@@ -75,13 +75,13 @@ def test_the_table_grows_and_nothing_is_done_twice(
     assert surfel["removal"]["camera"]["edit"]["edited"]["pixels"] > 0
     assert surfel["removal"]["camera"]["edit_costs_db"]["frame"] is not None
     assert run(command(log, out, "--methods", "unisim,surfel")) == 0
-    assert figures.stat().st_mtime_ns == before.st_mtime_ns
+    assert metrics.stat().st_mtime_ns == before.st_mtime_ns
     assert (out / "scenes" / "unisim" / HEADER_NAME).stat().st_mtime_ns == trained.st_mtime_ns
 
     page = (out / "index.html").read_text()
-    pictures = re.findall(r'src="([^"]+)"', page)
+    images = re.findall(r'src="([^"]+)"', page)
     # two frames of the replay and one of the edit, each with the truth and both methods' pictures and differences
-    assert len(pictures) == 3 * 5 and all((out / name).is_file() for name in pictures)
+    assert len(images) == 3 * 5 and all((out / name).is_file() for name in images)
     assert "| ours, tiny |" in (out / "comparison.md").read_text()
 
     capsys.readouterr()
@@ -218,8 +218,8 @@ class _Means(torch.nn.Module):
 
 def test_inception_is_a_file_of_the_users(tmp_path: Path) -> None:
     torch.jit.script(_Means()).save(tmp_path / "means.pt")
-    picture = np.stack([np.full((4, 5), v, np.uint8) for v in (10, 20, 30)], -1)
-    assert Inception(tmp_path / "means.pt").features(picture).tolist() == [10, 20, 30]
+    image = np.stack([np.full((4, 5), v, np.uint8) for v in (10, 20, 30)], -1)
+    assert Inception(tmp_path / "means.pt").features(image).tolist() == [10, 20, 30]
     (tmp_path / "junk.pt").write_bytes(b"no network")
     with pytest.raises(UnisimError, match="junk.pt: is no TorchScript"):
         Inception(tmp_path / "junk.pt")

@@ -11,7 +11,7 @@ import pytest
 from analytic_scene import still
 from instruction_sets import run_with
 from numpy.typing import NDArray
-from random_scene import CONFIGS, PASSES, TINY, edited, picture_rays, saved
+from random_scene import CONFIGS, PASSES, TINY, edited, image_rays, saved
 from whole_drive import bound_to
 
 from unisim_blender.core import native
@@ -28,7 +28,7 @@ from unisim_blender.core.render.tracers.torch.tracer import TorchBackend, TorchT
 from unisim_blender.core.sensors.frames import RenderStats
 from unisim_blender.core.sensors.lidar import lidar_rays
 from unisim_blender.core.sensors.rays import Rays
-from unisim_blender.core.world.drive import Drive, Look
+from unisim_blender.core.world.drive import Appearance, Drive
 
 needs_library = pytest.mark.skipif(native.library() is None, reason="the compiled kernels were not built")
 
@@ -110,7 +110,7 @@ def test_what_does_not_agree_is_seen() -> None:
 def test_everything_that_is_recorded(tmp_path: Path, name: str, sky: bool) -> None:
     drive = edited()
     fast, slow = both(saved(tmp_path / "scene", CONFIGS[name]), drive)
-    rays = picture_rays(drive) if sky else sweep_rays(drive)
+    rays = image_rays(drive) if sky else sweep_rays(drive)
     shape = rays.time_s.shape
     stats = RenderStats(), RenderStats()
     found = fast.trace(rays, PASSES, sky, None, stats[0])
@@ -121,8 +121,8 @@ def test_everything_that_is_recorded(tmp_path: Path, name: str, sky: bool) -> No
     assert stats[0].rays == stats[1].rays and stats[0].actors_skipped == stats[1].actors_skipped
     assert 0 < stats[0].samples_spent < 2 * stats[1].samples_spent
     if sky:
-        pictures = [t.image(f, rays.flat().directions, "front", shape) for t, f in ((fast, found), (slow, expected))]
-        close(pictures[0], pictures[1], pictures[1].shape[:2], 5e-3)
+        images = [t.image(f, rays.flat().directions, "front", shape) for t, f in ((fast, found), (slow, expected))]
+        close(images[0], images[1], images[1].shape[:2], 5e-3)
     else:
         for a, b in zip(fast.returns(found, rays.flat().directions), slow.returns(expected, rays.flat().directions), strict=True):
             close(a, b, shape, 5e-3)
@@ -132,11 +132,11 @@ def test_everything_that_is_recorded(tmp_path: Path, name: str, sky: bool) -> No
 @pytest.mark.parametrize("meshes", (False, True))
 def test_foreign_actors_and_meshes(tmp_path: Path, meshes: bool) -> None:
     drive = edited()
-    foreign = still("guest", (-15, 0, 1.5), (3, 3, 3), yaw=0.3, look=Look("car", "other"))
+    foreign = still("guest", (-15, 0, 1.5), (3, 3, 3), yaw=0.3, appearance=Appearance("car", "other"))
     drive = dataclasses.replace(drive, actors={**drive.actors, "guest": foreign})
     wide = dataclasses.replace(TINY, features=7, upsample=1)
     fast, slow = both(saved(tmp_path / "scene", TINY), drive, other=saved(tmp_path / "other", wide, seed=1))
-    rays = picture_rays(drive)
+    rays = image_rays(drive)
     mesh_hits = None
     if meshes:
         rng = np.random.default_rng(0)
@@ -149,8 +149,8 @@ def test_foreign_actors_and_meshes(tmp_path: Path, meshes: bool) -> None:
     assert numbers(expected.foreign_opacity[0]).max() > 0.3
     shape = rays.time_s.shape
     same_find(found, expected, shape)
-    pictures = [t.image(f, rays.flat().directions, "front", shape) for t, f in ((fast, found), (slow, expected))]
-    close(pictures[0], pictures[1], pictures[1].shape[:2], 5e-3)
+    images = [t.image(f, rays.flat().directions, "front", shape) for t, f in ((fast, found), (slow, expected))]
+    close(images[0], images[1], images[1].shape[:2], 5e-3)
     returns = [t.returns(f, rays.flat().directions) for t, f in ((fast, found), (slow, expected))]
     close(returns[0][0], returns[1][0], shape, 5e-3)
     close(returns[0][1], returns[1][1], shape, 5e-3)
@@ -164,7 +164,7 @@ def bits(found: TraceResult) -> dict[str, NDArray[Any]]:
 def test_the_same_bits_with_any_threads_in_any_company(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     drive = edited()
     tracer = bound_to(CompiledBackend(CompiledScene(saved(tmp_path / "scene", TINY))), drive)
-    rays = picture_rays(drive, up=1)
+    rays = image_rays(drive, up=1)
     whole = bits(tracer.trace(rays, PASSES, True, None, RenderStats()))
     monkeypatch.setenv("OMP_NUM_THREADS", "3")
     for name, values in bits(tracer.trace(rays, PASSES, True, None, RenderStats())).items():
@@ -193,8 +193,8 @@ def test_any_number_of_rays(tmp_path: Path, n: int) -> None:
 def test_nothing_is_made_that_was_not_asked_for(tmp_path: Path) -> None:
     drive = edited()
     tracer = bound_to(CompiledBackend(CompiledScene(saved(tmp_path / "scene", TINY))), drive)
-    assert tracer.trace(picture_rays(drive), set(), True, None, RenderStats()).maps == {}
-    assert tracer.trace(picture_rays(drive), {"depth"}, True, None, RenderStats()).maps.keys() == {"depth"}
+    assert tracer.trace(image_rays(drive), set(), True, None, RenderStats()).maps == {}
+    assert tracer.trace(image_rays(drive), {"depth"}, True, None, RenderStats()).maps.keys() == {"depth"}
 
 
 def test_tiles_hold_every_ray_once() -> None:

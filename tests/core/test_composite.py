@@ -97,8 +97,8 @@ def ray_segments_of(seed: int, groups: tuple[tuple[int, int], ...], features: in
         tau = torch.rand(n, k, generator=r) ** 4 * 2
         stop_fraction = -torch.expm1(-tau) * torch.rand(n, k, generator=r)
         stop_fraction[:, :1] = 0
-        look = torch.randn(n, k, features + 1, generator=r)[..., 1:]
-        out.append(RaySegments(ray, t, look, tau, stop_fraction))
+        appearance = torch.randn(n, k, features + 1, generator=r)[..., 1:]
+        out.append(RaySegments(ray, t, appearance, tau, stop_fraction))
     return out
 
 
@@ -114,9 +114,9 @@ def composited(kind: str, ray_segments: list[RaySegments], dtype: torch.dtype) -
     all."""
     own, leaves = [], []
     for s in ray_segments:
-        tau, stop_fraction, look = (x.detach().to(dtype).requires_grad_() for x in (s.tau, s.stop_fraction, s.features))
-        leaves += [tau, stop_fraction, look]
-        own.append(replace(s, t=s.t.to(dtype), tau=tau, stop_fraction=stop_fraction, features=look))
+        tau, stop_fraction, appearance = (x.detach().to(dtype).requires_grad_() for x in (s.tau, s.stop_fraction, s.features))
+        leaves += [tau, stop_fraction, appearance]
+        own.append(replace(s, t=s.t.to(dtype), tau=tau, stop_fraction=stop_fraction, features=appearance))
     order, sums = KINDS[kind]
     out: list[Tensor] = []
     for s, before in zip(own, order(RAYS, own), strict=True):

@@ -127,12 +127,12 @@ def test_what_nearer_vehicles_hide_is_ignored() -> None:
 
 def test_raster_of_three_points() -> None:
     points = np.array([[10.1, 0.1, 0.3, 0.2], [10.2, 0.2, 0.5, 0.7], [10.1, 0.1, 7.0, 1.0]], np.float32)
-    picture = lidar.raster(points, (-16.0, 16.0))
+    image = lidar.raster(points, (-16.0, 16.0))
     row, column = 40, 64
-    assert picture.shape == (lidar.CHANNELS, 320, 128)
-    assert picture[:-2, row, column].tolist() == [0, 1, 0, 0, 0, 0, 0, 0]
-    assert picture[-2, row, column] == np.float32(0.7) and picture[-1, row, column] == pytest.approx(np.log(3) / 4)
-    assert np.count_nonzero(picture) == 3
+    assert image.shape == (lidar.CHANNELS, 320, 128)
+    assert image[:-2, row, column].tolist() == [0, 1, 0, 0, 0, 0, 0, 0]
+    assert image[-2, row, column] == np.float32(0.7) and image[-1, row, column] == pytest.approx(np.log(3) / 4)
+    assert np.count_nonzero(image) == 3
 
 
 def test_points_stay_on_their_cars_when_a_sweep_is_varied() -> None:
@@ -335,9 +335,9 @@ def test_gaps_of_frames_with_themselves_are_none(tmp_path: Path) -> None:
     data = small_set(tmp_path / "set")
     train("lidar", [data], tmp_path / "lidar", 2, 1, seed=0)
     trained, samples = load_detector(tmp_path / "lidar"), read_set(data)
-    figures = gaps(trained, trained, samples, samples, resamples=20)
-    assert figures["real"]["labels"] == 8 and figures["lost"]["sim2real"]["map"] == {"value": 0.0, "interval": [0.0, 0.0]}
-    assert figures["frames"] == figures["resampled"] == 2
+    metrics = gaps(trained, trained, samples, samples, resamples=20)
+    assert metrics["real"]["labels"] == 8 and metrics["lost"]["sim2real"]["map"] == {"value": 0.0, "interval": [0.0, 0.0]}
+    assert metrics["frames"] == metrics["resampled"] == 2
     truth = labels(trained.detector, samples)
     assert list(truth.frames) == list(detect(trained, samples).frames) == [("street-0", 0), ("street-1", 0)]
     assert trained_on(trained, samples) == ["street-0", "street-1"]

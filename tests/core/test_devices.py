@@ -11,7 +11,7 @@ import pytest
 import torch
 from analytic_scene import still
 from pretend_device import DEVICE, Pretended, pretended_gpu
-from random_scene import CONFIGS, PASSES, TINY, edited, picture_rays, saved
+from random_scene import CONFIGS, PASSES, TINY, edited, image_rays, saved
 from small_log import write_small_log
 from whole_drive import bound_to
 
@@ -26,7 +26,7 @@ from unisim_blender.core.sensors.lidar import lidar_rays
 from unisim_blender.core.training.config import TrainConfig
 from unisim_blender.core.training.run import finish, load_checkpoint, save_checkpoint
 from unisim_blender.core.training.trainer import Trainer
-from unisim_blender.core.world.drive import Look
+from unisim_blender.core.world.drive import Appearance
 
 
 def test_the_kernels_keep_their_threads_where_torch_gives_them_up() -> None:
@@ -97,7 +97,9 @@ def test_a_training_keeps_to_its_device(tmp_path: Path, plain: pytest.MonkeyPatc
 @pytest.mark.parametrize("name", CONFIGS)
 def test_a_render_keeps_to_its_device(tmp_path: Path, plain: pytest.MonkeyPatch, name: str) -> None:
     drive = edited()
-    foreign = still("guest", (-15, 0, 1.5), (3.9, 2.4, 3.0), yaw=0.3, look=Look("car", "other"), scale=(1.3, 0.8, 1.0))
+    foreign = still(
+        "guest", (-15, 0, 1.5), (3.9, 2.4, 3.0), yaw=0.3, appearance=Appearance("car", "other"), scale=(1.3, 0.8, 1.0)
+    )
     drive = dataclasses.replace(drive, actors={**drive.actors, "guest": foreign})
     folder = saved(tmp_path / "scene", CONFIGS[name])
     other = saved(tmp_path / "other", dataclasses.replace(TINY, features=7, upsample=CONFIGS[name].upsample), seed=1)
@@ -106,7 +108,7 @@ def test_a_render_keeps_to_its_device(tmp_path: Path, plain: pytest.MonkeyPatch,
         tracer = bound_to(TorchBackend(load_scene(folder, device), others={"other": load_scene(other, device)}), drive)
         out: list[Any] = []
         for rays, sky in (
-            (picture_rays(drive, 4), True),
+            (image_rays(drive, 4), True),
             (lidar_rays(drive.lidars["top"], drive.lidars["top"].time_s[2]), False),
         ):
             few = np.arange(0, rays.time_s.size, 37)

@@ -96,6 +96,6 @@ def test_training_on_disturbed_boxes_tells_of_them(tmp_path: Path, capsys: pytes
     training = json.loads((scene / "scene.json").read_text())["training"]
     assert training["disturbed"] == {"metres": 0.3, "degrees": 3.0}
     assert run(["eval", str(scene), str(log), "--out", str(tmp_path / "eval"), "--frames", "3"]) == 0
-    figures = json.loads((tmp_path / "eval/metrics.json").read_text())["tracklets"]
-    assert figures["actors"] == 1 and 0.05 < figures["disturbed_m"] < 0.8
-    assert figures["refined_m"] == pytest.approx(figures["disturbed_m"], abs=1e-3)
+    metrics = json.loads((tmp_path / "eval/metrics.json").read_text())["tracklets"]
+    assert metrics["actors"] == 1 and 0.05 < metrics["disturbed_m"] < 0.8
+    assert metrics["refined_m"] == pytest.approx(metrics["disturbed_m"], abs=1e-3)

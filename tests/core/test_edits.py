@@ -15,7 +15,7 @@ from unisim_blender.core.errors import ScenarioError, SceneError
 from unisim_blender.core.geometry import FloatArray, Trajectory, invert_pose, make_pose, quaternion_from_yaw
 from unisim_blender.core.model.scene_file import drive_to_json, trajectory_to_json
 from unisim_blender.core.scenario import apply_scenario, scenario_from_json
-from unisim_blender.core.world.drive import Actor, Drive, Look
+from unisim_blender.core.world.drive import Actor, Appearance, Drive
 
 TIMES = np.linspace(-0.1413, 1.0437, 237)
 """Times between keys, and all that rolling shutters and sweeps of the drive ask for."""
@@ -26,7 +26,7 @@ def other_scene(path: Path) -> dict[str, Actor]:
     if path.name != "other":
         raise SceneError(f"{path}: cannot be read")
     bus = turning_drive().actors["van"]
-    return {"bus": replace(bus, uid="bus", label="Bus", size_m=np.array([11.0, 2.5, 3.0]), look=Look("bus"))}
+    return {"bus": replace(bus, uid="bus", label="Bus", size_m=np.array([11.0, 2.5, 3.0]), appearance=Appearance("bus"))}
 
 
 def edited(*edits: dict[str, Any], drive: Drive | None = None, **members: Any) -> Drive:
@@ -116,7 +116,7 @@ def test_a_duplicate_in_the_actors_own_frame_is_beside_it_at_all_times() -> None
     beside = source.world_from_actor.at(TIMES) @ make_pose(np.array([2.0, 3, 0.5]), np.array([1.0, 0, 0, 0]))
     inside = (TIMES >= 0) & (TIMES <= 1)
     assert_same(copy.world_from_actor.at(TIMES)[inside], beside[inside], 1e-6)
-    assert (copy.look, copy.label, copy.start_s, copy.end_s) == (source.look, source.label, 0.0, 1.0)
+    assert (copy.appearance, copy.label, copy.start_s, copy.end_s) == (source.appearance, source.label, 0.0, 1.0)
     assert copy.inserted
     assert not source.inserted
 
@@ -160,26 +160,26 @@ def test_insert_stands_still_all_the_time() -> None:
     assert new.present(TIMES).all()
     assert_same(new.world_from_actor.at(TIMES)[:, :3, 3], np.tile([7, 8, 0.75], (len(TIMES), 1)))
     assert_same(new.world_from_actor.at(0.3)[:3, 0], np.array([0.0, -1, 0]))
-    assert (new.look, new.is_moving, new.inserted) == (Look("car"), False, True)
+    assert (new.appearance, new.is_moving, new.inserted) == (Appearance("car"), False, True)
 
 
 def test_insert_from_another_scene_within_an_interval() -> None:
     present = {"start_s": 0.25, "end_s": 0.5}
     drive = edited({"type": "insert", "actor": "bus", "scene": "other", "id": "bus-1", "trajectory": KEYS, "present": present})
     bus = drive.actors["bus-1"]
-    assert bus.look == Look("bus", "/folder/other")
+    assert bus.appearance == Appearance("bus", "/folder/other")
     assert (bus.label, bus.size_m.tolist(), bus.is_moving) == ("Bus", [11.0, 2.5, 3.0], True)
     assert bus.present(np.array([0.2, 0.25, 0.5, 0.51])).tolist() == [False, True, True, False]
 
 
 def test_insert_from_the_scenarios_own_scene_names_no_scene() -> None:
     edit = {"type": "insert", "actor": "car", "scene": "../folder/mine", "id": "b", "pose": {"position": [0, 0, 0]}}
-    assert edited(edit, scene="mine").actors["b"].look == Look("car")
+    assert edited(edit, scene="mine").actors["b"].appearance == Appearance("car")
 
 
 def test_a_removed_actors_look_can_be_inserted() -> None:
     edit = {"type": "insert", "actor": "car", "id": "b", "pose": {"position": [0, 0, 0]}}
-    assert edited({"type": "remove", "actor": "car"}, edit).actors["b"].look == Look("car")
+    assert edited({"type": "remove", "actor": "car"}, edit).actors["b"].appearance == Appearance("car")
 
 
 @pytest.mark.parametrize(
@@ -224,12 +224,15 @@ def test_swap_keeps_the_ground() -> None:
     drive = turning_drive()
     result = edited({"type": "swap", "actor": "car", "look": "van"}, drive=drive).actors["car"]
     before = drive.actors["car"]
-    assert (result.look, result.label, result.size_m.tolist()) == (Look("van"), "Van", [6.0, 2.2, 2.5])
+    assert (result.appearance, result.label, result.size_m.tolist()) == (Appearance("van"), "Van", [6.0, 2.2, 2.5])
     lowest_before = before.world_from_actor.at(TIMES)[:, 2, 3] - 1.5 / 2
     assert_same(result.world_from_actor.at(TIMES)[:, 2, 3] - 2.5 / 2, lowest_before)
     assert_same(result.world_from_actor.at(TIMES)[:, :2, 3], before.world_from_actor.at(TIMES)[:, :2, 3])
     assert (result.start_s, result.end_s, result.is_moving) == (0.0, 1.0, True)
-    assert edited({"type": "swap", "actor": "car", "look": "bus", "scene": "other"}).actors["car"].look.scene == "/folder/other"
+    assert (
+        edited({"type": "swap", "actor": "car", "look": "bus", "scene": "other"}).actors["car"].appearance.scene
+        == "/folder/other"
+    )
 
 
 def test_static_boxes() -> None:

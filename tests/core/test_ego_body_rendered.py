@@ -195,11 +195,11 @@ def test_its_contact_shadow_is_for_those_that_see_it(folder: Path) -> None:
     low = {**ROUND, "mount": {"position": [3.0, 0, -0.9]}}  # its underside is on the ground, and the front camera sees that
     drive = replace(standing(folder, low), actors={"body": standing(folder, low).actors["body"]})
 
-    def pictures(drive: Drive, shadows: bool) -> list[Any]:
+    def images(drive: Drive, shadows: bool) -> list[Any]:
         renderer = renderer_of(Stage(scene, replace(drive, actors={})).as_scene(), drive, shadows=shadows)
         return [renderer.camera(name, 2).rgb for name in ("front", "beside")]
 
-    bare, plain, shaded = pictures(replace(drive, actors={}), True), pictures(drive, False), pictures(drive, True)
+    bare, plain, shaded = images(replace(drive, actors={}), True), images(drive, False), images(drive, True)
     np.testing.assert_array_equal(bare[0], plain[0])
     np.testing.assert_array_equal(bare[0], shaded[0])
     darker = (plain[1] - shaded[1]).max(-1) > 0.02

@@ -22,18 +22,18 @@ PLAN = EvaluationPlan((1, 3, 5), ("front",), ("top",), None, (0, 2, 4))
 
 def test_figures_of_known_errors() -> None:
     log = TinyLog(offset=0.1)
-    figures = evaluate(GreyRenderer(log.drive), log, PLAN)
-    json.dumps(figures, allow_nan=False)
+    metrics = evaluate(GreyRenderer(log.drive), log, PLAN)
+    json.dumps(metrics, allow_nan=False)
     level = [np.rint((0.4 + 0.01 * f**2) * 255) / 255 for f in range(6)]
     psnr = {f: -20 * np.log10(abs(0.5 - level[f])) for f in (1, 3, 5)}
-    assert [record["camera"]["front"]["psnr_db"] for record in figures["per_frame"]] == pytest.approx(
+    assert [record["camera"]["front"]["psnr_db"] for record in metrics["per_frame"]] == pytest.approx(
         list(psnr.values()), abs=1e-3
     )
-    assert figures["camera"]["psnr_db"] == pytest.approx(np.mean(list(psnr.values())), abs=1e-3)
+    assert metrics["camera"]["psnr_db"] == pytest.approx(np.mean(list(psnr.values())), abs=1e-3)
     neighbours = [-20 * np.log10(abs((level[f - 1] + level[f + 1]) / 2 - level[f])) for f in (1, 3)]
-    assert figures["camera"]["neighbour_average_psnr_db"] == pytest.approx(np.mean(neighbours), abs=1e-3)
-    assert figures["per_frame"][2]["camera"]["front"]["neighbour_average_psnr_db"] is None, "nothing was trained on after 5"
-    lidar = figures["lidar"]
+    assert metrics["camera"]["neighbour_average_psnr_db"] == pytest.approx(np.mean(neighbours), abs=1e-3)
+    assert metrics["per_frame"][2]["camera"]["front"]["neighbour_average_psnr_db"] is None, "nothing was trained on after 5"
+    lidar = metrics["lidar"]
     assert lidar["sweeps"] == 2, "the last frame has no sweep"
     for name in ("depth_median_m", "depth_p90_m", "depth_mean_m"):
         assert lidar[name] == pytest.approx(0.1, abs=1e-4)
@@ -50,28 +50,28 @@ def test_frames_are_split_by_speed() -> None:
     assert ego_speed(log.drive, 3) == pytest.approx(5.0)
     still = replace(log.drive.world_from_ego, positions=log.drive.world_from_ego.positions * 0.01)
     log.drive = replace(log.drive, world_from_ego=still)
-    figures = evaluate(GreyRenderer(log.drive), log, PLAN)
-    assert figures["camera"]["driving"]["images"] == 0 and figures["camera"]["driving"]["psnr_db"] is None
-    assert figures["camera"]["images"] == 3
+    metrics = evaluate(GreyRenderer(log.drive), log, PLAN)
+    assert metrics["camera"]["driving"]["images"] == 0 and metrics["camera"]["driving"]["psnr_db"] is None
+    assert metrics["camera"]["images"] == 3
 
 
 def test_masked_figures_pool_pixels() -> None:
     log = TinyLog(offset=0.1)
-    figures = evaluate(GreyRenderer(log.drive), log, replace(PLAN, frames=(1, 3)))
-    parts = [record["camera"]["front"]["actors"] for record in figures["per_frame"]]
+    metrics = evaluate(GreyRenderer(log.drive), log, replace(PLAN, frames=(1, 3)))
+    parts = [record["camera"]["front"]["actors"] for record in metrics["per_frame"]]
     assert all(part["pixels"] > 0 for part in parts)
     error = sum(p["mean_squared_error"] * p["pixels"] for p in parts) / sum(p["pixels"] for p in parts)
-    assert figures["camera"]["actors"]["psnr_db"] == pytest.approx(-10 * np.log10(error))
-    inside, outside = (figures["camera"][name]["pixels"] for name in ("actors", "outside_actors"))
+    assert metrics["camera"]["actors"]["psnr_db"] == pytest.approx(-10 * np.log10(error))
+    inside, outside = (metrics["camera"][name]["pixels"] for name in ("actors", "outside_actors"))
     assert inside + outside == 2 * 18 * 32
 
 
 def test_evaluation_at_another_width() -> None:
     log = TinyLog(offset=0.1)
-    figures = evaluate(GreyRenderer(log.drive), log, replace(PLAN, frames=(1,), width=16, lidars=()))
-    assert figures["camera"]["psnr_db"] == pytest.approx(-20 * np.log10(0.5 - np.rint(0.41 * 255) / 255), abs=1e-3)
-    assert figures["camera"]["actors"]["pixels"] + figures["camera"]["outside_actors"]["pixels"] == 16 * 9
-    assert figures["lidar"]["depth_median_m"] is None
+    metrics = evaluate(GreyRenderer(log.drive), log, replace(PLAN, frames=(1,), width=16, lidars=()))
+    assert metrics["camera"]["psnr_db"] == pytest.approx(-20 * np.log10(0.5 - np.rint(0.41 * 255) / 255), abs=1e-3)
+    assert metrics["camera"]["actors"]["pixels"] + metrics["camera"]["outside_actors"]["pixels"] == 16 * 9
+    assert metrics["lidar"]["depth_median_m"] is None
 
 
 @pytest.mark.parametrize("duration", [0.0, 0.03])
@@ -103,8 +103,8 @@ def test_mask_needs_the_actor_to_be_there() -> None:
 def test_report_is_a_page_with_its_pictures(tmp_path: Path) -> None:
     log = TinyLog()
     report = Report(tmp_path, "Tiny <log>")
-    figures = evaluate(GreyRenderer(log.drive), log, replace(PLAN, frames=(1,)), report.add)
-    page = report.finish(figures["camera"]).read_text()
+    metrics = evaluate(GreyRenderer(log.drive), log, replace(PLAN, frames=(1,)), report.add)
+    page = report.finish(metrics["camera"]).read_text()
     assert "Tiny &lt;log&gt;" in page and "http" not in page
     names = [part.split('"')[0] for part in page.split('src="')[1:]]
     assert len(names) == 4 + 2, "recorded, rendered, difference, depth; two sweeps"

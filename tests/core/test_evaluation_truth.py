@@ -9,8 +9,8 @@ from tiny_drive import GreyRenderer, tiny_drive
 from unisim_blender.core.cli.demo import demo_frames
 from unisim_blender.core.evaluate.images import Tile, depth_image, difference_image, outline, sheet, sweep_image, turbo
 from unisim_blender.core.evaluate.metrics import ImageArray
-from unisim_blender.core.evaluate.recorded_runs import mean_figures
-from unisim_blender.core.evaluate.truth import EditRegions, image_figures, lidar_figures_beside, summarise_truth
+from unisim_blender.core.evaluate.recorded_runs import mean_metrics
+from unisim_blender.core.evaluate.truth import EditRegions, edit_image_metrics, lidar_metrics_beside, summarise_truth
 from unisim_blender.core.geometry import FloatArray
 
 
@@ -29,7 +29,7 @@ def test_regions_are_measured_apart() -> None:
     rendered[:2] += 0.1
     rendered[2] += 0.2
     rendered[3:, 6:] += 0.01
-    found = image_figures(rendered, truth, regions())
+    found = edit_image_metrics(rendered, truth, regions())
     error = {name: found[name]["mean_squared_error"] for name in regions().masks()}
     assert error["edited_without_shadow"] == pytest.approx(0.01, rel=1e-4)
     assert error["edited"] == pytest.approx((2 * 0.01 + 0.04) / 3, rel=1e-4)
@@ -42,8 +42,8 @@ def test_regions_are_measured_apart() -> None:
 
 
 def test_cost_of_an_edit_is_beside_the_replay() -> None:
-    edit = image_figures(grey(0.5 + 0.1), grey(0.5), regions())
-    replay = image_figures(grey(0.5 + 0.05), grey(0.5), regions())
+    edit = edit_image_metrics(grey(0.5 + 0.1), grey(0.5), regions())
+    replay = edit_image_metrics(grey(0.5 + 0.05), grey(0.5), regions())
     cost = summarise_truth([{"camera": {"front": {"edit": edit, "replay": replay}}, "lidar": {}}])["camera"]["edit_costs_db"]
     assert cost["frame"] == pytest.approx(20 * np.log10(2), abs=1e-3)
     assert cost["edited"] == cost["edited_beside_whole_replay"] == pytest.approx(20 * np.log10(2), abs=1e-3)
@@ -57,9 +57,9 @@ def test_true_sweeps_are_rendered_ray_by_ray() -> None:
     truth.depth_m = truth.depth_m + np.float32(0.2)
     blocked = np.zeros(truth.returned.shape, bool)
     blocked[0] = True
-    figures, rendered, true = lidar_figures_beside(renderer, truth, blocked)
-    assert figures["depth_median_m"] == pytest.approx(0.2, abs=1e-4)
-    assert figures["hit_rate"] == 1.0
+    metrics, rendered, true = lidar_metrics_beside(renderer, truth, blocked)
+    assert metrics["depth_median_m"] == pytest.approx(0.2, abs=1e-4)
+    assert metrics["hit_rate"] == 1.0
     assert len(rendered.points) == truth.returned[1:].size and len(true.points) == truth.returned[1:].sum()
 
 
@@ -68,7 +68,7 @@ def test_mean_over_logs_leaves_out_what_is_missing() -> None:
         {"camera": {"psnr_db": 20.0, "actors": {"psnr_db": None}, "by_sensor": {"a": 1}}},
         {"camera": {"psnr_db": 30.0, "actors": {"psnr_db": 25.0}}},
     ]
-    assert mean_figures(logs) == {"camera": {"psnr_db": 25.0, "actors": {"psnr_db": 25.0}}}
+    assert mean_metrics(logs) == {"camera": {"psnr_db": 25.0, "actors": {"psnr_db": 25.0}}}
 
 
 def test_demo_prefers_frames_that_were_not_trained_on() -> None:
@@ -82,8 +82,8 @@ def test_demo_prefers_frames_that_were_not_trained_on() -> None:
 
 def test_pictures_of_numbers() -> None:
     depth = np.array([[2.0, 20.0, np.inf]], np.float32)
-    picture = depth_image(depth)
-    assert picture[0, 2].tolist() == [0, 0, 0] and picture[0, 0, 0] > picture[0, 1, 0], "near is red"
+    image = depth_image(depth)
+    assert image[0, 2].tolist() == [0, 0, 0] and image[0, 0, 0] > image[0, 1, 0], "near is red"
     assert difference_image(grey(0.5), grey(0.25)).min() == 255 and difference_image(grey(0.5), grey(0.5)).max() == 0
     assert turbo(np.array([0.5])).shape == (1, 3)
     points: FloatArray = np.array([[10.0, 0.0, 0.0], [0.0, 1000.0, 0.0]])

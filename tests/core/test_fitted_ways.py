@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import make_smoothing_spline
 from small_log import small_drive, write_small_log
+from unisim_blender.core.training.fitted_trajectories import FEWEST_KEYS, fitted, fitted_trajectory, smoothing
 
 from unisim_blender.core.data import open_log
 from unisim_blender.core.evaluate.tracklets import taken_back
@@ -16,7 +17,6 @@ from unisim_blender.core.geometry import FloatArray, Trajectory, matrix_from_qua
 from unisim_blender.core.scenario.motion import quaternion_product
 from unisim_blender.core.training.config import TrainConfig
 from unisim_blender.core.training.disturb import disturbed, with_drive
-from unisim_blender.core.training.fitted_ways import FEWEST_KEYS, fitted, fitted_way, smoothing
 from unisim_blender.core.training.run import refined_drive
 from unisim_blender.core.training.trainer import Trainer
 from unisim_blender.core.world.drive import Actor, Drive
@@ -68,8 +68,8 @@ def test_it_is_the_smoothing_spline_of_the_likeliest_strength(spread: float) -> 
 def test_a_way_without_noise_is_left_where_it_is(name: str, keys: int) -> None:
     """To a millimetre, which is what labels are rounded to, at even times and at uneven ones."""
     for t in (0.1 * np.arange(keys), uneven(keys, keys)):
-        for way in (course(name, t), course(name, t).round(3)):
-            assert np.abs(smoothing(t, way)).max() < 1e-3
+        for trajectory in (course(name, t), course(name, t).round(3)):
+            assert np.abs(smoothing(t, trajectory)).max() < 1e-3
 
 
 @pytest.mark.parametrize("name", COURSES)
@@ -83,8 +83,8 @@ def test_a_noisy_way_loses_most_of_its_noise(name: str) -> None:
     assert np.sqrt(np.mean(np.square(left))) < 0.3 * 0.45
 
 
-def actor_on(way: Trajectory, moving: bool = True) -> Actor:
-    return replace(small_drive().actors["car-1"], world_from_actor=way, is_moving=moving)
+def actor_on(trajectory: Trajectory, moving: bool = True) -> Actor:
+    return replace(small_drive().actors["car-1"], world_from_actor=trajectory, is_moving=moving)
 
 
 def tilted(t: FloatArray, yaw: FloatArray) -> Trajectory:
@@ -99,8 +99,8 @@ def test_headings_are_smoothed_about_z_and_nothing_else_is() -> None:
     true = np.pi - 0.8 + 0.4 * (t - t[0])
     noise = np.random.default_rng(4).normal(0, np.radians(3), 40)
     exact, noisy = tilted(t, true), tilted(t, true + noise)
-    np.testing.assert_allclose(fitted_way(exact).poses, exact.poses, atol=1e-5)
-    found = fitted_way(noisy)
+    np.testing.assert_allclose(fitted_trajectory(exact).poses, exact.poses, atol=1e-5)
+    found = fitted_trajectory(noisy)
     np.testing.assert_array_equal(found.times_s, t)
     np.testing.assert_array_equal(found.positions[:, 2], noisy.positions[:, 2])
     # what is left of the turn is about the world's z
@@ -113,9 +113,9 @@ def test_headings_are_smoothed_about_z_and_nothing_else_is() -> None:
 def long_drive(moving: bool = True, keys: int = 30) -> Drive:
     """The small drive with a car that is labelled more often."""
     t = 0.02 * np.arange(keys)
-    way = Trajectory(t, np.stack([15 + 8 * t, 0.5 * t**2, 0 * t + 0.8], -1), quaternion_from_yaw(0.1 * t))
+    trajectory = Trajectory(t, np.stack([15 + 8 * t, 0.5 * t**2, 0 * t + 0.8], -1), quaternion_from_yaw(0.1 * t))
     drive = small_drive()
-    return replace(drive, actors={**drive.actors, "car-1": actor_on(way, moving)})
+    return replace(drive, actors={**drive.actors, "car-1": actor_on(trajectory, moving)})
 
 
 def test_who_is_fitted() -> None:

@@ -39,18 +39,18 @@ class Scene:
         self.asked[numbers] += 1
         return self.rgb.reshape(-1, 3)[numbers], {name: values[numbers] for name, values in self.maps.items()}
 
-    def picture(self, shape: tuple[int, int], size: int = 4, spread: float = 0.05) -> tuple[NDArray[np.float32], Maps]:
-        picture = SparseImage(shape)
-        for _ in grown(picture, size, spread, self.trace):
+    def image(self, shape: tuple[int, int], size: int = 4, spread: float = 0.05) -> tuple[NDArray[np.float32], Maps]:
+        image = SparseImage(shape)
+        for _ in grown(image, size, spread, self.trace):
             pass
-        return picture.values.pop("rgb"), picture.values
+        return image.values.pop("rgb"), image.values
 
 
 @pytest.mark.parametrize("shape", ((1, 1), (1, 40), (3, 5), (4, 4), (5, 9), (61, 83), (64, 128)))
 @pytest.mark.parametrize("size", (2, 4, 8))
 def test_traced_pixels_are_exact_and_the_others_close(shape: tuple[int, int], size: int) -> None:
     scene = Scene(shape)
-    rgb, maps = scene.picture(shape, size)
+    rgb, maps = scene.image(shape, size)
     assert scene.asked.max() == 1
     known = scene.asked > 0
     assert np.array_equal(rgb[known], scene.rgb.reshape(-1, 3)[known])
@@ -69,7 +69,7 @@ def test_traced_pixels_are_exact_and_the_others_close(shape: tuple[int, int], si
 
 def test_most_pixels_are_not_traced() -> None:
     scene = Scene((128, 256), ())
-    scene.picture((128, 256))
+    scene.image((128, 256))
     assert scene.asked.mean() < 0.2
     # but each of what stands out is
     assert scene.asked.reshape(128, 256)[:-1, [6, 7, 15, 16]].all()
@@ -83,7 +83,7 @@ def test_a_slope_is_foretold_and_what_stands_on_it_is_not() -> None:
     slope = np.stack([0.02 * x, 0.01 * y, 0.5 + 0 * x], -1)
     scene.rgb = slope.copy()
     scene.rgb[34, 42] += 0.3
-    rgb = scene.picture(shape)[0].reshape(65, 65, 3)
+    rgb = scene.image(shape)[0].reshape(65, 65, 3)
     asked = scene.asked.reshape(65, 65)
     assert asked[2::4, 2::4].all()
     assert asked[:-1, :-1].mean() < 0.14
@@ -96,7 +96,7 @@ def test_a_middle_that_is_off_a_little_bends_its_block() -> None:
     scene = Scene(shape, ())
     scene.rgb = np.zeros((5, 5, 3), np.float32) + 0.08 * (np.arange(5) > 3)[:, None].astype(np.float32)
     scene.rgb[2, 2] = 0.06
-    rgb = scene.picture(shape)[0].reshape(5, 5, 3)
+    rgb = scene.image(shape)[0].reshape(5, 5, 3)
     assert scene.asked.reshape(5, 5)[1:4, 1:4].sum() == 1
     # half of what the middle is off is left half way to the edges
     assert np.allclose(rgb[2, :4, 0], [0, 0.03, 0.06, 0.07], atol=1e-6)
@@ -105,7 +105,7 @@ def test_a_middle_that_is_off_a_little_bends_its_block() -> None:
 def test_what_no_pass_tells_apart_is_told_by_depth() -> None:
     scene = Scene((64, 64), ("depth",))
     scene.rgb[:] = 0.5
-    _, maps = scene.picture((64, 64))
+    _, maps = scene.image((64, 64))
     there = np.isfinite(scene.maps["depth"])
     assert np.abs(maps["depth"][there] / scene.maps["depth"][there] - 1).max() < 1e-4
     assert scene.asked.mean() < 0.5
@@ -121,7 +121,7 @@ def test_a_part_has_the_bits_of_the_whole(seed: int) -> None:
     # something that stands out in a few places, so that blocks are split beside others that are not
     for y, x in rng.integers(0, 1 << 20, (6, 2)) % shape:
         scene.rgb[y : y + 2, x : x + 2] += 0.5
-    whole = [x.reshape(*shape, -1) for x in flattened(scene.picture(shape, size))]
+    whole = [x.reshape(*shape, -1) for x in flattened(scene.image(shape, size))]
     # on the lattice's lines too
     starts = [int(rng.integers(n) // size * size) if rng.random() < 0.7 else int(rng.integers(n)) for n in shape]
     wanted = tuple(slice(a, int(rng.integers(a + 1, n + 1))) for a, n in zip(starts, shape, strict=True))
@@ -132,9 +132,9 @@ def test_a_part_has_the_bits_of_the_whole(seed: int) -> None:
     part.maps = {name: v.reshape(*shape, *v.shape[1:])[rows, columns].reshape(-1, *v.shape[1:]) for name, v in scene.maps.items()}
     part.asked = np.zeros(cut[0] * cut[1], int)
     inner = tuple(slice(w.start - a.start, w.stop - a.start) for w, a in zip(wanted, (rows, columns), strict=True))
-    for a, b in zip(flattened(part.picture(cut, size)), whole, strict=True):
+    for a, b in zip(flattened(part.image(cut, size)), whole, strict=True):
         assert np.array_equal(a.reshape(*cut, -1)[inner], b[wanted])
 
 
-def flattened(picture: tuple[NDArray[np.float32], Maps]) -> list[NDArray[Any]]:
-    return [picture[0], *picture[1].values()]
+def flattened(image: tuple[NDArray[np.float32], Maps]) -> list[NDArray[Any]]:
+    return [image[0], *image[1].values()]

@@ -20,7 +20,7 @@ from unisim_blender.core.render.renderer import Renderer
 from unisim_blender.core.render.tracers.compiled.scene import CompiledScene
 from unisim_blender.core.render.tracers.compiled.tracer import CompiledBackend
 from unisim_blender.core.sensors.frames import CAMERA_PASSES, CameraFrame
-from unisim_blender.core.world.drive import Drive, Look
+from unisim_blender.core.world.drive import Appearance, Drive
 
 pytestmark = pytest.mark.skipif(native.library() is None, reason="the kernels were not built")
 SAMPLE = Path(__file__).parents[2] / "sample" / "scene"
@@ -48,12 +48,12 @@ def busy(scene: CompiledScene, tmp_path_factory: pytest.TempPathFactory) -> Driv
         place: list[float] = (pose[:3, 3] + pose[:3, 2] * along + pose[:3, 0] * right + np.array([0, 0, up])).tolist()
         return place
 
-    look = next(actor for actor in drive.actors.values() if actor.label == "Car")
+    appearance = next(actor for actor in drive.actors.values() if actor.label == "Car")
     always = {"start_s": -10.0, "end_s": 100.0, "inserted": True}
     new = (
-        still("ball", ahead(12, -2, -0.8), [1.6] * 3, look=Look("ball", mesh=str(folder / "ball.ply")), **always),
-        still("rod", ahead(10, 2.5, -0.5), [0.04, 0.04, 3], look=Look("rod", mesh=str(folder / "rod.ply")), **always),
-        still("guest", ahead(14, 1, -0.9), look.size_m, look=Look(look.uid, "other"), **always),
+        still("ball", ahead(12, -2, -0.8), [1.6] * 3, appearance=Appearance("ball", mesh=str(folder / "ball.ply")), **always),
+        still("rod", ahead(10, 2.5, -0.5), [0.04, 0.04, 3], appearance=Appearance("rod", mesh=str(folder / "rod.ply")), **always),
+        still("guest", ahead(14, 1, -0.9), appearance.size_m, appearance=Appearance(appearance.uid, "other"), **always),
     )
     return replace(drive, actors={**drive.actors, **{actor.uid: actor for actor in new}})
 

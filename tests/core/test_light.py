@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import torch
 from analytic_scene import drive_of, still
-from stress.scenes import make_scene, picture_rays
+from stress.scenes import image_rays, make_scene
 from whole_drive import bound_to
 
 from unisim_blender.core import native
@@ -95,7 +95,7 @@ def test_kernels_and_torch_light_an_actor_from_one_place(tmp_path: Path, quality
 
     folder = make_scene(tmp_path / "scene", drive_of([long]), lit_a_lot)
     drive = drive_of([long])
-    rays = picture_rays(drive)
+    rays = image_rays(drive)
     fast = bound_to(CompiledBackend(CompiledScene(folder), QUALITY[quality]), drive)
     slow = bound_to(TorchBackend(load_scene(folder), QUALITY["reference"]), drive)
     found, wanted = (t.trace(rays, {"instance"}, True, None, RenderStats()) for t in (fast, slow))

@@ -427,8 +427,8 @@ def test_a_class_that_is_no_number_and_a_broken_picture_are_refused(log_path: Pa
     write_table(log_path / SWEEP, points)
     with pytest.raises(LogError, match=r"lidar/01\.pkl\.gz: a point's numbers are none"):
         open_log(log_path).sweep("pandar64", 1)
-    picture = log_path / CAMERA / "00.jpg"
-    picture.write_bytes(b"\xff\xd8\xff\xe0\x00\x00" + picture.read_bytes()[6:])
+    image = log_path / CAMERA / "00.jpg"
+    image.write_bytes(b"\xff\xd8\xff\xe0\x00\x00" + image.read_bytes()[6:])
     with pytest.raises(LogError, match=r"00\.jpg: is a broken JPEG image"):
         open_log(log_path)
 

@@ -44,7 +44,7 @@ def test_actors_read_back_as_they_were(log_path: Path) -> None:
     assert set(read.actors) == set(wrote.actors)
     for uid, actor in wrote.actors.items():
         other = read.actors[uid]
-        assert (other.label, other.is_moving, other.look) == (actor.label, actor.is_moving, actor.look)
+        assert (other.label, other.is_moving, other.appearance) == (actor.label, actor.is_moving, actor.appearance)
         np.testing.assert_array_equal(other.size_m, actor.size_m)
         for time_s in wrote.time_s.values():
             assert other.present(time_s) == actor.present(time_s)

@@ -312,10 +312,10 @@ def test_shifted_patches_move_sideways_alone() -> None:
     batch = RayBatch(torch.randn(40 * n, 3), F.normalize(torch.randn(40 * n, 3), dim=-1), torch.rand(40 * n).double())
     patch = PatchBatch(batch, torch.zeros(40, dtype=torch.long), torch.zeros(40, 3, 6, 6), rotation, 3)
     moved = shifted(patch, torch.Generator().manual_seed(1))
-    way = (moved.rays.origins - batch.origins).view(40, n, 3)
+    trajectory = (moved.rays.origins - batch.origins).view(40, n, 3)
     assert torch.equal(moved.rays.directions, batch.directions) and torch.equal(moved.rays.time_s, batch.time_s)
-    torch.testing.assert_close(way, way[:, :1].expand(-1, n, -1), atol=1e-5, rtol=0)
-    local = torch.einsum("bji,bj->bi", rotation, way[:, 0])
+    torch.testing.assert_close(trajectory, trajectory[:, :1].expand(-1, n, -1), atol=1e-5, rtol=0)
+    local = torch.einsum("bji,bj->bi", rotation, trajectory[:, 0])
     torch.testing.assert_close(local[:, 1:], torch.zeros(40, 2), atol=1e-5, rtol=0)
     distance = local[:, 0]
     assert float(distance.abs().max()) <= 2 and float(distance.min()) < -1 and float(distance.max()) > 1

@@ -129,9 +129,9 @@ def test_the_samples_rays_have_the_frames_bits(street: DriveRenderer) -> None:
     assert np.array_equal(depth, sweep.depth_m.reshape(-1)[some])
     patches = Patches(street, "front_camera", 96)
     units = np.random.default_rng(1).choice(96 * 54, 300, False)
-    picture = street.camera("front_camera", 9, width=96)
+    image = street.camera("front_camera", 9, width=96)
     found = patches.rendered(Capture.of_frame(patches.camera, 9), units, LADDER["balanced"])
-    assert np.array_equal(found, patches.shown(picture.rgb, units))
+    assert np.array_equal(found, patches.shown(image.rgb, units))
 
 
 @needs_library

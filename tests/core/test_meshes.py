@@ -83,13 +83,13 @@ def test_our_own_file_holds_all(tmp_path: Path) -> None:
     rng = np.random.default_rng(1)
     model = model_of(rng.normal(size=(9, 3)), np.arange(9).reshape(3, 3))
     texture = np.array([0, 1, -1], np.int32)
-    pictures = tuple(rng.integers(0, 255, (4, 5 + i, 3), np.uint8) for i in range(2))
-    model = replace(model, texture=texture, textures=pictures, uv=rng.random((3, 3, 2)).astype(np.float32))
+    images = tuple(rng.integers(0, 255, (4, 5 + i, 3), np.uint8) for i in range(2))
+    model = replace(model, texture=texture, textures=images, uv=rng.random((3, 3, 2)).astype(np.float32))
     write_model(model, tmp_path / "a.npz")
     again = read_model(tmp_path / "a.npz")
     for name in ("vertices", "faces", "normals", "colours", "uv", "texture"):
         np.testing.assert_array_equal(getattr(again, name), getattr(model, name))
-    assert len(again.textures) == 2 and all((a == b).all() for a, b in zip(again.textures, pictures, strict=True))
+    assert len(again.textures) == 2 and all((a == b).all() for a, b in zip(again.textures, images, strict=True))
     # it stands about the middle of its extent
     middle = read_mesh(tmp_path / "a.npz").vertices
     np.testing.assert_allclose(middle.min(0), -middle.max(0), atol=1e-6)
@@ -107,9 +107,9 @@ def test_what_trimesh_reads(tmp_path: Path) -> None:
     box.export(tmp_path / "box.glb")
     np.testing.assert_allclose(mesh_size_m(tmp_path / "box.glb"), [1, 4, 2], atol=1e-5)
     quad = trimesh.Trimesh([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2], [0, 2, 3]])
-    picture = Image.fromarray(np.array([[[255, 0, 0], [0, 255, 0]], [[0, 0, 255], [255, 255, 255]]], np.uint8))
+    image = Image.fromarray(np.array([[[255, 0, 0], [0, 255, 0]], [[0, 0, 255], [255, 255, 255]]], np.uint8))
     uv = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], float)
-    quad.visual = trimesh.visual.TextureVisuals(uv, image=picture)  # type: ignore[no-untyped-call]
+    quad.visual = trimesh.visual.TextureVisuals(uv, image=image)  # type: ignore[no-untyped-call]
     quad.export(tmp_path / "quad.glb")
     model = read_mesh(tmp_path / "quad.glb")
     # the upper left quarter of the picture is red

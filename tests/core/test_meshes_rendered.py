@@ -17,7 +17,7 @@ from unisim_blender.core.render.regions import Region
 from unisim_blender.core.scenario import apply_scenario, load_scenario, save_scenario, scenario_from_json, scenario_to_json
 from unisim_blender.core.sensors.camera import camera_rays, pixel_grid
 from unisim_blender.core.sensors.frames import CAMERA_PASSES
-from unisim_blender.core.world.drive import Actor, CameraModel, Look
+from unisim_blender.core.world.drive import Actor, Appearance, CameraModel
 
 SIZE = np.array([4.0, 2.0, 2.0])
 ALBEDO = np.array([255, 64, 0]) / 255
@@ -34,7 +34,7 @@ def cube(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def mesh_actor(path: Path, position: list[float], size: float = 2.0, **changes: Any) -> Actor:
-    return still("cube", position, [size] * 3, look=Look("cube", mesh=str(path)), inserted=True, **changes)
+    return still("cube", position, [size] * 3, appearance=Appearance("cube", mesh=str(path)), inserted=True, **changes)
 
 
 def stage(*actors: Actor) -> Stage:
@@ -140,7 +140,7 @@ def test_the_scenario_of_a_mesh(cube: Path, tmp_path: Path) -> None:
     assert scenario_to_json(load_scenario(cube.parent / "s.json")) == document
     actor = apply_scenario(scenario, base.drive, lambda path: {}).actors["c"]
     np.testing.assert_allclose(actor.size_m, 2.0)
-    assert actor.label == "Car" and actor.inserted and actor.look.mesh == str(cube.resolve())
+    assert actor.label == "Car" and actor.inserted and actor.appearance.mesh == str(cube.resolve())
     missing = scenario_from_json(document, tmp_path / "s.json")
     with pytest.raises(ScenarioError, match=r"s.json: edits\[0\].mesh: .*cube.ply: cannot be read"):
         apply_scenario(missing, base.drive, lambda path: {})

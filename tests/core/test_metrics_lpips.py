@@ -59,9 +59,9 @@ def test_equal_pictures_have_no_distance(net: str, tmp_path: Path) -> None:
     state = {name: torch.rand(value.shape, generator=generator) * 0.1 for name, value in zero_state(net).items()}
     torch.save(state, tmp_path / "weights.pth")
     distance = Lpips(tmp_path / "weights.pth")
-    picture = np.random.default_rng(0).random((64, 64, 3)).astype(np.float32)
-    assert distance(picture, picture) == 0
-    assert distance(picture, picture[::-1]) > 0
+    image = np.random.default_rng(0).random((64, 64, 3)).astype(np.float32)
+    assert distance(image, image) == 0
+    assert distance(image, image[::-1]) > 0
 
 
 def test_other_files_are_refused(tmp_path: Path) -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from random_scene import PASSES, TINY, edited, picture_rays, saved
+from random_scene import PASSES, TINY, edited, image_rays, saved
 from test_compiled_tracer import both_backends, needs_library, numbers, same_find
 from whole_drive import bound_to
 
@@ -65,8 +65,8 @@ def seen_from(drive: Drive, ahead_m: float, left_m: float, up_m: float) -> Drive
     right = np.cross(forward, [0, 0, 1.0])
     right /= np.linalg.norm(right)
     axes = np.stack([right, np.cross(forward, right), forward], 1)
-    way = Trajectory(np.array([time_s]), eye[None], quaternion_from_matrix(axes)[None])
-    camera = Camera("outside", CameraModel(160, 100, 125.0, 125.0, 80.0, 50.0), way, {0: time_s})
+    trajectory = Trajectory(np.array([time_s]), eye[None], quaternion_from_matrix(axes)[None])
+    camera = Camera("outside", CameraModel(160, 100, 125.0, 125.0, 80.0, 50.0), trajectory, {0: time_s})
     return replace(drive, cameras={"outside": camera}, lidars={})
 
 
@@ -87,7 +87,7 @@ def test_kernels_and_torch_agree(tmp_path: Path, clip: bool) -> None:
     drive = edited()
     fast, slow = both_backends(saved(tmp_path / "scene", TINY))
     space = random_space(fast)
-    rays = picture_rays(drive)
+    rays = image_rays(drive)
     starts = space.starts(rays.flat())
     assert 0.3 < np.isfinite(starts).mean() and np.median(starts[np.isfinite(starts)]) > 2, "the bound is none"
     unclipped = bound_to(fast, drive).trace(rays, {"depth"}, True, None, RenderStats())
@@ -261,7 +261,7 @@ def test_opacity_and_colours_are_those_of_the_recording(tmp_path: Path) -> None:
     space = random_space(fast)
     everywhere = replace(space, shown=np.ones_like(space.shown), passed=np.ones_like(space.passed))
     drive = edited()
-    rays = picture_rays(drive)
+    rays = image_rays(drive)
     fast.scene.observed = np.ones_like(fast.scene.observed)
     found = bound_to(fast.within(everywhere, True), drive).trace(rays, {"depth"}, True, None, RenderStats())
     expected = bound_to(fast, drive).trace(rays, {"depth"}, True, None, RenderStats())

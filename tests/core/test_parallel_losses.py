@@ -47,11 +47,11 @@ def test_a_step_is_the_same_to_the_bit_at_once_and_one_after_the_other(log: Log,
     states = []
     for together in (True, True, False):
         trainer = Trainer(log, replace(EVERYTHING, adversarial=adversarial))
-        figures = [trainer._step(together) for _ in range(6)]
-        states.append((figures, _state(trainer)))
+        metrics = [trainer._step(together) for _ in range(6)]
+        states.append((metrics, _state(trainer)))
     assert {"rgb", "band", "eikonal", "flat", "hidden", "latent", "loss", "psnr", "lidar_m"} <= set(states[0][0][0])
-    for figures, state in states[1:]:
-        assert figures == states[0][0]
+    for metrics, state in states[1:]:
+        assert metrics == states[0][0]
         assert state.keys() == states[0][1].keys()
         assert all(torch.equal(value, state[name]) for name, value in states[0][1].items())
 

@@ -88,8 +88,8 @@ def test_another_edit_is_read_checked_applied_and_written(own_register: None) ->
 
         def apply(self, drive: Drive, place: str, context: Context) -> Drive:
             actor = current(drive, self.actor, f"{place}.actor", context)
-            way = actor.world_from_actor
-            higher = replace(way, positions=way.positions + [0.0, 0.0, self.up_m])
+            trajectory = actor.world_from_actor
+            higher = replace(trajectory, positions=trajectory.positions + [0.0, 0.0, self.up_m])
             return replace(drive, actors={**drive.actors, actor.uid: replace(actor, world_from_actor=higher)})
 
     written = {"type": "raise", "actor": "car", "up_m": 2.5}

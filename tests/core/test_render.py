@@ -24,15 +24,15 @@ from unisim_blender.core.sensors.frames import CAMERA_PASSES, RenderStats
 from unisim_blender.core.sensors.lidar import lidar_rays
 from unisim_blender.core.sensors.rays import Rays
 from unisim_blender.core.training.observed import observe
-from unisim_blender.core.world.drive import Actor, Box, Camera, CameraModel, Drive, Lidar, Look, RollingShutter, StaticCopy
+from unisim_blender.core.world.drive import Actor, Appearance, Box, Camera, CameraModel, Drive, Lidar, RollingShutter, StaticCopy
 
 LEVEL = np.array([1.0, 0, 0, 0])
 SIZE = np.array([4.0, 2.0, 2.0])
 
 
-def with_camera(drive: Drive, model: CameraModel, way: Trajectory | None = None) -> Drive:
+def with_camera(drive: Drive, model: CameraModel, trajectory: Trajectory | None = None) -> Drive:
     camera = drive.cameras["front"]
-    return replace(drive, cameras={"front": Camera("front", model, way or camera.world_from_camera, camera.time_s)})
+    return replace(drive, cameras={"front": Camera("front", model, trajectory or camera.world_from_camera, camera.time_s)})
 
 
 def car_before_a_wall() -> Stage:
@@ -153,10 +153,12 @@ def random_actors(n: int, rng: np.random.Generator) -> list[Actor]:
     for i in range(n):
         keys = np.array([0.0, 0.2, 0.5])
         positions = rng.uniform([-60, -60, 0], [60, 60, 3]) + np.cumsum(rng.normal(0, 4, (3, 3)), 0)
-        way = Trajectory(keys, positions, quaternion_from_yaw(rng.uniform(-3, 3, 3)))
+        trajectory = Trajectory(keys, positions, quaternion_from_yaw(rng.uniform(-3, 3, 3)))
         start, end = np.sort(rng.uniform(-0.1, 0.6, 2))
         uid = f"a{i:03}"
-        actors.append(Actor(uid, "Car", rng.choice([4.0, 40.0]) * rng.uniform(0.1, 1, 3), way, start, end, True, Look("car")))
+        actors.append(
+            Actor(uid, "Car", rng.choice([4.0, 40.0]) * rng.uniform(0.1, 1, 3), trajectory, start, end, True, Appearance("car"))
+        )
     return actors
 
 
@@ -194,8 +196,8 @@ def test_no_actor_is_skipped_that_a_ray_meets() -> None:
 def test_rows_of_a_rolling_shutter_see_a_moving_actor_at_different_places() -> None:
     """A tall bar that crosses the view at 20 m/s leans by its speed times the time of readout."""
     bar = np.array([0.6, 0.6, 8.0])
-    way = Trajectory(np.array([-1.0, 1.0]), np.array([[-10.0, -20, 1.6], [-10, 20, 1.6]]), np.tile(LEVEL, (2, 1)))
-    actor = still("bar", [0, 0, 0], bar, world_from_actor=way, is_moving=True)
+    trajectory = Trajectory(np.array([-1.0, 1.0]), np.array([[-10.0, -20, 1.6], [-10, 20, 1.6]]), np.tile(LEVEL, (2, 1)))
+    actor = still("bar", [0, 0, 0], bar, world_from_actor=trajectory, is_moving=True)
     scene = analytic_scene(empty, {"bar": (block([0.5, 0.5, 8.0]), bar)})
     columns = []
     for duration in (0.0, 0.05, -0.05):
@@ -252,7 +254,7 @@ def test_drawn_returns_follow_their_probability(stage: Stage) -> None:
 def foreign_stage(features: int, upsample: int) -> Stage:
     config = replace(preset("tiny").model, features=features, upsample=upsample)
     other = analytic_scene(empty, {"car": (block([3.6, 1.8, 1.6]), SIZE)}, config)
-    drive = drive_of([still("new", [-6, 1.5, 1.6], SIZE, look=Look("car", "elsewhere"))])
+    drive = drive_of([still("new", [-6, 1.5, 1.6], SIZE, appearance=Appearance("car", "elsewhere"))])
     return Stage(analytic_scene(union(ground, wall(10.0)), {}), drive, {"elsewhere": other})
 
 
@@ -286,7 +288,7 @@ def test_a_foreign_actor_in_a_sweep() -> None:
 
 def test_a_foreign_actor_answers_a_lidar_as_in_its_own_scene() -> None:
     stage = foreign_stage(7, 3)
-    home = drive_of([replace(stage.drive.actors["new"], look=Look("car"))])
+    home = drive_of([replace(stage.drive.actors["new"], appearance=Appearance("car"))])
     other = Stage(stage.others["elsewhere"], home).as_scene("elsewhere")
     there = renderer_of(other, home).lidar("top", 0)
     here = renderer_of(stage.as_scene(), stage.drive, others={"elsewhere": other}).lidar("top", 0)

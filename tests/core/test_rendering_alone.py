@@ -52,10 +52,10 @@ def test_the_kernels_are_there() -> None:
 
 
 def test_a_street_is_to_be_seen(frames: Path) -> None:
-    pictures = [np.asarray(Image.open(path)).astype(float) for path in sorted(frames.glob("camera/*/*.png"))]
-    assert len(pictures) == len(list(frames.glob("camera/*/*.exr"))) == 2
-    assert all(picture.shape == (54, 96, 3) and picture.std() > 30 for picture in pictures)
-    assert 1 < np.abs(pictures[0] - pictures[1]).mean() < 40, "the vehicle moves, and not far"
+    images = [np.asarray(Image.open(path)).astype(float) for path in sorted(frames.glob("camera/*/*.png"))]
+    assert len(images) == len(list(frames.glob("camera/*/*.exr"))) == 2
+    assert all(image.shape == (54, 96, 3) and image.std() > 30 for image in images)
+    assert 1 < np.abs(images[0] - images[1]).mean() < 40, "the vehicle moves, and not far"
 
 
 def test_beams_return_from_the_street(frames: Path) -> None:

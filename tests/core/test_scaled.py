@@ -12,7 +12,7 @@ import pytest
 import torch
 import trimesh
 from analytic_scene import Stage, analytic_scene, block, drive_of, empty, header_of, sphere, still, union
-from random_scene import CONFIGS, PASSES, picture_rays, rough, saved
+from random_scene import CONFIGS, PASSES, image_rays, rough, saved
 from tiny_drive import tiny_drive
 from turning_drive import turning_drive
 from whole_drive import bound_to, whole_state
@@ -48,7 +48,7 @@ from unisim_blender.core.street.trace import Asset, Part, Placement, trace
 from unisim_blender.core.street.true_images import true_image_path
 from unisim_blender.core.street.truth import truth_camera, truth_lidar
 from unisim_blender.core.world.captures import Moment
-from unisim_blender.core.world.drive import Actor, Drive, Look
+from unisim_blender.core.world.drive import Actor, Appearance, Drive
 
 needs_library = pytest.mark.skipif(native.library() is None, reason="the compiled kernels were not built")
 EYE = np.array([-20.0, 0.0, 1.6])
@@ -66,7 +66,7 @@ def edited(*edits: dict[str, Any], drive: Drive | None = None) -> Drive:
 
 def scaled(actor: Actor, *factors: float) -> Actor:
     x, y, z = factors
-    return replace(actor, size_m=actor.look_size_m * np.array(factors), scale=(x, y, z))
+    return replace(actor, size_m=actor.appearance_size_m * np.array(factors), scale=(x, y, z))
 
 
 def by(*factors: float, actor: str = "car") -> dict[str, Any]:
@@ -82,8 +82,8 @@ def test_the_box_is_larger_about_its_centre_and_nothing_else_changes() -> None:
     before = drive.actors["car"]
     np.testing.assert_allclose(now.size_m, before.size_m * [2, 1, 0.5], rtol=1e-15)
     assert now.scale == (2.0, 1.0, 0.5) and now.is_scaled and not before.is_scaled
-    np.testing.assert_allclose(now.look_size_m, before.size_m, rtol=1e-15)
-    assert now.world_from_actor is before.world_from_actor and now.look == before.look and not now.inserted
+    np.testing.assert_allclose(now.appearance_size_m, before.size_m, rtol=1e-15)
+    assert now.world_from_actor is before.world_from_actor and now.appearance == before.appearance and not now.inserted
 
 
 def test_edits_apply_in_order() -> None:
@@ -165,10 +165,10 @@ def aimed(actor: Actor, n: int, times: FloatArray, seed: int = 0) -> FloatArray:
 
 
 def moving(size: FloatArray = SIZE, uid: str = "car") -> Actor:
-    way = Trajectory(
+    trajectory = Trajectory(
         np.array([0.0, 0.5]), np.array([[-8.0, -1.0, 1.2], [-4.0, 2.0, 1.2]]), quaternion_from_yaw(np.array([0.3, 1.1]))
     )
-    return still(uid, [0, 0, 0], size, world_from_actor=way, is_moving=True)
+    return still(uid, [0, 0, 0], size, world_from_actor=trajectory, is_moving=True)
 
 
 def first_inside(actor: Actor, body: Any, directions: FloatArray, times: FloatArray) -> FloatArray:
@@ -204,7 +204,7 @@ def test_depths_of_a_scaled_field_are_those_of_a_query_at_every_place(body: Any,
 def test_normals_go_through_the_inverse_of_the_scale() -> None:
     actor = scaled(still("car", [-13, 0, 1.6], [3.0, 3.0, 3.0], yaw=0.5), 1.5, 1.0, 0.6)
     scene = Stage(analytic_scene(empty, {"car": (sphere([0, 0, 0], 1.2), np.full(3, 3.0))}), drive_of([actor]))
-    rays = picture_rays(scene.drive, up=1).flat()
+    rays = image_rays(scene.drive, up=1).flat()
     tracer = bound_to(TorchBackend(scene.as_scene(), QUALITY["reference"]), scene.drive)
     maps = tracer.trace(rays, PASSES, True, None, RenderStats()).maps
     mine = maps["instance"] == 1
@@ -286,7 +286,7 @@ def share_alike(a: Any, b: Any, within: float) -> float:
 def test_the_kernels_say_what_torch_says(tmp_path: Path, name: str) -> None:
     drive = drive_of(CARS)
     folder = saved(tmp_path / "scene", CONFIGS[name])
-    rays = picture_rays(drive)
+    rays = image_rays(drive)
     compiled = bound_to(CompiledBackend(CompiledScene(folder), QUALITY["reference"]), drive)
     fast = compiled.trace(rays, PASSES, True, None, RenderStats())
     slow = bound_to(TorchBackend(load_scene(folder), QUALITY["reference"]), drive).trace(rays, PASSES, True, None, RenderStats())
@@ -355,7 +355,7 @@ def test_the_kernels_leave_who_is_not_scaled(tmp_path: Path) -> None:
     drives = drive_of([scaled(actor, 1.0, 1.0, 1.0) for actor in plain]), drive_of([scaled(plain[0], 1.0, 1.0, 1.0), *plain[1:]])
     found = [
         bound_to(CompiledBackend(CompiledScene(folder), QUALITY[quality]), drive).trace(
-            picture_rays(drive), PASSES, True, None, RenderStats()
+            image_rays(drive), PASSES, True, None, RenderStats()
         )
         for quality in ("balanced", "reference")
         for drive in drives
@@ -380,7 +380,7 @@ def cube(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_a_scaled_mesh_is_the_mesh_of_that_size(cube: Path) -> None:
     actor = scaled(moving(np.full(3, 2.0), "cube"), *FACTORS)
-    actor = replace(actor, look=Look("cube", mesh=str(cube)))
+    actor = replace(actor, appearance=Appearance("cube", mesh=str(cube)))
     times = np.random.default_rng(1).uniform(0, 0.5, 200)
     directions = aimed(actor, 200, times)
     mesh_hits = MeshActors([actor]).hit_by_rays(Rays(np.tile(EYE, (200, 1)), directions, times), 0.5)
@@ -468,15 +468,15 @@ def asset(factors: tuple[float, float, float]) -> Asset:
 
 def test_a_scaled_asset_is_one_whose_shapes_are_scaled() -> None:
     factors = (1.5, 1.5, 0.7)
-    way = moving().world_from_actor
+    trajectory = moving().world_from_actor
     times = np.repeat(np.random.default_rng(1).uniform(0, 0.5, 4), 64)
     shape = replace(moving(), size_m=np.array([4.0, 2.0, 1.6]) * factors)
     directions = aimed(shape, 256, times)
     bundles = make_bundles(*(x.reshape(4, 64, *x.shape[1:]) for x in (np.tile(EYE, (256, 1)), directions, times)))
     answers = []
     for placement in (
-        Placement("a", asset((1.0, 1.0, 1.0)), way, scale=np.array(factors)),
-        Placement("a", asset(factors), way),
+        Placement("a", asset((1.0, 1.0, 1.0)), trajectory, scale=np.array(factors)),
+        Placement("a", asset(factors), trajectory),
     ):
         hits = trace([placement], bundles)
         flat = [x.reshape(-1, *x.shape[2:]) for x in (bundles.origins, bundles.directions, bundles.time_s)]

@@ -16,7 +16,7 @@ from unisim_blender.core.errors import UnisimError
 from unisim_blender.core.model.scene_file import SceneHeader, drive_to_json, write_scene_header
 from unisim_blender.core.prepare import scenario as prepare
 from unisim_blender.core.prepare.scenario import prepare_scenario
-from unisim_blender.core.world.drive import Drive, Look
+from unisim_blender.core.world.drive import Appearance, Drive
 
 REMOVE = {"type": "remove", "actor": "van"}
 
@@ -86,7 +86,7 @@ def test_an_actor_of_another_scene(tmp_path: Path, with_log: Drive) -> None:
     write_scene(tmp_path, with_log, "other")
     insert = {"type": "insert", "actor": "car", "scene": "other", "id": "b", "pose": {"position": [0, 0, 0]}}
     edited = prepare_scenario(write_scenario(tmp_path, scene="scene", edits=[insert])).edited
-    assert edited.actors["b"].look == Look("car", str(tmp_path / "other"))
+    assert edited.actors["b"].appearance == Appearance("car", str(tmp_path / "other"))
 
 
 def refusal(file: Path) -> str:

@@ -24,13 +24,13 @@ from unisim_blender.core.model.scene_file import (
 )
 from unisim_blender.core.world.drive import (
     Actor,
+    Appearance,
     Box,
     Camera,
     CameraModel,
     Drive,
     Lidar,
     LidarModel,
-    Look,
     RollingShutter,
     StaticCopy,
 )
@@ -55,7 +55,7 @@ def drive() -> Drive:
     )
     table = LidarModel(np.radians([10.0, 1 / 3, -20.0]), np.radians([0.0, 0.1, 0.7]), columns=5)
     lidar = Lidar("top", table, random_trajectory(rng, 4), times, rng.random((3, 5)) < 0.5)
-    actor = Actor("car-1", "Car", rng.random(3) + 1, random_trajectory(rng, 4), 0.1, 0.3, True, Look("car-1"))
+    actor = Actor("car-1", "Car", rng.random(3) + 1, random_trajectory(rng, 4), 0.1, 0.3, True, Appearance("car-1"))
     box = Box(random_trajectory(rng, 1).poses[0], rng.random(3))
     return Drive(
         "street",
@@ -114,7 +114,13 @@ def test_every_field_of_a_drive_survives(drive: Drive) -> None:
     bare = replace(lidar.model, elevation_rad=beams, azimuth_offset_rad=beams)
     assert bare == replace(before.model, elevation_rad=beams, azimuth_offset_rad=beams)
     actor = again.actors["car-1"]
-    assert (actor.start_s, actor.end_s, actor.is_moving, actor.look, actor.label) == (0.1, 0.3, True, Look("car-1"), "Car")
+    assert (actor.start_s, actor.end_s, actor.is_moving, actor.appearance, actor.label) == (
+        0.1,
+        0.3,
+        True,
+        Appearance("car-1"),
+        "Car",
+    )
     np.testing.assert_array_equal(again.static_copies[0].source.world_from_box, drive.static_removals[0].world_from_box)
     np.testing.assert_array_equal(again.world_origin, drive.world_origin)
 

@@ -10,7 +10,7 @@ from unisim_blender.core.model.occupancy import BESIDE, FREE, HIT, UNKNOWN
 from unisim_blender.core.training import seed_voxels as module
 from unisim_blender.core.training.data import LidarData
 from unisim_blender.core.training.seed_voxels import seed_voxels
-from unisim_blender.core.world.drive import Actor, Look
+from unisim_blender.core.world.drive import Actor, Appearance
 
 SHAPE, VOXEL_M = (40, 30, 12), 0.5
 
@@ -64,10 +64,10 @@ def test_static_returns_are_those_in_no_box() -> None:
     turned = np.array([np.cos(0.4), 0, 0, np.sin(0.4)])
     size_m = np.array([4.0, 2.0, 1.5])
     stand = Trajectory(np.array([1.0]), np.array([[5.0, 3.0, 0.5]]), turned[None])
-    still = Actor("a", "Car", size_m, stand, 0.2, 0.7, False, Look("a"))
+    still = Actor("a", "Car", size_m, stand, 0.2, 0.7, False, Appearance("a"))
     keys = np.array([[0.0, -3.0, 0.5], [6.0, -3.0, 0.5], [9.0, 1.0, 0.5]])
     way = Trajectory(np.array([0.1, 0.5, 0.9]), keys, np.array([[1.0, 0, 0, 0], [1.0, 0, 0, 0], turned]))
-    moving = Actor("b", "Car", size_m, way, 0.1, 0.9, True, Look("b"))
+    moving = Actor("b", "Car", size_m, way, 0.1, 0.9, True, Appearance("b"))
     data = object.__new__(LidarData)
     data.corner = np.array([-100.0, -50.0, 0.0])
     data.time_s = rng.uniform(0, 1, count)

@@ -229,8 +229,8 @@ def test_plain_points_without_a_beam_table_are_no_sensor(scenario: Path, tmp_pat
 
 def test_pictures_are_not_constant(scenario: Path, tmp_path: Path) -> None:
     render(scenario, "--out", tmp_path / "out", "--frames", 1, "--jobs", 1)
-    pictures = np.asarray(Image.open(tmp_path / "out/camera/front/000001.png"))
-    assert pictures.std() > 0
+    images = np.asarray(Image.open(tmp_path / "out/camera/front/000001.png"))
+    assert images.std() > 0
 
 
 def test_a_scene_agrees_with_the_log_that_it_rendered(scenario: Path, tmp_path: Path) -> None:
@@ -242,11 +242,11 @@ def test_a_scene_agrees_with_the_log_that_it_rendered(scenario: Path, tmp_path: 
     arguments = ["eval", scenario.parent / "scene", tmp_path / "out/pandaset", "--out", tmp_path / "eval"]
     result = CliRunner().invoke(unisim, [str(part) for part in arguments], catch_exceptions=False)
     assert result.exit_code == 0, result.output
-    figures = json.loads((tmp_path / "eval/metrics.json").read_text())
-    assert figures["frames"] == [1, 3], "those that were not trained on"
-    assert figures["camera"]["psnr_db"] > 38 and figures["camera"]["ssim"] > 0.9
-    assert figures["camera"]["driving"]["images"] == 2
-    lidar = figures["lidar"]
+    metrics = json.loads((tmp_path / "eval/metrics.json").read_text())
+    assert metrics["frames"] == [1, 3], "those that were not trained on"
+    assert metrics["camera"]["psnr_db"] > 38 and metrics["camera"]["ssim"] > 0.9
+    assert metrics["camera"]["driving"]["images"] == 2
+    lidar = metrics["lidar"]
     assert lidar["sweeps"] == 2 and lidar["hit_rate"] > 0.99 and lidar["drop_accuracy"] > 0.99
     assert lidar["depth_p90_m"] < 1e-4 and lidar["chamfer_m"] < 1e-4
     assert (tmp_path / "eval/index.html").is_file()

@@ -59,7 +59,7 @@ def test_actors_read_back(street: Street, log: PandasetLog) -> None:
     assert set(log.drive.actors) == set(street.drive.actors)
     for uid, made in street.drive.actors.items():
         read = log.drive.actors[uid]
-        assert (read.label, read.is_moving, read.look) == (made.label, made.is_moving, made.look), uid
+        assert (read.label, read.is_moving, read.appearance) == (made.label, made.is_moving, made.appearance), uid
         np.testing.assert_allclose(read.size_m, made.size_m, atol=1e-12)
         np.testing.assert_allclose(read.world_from_actor.at(0.13), made.world_from_actor.at(0.13), atol=1e-9)
     assert {actor.label for actor in street.drive.actors.values()} >= {"Car", "Cones", "Pickup Truck", "Medium-sized Truck"}

@@ -145,10 +145,10 @@ def test_paint_in_pictures_is_the_material(street: Street) -> None:
     page = np.array([model.surfaces[surface][0] for surface in model.surface[face]])
     normals = np.tile([0.0, 0.0, 1.0], (500, 1))
     true = material(Points(points, points, normals, np.full(500, 0.002), np.ones(500))).albedo
-    pictures = [p[..., :3] for p in model.pages]
-    row = [min(int(v * pictures[p].shape[0]), pictures[p].shape[0] - 1) for p, v in zip(page, uv[:, 1], strict=True)]
-    column = [int(u * pictures[p].shape[1]) for p, u in zip(page, uv[:, 0], strict=True)]
-    drawn = np.array([pictures[p][r, c] for p, r, c in zip(page, row, column, strict=True)]) / 255
+    images = [p[..., :3] for p in model.pages]
+    row = [min(int(v * images[p].shape[0]), images[p].shape[0] - 1) for p, v in zip(page, uv[:, 1], strict=True)]
+    column = [int(u * images[p].shape[1]) for p, u in zip(page, uv[:, 0], strict=True)]
+    drawn = np.array([images[p][r, c] for p, r, c in zip(page, row, column, strict=True)]) / 255
     linear = np.where(drawn <= 0.04045, drawn / 12.92, ((drawn + 0.055) / 1.055) ** 2.4)
     edge = np.abs(points[:, 2, None] - [0.30, 0.44]).min(1) < 0.01
     assert np.abs(linear - true)[~edge].max() < 0.01 and np.ptp(true[:, 2]) > 0.3
@@ -304,6 +304,6 @@ def test_a_log_of_the_other_engine_is_left_alone(solid: Street, tmp_path: Path) 
 
 def test_meshes_from_files_are_refused(street: Street, tmp_path: Path) -> None:
     actor = street.drive.actors["car-01"]
-    replaced = replace(actor, look=replace(actor.look, mesh="deer.glb"))
+    replaced = replace(actor, appearance=replace(actor.appearance, mesh="deer.glb"))
     with pytest.raises(ScenarioError, match=r"deer\.glb"):
         true_image_path(tmp_path, street, replace(street.drive, actors={"car-01": replaced}), CAMERA, 1, None)

@@ -20,7 +20,7 @@ from unisim_blender.core.street.street import Street, build_street
 from unisim_blender.core.street.trace import trace
 from unisim_blender.core.street.truth import truth_camera, truth_lidar
 from unisim_blender.core.street.world import make_world
-from unisim_blender.core.world.drive import Actor, Box, Drive, Look, StaticCopy
+from unisim_blender.core.world.drive import Actor, Appearance, Box, Drive, StaticCopy
 
 CAMERA, LIDAR = "front_camera", "pandar64"
 LEAD = "car-01"
@@ -265,7 +265,7 @@ def test_actors_are_there_in_their_time_alone(street: Street, image: CameraFrame
 def test_looks_of_other_actors_and_streets(street: Street) -> None:
     cone = street.drive.actors["cone-1"]
     stranger = Actor(
-        "new", "Car", cone.size_m, cone.world_from_actor, 0.0, 1.0, False, Look("car-02", "elsewhere"), inserted=True
+        "new", "Car", cone.size_m, cone.world_from_actor, 0.0, 1.0, False, Appearance("car-02", "elsewhere"), inserted=True
     )
     drive = replace(street.drive, actors={"new": stranger})
     with pytest.raises(ScenarioError, match="'new'.*'elsewhere'"):
@@ -273,7 +273,7 @@ def test_looks_of_other_actors_and_streets(street: Street) -> None:
     other = build_street(seed=4, frames=2)
     world = make_world(street.with_scene("elsewhere", other), drive)
     assert world.placements[world.first_actor].asset is other.assets["car-02"]
-    unknown = replace(stranger, look=Look("car-77"))
+    unknown = replace(stranger, appearance=Appearance("car-77"))
     with pytest.raises(ScenarioError, match="'car-77'"):
         make_world(street, replace(street.drive, actors={"new": unknown}))
 

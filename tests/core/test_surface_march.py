@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 import torch
 from numpy.typing import NDArray
-from random_scene import CONFIGS, edited, picture_rays, saved
+from random_scene import CONFIGS, edited, image_rays, saved
 from surface_march import (
     BOX_CELLS,
     CELLS,
@@ -474,7 +474,7 @@ SAMPLE = Path(__file__).parents[2] / "sample" / "scene"
 
 
 @dataclasses.dataclass
-class Look:
+class Appearance:
     """Rays of a sensor through the sample scene, and what there is to see."""
 
     tracer: CompiledTracer
@@ -486,12 +486,12 @@ class Look:
         self.tracer.quality, stats = quality, RenderStats()
         found = self.tracer.trace(self.rays, {"depth"}, self.sky, None, stats)
         directions, shape = self.rays.flat().directions, self.rays.time_s.shape
-        picture = self.tracer.image(found, directions, "front_camera", shape) if self.sky else found.feature
-        return picture, found.maps["depth"], stats.samples_spent / stats.rays
+        image = self.tracer.image(found, directions, "front_camera", shape) if self.sky else found.feature
+        return image, found.maps["depth"], stats.samples_spent / stats.rays
 
 
 @pytest.fixture(scope="module")
-def looks() -> dict[str, Look]:
+def appearances() -> dict[str, Appearance]:
     scene = CompiledScene(SAMPLE)
     drive = scene.header.drive
     tracer, camera = bound_to(CompiledBackend(scene), drive), drive.cameras["front_camera"]
@@ -499,8 +499,8 @@ def looks() -> dict[str, Look]:
     sweep = lidar_rays(drive.lidars["pandar64"], drive.lidars["pandar64"].time_s[4])
     some = slice(None, None, 60)
     columns = Rays(sweep.origins[:, some], sweep.directions[:, some], sweep.time_s[:, some])
-    picture = camera_rays(camera, camera.time_s[4], *pixel_grid(camera.model, scene.config.upsample))
-    return {"camera": Look(tracer, picture, True), "lidar": Look(tracer, columns, False)}
+    image = camera_rays(camera, camera.time_s[4], *pixel_grid(camera.model, scene.config.upsample))
+    return {"camera": Appearance(tracer, image, True), "lidar": Appearance(tracer, columns, False)}
 
 
 def psnr(a: NDArray[Any], b: NDArray[Any]) -> float:
@@ -525,22 +525,22 @@ of rays whose depth is off by more than 0.1 m, and samples a ray."""
 
 @needs_library
 @pytest.mark.parametrize("sensor", ("camera", "lidar"))
-def test_qualities_beside_the_truth(looks: dict[str, Look], sensor: str) -> None:
-    look = looks[sensor]
-    figures: list[NDArray[np.float64]] = []
+def test_qualities_beside_the_truth(appearances: dict[str, Appearance], sensor: str) -> None:
+    appearance = appearances[sensor]
+    metrics: list[NDArray[np.float64]] = []
     for name, (least_psnr, median, p95, coarse, samples) in BOUNDS[sensor].items():
         quality = QUALITY[name]
         # the background has so many samples that both sums are the integral
-        truth = look.at(dataclasses.replace(QUALITY["reference"], samples=16.0, far=8.0))
-        found = look.at(dataclasses.replace(quality, far=8.0))
+        truth = appearance.at(dataclasses.replace(QUALITY["reference"], samples=16.0, far=8.0))
+        found = appearance.at(dataclasses.replace(quality, far=8.0))
         met = np.isfinite(truth[1])
         assert (np.isfinite(found[1]) == met).mean() > 0.998
         both = met & np.isfinite(found[1])
         error = np.abs(found[1][both] - truth[1][both])
-        figures.append(np.array([-psnr(found[0], truth[0]), *np.quantile(error, (0.5, 0.95)), (error > 0.1).mean()]))
-        spent = look.at(quality)[2]
-        assert (figures[-1] < (-least_psnr, median, p95, coarse)).all() and spent < samples, (name, figures[-1], spent)
-    for worse, better in itertools.pairwise(figures):
+        metrics.append(np.array([-psnr(found[0], truth[0]), *np.quantile(error, (0.5, 0.95)), (error > 0.1).mean()]))
+        spent = appearance.at(quality)[2]
+        assert (metrics[-1] < (-least_psnr, median, p95, coarse)).all() and spent < samples, (name, metrics[-1], spent)
+    for worse, better in itertools.pairwise(metrics):
         assert (better < worse).all()
 
 
@@ -549,7 +549,7 @@ def test_every_field_beside_the_quantiles(tmp_path: Path) -> None:
     """Actors that overlap, an emptied box and a copy, on fields of random weights, which are rougher than any trained one."""
     drive = edited()
     tracer = bound_to(CompiledBackend(CompiledScene(saved(tmp_path / "scene", CONFIGS["tiny"]))), drive)
-    rays = picture_rays(drive)
+    rays = image_rays(drive)
     found = {}
     for name, quality in (("truth", dataclasses.replace(QUALITY["reference"], samples=16.0)), ("fine", QUALITY["fine"])):
         tracer.quality = dataclasses.replace(quality, far=1.0)

@@ -11,7 +11,7 @@ from unisim_blender.core.json_file import Node
 from unisim_blender.core.render.tracers.surfels.exposure import Exposures, Looks, exposure_gains
 
 
-def looks(gains: NDArray[np.float64], odd: float, seed: int = 0) -> Looks:
+def appearances(gains: NDArray[np.float64], odd: float, seed: int = 0) -> Looks:
     """400 places, each shown by three of the images; a share ``odd`` of the looks shows something else."""
     rng = np.random.default_rng(seed)
     place = np.repeat(np.arange(400), 3)
@@ -24,14 +24,14 @@ def looks(gains: NDArray[np.float64], odd: float, seed: int = 0) -> Looks:
 @pytest.mark.parametrize("odd", [0.0, 0.15])
 def test_gains_are_found_though_some_places_look_otherwise(odd: float) -> None:
     true = np.array([[1.0, 1.1, 0.9], [0.7, 0.8, 0.75], [1.3, 1.2, 1.4], [1.0, 1.0, 1.0]])
-    found = exposure_gains(looks(true, odd), 4)
+    found = exposure_gains(appearances(true, odd), 4)
     ratio = found / true
     # what all images have in common cannot be told
     assert np.abs(ratio / ratio.mean(0) - 1).max() < 0.05
 
 
 def test_equal_images_have_no_gain() -> None:
-    assert np.abs(exposure_gains(looks(np.ones((5, 3)), 0.0), 5) - 1).max() < 0.01
+    assert np.abs(exposure_gains(appearances(np.ones((5, 3)), 0.0), 5) - 1).max() < 0.01
 
 
 def test_images_that_share_nothing_keep_their_exposure() -> None:
@@ -42,7 +42,7 @@ def test_images_that_share_nothing_keep_their_exposure() -> None:
 
 
 def test_values_that_are_clipped_tell_nothing() -> None:
-    true = looks(np.array([[1.0] * 3, [0.5] * 3]).repeat(2, 0), 0.0)
+    true = appearances(np.array([[1.0] * 3, [0.5] * 3]).repeat(2, 0), 0.0)
     clipped = Looks(true.place, true.image, np.where(true.image[:, None] < 2, np.float32(255), true.colour))
     found = exposure_gains(clipped, 4)
     assert np.allclose(found[:2], 1)

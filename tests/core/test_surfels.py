@@ -157,7 +157,7 @@ def test_a_removed_actor_is_gone(name: str, scenes: dict[str, SurfelScene], log:
     after = renderer(name, scenes, log, edited(log, edit)).camera(CAMERA, FRAME, ("rgb", "depth", "instance"))
     assert where.sum() > 30 and uid not in after.instances
     truth = truth_camera(street, edited(log, edit, of=street.drive), CAMERA, FRAME)
-    away, stays = (np.abs(picture.rgb - truth.rgb)[where].mean() for picture in (after, before))
+    away, stays = (np.abs(image.rgb - truth.rgb)[where].mean() for image in (after, before))
     assert away < 0.9 * stays
     depth, behind = after.depth_m, before.depth_m
     assert depth is not None and behind is not None
@@ -231,7 +231,7 @@ def test_a_thing_that_nobody_annotated_is_moved(name: str, scenes: dict[str, Sur
     for where in (came, went):
         error = np.abs(after.depth_m - truth.depth_m)[where]
         assert np.median(error) < 0.5 * np.median(np.abs(before.depth_m - truth.depth_m)[where])
-        new, old = (np.abs(picture.rgb - truth.rgb)[where].mean() for picture in (after, before))
+        new, old = (np.abs(image.rgb - truth.rgb)[where].mean() for image in (after, before))
         assert new < old
     elsewhere = (truth.rgb == still.rgb).all(-1)
     assert (np.abs(after.rgb - before.rgb)[elsewhere] > 0.05).mean() < 0.03
@@ -357,7 +357,7 @@ def test_an_actor_of_another_scene_is_a_sentence(log: Log, scenes: dict[str, Sur
     from dataclasses import replace
 
     uid, actor = next(iter(log.drive.actors.items()))
-    drive = replace(log.drive, actors={uid: replace(actor, look=replace(actor.look, scene="/elsewhere"))})
+    drive = replace(log.drive, actors={uid: replace(actor, appearance=replace(actor.appearance, scene="/elsewhere"))})
     with pytest.raises(SceneError, match="/elsewhere"):
         bound_to(SurfelBackend(scenes["surfel"], log.drive), drive)
 

@@ -19,7 +19,7 @@ from unisim_blender.core.render.actor_sets import active_actors
 from unisim_blender.core.render.tracers.torch.actor_tensors import active_actor_tensors
 from unisim_blender.core.render.tracers.torch.sampling import Sampling
 from unisim_blender.core.render.tracers.torch.trace import trace
-from unisim_blender.core.world.drive import Box, Look, StaticCopy
+from unisim_blender.core.world.drive import Appearance, Box, StaticCopy
 
 LEVEL = np.array([1.0, 0, 0, 0])
 EYE = np.array([-20.0, 0.0, 1.6])
@@ -61,13 +61,13 @@ def test_a_box_inside_a_moving_turned_actor() -> None:
     size = np.array([5.0, 2.4, 2.0])
     keys = np.array([0.0, 0.5])
     positions = np.array([[2.0, -1.0, 1.2], [8.0, 3.0, 1.2]])
-    way = Trajectory(keys, positions, quaternion_from_yaw(np.array([0.3, 1.1])))
-    actor = still("car", [0, 0, 0], size, world_from_actor=way, is_moving=True)
+    trajectory = Trajectory(keys, positions, quaternion_from_yaw(np.array([0.3, 1.1])))
+    actor = still("car", [0, 0, 0], size, world_from_actor=trajectory, is_moving=True)
     inner = np.array([4.0, 1.8, 1.4])
     stage = Stage(analytic_scene(empty, {"car": (block(inner), size)}), drive_of([actor]))
     rng = np.random.default_rng(3)
     time = rng.uniform(0, 0.5, 300)
-    poses = way.at(time)
+    poses = trajectory.at(time)
     aim = np.einsum("nij,nj->ni", poses[:, :3, :3], rng.uniform(-0.45, 0.45, (300, 3)) * inner) + poses[:, :3, 3]
     traced = stage.trace(EYE, aim - EYE, time)
     d = (aim - EYE) / np.linalg.norm(aim - EYE, axis=1, keepdims=True)
@@ -79,8 +79,8 @@ def test_a_box_inside_a_moving_turned_actor() -> None:
 
 def test_a_ray_sees_an_actor_where_it_is_at_its_own_time() -> None:
     size = np.array([4.0, 2.0, 1.6])
-    way = Trajectory(np.array([0.0, 0.5]), np.array([[0.0, 0, 1], [10, 0, 1]]), np.tile(LEVEL, (2, 1)))
-    actor = still("car", [0, 0, 0], size, world_from_actor=way, is_moving=True)
+    trajectory = Trajectory(np.array([0.0, 0.5]), np.array([[0.0, 0, 1], [10, 0, 1]]), np.tile(LEVEL, (2, 1)))
+    actor = still("car", [0, 0, 0], size, world_from_actor=trajectory, is_moving=True)
     stage = Stage(analytic_scene(empty, {"car": (block([3.6, 1.6, 1.4]), size)}), drive_of([actor]))
     time = np.linspace(0, 0.5, 11)
     traced = stage.trace([-20, 0, 1], np.tile([1.0, 0, 0], (11, 1)), time)
@@ -251,7 +251,7 @@ def stage_with_foreign(x_m: float, static: object = None, features: int = 15) ->
     size = np.array([3.0, 3.0, 3.0])
     config = replace(preset("tiny").model, features=features)
     other = analytic_scene(empty, {"car": (block([2.0, 2.0, 2.0]), size), "bus": (empty, size)}, config, beta=300.0)
-    foreign = still("new", [x_m, 0, 1.6], size, look=Look("car", GUEST))
+    foreign = still("new", [x_m, 0, 1.6], size, appearance=Appearance("car", GUEST))
     own = analytic_scene(static or wall(8.0), {"bike": (block([1.0, 1, 1]), size)})  # type: ignore[arg-type]
     return Stage(own, drive_of([foreign, still("bike", [-5, 5, 1.6], size)]), {GUEST: other})
 
@@ -279,7 +279,10 @@ def test_own_actors_hide_foreign_ones_and_foreign_ones_own_actors() -> None:
     body = block([1.4, 2.6, 2.6])
     other = analytic_scene(empty, {"car": (body, size)})
     for own_x, foreign_x in ((-4.0, 4.0), (4.0, -4.0)):
-        actors = [still("own", [own_x, 0, 1.6], size), still("new", [foreign_x, 0, 1.6], size, look=Look("car", GUEST))]
+        actors = [
+            still("own", [own_x, 0, 1.6], size),
+            still("new", [foreign_x, 0, 1.6], size, appearance=Appearance("car", GUEST)),
+        ]
         traced = Stage(analytic_scene(empty, {"own": (body, size)}), drive_of(actors), {GUEST: other}).trace(
             EYE, fan(50, spread=0.01)
         )
@@ -292,7 +295,7 @@ def test_two_actors_on_one_ray_and_a_foreign_actor_on_another() -> None:
     """Where no static voxel is met, ray segments of the first field must still see each other."""
     size = np.array([2.0, 3.0, 3.0])
     body = (block([1.4, 2.6, 2.6]), size)
-    foreign = still("new", [0, 8, 1.6], size, look=Look("car", GUEST))
+    foreign = still("new", [0, 8, 1.6], size, appearance=Appearance("car", GUEST))
     actors = [still("a", [3.0, 0, 1.6], size), still("b", [-3.0, 0, 1.6], size), foreign]
     stage = Stage(analytic_scene(empty, {"a": body, "b": body}), drive_of(actors), {GUEST: analytic_scene(empty, {"car": body})})
     traced = stage.trace(EYE, [[20.0, 0, 0], [20, 8, 0]])
@@ -304,16 +307,16 @@ def test_two_actors_on_one_ray_and_a_foreign_actor_on_another() -> None:
 def test_duplicates_of_an_actor_share_its_look() -> None:
     size = np.array([2.0, 3.0, 3.0])
     scene = analytic_scene(empty, {"a": (empty, size), "b": (block([1.4, 2.6, 2.6]), size)})
-    actors = [still("copy of b", [0, 0, 1.6], size, look=Look("b")), still("a", [-5, 0, 1.6], size)]
+    actors = [still("copy of b", [0, 0, 1.6], size, appearance=Appearance("b")), still("a", [-5, 0, 1.6], size)]
     traced = Stage(scene, drive_of(actors)).trace(EYE, fan(20, spread=0.01))
     np.testing.assert_allclose(traced.feature[:, 2], 1, atol=1e-3)
 
 
 def test_a_look_that_the_scene_does_not_hold() -> None:
-    stage = Stage(analytic_scene(empty, {}), drive_of([still("car", [0, 0, 1], [1, 1, 1], look=Look("lorry"))]))
+    stage = Stage(analytic_scene(empty, {}), drive_of([still("car", [0, 0, 1], [1, 1, 1], appearance=Appearance("lorry"))]))
     with pytest.raises(SceneError, match="'car' has the look of 'lorry'"):
         stage.active()
-    absent = Stage(analytic_scene(empty, {}), drive_of([still("car", [0, 0, 1], [1, 1, 1], look=Look("car", GUEST))]))
+    absent = Stage(analytic_scene(empty, {}), drive_of([still("car", [0, 0, 1], [1, 1, 1], appearance=Appearance("car", GUEST))]))
     with pytest.raises(SceneError, match=GUEST):
         absent.active()
 

@@ -30,7 +30,7 @@ from unisim_blender.core.model.tracklets import (
 from unisim_blender.core.ops.near_spheres import near_spheres
 from unisim_blender.core.ops.near_spheres.reference import near_spheres as near_spheres_reference
 from unisim_blender.core.sensors.bounds import Bounds
-from unisim_blender.core.world.drive import Actor, Look
+from unisim_blender.core.world.drive import Actor, Appearance
 from unisim_blender.core.world.replay import with_windows
 
 
@@ -49,9 +49,11 @@ def random_actors(n: int, seed: int) -> list[Actor]:
         keys = 1 if i % 3 == 0 else int(rng.integers(2, 9))
         times = rng.uniform(0, 1) + np.cumsum(rng.uniform(0.2, 0.6, keys))
         positions = rng.uniform([-20, -20, 0], [20, 20, 2], 3) + np.cumsum(rng.normal(0, 0.7, (keys, 3)), 0)
-        way = Trajectory(times, positions, quaternion_from_yaw(rng.uniform(-3, 3) + np.cumsum(rng.normal(0, 0.3, keys))))
+        trajectory = Trajectory(times, positions, quaternion_from_yaw(rng.uniform(-3, 3) + np.cumsum(rng.normal(0, 0.3, keys))))
         span = np.sort(rng.uniform(-0.5, 4.5, 2))
-        actors.append(Actor(f"a{i:02}", "Car", rng.uniform(0.4, 6, 3), way, span[0], span[1], keys > 1, Look(f"a{i:02}")))
+        actors.append(
+            Actor(f"a{i:02}", "Car", rng.uniform(0.4, 6, 3), trajectory, span[0], span[1], keys > 1, Appearance(f"a{i:02}"))
+        )
     return actors
 
 
@@ -153,8 +155,8 @@ def test_hits_against_every_ray_and_box(chosen: list[int] | None) -> None:
 
 
 def moving_box(speed: float) -> Tracklets:
-    way = Trajectory(np.array([0.0, 1.0]), np.array([[10.0, 0, 0], [10, speed, 0]]), np.tile([1.0, 0, 0, 0], (2, 1)))
-    return Tracklets([Actor("a", "Car", np.array([2.0, 2, 2]), way, 0.2, 0.8, True, Look("a"))])
+    trajectory = Trajectory(np.array([0.0, 1.0]), np.array([[10.0, 0, 0], [10, speed, 0]]), np.tile([1.0, 0, 0, 0], (2, 1)))
+    return Tracklets([Actor("a", "Car", np.array([2.0, 2, 2]), trajectory, 0.2, 0.8, True, Appearance("a"))])
 
 
 def one_ray(tracklets: Tracklets, y: float, time: float) -> int:
@@ -182,8 +184,10 @@ def test_no_actors() -> None:
 
 def test_refinement_moves_what_stands_as_one_and_what_moves_key_by_key() -> None:
     keys = np.array([0.0, 1.0, 2.0])
-    way = Trajectory(keys, np.zeros((3, 3)), np.tile([1.0, 0, 0, 0], (3, 1)))
-    actors = [Actor(uid, "Car", np.ones(3), way, 0, 2, moving, Look(uid)) for uid, moving in (("a", True), ("b", False))]
+    trajectory = Trajectory(keys, np.zeros((3, 3)), np.tile([1.0, 0, 0, 0], (3, 1)))
+    actors = [
+        Actor(uid, "Car", np.ones(3), trajectory, 0, 2, moving, Appearance(uid)) for uid, moving in (("a", True), ("b", False))
+    ]
     tracklets = Tracklets(actors, refine=True)
     with torch.no_grad():
         tracklets.shift_m[:, 1] = torch.tensor([0.3, 0.0, 0.0])
@@ -203,9 +207,9 @@ def test_refinement_moves_what_stands_as_one_and_what_moves_key_by_key() -> None
 def test_keys_that_lie_close_are_corrected_together() -> None:
     """What one key learns its neighbours take over, by a Gaussian in time; keys that only pad a tracklet count nothing."""
     times = np.array([0.0, 0.1, 0.2, 0.3, 0.9])
-    way = Trajectory(times, np.zeros((5, 3)), np.tile([1.0, 0, 0, 0], (5, 1)))
+    trajectory = Trajectory(times, np.zeros((5, 3)), np.tile([1.0, 0, 0, 0], (5, 1)))
     short = Trajectory(times[:2], np.zeros((2, 3)), np.tile([1.0, 0, 0, 0], (2, 1)))
-    actors = [Actor(uid, "Car", np.ones(3), w, 0, 1, True, Look(uid)) for uid, w in (("a", way), ("b", short))]
+    actors = [Actor(uid, "Car", np.ones(3), w, 0, 1, True, Appearance(uid)) for uid, w in (("a", trajectory), ("b", short))]
     tracklets = Tracklets(actors, refine=True)
     with torch.no_grad():
         tracklets.shift_m[0, :, 0] = torch.tensor([0.1, -0.1, 0.1, -0.1, 0.3])

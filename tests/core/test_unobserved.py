@@ -137,9 +137,9 @@ def test_lidar_sees_no_looks(model: SceneModel, teach: bool) -> None:
     def apart() -> float:
         """The mean difference between the colours of the foot and of the wall above it, looked at from the side."""
         with torch.no_grad():
-            looks = torch.cat([model.static(foot)[1], model.static(wall[:40])[1]])
-            directions = torch.tensor([[1.0, 0, 0]]).expand(len(looks), 3)
-            features = model.ray_head(looks, directions, torch.full((len(looks),), -1))
+            appearances = torch.cat([model.static(foot)[1], model.static(wall[:40])[1]])
+            directions = torch.tensor([[1.0, 0, 0]]).expand(len(appearances), 3)
+            features = model.ray_head(appearances, directions, torch.full((len(appearances),), -1))
             colour = model.camera_decoder(features[:, :, None, None]).mean((2, 3))
         return float((colour[:40] - colour[40:]).abs().mean())
 

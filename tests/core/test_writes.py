@@ -78,10 +78,10 @@ def write_image(folder: Path) -> Path:
 
 
 def write_film(folder: Path) -> Path:
-    picture = folder.parent / "0.png"
-    if not picture.exists():
-        Image.fromarray(NOISE).save(picture)
-    write_video([picture] * 10, folder / "film.mp4", 10)
+    image = folder.parent / "0.png"
+    if not image.exists():
+        Image.fromarray(NOISE).save(image)
+    write_video([image] * 10, folder / "film.mp4", 10)
     return folder / "film.mp4"
 
 

@@ -19,7 +19,7 @@ from unisim_blender.core.sensors.frames import CameraFrame, LidarFrame, RenderSt
 from unisim_blender.core.sensors.lidar import lidar_rays
 from unisim_blender.core.sequence.plan import RenderPlan, SequenceSettings
 from unisim_blender.core.world.captures import Capture, moments_of
-from unisim_blender.core.world.drive import Actor, Camera, CameraModel, Drive, Lidar, LidarModel, Look
+from unisim_blender.core.world.drive import Actor, Appearance, Camera, CameraModel, Drive, Lidar, LidarModel
 from unisim_blender.core.world.replay import DriveStates
 
 IDENTITY = np.array([1.0, 0, 0, 0])
@@ -47,7 +47,7 @@ def tiny_drive(frames: int = 6) -> Drive:
         0.0,
         keys[-1],
         True,
-        Look("car"),
+        Appearance("car"),
     )
     cone = Actor(
         "cone",
@@ -57,7 +57,7 @@ def tiny_drive(frames: int = 6) -> Drive:
         0.0,
         0.2,
         False,
-        Look("cone"),
+        Appearance("cone"),
     )
     ego = along_x(np.zeros(3), 5.0, IDENTITY)
     return Drive("tiny", tuple(times), times, ego, {"front": camera}, {"top": lidar}, {"car": car, "cone": cone})

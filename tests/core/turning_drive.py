@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from unisim_blender.core.geometry import FloatArray, Trajectory, make_pose, quaternion_from_matrix, quaternion_from_yaw
-from unisim_blender.core.world.drive import Actor, Camera, CameraModel, Drive, Lidar, LidarModel, Look, RollingShutter
+from unisim_blender.core.world.drive import Actor, Appearance, Camera, CameraModel, Drive, Lidar, LidarModel, RollingShutter
 
 FRONT = quaternion_from_matrix(np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]]))
 """A camera's axes when it looks along x."""
@@ -42,8 +42,12 @@ def turning_drive() -> Drive:
         np.zeros((3, 36), bool),
     )
     actors = [
-        Actor("car", "Car", np.array([4.4, 1.9, 1.5]), arc(keys, (12, 1, 0.75), 5.0, 0.4), 0.0, 1.0, True, Look("car")),
-        Actor("late", "Car", np.array([4.0, 1.8, 1.4]), arc(keys[3:], (20, 4, 0.7), 9.0, -0.3), 0.3, 0.8, True, Look("late")),
-        Actor("van", "Van", np.array([6.0, 2.2, 2.5]), arc(keys[:1], (30, -4, 1.25), 1.0, 1.0), 0.0, 1.0, False, Look("van")),
+        Actor("car", "Car", np.array([4.4, 1.9, 1.5]), arc(keys, (12, 1, 0.75), 5.0, 0.4), 0.0, 1.0, True, Appearance("car")),
+        Actor(
+            "late", "Car", np.array([4.0, 1.8, 1.4]), arc(keys[3:], (20, 4, 0.7), 9.0, -0.3), 0.3, 0.8, True, Appearance("late")
+        ),
+        Actor(
+            "van", "Van", np.array([6.0, 2.2, 2.5]), arc(keys[:1], (30, -4, 1.25), 1.0, 1.0), 0.0, 1.0, False, Appearance("van")
+        ),
     ]
     return Drive("turn", frames, time_s, ego, {"front": camera}, {"top": lidar}, {actor.uid: actor for actor in actors})

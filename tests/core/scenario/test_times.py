@@ -17,7 +17,7 @@ from unisim_blender.core.scenario.outside import carried_outside
 from unisim_blender.core.scenario.time_range import TimeRange
 from unisim_blender.core.scenario.times import parse_times, scenario_times_us, with_times
 from unisim_blender.core.scenario.types import Scenario
-from unisim_blender.core.world.drive import Actor, Drive, Look
+from unisim_blender.core.world.drive import Actor, Appearance, Drive
 from unisim_blender.core.world.replay import DriveStates
 
 DRIVE = tiny_drive()
@@ -108,9 +108,10 @@ def test_a_drive_whose_times_lie_within_the_recording_is_the_same() -> None:
 
 def parked(drive: Drive) -> Drive:
     """With a car that stands throughout the recording."""
-    way = Trajectory(np.zeros(1), np.array([[9.0, 4.0, 0.7]]), IDENTITY[None])
+    trajectory = Trajectory(np.zeros(1), np.array([[9.0, 4.0, 0.7]]), IDENTITY[None])
     return replace(
-        drive, actors={**drive.actors, "stands": Actor("stands", "Car", np.ones(3), way, 0.0, 0.5, False, Look("car"))}
+        drive,
+        actors={**drive.actors, "stands": Actor("stands", "Car", np.ones(3), trajectory, 0.0, 0.5, False, Appearance("car"))},
     )
 
 
@@ -144,13 +145,13 @@ def test_the_ego_holds_with_its_sensors_and_its_body() -> None:
     body = replace(stands, uid="body", is_ego_body=True, world_from_actor=DRIVE.world_from_ego, is_moving=True)
     drive = replace(DRIVE, actors={**DRIVE.actors, "body": body})
     drive = carried_outside(drive, scenario(outside="hold"), (4_000_000,))
-    for way, x in (
+    for trajectory, x in (
         (drive.world_from_ego, 0.0),
         (drive.cameras["front"].world_from_camera, 1.0),
         (drive.lidars["top"].world_from_lidar, 0.0),
         (drive.actors["body"].world_from_actor, 0.0),
     ):
-        np.testing.assert_allclose(way.at(4.0)[0, 3], x + 5.0 * 0.75, atol=1e-9)
+        np.testing.assert_allclose(trajectory.at(4.0)[0, 3], x + 5.0 * 0.75, atol=1e-9)
     assert drive.actors["body"].present(4.0)
 
 

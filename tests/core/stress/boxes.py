@@ -14,7 +14,7 @@ from unisim_blender.core.model.tracklets import quaternion_from_rotation, rotati
 from unisim_blender.core.sensors.rays import Rays
 
 from .measures import Bench, Measure, most
-from .scenes import make_scene, picture_rays
+from .scenes import image_rays, make_scene
 from .truths import beside_truth
 
 
@@ -33,7 +33,7 @@ def boxes(bench: Bench) -> Iterator[Measure]:
     to = np.random.default_rng(3).uniform(-0.005, 0.005, (n, 3)) + [1.0, 0, 0]
     aimed = Rays(np.tile([-20.0, 0, 1.6], (n, 1)), to / np.linalg.norm(to, axis=1, keepdims=True), np.full(n, 0.2))
     # a millionth of a metre is a ten thousandth of the smallest box
-    for where, rays, feature in (("all", picture_rays(drive, bench.full), 2e-3), ("a centimetre", aimed, 0.2)):
+    for where, rays, feature in (("all", image_rays(drive, bench.full), 2e-3), ("a centimetre", aimed, 0.2)):
         for measure in beside_truth(folder, drive, rays, 5e-3, 1e-4, feature):
             yield dataclasses.replace(measure, what=f"{where}, {measure.what}")
 

@@ -50,12 +50,10 @@ def odd_images(bench: Bench) -> Iterator[Measure]:
         model = dataclasses.replace(camera.model, width=width, height=height)
         u, v = pixel_grid(model, TINY.upsample)
         rays = camera_rays(dataclasses.replace(camera, model=model), camera.time_s[2], u, v)
-        pictures = {}
+        images = {}
         for name, tracer in tracers(folder, drive).items():
             found = tracer.trace(rays, set(), True, None, RenderStats())
-            pictures[name] = tracer.image(found, rays.flat().directions, "front", u.shape)
-            yield Measure(
-                f"{width} x {height}, {name}: pixels that are not finite", float((~np.isfinite(pictures[name])).sum()), 0
-            )
-        if len(pictures) == 2:
-            yield Measure(f"{width} x {height}: compiled beside torch", most(pictures["compiled"], pictures["torch"], 0.98), 1e-4)
+            images[name] = tracer.image(found, rays.flat().directions, "front", u.shape)
+            yield Measure(f"{width} x {height}, {name}: pixels that are not finite", float((~np.isfinite(images[name])).sum()), 0)
+        if len(images) == 2:
+            yield Measure(f"{width} x {height}: compiled beside torch", most(images["compiled"], images["torch"], 0.98), 1e-4)

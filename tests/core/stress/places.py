@@ -23,7 +23,7 @@ from unisim_blender.core.sensors.frames import RenderStats
 from unisim_blender.core.training.data import LidarData
 
 from .measures import Bench, Case, Measure, most
-from .scenes import CORNER, SIZE_M, fan, make_scene, moved_drive, moved_rays, picture_rays
+from .scenes import CORNER, SIZE_M, fan, image_rays, make_scene, moved_drive, moved_rays
 from .truths import arrays_of, tracers, truth
 
 FAR_OFF = {
@@ -40,7 +40,7 @@ def moved(where: str) -> Case:
         motion = make_pose(offset, quaternion_from_yaw(yaw))
         drive = edited(CARS)
         here, there = make_scene(bench.folder / "here", drive), make_scene(bench.folder / "there", drive, motion=motion)
-        rays = picture_rays(drive, bench.full)
+        rays = image_rays(drive, bench.full)
         exact, _ = truth(here, drive, rays)
         away = tracers(there, moved_drive(drive, motion))
         for name, tracer in tracers(here, drive).items():

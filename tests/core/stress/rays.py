@@ -15,7 +15,7 @@ from unisim_blender.core.sensors.frames import RenderStats
 from unisim_blender.core.sensors.rays import Rays
 
 from .measures import Bench, Measure, most
-from .scenes import fan, make_scene, picture_rays, plane
+from .scenes import fan, image_rays, make_scene, plane
 from .truths import arrays_of, beside_truth, not_finite, tracers, truth
 
 
@@ -86,12 +86,12 @@ def unsound(bench: Bench) -> Iterator[Measure]:
     """Rays with numbers that are none, and of no direction, among others: those keep their bits."""
     drive = edited(CARS)
     folder = make_scene(bench.folder / "scene", drive)
-    rays = picture_rays(drive, bench.full)
+    rays = image_rays(drive, bench.full)
     for name, tracer in tracers(folder, drive).items():
         whole = tracer.trace(rays, PASSES, True, None, RenderStats())
         expected = arrays_of(whole)
         shape = (16 * bench.full, 24 * bench.full)
-        picture = tracer.image(whole, rays.directions, "front", shape).reshape(*shape, tracer.upsample, -1)
+        image = tracer.image(whole, rays.directions, "front", shape).reshape(*shape, tracer.upsample, -1)
         places = [(array, value) for array in ("origins", "directions", "time_s") for value in BROKEN]
         broken = {7 + 13 * i: place for i, place in enumerate([*places, ("directions", 0.0), ("directions", 1e-200)])}
         other = Rays(rays.origins.copy(), rays.directions.copy(), rays.time_s.copy())
@@ -106,7 +106,7 @@ def unsound(bench: Bench) -> Iterator[Measure]:
         changed = max(most(got[key][sound], expected[key][sound]) for key in got if key != "depth")
         yield Measure(f"{name}: other rays, changed by", changed, allowed)
         yield Measure(f"{name}: rays that are none and meet an actor", float((got["instance"][~sound] != 0).sum()), 0)
-        again = tracer.image(found, other.directions, "front", shape).reshape(picture.shape)
+        again = tracer.image(found, other.directions, "front", shape).reshape(image.shape)
         yield Measure(f"{name}: pixels that are not finite", float((~np.isfinite(again)).sum()), 0)
         returns = tracer.returns(found, other.directions)
         yield Measure(f"{name}: returns that are not finite", float(sum((~np.isfinite(x)).sum() for x in returns)), 0)

@@ -102,7 +102,7 @@ def make_scene(
     return folder
 
 
-def picture_rays(drive: Drive, full: int = 1) -> Rays:
+def image_rays(drive: Drive, full: int = 1) -> Rays:
     """The front camera's, a ray for every two pixels of 48 x 32, or more."""
     recorded = drive.cameras["front"]
     camera = dataclasses.replace(recorded, model=recorded.model.resized(recorded.model.width * full))

@@ -37,17 +37,17 @@ from unisim_blender.core.sensors.rays import Rays
 from unisim_blender.core.world.drive import Actor, Drive
 
 from .measures import Bench, Case, Measure, most
-from .scenes import Change, make_scene, picture_rays
+from .scenes import Change, image_rays, make_scene
 
 
 def exactly(tracklets: Tracklets, actors: tuple[Actor, ...]) -> None:
     """Tracklets in float64, of what was never rounded."""
     tracklets.double()
     for i, actor in enumerate(actors):
-        way = actor.world_from_actor
-        k = len(way.times_s)
-        tracklets.positions[i, :k] = torch.as_tensor(way.positions - tracklets.corner)
-        tracklets.quaternions[i, :k] = torch.as_tensor(way.quaternions_wxyz)
+        trajectory = actor.world_from_actor
+        k = len(trajectory.times_s)
+        tracklets.positions[i, :k] = torch.as_tensor(trajectory.positions - tracklets.corner)
+        tracklets.quaternions[i, :k] = torch.as_tensor(trajectory.quaternions_wxyz)
         tracklets.sizes_m[i] = torch.as_tensor(actor.size_m).float()
 
 
@@ -129,6 +129,6 @@ def changed(change: Change, depth: float) -> Case:
     def case(bench: Bench) -> Iterator[Measure]:
         drive = edited(CARS)
         folder = make_scene(bench.folder / "scene", drive, change)
-        yield from beside_truth(folder, drive, picture_rays(drive, bench.full), depth, 1e-4, 2e-3)
+        yield from beside_truth(folder, drive, image_rays(drive, bench.full), depth, 1e-4, 2e-3)
 
     return case

@@ -14,7 +14,7 @@ from unisim_blender.core.render.tracers.compiled.tracer import CompiledBackend
 from unisim_blender.core.sensors.frames import RenderStats
 
 from .measures import Bench, Measure, most
-from .scenes import make_scene, picture_rays
+from .scenes import image_rays, make_scene
 from .truths import arrays_of
 
 VARIANT_SCRIPT = """
@@ -26,7 +26,7 @@ write_found(*sys.argv[1:])
 def write_found(folder: str, out: str, full: str) -> None:
     """What the compiled tracer finds of a scene, and its picture, into a file: in a process of the instruction set asked for."""
     drive = edited(CARS)
-    tracer, rays = bound_to(CompiledBackend(CompiledScene(folder)), drive), picture_rays(drive, int(full))
+    tracer, rays = bound_to(CompiledBackend(CompiledScene(folder)), drive), image_rays(drive, int(full))
     found = tracer.trace(rays, PASSES, True, None, RenderStats())
     rgb = tracer.image(found, rays.directions, "front", (16 * int(full), 24 * int(full)))
     np.savez(out, rgb=rgb.reshape(-1, 3), **{name: values.astype(np.float64) for name, values in arrays_of(found).items()})

@@ -20,7 +20,7 @@ from unisim_blender.core.render.tracers.compiled.tracer import CompiledBackend
 from unisim_blender.core.sensors.frames import RenderStats
 
 from .measures import Bench, Measure, most
-from .scenes import make_scene, picture_rays
+from .scenes import image_rays, make_scene
 from .truths import beside_truth, tracers
 
 
@@ -42,7 +42,7 @@ def opaque_and_empty(bench: Bench) -> Iterator[Measure]:
 
     for name, change, wanted, drive in (("opaque", opaque, 1.0, edited(CARS)), ("empty", empty, 0.0, drive_of(CARS))):
         folder = make_scene(bench.folder / name, drive, change)
-        rays = picture_rays(drive, bench.full)
+        rays = image_rays(drive, bench.full)
         for measure in beside_truth(folder, drive, rays, 1e-5, 1e-6, 5e-4):
             yield dataclasses.replace(measure, what=f"{name}, {measure.what}")
         for which, tracer in tracers(folder, drive).items():
@@ -74,7 +74,7 @@ def not_numbers(bench: Bench) -> Iterator[Measure]:
         return
     drive = edited(CARS)
     folder = make_scene(bench.folder / "scene", drive)
-    rays = picture_rays(drive, bench.full)
+    rays = image_rays(drive, bench.full)
     for bits in (0x7E00, 0x7C00, 0xFC00, 0xFFFF):
         tracer = bound_to(CompiledBackend(CompiledScene(folder)), drive)
         kept = []

@@ -69,10 +69,10 @@ def test_a_part_has_no_key_that_it_does_not_need() -> None:
 
 
 def moving(uid: str, keys: int, rng: np.random.Generator) -> Actor:
-    way = random_trajectory(keys, rng)
+    trajectory = random_trajectory(keys, rng)
     start, end = sorted(rng.uniform(-1, 3, 2).tolist())
     size = rng.uniform(0.5, 6, 3)
-    return still(uid, (0, 0, 0), size, world_from_actor=way, start_s=start, end_s=end, is_moving=keys > 1)
+    return still(uid, (0, 0, 0), size, world_from_actor=trajectory, start_s=start, end_s=end, is_moving=keys > 1)
 
 
 @pytest.mark.parametrize("counts", ((1,), (2,), (7,), (1, 1), (1, 2, 3, 9, 30, 2, 1)))
@@ -113,13 +113,15 @@ def driving(uid: str, rng: np.random.Generator) -> Actor:
     keys = int(rng.choice([1, 2, 6]))
     times = -1 + np.cumsum(rng.uniform(0.05, 0.8, keys))
     steps = rng.normal(0, [10, 10, 0.5]) * np.diff(times, prepend=times[0])[:, None]
-    way = Trajectory(
+    trajectory = Trajectory(
         times,
         rng.uniform([-30, -30, -2], [30, 30, 2]) + np.cumsum(steps, 0),
         quaternion_from_yaw(rng.uniform(-3, 3) + 0.4 * times),
     )
     start, end = sorted(rng.uniform(-1, 4, 2).tolist())
-    return still(uid, (0, 0, 0), rng.uniform(0.5, 6, 3), world_from_actor=way, start_s=start, end_s=end, is_moving=keys > 1)
+    return still(
+        uid, (0, 0, 0), rng.uniform(0.5, 6, 3), world_from_actor=trajectory, start_s=start, end_s=end, is_moving=keys > 1
+    )
 
 
 @pytest.mark.parametrize("seed", range(4))

@@ -111,10 +111,10 @@ def test_a_state_is_cut_to_its_window(drive: Drive) -> None:
         times = np.linspace(0.1, 0.35, 26)
         np.testing.assert_array_equal(actor.world_from_actor.at(times), recorded.world_from_actor.at(times))
         # all else is the drive's
-        way, window = recorded.world_from_actor, (recorded.start_s, recorded.end_s)
-        assert replace(actor, world_from_actor=way, start_s=window[0], end_s=window[1]) == recorded
+        trajectory, window = recorded.world_from_actor, (recorded.start_s, recorded.end_s)
+        assert replace(actor, world_from_actor=trajectory, start_s=window[0], end_s=window[1]) == recorded
     assert state.static_copies == drive.static_copies and state.removed_boxes == drive.static_removals
-    assert {actor.look.scene for actor in state.actors} == {"", GUEST_SCENE}
+    assert {actor.appearance.scene for actor in state.actors} == {"", GUEST_SCENE}
 
 
 def test_windows_of_presence_reach_beyond_the_first_and_the_last_frame() -> None:
@@ -134,7 +134,7 @@ def test_boxes_of_parked_actors_are_empty_unless_these_stand_in_them() -> None:
     away[0, 3] = 1e-9
     there = {
         "as it was": parked,
-        "another look": replace(parked, look=replace(parked.look, actor="van")),
+        "another look": replace(parked, appearance=replace(parked.appearance, actor="van")),
         "moved": replace(parked, world_from_actor=parked.world_from_actor.transformed(away)),
         "driving": replace(parked, is_moving=True),
         "smaller": replace(parked, size_m=parked.size_m / 2, scale=(0.5, 0.5, 0.5)),

@@ -31,20 +31,20 @@ def with_actor(drive: Drive, uid: str, change: Callable[[Actor], Actor]) -> Driv
     return replace(drive, actors={**drive.actors, uid: change(drive.actors[uid])})
 
 
-def nudged(way: Trajectory, near_s: float, of: str = "positions", by: float = 1e-9) -> Trajectory:
+def nudged(trajectory: Trajectory, near_s: float, of: str = "positions", by: float = 1e-9) -> Trajectory:
     """The way with one number of the last key before a time changed."""
-    values: FloatArray = getattr(way, of).copy()
-    key = max(int(np.searchsorted(way.times_s, near_s, side="right")) - 1, 0)
+    values: FloatArray = getattr(trajectory, of).copy()
+    key = max(int(np.searchsorted(trajectory.times_s, near_s, side="right")) - 1, 0)
     values[key, ...] += by if values.ndim == 1 else np.eye(values.shape[1])[0] * by
-    return replace(way, **{of: values})
+    return replace(trajectory, **{of: values})
 
 
 def turned(actor: Actor) -> Actor:
     return replace(actor, world_from_actor=nudged(actor.world_from_actor, 0.2, "quaternions_wxyz"))
 
 
-def look(**changes: str) -> Callable[[Actor], Actor]:
-    return lambda actor: replace(actor, look=replace(actor.look, **changes))
+def appearance(**changes: str) -> Callable[[Actor], Actor]:
+    return lambda actor: replace(actor, appearance=replace(actor.appearance, **changes))
 
 
 CHANGED_ACTORS: dict[str, tuple[str, Callable[[Actor], Actor]]] = {
@@ -56,9 +56,9 @@ CHANGED_ACTORS: dict[str, tuple[str, Callable[[Actor], Actor]]] = {
     "of another label": ("near", lambda a: replace(a, label="Van")),
     "scaled": ("cone", lambda a: replace(a, scale=(1.5, 0.8, 2.0 + 1e-9))),
     "larger": ("cone", lambda a: replace(a, size_m=a.size_m + [0, 1e-9, 0])),
-    "of another look": ("near", look(actor="cone")),
-    "of another scene": ("guest", look(scene="elsewhere")),
-    "of another mesh": ("cube", look(mesh="/elsewhere.ply")),
+    "of another look": ("near", appearance(actor="cone")),
+    "of another scene": ("guest", appearance(scene="elsewhere")),
+    "of another mesh": ("cube", appearance(mesh="/elsewhere.ply")),
     "inserted": ("near", lambda a: replace(a, inserted=True)),
     "a body": ("cube", lambda a: replace(a, is_ego_body=True)),
     "still": ("near", lambda a: replace(a, is_moving=False)),
@@ -123,7 +123,7 @@ def test_names_do_not_run_into_each_other(drive: Drive) -> None:
     names = [("ab", "c", "d"), ("a", "bc", "d"), ("a", "b", "cd"), ("abc", "", "d"), ("", "abc", "d"), ("abcd", "", "")]
     states = []
     for label, actor, mesh in names:
-        one = replace(cube, label=label, look=replace(cube.look, actor=actor, mesh=mesh))
+        one = replace(cube, label=label, appearance=replace(cube.appearance, actor=actor, mesh=mesh))
         states.append(state_of(replace(drive, actors={"cube": one})))
     assert len({state.digest for state in states}) == len(names)
 
@@ -131,16 +131,16 @@ def test_names_do_not_run_into_each_other(drive: Drive) -> None:
 def outside(drive: Drive) -> dict[str, Drive]:
     """Drives that differ beyond the window alone."""
 
-    def way(uid: str, at: float, of: str = "positions", by: float = 1.0) -> Drive:
+    def trajectory(uid: str, at: float, of: str = "positions", by: float = 1.0) -> Drive:
         return with_actor(drive, uid, lambda a: replace(a, world_from_actor=nudged(a.world_from_actor, at, of, by)))
 
     far = drive.actors["late"]
     return {
-        "a key long before": way("near", -0.05),
-        "a key long after": way("near", 0.55),
-        "a time long after": way("near", 0.55, "times_s", 1e-3),
+        "a key long before": trajectory("near", -0.05),
+        "a key long after": trajectory("near", 0.55),
+        "a time long after": trajectory("near", 0.55, "times_s", 1e-3),
         "the ego's keys": replace(drive, world_from_ego=nudged(drive.world_from_ego, 0.5)),
-        "who comes later": way("late", 0.4),
+        "who comes later": trajectory("late", 0.4),
         "who has left": replace(drive, actors={uid: a for uid, a in drive.actors.items() if uid != "early"}),
         "one more who comes later": replace(drive, actors={**drive.actors, "later": replace(far, uid="later")}),
         "how long one stays": with_actor(drive, "near", lambda a: replace(a, end_s=0.3)),

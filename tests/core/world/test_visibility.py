@@ -13,7 +13,7 @@ from unisim_blender.core.sensors.camera import camera_rays, pixel_grid
 from unisim_blender.core.sensors.exposure import exposure_window
 from unisim_blender.core.sensors.lidar import lidar_rays
 from unisim_blender.core.sensors.rays import Rays
-from unisim_blender.core.world.drive import Actor, Camera, CameraModel, Lidar, LidarModel, Look, RollingShutter
+from unisim_blender.core.world.drive import Actor, Appearance, Camera, CameraModel, Lidar, LidarModel, RollingShutter
 from unisim_blender.core.world.state import WorldState
 
 KEYS = np.linspace(0.0, 1.0, 6)
@@ -27,7 +27,7 @@ def random_trajectory(rng: np.random.Generator, spread_m: float, speed_m_s: floa
 
 
 def random_actor(rng: np.random.Generator, uid: str) -> Actor:
-    return Actor(uid, "Car", rng.uniform(0.3, 6.0, 3), random_trajectory(rng, 30.0, 15.0), 0.0, 1.0, True, Look(uid))
+    return Actor(uid, "Car", rng.uniform(0.3, 6.0, 3), random_trajectory(rng, 30.0, 15.0), 0.0, 1.0, True, Appearance(uid))
 
 
 def met(actor: Actor, rays: Rays) -> bool:
@@ -95,7 +95,7 @@ def test_little_is_kept_that_no_ray_meets() -> None:
     actors = []
     for i in range(300):
         place = Trajectory(np.zeros(1), rng.uniform(-30, 30, (1, 3)), quaternion_from_yaw(rng.uniform(-3, 3, 1)))
-        actors.append(Actor(f"a{i:03d}", "Car", rng.uniform(0.5, 4.0, 3), place, 0.0, 1.0, False, Look("a")))
+        actors.append(Actor(f"a{i:03d}", "Car", rng.uniform(0.5, 4.0, 3), place, 0.0, 1.0, False, Appearance("a")))
     seen = {actor.uid for actor in seen_by(state_of(actors, (0.5, 0.5)), camera, Reach()).actors}
     for actor in actors:
         is_met = frustum_meets(model, pose, actor)

@@ -117,9 +117,9 @@ def is_copy(scene: bpy.types.Scene, thing: bpy.types.Object) -> bool:
 
 def new_actor(name: str, actor: Actor) -> bpy.types.Object:
     """An object for an actor that no import brings, with the box of that actor's look; in no collection yet."""
-    thing = bpy.data.objects.new(name, box_mesh(actor.look_size_m, actor.label))
+    thing = bpy.data.objects.new(name, box_mesh(actor.appearance_size_m, actor.label))
     thing.rotation_mode, thing.show_wire = "QUATERNION", True
-    thing.unisim.kind, thing.unisim.uid = "ACTOR", actor.look.actor
+    thing.unisim.kind, thing.unisim.uid = "ACTOR", actor.appearance.actor
     return thing
 
 

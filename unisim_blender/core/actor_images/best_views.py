@@ -92,7 +92,7 @@ def best_views(
     """
     actors = list(drive.actors.values())
     seen = [
-        _look(actors, camera, tuple(frame for frame in image_frames.get(name, ()) if frame in camera.time_s))
+        _appearance(actors, camera, tuple(frame for frame in image_frames.get(name, ()) if frame in camera.time_s))
         for name, camera in drive.cameras.items()
     ]
     seen = [one for one in seen if one.frames]
@@ -108,7 +108,7 @@ def _spread(views: list[View], most: int) -> list[View]:
     return found
 
 
-def _look(actors: list[Actor], camera: Camera, frames: tuple[int, ...]) -> _Seen:
+def _appearance(actors: list[Actor], camera: Camera, frames: tuple[int, ...]) -> _Seen:
     times = np.array([camera.time_s[frame] for frame in frames])
     count, model = len(frames), camera.model
     poses = camera.world_from_camera.at(times)

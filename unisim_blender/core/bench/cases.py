@@ -152,8 +152,8 @@ def camera_case(subject: Subject, methods: Sequence[Method], settings: Settings,
     request = RenderRequest(subject.setup(threads=threads), subject.camera, TRUTH, width, regions)
     recorded = None
     if subject.log is not None:
-        picture = recorded_image(subject.log, subject.camera, subject.frame, width)
-        recorded = [picture[r.top : r.bottom, r.left : r.right] for r in regions]
+        image = recorded_image(subject.log, subject.camera, subject.frame, width)
+        recorded = [image[r.top : r.bottom, r.left : r.right] for r in regions]
     about = {"sensor": subject.camera, "frame": subject.frame, "width": width, "height": model.height}
     return Case("camera", about, _against_truth(subject, methods, request), recorded)
 
@@ -231,10 +231,10 @@ def scenes_case(subjects: Sequence[Subject], settings: Settings, threads: int) -
             "volume_m3": float(np.prod(header.volume["size_m"])),
             "actors": len(header.drive.actors),
         }
-        picture = _typical(subject, settings.growth_width, threads)
-        entries.append(Entry({**about, "sensor": "camera"}, DEFAULT, picture))
+        image = _typical(subject, settings.growth_width, threads)
+        entries.append(Entry({**about, "sensor": "camera"}, DEFAULT, image))
         if subject.lidar is not None:
-            sweep = replace(picture, sensor=subject.lidar, width=0)
+            sweep = replace(image, sensor=subject.lidar, width=0)
             entries.append(Entry({**about, "sensor": "lidar"}, DEFAULT, sweep))
     return Case("scenes", {"width": settings.growth_width}, entries)
 
@@ -242,8 +242,8 @@ def scenes_case(subjects: Sequence[Subject], settings: Settings, threads: int) -
 def memory_case(subject: Subject, settings: Settings, threads: int) -> Case:
     """A large image and a sweep, each in a process of its own."""
     width = settings.memory_width
-    picture = _typical(subject, width, threads)
-    entries = [Entry({"what": f"picture, {width} wide"}, DEFAULT, picture, once=True, fresh=True)]
+    image = _typical(subject, width, threads)
+    entries = [Entry({"what": f"picture, {width} wide"}, DEFAULT, image, once=True, fresh=True)]
     if subject.lidar is not None:
-        entries.append(Entry({"what": "sweep"}, DEFAULT, replace(picture, sensor=subject.lidar, width=0), once=True, fresh=True))
+        entries.append(Entry({"what": "sweep"}, DEFAULT, replace(image, sensor=subject.lidar, width=0), once=True, fresh=True))
     return Case("memory", {}, entries)

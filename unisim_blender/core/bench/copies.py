@@ -35,7 +35,7 @@ def grid(count: int, slope: float) -> FloatArray:
 
 def model_actor(drive: Drive) -> Actor:
     """The actor that is copied: the car, or whatever there is, of the middle size. Raises `SceneError`."""
-    actors = [actor for actor in drive.actors.values() if not actor.look.mesh]
+    actors = [actor for actor in drive.actors.values() if not actor.appearance.mesh]
     actors = [actor for actor in actors if actor.label == LABEL] or actors
     if not actors:
         raise SceneError(f"the drive {drive.name} has no actor that could be copied")
@@ -60,15 +60,17 @@ def with_copies(
     copies = {}
     for number, point in enumerate(points):
         uid = f"copy {number}"
-        way = Trajectory.from_poses(np.zeros(1), make_pose(point, quaternion_from_yaw(yaw))[None])
-        copies[uid] = replace(source, uid=uid, world_from_actor=way, start_s=first, end_s=last, is_moving=False, inserted=True)
+        trajectory = Trajectory.from_poses(np.zeros(1), make_pose(point, quaternion_from_yaw(yaw))[None])
+        copies[uid] = replace(
+            source, uid=uid, world_from_actor=trajectory, start_s=first, end_s=last, is_moving=False, inserted=True
+        )
     return replace(drive, actors={**drive.actors, **copies})
 
 
 def with_tracks(drive: Drive, count: int) -> Drive:
     """The drive with ``count`` copies of its actors, one of each in turn, present throughout; each copy's track is that of its
     actor, shifted. Raises `SceneError` where there is no actor that could be copied."""
-    sources = sorted((actor for actor in drive.actors.values() if not actor.look.mesh), key=lambda actor: actor.uid)
+    sources = sorted((actor for actor in drive.actors.values() if not actor.appearance.mesh), key=lambda actor: actor.uid)
     if count and not sources:
         raise SceneError(f"the drive {drive.name} has no actor that could be copied")
     first, last = drive.time_s[drive.frames[0]], drive.time_s[drive.frames[-1]]

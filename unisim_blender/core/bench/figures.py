@@ -16,7 +16,7 @@ FRONT = {"camera": "delta_e", "lidar": "p90_mm"}
 """The error that stands against run time."""
 
 
-def figures_of(cases: Sequence[Case]) -> dict[str, list[dict[str, Any]]]:
+def metrics_of(cases: Sequence[Case]) -> dict[str, list[dict[str, Any]]]:
     """By kind, each case that has begun: what it is about, and its entries."""
     found: dict[str, list[dict[str, Any]]] = {}
     for case in cases:

@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.transforms import Bbox
 
-from .figures import FRONT, front_of
+from .metrics import FRONT, front_of
 
 Row = dict[str, Any]
 Draw = Callable[[Axes, dict[str, Any]], None]
@@ -30,22 +30,22 @@ ERRORS = {
 }
 
 
-def pictures(figures: dict[str, list[dict[str, Any]]]) -> dict[str, bytes]:
+def images(metrics: dict[str, list[dict[str, Any]]]) -> dict[str, bytes]:
     """PNG files by their names, of what there are figures for."""
     found = {}
     with matplotlib.rc_context({"font.size": 9, "axes.spines.top": False, "axes.spines.right": False}):
-        cameras = [case for case in figures.get("camera", []) if any(_known(row, "delta_e") for row in case["entries"])]
+        cameras = [case for case in metrics.get("camera", []) if any(_known(row, "delta_e") for row in case["entries"])]
         if cameras:
             titles = [f"{case['sensor']}, {case['width']}×{case['height']}" for case in cameras]
             found["camera.png"] = _against_time(list(zip(cameras, titles, ("delta_e",) * len(cameras), strict=True)), "picture")
-        for case in figures.get("lidar", []):
+        for case in metrics.get("lidar", []):
             if any(_known(row, FRONT["lidar"]) for row in case["entries"]):
                 names = ("median_mm", "p90_mm", "p99_mm")
                 title = f"{case['sensor']}, {case['beams']}×{case['columns']}"
                 found["lidar.png"] = _against_time([(case, title, name) for name in names], "sweep")
-        panels = [(kind, draw) for kind, draw in GROWTH.items() if figures.get(kind) and figures[kind][0]["entries"]]
+        panels = [(kind, draw) for kind, draw in GROWTH.items() if metrics.get(kind) and metrics[kind][0]["entries"]]
         if panels:
-            found["growth.png"] = _growth(figures, panels)
+            found["growth.png"] = _growth(metrics, panels)
     return found
 
 
@@ -108,12 +108,12 @@ def _label(axes: Axes, points: list[tuple[float, float, str]]) -> None:
             axes.annotate("", (x, y), xytext=(offset[0], offset[1] + 3), textcoords="offset points", arrowprops=line)
 
 
-def _growth(figures: dict[str, list[dict[str, Any]]], panels: Sequence[tuple[str, Draw]]) -> bytes:
+def _growth(metrics: dict[str, list[dict[str, Any]]], panels: Sequence[tuple[str, Draw]]) -> bytes:
     figure = Figure(figsize=(5.2 * len(panels), 4.2), layout="constrained")
     for i, (kind, draw) in enumerate(panels):
         axes = figure.add_subplot(1, len(panels), i + 1)
         axes.grid(True, which="both", alpha=0.2)
-        draw(axes, figures[kind][0])
+        draw(axes, metrics[kind][0])
         axes.set_ylim(bottom=0)
         axes.set_ylabel("seconds")
     return _png(figure)

@@ -11,7 +11,7 @@ from ..evaluate.recorded import finite
 from ..files import write_file
 from ..json_file import json_bytes
 from .cases import Case
-from .figures import figures_of
+from .metrics import metrics_of
 from .settings import Settings
 from .tables import markdown
 
@@ -26,7 +26,7 @@ def document(
         "settings": asdict(settings),
         "left_out": list(left_out),
         "complete": complete,
-        "figures": figures_of(cases),
+        "figures": metrics_of(cases),
     }
 
 
@@ -36,9 +36,9 @@ def write_report(out: Path, document: dict[str, Any]) -> list[Path]:
     files = {"bench.json": json_bytes(finite(document)), "bench.md": markdown(document).encode()}
     for name, data in files.items():
         write_file(out / name, data)
-    from .plots import pictures
+    from .plots import images
 
-    drawn = pictures(document["figures"])
+    drawn = images(document["figures"])
     for name, data in drawn.items():
         write_file(out / name, data)
     return [out / name for name in (*files, *drawn)]

@@ -52,7 +52,7 @@ LIDAR: list[Column] = [
 
 def markdown(document: dict[str, Any]) -> str:
     """The whole document as `report.document` gives it."""
-    m, figures = document["machine"], document["figures"]
+    m, metrics = document["machine"], document["figures"]
     packages = ", ".join(f"{name} {release}" for name, release in m["packages"].items() if release)
     lines = [
         "# Run time against error", "",
@@ -67,7 +67,7 @@ def markdown(document: dict[str, Any]) -> str:
     if not document["complete"]:
         lines += ["", "**The measurement was interrupted: these are the figures until then.**"]
     for section, part in (("camera", _camera), ("lidar", _lidar), *GROWTH.items()):
-        for case in figures.get(section, []):
+        for case in metrics.get(section, []):
             lines += ["", *part(case)]
     return "\n".join(lines) + "\n"
 

@@ -25,7 +25,7 @@ MakeLog = Callable[[Path, dict[str, float | str]], object]
 class DemoResult:
     """The figures against the truth, and where things were written."""
 
-    figures: dict[str, Any]
+    metrics: dict[str, Any]
     frames: tuple[int, ...]
     rendered: Path
     contact_sheet: Path
@@ -49,8 +49,8 @@ def run_demo(
     say(f"Rendering the edited drive, frames {text}")
     render_sequence(plan, out / "frames", jobs, resume=True)
     say("Comparing with the truth of the edit")
-    figures = evaluate_scenario(log, scenario, out / "truth", EvaluationOptions(frames=text), progress)
-    return DemoResult(figures, frames, out / "frames", out / "truth" / "contact_sheet.png", out / "truth" / "index.html")
+    metrics = evaluate_scenario(log, scenario, out / "truth", EvaluationOptions(frames=text), progress)
+    return DemoResult(metrics, frames, out / "frames", out / "truth" / "contact_sheet.png", out / "truth" / "index.html")
 
 
 def ensure_street_log(scenario: Path, make_log: MakeLog, say: Callable[[str], object]) -> Path:

@@ -124,12 +124,12 @@ def _recorded(bench: Bench, name: str, made: Made, part: Part, progress: Progres
             recorded, rendered, difference = row[:3]
             judged.add(images.frame, camera, recorded, rendered, difference)
 
-    figures = evaluate(renderer, log, plan, on_frame, lambda frames: progress(frames, f"{name}: {part.name}"))
+    metrics = evaluate(renderer, log, plan, on_frame, lambda frames: progress(frames, f"{name}: {part.name}"))
     return {
-        "camera": {"edit": figures["camera"]},
-        "lidar": {"edit": figures["lidar"]},
+        "camera": {"edit": metrics["camera"]},
+        "lidar": {"edit": metrics["lidar"]},
         "seconds": renderer.medians(),
-        "psnr_db": {str(r["frame"]): {c: f["psnr_db"] for c, f in r["camera"].items()} for r in figures["per_frame"]},
+        "psnr_db": {str(r["frame"]): {c: f["psnr_db"] for c, f in r["camera"].items()} for r in metrics["per_frame"]},
         **judged.fid(),
     }
 

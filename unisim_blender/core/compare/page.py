@@ -30,9 +30,9 @@ def page(
     for part in parts:
         for frame in shown_frames(part):
             for camera in cameras:
-                figures = "".join(_figures(out, part, frame, camera, rows))
-                if figures:
-                    body.append(f"<h2>{escape(part.name)}: {escape(camera)} {frame}</h2>{figures}")
+                metrics = "".join(_metrics(out, part, frame, camera, rows))
+                if metrics:
+                    body.append(f"<h2>{escape(part.name)}: {escape(camera)} {frame}</h2>{metrics}")
     return page_html(title, body, _STYLE)
 
 
@@ -48,7 +48,7 @@ def _table(table: Table, rows: dict[str, dict[str, Any]]) -> str:
     return f"<h2>{escape(table.title)}</h2><table><tr>{head}</tr>{body}</table>"
 
 
-def _figures(out: Path, part: Part, frame: int, camera: str, rows: dict[str, dict[str, Any]]) -> Iterator[str]:
+def _metrics(out: Path, part: Part, frame: int, camera: str, rows: dict[str, dict[str, Any]]) -> Iterator[str]:
     """The truth, every method's image, and under them how far each is from the truth."""
     truth = image_path(out, part.name, frame, camera, "truth")
     if truth.is_file():

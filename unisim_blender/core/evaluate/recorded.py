@@ -96,8 +96,8 @@ def evaluate(
                 images.rows.append(row)
         per_frame.append(record)
         on_frame(images)
-    figures: dict[str, Any] = finite({**summarise(per_frame), "per_frame": per_frame})
-    return figures
+    metrics: dict[str, Any] = finite({**summarise(per_frame), "per_frame": per_frame})
+    return metrics
 
 
 def ego_speed(drive: Drive, frame: int) -> float:
@@ -245,33 +245,33 @@ LIDAR_FIGURES = (
 def summarise(per_frame: list[dict[str, Any]]) -> dict[str, Any]:
     """All frames' figures, those of driving frames beside them, and each sensor's own."""
     summary: dict[str, Any] = {}
-    for kind, figures in (("camera", camera_figures), ("lidar", lidar_figures)):
+    for kind, metrics in (("camera", camera_figures), ("lidar", sweep_metrics)):
         driving = [record for record in per_frame if record["driving"]]
-        summary[kind] = figures(_of_sensors(per_frame, kind))
-        summary[kind]["driving"] = figures(_of_sensors(driving, kind))
+        summary[kind] = metrics(_of_sensors(per_frame, kind))
+        summary[kind]["driving"] = metrics(_of_sensors(driving, kind))
         names = dict.fromkeys(name for record in per_frame for name in record[kind])
-        summary[kind]["by_sensor"] = {name: figures(_of_sensors(per_frame, kind, name)) for name in names}
+        summary[kind]["by_sensor"] = {name: metrics(_of_sensors(per_frame, kind, name)) for name in names}
     return summary
 
 
 def camera_figures(images: list[dict[str, Any]], masks: Iterable[str] = MASKS) -> dict[str, Any]:
     """The images' mean figures, and those within each mask."""
-    figures: dict[str, Any] = {"images": len(images), **{name: mean_of(images, name) for name in CAMERA_FIGURES}}
+    metrics: dict[str, Any] = {"images": len(images), **{name: mean_of(images, name) for name in CAMERA_FIGURES}}
     if all("lpips" not in image for image in images):
-        del figures["lpips"]
+        del metrics["lpips"]
     for mask in masks:
         parts = [image[mask] for image in images if mask in image and image[mask]["pixels"]]
         pixels = sum(part["pixels"] for part in parts)
         error = sum(part["mean_squared_error"] * part["pixels"] for part in parts)
-        figures[mask] = {
+        metrics[mask] = {
             "psnr_db": psnr_from_error(error / pixels) if pixels else None,
             "ssim": mean_of(parts, "ssim"),
             "pixels": pixels,
         }
-    return figures
+    return metrics
 
 
-def lidar_figures(sweeps: list[dict[str, Any]]) -> dict[str, Any]:
+def sweep_metrics(sweeps: list[dict[str, Any]]) -> dict[str, Any]:
     """The sweeps' mean figures."""
     return {"sweeps": len(sweeps), **{name: mean_of(sweeps, name) for name in LIDAR_FIGURES}}
 

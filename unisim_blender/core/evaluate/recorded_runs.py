@@ -51,9 +51,9 @@ def evaluate_scene(scene: Path, log_path: Path, out: Path, options: EvaluationOp
     plan = _plan(header, log.drive, options)
     renderer = SceneSource(scene, drive, options.quality, options.device)()
     report = Report(out, f"{header.name} against {log.drive.name}")
-    figures = evaluate(renderer, log, plan, report.add, lambda frames: progress(frames, log.drive.name))
+    metrics = evaluate(renderer, log, plan, report.add, lambda frames: progress(frames, log.drive.name))
     if (noise := disturbance_taken_back(header, log.drive)) is not None:
-        figures["tracklets"] = noise
+        metrics["tracklets"] = noise
     about = {
         "scene": {"name": header.name, "sha256": scene_hash(scene)},
         "log": log.drive.name,
@@ -62,8 +62,8 @@ def evaluate_scene(scene: Path, log_path: Path, out: Path, options: EvaluationOp
         "width": plan.width,
         "frames": list(plan.frames),
     }
-    write_file(out / "metrics.json", json_bytes({**about, **figures}))
-    summary = {name: value for name, value in figures.items() if name != "per_frame"}
+    write_file(out / "metrics.json", json_bytes({**about, **metrics}))
+    summary = {name: value for name, value in metrics.items() if name != "per_frame"}
     report.finish(summary)
     return summary
 
@@ -79,19 +79,19 @@ def evaluate_split(
         if not folder.is_dir():
             raise UnisimError(f"{folder}: is missing; the split has the logs {', '.join(logs)}")
     per_log = {name: evaluate_scene(scenes / name, log_root / name, out / name, options, progress) for name in logs}
-    figures = mean_figures(list(per_log.values()))
-    write_file(out / "metrics.json", json_bytes({**figures, "per_log": per_log}))
-    Report(out, f"{len(logs)} logs").finish({**figures, "per_log": per_log})
-    return figures
+    metrics = mean_metrics(list(per_log.values()))
+    write_file(out / "metrics.json", json_bytes({**metrics, "per_log": per_log}))
+    Report(out, f"{len(logs)} logs").finish({**metrics, "per_log": per_log})
+    return metrics
 
 
-def mean_figures(logs: list[dict[str, Any]]) -> dict[str, Any]:
+def mean_metrics(logs: list[dict[str, Any]]) -> dict[str, Any]:
     """The mean of every figure that is a number in some of the logs, over those logs; what belongs to one sensor is left out."""
     means: dict[str, Any] = {}
     for name in dict.fromkeys(name for log in logs for name in log if name != "by_sensor"):
         values = [log[name] for log in logs if log.get(name) is not None]
         if values and isinstance(values[0], dict):
-            means[name] = mean_figures(values)
+            means[name] = mean_metrics(values)
         else:
             means[name] = float(np.mean(values)) if values else None
     return means

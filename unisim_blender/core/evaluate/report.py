@@ -29,18 +29,18 @@ class Report:
 
     def add(self, images: FrameImages) -> None:
         """Write one frame's images. Raises `OutputError`."""
-        figures = []
+        metrics = []
         for number, row in enumerate(images.rows):
             for place, tile in enumerate(row):
                 name = f"pictures/{images.frame:06d}_{number}_{place}.png"
                 write_file(self.out / name, png_bytes(tile.pixels))
-                figures.append(figure_html(name, tile.label))
-            figures.append("<br>")
-        self._sections.append(f"<h2>Frame {images.frame}</h2>\n" + "\n".join(figures))
+                metrics.append(figure_html(name, tile.label))
+            metrics.append("<br>")
+        self._sections.append(f"<h2>Frame {images.frame}</h2>\n" + "\n".join(metrics))
 
-    def finish(self, figures: dict[str, Any]) -> Path:
-        """Write the page with a table of ``figures``, a nested object of numbers; the page's path. Raises `OutputError`."""
-        rows = "".join(f"<tr><td>{escape(name)}</td><td>{value}</td></tr>" for name, value in flat_figures(figures))
+    def finish(self, metrics: dict[str, Any]) -> Path:
+        """Write the page with a table of ``metrics``, a nested object of numbers; the page's path. Raises `OutputError`."""
+        rows = "".join(f"<tr><td>{escape(name)}</td><td>{value}</td></tr>" for name, value in flat_metrics(metrics))
         path = self.out / "index.html"
         parts = [f"<h1>{escape(self.title)}</h1>", f"<table>{rows}</table>", *self._sections]
         write_file(path, page_html(self.title, parts).encode())
@@ -59,12 +59,12 @@ def figure_html(source: str, caption: str) -> str:
     return f'<figure><img src="{source}" alt="{caption}"><figcaption>{caption}</figcaption></figure>'
 
 
-def flat_figures(figures: dict[str, Any], prefix: str = "") -> list[tuple[str, str]]:
+def flat_metrics(metrics: dict[str, Any], prefix: str = "") -> list[tuple[str, str]]:
     """Dotted names and printed values of a nested object's numbers and words; lists and missing values are left out."""
     lines = []
-    for name, value in figures.items():
+    for name, value in metrics.items():
         if isinstance(value, dict):
-            lines += flat_figures(value, f"{prefix}{name}.")
+            lines += flat_metrics(value, f"{prefix}{name}.")
         elif isinstance(value, float):
             lines.append((prefix + name, f"{value:.4g}"))
         elif isinstance(value, int | str):

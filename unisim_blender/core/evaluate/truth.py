@@ -58,7 +58,7 @@ class EditRegions:
         }
 
 
-def image_figures(rendered: ImageArray, truth: ImageArray, regions: EditRegions) -> dict[str, Any]:
+def edit_image_metrics(rendered: ImageArray, truth: ImageArray, regions: EditRegions) -> dict[str, Any]:
     """Figures of a rendered image over the frame and within each region."""
     return image_metrics(rendered, truth, regions.masks())
 
@@ -71,7 +71,7 @@ class Cloud:
     intensity: NDArray[np.float32]
 
 
-def lidar_figures_beside(
+def lidar_metrics_beside(
     renderer: RayRenderer, truth: LidarFrame, blocked: BoolArray | None
 ) -> tuple[dict[str, Any], Cloud, Cloud]:
     """Render the rays of a true sweep, those that the vehicle blocks left out; the figures, and rendered and true points."""
@@ -80,11 +80,11 @@ def lidar_figures_beside(
     depth, intensity, probability, _ = renderer.rays_lidar(origins, directions, truth.time_s[cells])
     returned = (probability >= 0.5) & (depth >= truth.model.min_range_m) & (depth <= truth.model.max_range_m)
     true_depth, true_intensity, true_returned = truth.depth_m[cells], truth.intensity[cells], truth.returned[cells]
-    figures: dict[str, Any] = lidar_metrics(depth, intensity, returned, true_depth, true_intensity, true_returned)
+    metrics: dict[str, Any] = lidar_metrics(depth, intensity, returned, true_depth, true_intensity, true_returned)
     rendered_points = origins[returned] + directions[returned] * depth[returned, None].astype(np.float64)
     true_points = origins[true_returned] + directions[true_returned] * true_depth[true_returned, None].astype(np.float64)
-    figures |= chamfer(rendered_points, true_points)
-    return figures, Cloud(rendered_points, intensity[returned]), Cloud(true_points, true_intensity[true_returned])
+    metrics |= chamfer(rendered_points, true_points)
+    return metrics, Cloud(rendered_points, intensity[returned]), Cloud(true_points, true_intensity[true_returned])
 
 
 def summarise_truth(per_frame: list[dict[str, Any]]) -> dict[str, Any]:

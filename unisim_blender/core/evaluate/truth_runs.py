@@ -27,7 +27,7 @@ from .recorded import FrameImages, Perceptual, RayRenderer, finite
 from .recorded_runs import EvaluationOptions, Progress, perceptual_metric, trained_frames
 from .report import Report
 from .true_edits import Part, TrueEdit, TrueImages
-from .truth import image_figures, lidar_figures_beside, summarise_truth
+from .truth import edit_image_metrics, lidar_metrics_beside, summarise_truth
 
 
 class Truth(Protocol):
@@ -76,12 +76,12 @@ def evaluate_scenarios(
     """
     if len(scenarios) == 1:
         return evaluate_scenario(street_path, scenarios[0], out, options, progress, scene)
-    figures = {}
+    metrics = {}
     for path in scenarios:
-        figures[path.stem] = evaluate_scenario(street_path, path, out / path.stem, options, progress, scene)
-    write_file(out / "metrics.json", json_bytes(figures))
-    Report(out, "Edits against the truth").finish(figures)
-    return figures
+        metrics[path.stem] = evaluate_scenario(street_path, path, out / path.stem, options, progress, scene)
+    write_file(out / "metrics.json", json_bytes(metrics))
+    Report(out, "Edits against the truth").finish(metrics)
+    return metrics
 
 
 def evaluate_scenario(
@@ -119,7 +119,7 @@ def evaluate_scenario(
         per_frame.append(record)
         rows += images.rows
         report.add(images)
-    figures = summarise_truth(per_frame)
+    metrics = summarise_truth(per_frame)
     about = {
         "scenario": {"name": name, "sha256": scenario_hash(rendered.scenario)},
         "scene": {"name": header.name, "sha256": scene_hash(header.path)},
@@ -130,10 +130,10 @@ def evaluate_scenario(
         "frames": list(frames),
         "trained_frames": list(trained_frames(header)),
     }
-    write_file(out / "metrics.json", json_bytes({**about, **figures, "per_frame": finite(per_frame)}))
+    write_file(out / "metrics.json", json_bytes({**about, **metrics, "per_frame": finite(per_frame)}))
     write_contact_sheet(out / "contact_sheet.png", rows)
-    report.finish(figures)
-    return figures
+    report.finish(metrics)
+    return metrics
 
 
 def compare_frame(run: ScenarioRun, frame: int) -> tuple[dict[str, Any], FrameImages]:
@@ -155,16 +155,16 @@ def compare_frame(run: ScenarioRun, frame: int) -> tuple[dict[str, Any], FrameIm
 def _compare_camera(run: ScenarioRun, name: str, frame: int) -> tuple[dict[str, Any], CameraRow]:
     true = run.truth.images(name, frame)
     edited, replay = _image(run.edited, name, frame, run.width), None
-    found = {"edit": _figures(run, edited, true.edit, true)}
+    found = {"edit": _metrics(run, edited, true.edit, true)}
     if true.replay is not None and run.replay is not None:
         replay = _image(run.replay, name, frame, run.width)
         if replay.shape == edited.shape:
-            found["replay"] = _figures(run, replay, true.replay, true)
+            found["replay"] = _metrics(run, replay, true.replay, true)
     return found, camera_row(f"{name} {frame}", true.replay, replay, edited, true.edit, true.regions.changed)
 
 
-def _figures(run: ScenarioRun, rendered: ImageArray, truth: ImageArray, true: TrueImages) -> dict[str, Any]:
-    found = image_figures(rendered, truth, true.regions)
+def _metrics(run: ScenarioRun, rendered: ImageArray, truth: ImageArray, true: TrueImages) -> dict[str, Any]:
+    found = edit_image_metrics(rendered, truth, true.regions)
     if run.perceptual is not None:
         found["lpips"] = run.perceptual(rendered, truth)
     return found
@@ -182,7 +182,7 @@ def _compare_lidar(run: ScenarioRun, name: str, frame: int) -> tuple[dict[str, A
         if renderer is None or truth is None:
             continue
         drive = run.truth.drive(part)
-        found[part], rendered, true = lidar_figures_beside(renderer, truth, drive.lidars[name].blocked)
+        found[part], rendered, true = lidar_metrics_beside(renderer, truth, drive.lidars[name].blocked)
         ego = drive.world_from_ego.at(drive.time_s[frame])
         size = (run.width or next((c.model.width for c in drive.cameras.values()), 480), 360)
         labels = (f"{name} {frame}: recorded", "replay") if part == "replay" else ("truth of the edit", "edited")

@@ -93,7 +93,7 @@ class MeshActors:
     @cached_property
     def meshes(self) -> list[Mesh]:
         """Their meshes; one for all that share a file."""
-        return [ready(read_mesh(Path(actor.look.mesh))) for actor in self.actors]
+        return [ready(read_mesh(Path(actor.appearance.mesh))) for actor in self.actors]
 
     def hit_by_camera(
         self,

@@ -118,10 +118,10 @@ def _read_forecast(node: Node) -> Forecast:
     probabilities = []
     for mode in node.elements():
         _known(mode, {"positions", "probability"})
-        way = mode.key("positions").array(-1, 2)
-        if not len(way) or (positions and len(way) != len(positions[0])):
+        trajectory = mode.key("positions").array(-1, 2)
+        if not len(trajectory) or (positions and len(trajectory) != len(positions[0])):
             mode.key("positions").fail("must have as many positions as the other modes, and at least one")
-        positions.append(way)
+        positions.append(trajectory)
         probabilities.append(mode.key("probability").number() if "probability" in mode.value else 1.0)
     if not positions:
         node.fail("has no mode")
@@ -152,7 +152,7 @@ def _frame_to_json(key: FrameKey, frame: FrameOutput, scored: bool) -> dict[str,
         forecast = frame.forecasts[index] if frame.forecasts else None
         if forecast is not None:
             pairs = zip(forecast.probabilities.tolist(), forecast.modes.tolist(), strict=True)
-            item["modes"] = [{"probability": probability, "positions": way} for probability, way in pairs]
+            item["modes"] = [{"probability": probability, "positions": trajectory} for probability, trajectory in pairs]
         boxes.append(item)
     plan = {} if frame.plan is None else {"plan": frame.plan.tolist()}
     return {"sequence": key[0], "frame": key[1], "boxes": boxes, **plan}

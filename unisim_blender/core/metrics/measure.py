@@ -93,15 +93,15 @@ class Precision:
     labels: int
     detections: int
 
-    def figures(self) -> dict[str, Any]:
+    def metrics(self) -> dict[str, Any]:
         """Values and intervals by name, as a JSON object; None where there is none."""
         names = [*(f"ap@{iou:g}" for iou in self.ious), "map"]
         values = [*self.ap, self.ap.mean()]
         samples = [*self.samples.T, self.samples.mean(1)]
-        figures: dict[str, Any] = {"labels": self.labels, "detections": self.detections}
+        metrics: dict[str, Any] = {"labels": self.labels, "detections": self.detections}
         for name, value, sample in zip(names, values, samples, strict=True):
-            figures[name] = {"value": _finite(float(value)), "interval": [_finite(end) for end in interval(sample)]}
-        return figures
+            metrics[name] = {"value": _finite(float(value)), "interval": [_finite(end) for end in interval(sample)]}
+        return metrics
 
 
 def precision(
@@ -140,11 +140,11 @@ def forecasts(outputs: Outputs, labels: Outputs, name: str) -> dict[str, Any] | 
             wanted = truth.forecasts[matched[index]] if truth.forecasts else None
             if given is None or wanted is None:
                 continue
-            way = wanted.modes[wanted.probabilities.argmax()]
-            if len(way) > given.modes.shape[1]:
-                steps = f"{given.modes.shape[1]} of its label's {len(way)} positions"
+            trajectory = wanted.modes[wanted.probabilities.argmax()]
+            if len(trajectory) > given.modes.shape[1]:
+                steps = f"{given.modes.shape[1]} of its label's {len(trajectory)} positions"
                 raise MetricsError(f"{outputs.path}: frame {key[1]}: a forecast has {steps}")
-            errors.append(min_ade(given.modes, given.probabilities, way))
+            errors.append(min_ade(given.modes, given.probabilities, trajectory))
     mean = _finite(float(np.mean(errors))) if errors else None
     return {"min_ade_m": mean, "actors": len(errors), "f1": f1, "least_score": _finite(least)}
 
@@ -172,19 +172,19 @@ def measure(
     if not outputs.scored:
         raise MetricsError(f"{outputs.path}: a detection has no score")
     chosen = tuple(ious or default_ious(labels.kind))
-    figures: dict[str, Any] = {"frames": len(labels.frames), "resampled": len(set(units_of(labels))), "classes": {}}
+    metrics: dict[str, Any] = {"frames": len(labels.frames), "resampled": len(set(units_of(labels))), "classes": {}}
     for name in classes_of(labels):
-        one = precision(outputs, labels, chosen, name, resamples, seed).figures()
+        one = precision(outputs, labels, chosen, name, resamples, seed).metrics()
         forecast = forecasts(outputs, labels, name)
-        figures["classes"][name] = one if forecast is None else {**one, "forecasts": forecast}
+        metrics["classes"][name] = one if forecast is None else {**one, "forecasts": forecast}
     plan = plans(outputs, labels)
-    return figures if plan is None else {**figures, "plans": plan}
+    return metrics if plan is None else {**metrics, "plans": plan}
 
 
-def table(figures: dict[str, Any]) -> list[str]:
+def table(metrics: dict[str, Any]) -> list[str]:
     """What `measure` gave, as lines to print: percent, with the interval that 95 % of resamples fall into."""
-    lines = [f"{figures['frames']} frames"]
-    for name, values in figures["classes"].items():
+    lines = [f"{metrics['frames']} frames"]
+    for name, values in metrics["classes"].items():
         lines.append(f"{name}: {values['labels']} labels, {values['detections']} detections")
         for key, value in values.items():
             if isinstance(value, dict) and "interval" in value:
@@ -194,9 +194,9 @@ def table(figures: dict[str, Any]) -> list[str]:
             forecast = values["forecasts"]
             error = "-" if forecast["min_ade_m"] is None else f"{forecast['min_ade_m']:.3f} m"
             lines.append(f"  minADE   {error} over {forecast['actors']} actors, at F1 {_percent(forecast['f1'])}")
-    if "plans" in figures:
+    if "plans" in metrics:
         lines.append(
-            f"plans: end-point error {figures['plans']['end_point_error_m']:.3f} m over {figures['plans']['frames']} frames"
+            f"plans: end-point error {metrics['plans']['end_point_error_m']:.3f} m over {metrics['plans']['frames']} frames"
         )
     return lines
 

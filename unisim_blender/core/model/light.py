@@ -36,8 +36,8 @@ class Light(nn.Module):
     home: Tensor
     around: Tensor
 
-    def forward(self, feature: Tensor, look: Tensor) -> Tensor:
+    def forward(self, feature: Tensor, appearance: Tensor) -> Tensor:
         """Features (P, K, F) of actors over ground that looks like this (P, F)."""
-        scale, shift = run_mlp(self.network, look)[:, None].chunk(2, -1)
+        scale, shift = run_mlp(self.network, appearance)[:, None].chunk(2, -1)
         lit: Tensor = feature * (1 + scale) + shift
         return lit

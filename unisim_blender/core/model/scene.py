@@ -67,8 +67,8 @@ class SceneModel(nn.Module):
             return feature
         around = (place[:, None] + F.pad(self.light.around, (0, 1))).reshape(-1, 3)
         with torch.no_grad():
-            look = self.static(self.ground.under(around))[1].view(len(place), len(self.light.around), -1).mean(1)
-        lit: Tensor = self.light(feature, look)
+            appearance = self.static(self.ground.under(around))[1].view(len(place), len(self.light.around), -1).mean(1)
+        lit: Tensor = self.light(feature, appearance)
         return lit
 
     def beta(self) -> Tensor:

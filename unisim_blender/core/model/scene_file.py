@@ -19,7 +19,7 @@ from ..data.own_vehicle import check_outlines
 from ..errors import SceneError, short
 from ..geometry import FloatArray, Trajectory
 from ..json_file import Node, read_json, write_text
-from ..world.drive import Actor, Box, Camera, CameraModel, Drive, Lidar, LidarModel, Look, RollingShutter, StaticCopy
+from ..world.drive import Actor, Appearance, Box, Camera, CameraModel, Drive, Lidar, LidarModel, RollingShutter, StaticCopy
 from ..world.replay import parked_boxes
 from .config import ModelConfig
 
@@ -281,7 +281,11 @@ def _actor_to_json(actor: Actor) -> dict[str, Any]:
         "start_s": float(actor.start_s),
         "end_s": float(actor.end_s),
         "is_moving": bool(actor.is_moving),
-        "look": {"actor": actor.look.actor, "scene": actor.look.scene, **({"mesh": actor.look.mesh} if actor.look.mesh else {})},
+        "look": {
+            "actor": actor.appearance.actor,
+            "scene": actor.appearance.scene,
+            **({"mesh": actor.appearance.mesh} if actor.appearance.mesh else {}),
+        },
         "inserted": bool(actor.inserted),
         **({"scale": list(actor.scale)} if actor.is_scaled else {}),
         **({"is_ego_body": True} if actor.is_ego_body else {}),
@@ -296,7 +300,7 @@ def _read_size(node: Node) -> FloatArray:
 
 
 def _read_actor(uid: str, node: Node) -> Actor:
-    look = node.key("look")
+    appearance = node.key("look")
     return Actor(
         uid=uid,
         label=node.key("label").text(),
@@ -305,7 +309,7 @@ def _read_actor(uid: str, node: Node) -> Actor:
         start_s=node.key("start_s").number(),
         end_s=node.key("end_s").number(),
         is_moving=node.key("is_moving").flag(),
-        look=Look(look.key("actor").text(), look.key("scene").text()),
+        appearance=Appearance(appearance.key("actor").text(), appearance.key("scene").text()),
         inserted=node.key("inserted").flag(),
         scale=_read_scale(node.key("scale")) if "scale" in node.object() else (1.0, 1.0, 1.0),
     )

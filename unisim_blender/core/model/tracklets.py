@@ -121,7 +121,7 @@ class Tracklets(nn.Module):
         self.register_buffer("positions", torch.as_tensor(keys.positions - self.corner).float(), persistent=False)
         self.register_buffer("quaternions", torch.as_tensor(keys.quaternions_wxyz).float(), persistent=False)
         self.register_buffer(
-            "sizes_m", torch.as_tensor(np.array([a.look_size_m for a in actors]).reshape(-1, 3)).float(), persistent=False
+            "sizes_m", torch.as_tensor(np.array([a.appearance_size_m for a in actors]).reshape(-1, 3)).float(), persistent=False
         )
         self.scaled = any(a.is_scaled for a in actors)
         self.register_buffer(

@@ -40,7 +40,9 @@ def moment_labels(drive: Drive, moment: Moment) -> dict[str, Any]:
             {"id": copy.uid, "size_m": np.asarray(copy.source.size_m).tolist(), "world": _pose(copy.world_from_target)}
             for copy in drive.static_copies
         ],
-        "sensors": {sensor.sensor_id: _sensor(drive, sensor, at, way.at(at)) for sensor, way, at in _sensors(drive, moment)},
+        "sensors": {
+            sensor.sensor_id: _sensor(drive, sensor, at, trajectory.at(at)) for sensor, trajectory, at in _sensors(drive, moment)
+        },
     }
 
 

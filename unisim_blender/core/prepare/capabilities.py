@@ -28,7 +28,9 @@ def capability_warnings(scene: Path, recorded: Drive, edited: Drive, sweeps: boo
     `SceneError`."""
     method, found = _method(stamp(scene)), []
     touched = [uid for uid in recorded.actors if edited.actors.get(uid) is not recorded.actors[uid]]
-    added = [uid for uid, a in edited.actors.items() if uid not in recorded.actors and not a.look.scene and not a.look.mesh]
+    added = [
+        uid for uid, a in edited.actors.items() if uid not in recorded.actors and not a.appearance.scene and not a.appearance.mesh
+    ]
     if not method.has_actors and (touched or added):
         every = [*touched, *added]
         names = ", ".join(every[:SHOWN]) + (f" and {len(every) - SHOWN} more" if len(every) > SHOWN else "")

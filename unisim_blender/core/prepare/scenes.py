@@ -14,7 +14,7 @@ from ..world.drive import Drive
 
 def other_scenes(drive: Drive) -> tuple[str, ...]:
     """Folders of the trained scenes that actors were inserted from."""
-    return tuple(sorted({actor.look.scene for actor in drive.actors.values()} - {""}))
+    return tuple(sorted({actor.appearance.scene for actor in drive.actors.values()} - {""}))
 
 
 def scene_paths(scene: Path, drive: Drive) -> tuple[Path, ...]:
@@ -36,7 +36,7 @@ def scene_hashes(scene: Path, drive: Drive) -> dict[str, str]:
 
 def mesh_hashes(drive: Drive) -> dict[str, str]:
     """Digests of all meshes in a drive, by the name that looks have for them."""
-    meshes = {actor.look.mesh for actor in drive.actors.values()} - {""}
+    meshes = {actor.appearance.mesh for actor in drive.actors.values()} - {""}
     return {name: sha256_of_file(Path(name)) for name in sorted(meshes)}
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from ..errors import SceneError
 from ..geometry import Trajectory
 from ..meshes.hits import MeshActors
-from ..world.drive import Actor, Box, Look, StaticCopy
+from ..world.drive import Actor, Appearance, Box, StaticCopy
 from ..world.state import WorldState
 
 
@@ -46,40 +46,40 @@ class ActiveActors:
         return self.own.uids + tuple(uid for actor_set in self.foreign.values() for uid in actor_set.uids) + self.mesh_actors.uids
 
 
-def active_actors(state: WorldState, looks: Mapping[str, Sequence[str] | None]) -> ActiveActors:
-    """The active actors of a state. ``looks`` are the actors that the rows of each scene's tables belong to, the scene's own
-    under "", others' under their paths, None for a scene that is one field: it has no own actors, and what a state says of them
-    is left out. Raises `SceneError`."""
-    one_field = looks[""] is None
-    actors = [a for a in state.actors if not one_field or a.look.scene or a.look.mesh]
+def active_actors(state: WorldState, appearances: Mapping[str, Sequence[str] | None]) -> ActiveActors:
+    """The active actors of a state. ``appearances`` are the actors that the rows of each scene's tables belong to, the scene's
+    own under "", others' under their paths, None for a scene that is one field: it has no own actors, and what a state says of
+    them is left out. Raises `SceneError`."""
+    one_field = appearances[""] is None
+    actors = [a for a in state.actors if not one_field or a.appearance.scene or a.appearance.mesh]
     foreign = {}
-    for path in sorted({a.look.scene for a in actors if a.look.scene}):
-        if path not in looks:
+    for path in sorted({a.appearance.scene for a in actors if a.appearance.scene}):
+        if path not in appearances:
             raise SceneError(f"{path}: this trained scene is needed for an inserted actor and was not loaded")
-        foreign[path] = _actor_set(looks[path], [a for a in actors if a.look.scene == path])
+        foreign[path] = _actor_set(appearances[path], [a for a in actors if a.appearance.scene == path])
     return ActiveActors(
-        own=_actor_set(looks[""], [a for a in actors if not a.look.scene and not a.look.mesh]),
+        own=_actor_set(appearances[""], [a for a in actors if not a.appearance.scene and not a.appearance.mesh]),
         foreign=foreign,
         removals=state.removed_boxes,
         targets=tuple(_target(state, copy) for copy in state.static_copies),
         sources=tuple(copy.source for copy in state.static_copies),
         # ego bodies last: the numbers of other meshes are the same for sensors that do not see them
-        mesh_actors=MeshActors(sorted((a for a in actors if a.look.mesh), key=lambda a: a.is_ego_body)),
+        mesh_actors=MeshActors(sorted((a for a in actors if a.appearance.mesh), key=lambda a: a.is_ego_body)),
     )
 
 
-def _actor_set(looks: Sequence[str] | None, actors: list[Actor]) -> ActorSet:
-    rows = {uid: row for row, uid in enumerate(looks or ())}
+def _actor_set(appearances: Sequence[str] | None, actors: list[Actor]) -> ActorSet:
+    rows = {uid: row for row, uid in enumerate(appearances or ())}
     for actor in actors:
-        if actor.look.actor not in rows:
-            where = f" at {actor.look.scene}" if actor.look.scene else ""
+        if actor.appearance.actor not in rows:
+            where = f" at {actor.appearance.scene}" if actor.appearance.scene else ""
             raise SceneError(
-                f"actor {actor.uid!r} has the look of {actor.look.actor!r}, which the trained scene{where} does not hold"
+                f"actor {actor.uid!r} has the look of {actor.appearance.actor!r}, which the trained scene{where} does not hold"
             )
-    return ActorSet(tuple(actors), tuple(rows[actor.look.actor] for actor in actors))
+    return ActorSet(tuple(actors), tuple(rows[actor.appearance.actor] for actor in actors))
 
 
 def _target(state: WorldState, copy: StaticCopy) -> Actor:
     """A copy's box as an actor that stands still throughout."""
-    way = Trajectory.from_poses(np.zeros(1), copy.world_from_target[None])
-    return Actor(copy.uid, "Static", copy.source.size_m, way, state.start_s, state.end_s, False, Look(copy.uid))
+    trajectory = Trajectory.from_poses(np.zeros(1), copy.world_from_target[None])
+    return Actor(copy.uid, "Static", copy.source.size_m, trajectory, state.start_s, state.end_s, False, Appearance(copy.uid))

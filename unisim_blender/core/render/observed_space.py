@@ -206,16 +206,16 @@ def observe_space(backend: Backend, header: SceneHeader, shown: NDArray[Any], vo
     frames = frames[:: -(-len(frames) // MOST_FRAMES)]
     outlines = outlines_from_json(training.get("own_vehicle"))
     states = DriveStates(drive, backend.parked)
-    looks: list[tuple[Camera | Lidar, Callable[[float], Rays], float]] = []
+    appearances: list[tuple[Camera | Lidar, Callable[[float], Rays], float]] = []
     for name in training.get("cameras", ()):
         if (camera := drive.cameras.get(name)) is not None:
             rays_at = _image_rays(camera, outlines.get(name))
-            looks += [(camera, rays_at, camera.time_s[frame]) for frame in frames if frame in camera.time_s]
+            appearances += [(camera, rays_at, camera.time_s[frame]) for frame in frames if frame in camera.time_s]
     for name in training.get("lidars", ()):
         if (lidar := drive.lidars.get(name)) is not None and lidar.model.beams:
-            looks += [(lidar, _sweep_rays(lidar), lidar.time_s[frame]) for frame in frames if frame in lidar.time_s]
-    for done, (sensor, rays_at, time_s) in enumerate(looks):
-        yield done / len(looks)
+            appearances += [(lidar, _sweep_rays(lidar), lidar.time_s[frame]) for frame in frames if frame in lidar.time_s]
+    for done, (sensor, rays_at, time_s) in enumerate(appearances):
+        yield done / len(appearances)
         rays, images = rays_at(time_s).flat().sound(), isinstance(sensor, Camera)
         tracer = backend.bind(states.state(*exposure_window(sensor, time_s)))
         made.add(rays, tracer.trace(rays, {"depth"}, images, None, RenderStats()).maps["depth"], images)

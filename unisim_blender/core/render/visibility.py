@@ -47,7 +47,7 @@ def seen_by(state: WorldState, sensor: Camera | Lidar, reach: Reach) -> WorldSta
     else:
         poses = sensor.world_from_camera.at(moments)
         keep = _in_frustum(corners, sensor.model, poses)
-        lit = [i for i, actor in enumerate(actors) if actor.look.mesh and keep[i]]
+        lit = [i for i, actor in enumerate(actors) if actor.appearance.mesh and keep[i]]
         keep |= _beside_lines_of_sight(corners, lit, poses[:, :3, 3], reach.light_m)
     seen, copies = keep[: len(actors)], keep[len(actors) : len(actors) + len(state.static_copies)]
     removed = keep[len(actors) + len(state.static_copies) :]

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..errors import ScenarioError, UnisimError
 from ..geometry import FloatArray, Trajectory
-from ..world.drive import Actor, Drive, Look
+from ..world.drive import Actor, Appearance, Drive
 from .faults import fail, listed
 from .keys import Keyframe, Present, ShiftKey
 from .motion import held
@@ -80,7 +80,7 @@ class Context:
             end = self.check_time(present.end_s, f"{place}.present.end_s")
         return start, end
 
-    def look_of(self, actor: str, scene: str | None, place: str, member: str) -> Actor:
+    def appearance_of(self, actor: str, scene: str | None, place: str, member: str) -> Actor:
         """The actor whose look an edit asks for, with its look's scene; of the log where no other scene is named."""
         if scene is None or self.scenario.resolve(scene) == self.scenario.scene_path:
             return actor_of(self.recorded.actors, actor, f"{place}.{member}", "in the log")
@@ -90,7 +90,7 @@ class Context:
         except UnisimError as fault:
             raise ScenarioError(f"{place}.scene: {fault}") from fault
         found = actor_of(actors, actor, f"{place}.{member}", f"in the scene {scene}")
-        return replace(found, look=Look(found.look.actor, found.look.scene or str(path)))
+        return replace(found, appearance=Appearance(found.appearance.actor, found.appearance.scene or str(path)))
 
 
 def actor_of(actors: dict[str, Actor], uid: str, place: str, where: str) -> Actor:

@@ -34,19 +34,19 @@ def carried_outside(drive: Drive, scenario: Scenario, times_us: Iterable[int]) -
     rule, ego_rule = actors_outside(scenario), ego_outside(scenario)
 
     def carried(actor: Actor) -> Actor:
-        way, own = actor.world_from_actor, told.get(actor.uid)
+        trajectory, own = actor.world_from_actor, told.get(actor.uid)
         if own == "absent":
             return actor
         if actor.is_ego_body:
-            way = _held(way, first_s, last_s) if ego_rule == "hold" else way
+            trajectory = _held(trajectory, first_s, last_s) if ego_rule == "hold" else trajectory
         elif not actor.is_moving or (own is None and rule == "hold"):
-            way = _held(way, first_s, last_s)
+            trajectory = _held(trajectory, first_s, last_s)
         elif own is None and rule == "absent":
             return replace(actor, start_s=max(actor.start_s, first_s), end_s=min(actor.end_s, last_s))
         start, end = actor.start_s, actor.end_s
         return replace(
             actor,
-            world_from_actor=way,
+            world_from_actor=trajectory,
             start_s=window[0] if start <= first_us / SECOND_US else start,
             end_s=window[1] if end >= last_us / SECOND_US else end,
         )
@@ -78,10 +78,10 @@ def _own_rules(scenario: Scenario) -> dict[str, str | None]:
     return told
 
 
-def _held(way: Trajectory, first_s: float, last_s: float) -> Trajectory:
+def _held(trajectory: Trajectory, first_s: float, last_s: float) -> Trajectory:
     """Return a trajectory that stands still before ``first_s`` and after ``last_s``."""
-    if len(way.times_s) == 1:
-        return way
-    inside = way.times_s[(way.times_s > first_s) & (way.times_s < last_s)]
+    if len(trajectory.times_s) == 1:
+        return trajectory
+    inside = trajectory.times_s[(trajectory.times_s > first_s) & (trajectory.times_s < last_s)]
     times = np.array([first_s - 1.0, first_s, *inside, last_s, last_s + 1.0])
-    return Trajectory.from_poses(times, way.at(np.clip(times, first_s, last_s)))
+    return Trajectory.from_poses(times, trajectory.at(np.clip(times, first_s, last_s)))

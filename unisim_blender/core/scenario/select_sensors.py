@@ -58,8 +58,8 @@ def _camera(drive: Drive, spec: CameraSpec, place: str, context: Context) -> Cam
     base = _base(drive.cameras, spec, place, "camera")
     model = new_camera_model(spec, place) if base is None else _changed_camera_model(base.model, spec, place)
     recorded = None if base is None else base.world_from_camera
-    way = _way(drive, spec, recorded, FRONT_FROM_OPTICAL, context, place)
-    return Camera(spec.id, model, way, _times(drive, base, spec.time_offset_s or 0.0), _sees_ego_body(spec))
+    trajectory = _trajectory(drive, spec, recorded, FRONT_FROM_OPTICAL, context, place)
+    return Camera(spec.id, model, trajectory, _times(drive, base, spec.time_offset_s or 0.0), _sees_ego_body(spec))
 
 
 def _sees_ego_body(spec: CameraSpec | LidarSpec) -> bool:
@@ -116,11 +116,11 @@ def _focal_length(spec: CameraSpec, width: int) -> float | None:
 def _lidar(drive: Drive, spec: LidarSpec, place: str, context: Context) -> Lidar:
     base = _base(drive.lidars, spec, place, "LiDAR")
     model = lidar_model(None if base is None else base.model, spec, place)
-    way = _way(drive, spec, None if base is None else base.world_from_lidar, np.eye(3), context, place)
+    trajectory = _trajectory(drive, spec, None if base is None else base.world_from_lidar, np.eye(3), context, place)
     blocked = None
-    if base is not None and base.model is model and way is base.world_from_lidar:
+    if base is not None and base.model is model and trajectory is base.world_from_lidar:
         blocked = base.blocked  # what the vehicle hides is known for the recorded beams on the recorded mount alone
-    return Lidar(spec.id, model, way, _times(drive, base, 0.0), blocked, _sees_ego_body(spec))
+    return Lidar(spec.id, model, trajectory, _times(drive, base, 0.0), blocked, _sees_ego_body(spec))
 
 
 def lidar_model(old: LidarModel | None, spec: LidarSpec, place: str) -> LidarModel:
@@ -155,7 +155,7 @@ def lidar_model(old: LidarModel | None, spec: LidarSpec, place: str) -> LidarMod
     return model
 
 
-def _way(
+def _trajectory(
     drive: Drive,
     spec: CameraSpec | LidarSpec,
     recorded: Trajectory | None,

@@ -81,11 +81,14 @@ class CaptureIdentities:
     def _digest(self, state: WorldState) -> bytes:
         """Return the state's digest, with digests in place of the paths of scenes and meshes: where they lie changes nothing."""
         digests = self.plan.scenes
-        looks = [
-            replace(a.look, **{kind: digests.get(path, path) for kind in ("scene", "mesh") if (path := getattr(a.look, kind))})
+        appearances = [
+            replace(
+                a.appearance,
+                **{kind: digests.get(path, path) for kind in ("scene", "mesh") if (path := getattr(a.appearance, kind))},
+            )
             for a in state.actors
         ]
-        actors = (replace(actor, look=look) for actor, look in zip(state.actors, looks, strict=True))
+        actors = (replace(actor, appearance=appearance) for actor, appearance in zip(state.actors, appearances, strict=True))
         return replace(state, actors=tuple(actors)).digest.encode()
 
     def _common(self, left_out: tuple[str, ...], formats: tuple[str, ...], bounds: list[str]) -> bytes:

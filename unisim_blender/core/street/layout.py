@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..geometry import FloatArray, Trajectory, make_pose, quaternion_from_yaw
-from ..world.drive import Actor, Look
+from ..world.drive import Actor, Appearance
 from . import furniture
 from .buildings import front_pose, house
 from .cars import PAINTS, STYLES, car
@@ -151,7 +151,7 @@ def _furniture(rng: np.random.Generator, plan: RoadPlan, travel: float, work_x: 
 
 def _actor(uid: str, label: str, size: FloatArray, keys: Trajectory, moving: bool, times: FloatArray) -> Actor:
     # an actor is there all through the drive, the last sweep's and the first image's margins included
-    return Actor(uid, label, size, keys, float(times[0]) - 0.5, float(times[-1]) + 0.5, moving, Look(uid))
+    return Actor(uid, label, size, keys, float(times[0]) - 0.5, float(times[-1]) + 0.5, moving, Appearance(uid))
 
 
 def _add_cars(

@@ -53,14 +53,16 @@ def usual_edits(street: Street) -> dict[str, list[dict[str, Any]]]:
     place = float(roomy[np.abs(roomy - middle).argmin()])
     # what no camera came near shows nobody how it looks
     passed = [uid for uid in x if uid != removed and _AHEAD_M[0] <= x[uid] <= _AHEAD_M[1] + travel]
-    look = min(passed or [removed], key=lambda uid: abs(float(actors[uid].size_m[0]) - _COMMON_M))
-    position = [place, PARKED_Y - float(street.drive.world_origin[1]), float(actors[look].size_m[2]) / 2]
+    appearance = min(passed or [removed], key=lambda uid: abs(float(actors[uid].size_m[0]) - _COMMON_M))
+    position = [place, PARKED_Y - float(street.drive.world_origin[1]), float(actors[appearance].size_m[2]) / 2]
     oncoming = next(uid for uid in sorted(actors) if actors[uid].is_moving and actors[uid].world_from_actor.poses[0, 0, 0] < 0)
     cone = {"type": "duplicate", "actor": "cone-3"}
     shifts = {f"shift-{m:g}m": [{"type": "ego", "shift": [{"frame": 0, "left_m": m}]}] for m in SHIFTS_M}
     return {
         "removal": [{"type": "remove", "actor": removed}],
-        "insertion": [{"type": "insert", "actor": look, "id": "inserted", "pose": {"position": position, "yaw_deg": 180.0}}],
+        "insertion": [
+            {"type": "insert", "actor": appearance, "id": "inserted", "pose": {"position": position, "yaw_deg": 180.0}}
+        ],
         "cones": [
             {**cone, "id": "cone-a", "world_offset_m": [-1.5, 1.2, 0.0]},
             {**cone, "id": "cone-b", "world_offset_m": [1.5, 1.0, 0.0]},

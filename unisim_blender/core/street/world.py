@@ -55,19 +55,21 @@ def make_world(street: Street, drive: Drive) -> World:
 
 def asset_of(street: Street, actor: Actor) -> Asset:
     """What an actor looks like."""
-    look = actor.look
+    appearance = actor.appearance
     source = street
-    if look.mesh:
-        raise ScenarioError(f"actor {actor.uid!r} is the mesh {look.mesh}, which a street's own renderer does not draw")
-    if look.scene:
-        if look.scene not in street.others:
+    if appearance.mesh:
+        raise ScenarioError(f"actor {actor.uid!r} is the mesh {appearance.mesh}, which a street's own renderer does not draw")
+    if appearance.scene:
+        if appearance.scene not in street.others:
             raise ScenarioError(
-                f"actor {actor.uid!r} looks like {look.actor!r} of {look.scene!r}, a scene whose street is not known"
+                f"actor {actor.uid!r} looks like {appearance.actor!r} of {appearance.scene!r}, a scene whose street is not known"
             )
-        source = street.others[look.scene]
-    if look.actor not in source.assets:
-        raise ScenarioError(f"actor {actor.uid!r} looks like {look.actor!r}, which street {source.recipe.seed} does not have")
-    return source.assets[look.actor]
+        source = street.others[appearance.scene]
+    if appearance.actor not in source.assets:
+        raise ScenarioError(
+            f"actor {actor.uid!r} looks like {appearance.actor!r}, which street {source.recipe.seed} does not have"
+        )
+    return source.assets[appearance.actor]
 
 
 def _moved(pose: FloatArray, box: Box) -> Box:

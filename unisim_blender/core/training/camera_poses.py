@@ -59,12 +59,12 @@ class CameraPoses(nn.Module):
 
     def corrected(self, camera: Camera, number: int) -> Camera:
         """The camera on its way as it is after the correction: every pose moved in its own axes."""
-        way = camera.world_from_camera
+        trajectory = camera.world_from_camera
         with torch.no_grad():
-            times = torch.as_tensor(way.times_s, device=self.times_s.device)
+            times = torch.as_tensor(trajectory.times_s, device=self.times_s.device)
             at = self.at(torch.full_like(times, number, dtype=torch.long), times)
         shift, turn = (value.cpu().double().numpy() for value in at)
-        rotation = matrix_from_quaternion(way.quaternions_wxyz)
-        positions = way.positions + np.einsum("kij,kj->ki", rotation, shift)
+        rotation = matrix_from_quaternion(trajectory.quaternions_wxyz)
+        positions = trajectory.positions + np.einsum("kij,kj->ki", rotation, shift)
         quaternions = quaternion_from_matrix(rotation @ Rotation.from_rotvec(turn).as_matrix())
-        return dataclasses.replace(camera, world_from_camera=Trajectory(way.times_s, positions, quaternions))
+        return dataclasses.replace(camera, world_from_camera=Trajectory(trajectory.times_s, positions, quaternions))

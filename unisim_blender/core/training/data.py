@@ -217,18 +217,18 @@ class LidarData:
         ordered, times = points[order], self.time_s[h][order]
         inside = np.zeros(len(points), bool)
         for actor in actors:
-            way, grown = actor.world_from_actor, np.asarray(actor.size_m) + 0.2
+            trajectory, grown = actor.world_from_actor, np.asarray(actor.size_m) + 0.2
             radius = np.linalg.norm(grown) / 2
-            low, high = way.positions.min(0) - radius, way.positions.max(0) + radius
+            low, high = trajectory.positions.min(0) - radius, trajectory.positions.max(0) + radius
             begin, end = np.searchsorted(ordered[:, 0], (low[0], high[0]))
             part = ordered[begin:end]
             near = (part[:, 1] >= low[1]) & (part[:, 1] <= high[1]) & actor.present(times[begin:end])
             at = begin + np.flatnonzero(near)
             # labels of what stands still may waver: it has one pose
             when = times[at] if actor.is_moving else np.full(len(at), (actor.start_s + actor.end_s) / 2)
-            close = ((ordered[at] - way.positions_at(when)) ** 2).sum(1) <= radius**2
+            close = ((ordered[at] - trajectory.positions_at(when)) ** 2).sum(1) <= radius**2
             at, when = at[close], when[close]
-            local = transform_points(invert_pose(way.at(when)), ordered[at][:, None])[:, 0]
+            local = transform_points(invert_pose(trajectory.at(when)), ordered[at][:, None])[:, 0]
             inside[order[at]] |= (np.abs(local) <= grown / 2).all(1)
         return self.corner + self.origins[h][~inside], points[~inside]
 

@@ -24,10 +24,10 @@ def disturbed(drive: Drive, metres: float, degrees: float, seed: int) -> Drive:
 def _disturbed(actor: Actor, metres: float, degrees: float, rng: np.random.Generator) -> Actor:
     if not actor.is_moving:
         return actor
-    way = actor.world_from_actor
-    shift = np.pad(rng.normal(0, metres, (len(way.times_s), 2)), ((0, 0), (0, 1)))
-    turn = quaternion_from_yaw(rng.normal(0, np.radians(degrees), len(way.times_s)))
-    moved = Trajectory(way.times_s, way.positions + shift, quaternion_product(turn, way.quaternions_wxyz))
+    trajectory = actor.world_from_actor
+    shift = np.pad(rng.normal(0, metres, (len(trajectory.times_s), 2)), ((0, 0), (0, 1)))
+    turn = quaternion_from_yaw(rng.normal(0, np.radians(degrees), len(trajectory.times_s)))
+    moved = Trajectory(trajectory.times_s, trajectory.positions + shift, quaternion_product(turn, trajectory.quaternions_wxyz))
     return replace(actor, world_from_actor=moved)
 
 

@@ -25,18 +25,18 @@ def fitted(drive: Drive) -> Drive:
 def _fitted(actor: Actor) -> Actor:
     if not actor.is_moving or len(actor.world_from_actor.times_s) < FEWEST_KEYS:
         return actor
-    return replace(actor, world_from_actor=fitted_way(actor.world_from_actor))
+    return replace(actor, world_from_actor=fitted_trajectory(actor.world_from_actor))
 
 
-def fitted_way(way: Trajectory) -> Trajectory:
+def fitted_trajectory(trajectory: Trajectory) -> Trajectory:
     """A way of T >= 3 keys with its x and y smoothed together, and its heading about the world's z; times, heights, pitch and
     roll stay. A way without noise stays where it is."""
-    positions = way.positions.copy()
-    positions[:, :2] += smoothing(way.times_s, positions[:, :2])
-    forward = matrix_from_quaternion(way.quaternions_wxyz)[:, :, 0]
+    positions = trajectory.positions.copy()
+    positions[:, :2] += smoothing(trajectory.times_s, positions[:, :2])
+    forward = matrix_from_quaternion(trajectory.quaternions_wxyz)[:, :, 0]
     yaw = np.unwrap(np.arctan2(forward[:, 1], forward[:, 0]))
-    turn = quaternion_from_yaw(smoothing(way.times_s, yaw[:, None])[:, 0])
-    return Trajectory(way.times_s, positions, quaternion_product(turn, way.quaternions_wxyz))
+    turn = quaternion_from_yaw(smoothing(trajectory.times_s, yaw[:, None])[:, 0])
+    return Trajectory(trajectory.times_s, positions, quaternion_product(turn, trajectory.quaternions_wxyz))
 
 
 def smoothing(times_s: FloatArray, values: FloatArray) -> FloatArray:

@@ -20,10 +20,10 @@ DRIVEN_STEP_M = 0.5
 
 def driven_places(drive: Drive) -> FloatArray:
     """Places (N, 3) of the ground that the vehicle drove over, world frame: its own origin is on the ground."""
-    way = drive.world_from_ego
+    trajectory = drive.world_from_ego
     ends = np.array([drive.time_s[frame] for frame in drive.frames])
-    length = np.linalg.norm(np.diff(way.positions_at(ends), axis=0), axis=1).sum()
-    return np.asarray(way.positions_at(np.linspace(ends[0], ends[-1], 2 + int(length / DRIVEN_STEP_M))))
+    length = np.linalg.norm(np.diff(trajectory.positions_at(ends), axis=0), axis=1).sum()
+    return np.asarray(trajectory.positions_at(np.linspace(ends[0], ends[-1], 2 + int(length / DRIVEN_STEP_M))))
 
 
 def ground_heights(points: FloatArray, size_m: FloatArray) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:

@@ -118,9 +118,9 @@ def _loop(trainer: Trainer, out: Path, stopped: list[int], quiet: bool) -> None:
     bar = Bar(total=100, unit="%", disable=quiet, bar_format="{percentage:5.1f}% |{bar}| {elapsed} {postfix}")
     with bar, (out / "training.jsonl").open("a") as history:
         while trainer.progress < 1 and not stopped:
-            figures = trainer.step()
+            metrics = trainer.step()
             trainer.elapsed_s = time.monotonic() - begun
-            for name, value in figures.items():
+            for name, value in metrics.items():
                 smooth[name] = value if name not in smooth else 0.98 * smooth[name] + 0.02 * value
             done = trainer.progress
             if trainer.iteration % 10 == 0:

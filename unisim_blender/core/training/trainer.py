@@ -39,7 +39,7 @@ from .camera_poses import CameraPoses
 from .config import TrainConfig
 from .data import CameraData, LidarBatch, LidarData, PatchBatch
 from .disturb import with_drive
-from .fitted_ways import fitted
+from .fitted_trajectories import fitted
 from .ground_heights import driven_places, ground_heights
 from .losses import colour_squares, distortion, lidar_terms, perceptual_stand_in
 from .parallel_losses import BranchGradients, run_branches
@@ -75,7 +75,7 @@ class _Branch:
     """What a branch of a step leaves: the values of its terms, figures, what its rays met, recorded and made-up images."""
 
     terms: dict[str, float]
-    figures: dict[str, float]
+    metrics: dict[str, float]
     traced: SegmentTrace | None
     fake: tuple[Tensor, Tensor] | None
 
@@ -95,8 +95,8 @@ class Trainer:
         self.lidars = config.lidars if self.recipe.uses_lidar else ()
         self.lidar = LidarData(log, list(self.lidars), list(config.frames), self.volume.corner)
         model = SceneModel(shapes, self.volume, tuple(sorted(drive.actors)), config.cameras)
-        looks = {uid: drive.actors[uid] for uid in model.actor_ids}
-        origins, points = self.lidar.static_returns(looks.values())
+        appearances = {uid: drive.actors[uid] for uid in model.actor_ids}
+        origins, points = self.lidar.static_returns(appearances.values())
         into = invert_pose(self.volume.world_from_volume)
         origins, points = transform_points(into, origins), transform_points(into, points)
         under = points if self.lidars else transform_points(into, driven_places(drive))
@@ -107,12 +107,12 @@ class Trainer:
             model.occupancy.values.copy_(torch.as_tensor(seeded))
         model.ground.heights.copy_(torch.as_tensor(heights))
         if model.light is not None:
-            home = [_middle(actor)[:3, 3] for actor in looks.values()]
+            home = [_middle(actor)[:3, 3] for actor in appearances.values()]
             model.light.home.copy_(torch.as_tensor(transform_points(into, np.reshape(home, (-1, 3)))))
         self.known_ground = torch.as_tensor(np.argwhere(known)).float().to(config.device)
         self.model = model.to(config.device)
         self.occupancy = OccupancyTrainer(self.model.occupancy)
-        actors = with_windows(drive, looks.values())
+        actors = with_windows(drive, appearances.values())
         self.tracklets = module_to(Tracklets(actors, refine=True, corner=self.volume.corner), config.device)
         self.rows = torch.arange(len(actors), device=config.device)
         mirrored = [self.recipe.mirrored * any(word in a.label.lower() for word in VEHICLES) for a in actors]
@@ -148,8 +148,8 @@ class Trainer:
                     self._sinks.append((module.sink, module.table))
         if self.config.device == "cpu":
             self.model.actors.sink = GradientSink()
-        looks = self.model.actors.own()
-        known = {id(p) for p in (*tables, *looks)}
+        appearances = self.model.actors.own()
+        known = {id(p) for p in (*tables, *appearances)}
         networks = [p for p in self.model.parameters() if id(p) not in known]
         c = self.config
         fast = [
@@ -157,9 +157,9 @@ class Trainer:
             {"params": networks, "rates": c.rate_networks, "eps": 1e-10},
         ]
         slow = [
-            {"params": looks, "rates": c.rate_tables, "eps": 1e-15}
+            {"params": appearances, "rates": c.rate_tables, "eps": 1e-15}
             if self.model.config.actors == "tables"
-            else {"params": looks, "rates": c.rate_networks, "eps": 1e-10},
+            else {"params": appearances, "rates": c.rate_networks, "eps": 1e-10},
             {"params": [self.tracklets.shift_m], "rates": c.rate_shifts, "eps": 1e-10},
             {"params": [self.tracklets.turn_6d], "rates": c.rate_turns, "eps": 1e-10},
             {"params": list(self.camera_poses.parameters()), "rates": c.rate_cameras, "eps": 1e-10},
@@ -210,7 +210,7 @@ class Trainer:
             self.adversary.update(*branches[0].fake)
         self.iteration += 1
         terms = {name: value for branch in branches for name, value in branch.terms.items()}
-        return {**terms, "loss": sum(terms.values()), **{k: v for branch in branches for k, v in branch.figures.items()}}
+        return {**terms, "loss": sum(terms.values()), **{k: v for branch in branches for k, v in branch.metrics.items()}}
 
     def _start(self, number: int, done: float, deferred: dict[str, Tensor], seen: Future[SegmentTrace]) -> _BranchStart:
         # seeded by the iteration: a resumed run draws what an uninterrupted one would
@@ -277,14 +277,14 @@ class Trainer:
             terms["latent"] = w.latent * penalty
         self._take(start, terms)
         mse = _mean([d.detach().square() for d in wrong], weight)
-        figures = {"psnr": -10 * float(torch.log10(mse.clamp_min(1e-10)))}
-        return _Branch(_values(terms), figures, seen, None if fake is None else (patch.target, fake))
+        metrics = {"psnr": -10 * float(torch.log10(mse.clamp_min(1e-10)))}
+        return _Branch(_values(terms), metrics, seen, None if fake is None else (patch.target, fake))
 
     def _lidar_branch(self, start: _BranchStart) -> _Branch:
         """What beams and places teach. What needs the cameras' rays comes last."""
         c, w, tables, generator = self.config, self.recipe.weights, start.tables, start.generator
         terms: dict[str, Tensor] = {}
-        figures: dict[str, float] = {}
+        metrics: dict[str, float] = {}
         swept, near = None, None
         if self.recipe.uses_lidar:
             lidar = self._to_device(self.lidar.sample(start.rng, c.lidar_rays))
@@ -294,7 +294,7 @@ class Trainer:
                 band, near = self.shape.sdf_band(tables, swept, lidar, generator)
                 terms["band"] = w.band * band
             self._take(start, terms)
-            figures["lidar_m"] = float((swept.volume_depth_m - lidar.depth_m)[lidar.returned].detach().abs().median())
+            metrics["lidar_m"] = float((swept.volume_depth_m - lidar.depth_m)[lidar.returned].detach().abs().median())
         if w.hidden and start.done >= c.hidden_from:
             terms["hidden"] = w.hidden * self.unobserved.loss(generator)
             self._take(start, {"hidden": terms["hidden"]})
@@ -307,7 +307,7 @@ class Trainer:
         if swept is not None and self._lidar_follows:
             self._update_occupancy(seen, camera=True)
             self._update_occupancy(swept, camera=False)
-        return _Branch(_values(terms), figures, swept, None)
+        return _Branch(_values(terms), metrics, swept, None)
 
     def _sampling(self, start: _BranchStart, sky: bool = True) -> Sampling:
         return Sampling(jitter=not self._still(start.done), sky=sky, mirror=self.mirror, generator=start.generator)

@@ -108,10 +108,10 @@ class UnobservedPrior:
         x = x[~self.occupancy.in_view(x)][:_POINTS]
         if len(x) == 0:
             return x.new_zeros(())
-        values, look = model.static(x)
+        values, appearance = model.static(x)
         reach = torch.tensor([_ALONG_M, _ACROSS_M], device=device)
         beside = model.ground.under(x[:, :2] + reach * (2 * torch.rand(len(x), 2, generator=generator, device=device) - 1))
-        return signed_distances(values).abs().mean() + self._alike(model, look, beside, generator)
+        return signed_distances(values).abs().mean() + self._alike(model, appearance, beside, generator)
 
     def _looks_of_returns(self, model: SceneModel, generator: torch.Generator) -> Tensor:
         """What LiDAR met above the ground and no image shows looks like what it met near by and one does."""
@@ -132,7 +132,7 @@ class UnobservedPrior:
             return x.new_zeros(())
         return self._alike(model, model.static(x)[1], other, generator)
 
-    def _alike(self, model: SceneModel, look: Tensor, at: Tensor, generator: torch.Generator) -> Tensor:
+    def _alike(self, model: SceneModel, appearance: Tensor, at: Tensor, generator: torch.Generator) -> Tensor:
         """How unlike looks (N, F) are to those at points (N, 3), of which the ones count that some image shows.
 
         Unobserved places that copy each other drift: nothing holds their looks.
@@ -140,20 +140,20 @@ class UnobservedPrior:
         with torch.no_grad():
             _, wanted = model.static(at)
         seen = self.occupancy.in_view(at)
-        return (self._unlike(model, look, wanted, generator) * seen).sum() / seen.sum().clamp_min(1)
+        return (self._unlike(model, appearance, wanted, generator) * seen).sum() / seen.sum().clamp_min(1)
 
-    def _unlike(self, model: SceneModel, look: Tensor, wanted: Tensor, generator: torch.Generator) -> Tensor:
+    def _unlike(self, model: SceneModel, appearance: Tensor, wanted: Tensor, generator: torch.Generator) -> Tensor:
         """Differences (N,) of looks (N, F): of their colours, from anywhere, and of the features themselves, for LiDAR.
 
         A place learns from many others. What is between two colours is a colour between; features between two can mean any.
         """
-        directions = torch.randn(len(look), 3, generator=generator, device=look.device)
+        directions = torch.randn(len(appearance), 3, generator=generator, device=appearance.device)
         directions = F.normalize(torch.cat([directions[:, :2], -directions[:, 2:].abs()], -1), dim=-1).repeat(2, 1)
-        both = torch.cat([look, wanted])
-        camera = torch.full((len(both),), -1, device=look.device)
+        both = torch.cat([appearance, wanted])
+        camera = torch.full((len(both),), -1, device=appearance.device)
         colour = model.camera_decoder(model.ray_head(model.directed(both, directions), directions, camera)[:, :, None, None])
         a, b = colour.mean((2, 3)).view(2, -1, 3)
-        return (a - b.detach()).abs().mean(-1) + 0.02 * F.smooth_l1_loss(look, wanted, reduction="none").mean(-1)
+        return (a - b.detach()).abs().mean(-1) + 0.02 * F.smooth_l1_loss(appearance, wanted, reduction="none").mean(-1)
 
     def _under_boxes(self, model: SceneModel, poses: Tensor, sizes: Tensor, generator: torch.Generator) -> Tensor:
         """Under a box that never moves nobody saw the ground: nothing above it, and the look of its surroundings."""
@@ -174,8 +174,8 @@ class UnobservedPrior:
         side = torch.sign(unit[:, 1]) * (0.5 * sizes[which][:, 1] + 0.2 + 0.8 * torch.rand(n, generator=generator, device=device))
         beyond = place(torch.stack([unit[:, 0] * sizes[which][:, 0], side, unit[:, 2] * 0], -1))
         beyond = model.ground.under(beyond)
-        values, look = model.static(on_ground)
-        return height + signed_distances(values).abs().mean() + self._alike(model, look, beyond, generator)
+        values, appearance = model.static(on_ground)
+        return height + signed_distances(values).abs().mean() + self._alike(model, appearance, beyond, generator)
 
     @torch.no_grad()
     def continued(self) -> Tensor:

@@ -120,7 +120,7 @@ class Lidar:
 
 
 @dataclass(frozen=True)
-class Look:
+class Appearance:
     """Whose trained appearance and shape: actor ``actor`` of the scene at ``scene`` ("" is the drive's own scene); or, where
     ``mesh`` names a file, that of the mesh in it."""
 
@@ -143,14 +143,14 @@ class Actor:
     start_s: float
     end_s: float
     is_moving: bool
-    look: Look
+    appearance: Appearance
     inserted: bool = False
     is_ego_body: bool = False
     scale: tuple[float, float, float] = (1.0, 1.0, 1.0)
     """How many times larger than the look's own box the actor is, along its own axes; ``size_m`` is the scaled box's."""
 
     @property
-    def look_size_m(self) -> FloatArray:
+    def appearance_size_m(self) -> FloatArray:
         """The edges (3,) of the look's own box, without the scale."""
         return np.asarray(self.size_m / np.array(self.scale))
 

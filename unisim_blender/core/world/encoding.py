@@ -19,7 +19,7 @@ import numpy as np
 
 from ..errors import UnisimError
 from ..geometry import FloatArray, Trajectory
-from .drive import Actor, Box, Camera, CameraModel, Lidar, LidarModel, Look, StaticCopy
+from .drive import Actor, Appearance, Box, Camera, CameraModel, Lidar, LidarModel, StaticCopy
 from .state import WorldState
 
 VERSION = 1
@@ -38,10 +38,10 @@ def encode_state(state: WorldState) -> str:
     numbers: list[FloatArray] = [np.array([state.start_s, state.end_s]), *_keys(state.world_from_ego)]
     actors = []
     for actor in state.actors:
-        look, way = actor.look, actor.world_from_actor
-        words = [actor.uid, actor.label, look.actor, look.scene, look.mesh]
-        actors.append([*words, actor.is_moving, actor.inserted, actor.is_ego_body, len(way.times_s)])
-        numbers += [np.array([*actor.size_m, *actor.scale, actor.start_s, actor.end_s]), *_keys(way)]
+        appearance, trajectory = actor.appearance, actor.world_from_actor
+        words = [actor.uid, actor.label, appearance.actor, appearance.scene, appearance.mesh]
+        actors.append([*words, actor.is_moving, actor.inserted, actor.is_ego_body, len(trajectory.times_s)])
+        numbers += [np.array([*actor.size_m, *actor.scale, actor.start_s, actor.end_s]), *_keys(trajectory)]
     for copy in state.static_copies:
         numbers += [*_box(copy.source), copy.world_from_target]
     for box in state.removed_boxes:
@@ -61,7 +61,7 @@ def decode_state(text: str) -> WorldState:
     header, numbers = _unpacked(text, "state")
     try:
         start_s, end_s = numbers.take(2).tolist()
-        ego = numbers.way(header["ego_keys"])
+        ego = numbers.trajectory(header["ego_keys"])
         actors = tuple(_actor(about, numbers) for about in header["actors"])
         copies = tuple(StaticCopy(str(uid), numbers.box(), numbers.take(16).reshape(4, 4)) for uid in header["static_copies"])
         removed = tuple(numbers.box() for _ in range(header["removed_boxes"]))
@@ -74,11 +74,11 @@ def decode_state(text: str) -> WorldState:
 def encode_sensor(sensor: Camera | Lidar, start_s: float, end_s: float) -> str:
     """Return a sensor as text, with what of its trajectory the window of an exposure needs; it has no frames of a log."""
     if isinstance(sensor, Camera):
-        way = sensor.world_from_camera.between(start_s, end_s)
+        trajectory = sensor.world_from_camera.between(start_s, end_s)
         header = {"kind": "camera", "model": asdict(sensor.model), "full_width": sensor.full_width}
-        numbers = _keys(way)
+        numbers = _keys(trajectory)
     else:
-        way = sensor.world_from_lidar.between(start_s, end_s)
+        trajectory = sensor.world_from_lidar.between(start_s, end_s)
         tables = ("elevation_rad", "azimuth_offset_rad")
         header = {
             "kind": "lidar",
@@ -86,8 +86,8 @@ def encode_sensor(sensor: Camera | Lidar, start_s: float, end_s: float) -> str:
             "beams": sensor.model.beams,
             "blocked": None if sensor.blocked is None else base64.b64encode(np.packbits(sensor.blocked).tobytes()).decode(),
         }
-        numbers = [*_keys(way), *(getattr(sensor.model, name) for name in tables)]
-    header |= {"id": sensor.sensor_id, "sees_ego_body": sensor.sees_ego_body, "keys": len(way.times_s)}
+        numbers = [*_keys(trajectory), *(getattr(sensor.model, name) for name in tables)]
+    header |= {"id": sensor.sensor_id, "sees_ego_body": sensor.sees_ego_body, "keys": len(trajectory.times_s)}
     return _packed(header, numbers)
 
 
@@ -95,10 +95,10 @@ def decode_sensor(text: str) -> Camera | Lidar:
     """Return the sensor that a text was made of. Raises `EncodingError`."""
     header, numbers = _unpacked(text, "camera", "lidar")
     try:
-        way = numbers.way(header["keys"])
+        trajectory = numbers.trajectory(header["keys"])
         if header["kind"] == "camera":
             found: Camera | Lidar = Camera(
-                str(header["id"]), CameraModel.from_dict(header["model"]), way, {}, bool(header["sees_ego_body"]),
+                str(header["id"]), CameraModel.from_dict(header["model"]), trajectory, {}, bool(header["sees_ego_body"]),
                 header["full_width"],
             )  # fmt: skip
         else:
@@ -108,7 +108,7 @@ def decode_sensor(text: str) -> Camera | Lidar:
                 shape = model.beams, model.columns
                 bits = np.frombuffer(base64.b64decode(header["blocked"], validate=True), np.uint8)
                 blocked = np.unpackbits(bits, count=shape[0] * shape[1]).astype(bool).reshape(shape)
-            found = Lidar(str(header["id"]), model, way, {}, blocked, bool(header["sees_ego_body"]))
+            found = Lidar(str(header["id"]), model, trajectory, {}, blocked, bool(header["sees_ego_body"]))
         numbers.finish()
     except (KeyError, TypeError, ValueError) as fault:
         raise EncodingError(f"a sensor that was sent cannot be read: {fault}") from fault
@@ -127,7 +127,7 @@ class _Numbers:
         self.at += count
         return self.values[self.at - count : self.at]
 
-    def way(self, keys: int) -> Trajectory:
+    def trajectory(self, keys: int) -> Trajectory:
         return Trajectory(self.take(keys), self.take(3 * keys).reshape(-1, 3), self.take(4 * keys).reshape(-1, 4))
 
     def box(self) -> Box:
@@ -139,17 +139,18 @@ class _Numbers:
 
 
 def _actor(about: Any, numbers: _Numbers) -> Actor:
-    uid, label, look, scene, mesh, is_moving, inserted, is_ego_body, keys = about
+    uid, label, appearance, scene, mesh, is_moving, inserted, is_ego_body, keys = about
     x = numbers.take(8)
-    way = numbers.way(keys)
+    trajectory = numbers.trajectory(keys)
     return Actor(
-        str(uid), str(label), x[:3], way, float(x[6]), float(x[7]), bool(is_moving), Look(str(look), str(scene), str(mesh)),
+        str(uid), str(label), x[:3], trajectory, float(x[6]), float(x[7]), bool(is_moving),
+        Appearance(str(appearance), str(scene), str(mesh)),
         bool(inserted), bool(is_ego_body), (float(x[3]), float(x[4]), float(x[5])),
     )  # fmt: skip
 
 
-def _keys(way: Trajectory) -> list[FloatArray]:
-    return [way.times_s, way.positions, way.quaternions_wxyz]
+def _keys(trajectory: Trajectory) -> list[FloatArray]:
+    return [trajectory.times_s, trajectory.positions, trajectory.quaternions_wxyz]
 
 
 def _box(box: Box) -> list[FloatArray]:

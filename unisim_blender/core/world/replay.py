@@ -66,8 +66,8 @@ def parked_boxes(recorded: Drive) -> dict[str, Box]:
 
 def first_pose(actor: Actor) -> FloatArray:
     """Return an actor's pose (4, 4) at its first key."""
-    way = actor.world_from_actor
-    return make_pose(way.positions[0], way.quaternions_wxyz[0])
+    trajectory = actor.world_from_actor
+    return make_pose(trajectory.positions[0], trajectory.quaternions_wxyz[0])
 
 
 def _stands_in(actor: Actor | None, box: Box) -> bool:

@@ -58,8 +58,8 @@ class WorldState:
         yield np.array([self.start_s, self.end_s, len(self.actors), len(self.static_copies), len(self.removed_boxes)]).tobytes()
         yield self.world_from_ego.content()
         for actor in self.actors:
-            look = actor.look
-            words = (actor.uid, actor.label, look.actor, look.scene, look.mesh)
+            appearance = actor.appearance
+            words = (actor.uid, actor.label, appearance.actor, appearance.scene, appearance.mesh)
             flags = (actor.is_moving, actor.inserted, actor.is_ego_body)
             yield json.dumps(words).encode() + bytes(flags)
             yield np.array([*actor.size_m, *actor.scale, actor.start_s, actor.end_s]).tobytes()

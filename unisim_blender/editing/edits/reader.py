@@ -124,11 +124,11 @@ class Standing:
         if not self.here.look:
             return poses
         lifted = poses.copy()
-        lifted[:, :3, 3] += (self.look_size_m[2] - self.known.size_m[2]) / 2 * poses[:, :3, 2]
+        lifted[:, :3, 3] += (self.appearance_size_m[2] - self.known.size_m[2]) / 2 * poses[:, :3, 2]
         return lifted
 
     @property
-    def look_size_m(self) -> FloatArray:
+    def appearance_size_m(self) -> FloatArray:
         """The size (3,) of the box that comes with the object's appearance. Raises `ScenarioError`."""
         thing = self.here
         actors = scene_actors(Path(thing.look_scene)) if thing.look_scene else self.reading.drive.actors

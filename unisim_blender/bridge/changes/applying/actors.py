@@ -25,13 +25,13 @@ def apply_actors(target: Target) -> None:
         if now is None:
             remove(own[uid])
         elif now is not actor:
-            _apply(target, own[uid], now, actor.look.actor)
+            _apply(target, own[uid], now, actor.appearance.actor)
     for uid, actor in edited.actors.items():
         if uid not in recorded.actors and not actor.is_ego_body:
-            mesh = actor.look.mesh
+            mesh = actor.appearance.mesh
             thing = object_of(uid, read_mesh(Path(mesh)), actor.label) if mesh else new_actor(uid, actor)
             collection_of(scene, "ACTOR").objects.link(thing)
-            _apply(target, thing, actor, None if mesh else actor.look.actor if not actor.look.scene else "")
+            _apply(target, thing, actor, None if mesh else actor.appearance.actor if not actor.appearance.scene else "")
 
 
 def _apply(target: Target, thing: bpy.types.Object, actor: Actor, own_look: str | None) -> None:

@@ -28,10 +28,10 @@ class AppearanceCarrier(Carrier):
     def apply(self, thing: bpy.types.Object, edited: Edited) -> None:
         """Note an appearance that is not the object's own, and give the object that one's box."""
         actor = edited.actor
-        if edited.own_look is None or (actor.look.actor, actor.look.scene) == (edited.own_look, ""):
+        if edited.own_look is None or (actor.appearance.actor, actor.appearance.scene) == (edited.own_look, ""):
             return
-        thing.unisim.look, thing.unisim.look_scene = actor.look.actor, actor.look.scene
-        thing.data = box_mesh(actor.look_size_m, actor.label)
+        thing.unisim.look, thing.unisim.look_scene = actor.appearance.actor, actor.appearance.scene
+        thing.data = box_mesh(actor.appearance_size_m, actor.label)
 
     def mute(self, scene: bpy.types.Scene, source: Source, item: Any, line: Line, thing: bpy.types.Object | None) -> None:
         """Keep the names."""

@@ -56,7 +56,7 @@ def command(
 ) -> None:
     """Render held-out frames of SCENE and compare them with LOG; with --truth, compare SCENARIOs with a street's truth."""
     from ...evaluate.recorded_runs import EvaluationOptions, evaluate_scene, evaluate_split
-    from ...evaluate.report import flat_figures
+    from ...evaluate.report import flat_metrics
 
     options = EvaluationOptions(frames, split_names(cameras), width, quality, lpips_weights, device)
     if truth is not None:
@@ -64,7 +64,7 @@ def command(
 
         if not paths or split is not None:
             raise click.UsageError("--truth takes scenarios, and no --split")
-        figures = evaluate_scenarios(truth, paths, out, options, _progress, scene)
+        metrics = evaluate_scenarios(truth, paths, out, options, _progress, scene)
     else:
         if scene is not None:
             raise click.UsageError("--scene goes with --truth: without it, the scene is the first argument")
@@ -72,11 +72,11 @@ def command(
             raise click.UsageError("eval takes a trained scene and a log, or --truth STREET and scenarios")
         trained, log = paths
         if split is None:
-            figures = evaluate_scene(trained, log, out, options, _progress)
+            metrics = evaluate_scene(trained, log, out, options, _progress)
         else:
             options = EvaluationOptions(frames or HELD_OUT, split_names(cameras), width, quality, lpips_weights, device)
-            figures = evaluate_split(SPLITS[split], trained, log, out, options, _progress)
-    for name, value in flat_figures(figures):
+            metrics = evaluate_split(SPLITS[split], trained, log, out, options, _progress)
+    for name, value in flat_metrics(metrics):
         if not any(part in LEFT_TO_THE_FILE for part in name.split(".")):
             click.echo(f"{name:45} {value}")
     click.echo(f"Figures: {out / 'metrics.json'}   images: {out / 'index.html'}")

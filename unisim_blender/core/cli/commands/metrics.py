@@ -43,11 +43,11 @@ def command(
     thresholds: tuple[float, ...] | None = (AGREEMENT_IOU,) if agreement else None
     if ious is not None:
         thresholds = _thresholds(ious)
-    figures = measure(given, confident(wanted, label_score) if agreement else wanted, thresholds, resamples, seed)
-    for line in table(figures):
+    metrics = measure(given, confident(wanted, label_score) if agreement else wanted, thresholds, resamples, seed)
+    for line in table(metrics):
         click.echo(line)
     if out is not None:
-        write_text(out, json.dumps(figures, indent=1) + "\n", MetricsError)
+        write_text(out, json.dumps(metrics, indent=1) + "\n", MetricsError)
         click.echo(f"Figures: {out}")
 
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from ...errors import LogError, in_a_line
 from ...geometry import FloatArray, Trajectory, TrajectoryError, invert_pose, quaternion_from_yaw
-from ...world.drive import Actor, Lidar, Look
+from ...world.drive import Actor, Appearance, Lidar
 from ..safe_pickle import read_table
 
 _POSITION = ("position.x", "position.y", "position.z")
@@ -126,5 +126,5 @@ def _actor(uid: str, track: _Track, lidar: Lidar | None) -> Actor:
         start_s=float(start_s) - HALF_FRAME_S,
         end_s=float(end_s) + HALF_FRAME_S,
         is_moving=is_moving,
-        look=Look(uid),
+        appearance=Appearance(uid),
     )

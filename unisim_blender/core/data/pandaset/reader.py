@@ -43,7 +43,7 @@ class PandasetLog:
         self._setup = setup
         self._is_pandasets_own = not setup_path(path).exists()
         turn = make_pose(np.zeros(3), sensors.PANDASET_EGO_FROM_EGO_WXYZ)
-        ego = self._way("the vehicle", times, positions, quaternions).transformed(right=turn)
+        ego = self._trajectory("the vehicle", times, positions, quaternions).transformed(right=turn)
         time_s = {frame: float(times[frame] - setup.time_origin_s) for frame in setup.frames}
         self._sweeps = frame_files(path / "lidar", ".pkl.gz", len(times))
         self._semantics = frame_files(path / "annotations" / "semseg", ".pkl.gz", len(times))
@@ -182,11 +182,11 @@ class PandasetLog:
         return Camera(
             sensor_id=name,
             model=CameraModel(width, height, **intrinsics, shutter=self._setup.shutters[name]),
-            world_from_camera=self._way(name, times, positions, quaternions),
+            world_from_camera=self._trajectory(name, times, positions, quaternions),
             time_s={frame: float(times[frame] - start_s) for frame in self._setup.frames if frame < len(times)},
         )
 
-    def _way(self, what: str, times: FloatArray, positions: FloatArray, quaternions: FloatArray) -> Trajectory:
+    def _trajectory(self, what: str, times: FloatArray, positions: FloatArray, quaternions: FloatArray) -> Trajectory:
         """A trajectory of the log's times and places, by the drive's clock and from its origin."""
         try:
             with np.errstate(over="ignore"):

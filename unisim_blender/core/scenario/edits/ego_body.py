@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...world.drive import Actor, Drive, Look
+from ...world.drive import Actor, Appearance, Drive
 from ..actors import check_new, mesh_of, with_actor
 from ..context import SENSOR_MARGIN_S, Context
 from ..edit import Edit, register
@@ -47,7 +47,7 @@ class EgoBody(Edit):
         trajectory = sampled(lambda t: ego.at(t) @ mount, merged_times(ego.times_s, ends))
         start, end = context.presence(None, place)
         body = Actor(
-            self.id, self.label or LABEL, size_m, trajectory, start, end, is_moving(trajectory), Look(self.id, mesh=str(path)),
-            inserted=True, is_ego_body=True,
+            self.id, self.label or LABEL, size_m, trajectory, start, end, is_moving(trajectory),
+            Appearance(self.id, mesh=str(path)), inserted=True, is_ego_body=True,
         )  # fmt: skip
         return with_actor(drive, body)

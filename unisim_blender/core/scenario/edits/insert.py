@@ -37,7 +37,7 @@ class Insert(Edit):
 
     def apply(self, drive: Drive, place: str, context: Context) -> Drive:
         """The drive with another actor, of this or of another trained scene."""
-        source = context.look_of(self.actor, self.scene, place, "actor")
+        source = context.appearance_of(self.actor, self.scene, place, "actor")
         check_new(drive, self.id, place, context)
         trajectory = context.trajectory(self.pose, self.trajectory, self.outside, place)
         start, end = context.presence(self.present, place)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ...world.drive import Actor, Drive, Look
+from ...world.drive import Actor, Appearance, Drive
 from ..actors import check_new, mesh_of, with_actor
 from ..context import Context
 from ..edit import Edit, register
@@ -46,5 +46,5 @@ class InsertMesh(Edit):
         check_new(drive, self.id, place, context)
         trajectory = context.trajectory(self.pose, self.trajectory, self.outside, place)
         start, end = context.presence(self.present, place)
-        label, moving, look = self.label or LABEL, is_moving(trajectory), Look(self.id, mesh=str(path))
-        return with_actor(drive, Actor(self.id, label, size_m, trajectory, start, end, moving, look, inserted=True))
+        label, moving, appearance = self.label or LABEL, is_moving(trajectory), Appearance(self.id, mesh=str(path))
+        return with_actor(drive, Actor(self.id, label, size_m, trajectory, start, end, moving, appearance, inserted=True))

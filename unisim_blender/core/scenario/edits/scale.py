@@ -50,4 +50,4 @@ class Scale(Edit):
         if not scales(total):
             sizes = [round(factor, 6) for factor in total]
             fail(f"{place}.factors", f'with the edits before, "{self.actor}" is scaled by {sizes}, which {UNSCALABLE}')
-        return with_actor(drive, replace(actor, size_m=actor.look_size_m * np.array(total), scale=total))
+        return with_actor(drive, replace(actor, size_m=actor.appearance_size_m * np.array(total), scale=total))

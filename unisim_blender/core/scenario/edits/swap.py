@@ -29,8 +29,10 @@ class Swap(Edit):
         """The drive with another look in the actor's place: the look's box and class, its underside where the actor's was. A
         scale that the actor had before is not the new look's."""
         actor = current(drive, self.actor, f"{place}.actor", context)
-        look = context.look_of(self.look, self.scene, place, "look")
-        raised = (look.size_m[2] - actor.size_m[2]) / 2
+        appearance = context.appearance_of(self.look, self.scene, place, "look")
+        raised = (appearance.size_m[2] - actor.size_m[2]) / 2
         trajectory = beside(actor.world_from_actor, (0.0, 0.0, raised), None, None) if raised else actor.world_from_actor
-        swapped = replace(actor, label=look.label, size_m=look.size_m, look=look.look, scale=(1.0, 1.0, 1.0))
+        swapped = replace(
+            actor, label=appearance.label, size_m=appearance.size_m, appearance=appearance.appearance, scale=(1.0, 1.0, 1.0)
+        )
         return with_actor(drive, replace(swapped, world_from_actor=trajectory))

@@ -32,7 +32,7 @@ class _BoxTrajectories:
             "lengths": keys.lengths,
             "positions": keys.positions,
             "quaternions": keys.quaternions_wxyz,
-            "sizes": floats(np.array([a.look_size_m for a in actors]).reshape(-1, 3)),
+            "sizes": floats(np.array([a.appearance_size_m for a in actors]).reshape(-1, 3)),
             "start": doubles([a.start_s for a in actors]),
             "end": doubles([a.end_s for a in actors]),
             "rows": np.array(rows, np.int32),

@@ -215,13 +215,13 @@ def _faces(returns: _Returns, settings: SurfelSettings) -> Generator[float, None
     return make_faces(places, normals, radius, intensity)
 
 
-def _gaps(faces: SurfelSet, ground: HeightGrid, way: FloatArray) -> SurfelSet:
+def _gaps(faces: SurfelSet, ground: HeightGrid, trajectory: FloatArray) -> SurfelSet:
     """Faces on the ground near the vehicle's way (N, 3) where none lies: between the LiDAR's rings, and under things that stood
     there throughout. Nothing returned there; the ground goes on as beside."""
     x, y = np.nonzero(ground.known)
     cells = np.stack([x, y], 1) * GROUND_CELL_M + ground.low
     reach = np.full(len(cells), np.inf)
-    for place in way[:: max(1, len(way) // 40), :2]:
+    for place in trajectory[:: max(1, len(trajectory) // 40), :2]:
         reach = np.minimum(reach, np.linalg.norm(cells - place, axis=1))
     cells = cells[reach < GAPS_WITHIN_M]
     offsets = (np.arange(GROUND_CELL_M / GAP_M) + 0.5) * GAP_M - GROUND_CELL_M / 2
@@ -245,9 +245,9 @@ def _chosen_images(log: Log, camera: str, chosen: set[int]) -> list[int]:
         return frames
     ego = log.drive.world_from_ego.at(np.array([log.drive.time_s[frame] for frame in frames]))[:, :3, 3]
     # a vehicle that stands sees others pass: time counts too
-    way = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(ego, axis=0), axis=1) + 0.05)]
-    wanted = np.linspace(0, way[-1], IMAGES)
-    return sorted({frames[int(np.abs(way - at).argmin())] for at in wanted})
+    trajectory = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(ego, axis=0), axis=1) + 0.05)]
+    wanted = np.linspace(0, trajectory[-1], IMAGES)
+    return sorted({frames[int(np.abs(trajectory - at).argmin())] for at in wanted})
 
 
 Item = TypeVar("Item")

@@ -68,10 +68,16 @@ class Painter:
         self._faces(view, self.static, chosen, view.of_static, True)
         first, last = view.ends()
         for (actor, _), canvas in zip(self.surfels.placed, self.placed, strict=True):
-            way = actor.world_from_actor
+            trajectory = actor.world_from_actor
             there = actor.start_s <= min(first, last) and max(first, last) <= actor.end_s and len(canvas.faces)
-            if there and _in_frustum(view, way.at(first)[None, :3, 3], float(np.linalg.norm(actor.size_m)))[0]:
-                self._faces(view, canvas, np.arange(len(canvas.faces)), lambda points, way=way: view.of_actor(way, points), False)
+            if there and _in_frustum(view, trajectory.at(first)[None, :3, 3], float(np.linalg.norm(actor.size_m)))[0]:
+                self._faces(
+                    view,
+                    canvas,
+                    np.arange(len(canvas.faces)),
+                    lambda points, trajectory=trajectory: view.of_actor(trajectory, points),
+                    False,
+                )
         u, v, directions = view.far_points()
         cell = dome_cell(directions, self._shape).astype(np.int32)
         self._beyond.append((cell, np.rint(view.sample(u, v)).astype(np.uint8)))
@@ -79,7 +85,7 @@ class Painter:
 
     def gains(self) -> FloatArray:
         """Exposures (images, 3) of the images so far, in their order."""
-        parts = [(look.place, look.image, look.colour) for look in self._looks]
+        parts = [(appearance.place, appearance.image, appearance.colour) for appearance in self._looks]
         if not parts:
             return np.ones((self._images, 3))
         return exposure_gains(Looks(*(np.concatenate(part) for part in zip(*parts, strict=True))), self._images)
@@ -127,7 +133,7 @@ class Painter:
         frontal = np.sqrt(np.clip(1 - sine**2, 0.0, 1)) + 0.02
         score = (frontal / np.maximum(distance, 1.0) ** 2).astype(np.float32)
         if static:
-            self._look(view, chosen, u, v, distance)
+            self._appearance(view, chosen, u, v, distance)
         better = (score > canvas.best[chosen]) & (ends[3] < distance)
         better[better] = view.sees(u[better], v[better], distance[better], static)
         chosen = chosen[better]
@@ -138,7 +144,7 @@ class Painter:
         canvas.faces.painted[chosen] = True
         canvas.image[chosen] = self._images
 
-    def _look(self, view: View, chosen: NDArray[np.int64], u: FloatArray, v: FloatArray, distance: FloatArray) -> None:
+    def _appearance(self, view: View, chosen: NDArray[np.int64], u: FloatArray, v: FloatArray, distance: FloatArray) -> None:
         """Note what an image shows of some of its faces (N,) at image points, that far away."""
         some = np.flatnonzero(chosen % COMPARED == 0)
         some = some[view.sees(u[some], v[some], distance[some], True)]

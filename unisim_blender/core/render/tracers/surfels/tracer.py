@@ -76,15 +76,15 @@ class SurfelTracer:
 
     def __init__(self, backend: SurfelBackend, state: WorldState) -> None:
         for actor in state.actors:
-            if actor.look.scene:
+            if actor.appearance.scene:
                 raise SceneError(
-                    f"actor {actor.uid!r} comes from another scene, {actor.look.scene}: without a trained scene a log's own "
-                    "actors alone can be rendered, and meshes"
+                    f"actor {actor.uid!r} comes from another scene, {actor.appearance.scene}: without a trained scene a log's "
+                    "own actors alone can be rendered, and meshes"
                 )
         self.scene, self.quality = backend.scene, backend.quality
         self.active = active_actors(state, {"": tuple(self.scene.actors)})
         static, copies = backend.static_world(state)
-        own = [(actor, self.scene.actors[actor.look.actor]) for actor in self.active.own.actors]
+        own = [(actor, self.scene.actors[actor.appearance.actor]) for actor in self.active.own.actors]
         self.surfels = PlacedSurfels(static, [*own, *zip(self.active.targets, copies, strict=True)])
 
     def trace(self, rays: Rays, passes: set[str], sky: bool, mesh_hits: MeshHits | None, stats: RenderStats) -> TraceResult:

@@ -71,10 +71,10 @@ class View:
         first, last = (transform_points(invert_pose(self.camera.world_from_camera.at(time)), points) for time in self.ends())
         return self.place(first, last)
 
-    def of_actor(self, way: object, points: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    def of_actor(self, trajectory: object, points: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """`place` of points (N, 3) in the box of an actor that goes a way."""
         first, last = (
-            transform_points(invert_pose(self.camera.world_from_camera.at(time)) @ way.at(time), points)  # type: ignore[attr-defined]
+            transform_points(invert_pose(self.camera.world_from_camera.at(time)) @ trajectory.at(time), points)  # type: ignore[attr-defined]
             for time in self.ends()
         )
         return self.place(first, last)

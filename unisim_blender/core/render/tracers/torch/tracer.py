@@ -55,7 +55,9 @@ class TorchBackend:
     def __init__(self, scene: Scene, quality: Quality = QUALITY["balanced"], others: Mapping[str, Scene] | None = None) -> None:
         self.scene, self.device, self.quality = scene, scene.actor_tables.device, quality
         self.scenes = {path: (s.model, s.actor_tables) for path, s in {"": scene, **(others or {})}.items()}
-        self.looks = {path: None if m.config.actors == "none" else tuple(m.actor_ids) for path, (m, _) in self.scenes.items()}
+        self.appearances = {
+            path: None if m.config.actors == "none" else tuple(m.actor_ids) for path, (m, _) in self.scenes.items()
+        }
         self.parked: Mapping[str, Box] = scene.header.parked
         self.space: ObservedSpace | None = None
         self.clipped = False
@@ -90,7 +92,7 @@ class TorchTracer:
         scene = backend.scene
         self.scene, self.device, self.quality = scene, backend.device, backend.quality
         self.space, self.clipped = backend.space, backend.clipped
-        self.active = active_actors(state, backend.looks)
+        self.active = active_actors(state, backend.appearances)
         self.tensors = active_actor_tensors(self.active, backend.scenes, self.device)
         self.bounds = Bounds(self.active.own.actors)
         self.upsample, self.trained_width = scene.model.config.upsample, scene.header.training.get("width")

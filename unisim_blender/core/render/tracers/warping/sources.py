@@ -131,7 +131,7 @@ class Sources:
     def unedited(self, actor: Actor, state: WorldState) -> bool:
         """Whether an actor of a state goes the way that was recorded, as large as it was."""
         recorded = self.recorded.get(actor.uid)
-        if recorded is None or actor.look.actor != actor.uid or actor.is_scaled:
+        if recorded is None or actor.appearance.actor != actor.uid or actor.is_scaled:
             return False
         a, b = actor.world_from_actor, recorded.world_from_actor.between(state.start_s, state.end_s)
         return np.array_equal(a.times_s, b.times_s) and np.array_equal(a.positions, b.positions)

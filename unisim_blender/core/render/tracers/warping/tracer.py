@@ -88,7 +88,7 @@ class WarpTracer(SurfelTracer):
         middle = mine[len(mine) // 2]
         time = rays.time_s[middle : middle + 1]
         place = carried(actor, time, rays.origins[middle : middle + 1], back=True)[0]
-        recorded = self.sources.recorded.get(actor.look.actor)
+        recorded = self.sources.recorded.get(actor.appearance.actor)
         if recorded is not None:
             for source in self.sources.of_actor(recorded.uid, place, rays.directions[middle]):
                 self._add(total, rays, hits, mine, source, pixel_rad)
@@ -107,7 +107,7 @@ class WarpTracer(SurfelTracer):
                 self._add_seen(total, rays.directions[mine], points, mine, view, view.of_static(points), True)
             elif owner < len(self.active.own.actors):
                 actor = self.active.own.actors[owner]
-                recorded = self.sources.recorded.get(actor.look.actor)
+                recorded = self.sources.recorded.get(actor.appearance.actor)
                 first, last = view.ends()
                 if recorded is None or not recorded.start_s <= min(first, last) or not max(first, last) <= recorded.end_s:
                     continue
