@@ -10,7 +10,7 @@ import ast
 import json
 import shlex
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, MutableMapping
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
@@ -62,7 +62,8 @@ def folder(tmp_path: Path, street: Path, monkeypatch: pytest.MonkeyPatch) -> Ite
     for name in ("detections", "labels", "simulated", "real"):
         (tmp_path / f"{name}.json").write_text(json.dumps(autonomy_document()))
     monkeypatch.chdir(tmp_path)
-    tables, readers = [(table, dict(table)) for table in (EDITS, PARTS, PRESETS)], list(ACTORS)
+    registries: tuple[MutableMapping[str, Any], ...] = (EDITS, PARTS, PRESETS)
+    tables, readers = [(table, dict(table)) for table in registries], list(ACTORS)
     yield tmp_path
     for table, before in tables:
         table.clear()
