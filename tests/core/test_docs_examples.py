@@ -10,7 +10,7 @@ import ast
 import json
 import shlex
 import shutil
-from collections.abc import Iterator, MutableMapping
+from collections.abc import Iterator
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
