@@ -62,7 +62,8 @@ def folder(tmp_path: Path, street: Path, monkeypatch: pytest.MonkeyPatch) -> Ite
     for name in ("detections", "labels", "simulated", "real"):
         (tmp_path / f"{name}.json").write_text(json.dumps(autonomy_document()))
     monkeypatch.chdir(tmp_path)
-    tables, readers = [(table, dict(table)) for table in (EDITS, PARTS, PRESETS)], list(ACTORS)
+    tables: list[tuple[Any, dict[str, Any]]] = [(EDITS, dict(EDITS)), (PARTS, dict(PARTS)), (PRESETS, dict(PRESETS))]
+    readers = list(ACTORS)
     yield tmp_path
     for table, before in tables:
         table.clear()
