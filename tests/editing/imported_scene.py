@@ -18,7 +18,15 @@ from unisim_blender.editing.sensors.mounts import lidar_json, recorded_mount
 
 def sampled_object(name: str, kind: str, poses: FloatArray, there: Any = True, **more: Any) -> SampledObject:
     """Return an object at poses (N, 4, 4), present throughout or at the frames ``there`` (N,); what it is called is its id."""
-    about: dict[str, Any] = {"uid": name, "original_name": name, "look": "", "look_scene": "", "model": "", "index": 0, **more}
+    about: dict[str, Any] = {
+        "uid": name,
+        "original_name": name,
+        "appearance": "",
+        "appearance_scene": "",
+        "model": "",
+        "index": 0,
+        **more,
+    }
     return SampledObject(name=name, kind=kind, poses=poses, there=np.broadcast_to(there, len(poses)).copy(), **about)
 
 

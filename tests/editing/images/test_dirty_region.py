@@ -68,7 +68,7 @@ def test_what_comes_goes_or_looks_otherwise(scene: Sampled, view: SampledObject,
         "removed": without(scene, "ahead"),
         "hidden": changed(scene, "ahead", there=np.zeros(2, bool)),
         "added": added(scene, sampled_object("new", "ACTOR", at(0, 0, -10), size_m=SIZE)),
-        "appearance": changed(scene, "ahead", look="car-02"),
+        "appearance": changed(scene, "ahead", appearance="car-02"),
         "index": changed(scene, "ahead", index=7),
     }[change]
     part = dirty_region(scene, after, view, MODEL)

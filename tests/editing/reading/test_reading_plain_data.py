@@ -145,10 +145,10 @@ def test_another_appearance(source: Source) -> None:
     sampled = imported(source.drive)
     lowered = one_of(sampled, truck.uid).poses.copy()
     lowered[:, :3, 3] += (car.size_m[2] - truck.size_m[2]) / 2 * lowered[:, :3, 2]
-    sampled = changed(sampled, truck.uid, look=car.uid, poses=lowered)
+    sampled = changed(sampled, truck.uid, appearance=car.uid, poses=lowered)
     assert read(sampled, source).edits == (Swap(truck.uid, car.uid, None),)
     with pytest.raises(ScenarioError, match='has the look of "nobody", which the log lacks'):
-        read(changed(sampled, truck.uid, look="nobody"), source)
+        read(changed(sampled, truck.uid, appearance="nobody"), source)
 
 
 def test_scales(source: Source) -> None:
@@ -167,7 +167,7 @@ def test_inserted_actors_and_meshes(source: Source) -> None:
     place = np.tile(np.eye(4), (len(sampled.clock.frames), 1, 1))
     box = sampled_object("Box", "ACTOR", place, uid="", mesh="/tmp/drive/meshes/box.npz", label="Other")
     twin = sampled_object(
-        "car-01.001", "ACTOR", displaced(place, x=5.0), uid="car-1", look="car-03", look_scene="/tmp/drive/other"
+        "car-01.001", "ACTOR", displaced(place, x=5.0), uid="car-1", appearance="car-03", appearance_scene="/tmp/drive/other"
     )
     scenario = read_scenario(added(sampled, box, replace(twin, called="Box")), source, PATH)
     mesh, insert = scenario.edits

@@ -16,10 +16,8 @@ from ...core.world.drive import Drive
 from ...editing.edits.lines import Line
 from ...editing.reading.scenario import BY_ID, GROUP_OF, group_lines
 from ...editing.sampled.clock import Clock
-from ...editing.sampled.scene import Sampled
-from ...editing.sampled.scene import SampledObject as Thing
-from ..objects.imported import KINDS_OF_DRIVE
-from ..objects.imported import imported_objects as things
+from ...editing.sampled.scene import Sampled, SampledObject
+from ..objects.imported import KINDS_OF_DRIVE, imported_objects
 from ..objects.source import source_of
 from .adjacent_frames import moved_by_keys
 from .from_keys import Sampler, evaluated
@@ -140,7 +138,7 @@ def read_steps(scene: bpy.types.Scene) -> Iterator[None]:
         if before is not None and before[0] == signature and not (free and moved):
             known[key] = before
         else:
-            sampled: list[Thing] = []
+            sampled: list[SampledObject] = []
             yield from _sampled(sampler, group, free, sampled)
             known[key] = signature, tuple(_lines(key, sampled, source.drive, clock, scene))
         lines += known[key][1]
@@ -165,7 +163,7 @@ def _groups(scene: bpy.types.Scene, drive: Drive) -> dict[Key, list[bpy.types.Ob
     """Return what has to be read together: each actor with its copies, the rig, the static items."""
     groups: dict[Key, list[bpy.types.Object]] = {("RIG", ""): []}
     groups |= {("ACTOR", uid): [] for uid in sorted(drive.actors)}
-    for thing in things(scene, *KINDS_OF_DRIVE):
+    for thing in imported_objects(scene, *KINDS_OF_DRIVE):
         group = GROUP_OF[thing.unisim.kind]
         groups.setdefault((group, thing.unisim.uid if group in BY_ID else ""), []).append(thing)
     if len(scene.unisim.static_items):
@@ -178,7 +176,7 @@ def _marked(scene: bpy.types.Scene, key: Key) -> object:
 
 
 def _sampled(
-    sampler: Sampler, group: list[bpy.types.Object], free: list[bpy.types.Object], sampled: list[Thing]
+    sampler: Sampler, group: list[bpy.types.Object], free: list[bpy.types.Object], sampled: list[SampledObject]
 ) -> Iterator[None]:
     """Sample a group into ``sampled``, with rests."""
     beside = {}
@@ -196,7 +194,7 @@ def _sampled(
             yield
 
 
-def _lines(key: Key, sampled: list[Thing], drive: Drive, clock: Clock, scene: bpy.types.Scene) -> Iterator[Line]:
+def _lines(key: Key, sampled: list[SampledObject], drive: Drive, clock: Clock, scene: bpy.types.Scene) -> Iterator[Line]:
     """Yield the lines of a group."""
     items = {item.name: item.model for item in scene.unisim.static_items}
     return group_lines(*key, Sampled(scene.name, clock, tuple(sampled), items), drive)

@@ -121,7 +121,7 @@ class Standing:
     def lifted(self) -> FloatArray:
         """Poses (N, 4, 4) of the recorded actor where it stands on the same ground with the object's appearance."""
         poses = self.recorded
-        if not self.here.look:
+        if not self.here.appearance:
             return poses
         lifted = poses.copy()
         lifted[:, :3, 3] += (self.appearance_size_m[2] - self.known.size_m[2]) / 2 * poses[:, :3, 2]
@@ -131,21 +131,21 @@ class Standing:
     def appearance_size_m(self) -> FloatArray:
         """The size (3,) of the box that comes with the object's appearance. Raises `ScenarioError`."""
         thing = self.here
-        actors = scene_actors(Path(thing.look_scene)) if thing.look_scene else self.reading.drive.actors
-        if thing.look not in actors:
-            where = thing.look_scene or "the log"
-            raise ScenarioError(f'object "{thing.name}": has the look of "{thing.look}", which {where} lacks')
-        return actors[thing.look].size_m
+        actors = scene_actors(Path(thing.appearance_scene)) if thing.appearance_scene else self.reading.drive.actors
+        if thing.appearance not in actors:
+            where = thing.appearance_scene or "the log"
+            raise ScenarioError(f'object "{thing.name}": has the look of "{thing.appearance}", which {where} lacks')
+        return actors[thing.appearance].size_m
 
     @property
-    def look_scene(self) -> str | None:
+    def appearance_scene(self) -> str | None:
         """The other trained scene that the appearance is of, as the scenario names it."""
-        return self.reading.relative(self.here.look_scene) if self.here.look_scene else None
+        return self.reading.relative(self.here.appearance_scene) if self.here.appearance_scene else None
 
     def path(self) -> dict[str, Any]:
         """``pose`` or ``trajectory`` of the object; what is between frames is as in the recorded actor's."""
         actor = self.actor
-        recorded = actor.world_from_actor if actor is not None and actor.is_moving and not self.here.look else None
+        recorded = actor.world_from_actor if actor is not None and actor.is_moving and not self.here.appearance else None
         return dict(way(self.clock, self.here.poses, self.here.there, recorded))
 
 

@@ -13,7 +13,7 @@ MARGIN_PX = 2
 """A pixel is met by rays about its middle; the renderer knows how far its decoder carries them."""
 NEAR_M = 0.1
 
-TOLD = ("kind", "uid", "look", "look_scene", "model", "camera", "size_m", "mesh", "sees_body", "scaling")
+TOLD = ("kind", "uid", "appearance", "appearance_scene", "model", "camera", "size_m", "mesh", "sees_body", "scaling")
 """What of an object, beside where it is, says how it looks."""
 
 Rectangle = tuple[int, int, int, int]

@@ -72,7 +72,7 @@ def warnings_of(sampled: Sampled, drive: Drive, limits: Limits | None = None) ->
 
 def _as_recorded(thing: SampledObject, drive: Drive, clock: Clock) -> bool:
     actor = drive.actors.get(thing.uid)
-    if actor is None or not thing.is_original or thing.look or thing.scaling != Scaling():
+    if actor is None or not thing.is_original or thing.appearance or thing.scaling != Scaling():
         return False
     there = recorded_there(actor, drive, clock)
     return bool((there == thing.there).all() and same(thing.poses, recorded_poses(actor, clock))[there].all())
@@ -81,7 +81,7 @@ def _as_recorded(thing: SampledObject, drive: Drive, clock: Clock) -> bool:
 def _label(thing: SampledObject, drive: Drive) -> str:
     if thing.mesh:
         return thing.label.lower()
-    actor: Actor | None = drive.actors.get(thing.look or thing.uid)
+    actor: Actor | None = drive.actors.get(thing.appearance or thing.uid)
     return "" if actor is None else actor.label.lower()
 
 
@@ -104,7 +104,7 @@ def _motion(thing: SampledObject, label: str, clock: Clock) -> Iterator[Finding]
 
 def _limits(thing: SampledObject, drive: Drive, clock: Clock, limits: Limits) -> Iterator[Finding]:
     """Where it exceeds each limit of motion most."""
-    label = label_of(thing.kind, thing.look or thing.uid, thing.label if thing.mesh else "", drive)
+    label = label_of(thing.kind, thing.appearance or thing.uid, thing.label if thing.mesh else "", drive)
     found = compared(Track(thing.name, thing.kind, thing.uid, label, thing.poses, thing.there), drive, clock, limits)
     for name, where in found.exceeded.items():
         if where.any():

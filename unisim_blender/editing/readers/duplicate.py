@@ -19,7 +19,7 @@ class DuplicateReader(NewActorReader[Duplicate]):
 
     def reads(self, standing: Standing) -> bool:
         """One with another appearance is an inserted actor."""
-        return standing.actor is not None and not standing.here.look
+        return standing.actor is not None and not standing.here.appearance
 
     def read(self, standing: Standing) -> Duplicate:
         """A copy that is displaced alike at all frames, in the world's axes or its own, keeps the actor's own trajectory between

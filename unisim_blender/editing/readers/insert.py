@@ -15,14 +15,16 @@ class InsertReader(NewActorReader[Insert]):
     def reads(self, standing: Standing) -> bool:
         """A copy with its source's appearance is a duplicate; without a recorded actor there may be a mesh."""
         thing = standing.here
-        return bool(thing.look) if standing.actor is not None else not thing.mesh
+        return bool(thing.appearance) if standing.actor is not None else not thing.mesh
 
     def read(self, standing: Standing) -> Insert:
         """The object's appearance and path."""
         thing = standing.here
         uid = standing.reading.new_id(thing)
         path = Standing(standing.reading, thing, None).path()
-        return Insert(thing.look or thing.uid, uid, standing.look_scene, **path, present=present(standing.clock, thing.there))
+        return Insert(
+            thing.appearance or thing.uid, uid, standing.appearance_scene, **path, present=present(standing.clock, thing.there)
+        )
 
     def line(self, edit: Insert, standing: Standing) -> Line:
         """That it is there."""

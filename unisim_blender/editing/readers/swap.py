@@ -17,7 +17,7 @@ class SwapReader(ActorReader[Swap]):
     def read(self, standing: Standing) -> Swap | None:
         """What the object notes."""
         thing = standing.here
-        return Swap(standing.known.uid, thing.look, standing.look_scene) if thing.look else None
+        return Swap(standing.known.uid, thing.appearance, standing.appearance_scene) if thing.appearance else None
 
     def line(self, edit: Swap, standing: Standing) -> Line:
         """Whose appearance it is."""

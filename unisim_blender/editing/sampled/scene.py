@@ -24,8 +24,8 @@ class SampledObject:
     kind: str
     uid: str
     original_name: str
-    look: str
-    look_scene: str
+    appearance: str
+    appearance_scene: str
     model: str
     index: int
     poses: FloatArray
