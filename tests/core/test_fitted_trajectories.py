@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from scipy.interpolate import make_smoothing_spline
 from small_log import small_drive, write_small_log
-from unisim_blender.core.training.fitted_trajectories import FEWEST_KEYS, fitted, fitted_trajectory, smoothing
 
 from unisim_blender.core.data import open_log
 from unisim_blender.core.evaluate.tracklets import taken_back
@@ -17,6 +16,7 @@ from unisim_blender.core.geometry import FloatArray, Trajectory, matrix_from_qua
 from unisim_blender.core.scenario.motion import quaternion_product
 from unisim_blender.core.training.config import TrainConfig
 from unisim_blender.core.training.disturb import disturbed, with_drive
+from unisim_blender.core.training.fitted_trajectories import FEWEST_KEYS, fitted, fitted_trajectory, smoothing
 from unisim_blender.core.training.run import refined_drive
 from unisim_blender.core.training.trainer import Trainer
 from unisim_blender.core.world.drive import Actor, Drive
@@ -133,7 +133,7 @@ def test_who_is_fitted() -> None:
     assert fitted(still).actors["car-1"] is still.actors["car-1"]
 
 
-def test_a_training_starts_from_fitted_ways_where_it_refines_them(tmp_path: Path) -> None:
+def test_a_training_starts_from_fitted_trajectories_where_it_refines_them(tmp_path: Path) -> None:
     write_small_log(tmp_path)
     noisy = disturbed(long_drive(), 0.3, 3.0, 1)
     log = with_drive(open_log(tmp_path), noisy)
