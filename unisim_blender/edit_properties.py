@@ -35,6 +35,7 @@ class UniSimMuted(bpy.types.PropertyGroup):
     look: StringProperty()
     look_scene: StringProperty()
     scale: FloatVectorProperty(size=3, default=(1.0, 1.0, 1.0))
+    scale_lift_m: FloatProperty()
 
 
 class UniSimEdits(bpy.types.PropertyGroup):

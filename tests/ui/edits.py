@@ -8,12 +8,15 @@ from pathlib import Path
 
 import bpy
 import numpy as np
+from mathutils import Quaternion, Vector
 from numpy.typing import NDArray
 
 sys.path.insert(0, str(Path(__file__).parent))
 import hands
+from buttons import found_at, place_of, region_of
 from edit_panel import apart, line_of, listed, moved_along, opened, picked, press, rendered, shown_pixels, toggled
 from hands import key, middle, thing, to
+from pixels import grab, part
 from session import area, results, screenshot, start, until, view, wait_for_picture
 from tasks import bare_view, begin, seen, task
 
@@ -119,6 +122,29 @@ def reverted_edit() -> Iterator[float]:
     yield from listed(("Moved 3.0 m", False), ("Copied", False))
 
 
+def long_lines() -> Iterator[float]:
+    """A camera with a long name that is moved and turned, and a car that is retimed and moved: rows tell all of it."""
+    one = view()[0]
+    scene = bpy.context.scene
+    scene.camera.name = "front_left_camera_of_the_second_vehicle_in_the_garage"
+    scene.camera.location += Vector((0.3, 0.2, 0.1))
+    scene.camera.rotation_quaternion = Quaternion((0.0, 0.0, 1.0), 0.2) @ scene.camera.rotation_quaternion
+    yield from picked(names["moved"])
+    yield from key("T", ctrl=True, alt=True)
+    yield from listed(("Retimed", False), ("Copied", False), ("Camera", False))
+    for begins, rows in (("Retimed", 2), ("Camera", 4)):
+        line = line_of(begins)
+        yield from place_of(("unisim.mute_edit(", f'kind="{line["kind"]}"', f'name="{line["name"]}"'), columns=(COUNTS,))
+        screenshot(f"edits_long_{begins.lower()}")
+        x, y = found_at[0]
+        # what is cut reaches to the buttons, and has none of its rows below
+        beside = np.asarray(part(grab(), (x - 26, y - 7, 10, 14)), int)
+        assert np.ptp(beside.mean(-1)) < 12, f"the text of the line {begins} reaches to its buttons"
+        whole = part(grab(), (region_of(one, "UI").x + 45, y - 12 - 20 * (rows - 1), 120, 20 * rows)).astype(int).mean(-1)
+        inked = [bool(np.ptp(whole[20 * row + 4 : 20 * row + 16]) > 40) for row in range(rows)]
+        assert all(inked), f"the line {begins} has text in these of its rows: {inked}"
+
+
 def steps() -> Iterator[float]:
     """The session."""
     yield from opened()
@@ -130,6 +156,7 @@ def steps() -> Iterator[float]:
         ("edits_mute", muted_edits),
         ("edits_undone_mute", undone_mute),
         ("edits_reverted", reverted_edit),
+        ("edits_long", long_lines),
     ):
         yield from task(name, todo)
 

@@ -22,6 +22,7 @@ from .mesh_objects import object_of
 from .poses import optical
 from .rig import lag, lidar_json, sensor_times
 from .source import Source
+from .standing import note_scale
 from .static_items import mark
 from .things import box_mesh, collection_of, make, new_actor, things
 from .trajectories import remove
@@ -60,6 +61,7 @@ def _actors(scene: bpy.types.Scene, recorded: Drive, edited: Drive, clock: Clock
             _look(own[uid], now, actor.look.actor)
             own[uid].scale = now.scale
             go(own[uid], now, edited, clock)
+            note_scale(own[uid], _risen(now, actor))
     for uid, actor in edited.actors.items():
         if uid not in recorded.actors and not actor.is_ego_body:
             mesh = actor.look.mesh
@@ -69,6 +71,16 @@ def _actors(scene: bpy.types.Scene, recorded: Drive, edited: Drive, clock: Clock
                 _look(thing, actor, actor.look.actor if not actor.look.scene else "")
             thing.scale = actor.scale
             go(thing, actor, edited, clock)
+            source = recorded.actors.get(actor.look.actor) if not mesh and not actor.look.scene else None
+            note_scale(thing, _risen(actor, source) if source is not None else 0.0)
+
+
+def _risen(now: Actor, before: Actor) -> float:
+    """Return how much higher an actor stands than one was recorded, in metres along its own axis, but for another appearance."""
+    time_s = before.world_from_actor.times_s[0]
+    pose, recorded = now.world_from_actor.at(time_s), before.world_from_actor.at(time_s)
+    higher = float((pose[:3, 3] - recorded[:3, 3]) @ recorded[:3, 2])
+    return higher - float(now.look_size_m[2] - before.size_m[2]) / 2
 
 
 def _bodies(scene: bpy.types.Scene, ego: bpy.types.Object, scenario: Scenario) -> None:

@@ -97,7 +97,8 @@ def actor_lines(uid: str, standing: list[Thing], drive: Drive, clock: Clock) -> 
     for edit in actor_edits(sampled, few, set(drive.actors), str):
         if isinstance(edit, Remove | Move | Swap):
             if edit.actor == uid and actor is not None:
-                yield _own(edit, own, actor, drive, clock)
+                line = _own(edit, own, actor, drive, clock)
+                yield from () if line is None else (line,)
         elif isinstance(edit, Scale):
             if edit.actor == uid and own is not None:  # a copy's scale is part of its own line
                 words = f"Scaled by {scale_text(edit.factors)}"
@@ -106,8 +107,9 @@ def actor_lines(uid: str, standing: list[Thing], drive: Drive, clock: Clock) -> 
             yield _added(edit, others.pop(0), actor, drive, clock)
 
 
-def _own(edit: Edit, own: Thing | None, actor: Actor, drive: Drive, clock: Clock) -> Line:
-    """Return the line of what became of a recorded actor."""
+def _own(edit: Edit, own: Thing | None, actor: Actor, drive: Drive, clock: Clock) -> Line | None:
+    """Return the line of what became of a recorded actor; None where it was moved for its scale alone, which has a line of its
+    own."""
     poses, there = recorded_poses(actor, clock), recorded_there(actor, drive, clock)
     who, thing = (own.title, own.name) if own is not None else (plain_names(drive.actors)[actor.uid], "")
     if isinstance(edit, Remove) or own is None:
@@ -119,14 +121,17 @@ def _own(edit: Edit, own: Thing | None, actor: Actor, drive: Drive, clock: Clock
     lifted = poses.copy()
     if own.look:
         lifted[:, :3, 3] += (_height(own, drive) - float(actor.size_m[2])) / 2 * poses[:, :3, 2]
-    words = _moved(own, poses, lifted, there, actor, clock)
+    lifted[:, :3, 3] += own.scale_lift_m * poses[:, :3, 2]
     differs = (own.there != there) | (own.there & ~same(own.poses, lifted))
+    if own.scale_lift_m and not differs.any():
+        return None
+    words = _moved(own, poses, lifted, there, actor, clock)
     return _line("ACTOR", actor.uid, "MOVE", words or "Moved", who, thing, differs, clock, edit)
 
 
 def _moved(thing: Thing, base: FloatArray, lifted: FloatArray, there: BoolArray, actor: Actor | None, clock: Clock) -> str:
     """Return how an object goes another way than ``base`` (N, 4, 4), which lies ``lifted`` for an object with
-    another appearance."""
+    another appearance or scale."""
     at = thing.there & there if (thing.there & there).any() else thing.there
     few = Clock(clock.frames[at], clock.times_s[at])
     parts = []
@@ -155,7 +160,9 @@ def _added(edit: Edit, thing: Thing, source: Actor | None, drive: Drive, clock: 
     if isinstance(edit, Insert) or source is None:
         return _line("ACTOR", thing.uid, "INSERT", "Inserted", thing.title, thing.name, thing.there, clock, edit)
     base, there = recorded_poses(source, clock), recorded_there(source, drive, clock)
-    words = _moved(thing, base, base, there, source, clock)
+    lifted = base.copy()
+    lifted[:, :3, 3] += thing.scale_lift_m * base[:, :3, 2]
+    words = _moved(thing, base, lifted, there, source, clock)
     what = joined(["Copied", words.removeprefix("Moved ")]) if words else "Copied, in place"
     return _line(
         "ACTOR", thing.uid, "COPY", what.replace("Copied; ", "Copied: "), thing.title, thing.name, thing.there, clock, edit

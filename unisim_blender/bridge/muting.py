@@ -17,10 +17,11 @@ import bpy
 from .copies import copy_action
 from .edit_lines import ADDED, Line
 from .importing import fit_resolution, front_camera
-from .meshes import size_of
+from .meshes import extent_of
 from .refresh import refresh
 from .reverting import delete, lift, restore, set_appearance, unscaled
 from .source import Source
+from .standing import scaled_to
 from .things import collection_of, original_of
 from .trajectories import remove, trajectory_of
 
@@ -39,7 +40,7 @@ def mute(scene: bpy.types.Scene, source: Source, line: Line) -> None:
         refresh([thing])
         return
     if line.part == "SCALE":
-        item.scale = thing.scale
+        item.scale, item.scale_lift_m = thing.scale, thing.unisim.scale_lift_m
         unscaled(thing)
         refresh([thing])
         return
@@ -56,7 +57,7 @@ def unmute(scene: bpy.types.Scene, source: Source, number: int, rivals: Iterable
         mute(scene, source, rival)
     item = scene.unisim_edits.muted[number]
     parked, kind, uid, part = item.parked, item.kind, item.uid, item.part
-    scale = tuple(item.scale)
+    scale, lift_m = tuple(item.scale), item.scale_lift_m
     look, look_scene, collection = item.look, item.look_scene, scene.collection if item.at_root else item.collection
     scene.unisim_edits.muted.remove(number)
     now = original_of(scene, kind, uid)
@@ -70,7 +71,7 @@ def unmute(scene: bpy.types.Scene, source: Source, number: int, rivals: Iterable
         refresh([now])
     elif part == "SCALE":
         assert now is not None  # a removal is a rival, and muted by now
-        now.scale = scale
+        scaled_to(now, scale, lift_m)
         refresh([now])
     elif parked is None:
         delete(scene, now)
@@ -206,9 +207,9 @@ def _take_place(
 def _keep_appearance(now: bpy.types.Object, parked: bpy.types.Object) -> None:
     """An appearance and a scale are edits of their own: a parked actor gets those that the actor has now."""
     if now.unisim.kind == "ACTOR":
-        parked.scale = now.scale
+        scaled_to(parked, now.scale, now.unisim.scale_lift_m)
     if now.unisim.kind != "ACTOR" or (now.unisim.look, now.unisim.look_scene) == (parked.unisim.look, parked.unisim.look_scene):
         return
-    rise = (float(size_of(now)[2]) - float(size_of(parked)[2])) / 2
+    rise = (float(extent_of(now)[2]) - float(extent_of(parked)[2])) / 2
     parked.unisim.look, parked.unisim.look_scene, parked.data = now.unisim.look, now.unisim.look_scene, now.data
     lift(parked, rise)

@@ -15,11 +15,12 @@ from .animation import remove_curves
 from .clock import Clock
 from .edit_lines import ADDED, Line
 from .importing import animate, fit_resolution, front_camera, go, import_one
-from .meshes import size_of
+from .meshes import extent_of
 from .motion import displaced_along
 from .refresh import refresh
 from .sampling import shown_names
 from .source import Source
+from .standing import give_box, scaled_to
 from .static_items import LABEL
 from .things import box_mesh, collection_of, make, things
 from .trajectories import remove, trajectory_of
@@ -51,11 +52,10 @@ def restore(scene: bpy.types.Scene, source: Source, kind: str, uid: str, thing: 
     actor keeps
     its appearance. Return the object."""
     drive = source.drive
+    scale, lift_m = (1.0, 1.0, 1.0), 0.0
     if thing is not None:
-        scale = tuple(thing.scale)
+        scale, lift_m = tuple(thing.scale), thing.unisim.scale_lift_m
         unmoved(thing)
-        if kind == "ACTOR":  # a scale is an edit of its own
-            thing.scale = scale
     if kind == "STATIC":
         thing = _item(scene, uid, thing)
     elif kind == "EGO":
@@ -63,7 +63,9 @@ def restore(scene: bpy.types.Scene, source: Source, kind: str, uid: str, thing: 
     elif kind == "ACTOR" and thing is not None:
         actor = drive.actors[uid]
         go(thing, actor, drive, Clock.of(drive))
-        lift(thing, (float(size_of(thing)[2]) - float(actor.size_m[2])) / 2 if thing.unisim.look else 0.0)
+        lift(thing, (float(extent_of(thing)[2]) - float(actor.size_m[2])) / 2 if thing.unisim.look else 0.0)
+        thing.unisim.scale_lift_m = 0.0
+        scaled_to(thing, scale, lift_m)  # a scale is an edit of its own
     else:
         if kind in ("CAMERA", "LIDAR") and thing is None:  # hidden, it is missing for the scenario alone
             thing = next((t for t in things(scene, kind) if t.unisim.uid == uid and t.name == t.unisim.home), None)
@@ -94,7 +96,8 @@ def unmoved(thing: bpy.types.Object) -> None:
 def unscaled(thing: bpy.types.Object) -> None:
     """Give an object the size that it was imported with."""
     remove_curves(thing, "scale", "delta_scale")
-    thing.scale = thing.delta_scale = (1.0, 1.0, 1.0)
+    thing.delta_scale = (1.0, 1.0, 1.0)
+    scaled_to(thing, (1.0, 1.0, 1.0), 0.0)
 
 
 def show(scene: bpy.types.Scene, thing: bpy.types.Object) -> None:
@@ -113,10 +116,8 @@ def set_appearance(thing: bpy.types.Object, drive: Drive, look: str, look_scene:
     """Give an actor the appearance of another one, "" for its own: that one's box, on the same ground."""
     named = look or thing.unisim.uid
     actor = (scene_actors(Path(bpy.path.abspath(look_scene))) if look_scene else drive.actors)[named]
-    before = float(size_of(thing)[2])
     thing.unisim.look, thing.unisim.look_scene = look, look_scene
-    thing.data = box_mesh(actor.size_m, actor.label)
-    lift(thing, (float(actor.size_m[2]) - before) / 2)
+    give_box(thing, box_mesh(actor.size_m, actor.label), float(actor.size_m[2]))
 
 
 def lift(thing: bpy.types.Object, up_m: float) -> None:

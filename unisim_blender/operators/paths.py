@@ -5,13 +5,13 @@ import numpy as np
 from bpy.props import FloatProperty
 
 from ..bridge.clock import Clock
-from ..bridge.durations import followed
+from ..bridge.durations import followed, followed_briefly
 from ..bridge.ground import ground_height
 from ..bridge.meshes import size_of
 from ..bridge.motion import displaced_along, follow
 from ..bridge.refresh import refresh
 from ..bridge.sampling import frame_of
-from ..bridge.selection import chosen
+from ..bridge.selection import chosen, counted_names
 from ..bridge.source import source_of
 from ..core.errors import UnisimError
 from ..translations import message
@@ -69,7 +69,7 @@ class UNISIM_OT_follow_curve(bpy.types.Operator):
         refresh(actors)
         self.length_m = float(np.linalg.norm(np.diff(line, axis=0), axis=1).sum())
         start_s = float(clock.time_s(np.array(frame_of(context.scene))))
-        self.report({"INFO"}, "; ".join(followed(self.length_m, self.speed_m_s, start_s, clock)))
+        self.report({"INFO"}, f"{counted_names(actors)}: {followed_briefly(self.length_m, self.speed_m_s, start_s, clock)}")
         return {"FINISHED"}
 
 
