@@ -16,7 +16,7 @@ from .view_types import looks_through
 SIZE, LINE, TOP = 12.0, 18.0, 70.0
 """Height of the text, from line to line, and from the view's upper edge, in points of an ordinary display."""
 COLOUR = (1.0, 0.82, 0.35, 1.0)
-SHADE, STRIPE = (0.0, 0.0, 0.0, 0.45), (0.6, 0.6, 0.6, 0.22)
+SHADE, STRIPE = (0.0, 0.0, 0.0, 0.35), (0.6, 0.6, 0.6, 0.16)
 """Over a view of a frame outside the drive that the engine does not draw, and in stripes over that."""
 
 

@@ -47,11 +47,15 @@ def choose_path(path: Path, folder: bool = False) -> Iterator[float]:
         yield from key("RET")
         yield 0.7
         accept = regions["EXECUTE"]
-        if folder:  # in Blender 5.2, Enter over the list does nothing then: the button that accepts does
+        if folder:
             screenshot(f"browser_{path.stem}")
             yield from to(accept.x + ACCEPT * accept.width, accept.y + accept.height / 2)
-            yield 0.3
-            yield from click()
+            for _ in range(3):  # in Blender 5.2, the first click leaves the field of the path
+                yield 0.3
+                yield from click()
+                yield 1.2
+                if len(bpy.context.window_manager.windows) == 1:
+                    break
         else:
             yield from to(accept.x + accept.width / 4, accept.y + accept.height / 2)
             yield from click()

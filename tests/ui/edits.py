@@ -8,7 +8,6 @@ from pathlib import Path
 
 import bpy
 import numpy as np
-from mathutils import Quaternion, Vector
 from numpy.typing import NDArray
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -123,19 +122,18 @@ def reverted_edit() -> Iterator[float]:
 
 
 def long_lines() -> Iterator[float]:
-    """A camera with a long name that is moved and turned, and a car that is retimed and moved: rows tell all of it."""
-    one = view()[0]
-    scene = bpy.context.scene
-    scene.camera.name = "front_left_camera_of_the_second_vehicle_in_the_garage"
-    scene.camera.location += Vector((0.3, 0.2, 0.1))
-    scene.camera.rotation_quaternion = Quaternion((0.0, 0.0, 1.0), 0.2) @ scene.camera.rotation_quaternion
+    """A camera with a long name and a car that is retimed and moved: their lines go on in further rows."""
+    one, space = view()[:2]
+    space.shading.type, space.show_object_viewport_mesh = "SOLID", True
+    bpy.context.scene.camera.name = "front_left_camera_of_the_second_vehicle_in_the_garage"
+    yield 0.5
     yield from picked(names["moved"])
     yield from key("T", ctrl=True, alt=True)
-    yield from listed(("Retimed", False), ("Copied", False), ("Camera", False))
-    for begins, rows in (("Retimed", 2), ("Camera", 4)):
+    yield from listed(("Retimed", False), ("Copied", False), ("Camera added", False), ("Camera removed", False))
+    for begins, rows in (("Retimed", 3), ("Camera added", 3)):
         line = line_of(begins)
         yield from place_of(("unisim.mute_edit(", f'kind="{line["kind"]}"', f'name="{line["name"]}"'), columns=(COUNTS,))
-        screenshot(f"edits_long_{begins.lower()}")
+        screenshot(f"edits_long_{begins.split()[0].lower()}")
         x, y = found_at[0]
         # what is cut reaches to the buttons, and has none of its rows below
         beside = np.asarray(part(grab(), (x - 26, y - 7, 10, 14)), int)

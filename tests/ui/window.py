@@ -61,6 +61,11 @@ def swept() -> str:
     return next((thing.unisim.stamp for thing in bpy.context.scene.objects if thing.unisim.kind == "POINTS"), "")
 
 
+def shown_sweeps() -> list[str]:
+    """Names of the sweeps that have points."""
+    return [thing.name for thing in bpy.context.scene.objects if thing.unisim.kind == "POINTS" and len(thing.data.vertices)]
+
+
 def f12() -> None:
     """Render in a window of its own, as the key does."""
     with inside(area("VIEW_3D")):
@@ -318,6 +323,13 @@ def steps() -> Iterator[float]:
     yield 0.5
     screenshot("sweep")
     car.location.y -= 1.0
+    # recorded and simulated points together, by their depth
+    scene.unisim.points_colour = "DEPTH"
+    with inside(found):
+        bpy.ops.unisim.show_points(recorded=True, simulated=True)
+    yield from until(lambda: len(shown_sweeps()) == 2, "recorded and simulated points are not shown together")
+    yield 1.0
+    screenshot("sweeps_by_depth")
     with inside(found):
         bpy.ops.unisim.show_points(recorded=False, simulated=False)
     # for a Blender without a window
