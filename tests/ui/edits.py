@@ -129,8 +129,8 @@ def long_lines() -> Iterator[float]:
     yield 0.5
     yield from picked(names["moved"])
     yield from key("T", ctrl=True, alt=True)
-    yield from listed(("Retimed", False), ("Copied", False), ("Camera added", False), ("Camera removed", False))
-    for begins, rows in (("Retimed", 3), ("Camera added", 3)):
+    yield from listed(("Retimed", False), ("Copied", False), ("Camera copied", False), ("Camera removed", False))
+    for begins, rows in (("Retimed", 3), ("Camera copied", 3)):
         line = line_of(begins)
         yield from place_of(("unisim.mute_edit(", f'kind="{line["kind"]}"', f'name="{line["name"]}"'), columns=(COUNTS,))
         screenshot(f"edits_long_{begins.split()[0].lower()}")
