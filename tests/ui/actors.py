@@ -9,6 +9,7 @@ from typing import Any
 
 import bpy
 import numpy as np
+from heart import uncounted
 from numpy.typing import NDArray
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -33,6 +34,7 @@ def module(name: str) -> Any:
     return sys.modules[f"{MODULE}.{name}"]
 
 
+@uncounted
 def shot(name: str) -> NDArray[np.float32]:
     """A screenshot (H, W, 3) in steps of eight bits, the bottom row first, as the mouse counts."""
     screenshot(name)

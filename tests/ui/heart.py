@@ -34,6 +34,8 @@ class Heart:
         self.longest = 0.0
         self.within: Counter[str] = Counter()
         self.looks: Counter[str] = Counter()
+        self.apart = 0
+        """How many functions of the test's own are at work, one in the other."""
 
     def beat(self) -> float:
         """Called by a timer of Blender's."""
@@ -51,7 +53,7 @@ class Heart:
 
     def look(self, main: int) -> None:
         """Look at what the thread ``main`` does, where the beat is late."""
-        if time.monotonic() - self.last > LATE_S:
+        if time.monotonic() - self.last > LATE_S and not self.apart:
             self.looks[what_runs(sys._current_frames().get(main))] += 1
 
     def ours_s(self) -> float:
@@ -89,10 +91,12 @@ def uncounted(work: Callable[P, R]) -> Callable[P, R]:
 
     @wraps(work)
     def apart(*arguments: P.args, **named: P.kwargs) -> R:
-        begun = time.monotonic()
+        begun, heart.apart = time.monotonic(), heart.apart + 1
         try:
             return work(*arguments, **named)
         finally:
-            heart.last += time.monotonic() - begun
+            heart.apart -= 1
+            if heart.apart == 0:  # what one of them calls is part of it
+                heart.last += time.monotonic() - begun
 
     return apart

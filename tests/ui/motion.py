@@ -10,6 +10,7 @@ from typing import Any
 
 import bpy
 import numpy as np
+from heart import uncounted
 from mathutils import Vector
 from numpy.typing import NDArray
 
@@ -60,6 +61,7 @@ def drag(x: float, y: float, to_x: float, to_y: float, shot: str = "", let_go: b
         yield 0.3
 
 
+@uncounted
 def screen() -> NDArray[np.float32]:
     """What the window shows, (H, W, 3) from 0 to 1, bottom row first."""
     screenshot("pixels")

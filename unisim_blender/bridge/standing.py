@@ -18,6 +18,8 @@ from .scaling import SAME_SCALE
 
 UNKNOWN = (0.0, 0.0, 0.0)
 """The noted scale of an object that none was noted of, as in files of earlier versions."""
+SAME_RISE_M = 1e-3
+"""Heights that differ by less are the same."""
 
 
 def stand(thing: bpy.types.Object) -> bool:
@@ -52,10 +54,6 @@ def note_scale(thing: bpy.types.Object, risen_m: float) -> None:
     rise_m = _rise(thing, thing.scale[2])
     thing.unisim.rest_scale = thing.scale
     thing.unisim.scale_lift_m = rise_m if abs(risen_m - rise_m) < SAME_RISE_M else 0.0
-
-
-SAME_RISE_M = 1e-3
-"""Heights that differ by less are the same."""
 
 
 def give_box(thing: bpy.types.Object, mesh: bpy.types.Mesh, height_m: float) -> None:
