@@ -9,12 +9,12 @@ from typing import Any
 
 import bpy
 import numpy as np
-from heart import uncounted
 from numpy.typing import NDArray
 
 sys.path.insert(0, str(Path(__file__).parent))
 from buttons import open_panel
 from hands import click, edits, import_dropped, key, middle, mouse, sidebar, thing, to, write
+from heart import uncounted
 from session import ARCHIVE, MODULE, OUT, area, inside, named, picture, screenshot, start, until, view, wait_for_picture
 from tasks import begin, changed, task
 

@@ -10,7 +10,6 @@ from typing import Any
 
 import bpy
 import numpy as np
-from heart import uncounted
 from mathutils import Vector
 from numpy.typing import NDArray
 
@@ -18,6 +17,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 import hands
 from buttons import open_panel
 from hands import click, edits, import_dropped, key, look_at, middle, place, scenario, sidebar, thing, to
+from heart import uncounted
 from session import ARCHIVE, MODULE, OUT, area, choose, from_behind, inside, results, screenshot, start, until, view
 from tasks import begin, task
 
