@@ -14,8 +14,8 @@ from browser import choose_path
 from buttons import INNER, Place, buttons, held, press, region_of, reports, scroll
 from displaced import select
 from hands import edits, key, middle, thing, to, write
-from pixels import HEADLESS, Image, grab, part, region_rectangle
-from session import MODULE, OUT, area, choose, picture, results, screenshot, start, until, view
+from pixels import HEADLESS, Image, apart, grab, part, region_rectangle
+from session import MODULE, OUT, area, choose, picture, redraw, results, screenshot, start, until, view
 from tasks import click_car, fresh, imported, keys, task, through_camera
 
 
@@ -194,6 +194,12 @@ def camera_aside() -> Iterator[float]:
     yield from press("unisim.check()")
     warnings = bpy.context.scene.unisim_check.warnings
     yield from until(lambda: any(one.name == name and "beside all" in one.text for one in warnings), "it is not found", 20)
+    yield 1.0
+    at_once = part(grab(), region_rectangle("UI")).copy()
+    redraw()
+    yield 0.5
+    stale = int((apart(at_once, part(grab(), region_rectangle("UI"))) > 8).sum())
+    assert not stale, f"{stale} pixels of the sidebar say something else once it is drawn again"
     frame = next(one.frame for one in warnings if one.name == name)
     scene.frame_set(frame + 3 if frame < 10 else frame - 3)
     yield from to(*middle(area("VIEW_3D")))
