@@ -20,6 +20,7 @@ SHOWN = {
     "split_third": "split",
     "difference": "difference",
     "unsupported": "unsupported",
+    "sweeps_by_depth": "points",
 }
 """By the session's name: the documentation's."""
 BESIDE = {"clip": ("unclipped_behind", "clipped_behind")}

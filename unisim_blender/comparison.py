@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from .core.world.drive import CameraModel
 from .editing.images.comparison import Rectangle, difference, errors, hatched, lacks_recorded, placement, visible
 from .editing.images.recorded import RecordedImages, Shown, Wanted
+from .editing.sampled.outside import marked_outside
 from .editing.sampled.scene import SampledObject
 from .editing.sampled.source import Source
 from .view_options import ViewOptions
@@ -118,12 +119,14 @@ class Comparison:
         stamp: object,
         finished: bool,
         stale: bool,
+        outside: bool = False,
     ) -> None:
         """Draw what the options ask for into ``rectangle`` of a region of that size (width, height).
 
         ``rendered`` (H, W, 4) is linear, ``srgb`` (H, W, 3) the same in eight bits, both with their lowest row first; ``stamp``
         is another one whenever these are. ``finished``: whether no more of the rendered image is to come; ``stale``: whether
         nothing has come of it. A stale image stands beside the recorded one that it was rendered for, and not beside the next.
+        ``outside``: whether it is of a frame outside the drive.
         """
         mode, size = self.mode, (rectangle[3], rectangle[2])
         shown = self._shown if self._shown is not None and self._shown.linear.shape[:2] == size else None
@@ -148,8 +151,10 @@ class Comparison:
             draw_part(self._textures["recorded"], rectangle, 0.0, split)
         if there and split < 1.0:
             over = unsupported if self.options.unsupported else None
-            if self._made_of.get("rendered") != (stamp, over is not None):
-                self._put("rendered", rendered if over is None else hatched(rendered, over), (stamp, over is not None))
+            made_of = stamp, over is not None, outside
+            if self._made_of.get("rendered") != made_of:
+                marked = marked_outside(rendered) if outside else rendered
+                self._put("rendered", marked if over is None else hatched(marked, over), made_of)
             draw_part(self._textures["rendered"], rectangle, split, 1.0)
 
     def _told(self, shown: Shown, srgb: NDArray[np.uint8], seen: tuple[slice, slice]) -> str:

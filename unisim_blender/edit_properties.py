@@ -37,6 +37,7 @@ class UniSimMuted(bpy.types.PropertyGroup):
     look_scene: StringProperty()
     scale: FloatVectorProperty(size=3, default=(1.0, 1.0, 1.0))
     kept: StringProperty()  # what another carrier of edits keeps
+    scale_lift_m: FloatProperty()
 
 
 class UniSimEdits(bpy.types.PropertyGroup):

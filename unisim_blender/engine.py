@@ -20,7 +20,7 @@ from .client import Client, Request, client, progress_line
 from .core.colour import linear_from_srgb
 from .core.errors import UnisimError
 from .editing.reading.requests import camera_request
-from .editing.sampled.outside import outside_drive
+from .editing.sampled.outside import marked_outside, outside_drive
 from .preferences import device, interpreter
 from .translations import interface
 
@@ -126,7 +126,7 @@ class UniSimEngine(bpy.types.RenderEngine):
         size = image_size(render)
         layer = depsgraph.view_layer_eval
         names = wanted_passes(scene, layer)
-        picture = Picture(size, border_of(render, size), names, layer.name)
+        picture = Picture(size, border_of(render, size), names, layer.name, bool(outside))
         asked = camera_request(sampled, view, source, frame, size, render.pixel_aspect_y / render.pixel_aspect_x)
         picture.indices = asked.indices
         height = size[1]
@@ -195,11 +195,13 @@ class Picture:
     """What of an image has come: for each pass an array, its lowest row first, of the border's size.
 
     ``border`` is (left, bottom, right, top) in pixels of the whole image of ``size`` (width, height), counted from below as
-    Blender does.
+    Blender does. ``outside``: whether it is of a frame outside the drive: its colours are marked so.
     """
 
-    def __init__(self, size: tuple[int, int], border: tuple[int, int, int, int], names: list[str], layer: str) -> None:
-        self.size, self.border, self.layer = size, border, layer
+    def __init__(
+        self, size: tuple[int, int], border: tuple[int, int, int, int], names: list[str], layer: str, outside: bool = False
+    ) -> None:
+        self.size, self.border, self.layer, self.outside = size, border, layer, outside
         left, bottom, right, top = border
         shape = top - bottom, right - left
         self.buffers = {"Combined": np.zeros((*shape, 4), np.float32)}
@@ -216,6 +218,8 @@ class Picture:
         self.buffers["Combined"][rows, :, 3] = 1.0
         if "unsupported" in arrays:  # asked for where it is left out
             self.buffers["Combined"][rows][arrays["unsupported"][::-1]] = 0.0
+        if self.outside:
+            self.buffers["Combined"][rows] = marked_outside(self.buffers["Combined"][rows], rows.start)
         for name, buffer in self.buffers.items():
             if name != "Combined":
                 buffer[rows] = self._values(name, event, arrays)[::-1].reshape(last - first, *buffer.shape[1:])

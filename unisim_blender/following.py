@@ -8,6 +8,7 @@ import bpy
 from bpy.app.handlers import persistent
 
 from .bridge.changes.displacing import displaced_objects, keep, settle
+from .bridge.changes.standing import stand
 from .bridge.objects.imported import KINDS_OF_DRIVE, has_drive, imported_objects
 from .bridge.objects.meshes import scaled_sentence
 from .bridge.objects.trajectories import convert, trajectory_of
@@ -25,8 +26,6 @@ _touched: dict[str, set[str]] = {}
 """Names of objects that were moved since the frame was reached, by scene."""
 _unsettled: set[tuple[str, str]] = set()
 """Scenes and objects whose change is to be completed."""
-_scales: dict[tuple[str, str], tuple[float, ...]] = {}
-"""Scales of actors as they were noted last, by scene and object."""
 _frames: dict[str, float] = {}
 """The frame that each scene was last evaluated at."""
 
@@ -60,7 +59,7 @@ def note_changes(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None =
         thing = update.id.original
         if update.is_updated_transform and isinstance(thing, bpy.types.Object) and thing.unisim.kind in KINDS_OF_DRIVE:
             _touched.setdefault(scene.name, set()).add(thing.name)
-            if trajectory_of(thing) is not None or _is_resized(scene, thing):
+            if trajectory_of(thing) is not None or _is_resized(thing):
                 _unsettled.add((scene.name, thing.name))
     if _unsettled and not bpy.app.timers.is_registered(_settle):
         bpy.app.timers.register(_settle, first_interval=0.0)
@@ -88,17 +87,15 @@ def settle_now() -> list[str]:
             continue
         if sentence := settle(scene, thing):
             said.append(sentence)
-        if _is_resized(scene, thing):
-            _scales[name, of] = tuple(thing.scale)
+        if thing.unisim.kind == "ACTOR" and stand(thing):
             said.append(scaled_sentence(thing))
     _unsettled.clear()
     return said
 
 
-def _is_resized(scene: bpy.types.Scene, thing: bpy.types.Object) -> bool:
-    """Whether an actor has another scale than when it was noted last; a new one is noted."""
-    now = tuple(thing.scale)
-    return thing.unisim.kind == "ACTOR" and _scales.setdefault((scene.name, thing.name), now) != now
+def _is_resized(thing: bpy.types.Object) -> bool:
+    """Return whether an actor has another scale than was noted of it."""
+    return thing.unisim.kind == "ACTOR" and tuple(thing.scale) != tuple(thing.unisim.rest_scale)
 
 
 def _settle() -> float | None:
@@ -138,7 +135,6 @@ def look_again(*_: object) -> None:
     """Another file, or another state of this one: bring objects of earlier versions up to date, and begin to follow."""
     _touched.clear()
     _unsettled.clear()
-    _scales.clear()
     for scene in getattr(bpy.data, "scenes", ()):  # there are none yet while the extension is switched on
         _frames[scene.name] = scene.frame_current_final
         if not has_drive(scene):
@@ -150,7 +146,7 @@ def look_again(*_: object) -> None:
         for thing in displaced_objects(scene):
             settle(scene, thing)
         for thing in imported_objects(scene, "ACTOR"):
-            _is_resized(scene, thing)
+            stand(thing)
 
 
 def _handlers() -> tuple[tuple[list[object], object], ...]:
@@ -180,5 +176,4 @@ def unregister() -> None:
             bpy.app.timers.unregister(timer)
     _touched.clear()
     _unsettled.clear()
-    _scales.clear()
     _frames.clear()

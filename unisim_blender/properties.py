@@ -85,6 +85,8 @@ class UniSimObject(bpy.types.PropertyGroup):
     called: StringProperty(description="Identifier in scenarios, for objects that were copied with a variant")
     called_as: StringProperty(description="Object name for which that identifier is valid")
     rest_location: FloatVectorProperty(size=3, description="Offset from the trajectory before the first keyframe")
+    rest_scale: FloatVectorProperty(size=3, description="Scale that the location accounts for; zero where none was noted")
+    scale_lift_m: FloatProperty(description="How far the object was lifted along its own axis for its scale")
     rest_rotation: FloatVectorProperty(
         size=4, default=(1.0, 0.0, 0.0, 0.0), description="Rotation relative to the trajectory before the first keyframe"
     )

@@ -70,6 +70,8 @@ class View:
     """What the scene's method cannot show."""
     outside: str = ""
     """Said where the frame lies outside the drive."""
+    shows_outside: bool = False
+    """Whether the picture that is there is of a frame outside the drive."""
     changes: int = 0
     waits: bool = False
     """Whether a render job goes first."""
@@ -277,6 +279,7 @@ class View:
         if part.bottom is not None and part.bottom > self.unfinished[1]:
             self.unfinished = self.unfinished[0], part.bottom, *self.unfinished[2:]
         here = part.rows, part.columns
+        self.shows_outside = bool(self.outside)
         self.linear[here], self.srgb[here] = part.linear, part.srgb
         if part.unsupported is not None and self.unsupported is not None:
             self.unsupported[here] = part.unsupported
@@ -293,7 +296,8 @@ class View:
         with gpu.matrix.push_pop(), gpu.matrix.push_pop_projection():
             gpu.matrix.load_identity()
             gpu.matrix.load_projection_matrix(exact_pixels(*gpu.state.viewport_get()[2:]))
-            self.comparison.draw(self.rectangle, size, self.linear, self.srgb, self.unsupported, self.revision, finished, stale)
+            shown = self.linear, self.srgb, self.unsupported, self.revision
+            self.comparison.draw(self.rectangle, size, *shown, finished, stale, self.shows_outside)
         engine.unbind_display_space_shader()
         gpu.state.blend_set("NONE")
 

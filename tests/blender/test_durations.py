@@ -5,9 +5,16 @@ from __future__ import annotations
 from typing import Any
 
 import bpy
+import numpy as np
 from helpers import drawn, select, thing
 
 from unisim_blender.bridge.objects.source import source_of
+from unisim_blender.editing.motion.durations import followed_briefly
+from unisim_blender.editing.sampled.clock import Clock
+
+STATUS_CHARACTERS = 72
+"""About what a window of 1280 pixels shows between the hints for the mouse and Blender's version."""
+CLOCK = Clock(np.arange(81.0), np.arange(81.0) / 10)
 
 
 def test_operators_report_them(street: Any, capfd: Any) -> None:
@@ -17,13 +24,21 @@ def test_operators_report_them(street: Any, capfd: Any) -> None:
     street.frame_set(2)
     assert bpy.ops.unisim.follow_curve(speed_m_s=10.0) == {"FINISHED"}
     said = capfd.readouterr().out
-    assert "20.0 m take 2.00 s (20.0 frames); From 0.20 s (frame 2.0) to 2.20 s (frame 22.0); The log ends at 1.90 s" in said
+    assert f"Info: {one.name}: 20.0 m in 2.00 s (20.0 frames); the log ends at 1.90 s\n" in said
     select(one)
     for way, text in (
         ("DELAY", "0.50 s (5.0 frames) later"),
-        ("STOP", "Stands for 0.50 s (5.0 frames)"),
-        ("SPEED", "What takes 1 s takes 2.00 s (20.0 frames)"),
-        ("STRETCH", "become 4.00 s (40.0 frames)"),
+        ("STOP", "stands for 0.50 s (5.0 frames)"),
+        ("SPEED", "speed x0.5 from 0.20 s (frame 2.0) on"),
+        ("STRETCH", "speed x0.5 for 2.00 s (20.0 frames)"),
     ):
         bpy.ops.unisim.retime_actor(way=way)
-        assert text in capfd.readouterr().out, way
+        assert f"Info: {one.name}: {text}\n" in capfd.readouterr().out, way
+    others = [thing for thing in street.objects if thing.unisim.kind == "ACTOR"][:3]
+    select(*others)
+    bpy.ops.unisim.retime_actor(way="DELAY")
+    assert "Info: 3 actors: 0.50 s (5.0 frames) later\n" in capfd.readouterr().out
+
+
+def test_a_report_has_room_in_the_status_bar() -> None:
+    assert len(followed_briefly(1234.5, 0.1, 0.0, CLOCK)) <= STATUS_CHARACTERS

@@ -133,6 +133,16 @@ def test_a_border_is_a_part_of_the_whole(small: Any, tmp_path: Path) -> None:
     assert np.abs(black[: part.shape[0] - 1, left : left + part.shape[1]] - part[:-1]).max() <= 1
 
 
+def test_f12_of_a_frame_outside_the_drive_is_marked(small: Any, tmp_path: Path) -> None:
+    small.render.resolution_percentage = 10
+    small.frame_set(small.frame_end)
+    last = pixels(shot(small, tmp_path / "last.png"))
+    small.frame_set(small.frame_end + 1)
+    outside = pixels(shot(small, tmp_path / "outside.png"))
+    assert last.max() > 200 and outside.max() < 180  # nothing is left of a bright sky
+    assert np.abs(outside[:, 10:] - outside[:, :-10]).mean() > 20  # from stripe to stripe
+
+
 def test_any_camera_sees(small: Any, tmp_path: Path) -> None:
     data = bpy.data.cameras.new("above")
     above = bpy.data.objects.new("above", data)

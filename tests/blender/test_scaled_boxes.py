@@ -18,6 +18,7 @@ from unisim_blender.bridge.objects.imported import imported_objects
 from unisim_blender.bridge.objects.source import source_of
 from unisim_blender.bridge.objects.trajectories import trajectory_of
 from unisim_blender.bridge.sampling.adjacent_frames import lacking, sample_now, step_beside
+from unisim_blender.bridge.sampling.edit_list import read_now
 from unisim_blender.bridge.sampling.stepping import sample, sample_all
 from unisim_blender.bridge.views.card import card_of
 from unisim_blender.bridge.views.trails import trail
@@ -368,6 +369,168 @@ def test_a_beside_copy_of_a_scaled_box_stands_clear_of_it(street: Any) -> None:
     assert bpy.ops.unisim.duplicate_actor(where="LEFT") == {"FINISHED"}
     apart = (bpy.context.active_object.matrix_world.translation - one.matrix_world.translation).length
     assert apart > 2 * 2.1
+
+
+# a person's scale leaves the underside where it is
+
+
+def let_go(one: Any, factors: tuple[float, float, float]) -> list[str]:
+    """What happens when a person lets go of what is scaled; returns what the status bar says."""
+    one.scale = factors
+    bpy.context.view_layer.update()
+    following.note_changes(bpy.context.scene, bpy.context.evaluated_depsgraph_get())
+    following._unsettled.add((bpy.context.scene.name, one.name))
+    said = following.settle_now()
+    bpy.context.view_layer.update()
+    return said
+
+
+def underside(scene: Any, uid: str, time_s: float = 0.7) -> Any:
+    """The middle of an edited actor's underside (3,) at a time of the log."""
+    now = edited(scene).actors[uid]
+    pose = now.world_from_actor.at(time_s)
+    return pose[:3, 3] - pose[:3, 2] * now.size_m[2] / 2
+
+
+@pytest.mark.parametrize("of", [standing, driving])
+def test_a_scaled_actor_stays_on_its_wheels(street: Any, of: Any) -> None:
+    one = of(street)
+    uid, stood = one.unisim.uid, underside(street, one.unisim.uid)
+    following.look_again()
+    for factors in ((1.5, 1.5, 1.5), (1.5, 1.0, 0.6), (1.0, 1.0, 2.0)):
+        (said,) = let_go(one, factors)
+        assert "underside stays" in said
+        np.testing.assert_allclose(underside(street, uid), stood, atol=1e-4)
+        move, scale = read(street).edits
+        assert isinstance(move, Move) and scale == Scale(uid, factors)
+        (line,) = read_now(street)
+        assert line.part == "SCALE", "what follows from the scale is no line of its own"
+    assert let_go(one, (1.0, 1.0, 1.0))
+    assert not read(street).edits and one.unisim.scale_lift_m == 0.0
+
+
+def test_a_scaled_actor_that_is_moved_too_says_how_far_it_was_moved(street: Any) -> None:
+    one = driving(street)
+    following.look_again()
+    let_go(one, (1.3, 1.3, 1.3))
+    one.location.y += 3.0
+    bpy.context.view_layer.update()
+    assert {line.part: line.what for line in read_now(street)} == {"MOVE": "Moved 3.0 m left", "SCALE": "Scaled by 1.3"}
+    select(one)
+    bpy.ops.object.duplicate()
+    copy = bpy.context.active_object
+    copy.location.y += 1.0
+    bpy.context.view_layer.update()
+    assert [line.what for line in read_now(street) if line.part == "COPY"] == ["Copied: 4.0 m left"]
+
+
+@pytest.mark.parametrize("of", [standing, driving])
+def test_undo_and_redo_of_a_scale(street: Any, of: Any) -> None:
+    one = of(street)
+    following.look_again()
+    height = float(one.location.z)
+    one.scale = (1.5, 1.5, 1.5)  # as Blender keeps it for redo: not yet displaced
+    following.look_again()
+    once = float(one.location.z)
+    assert once > height + 0.2
+    following.look_again()
+    assert float(one.location.z) == once
+
+
+def test_a_scale_is_muted_and_reverted_with_what_it_was_lifted(street: Any) -> None:
+    one = standing(street)
+    following.look_again()
+    let_go(one, (1.5, 1.5, 1.5))
+    whole = read(street).edits
+
+    def press(operator: Any) -> None:
+        (line,) = read_now(street)
+        kind, name, part = line.key
+        assert operator(kind=kind, name=name, part=part, muted=line.muted) == {"FINISHED"}
+        assert not let_go(one, tuple(one.scale)), "it has settled"
+
+    press(bpy.ops.unisim.mute_edit)
+    assert not read(street).edits
+    press(bpy.ops.unisim.mute_edit)
+    assert len(read(street).edits) == len(whole) == 2
+    np.testing.assert_allclose(underside(street, "car-12")[2], sunk_to(street, 0.0), atol=1e-4)
+    press(bpy.ops.unisim.revert_edit)
+    assert not read(street).edits
+
+
+def sunk_to(scene: Any, factor: float) -> float:
+    """How high the underside of the standing car is as recorded, lower by ``factor`` times half its height."""
+    actor = source_of(scene).drive.actors["car-12"]
+    return float(actor.world_from_actor.positions[0, 2] - (1 + factor) * actor.size_m[2] / 2)
+
+
+def test_what_was_scaled_about_its_middle_in_an_earlier_file_stays_where_it_is(street: Any) -> None:
+    one = standing(street)
+    one.scale, one.unisim.rest_scale = (1.5, 1.5, 1.5), (0.0, 0.0, 0.0)
+    bpy.context.view_layer.update()
+    following.look_again()
+    assert read(street).edits == (Scale("car-12", (1.5, 1.5, 1.5)),)
+    assert underside(street, "car-12")[2] == pytest.approx(sunk_to(street, 0.5), abs=1e-4)
+    (line,) = read_now(street)
+    for _ in range(2):  # muted and counted again, it is the same
+        bpy.ops.unisim.mute_edit(kind="ACTOR", name="car-12", part="SCALE", muted=read_now(street)[0].muted)
+    assert read(street).edits == (Scale("car-12", (1.5, 1.5, 1.5)),)
+    assert bpy.ops.unisim.revert_edit(kind="ACTOR", name=line.key[1], part="SCALE", muted=-1) == {"FINISHED"}
+    let_go(one, (1.0, 1.0, 1.0))
+    assert not read(street).edits
+
+
+@pytest.mark.parametrize("of", [standing, driving])
+def test_a_scale_that_was_exported_and_imported_can_be_reverted(street: Any, of: Any, tmp_path: Path) -> None:
+    uid = of(street).unisim.uid
+    following.look_again()
+    let_go(of(street), (1.5, 1.5, 1.5))
+    stood, path = underside(street, uid), tmp_path / "scaled.json"
+    assert bpy.ops.unisim.export_scenario(filepath=str(path)) == {"FINISHED"}
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    assert bpy.ops.unisim.import_scenario(filepath=str(path)) == {"FINISHED"}
+    scene = bpy.context.scene
+    bpy.context.view_layer.update()
+    following.look_again()
+    np.testing.assert_allclose(underside(scene, uid), stood, atol=1e-3)
+    (line,) = read_now(scene)
+    assert line.part == "SCALE"
+    kind, name, part = line.key
+    assert bpy.ops.unisim.revert_edit(kind=kind, name=name, part=part, muted=-1) == {"FINISHED"}
+    bpy.context.view_layer.update()
+    assert not read(scene).edits
+
+
+def test_another_appearance_of_a_scaled_actor_stays_on_its_wheels(street: Any) -> None:
+    one = standing(street)
+    following.look_again()
+    let_go(one, (1.0, 1.0, 2.0))
+    select(one)
+    assert bpy.ops.unisim.replace_look(look="car-09") == {"FINISHED"}
+    assert underside(street, "car-12")[2] == pytest.approx(sunk_to(street, 0.0), abs=1e-4)
+    let_go(one, (1.0, 1.0, 1.0))
+    assert underside(street, "car-12")[2] == pytest.approx(sunk_to(street, 0.0), abs=1e-4)
+    (swap,) = read(street).edits
+    assert isinstance(swap, Swap)
+
+
+def test_a_scaled_mesh_stays_on_its_underside(street: Any) -> None:
+    bpy.ops.mesh.primitive_cube_add(size=2.0, location=(20.0, 3.0, 1.0))
+    block = bpy.context.active_object
+    assert bpy.ops.unisim.mesh_actor(label="Other") == {"FINISHED"}
+    following.look_again()
+    let_go(block, (1.0, 1.0, 2.0))
+    assert block.location.z == pytest.approx(2.0, abs=1e-5)
+    let_go(block, (1.0, 1.0, 3.0))
+    assert block.location.z == pytest.approx(3.0, abs=1e-5)
+
+
+def test_a_mirrored_actor_is_not_displaced(street: Any) -> None:
+    one = standing(street)
+    following.look_again()
+    height = float(one.location.z)
+    (said,) = let_go(one, (1.0, 1.0, -1.0))
+    assert "mirrored" in said and float(one.location.z) == height
 
 
 # keys of the scale

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 sys.path.insert(0, str(Path(__file__).parent))
 from buttons import open_panel
 from hands import click, edits, import_dropped, key, middle, mouse, sidebar, thing, to, write
+from heart import uncounted
 from session import ARCHIVE, MODULE, OUT, area, inside, named, picture, screenshot, start, until, view, wait_for_picture
 from tasks import begin, changed, task
 
@@ -33,6 +34,7 @@ def module(name: str) -> Any:
     return sys.modules[f"{MODULE}.{name}"]
 
 
+@uncounted
 def shot(name: str) -> NDArray[np.float32]:
     """A screenshot (H, W, 3) in steps of eight bits, the bottom row first, as the mouse counts."""
     screenshot(name)

@@ -9,6 +9,9 @@ import bpy
 from hands import click, key, to, window, write
 from session import area, screenshot, until
 
+ACCEPT = 0.92
+"""Where in the file browser's lower row the button is that accepts, as a share of its width."""
+
 
 def menu_entry(words: str) -> Iterator[float]:
     """Click on File in the window's upper left corner, search its menus with the space bar, and choose what is found."""
@@ -43,8 +46,17 @@ def choose_path(path: Path, folder: bool = False) -> Iterator[float]:
         yield from write(str(path if folder else path.parent))
         yield from key("RET")
         yield 0.7
-        if not folder:
-            accept = regions["EXECUTE"]
+        accept = regions["EXECUTE"]
+        if folder:
+            screenshot(f"browser_{path.stem}")
+            yield from to(accept.x + ACCEPT * accept.width, accept.y + accept.height / 2)
+            for _ in range(3):  # in Blender 5.2, the first click leaves the field of the path
+                yield 0.3
+                yield from click()
+                yield 1.2
+                if len(bpy.context.window_manager.windows) == 1:
+                    break
+        else:
             yield from to(accept.x + accept.width / 4, accept.y + accept.height / 2)
             yield from click()
             yield 0.2
@@ -52,10 +64,10 @@ def choose_path(path: Path, folder: bool = False) -> Iterator[float]:
             yield from write(path.name)
             yield from key("RET")
             yield 0.3
-        screenshot(f"browser_{path.stem}")
-        if len(bpy.context.window_manager.windows) > 1:  # in Blender 5.2, Enter in the field of the name accepts it
-            yield from to(listed.x + listed.width / 2, listed.y + listed.height / 2)
-            yield from key("RET")
+            screenshot(f"browser_{path.stem}")
+            if len(bpy.context.window_manager.windows) > 1:  # in Blender 5.2, Enter in the field of the name accepts it
+                yield from to(listed.x + listed.width / 2, listed.y + listed.height / 2)
+                yield from key("RET")
     finally:
         window[0] = 0
     yield from until(lambda: len(bpy.context.window_manager.windows) == 1, "the file browser stays open", 10)

@@ -11,6 +11,7 @@ import bpy
 import buttons
 import numpy as np
 from hands import click, import_dropped, key, place, sidebar, thing, to
+from heart import uncounted
 from numpy.typing import NDArray
 from session import ARCHIVE, MODULE, OUT, area, inside, results, screenshot, until, view, wait_for_picture
 
@@ -80,6 +81,7 @@ def picked(name: str) -> Iterator[float]:
     yield from until(lambda: bpy.context.view_layer.objects.active == thing(name), f"{name} is not selected")
 
 
+@uncounted
 def shown_pixels(name: str) -> NDArray[np.float32]:
     """What the screen shows in the 3D view left of the sidebar, (H, W, 3) in steps of eight bits."""
     screenshot(name)

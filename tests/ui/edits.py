@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 sys.path.insert(0, str(Path(__file__).parent))
 import hands
+from buttons import found_at, place_of, region_of
 from edit_panel import apart, line_of, listed, moved_along, opened, picked, press, rendered, shown_pixels, toggled
 from hands import key, middle, thing, to
 from session import area, results, screenshot, start, until, view, wait_for_picture
@@ -22,6 +23,8 @@ BACK = 0.01
 COUNTS = 0.74
 """Where in its row the check mark of an edit is, as a share of the sidebar's width."""
 ARROW = 0.81
+ROW_PX = 20
+"""How high a row of the sidebar is, in pixels."""
 images: dict[str, NDArray[np.float32]] = {}
 names: dict[str, str] = {}
 """Names of the objects that are edited."""
@@ -119,6 +122,28 @@ def reverted_edit() -> Iterator[float]:
     yield from listed(("Moved 3.0 m", False), ("Copied", False))
 
 
+def long_lines() -> Iterator[float]:
+    """A camera with a long name and a car that is retimed and moved: their lines go on in further rows."""
+    one, space = view()[:2]
+    space.shading.type, space.show_object_viewport_mesh = "SOLID", True
+    bpy.context.scene.camera.name = "front_left_camera_of_the_second_vehicle_in_the_garage"
+    yield 0.5
+    yield from picked(names["moved"])
+    yield from key("T", ctrl=True, alt=True)
+    yield from listed(("Retimed", False), ("Copied", False), ("Camera copied", False), ("Camera removed", False))
+    heights = []
+    for begins in ("Camera copied", "Camera removed", "Copied", "Retimed"):  # from below: the last one is scrolled to
+        line = line_of(begins)
+        button = ("unisim.mute_edit(", f'kind="{line["kind"]}"', f'name="{line["name"]}"', f'part="{line["part"]}"')
+        yield from place_of(button, columns=(COUNTS,))
+        heights.append((found_at[0][1], round(region_of(one, "UI").view2d.region_to_view(0, 0)[1])))
+    screenshot("edits_long_lines")
+    assert len({scrolled for _, scrolled in heights}) == 1, "the sidebar was scrolled between two lines"
+    _, removed, copied, retimed = (y for y, _ in heights)
+    rows = (retimed - copied) - (copied - removed)
+    assert abs(rows - ROW_PX) < 6, f"the line Retimed is {rows} pixels higher than the line Copied, and not a row of {ROW_PX}"
+
+
 def steps() -> Iterator[float]:
     """The session."""
     yield from opened()
@@ -130,6 +155,7 @@ def steps() -> Iterator[float]:
         ("edits_mute", muted_edits),
         ("edits_undone_mute", undone_mute),
         ("edits_reverted", reverted_edit),
+        ("edits_long", long_lines),
     ):
         yield from task(name, todo)
 

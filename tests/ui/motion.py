@@ -17,6 +17,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 import hands
 from buttons import open_panel
 from hands import click, edits, import_dropped, key, look_at, middle, place, scenario, sidebar, thing, to
+from heart import uncounted
 from session import ARCHIVE, MODULE, OUT, area, choose, from_behind, inside, results, screenshot, start, until, view
 from tasks import begin, task
 
@@ -60,6 +61,7 @@ def drag(x: float, y: float, to_x: float, to_y: float, shot: str = "", let_go: b
         yield 0.3
 
 
+@uncounted
 def screen() -> NDArray[np.float32]:
     """What the window shows, (H, W, 3) from 0 to 1, bottom row first."""
     screenshot("pixels")

@@ -7,14 +7,15 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import bpy
+import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parent))
 from browser import choose_path
 from buttons import INNER, Place, buttons, held, press, region_of, reports, scroll
 from displaced import select
 from hands import edits, key, middle, thing, to, write
-from pixels import HEADLESS, apart, grab, part, region_rectangle
-from session import MODULE, OUT, area, choose, picture, results, screenshot, start, until, view
+from pixels import HEADLESS, Image, apart, grab, part, region_rectangle
+from session import MODULE, OUT, area, choose, picture, redraw, results, screenshot, start, until, view
 from tasks import click_car, fresh, imported, keys, task, through_camera
 
 
@@ -120,31 +121,65 @@ def renamed() -> Iterator[float]:
     assert card is not None and card.name == "taxi" and card.role == "recorded", card
 
 
+def yellow(image: Image, rectangle: tuple[int, int, int, int]) -> int:
+    """How many pixels of a part of the screen have the colour of what views say they cannot show."""
+    shown = part(image, rectangle).astype(int)
+    return int(((shown[..., 0] > 200) & (shown[..., 1] > 150) & (shown[..., 2] < 140)).sum())
+
+
 def outside_frames() -> Iterator[float]:
-    """Ctrl-Right, or the arrow key at the end: frames outside the drive are marked in the view."""
+    """The arrow key at the end: frames outside the drive are marked all over the view, with and without overlays, and say so."""
     yield from fresh()
     yield from through_camera()
     view()[1].overlay.show_text = True
     yield from until(lambda: picture() is not None, "no picture comes")
     bpy.context.scene.frame_set(bpy.context.scene.frame_end)
     yield 2.0
+    yield from until(lambda: picture() is not None, "no picture comes")
     x, y, width, height = region_rectangle("WINDOW")
-    text = (x + 60, y + height - 200, 700, 140)
-    inside = part(grab(), text).copy()
+    text, frame = (x + 60, y + height - 200, 700, 140), camera_frame()
+    yield 0.5
+    inside = grab()
+    assert yellow(inside, text) == 0, "a frame of the drive is said to be outside"
     yield from key("RIGHT_ARROW")
     yield from until(lambda: bpy.context.scene.frame_current == 20, "the arrow key does not go beyond the end", 10)
     yield 2.0
+    yield from until(lambda: picture() is not None, "no picture comes")
+    yield 0.5
     screenshot("outside_rendered")
-    rendered = int((apart(inside, part(grab(), text)) > 60).sum())
-    assert rendered > 300, f"in Rendered shading {rendered} pixels say that the frame is outside"
+    rendered = grab()
+    assert yellow(rendered, text) > 300, "nothing in Rendered shading says that the frame is outside"
+    assert_striped(part(inside, frame), part(rendered, frame))
+    view()[1].overlay.show_overlays = False
+    yield 1.0
+    assert_striped(part(inside, frame), part(grab(), frame))
+    view()[1].overlay.show_overlays = True
     yield from through_camera(rendered=False)
     yield 0.5
-    outside = part(grab(), text).copy()
     screenshot("outside_solid")
+    outside = grab()
+    assert yellow(outside, text) > 300, "nothing in Solid shading says that the frame is outside"
+    beside = (x + 80, y + 40, 300, 120)  # below the camera's frame
     yield from key("LEFT_ARROW")
     yield 0.5
-    solid = int((apart(outside, part(grab(), text)) > 60).sum())
-    assert solid > 300, f"in Solid shading {solid} pixels say that the frame is outside"
+    inside = grab()
+    spread = [float(part(image, beside).astype(int).std()) for image in (inside, outside)]
+    assert yellow(inside, text) == 0 and spread[0] + 4 < spread[1], f"nothing in Solid shading marks the frame: {spread}"
+
+
+def camera_frame() -> tuple[int, int, int, int]:
+    """The middle of the picture that the view shows, on the screen: left, bottom, width, height."""
+    x, y, _, _ = region_rectangle("WINDOW")
+    left, bottom, width, height = list(sys.modules[f"{MODULE}.viewport"].VIEWS)[-1].rectangle
+    return x + left + width // 4, y + bottom + height // 4, width // 2, height // 2
+
+
+def assert_striped(before: Image, now: Image) -> None:
+    """Raise where an image has no stripes that ``before`` has not, or is not much darker where it was bright."""
+    bright = before.min(-1) > 150
+    assert bright.any() and now[bright].max() < 190, f"what was bright is as bright as {now[bright].max()}"
+    jumps = [float(np.abs(np.diff(image.astype(int).mean(-1)[:, ::10], axis=1)).mean()) for image in (before, now)]
+    assert jumps[1] > 25, f"from stripe to stripe there are {jumps[1]:.0f} of 255, and {jumps[0]:.0f} before"
 
 
 def camera_aside() -> Iterator[float]:
@@ -159,6 +194,12 @@ def camera_aside() -> Iterator[float]:
     yield from press("unisim.check()")
     warnings = bpy.context.scene.unisim_check.warnings
     yield from until(lambda: any(one.name == name and "beside all" in one.text for one in warnings), "it is not found", 20)
+    yield 1.0
+    at_once = part(grab(), region_rectangle("UI")).copy()
+    redraw()
+    yield 0.5
+    stale = int((apart(at_once, part(grab(), region_rectangle("UI"))) > 8).sum())
+    assert not stale, f"{stale} pixels of the sidebar say something else once it is drawn again"
     frame = next(one.frame for one in warnings if one.name == name)
     scene.frame_set(frame + 3 if frame < 10 else frame - 3)
     yield from to(*middle(area("VIEW_3D")))

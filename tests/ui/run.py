@@ -188,10 +188,12 @@ def judge(out: Path, sessions: list[str]) -> int:
     print(json.dumps(results, indent=1))
     tasks = {name: took for result in results.values() for name, took in result.get("tasks", {}).items()}
     (out / "tasks.json").write_text(json.dumps(tasks, indent=1))
-    print(f"{'task':24}{'presses':>8}{'seconds':>9}{'longest block, s':>18}{'redraw alone, s':>17}")
+    print(f"{'task':24}{'presses':>8}{'seconds':>9}{'longest block, s':>18}{'redraw alone, s':>17}{'ours, s':>9}")
     for name, took in tasks.items():
         ended = f"   failed: {took['failed']}" if "failed" in took else ""
-        print(f"{name:24}{took['presses']:8}{took['seconds']:9.2f}{took['longest_block_s']:18.3f}{took['redraw_s']:17.3f}{ended}")
+        print(
+            f"{name:24}{took['presses']:8}{took['seconds']:9.2f}{took['longest_block_s']:18.3f}{took['redraw_s']:17.3f}{took['ours_s']:9.2f}{ended}"
+        )
     window = results.get("window", {})
     wrong = [
         message

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import bpy
 import numpy as np
+from mathutils import Vector
 from numpy.typing import NDArray
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -55,6 +56,17 @@ def factors() -> dict[str, tuple[float, ...]]:
     return {edit.actor: edit.factors for edit in scenario().edits if type(edit).__name__ == "Scale"}
 
 
+def underside(car: str) -> float:
+    """How high an actor's underside is, in the world."""
+    one = thing(car)
+    return float(min((one.matrix_world @ Vector(corner)).z for corner in one.bound_box))
+
+
+def rests(car: str, low: float) -> Iterator[float]:
+    """Wait until a car's underside is as high as it was."""
+    yield from until(lambda: abs(underside(car) - low) < 2e-3, f"the underside of {car} does not stay at {low:.3f}", 10)
+
+
 def shown() -> NDArray[np.float32]:
     """The viewport's finished picture."""
     now = picture()
@@ -81,9 +93,10 @@ def begun() -> Iterator[float]:
 
 
 def scaled_car() -> Iterator[float]:
-    """Click a car that stands, S 1.5 Enter: the box, the image, the card and the status bar follow."""
+    """Click a car that stands, S 1.5 Enter: box, image, card and status bar follow, and it stands on its wheels."""
     car = chosen["stands"]
     yield from pick(car)
+    low = underside(car)
 
     def typed() -> Iterator[float]:
         yield from scaled_by(("ONE", "1"), ("PERIOD", "."), ("FIVE", "5"))
@@ -92,7 +105,9 @@ def scaled_car() -> Iterator[float]:
         screenshot("scale_status")
 
     yield from follows(typed, "the image does not follow the scale")
-    assert edits() == [("Scale", thing(car).unisim.uid)] and factors() == {thing(car).unisim.uid: (1.5, 1.5, 1.5)}
+    yield from rests(car, low)
+    uid = thing(car).unisim.uid
+    assert edits() == [("Move", uid), ("Scale", uid)] and factors() == {uid: (1.5, 1.5, 1.5)}
 
 
 def undone() -> Iterator[float]:
@@ -103,28 +118,38 @@ def undone() -> Iterator[float]:
     assert thing(car).scale.x == 1.0 and not edits()
     assert not np.array_equal(larger, shown())
     yield from follows(lambda: key("Z", ctrl=True, shift=True), "the image does not follow redo")
-    assert factors() == {uid: (1.5, 1.5, 1.5)}
+    assert factors() == {uid: (1.5, 1.5, 1.5)} and ("Move", uid) in edits()
     assert np.array_equal(larger, shown()), "the picture after redo is not the one before undo"
 
 
 def grounded() -> Iterator[float]:
-    """Ctrl-Alt-G lifts what sank into the road."""
+    """Ctrl-Alt-G brings a car that was lifted off the road back to where its wheels were."""
     car = chosen["stands"]
-    low = thing(car).location.z
+    low = underside(car)
+    yield from follows(lambda: lifted("ONE", "1"), "the image does not follow the car")
+    assert underside(car) > low + 0.9
     yield from follows(lambda: key("G", ctrl=True, alt=True), "the image does not follow to the ground")
-    assert thing(car).location.z > low + 0.2, (low, thing(car).location.z)
+    assert abs(underside(car) - low) < 0.15, (low, underside(car))
+
+
+def lifted(*metres: str) -> Iterator[float]:
+    """G Z, some metres, Enter."""
+    for press in (("G",), ("Z",), metres, ("RET",)):
+        yield from key(*press)
 
 
 def stretched_car() -> Iterator[float]:
     """S Z 1.4 Enter on a car that drives, and the next frame."""
     car = chosen["drives"]
     yield from pick(car)
+    low = underside(car)
 
     def typed() -> Iterator[float]:
         yield from scaled_by(("Z",), ("ONE", "1"), ("PERIOD", "."), ("FOUR", "4"))
         yield from until(lambda: abs(thing(car).scale.z - 1.4) < 1e-3, "not scaled")
 
     yield from follows(typed, "the image does not follow the scale along z")
+    yield from rests(car, low)
     assert np.allclose(factors()[thing(car).unisim.uid], (1.0, 1.0, 1.4), atol=1e-3)
     yield from to(*middle(area("VIEW_3D")))
     yield from key("RIGHT_ARROW")

@@ -14,7 +14,7 @@ import bpy
 import hands
 import numpy as np
 from bpy_extras.view3d_utils import location_3d_to_region_2d
-from heart import heart, uncounted
+from heart import heart, uncounted, watch
 from numpy.typing import NDArray
 from session import ARCHIVE, MODULE, OUT, SCENE, area, named, picture, redraw, results, screenshot, until, view
 
@@ -55,6 +55,8 @@ def task(name: str, todo: Callable[[], Iterator[float]]) -> Iterator[float]:
         "presses": presses[0],
         "seconds": round(time.monotonic() - begun, 2),
         "longest_block_s": round(heart.longest, 3),
+        "ours_s": round(heart.ours_s(), 2),
+        "within": dict(heart.within.most_common(4)),
     }
     screenshot(name)
     if failed:
@@ -210,5 +212,6 @@ def seen(driving: bool) -> str:
 
 
 def begin() -> None:
-    """Begin to measure how long the window does nothing else."""
+    """Begin to measure how long the window does nothing else, and what it does."""
+    watch()
     bpy.app.timers.register(heart.beat, persistent=True)

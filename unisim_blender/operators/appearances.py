@@ -8,9 +8,8 @@ import numpy as np
 from bpy.props import EnumProperty, IntProperty, StringProperty
 from bpy_extras.io_utils import ImportHelper
 
-from ..bridge.changes.motion import displaced_along
+from ..bridge.changes.standing import give_box
 from ..bridge.objects.imported import box_mesh, collection_of, new_actor
-from ..bridge.objects.meshes import scale_of, size_of
 from ..bridge.window.refresh import refresh
 from ..bridge.window.selection import choose, chosen
 from ..core.actor_images.names import group_of
@@ -140,12 +139,9 @@ class UNISIM_OT_replace_look(_Chooses, bpy.types.Operator):
             self.report({"ERROR"}, message("choose an actor by its thumbnail first"))
             return {"CANCELLED"}
         for thing in chosen(context, "ACTOR"):
-            before = float(size_of(thing)[2])
             own = thing.unisim.uid == self.look and not self.scene
             thing.unisim.look, thing.unisim.look_scene = ("", "") if own else (self.look, self.scene)
-            thing.data = box_mesh(look.size_m, look.label)
-            after = float(look.size_m[2]) * scale_of(thing)[2]
-            displaced_along(thing, (0.0, 0.0, (after - before) / 2))
+            give_box(thing, box_mesh(look.size_m, look.label), float(look.size_m[2]))
         refresh(chosen(context, "ACTOR"))
         return {"FINISHED"}
 

@@ -89,6 +89,11 @@ class UNISIM_OT_check(InSteps, bpy.types.Operator):
         """Begin."""
         return self.in_steps(context)
 
+    def finished(self, context: bpy.types.Context) -> None:
+        """Draw the panel again: after a tick of a timer Blender draws none by itself."""
+        for area in areas("VIEW_3D"):
+            area.tag_redraw()
+
     def work(self, context: bpy.types.Context) -> Generator[str | None, None, None]:
         """Sample the scene and list what is odd; nothing is kept from being rendered."""
         scene, check = context.scene, context.scene.unisim_check

@@ -9,9 +9,9 @@ from ..bridge.objects.meshes import size_of
 from ..bridge.objects.source import source_of
 from ..bridge.sampling.stepping import frame_of
 from ..bridge.window.refresh import refresh
-from ..bridge.window.selection import chosen
+from ..bridge.window.selection import chosen, counted_names
 from ..core.errors import UnisimError
-from ..editing.motion.durations import followed
+from ..editing.motion.durations import followed, followed_briefly
 from ..editing.motion.ground import ground_height
 from ..editing.sampled.clock import Clock
 from ..translations import message
@@ -69,7 +69,7 @@ class UNISIM_OT_follow_curve(bpy.types.Operator):
         refresh(actors)
         self.length_m = float(np.linalg.norm(np.diff(line, axis=0), axis=1).sum())
         start_s = float(clock.time_s(np.array(frame_of(context.scene))))
-        self.report({"INFO"}, "; ".join(followed(self.length_m, self.speed_m_s, start_s, clock)))
+        self.report({"INFO"}, f"{counted_names(actors)}: {followed_briefly(self.length_m, self.speed_m_s, start_s, clock)}")
         return {"FINISHED"}
 
 

@@ -10,7 +10,7 @@ from ..bridge.changes.motion import retimed, stopped
 from ..bridge.objects.source import source_of
 from ..bridge.sampling.stepping import frame_of
 from ..bridge.window.refresh import refresh
-from ..bridge.window.selection import chosen
+from ..bridge.window.selection import chosen, counted_names
 from ..core.errors import UnisimError
 from ..core.geometry import FloatArray
 from ..editing.motion.durations import duration, instant, stretched
@@ -93,8 +93,18 @@ class UNISIM_OT_retime_actor(bpy.types.Operator):
             else:
                 retimed(thing, self.later(now, clock))
         refresh(actors)
-        self.report({"INFO"}, "; ".join(self.lines(float(clock.time_s(np.array(now))), clock)))
+        self.report({"INFO"}, f"{counted_names(actors)}: {self.briefly(float(clock.time_s(np.array(now))), clock)}")
         return {"FINISHED"}
+
+    def briefly(self, now_s: float, clock: Clock) -> str:
+        """Return what the chosen way comes to, in one line that the status bar has room for."""
+        if self.way == "STRETCH":
+            return f"speed x{self.speed:.3g} for {duration(self.last_s - self.first_s, clock)}"
+        if self.way == "SPEED":
+            return f"speed x{self.speed:.3g} from {instant(now_s, clock)} on"
+        if self.way == "STOP":
+            return f"stands for {duration(abs(self.seconds), clock)}"
+        return self.lines(now_s, clock)[0]
 
     def later(self, now: float, clock: Clock) -> Callable[[FloatArray], FloatArray]:
         """Return the function that takes keys' frames to their new frames."""

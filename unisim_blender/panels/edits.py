@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import bpy
 
@@ -11,9 +12,13 @@ from ..bridge.sampling.edit_list import reading_of
 from ..editing.edits.lines import Line
 from ..editing.sampled.summary import counted
 from .sidebar import DrivePanel
+from .wrapping import wrapped
 
 PAGE = 12
 """Edits that are shown at once."""
+LEAST_WIDTH, BESIDE, BELOW = 200, 135, 95
+"""The least width that texts are made to fit, and what of a width a line's text lacks: icon, margins and tabs; beside buttons
+these, too."""
 
 
 def count_text(lines: tuple[Line, ...]) -> str:
@@ -54,26 +59,50 @@ class UNISIM_PT_edits(DrivePanel, bpy.types.Panel):
         column = layout.column(align=True)
         column.enabled = reading.fresh
         for line in reading.lines[page * PAGE : (page + 1) * PAGE]:
-            draw_line(column, line)
+            draw_line(column, line, room_of(context))
         if pages > 1:
             row = layout.row(align=True)
             row.prop(manager, "unisim_edits_page", text=f"Page of {pages}, from 0")
 
 
-def draw_line(layout: Any, line: Line) -> None:
-    """Draw one edit: what, who and when, and its buttons."""
+class Room(NamedTuple):
+    """How wide a line's text may be in pixels, ``beside`` its buttons and ``below`` them, and how wide a text is drawn."""
+
+    beside: float
+    below: float
+    width_of: Callable[[str], float]
+
+
+def room_of(context: bpy.types.Context) -> Room:
+    """Return the room of the region that a panel is drawn in."""
+    import blf
+
+    scale = context.preferences.system.ui_scale
+    blf.size(0, context.preferences.ui_styles[0].widget.points * scale)
+    width = max(context.region.width if context.region is not None else 0, LEAST_WIDTH * scale)
+    return Room(width - BESIDE * scale, width - BELOW * scale, lambda text: float(blf.dimensions(0, text)[0]))
+
+
+def draw_line(layout: Any, line: Line, room: Room) -> None:
+    """Draw one edit: what, who and when, and its buttons; a text that is too long for its row goes on in the next one."""
     box = layout.box().column(align=True)
     row = box.row(align=True)
     told = row.row(align=True)
     told.alignment, told.active = "LEFT", line.muted < 0
-    pressed(told.operator("unisim.go_to_edit", text=line.what, icon=line.icon, emboss=False), line)
-    below = box.row(align=True)
+    what = wrapped(line.what, room.below if line.part == "PROBLEM" else room.beside, room.below, room.width_of)
+    pressed(told.operator("unisim.go_to_edit", text=what[0], icon=line.icon, emboss=False), line)
+    going_on = box.column(align=True)
+    going_on.active = line.muted < 0
+    for text in what[1:]:
+        going_on.label(text=text, icon="BLANK1")
+    below = box.column(align=True)
     below.active = False
-    if line.part == "PROBLEM":
-        below.label(text=line.who, icon="BLANK1")
-        return
     muted = "Muted: " if line.muted >= 0 else ""
-    below.label(text=f"{muted}{line.who}, {line.start_s:.1f} to {line.end_s:.1f} s", icon="BLANK1")
+    whose = line.who if line.part == "PROBLEM" else f"{muted}{line.who}, {line.start_s:.1f} to {line.end_s:.1f} s"
+    for text in wrapped(whose, room.below, room.below, room.width_of):
+        below.label(text=text, icon="BLANK1")
+    if line.part == "PROBLEM":
+        return
     buttons = row.row(align=True)
     buttons.alignment = "RIGHT"
     counts = "CHECKBOX_DEHLT" if line.muted >= 0 else "CHECKBOX_HLT"

@@ -12,8 +12,9 @@ from ..bridge.sampling.edit_list import reading_of
 from ..editing.edits.differences import Difference, compared
 from ..operators.background import newest
 from ..variant_task import VariantsTask
-from .edits import count_text, pressed
+from .edits import Room, count_text, pressed, room_of
 from .sidebar import DrivePanel
+from .wrapping import wrapped
 
 MOST = 30
 """Differences that are shown at once."""
@@ -36,7 +37,7 @@ class UNISIM_PT_variants(DrivePanel, bpy.types.Panel):
             draw_variant(column, scene, scene == shown, manager.unisim_compared == scene.name)
         other = bpy.data.scenes.get(manager.unisim_compared)
         if other is not None and other != shown and other in scenes:
-            draw_comparison(layout, shown, other)
+            draw_comparison(layout, shown, other, room_of(context))
         row = layout.row(align=True)
         row.operator("unisim.new_variant", text="New", icon="ADD")
         row.operator("unisim.rename_variant", text="Rename", icon="GREASEPENCIL")
@@ -64,7 +65,7 @@ def draw_variant(layout: Any, scene: bpy.types.Scene, shown: bool, compared: boo
     row.prop(scene.unisim_edits, "rendered", text="", icon="RENDER_ANIMATION")
 
 
-def draw_comparison(layout: Any, shown: bpy.types.Scene, other: bpy.types.Scene) -> None:
+def draw_comparison(layout: Any, shown: bpy.types.Scene, other: bpy.types.Scene, room: Room) -> None:
     """Draw what the variant that is shown and another one differ in."""
     here, there = reading_of(shown), reading_of(other)
     head = layout.row(align=True)
@@ -81,12 +82,12 @@ def draw_comparison(layout: Any, shown: bpy.types.Scene, other: bpy.types.Scene)
     if not found:
         column.label(text="The same edits", icon="CHECKMARK")
     for one in found[:MOST]:
-        draw_difference(column.box().column(align=True), one, shown.name, other.name)
+        draw_difference(column.box().column(align=True), one, shown.name, other.name, room)
     if len(found) > MOST:
         column.label(text=f"and {len(found) - MOST} more")
 
 
-def draw_difference(layout: Any, found: Difference, here: str, there: str) -> None:
+def draw_difference(layout: Any, found: Difference, here: str, there: str, room: Room) -> None:
     """Draw one difference: whose it is, then the edit in each of the two."""
     what = "Changed" if found.here and found.there else f"Only in {here if found.here else there}"
     head = layout.row()
@@ -95,14 +96,15 @@ def draw_difference(layout: Any, found: Difference, here: str, there: str) -> No
     for name, line in ((here, found.here), (there, found.there)):
         if line is None:
             continue
-        row = layout.row()
-        row.alignment = "LEFT"
         times = f"{line.what}, {line.start_s:.1f} to {line.end_s:.1f} s"
         text = f"{name}: {line.what}" if found.here and found.there else times
-        if name == here:
-            pressed(row.operator("unisim.go_to_edit", text=text, icon="BLANK1", emboss=False), line)
-        else:
-            row.label(text=text, icon="BLANK1")
+        for i, part in enumerate(wrapped(text, room.below, room.below, room.width_of)):
+            row = layout.row()
+            row.alignment = "LEFT"
+            if name == here and i == 0:
+                pressed(row.operator("unisim.go_to_edit", text=part, icon="BLANK1", emboss=False), line)
+            else:
+                row.label(text=part, icon="BLANK1")
 
 
 CLASSES = (UNISIM_PT_variants,)

@@ -91,6 +91,7 @@ def make(scene: bpy.types.Scene, kind: str, uid: str, name: str, data: bpy.types
     thing = bpy.data.objects.new(name, data)
     collection_of(scene, kind).objects.link(thing)
     thing.unisim.kind, thing.unisim.uid, thing.unisim.home = kind, uid, thing.name
+    thing.unisim.rest_scale = thing.scale
     return thing
 
 

@@ -35,6 +35,7 @@ def make_actor(thing: bpy.types.Object, label: str, forward: str) -> None:
     about = thing.unisim
     about.kind, about.mesh, about.label = "ACTOR", True, label
     about.uid = about.home = about.look = about.look_scene = ""
+    about.rest_scale, about.scale_lift_m = thing.scale, 0.0
 
 
 def object_of(name: str, model: MeshModel, label: str) -> bpy.types.Object:

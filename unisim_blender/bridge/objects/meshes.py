@@ -49,7 +49,7 @@ def model_of(thing: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> tuple[M
         evaluated = part.evaluated_get(depsgraph)
         mesh = evaluated.to_mesh()
         if mesh is not None and len(mesh.polygons):
-            pieces.append(_piece(mesh, _within(evaluated, thing.evaluated_get(depsgraph)), textures))
+            pieces.append(_piece(mesh, within(evaluated, thing.evaluated_get(depsgraph)), textures))
         evaluated.to_mesh_clear()
     if not pieces:
         raise ScenarioError(f'object "{thing.name}": is an actor without any surface')
@@ -86,16 +86,14 @@ def scaled_sentence(thing: bpy.types.Object) -> str:
         return fault
     if scaling.factors == UNIT:
         return f"{thing.name}: measures {size}"
-    return (
-        f"{thing.name}: is scaled by {scale_text(scaling.factors)} about its centre to {size}; Snap to Ground sets it on the road"
-    )
+    return f"{thing.name}: is scaled by {scale_text(scaling.factors)} to {size}; its underside stays where it was"
 
 
 def extent_of(thing: bpy.types.Object) -> FloatArray:
     """An object's extent (3,) along its own axes without its scale; of an actor that is a mesh, with it and all its parts."""
     if not thing.unisim.mesh:
         return np.ptp(np.array(thing.bound_box, float), axis=0)
-    corners = corners_of(thing, lambda part: _within(part, thing))
+    corners = corners_of(thing, lambda part: within(part, thing))
     return np.ptp(corners, axis=0) if len(corners) else np.zeros(3)
 
 
@@ -108,7 +106,7 @@ def corners_of(thing: bpy.types.Object, placed: Callable[[bpy.types.Object], Flo
     return np.concatenate(corners)
 
 
-def _within(part: bpy.types.Object, thing: bpy.types.Object) -> FloatArray:
+def within(part: bpy.types.Object, thing: bpy.types.Object) -> FloatArray:
     """From a part's own coordinates to the axes of ``thing``, which it belongs to, with that one's scale (4, 4).
 
     Along the parents where they alone place it: matrices in the world are float32, and a model must not change as it drives.

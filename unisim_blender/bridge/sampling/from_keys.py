@@ -30,7 +30,7 @@ from .stepping import image_size
 PATHS = ("location", "rotation_quaternion", "rotation_euler", "scale")
 HIDING = ("hide_viewport", "hide_render")
 STATE = ("name", "type", "parent_type", "rotation_mode", "hide_render", "hide_viewport", "pass_index")
-ABOUT = ("kind", "uid", "home", "look", "look_scene", "mesh", "label", "model", "called", "called_as")
+ABOUT = ("kind", "uid", "home", "look", "look_scene", "mesh", "label", "model", "called", "called_as", "scale_lift_m")
 NUMBERS = ("location", "rotation_quaternion", "rotation_euler", "scale")
 DELTAS = ("delta_location", "delta_rotation_euler", "delta_rotation_quaternion", "delta_scale")
 LENS = ("lens", "sensor_width", "sensor_height", "shift_x", "shift_y", "sensor_fit")
@@ -73,6 +73,7 @@ class Sampler:
             called=title_of(thing),
             ridden=rigid(self.matrices(above)) if above is not None and moved_by_keys(above) else None,
             span=_span(above) if above is not None else None,
+            scale_lift_m=about.scale_lift_m,
         )
 
     def matrices(self, thing: bpy.types.Object) -> FloatArray:

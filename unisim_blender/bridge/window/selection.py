@@ -10,6 +10,11 @@ def chosen(context: bpy.types.Context, *kinds: str) -> list[bpy.types.Object]:
     return [thing for thing in context.selected_objects if thing.unisim.kind in kinds]
 
 
+def counted_names(things: list[bpy.types.Object]) -> str:
+    """Return the name of the only one of some actors, or how many there are: "3 actors"."""
+    return things[0].name if len(things) == 1 else f"{len(things)} actors"
+
+
 def choose(context: bpy.types.Context, *things: bpy.types.Object) -> None:
     """Select these and nothing else, also in views that do not show what was selected; the last becomes active."""
     for other in list(context.view_layer.objects.selected):

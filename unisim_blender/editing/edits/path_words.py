@@ -18,7 +18,7 @@ def path_words(
     thing: SampledObject, base: FloatArray, lifted: FloatArray, there: BoolArray, actor: Actor | None, clock: Clock
 ) -> str:
     """Return how an object goes another way than ``base`` (N, 4, 4), which lies ``lifted`` for an object with
-    another appearance."""
+    another appearance or scale."""
     at = thing.there & there if (thing.there & there).any() else thing.there
     few = Clock(clock.frames[at], clock.times_s[at])
     parts = []

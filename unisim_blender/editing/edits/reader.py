@@ -127,6 +127,13 @@ class Standing:
         lifted[:, :3, 3] += (self.appearance_size_m[2] - self.known.size_m[2]) / 2 * poses[:, :3, 2]
         return lifted
 
+    @cached_property
+    def raised(self) -> FloatArray:
+        """``lifted``, with the wheels of a scaled object where the actor's are: poses (N, 4, 4)."""
+        raised = self.lifted.copy()
+        raised[:, :3, 3] += self.here.scale_lift_m * self.recorded[:, :3, 2]
+        return raised
+
     @property
     def appearance_size_m(self) -> FloatArray:
         """The size (3,) of the box that comes with the object's appearance. Raises `ScenarioError`."""
@@ -160,8 +167,8 @@ class ActorReader(ABC, Generic[Made]):
         """The edit; None where the actor is without it."""
 
     @abstractmethod
-    def line(self, edit: Made, standing: Standing) -> Line:
-        """The edit in words."""
+    def line(self, edit: Made, standing: Standing) -> Line | None:
+        """The edit in words; None where the line of another edit says it."""
 
     def read_new(self, new: str, standing: Standing) -> Made | None:
         """The edit of an actor ``new`` that another edit adds; None where it is without."""

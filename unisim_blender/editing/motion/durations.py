@@ -32,6 +32,13 @@ def followed(length_m: float, speed_m_s: float, start_s: float, clock: Clock) ->
     return lines
 
 
+def followed_briefly(length_m: float, speed_m_s: float, start_s: float, clock: Clock) -> str:
+    """Return what following a curve comes to, short enough for the status bar."""
+    takes, ends_s = length_m / speed_m_s, float(clock.times_s[-1])
+    whole = f"{length_m:.1f} m in {duration(takes, clock)}"
+    return f"{whole}; the log ends at {ends_s:.2f} s" if start_s + takes > ends_s + 1e-6 else whole
+
+
 def stretched(first_s: float, last_s: float, speed: float, clock: Clock) -> list[str]:
     """Return what stretching the time between two comes to, in lines."""
     before, after = last_s - first_s, (last_s - first_s) / speed

@@ -45,8 +45,9 @@ class Actors(GroupReader):
     def lines(self, reading: Reading, uid: str) -> Iterator[Line]:
         """The edits of one id."""
         for found in _found(reading, uid, _by_id(reading).get(uid, [])):
-            if found.told:
-                yield found.reader.line(found.edit, found.standing)
+            line = found.reader.line(found.edit, found.standing) if found.told else None
+            if line is not None:
+                yield line
 
     def edited_ids(self, reading: Reading) -> set[str]:
         """Recorded actors with an edit."""

@@ -40,7 +40,7 @@ class DuplicateReader(NewActorReader[Duplicate]):
     def line(self, edit: Duplicate, standing: Standing) -> Line:
         """Where the copy is, beside the recorded actor."""
         thing, base = standing.here, standing.recorded
-        words = path_words(thing, base, base, standing.recorded_there, standing.known, standing.clock)
+        words = path_words(thing, base, standing.raised, standing.recorded_there, standing.known, standing.clock)
         what = joined(["Copied", words.removeprefix("Moved ")]) if words else "Copied, in place"
         what = what.replace("Copied; ", "Copied: ")
         return line_of("ACTOR", thing.uid, "COPY", what, standing.names, thing.there, standing.clock, edit)

@@ -22,9 +22,11 @@ class MoveReader(ActorReader[Move]):
             return None
         return Move(standing.known.uid, **standing.path(), present=present(standing.clock, thing.there) if changed else None)
 
-    def line(self, edit: Move, standing: Standing) -> Line:
-        """How it goes elsewhere."""
-        thing, there, lifted = standing.here, standing.recorded_there, standing.lifted
-        words = path_words(thing, standing.recorded, lifted, there, standing.known, standing.clock)
-        differs = (thing.there != there) | (thing.there & ~same(thing.poses, lifted))
+    def line(self, edit: Move, standing: Standing) -> Line | None:
+        """How it goes elsewhere; None where it was moved for its scale alone, which has a line of its own."""
+        thing, there, raised = standing.here, standing.recorded_there, standing.raised
+        differs = (thing.there != there) | (thing.there & ~same(thing.poses, raised))
+        if thing.scale_lift_m and not differs.any():
+            return None
+        words = path_words(thing, standing.recorded, raised, there, standing.known, standing.clock)
         return line_of("ACTOR", edit.actor, "MOVE", words or "Moved", standing.names, differs, standing.clock, edit)

@@ -13,6 +13,7 @@ from ...objects.mesh_objects import object_of
 from ...objects.trajectories import remove
 from .. import carriers  # noqa: F401 so that all are registered
 from ..carriers.carrier import CARRIERS, Edited
+from ..standing import note_scale
 from .target import Target
 
 
@@ -26,12 +27,23 @@ def apply_actors(target: Target) -> None:
             remove(own[uid])
         elif now is not actor:
             _apply(target, own[uid], now, actor.appearance.actor)
+            note_scale(own[uid], _risen(now, actor))
     for uid, actor in edited.actors.items():
         if uid not in recorded.actors and not actor.is_ego_body:
             mesh = actor.appearance.mesh
             thing = object_of(uid, read_mesh(Path(mesh)), actor.label) if mesh else new_actor(uid, actor)
             collection_of(scene, "ACTOR").objects.link(thing)
             _apply(target, thing, actor, None if mesh else actor.appearance.actor if not actor.appearance.scene else "")
+            source = None if mesh or actor.appearance.scene else recorded.actors.get(actor.appearance.actor)
+            note_scale(thing, _risen(actor, source) if source is not None else 0.0)
+
+
+def _risen(now: Actor, before: Actor) -> float:
+    """Return how much higher an actor stands than one was recorded, in metres along its own axis, but for another appearance."""
+    time_s = before.world_from_actor.times_s[0]
+    pose, recorded = now.world_from_actor.at(time_s), before.world_from_actor.at(time_s)
+    higher = float((pose[:3, 3] - recorded[:3, 3]) @ recorded[:3, 2])
+    return higher - float(now.appearance_size_m[2] - before.size_m[2]) / 2
 
 
 def _apply(target: Target, thing: bpy.types.Object, actor: Actor, own_look: str | None) -> None:

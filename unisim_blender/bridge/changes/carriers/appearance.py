@@ -12,10 +12,11 @@ from ....core.world.drive import Drive
 from ....editing.edits.lines import Line
 from ....editing.sampled.source import Source
 from ...objects.imported import box_mesh
-from ...objects.meshes import size_of
+from ...objects.meshes import extent_of
 from ...objects.trajectories import trajectory_of
 from ...window.refresh import refresh
 from ..motion import displaced_along
+from ..standing import give_box
 from .carrier import Carrier, Edited, Muted, register
 
 
@@ -55,7 +56,7 @@ class AppearanceCarrier(Carrier):
         """The actor's appearance, on the same ground."""
         if (now.unisim.look, now.unisim.look_scene) == (parked.unisim.look, parked.unisim.look_scene):
             return
-        rise = (float(size_of(now)[2]) - float(size_of(parked)[2])) / 2
+        rise = (float(extent_of(now)[2]) - float(extent_of(parked)[2])) / 2
         parked.unisim.look, parked.unisim.look_scene, parked.data = now.unisim.look, now.unisim.look_scene, now.data
         lift(parked, rise)
 
@@ -64,10 +65,8 @@ def set_appearance(thing: bpy.types.Object, drive: Drive, look: str, look_scene:
     """Give an actor the appearance of another one, "" for its own: that one's box, on the same ground."""
     named = look or thing.unisim.uid
     actor = (scene_actors(Path(bpy.path.abspath(look_scene))) if look_scene else drive.actors)[named]
-    before = float(size_of(thing)[2])
     thing.unisim.look, thing.unisim.look_scene = look, look_scene
-    thing.data = box_mesh(actor.size_m, actor.label)
-    lift(thing, (float(actor.size_m[2]) - before) / 2)
+    give_box(thing, box_mesh(actor.size_m, actor.label), float(actor.size_m[2]))
 
 
 def lift(thing: bpy.types.Object, up_m: float) -> None:

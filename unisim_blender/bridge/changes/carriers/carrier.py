@@ -36,6 +36,7 @@ class Muted:
     look: str
     look_scene: str
     scale: tuple[float, float, float]
+    scale_lift_m: float
     kept: str
 
 

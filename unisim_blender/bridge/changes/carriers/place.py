@@ -16,11 +16,12 @@ from ....editing.sampled.clock import Clock
 from ....editing.sampled.source import Source
 from ...importing.drive import animate, fit_resolution, go, import_one
 from ...objects.imported import box_mesh, collection_of, imported_objects, make
-from ...objects.meshes import size_of
+from ...objects.meshes import extent_of
 from ...objects.static_items import LABEL
 from ...objects.trajectories import remove, trajectory_of
 from ...sampling.stepping import shown_names
 from ...window.refresh import refresh
+from ..standing import scaled_to
 from .appearance import lift, set_appearance
 from .carrier import CARRIERS, Carrier, Edited, Muted, register
 from .own_object import delete
@@ -60,15 +61,13 @@ class PlaceCarrier(Carrier):
 
 
 def restore(scene: bpy.types.Scene, source: Source, kind: str, uid: str, thing: bpy.types.Object | None) -> bpy.types.Object:
-    """Put an object of the drive back to where it was imported, or into the scene again where ``thing`` is None; an
-    actor keeps
-    its appearance. Return the object."""
+    """Put an object of the drive back to where it was imported, or into the scene again where ``thing`` is None; an actor
+    keeps its appearance and scale. Return the object."""
     drive = source.drive
+    scale, lift_m = (1.0, 1.0, 1.0), 0.0
     if thing is not None:
-        scale = tuple(thing.scale)
+        scale, lift_m = tuple(thing.scale), thing.unisim.scale_lift_m
         unmoved(thing)
-        if kind == "ACTOR":  # a scale is an edit of its own
-            thing.scale = scale
     if kind == "STATIC":
         thing = _item(scene, uid, thing)
     elif kind == "EGO":
@@ -76,7 +75,9 @@ def restore(scene: bpy.types.Scene, source: Source, kind: str, uid: str, thing: 
     elif kind == "ACTOR" and thing is not None:
         actor = drive.actors[uid]
         go(thing, actor, drive, Clock.of(drive))
-        lift(thing, (float(size_of(thing)[2]) - float(actor.size_m[2])) / 2 if thing.unisim.look else 0.0)
+        lift(thing, (float(extent_of(thing)[2]) - float(actor.size_m[2])) / 2 if thing.unisim.look else 0.0)
+        thing.unisim.scale_lift_m = 0.0
+        scaled_to(thing, scale, lift_m)  # a scale is an edit of its own
     else:
         if kind in ("CAMERA", "LIDAR") and thing is None:  # hidden, it is missing for the scenario alone
             thing = next((t for t in imported_objects(scene, kind) if t.unisim.uid == uid and t.name == t.unisim.home), None)

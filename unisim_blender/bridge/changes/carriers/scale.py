@@ -10,6 +10,7 @@ from ....editing.edits.lines import Line
 from ....editing.sampled.source import Source
 from ...objects.animation import remove_curves
 from ...window.refresh import refresh
+from ..standing import scaled_to
 from .carrier import Carrier, Edited, Muted, register
 
 
@@ -26,22 +27,23 @@ class ScaleCarrier(Carrier):
     def mute(self, scene: bpy.types.Scene, source: Source, item: Any, line: Line, thing: bpy.types.Object | None) -> None:
         """Keep the factors."""
         assert thing is not None  # the line is of an object
-        item.scale = thing.scale
+        item.scale, item.scale_lift_m = thing.scale, thing.unisim.scale_lift_m
         self.revert(scene, source, line, thing)
 
     def unmute(self, scene: bpy.types.Scene, source: Source, muted: Muted, now: bpy.types.Object | None) -> None:
         """Scale the object again."""
         assert now is not None  # a removal is a rival, and muted by now
-        now.scale = muted.scale
+        scaled_to(now, muted.scale, muted.scale_lift_m)
         refresh([now])
 
     def revert(self, scene: bpy.types.Scene, source: Source, line: Line, thing: bpy.types.Object | None) -> None:
         """Give the object the size that it was imported with."""
         assert thing is not None
         remove_curves(thing, "scale", "delta_scale")
-        thing.scale = thing.delta_scale = (1.0, 1.0, 1.0)
+        thing.delta_scale = (1.0, 1.0, 1.0)
+        scaled_to(thing, (1.0, 1.0, 1.0), 0.0)
         refresh([thing])
 
     def keep(self, now: bpy.types.Object, parked: bpy.types.Object) -> None:
         """The actor's scale."""
-        parked.scale = now.scale
+        scaled_to(parked, now.scale, now.unisim.scale_lift_m)
