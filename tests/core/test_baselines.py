@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -22,6 +23,8 @@ from unisim_blender.core.model.checkpoint import load_scene
 from unisim_blender.core.model.config import ModelConfig, SampleConfig
 from unisim_blender.core.model.scene_file import read_scene_header
 from unisim_blender.core.prepare.backends import backend_for, environment, make_backend
+from unisim_blender.core.prepare.capabilities import capability_warnings
+from unisim_blender.core.prepare.scenario import prepare_scenario
 from unisim_blender.core.presets import PRESETS, preset
 from unisim_blender.core.render.drive_renderer import DriveRenderer
 from unisim_blender.core.render.renderer import Renderer
@@ -32,7 +35,6 @@ from unisim_blender.core.training.config import TrainConfig
 from unisim_blender.core.training.recipe import recipe
 from unisim_blender.core.training.run import CHECKPOINT, finish, save_checkpoint, train
 from unisim_blender.core.training.trainer import Trainer
-from unisim_blender.core.worker.jobs import Jobs
 
 KINDS: dict[str, tuple[str, tuple[str, ...]]] = {
     "ngp": ("tiny-ngp", ()),
@@ -47,8 +49,9 @@ STEPS = 40
 
 
 @pytest.fixture(autouse=True, scope="module")
-def small_presets() -> None:
-    """The baselines with the sizes of ``tiny``."""
+def small_presets() -> Iterator[None]:
+    """The baselines with the sizes of ``tiny``, and what a test registers besides; gone afterwards."""
+    before = dict(PRESETS)
     samples, tiny = SampleConfig(12, 8, 6, 4, 4, 2), preset("tiny").model
     for name in ("ngp", "nsg"):
         baseline = preset(name)
@@ -65,6 +68,9 @@ def small_presets() -> None:
                 upsample=1,
             ),
         )
+    yield
+    PRESETS.clear()
+    PRESETS.update(before)
 
 
 @pytest.fixture(scope="module")
@@ -357,16 +363,12 @@ def test_a_broken_configuration_is_refused() -> None:
         ModelConfig.from_dict(values)
 
 
-def test_the_worker_says_what_one_field_cannot_show(path: Path, trained: dict[str, Path], tmp_path: Path) -> None:
-    camera = next(iter(open_log(path).drive.cameras.values()))
-    model = {**vars(camera.model.resized(16)), "shutter": vars(camera.model.shutter)}
-    moment = {"camera": camera.sensor_id, "time_s": min(camera.time_s.values()), "model": model}
+def test_who_asks_for_images_is_told_what_one_field_cannot_show(path: Path, trained: dict[str, Path], tmp_path: Path) -> None:
     told = {}
     wanted: dict[str, list[dict[str, object]]] = {"a": [], "b": [{"type": "remove", "actor": "car-1"}]}
     for name, edits in wanted.items():
-        file = edited(trained["ngp"], path, tmp_path / f"{name}.json", edits)
-        request = {"scenario": json.loads(file.read_text()), "path": str(file), **moment}
-        told[name] = [event["text"] for event in Jobs(tmp_path).camera(request) if event["event"] == "warning"]
+        prepared = prepare_scenario(edited(trained["ngp"], path, tmp_path / f"{name}.json", edits))
+        told[name] = capability_warnings(trained["ngp"], prepared.recorded, prepared.edited, sweeps=False)
     assert told["a"] == [] and len(told["b"]) == 1 and "edits of car-1 change labels" in told["b"][0]
 
 
