@@ -15,7 +15,6 @@ from analytic_scene import drive_of, still
 from click.testing import CliRunner
 from numpy.typing import NDArray
 from random_scene import CARS, TINY, saved
-from unisim_blender.core.bench.metrics import metrics_of
 
 from unisim_blender.core import native
 from unisim_blender.core.bench.cases import all_cases, camera_case, middle, state_case, subject_of, windows
@@ -24,6 +23,7 @@ from unisim_blender.core.bench.errors import depth_error, image_error
 from unisim_blender.core.bench.machine import processor
 from unisim_blender.core.bench.measure import turns
 from unisim_blender.core.bench.methods import DEFAULT, TYPICAL, VARIANTS, all_methods
+from unisim_blender.core.bench.metrics import metrics_of
 from unisim_blender.core.bench.pareto import pareto_front
 from unisim_blender.core.bench.plots import images
 from unisim_blender.core.bench.process import RendererProcess
