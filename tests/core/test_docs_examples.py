@@ -163,7 +163,7 @@ def ours(arguments: list[str], where: str, run: bool) -> None:
     for option, value in small.items():
         if name == "synth" and option in rest:
             rest[rest.index(option) + 1] = value
-        elif option not in rest:
+        elif option not in rest and not (option == "--frames" and "--times" in rest):
             rest += [option, value]
     result = CliRunner().invoke(unisim, [name, *rest])
     sentence = f"{result.output}{result.exception or ''}"
