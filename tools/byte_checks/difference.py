@@ -18,11 +18,12 @@ from numpy.typing import NDArray
 NOT_COMPARED = ("timings.json", "training.jsonl", "checkpoint.safetensors")
 """Files that hold seconds."""
 OF_THE_CODE = {
-    "manifest.json": ("code.sha256", "inputs.key"),
-    ".state/*.json": ("key",),
+    "manifest.json": ("code.sha256", "inputs.key", "environment.kernels", "*.identity"),
+    ".state/*.json": ("key", "*.identity"),
     "scene.json": ("training.seconds",),
 }
-"""Places in JSON files that hold a digest of the code, or seconds: each commit's and run's are its own."""
+"""Places in JSON files (`fnmatch`) that hold a digest or a version of the code, or seconds: each commit's and run's are its
+own. A capture's identity has the code in it."""
 Arrays = dict[str, NDArray[Any]]
 
 
@@ -153,7 +154,7 @@ def _json_parts(file: str, before: bytes, after: bytes) -> Iterator[Part]:
     some = False
     for place in [*a, *(place for place in b if place not in a)]:
         x, y = a.get(place, "nothing"), b.get(place, "nothing")
-        if (repr(x) != repr(y)) and place not in own:
+        if (repr(x) != repr(y)) and not any(fnmatchcase(place, pattern) for pattern in own):
             some = True
             yield Part(place, _unlike(x, y))
     if not some and _shape(before, a, own) != _shape(after, b, own):
@@ -179,10 +180,9 @@ def _leaves(value: Any, place: str = "") -> Iterator[tuple[str, Any]]:
 
 def _shape(data: bytes, leaves: dict[str, Any], own: list[str]) -> bytes:
     """A document's text without the values at places of its own."""
-    for place in own:
-        if place in leaves:
-            name, value = (re.escape(json.dumps(x).encode()) for x in (place.rpartition(".")[2], leaves[place]))
-            data = re.sub(name + rb"(\s*:\s*)" + value, rb"\1*", data)
+    for place in (one for one in leaves if any(fnmatchcase(one, pattern) for pattern in own)):
+        name, value = (re.escape(json.dumps(x).encode()) for x in (place.rpartition(".")[2], leaves[place]))
+        data = re.sub(name + rb"(\s*:\s*)" + value, rb"\1*", data)
     return data
 
 
