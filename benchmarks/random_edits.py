@@ -36,7 +36,7 @@ def random_edit(rng: np.random.Generator, actors: list[str], number: int) -> Edi
     kinds: list[Edit] = [
         {"type": "remove", "actor": actor},
         {"type": "insert", "actor": actor, "id": new, "pose": pose, "present": present},
-        {"type": "swap", "actor": actor, "look": other},
+        {"type": "swap", "actor": actor, "appearance": other},
         {"type": "duplicate", "actor": actor, "id": new, "offset_m": [0, float(rng.uniform(-6, 6)), 0]},
         {"type": "scale", "actor": actor, "factors": [float(x) for x in rng.uniform(0.7, 1.4, 3)]},
         {"type": "retime", "actor": actor, "offset_s": float(rng.uniform(-0.8, 0.8)), "outside": "hold"},

@@ -1,7 +1,8 @@
-"""Files of an earlier version, commit fc98523, open as they were: a .blend, the scenario that it exported, the sample's scene.
+"""Files of an earlier version, commit fc98523, open as they were: a .blend, scenarios, the sample's scene.
 
 `earlier/edited.blend` has a car that drives moved by 3 m, one deleted, one that stands moved, one scaled, one duplicated, and the
-ego vehicle's lane shifted.
+ego vehicle's lane shifted; `earlier/edited.json` is the scenario that it exported. `earlier/swapped.json` calls an appearance
+``look``.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ def folder(tmp_path: Path) -> Path:
     """The earlier files beside the trained scene that they name; the log that it was trained on is not at hand."""
     target = tmp_path / "files"
     shutil.copytree(SAMPLE / "scene", target / "scene")
-    for name in ("edited.blend", "edited.json"):
+    for name in ("edited.blend", "edited.json", "swapped.json"):
         shutil.copy(EARLIER / name, target)
     return target
 
@@ -65,3 +66,12 @@ def test_an_earlier_scenario_renders(folder: Path, tmp_path: Path) -> None:
     labels = json.loads((tmp_path / "out" / "labels" / "000005.json").read_text())
     boxes = {box["id"]: box for box in labels["boxes"]}
     assert "car-03" not in boxes and len(boxes) == 20
+
+
+def test_an_earlier_appearance_opens_and_is_exported_by_its_name_of_now(addon: Any, scene: Any, folder: Path) -> None:
+    assert bpy.ops.unisim.import_scenario(filepath=str(folder / "swapped.json")) == {"FINISHED"}
+    assert bpy.ops.unisim.export_scenario("EXEC_DEFAULT", filepath=str(folder / "again.json")) == {"FINISHED"}
+    again, earlier = (json.loads((folder / name).read_text()) for name in ("again.json", "swapped.json"))
+    (swap,) = (edit for edit in again["edits"] if edit["type"] == "swap")
+    assert earlier["edits"] == [{"type": "swap", "actor": "car-12", "look": "car-13"}]
+    assert swap == {"type": "swap", "actor": "car-12", "appearance": "car-13"}

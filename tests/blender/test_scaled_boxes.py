@@ -230,7 +230,7 @@ EDITS: list[dict[str, Any]] = [
     {"type": "duplicate", "actor": "car-03", "id": "second", "offset_m": [0, 3.5, 0]},
     {"type": "scale", "actor": "car-03", "factors": [1.3, 1.3, 1.3]},
     {"type": "scale", "actor": "second", "factors": [1.0, 0.9, 1.4]},
-    {"type": "swap", "actor": "car-12", "look": "car-09"},
+    {"type": "swap", "actor": "car-12", "appearance": "car-09"},
     {"type": "scale", "actor": "car-12", "factors": [0.8, 0.8, 0.8]},
     {"type": "insert", "actor": "car-13", "id": "new", "pose": {"position": [32.0, 6.2, 0.9], "yaw_deg": 180.0}},
     {"type": "scale", "actor": "new", "factors": [1.25, 1.25, 1.25]},

@@ -173,7 +173,7 @@ def test_an_actor_of_the_drive_is_inserted_and_replaced(street: Any) -> None:
     select(thing(street, "ACTOR", "car-04"))
     assert bpy.ops.unisim.replace_look(look="car-12") == {"FINISHED"}
     swap = next(edit for edit in read(street).edits if isinstance(edit, Swap))
-    assert swap.actor == "car-04" and swap.look == "car-12"
+    assert swap.actor == "car-04" and swap.appearance == "car-12"
 
 
 def test_no_choice_and_another_scenes_actor(street: Any) -> None:

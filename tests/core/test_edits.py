@@ -63,7 +63,7 @@ ALL_EDITS: list[dict[str, Any]] = [
     {"type": "insert", "actor": "bus", "scene": "other", "id": "b", "trajectory": KEYS},
     {"type": "move", "actor": "late", "trajectory": KEYS, "outside": "hold"},
     {"type": "retime", "actor": "car", "speed": 0.5},
-    {"type": "swap", "actor": "car", "look": "van"},
+    {"type": "swap", "actor": "car", "appearance": "van"},
     {"type": "scale", "actor": "car", "factors": [1.3, 1, 0.75]},
     {"type": "remove", "actor": "van"},
     {"type": "copy_static", "box": "x", "id": "x2", "target": {"position": [1, 1, 1]}},
@@ -222,7 +222,7 @@ def test_a_change_of_speed_keeps_the_keys_to_the_bit() -> None:
 
 def test_swap_keeps_the_ground() -> None:
     drive = turning_drive()
-    result = edited({"type": "swap", "actor": "car", "look": "van"}, drive=drive).actors["car"]
+    result = edited({"type": "swap", "actor": "car", "appearance": "van"}, drive=drive).actors["car"]
     before = drive.actors["car"]
     assert (result.appearance, result.label, result.size_m.tolist()) == (Appearance("van"), "Van", [6.0, 2.2, 2.5])
     lowest_before = before.world_from_actor.at(TIMES)[:, 2, 3] - 1.5 / 2
@@ -230,7 +230,7 @@ def test_swap_keeps_the_ground() -> None:
     assert_same(result.world_from_actor.at(TIMES)[:, :2, 3], before.world_from_actor.at(TIMES)[:, :2, 3])
     assert (result.start_s, result.end_s, result.is_moving) == (0.0, 1.0, True)
     assert (
-        edited({"type": "swap", "actor": "car", "look": "bus", "scene": "other"}).actors["car"].appearance.scene
+        edited({"type": "swap", "actor": "car", "appearance": "bus", "scene": "other"}).actors["car"].appearance.scene
         == "/folder/other"
     )
 
@@ -372,7 +372,10 @@ PLACE = {"position": [0, 0, 0]}
     [
         ({"type": "remove", "actor": "car-9"}, 'edits[1].actor: no actor "car-9" in the log (there are car, late, van)'),
         ({"type": "move", "actor": "gone", "pose": PLACE}, 'edits[1].actor: no actor "gone" in the log'),
-        ({"type": "swap", "actor": "car", "look": "bus"}, 'edits[1].look: no actor "bus" in the log (there are car, late, van)'),
+        (
+            {"type": "swap", "actor": "car", "appearance": "bus"},
+            'edits[1].appearance: no actor "bus" in the log (there are car, late, van)',
+        ),
         ({"type": "duplicate", "actor": "car", "id": "van"}, 'edits[1].id: "van" is an actor of the log already'),
         ({"type": "insert", "actor": "bus", "id": "b", "pose": PLACE}, 'edits[1].actor: no actor "bus" in the log'),
         (

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass, fields, is_dataclass, replace
+from dataclasses import MISSING, dataclass, fields, is_dataclass, replace
 from pathlib import Path
 
 import jsonschema
@@ -50,7 +50,7 @@ def test_an_edit_is_whole(kind: type[Edit]) -> None:
     schema = edit_schema(kind)
     jsonschema.Draft202012Validator.check_schema(schema)
     assert scenario_schema()["$defs"][kind.type] == schema
-    assert set(schema["properties"]) == {"type", *(field.name for field in fields(kind))}
+    assert set(schema["properties"]) == {"type", *kind.former_names, *(field.name for field in fields(kind))}
     assert schema["description"].endswith(".")
     assert any(example["type"] == kind.type for example in EXAMPLES)
     assert f'"type": "{kind.type}"' in (ROOT / "docs" / "reference" / "scenario.md").read_text()
@@ -62,10 +62,33 @@ def test_an_edit_is_whole(kind: type[Edit]) -> None:
 @pytest.mark.parametrize("kind", EDITS.values(), ids=lambda kind: kind.type)
 def test_members_that_a_schema_asks_for_are_missed(kind: type[Edit]) -> None:
     example = next(example for example in EXAMPLES if example["type"] == kind.type)
-    for name in edit_schema(kind)["required"][1:]:
+    for name in (field.name for field in fields(kind) if field.default is MISSING):
         short = {key: value for key, value in example.items() if key != name}
         with pytest.raises(ScenarioError, match=rf"s\.json: edits\[0\]: '{name}' is a required property"):
             scenario_from_json({**BARE, "edits": [short]}, Path("s.json"))
+
+
+@pytest.mark.parametrize("kind", [kind for kind in EDITS.values() if kind.former_names], ids=lambda kind: kind.type)
+def test_a_member_is_read_by_its_former_name(kind: type[Edit]) -> None:
+    """The schema, which editors check documents with, takes either name; the current one is written."""
+    example = next(example for example in EXAMPLES if example["type"] == kind.type)
+    current_of = kind.former_names
+    earlier = {next((old for old, new in current_of.items() if new == key), key): value for key, value in example.items()}
+    assert earlier != example
+    scenario = scenario_from_json({**BARE, "edits": [earlier]})
+    assert scenario == scenario_from_json({**BARE, "edits": [example]})
+    assert scenario_to_json(scenario)["edits"] == [example]
+    checked = jsonschema.Draft202012Validator(scenario_schema())
+    neither = {key: value for key, value in example.items() if key not in current_of.values()}
+    for edit, valid in ((example, True), (earlier, True), (earlier | example, False), (neither, False)):
+        assert checked.is_valid({**BARE, "edits": [edit]}) == valid, edit
+
+
+def test_a_member_under_both_names_is_one_sentence() -> None:
+    edit = {"type": "swap", "actor": "a", "look": "b", "appearance": "b"}
+    with pytest.raises(ScenarioError) as caught:
+        scenario_from_json({**BARE, "edits": [{"type": "remove", "actor": "c"}, edit]}, Path("s.json"))
+    assert str(caught.value) == 's.json: edits[1]: has "appearance" and its former name "look": give one of them'
 
 
 BARE = {"format": "unisim-scenario", "version": 1, "name": "s", "log": "l"}
@@ -136,3 +159,6 @@ def test_what_is_no_edit_is_not_registered(own_register: None) -> None:
     with pytest.raises(TypeError, match='edit "remove": is registered already, by Remove'):
         register(Half)
     assert EDITS["remove"] is edits.Remove
+    Half.type, Half.former_names = "half", {"who": "whom"}
+    with pytest.raises(TypeError, match=r'edit "half": former names {\'who\': \'whom\'} do not lead to its members'):
+        register(Half)

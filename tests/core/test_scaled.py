@@ -104,13 +104,13 @@ def test_edits_apply_in_order() -> None:
     assert edited(by(2, 2, 2, actor="van"), insert).actors["c"].scale == (1.0, 1.0, 1.0)
     assert edited(insert, by(2, 2, 2, actor="c")).actors["c"].scale == (2.0, 2.0, 2.0)
     # another look has its own size, its underside where the scaled one's was
-    drive = edited(by(1, 1, 2), {"type": "swap", "actor": "car", "look": "van"})
+    drive = edited(by(1, 1, 2), {"type": "swap", "actor": "car", "appearance": "van"})
     now = drive.actors["car"]
     np.testing.assert_array_equal(now.size_m, van.size_m)
     assert now.scale == (1.0, 1.0, 1.0)
     under = now.world_from_actor.positions[0, 2] - now.size_m[2] / 2
     assert under == pytest.approx(turning_drive().actors["car"].world_from_actor.positions[0, 2] - size[2])
-    assert edited({"type": "swap", "actor": "car", "look": "van"}, by(1, 1, 2)).actors["car"].size_m[2] == 2 * van.size_m[2]
+    assert edited({"type": "swap", "actor": "car", "appearance": "van"}, by(1, 1, 2)).actors["car"].size_m[2] == 2 * van.size_m[2]
 
 
 @pytest.mark.parametrize(

@@ -74,7 +74,7 @@ EVERYTHING: dict[str, Any] = {
         {"type": "move", "actor": "car-03", "trajectory": KEYS, "present": {"start_s": 0, "end_s": 1.5}},
         {"type": "retime", "actor": "car-04", "offset_s": -0.5, "speed": 0.5, "pivot_s": 1},
         {"type": "retime", "actor": "car-05", "map": [[0, 0], [1, 0.5], [1.5, 0.5]], "outside": "continue"},
-        {"type": "swap", "actor": "car-06", "look": "van", "scene": "../other"},
+        {"type": "swap", "actor": "car-06", "appearance": "van", "scene": "../other"},
         {"type": "copy_static", "box": "bin", "id": "bin-b", "target": {"position": [9, 3, 0.5]}},
         {"type": "remove_static", "box": "bin"},
         {"type": "ego", "shift_left_m": 2},

@@ -125,6 +125,15 @@ def test_every_field_of_a_drive_survives(drive: Drive) -> None:
     np.testing.assert_array_equal(again.world_origin, drive.world_origin)
 
 
+def test_an_earlier_scene_calls_the_appearance_look(folder: Path) -> None:
+    now = read_scene_header(folder)
+    document = json.loads((folder / HEADER_NAME).read_text())
+    actor = document["drive"]["actors"]["car-1"]
+    actor["look"] = actor.pop("appearance")
+    (folder / HEADER_NAME).write_text(json.dumps(document))
+    assert drive_to_json(read_scene_header(folder).drive) == drive_to_json(now.drive)
+
+
 def edit(folder: Path, *place: Any, value: Any = None) -> None:
     """Set the header's member at ``place``, or delete it."""
     document = json.loads((folder / HEADER_NAME).read_text())

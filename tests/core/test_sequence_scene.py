@@ -122,6 +122,19 @@ def test_the_former_name_of_a_pass_gives_the_same_files(scenario: Path, tmp_path
         assert "unsupported" in channels and ("depth" in channels) == (name == "support")
 
 
+def test_the_former_name_of_an_appearance_gives_the_same_files(scenario: Path, tmp_path: Path) -> None:
+    """``look`` is read as ``appearance``: images, labels and the scenario's digest are the same."""
+    document = json.loads(scenario.read_text())
+    files = {}
+    for name in ("look", "appearance"):
+        document["edits"] = [{"type": "swap", "actor": "cone", name: "car"}]
+        path = scenario.with_name(f"{name}.json")
+        path.write_text(json.dumps(document))
+        render(path, "--out", tmp_path / name, "--jobs", 1, "--sensors", "front")
+        files[name] = contents(tmp_path / name)
+    assert files["look"] == files["appearance"]
+
+
 def test_a_bound_on_the_error_is_in_the_manifest(scenario: Path, tmp_path: Path) -> None:
     """With what was chosen and whether it is kept; the bytes hang on neither jobs nor resuming."""
     bounds = ("--max-error", "20dB", "--max-error", "500mm", "--max-error", "99dE")

@@ -7,8 +7,8 @@ import shutil
 from pathlib import Path
 from typing import Any
 
+# trees from before and after a renaming read the former names that are written here: ``support``, and ``look`` of a swap
 PASSES = ["rgb", "depth", "normal", "instance", "opacity", "support"]
-"""``support`` is the former name of ``unsupported``, which trees from before and after its renaming read."""
 FEW_BEAMS = {
     "id": "few",
     "elevation_deg": [2.0, -1.0, -4.0, -9.0, -15.0, -22.0],

@@ -49,7 +49,7 @@ SCENARIO: dict[str, Any] = {
         {"type": "move", "actor": "van", "trajectory": KEYS},
         {"type": "retime", "actor": "car", "map": [[0, 0], [0.5, 0.2], [1, 0.9]]},
         {"type": "retime", "actor": "late", "speed": 0.5, "pivot_s": 0.4, "offset_s": 0.1},
-        {"type": "swap", "actor": "van", "look": "car"},
+        {"type": "swap", "actor": "van", "appearance": "car"},
         {"type": "scale", "actor": "car", "factors": [1.2, 1.0, 0.9]},
         {"type": "copy_static", "box": "bin", "id": "f", "target": STANDS},
         {"type": "remove_static", "box": "bin"},

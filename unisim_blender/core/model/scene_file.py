@@ -281,7 +281,7 @@ def _actor_to_json(actor: Actor) -> dict[str, Any]:
         "start_s": float(actor.start_s),
         "end_s": float(actor.end_s),
         "is_moving": bool(actor.is_moving),
-        "look": {
+        "appearance": {
             "actor": actor.appearance.actor,
             "scene": actor.appearance.scene,
             **({"mesh": actor.appearance.mesh} if actor.appearance.mesh else {}),
@@ -300,7 +300,7 @@ def _read_size(node: Node) -> FloatArray:
 
 
 def _read_actor(uid: str, node: Node) -> Actor:
-    appearance = node.key("look")
+    appearance = node.key("look" if "look" in node.object() else "appearance")  # the former name is read, too
     return Actor(
         uid=uid,
         label=node.key("label").text(),

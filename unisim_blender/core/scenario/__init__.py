@@ -16,6 +16,7 @@ from . import edits  # noqa: F401 so that all are registered before a document i
 from .apply import apply_scenario
 from .checks import check_scenario
 from .edit import EDITS, Edit
+from .faults import require
 from .schema import FORMAT, VERSION, check_document
 from .types import Scenario
 
@@ -42,7 +43,7 @@ def save_scenario(scenario: Scenario, path: Path) -> None:
 def scenario_from_json(document: Any, path: Path = Path("scenario.json")) -> Scenario:
     """The scenario of a JSON object; ``path`` is what its paths are relative to and what complaints name."""
     check_finite(document, f"{path}: ", ScenarioError)
-    document = _with_current_passes(document)
+    document = _with_current_names(_with_current_passes(document), path)
     check_document(document, path)
     values = {key: value for key, value in document.items() if key not in ("format", "version")}
     scenario: Scenario = build(Scenario, values | {"path": path})
@@ -57,6 +58,26 @@ def _with_current_passes(document: Any) -> Any:
         return document
     current = [FORMER_PASSES.get(name, name) if isinstance(name, str) else name for name in passes]
     return {**document, "outputs": {**outputs, "passes": current}}
+
+
+def _with_current_names(document: Any, path: Path) -> Any:
+    """Return a JSON value that no schema has checked yet, with the current names of edits' members in place of former ones.
+
+    Raises `ScenarioError` for an edit that has a member under both names.
+    """
+    changes = document.get("edits") if isinstance(document, dict) else None
+    if not isinstance(changes, list):
+        return document
+    return {**document, "edits": [_current_edit(edit, f"{path}: edits[{index}]") for index, edit in enumerate(changes)]}
+
+
+def _current_edit(edit: Any, place: str) -> Any:
+    kind = EDITS.get(edit["type"]) if isinstance(edit, dict) and isinstance(edit.get("type"), str) else None
+    if kind is None:
+        return edit
+    for former, current in kind.former_names.items():
+        require(not {former, current} <= edit.keys(), place, f'has "{current}" and its former name "{former}": give one of them')
+    return {kind.former_names.get(key, key): value for key, value in edit.items()}
 
 
 def scenario_to_json(scenario: Scenario) -> dict[str, Any]:

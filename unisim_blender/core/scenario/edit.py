@@ -27,6 +27,8 @@ class Edit(ABC):
     """Its name in a document."""
     members: ClassVar[Mapping[str, Schema]]
     """The JSON Schema of each field; fields without a default are required."""
+    former_names: ClassVar[Mapping[str, str]] = {}
+    """Names that members had in earlier documents, which are read as the current ones: {former: current}."""
     meshes: ClassVar[tuple[str, ...]] = ()
     """Those of its members that name a mesh's file."""
     seen_by: ClassVar[str] = ""
@@ -59,6 +61,8 @@ def register(kind: Kind) -> Kind:
     stated, held = set(kind.members), {field.name for field in fields(kind)}
     if stated != held:
         raise TypeError(f'edit "{kind.type}": members {sorted(stated)} are not its fields {sorted(held)}')
+    if stated & kind.former_names.keys() or not stated >= set(kind.former_names.values()):
+        raise TypeError(f'edit "{kind.type}": former names {dict(kind.former_names)} do not lead to its members {sorted(stated)}')
     if EDITS.get(kind.type, kind) is not kind:
         raise TypeError(f'edit "{kind.type}": is registered already, by {EDITS[kind.type].__name__}')
     EDITS[kind.type] = kind

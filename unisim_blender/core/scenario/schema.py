@@ -58,10 +58,31 @@ def _schema(kinds: tuple[type[Edit], ...]) -> dict[str, Any]:
 
 
 def edit_schema(kind: type[Edit]) -> Schema:
-    """The JSON Schema of one edit: its members, of which those without a default are required."""
+    """The JSON Schema of one edit: its members, of which those without a default are required.
+
+    A member with a former name may be given by either of the two names, but not by both.
+    """
     required = [field.name for field in fields(kind) if field.default is MISSING]
     about = " ".join((kind.__doc__ or "").partition("\n\n")[0].split())
-    return members_of({"type": {"const": kind.type}, **kind.members}, ["type", *required], about)
+    renamed = set(kind.former_names.values())
+    former = {
+        name: {**kind.members[current], "deprecated": True, "description": f"Former name of `{current}`, read as that."}
+        for name, current in kind.former_names.items()
+    }
+    either = [
+        {
+            "if": {"required": [name]},
+            "then": {"not": {"required": [current]}},
+            **({"else": {"required": [current]}} if current in required else {}),
+        }
+        for name, current in kind.former_names.items()
+    ]
+    schema = members_of(
+        {"type": {"const": kind.type}, **kind.members, **former},
+        ["type", *(name for name in required if name not in renamed)],
+        about,
+    )
+    return {**schema, "allOf": either} if either else schema
 
 
 def check_document(document: Any, path: Path) -> None:

@@ -22,7 +22,7 @@ class SwapReader(ActorReader[Swap]):
     def line(self, edit: Swap, standing: Standing) -> Line:
         """Whose appearance it is."""
         actors = standing.reading.drive.actors
-        own_look = edit.scene is None and edit.look in actors
-        named = plain_names(actors)[edit.look] if own_look else f"{edit.look} of {Path(edit.scene or '').name}"
+        of_this_scene = edit.scene is None and edit.appearance in actors
+        named = plain_names(actors)[edit.appearance] if of_this_scene else f"{edit.appearance} of {Path(edit.scene or '').name}"
         words, there = f"Appearance of {named}", standing.here.there
         return line_of("ACTOR", edit.actor, "APPEARANCE", words, standing.names, there, standing.clock, edit)

@@ -15,24 +15,23 @@ from ..motion import beside
 @register
 @dataclass(frozen=True)
 class Swap(Edit):
-    """Another actor's look and box, on the same ground."""
+    """Give the actor the appearance, class and box of another one, on the same ground."""
 
     type = "swap"
-    members = {"actor": TEXT, "look": TEXT, "scene": PATH}
+    members = {"actor": TEXT, "appearance": TEXT, "scene": PATH}
+    former_names = {"look": "appearance"}
     seen_by = "swap"
 
     actor: str
-    look: str
+    appearance: str
     scene: str | None = None
 
     def apply(self, drive: Drive, place: str, context: Context) -> Drive:
-        """The drive with another look in the actor's place: the look's box and class, its underside where the actor's was. A
-        scale that the actor had before is not the new look's."""
+        """The drive with the new appearance, box and class at the actor's place; the undersides of both boxes are at one height.
+        The new box has the size of its appearance: an earlier scale of the actor ends."""
         actor = current(drive, self.actor, f"{place}.actor", context)
-        appearance = context.appearance_of(self.look, self.scene, place, "look")
-        raised = (appearance.size_m[2] - actor.size_m[2]) / 2
+        source = context.appearance_of(self.appearance, self.scene, place, "appearance")
+        raised = (source.size_m[2] - actor.size_m[2]) / 2
         trajectory = beside(actor.world_from_actor, (0.0, 0.0, raised), None, None) if raised else actor.world_from_actor
-        swapped = replace(
-            actor, label=appearance.label, size_m=appearance.size_m, appearance=appearance.appearance, scale=(1.0, 1.0, 1.0)
-        )
+        swapped = replace(actor, label=source.label, size_m=source.size_m, appearance=source.appearance, scale=(1.0, 1.0, 1.0))
         return with_actor(drive, replace(swapped, world_from_actor=trajectory))
