@@ -29,7 +29,7 @@ class UNISIM_MT_object(bpy.types.Menu):
         layout = self.layout
         layout.operator_menu_enum("unisim.duplicate_actor", "where")
         layout.operator("unisim.delete_actor")
-        layout.operator("unisim.replace_look")
+        layout.operator("unisim.replace_appearance")
         layout.operator_menu_enum("unisim.retime_actor", "way")
         layout.operator("unisim.shift_actor")
         layout.operator("unisim.follow_curve")

@@ -37,7 +37,7 @@ SLOTS: dict[str, tuple[Slot | None, ...]] = {
         DELETE,
         Slot("unisim.retime_actor", "Retime", "TIME"),
         Slot("unisim.shift_actor", "Shift", "ARROW_LEFTRIGHT"),
-        Slot("unisim.replace_look", "Replace Appearance", "FILE_REFRESH"),
+        Slot("unisim.replace_appearance", "Replace Appearance", "FILE_REFRESH"),
         SNAP,
         CHECK,
         RENDER,

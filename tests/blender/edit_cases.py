@@ -122,7 +122,7 @@ def mesh(scene: Any) -> None:
 
 def swapped(scene: Any) -> None:
     select(driving(scene))
-    bpy.ops.unisim.replace_look(look="car-02")
+    bpy.ops.unisim.replace_appearance(appearance="car-02")
 
 
 def ego(scene: Any) -> None:

@@ -78,7 +78,7 @@ def test_only_what_the_scenario_names_is_edited(street: Any) -> None:
     bpy.ops.object.duplicate()
     copy = bpy.context.active_object.name
     select(driving[1])
-    bpy.ops.unisim.replace_look(look=standing[3].unisim.uid)
+    bpy.ops.unisim.replace_appearance(appearance=standing[3].unisim.uid)
     listing.look_again()
     edited = {name for name, row in entries(street).items() if row.edited}
     assert edited == {standing[0].name, standing[1].name, driving[0].name, copy, driving[1].name}

@@ -84,7 +84,7 @@ def test_a_reverted_actor_drives_as_recorded_again(street: Any) -> None:
 
 def test_one_edit_of_two_is_reverted_alone(street: Any) -> None:
     select(driving(street))
-    bpy.ops.unisim.replace_look(look="car-02")
+    bpy.ops.unisim.replace_appearance(appearance="car-02")
     driving(street).location.y += 3.0
     found = {line.part: line for line in lines(street)}
     assert set(found) == {"APPEARANCE", "MOVE"} and found["MOVE"].what == "Moved 3.0 m left"
@@ -93,7 +93,7 @@ def test_one_edit_of_two_is_reverted_alone(street: Any) -> None:
     assert line.part == "MOVE" and line.what == "Moved 3.0 m left"
     assert len(read(street).edits) == 1
     select(driving(street))
-    bpy.ops.unisim.replace_look(look="car-02")
+    bpy.ops.unisim.replace_appearance(appearance="car-02")
     press(bpy.ops.unisim.revert_edit, next(line for line in lines(street) if line.part == "MOVE"))
     (line,) = lines(street)
     assert line.part == "APPEARANCE"

@@ -164,7 +164,7 @@ def test_unmuting_mutes_what_cannot_stand_beside_it(street: Any) -> None:
 
 def test_one_edit_of_two_is_muted_alone(street: Any) -> None:
     select(driving(street))
-    bpy.ops.unisim.replace_look(look="car-02")
+    bpy.ops.unisim.replace_appearance(appearance="car-02")
     driving(street).location.y += 3.0
     update()
     before = content(read(street))

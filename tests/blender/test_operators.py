@@ -35,7 +35,7 @@ def of_class(scene: Any, word: str, moving: bool) -> str:
 def test_replacing_a_look_keeps_the_ground(street: Any) -> None:
     car, cone = of_class(street, "Car", False), of_class(street, "Cone", False)
     select(thing(street, "ACTOR", car))
-    assert bpy.ops.unisim.replace_look(look=cone) == {"FINISHED"}
+    assert bpy.ops.unisim.replace_appearance(appearance=cone) == {"FINISHED"}
     assert read(street).edits == (Swap(car, cone),)
     actor, recorded = edited(street).actors[car], source_of(street).drive.actors[car]
 
@@ -43,7 +43,7 @@ def test_replacing_a_look_keeps_the_ground(street: Any) -> None:
         return float(one.world_from_actor.positions[0, 2] - one.size_m[2] / 2)
 
     assert under(actor) == pytest.approx(under(recorded), abs=1e-4)
-    assert bpy.ops.unisim.replace_look(look=car) == {"FINISHED"}
+    assert bpy.ops.unisim.replace_appearance(appearance=car) == {"FINISHED"}
     assert read(street).edits == ()
 
 

@@ -126,7 +126,7 @@ def test_another_look_and_a_scale(street: Any) -> None:
     low = source_of(street).drive.actors["car-12"]
     under = low.world_from_actor.positions[0, 2] - low.size_m[2] / 2
     select(one)
-    assert bpy.ops.unisim.replace_look(look="car-09") == {"FINISHED"}
+    assert bpy.ops.unisim.replace_appearance(appearance="car-09") == {"FINISHED"}
     one.scale = (1.2, 1.2, 1.2)
     swap, scale = read(street).edits
     assert isinstance(swap, Swap) and scale == Scale("car-12", (1.2, 1.2, 1.2))
@@ -134,7 +134,7 @@ def test_another_look_and_a_scale(street: Any) -> None:
     one.scale = (1.0, 1.0, 2.0)
     bpy.context.view_layer.update()
     before = float(one.location.z) - float(source_of(street).drive.actors["car-09"].size_m[2])
-    assert bpy.ops.unisim.replace_look(look="car-13") == {"FINISHED"}
+    assert bpy.ops.unisim.replace_appearance(appearance="car-13") == {"FINISHED"}
     now = edited(street).actors["car-12"]
     assert now.scale == (1.0, 1.0, 2.0)
     assert now.world_from_actor.positions[0, 2] - now.size_m[2] / 2 == pytest.approx(before, abs=1e-4)
@@ -506,7 +506,7 @@ def test_another_appearance_of_a_scaled_actor_stays_on_its_wheels(street: Any) -
     following.look_again()
     let_go(one, (1.0, 1.0, 2.0))
     select(one)
-    assert bpy.ops.unisim.replace_look(look="car-09") == {"FINISHED"}
+    assert bpy.ops.unisim.replace_appearance(appearance="car-09") == {"FINISHED"}
     assert underside(street, "car-12")[2] == pytest.approx(sunk_to(street, 0.0), abs=1e-4)
     let_go(one, (1.0, 1.0, 1.0))
     assert underside(street, "car-12")[2] == pytest.approx(sunk_to(street, 0.0), abs=1e-4)

@@ -165,13 +165,13 @@ def test_pages_hold_what_fits(street: Any, monkeypatch: pytest.MonkeyPatch) -> N
 
 def test_an_actor_of_the_drive_is_inserted_and_replaced(street: Any) -> None:
     street.cursor.location = (20.0, 3.0, 0.0)
-    assert bpy.ops.unisim.insert_actor(look="car-03") == {"FINISHED"}
+    assert bpy.ops.unisim.insert_actor(appearance="car-03") == {"FINISHED"}
     new = bpy.context.active_object
     (edit,) = read(street).edits
     assert isinstance(edit, Insert) and edit.actor == "car-03" and edit.scene is None
     assert edited(street).actors[edit.id].appearance.actor == "car-03" and edit.id == new.name
     select(thing(street, "ACTOR", "car-04"))
-    assert bpy.ops.unisim.replace_look(look="car-12") == {"FINISHED"}
+    assert bpy.ops.unisim.replace_appearance(appearance="car-12") == {"FINISHED"}
     swap = next(edit for edit in read(street).edits if isinstance(edit, Swap))
     assert swap.actor == "car-04" and swap.appearance == "car-12"
 
@@ -179,7 +179,7 @@ def test_an_actor_of_the_drive_is_inserted_and_replaced(street: Any) -> None:
 def test_no_choice_and_another_scenes_actor(street: Any) -> None:
     select(thing(street, "ACTOR", "car-04"))
     with pytest.raises(RuntimeError, match="choose an actor by its thumbnail"):
-        bpy.ops.unisim.replace_look()
+        bpy.ops.unisim.replace_appearance()
     with pytest.raises(RuntimeError, match='has no actor "nobody"'):
         bpy.ops.unisim.insert_actor(actor="nobody")
     with pytest.raises(RuntimeError, match="nowhere"):
@@ -200,7 +200,7 @@ def test_the_card_has_the_picture_of_what_is_shown(street: Any, monkeypatch: pyt
     monkeypatch.setattr(thumbnails, "icon_of", icon_of)
     select(thing(street, "ACTOR", "car-04"))
     assert portrait(bpy.context) == 7 and asked[-1][1] == "car-04"
-    bpy.ops.unisim.replace_look(look="car-12")
+    bpy.ops.unisim.replace_appearance(appearance="car-12")
     assert portrait(bpy.context) == 7 and asked[-1][1] == "car-12"
     bpy.context.active_object.unisim.look_scene = str(SAMPLE / "scene")
     portrait(bpy.context)

@@ -258,11 +258,11 @@ def reports() -> list[str]:
 
 
 HEADERS = {
-    "Insert": ("unisim.replace_look", 33),
-    "Static Items": ("unisim.replace_look", 59),
-    "Motion": ("unisim.replace_look", 85),
-    "Actors": ("unisim.replace_look", 113),
-    "Variants": ("unisim.replace_look", 141),
+    "Insert": ("unisim.replace_appearance", 33),
+    "Static Items": ("unisim.replace_appearance", 59),
+    "Motion": ("unisim.replace_appearance", 85),
+    "Actors": ("unisim.replace_appearance", 113),
+    "Variants": ("unisim.replace_appearance", 141),
     "Show": ("unisim.check()", -115),
     "Ego": ("unisim.check()", -87),
     "Sensors": ("unisim.check()", -59),

@@ -67,7 +67,7 @@ def steady_panel() -> Iterator[float]:
     first: dict[str, Place] = {}
     moved: list[str] = []
     yield from button_places(first)
-    assert {"unisim.replace_look", "end unisim.render_sequence", "end unisim.cancel_task"} <= set(first), first
+    assert {"unisim.replace_appearance", "end unisim.render_sequence", "end unisim.cancel_task"} <= set(first), first
 
     def nothing() -> Iterator[float]:
         yield from key("A", alt=True)

@@ -124,15 +124,15 @@ def draw_choice(layout: bpy.types.UILayout, context: bpy.types.Context, operator
     part = row.row(align=True)
     part.enabled = count > 1
     part.prop(operator, "page", text=f"Page (of {count})")
-    layout.template_icon_view(operator, "look", show_labels=True, scale=ICON_SCALE, scale_popup=GRID_SCALE)
+    layout.template_icon_view(operator, "appearance", show_labels=True, scale=ICON_SCALE, scale_popup=GRID_SCALE)
     try:
         choice = choice_of(context, folder)
     except (UnisimError, OSError) as fault:
         layout.label(text=str(fault), icon="ERROR")
         return
-    known = operator.look in choice.actors
-    layout.label(text=choice.names[operator.look] if known else "Click the image to choose")
-    layout.label(text=about(choice.actors[operator.look]) if known else "")
+    known = operator.appearance in choice.actors
+    layout.label(text=choice.names[operator.appearance] if known else "Click the image to choose")
+    layout.label(text=about(choice.actors[operator.appearance]) if known else "")
 
 
 def first_of(context: bpy.types.Context, folder: str, group: str, page: int) -> str:

@@ -33,7 +33,7 @@ class _Chooses:
         """The folder of the trained scene whose actors are chosen from; "" for the drive's own."""
         raise NotImplementedError
 
-    def begin(self, context: bpy.types.Context, group: str, look: str) -> None:
+    def begin(self, context: bpy.types.Context, group: str, uid: str) -> None:
         """Show the actors of a group, and one of them, if it is there."""
         folder = self.folder()
         self.group = group
@@ -43,12 +43,12 @@ class _Chooses:
                 self.group, found = "ALL", listed(choice_of(context, folder), "ALL")
         except (UnisimError, OSError):
             return
-        at = found.index(look) if look in found else 0
+        at = found.index(uid) if uid in found else 0
         self.page = (
             1 + at * pages(context, folder, self.group) // max(len(found), 1) if pages(context, folder, self.group) > 1 else 1
         )
         items = [item[0] for item in items_of(context, folder, self.group, self.page)]
-        self.look = look if look in items else items[0]
+        self.appearance = uid if uid in items else items[0]
 
     def draw(self, context: bpy.types.Context) -> None:
         """Draw the thumbnails."""
@@ -82,13 +82,13 @@ def other_page(self: bpy.types.OperatorProperties, context: bpy.types.Context) -
         return  # which comes here again
     first = first_of(context, folder, self.group, self.page)
     if first:
-        self.look = first
+        self.appearance = first
 
 
-class UNISIM_OT_replace_look(_Chooses, bpy.types.Operator):
+class UNISIM_OT_replace_appearance(_Chooses, bpy.types.Operator):
     """Replace the appearance and the box of the selected actors by those of another actor, on the same trajectory"""
 
-    bl_idname = "unisim.replace_look"
+    bl_idname = "unisim.replace_appearance"
     bl_label = "Replace Appearance"
     bl_options = {"REGISTER", "UNDO"}
 
@@ -97,11 +97,11 @@ class UNISIM_OT_replace_look(_Chooses, bpy.types.Operator):
     )
     group: EnumProperty(name="Class", description="Classes that are shown", items=GROUPS, update=other_page)
     page: IntProperty(name="Page", description="Page that is shown; 0 for all at once", min=0, update=other_page)
-    look: EnumProperty(name="Appearance", description="Actor whose appearance is used", items=appearances)
+    appearance: EnumProperty(name="Appearance", description="Actor whose appearance is used", items=appearances)
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        """An actor has to be selected; what is a mesh keeps its own look."""
+        """An actor has to be selected; mesh actors keep their own appearance."""
         plain = not any(thing.unisim.mesh for thing in chosen(context, "ACTOR"))
         return allowed(
             cls,
@@ -118,13 +118,13 @@ class UNISIM_OT_replace_look(_Chooses, bpy.types.Operator):
         """Ask which, of the active actor's class first."""
         found = chosen(context, "ACTOR")
         thing = context.active_object if context.active_object in found else found[0]
-        look = thing.unisim.look or thing.unisim.uid
+        uid = thing.unisim.look or thing.unisim.uid
         try:
-            actor = choice_of(context, self.scene).actors.get(look)
+            actor = choice_of(context, self.scene).actors.get(uid)
         except (UnisimError, OSError) as fault:
             self.report({"ERROR"}, str(fault))
             return {"CANCELLED"}
-        self.begin(context, group_of(actor.label) if actor is not None else "ALL", look)
+        self.begin(context, group_of(actor.label) if actor is not None else "ALL", uid)
         return context.window_manager.invoke_props_dialog(self, width=WIDTH_PX, confirm_text="Replace")
 
     def execute(self, context: bpy.types.Context) -> set[str]:
@@ -134,14 +134,14 @@ class UNISIM_OT_replace_look(_Chooses, bpy.types.Operator):
         except (UnisimError, OSError) as fault:
             self.report({"ERROR"}, str(fault))
             return {"CANCELLED"}
-        look = actors.get(self.look) if self.properties.is_property_set("look") else None
-        if look is None:
+        actor = actors.get(self.appearance) if self.properties.is_property_set("appearance") else None
+        if actor is None:
             self.report({"ERROR"}, message("choose an actor by its thumbnail first"))
             return {"CANCELLED"}
         for thing in chosen(context, "ACTOR"):
-            own = thing.unisim.uid == self.look and not self.scene
-            thing.unisim.look, thing.unisim.look_scene = ("", "") if own else (self.look, self.scene)
-            give_box(thing, box_mesh(look.size_m, look.label), float(look.size_m[2]))
+            own = thing.unisim.uid == self.appearance and not self.scene
+            thing.unisim.look, thing.unisim.look_scene = ("", "") if own else (self.appearance, self.scene)
+            give_box(thing, box_mesh(actor.size_m, actor.label), float(actor.size_m[2]))
         refresh(chosen(context, "ACTOR"))
         return {"FINISHED"}
 
@@ -162,7 +162,7 @@ class UNISIM_OT_insert_actor(_Chooses, bpy.types.Operator):
     )
     group: EnumProperty(name="Class", description="Classes that are shown", items=GROUPS, update=other_page)
     page: IntProperty(name="Page", description="Page that is shown; 0 for all at once", min=0, update=other_page)
-    look: EnumProperty(name="Actor", description="Actor to insert", items=inserted)
+    appearance: EnumProperty(name="Actor", description="Actor to insert", items=inserted)
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
@@ -192,7 +192,7 @@ class UNISIM_OT_insert_actor(_Chooses, bpy.types.Operator):
         try:
             choice = choice_of(context, folder)
             vehicles = listed(choice, "CAR") or listed(choice, "ALL")
-            uid = self.actor or (self.look if self.properties.is_property_set("look") else next(iter(vehicles), ""))
+            uid = self.actor or (self.appearance if self.properties.is_property_set("appearance") else next(iter(vehicles), ""))
             if uid not in choice.actors:
                 raise UnisimError(message('{folder}: has no actor "{name}"', folder=folder or choice.log_path, name=uid))
         except (UnisimError, OSError) as fault:
@@ -232,4 +232,4 @@ class UNISIM_OT_insert_from(bpy.types.Operator, ImportHelper):
         return {"FINISHED"} if answer != {"CANCELLED"} else answer
 
 
-CLASSES = (UNISIM_OT_replace_look, UNISIM_OT_insert_actor, UNISIM_OT_insert_from)
+CLASSES = (UNISIM_OT_replace_appearance, UNISIM_OT_insert_actor, UNISIM_OT_insert_from)

@@ -73,7 +73,7 @@ class UNISIM_PT_actor(DrivePanel, bpy.types.Panel):
         column.operator("unisim.shift_actor", icon="ARROW_LEFTRIGHT")
         column.operator("unisim.follow_curve", icon="CURVE_PATH")
         column.operator("unisim.snap_to_ground", icon="SNAP_FACE")
-        column.operator("unisim.replace_look", icon="FILE_REFRESH")
+        column.operator("unisim.replace_appearance", icon="FILE_REFRESH")
 
 
 class UNISIM_PT_insert(DrivePanel, bpy.types.Panel):

@@ -46,6 +46,6 @@ def _risen(now: Actor, before: Actor) -> float:
     return higher - float(now.appearance_size_m[2] - before.size_m[2]) / 2
 
 
-def _apply(target: Target, thing: bpy.types.Object, actor: Actor, own_look: str | None) -> None:
+def _apply(target: Target, thing: bpy.types.Object, actor: Actor, own_appearance: str | None) -> None:
     for carrier in CARRIERS.values():
-        carrier.apply(thing, Edited(actor, target.edited, own_look, target.clock))
+        carrier.apply(thing, Edited(actor, target.edited, own_appearance, target.clock))

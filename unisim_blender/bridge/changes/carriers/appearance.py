@@ -29,7 +29,7 @@ class AppearanceCarrier(Carrier):
     def apply(self, thing: bpy.types.Object, edited: Edited) -> None:
         """Note an appearance that is not the object's own, and give the object that one's box."""
         actor = edited.actor
-        if edited.own_look is None or (actor.appearance.actor, actor.appearance.scene) == (edited.own_look, ""):
+        if edited.own_appearance is None or (actor.appearance.actor, actor.appearance.scene) == (edited.own_appearance, ""):
             return
         thing.unisim.look, thing.unisim.look_scene = actor.appearance.actor, actor.appearance.scene
         thing.data = box_mesh(actor.appearance_size_m, actor.label)

@@ -17,11 +17,11 @@ from ....editing.sampled.source import Source
 
 @dataclass(frozen=True)
 class Edited:
-    """An actor of an edited drive. ``own_look`` is the actor whose appearance its object has of itself; None for a mesh's."""
+    """An actor of an edited drive. ``own_appearance`` is the actor whose appearance its object has of itself; None for a mesh's."""
 
     actor: Actor
     drive: Drive
-    own_look: str | None
+    own_appearance: str | None
     clock: Clock
 
 
