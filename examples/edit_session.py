@@ -54,31 +54,27 @@ def main(trained: Path, out: Path) -> None:
     scene = bpy.context.scene
     with timed("import"):
         bpy.ops.unisim.import_scene(filepath=str(trained / "scene.json"))
-    scene.camera = next(thing for thing in imported_objects(scene, "CAMERA") if thing.unisim.uid == trained_camera(trained))
+    scene.camera = next(obj for obj in imported_objects(scene, "CAMERA") if obj.unisim.uid == trained_camera(trained))
     fit_resolution(scene)
     drive = source_of(scene).drive
     # one camera and one LiDAR: what is deleted is not rendered
-    rig = [thing for thing in imported_objects(scene, "LIDAR") if drive.lidars[thing.unisim.uid].model.beams][:1] + [scene.camera]
-    for sensor in [thing for thing in imported_objects(scene, "CAMERA", "LIDAR") if thing not in rig]:
+    rig = [obj for obj in imported_objects(scene, "LIDAR") if drive.lidars[obj.unisim.uid].model.beams][:1] + [scene.camera]
+    for sensor in [obj for obj in imported_objects(scene, "CAMERA", "LIDAR") if obj not in rig]:
         bpy.data.objects.remove(sensor)
     middle = drive.frames[len(drive.frames) // 2]
     scene.frame_set(middle)
     ego = np.array(next(imported_objects(scene, "EGO")).matrix_world)
     boxes = {
-        thing: np.linalg.inv(ego) @ np.array(thing.matrix_world)
-        for thing in imported_objects(scene, "ACTOR")
-        if not thing.hide_viewport
+        obj: np.linalg.inv(ego) @ np.array(obj.matrix_world) for obj in imported_objects(scene, "ACTOR") if not obj.hide_viewport
     }
-    driving = [
-        thing for thing in boxes if drive.actors[thing.unisim.uid].is_moving and "Car" in drive.actors[thing.unisim.uid].label
-    ]
-    ahead = sorted((thing for thing in driving if boxes[thing][0, 3] > 4), key=lambda thing: boxes[thing][0, 3])
-    cone = next((thing for thing in boxes if "Cone" in drive.actors[thing.unisim.uid].label), None)
+    driving = [obj for obj in boxes if drive.actors[obj.unisim.uid].is_moving and "Car" in drive.actors[obj.unisim.uid].label]
+    ahead = sorted((obj for obj in driving if boxes[obj][0, 3] > 4), key=lambda obj: boxes[obj][0, 3])
+    cone = next((obj for obj in boxes if "Cone" in drive.actors[obj.unisim.uid].label), None)
 
     with timed("edits"):
-        leader = min(ahead[:4], key=lambda thing: abs(boxes[thing][1, 3]))
+        leader = min(ahead[:4], key=lambda obj: abs(boxes[obj][1, 3]))
         print("deleted:", leader.name)
-        other = next(thing for thing in ahead if thing is not leader)
+        other = next(obj for obj in ahead if obj is not leader)
         select(leader)
         bpy.ops.unisim.delete_actor()
         select(other)

@@ -26,19 +26,19 @@ def clouds(scene: bpy.types.Scene, build: Build) -> list[tuple[bpy.types.Object,
     """The scene's clouds and what is drawn of each, built only where points or colours are others than they were."""
     by = scene.unisim.points_colour
     found = list(imported_objects(scene, "POINTS"))
-    names = {(scene.name, thing.name) for thing in found}
+    names = {(scene.name, obj.name) for obj in found}
     for name in [name for name in _clouds if name not in names and (name[0] == scene.name or name[0] not in bpy.data.scenes)]:
         del _clouds[name]
-    for thing in found:
-        name, key = (scene.name, thing.name), (thing.unisim.stamp, by)
+    for obj in found:
+        name, key = (scene.name, obj.name), (obj.unisim.stamp, by)
         if name not in _clouds or _clouds[name][0] != key:
-            _clouds[name] = key, build(thing, by)
-    return [(thing, _clouds[scene.name, thing.name][1]) for thing in found]
+            _clouds[name] = key, build(obj, by)
+    return [(obj, _clouds[scene.name, obj.name][1]) for obj in found]
 
 
-def offset(scene: bpy.types.Scene, thing: bpy.types.Object) -> Vector:
+def offset(scene: bpy.types.Scene, obj: bpy.types.Object) -> Vector:
     """How far from its place a cloud is drawn: recorded ones where the scene has them beside, to the vehicle's left."""
-    aside = scene.unisim.recorded_offset_m if kind_of(thing) == RECORDED else 0.0
+    aside = scene.unisim.recorded_offset_m if kind_of(obj) == RECORDED else 0.0
     ego = next(imported_objects(scene, "EGO"), None)
     left = ego.matrix_world.to_quaternion() @ Vector((0.0, 1.0, 0.0)) if ego is not None else Vector((0.0, 1.0, 0.0))
     return left * aside
@@ -52,7 +52,7 @@ def draw() -> None:
     scene, space = context.scene, context.space_data
     if not space.overlay.show_overlays:
         return
-    drawn = [(offset(scene, thing), batch) for thing, batch in clouds(scene, _batch) if batch is not None]
+    drawn = [(offset(scene, obj), batch) for obj, batch in clouds(scene, _batch) if batch is not None]
     if not drawn:
         return
     # the engine's image has no depth: over it all points are seen alike
@@ -79,10 +79,10 @@ def _shader() -> Any:
         return gpu.shader.from_builtin("FLAT_COLOR")
 
 
-def _batch(thing: bpy.types.Object, by: str) -> Any:
+def _batch(obj: bpy.types.Object, by: str) -> Any:
     from gpu_extras.batch import batch_for_shader
 
-    points, colours = points_of(thing, by)
+    points, colours = points_of(obj, by)
     if not len(points):
         return None
     return batch_for_shader(_shader(), "POINTS", {"pos": points, "color": colours})

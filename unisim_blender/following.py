@@ -56,11 +56,11 @@ def note_changes(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None =
     if depsgraph is None or not scene.unisim.log or bpy.app.is_job_running("RENDER"):
         return
     for update in depsgraph.updates:
-        thing = update.id.original
-        if update.is_updated_transform and isinstance(thing, bpy.types.Object) and thing.unisim.kind in KINDS_OF_DRIVE:
-            _touched.setdefault(scene.name, set()).add(thing.name)
-            if trajectory_of(thing) is not None or _is_resized(thing):
-                _unsettled.add((scene.name, thing.name))
+        obj = update.id.original
+        if update.is_updated_transform and isinstance(obj, bpy.types.Object) and obj.unisim.kind in KINDS_OF_DRIVE:
+            _touched.setdefault(scene.name, set()).add(obj.name)
+            if trajectory_of(obj) is not None or _is_resized(obj):
+                _unsettled.add((scene.name, obj.name))
     if _unsettled and not bpy.app.timers.is_registered(_settle):
         bpy.app.timers.register(_settle, first_interval=0.0)
 
@@ -82,20 +82,20 @@ def settle_now() -> list[str]:
     said = []
     for name, of in sorted(_unsettled):
         scene = bpy.data.scenes.get(name)
-        thing = scene.objects.get(of) if scene is not None else None
-        if scene is None or thing is None:
+        obj = scene.objects.get(of) if scene is not None else None
+        if scene is None or obj is None:
             continue
-        if sentence := settle(scene, thing):
+        if sentence := settle(scene, obj):
             said.append(sentence)
-        if thing.unisim.kind == "ACTOR" and stand(thing):
-            said.append(scaled_sentence(thing))
+        if obj.unisim.kind == "ACTOR" and stand(obj):
+            said.append(scaled_sentence(obj))
     _unsettled.clear()
     return said
 
 
-def _is_resized(thing: bpy.types.Object) -> bool:
+def _is_resized(obj: bpy.types.Object) -> bool:
     """Return whether an actor has another scale than was noted of it."""
-    return thing.unisim.kind == "ACTOR" and tuple(thing.scale) != tuple(thing.unisim.rest_scale)
+    return obj.unisim.kind == "ACTOR" and tuple(obj.scale) != tuple(obj.unisim.rest_scale)
 
 
 def _settle() -> float | None:
@@ -116,9 +116,9 @@ def keep_changes(scene: bpy.types.Scene, *_: object) -> None:
         return
     layers = scene.view_layers
     for name in sorted(touched):
-        thing = scene.objects.get(name)
-        if thing is not None and any(thing.visible_get(view_layer=layer) for layer in layers):
-            sentence = keep(scene, thing, frame)
+        obj = scene.objects.get(name)
+        if obj is not None and any(obj.visible_get(view_layer=layer) for layer in layers):
+            sentence = keep(scene, obj, frame)
             if sentence and not bpy.app.background:
                 say(sentence)
 
@@ -140,13 +140,13 @@ def look_again(*_: object) -> None:
         if not has_drive(scene):
             continue
         if not scene.unisim.trajectories:
-            for thing in [thing for thing in scene.objects if thing.unisim.kind in KINDS_OF_DRIVE]:
-                convert(thing)
+            for obj in [obj for obj in scene.objects if obj.unisim.kind in KINDS_OF_DRIVE]:
+                convert(obj)
             scene.unisim.trajectories = True
-        for thing in displaced_objects(scene):
-            settle(scene, thing)
-        for thing in imported_objects(scene, "ACTOR"):
-            stand(thing)
+        for obj in displaced_objects(scene):
+            settle(scene, obj)
+        for obj in imported_objects(scene, "ACTOR"):
+            stand(obj)
 
 
 def _handlers() -> tuple[tuple[list[object], object], ...]:

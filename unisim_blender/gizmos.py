@@ -203,11 +203,11 @@ class UNISIM_GGT_aim(_Group, bpy.types.GizmoGroup):
 
     def draw_prepare(self, context: bpy.types.Context) -> None:
         """Put the handle ahead of the sensor."""
-        thing = context.active_object
-        if thing is None or not active_sensor(context)[0]:
+        obj = context.active_object
+        if obj is None or not active_sensor(context)[0]:
             return
-        target = Vector(target_of(thing))
-        place = thing.matrix_world.translation
+        target = Vector(target_of(obj))
+        place = obj.matrix_world.translation
         self.line.matrix_basis = standing(place, target - place)
         self.line.length = TARGET_M
         self.target.matrix_basis = Matrix.Translation(target)
@@ -218,15 +218,15 @@ def shown_handles(context: bpy.types.Context) -> list[Handle]:
 
     In the middle of the actor there is none without a key: a drag that begins there is meant for the actor.
     """
-    thing = context.active_object
+    obj = context.active_object
     try:
         clock = Clock.of(source_of(context.scene).drive)
     except (UnisimError, OSError):
         return []
-    if thing is None:
+    if obj is None:
         return []
     now = float(clock.time_s(np.array(frame_of(context.scene))))
-    return [handle for handle in handles_of(thing, clock) if handle.is_key or abs(handle.time_s - now) > BESIDE_S]
+    return [handle for handle in handles_of(obj, clock) if handle.is_key or abs(handle.time_s - now) > BESIDE_S]
 
 
 def painted(gizmo: Any, colour: tuple[float, float, float]) -> None:

@@ -110,7 +110,7 @@ def _bring_up(scene: bpy.types.Scene, table: Table, busy_s: float) -> bool:
     except (UnisimError, OSError) as fault:
         _tables[scene.session_uid] = Table(all_stale=False, problem=str(fault))
         return True
-    found = {thing.session_uid: thing for thing in imported_objects(scene, "ACTOR")}
+    found = {obj.session_uid: obj for obj in imported_objects(scene, "ACTOR")}
     if table.all_stale:
         table.all_stale, table.stale, table.clock = False, set(found), Clock.of(drive)
         table.tracks.clear()
@@ -118,16 +118,16 @@ def _bring_up(scene: bpy.types.Scene, table: Table, busy_s: float) -> bool:
     own = originals(scene)
     for key in [key for key in table.tracks if key not in found]:
         del table.tracks[key]
-    for key, thing in found.items():
+    for key, obj in found.items():
         # where the object that stands for a recorded actor is renamed or deleted, a copy may stand for it now
-        uid = thing.unisim.uid
-        if key not in table.tracks or table.tracks[key].name != thing.name or table.own.get(uid) != own.get(uid):
+        uid = obj.unisim.uid
+        if key not in table.tracks or table.tracks[key].name != obj.name or table.own.get(uid) != own.get(uid):
             table.stale.add(key)
     table.own = own
     for key in list(table.stale):
         if key in found:
-            thing = found[key]
-            table.tracks[key] = track_of(thing, drive, table.clock, not thing.unisim.uid or own[thing.unisim.uid] == thing.name)
+            obj = found[key]
+            table.tracks[key] = track_of(obj, drive, table.clock, not obj.unisim.uid or own[obj.unisim.uid] == obj.name)
         table.stale.discard(key)
         if time.monotonic() > until and table.stale:
             return False
@@ -150,16 +150,16 @@ def _figure(scene: bpy.types.Scene, table: Table, found: dict[int, bpy.types.Obj
         )
         for i, (key, track) in enumerate((key, table.tracks[key]) for key in keys)
     }  # fmt: skip
-    table.places = {thing.session_uid: place for place, thing in enumerate(scene.objects)}
+    table.places = {obj.session_uid: place for place, obj in enumerate(scene.objects)}
     table.shown = chosen_entries(list(table.entries.values()), wanted_of(bpy.context.window_manager))
     for call in after:
         call(scene)
 
 
-def hidden(scene: bpy.types.Scene, thing: bpy.types.Object) -> bool:
+def hidden(scene: bpy.types.Scene, obj: bpy.types.Object) -> bool:
     """Return whether a person has hidden an object in the view (H)."""
     layer = bpy.context.view_layer if bpy.context.scene == scene else scene.view_layers[0]
-    return thing.name in layer.objects and thing.hide_get(view_layer=layer)
+    return obj.name in layer.objects and obj.hide_get(view_layer=layer)
 
 
 def refresh_soon(scene: bpy.types.Scene) -> None:
@@ -202,8 +202,8 @@ def note_changes(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None =
         if isinstance(one, bpy.types.Action):
             table.all_stale = True
         elif isinstance(one, bpy.types.Object) and one.unisim.kind in KINDS:
-            for thing in one.children if one.unisim.kind == "TRAJECTORY" else (one,):
-                table.stale.add(thing.session_uid)
+            for obj in one.children if one.unisim.kind == "TRAJECTORY" else (one,):
+                table.stale.add(obj.session_uid)
     refresh_soon(scene)
 
 

@@ -37,8 +37,8 @@ def draw() -> None:
     except (UnisimError, OSError):
         return  # the panel says so
     clock, frame = Clock.of(drive), frame_of(scene)
-    lines = [trail(thing, drive, clock, frame) for thing in selected]
-    lines += [outline(scene, thing, drive, frame) for thing in sensors]
+    lines = [trail(obj, drive, clock, frame) for obj in selected]
+    lines += [outline(scene, obj, drive, frame) for obj in sensors]
     points = np.concatenate([line.points for line in lines]).astype(np.float32)
     colours = np.concatenate([line.colours for line in lines]).astype(np.float32)
     if not len(points):

@@ -98,8 +98,8 @@ SLOTS: dict[str, tuple[Slot | None, ...]] = {
 
 def kind_of_active(context: bpy.types.Context) -> str:
     """Return the kind of object that the pie is for: that of the active object where it is selected, else "NONE"."""
-    thing = context.active_object
-    kind = thing.unisim.kind if thing is not None and thing.select_get() else "NONE"
+    obj = context.active_object
+    kind = obj.unisim.kind if obj is not None and obj.select_get() else "NONE"
     return kind if kind in SLOTS else "NONE"
 
 

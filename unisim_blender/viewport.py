@@ -192,7 +192,7 @@ class View:
             return None
         sampled = sample_now(scene, depsgraph, clock, also)
         if through is not None:
-            view = next(thing for thing in sampled.objects if thing.name == through.name)
+            view = next(obj for obj in sampled.objects if obj.name == through.name)
             self.rectangle = camera_rectangle(context, scene)
         else:
             self.rectangle = 0, 0, context.region.width, context.region.height

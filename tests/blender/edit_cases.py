@@ -7,7 +7,7 @@ from typing import Any
 
 import bpy
 import numpy as np
-from helpers import SAMPLE, driving, select, thing
+from helpers import SAMPLE, driving, imported, select
 
 from unisim_blender.bridge.objects.copies import copy_of
 from unisim_blender.bridge.objects.imported import imported_objects
@@ -25,7 +25,7 @@ def passing(scene: Any) -> Any:
 def standing(scene: Any) -> Any:
     """An actor that stands still."""
     drive = source_of(scene).drive
-    return thing(scene, "ACTOR", next(u for u, a in sorted(drive.actors.items()) if not a.is_moving))
+    return imported(scene, "ACTOR", next(u for u, a in sorted(drive.actors.items()) if not a.is_moving))
 
 
 def update() -> None:
@@ -130,15 +130,15 @@ def ego(scene: Any) -> None:
 
 
 def camera_moved(scene: Any) -> None:
-    thing(scene, "CAMERA", "front_camera").location.z += 0.3
+    imported(scene, "CAMERA", "front_camera").location.z += 0.3
 
 
 def camera_lens(scene: Any) -> None:
-    thing(scene, "CAMERA", "front_camera").data.lens *= 0.8
+    imported(scene, "CAMERA", "front_camera").data.lens *= 0.8
 
 
 def camera_removed(scene: Any) -> None:
-    bpy.data.objects.remove(thing(scene, "CAMERA", "front_camera"))
+    bpy.data.objects.remove(imported(scene, "CAMERA", "front_camera"))
 
 
 def camera_added(scene: Any) -> None:
@@ -146,7 +146,7 @@ def camera_added(scene: Any) -> None:
 
 
 def lidar_beams(scene: Any) -> None:
-    select(thing(scene, "LIDAR", "pandar64"))
+    select(imported(scene, "LIDAR", "pandar64"))
     bpy.ops.unisim.set_beams(preset="vlp16")
 
 

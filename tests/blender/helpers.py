@@ -30,7 +30,7 @@ def edited(scene: Any) -> Drive:
     return apply_scenario(read(scene), source_of(scene).drive, scene_actors)
 
 
-def thing(scene: Any, kind: str, uid: str) -> Any:
+def imported(scene: Any, kind: str, uid: str) -> Any:
     """The object of a kind and id that was imported."""
     return next(t for t in imported_objects(scene, kind) if t.unisim.uid == uid and t.name == t.unisim.home)
 
@@ -51,7 +51,7 @@ def driving(scene: Any, label: str = "") -> Any:
     uids = (
         u for u, a in sorted(drive.actors.items()) if a.is_moving and a.start_s <= first and a.end_s >= last and label in a.label
     )
-    return thing(scene, "ACTOR", next(uids))
+    return imported(scene, "ACTOR", next(uids))
 
 
 def driving_car(scene: Any) -> Any:

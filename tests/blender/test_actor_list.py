@@ -10,7 +10,7 @@ from typing import Any
 import bpy
 import numpy as np
 import pytest
-from helpers import SAMPLE, read, select, thing
+from helpers import SAMPLE, imported, read, select
 
 from unisim_blender import listing
 from unisim_blender.bridge.objects.animation import curves_of
@@ -88,7 +88,7 @@ def test_only_what_the_scenario_names_is_edited(street: Any) -> None:
 
 def test_it_survives_rename_undo_deletion_and_reload(street: Any, tmp_path: Path) -> None:
     bpy.ops.ed.undo_push(message="imported")
-    first = thing(street, "ACTOR", "car-04")
+    first = imported(street, "ACTOR", "car-04")
     first.name = "Mine"
     assert "Mine" in entries(street) and not entries(street)["Mine"].edited
     bpy.ops.ed.undo_push(message="renamed")
@@ -112,7 +112,7 @@ def test_it_survives_rename_undo_deletion_and_reload(street: Any, tmp_path: Path
 
 
 def test_a_copy_stands_for_a_deleted_original(street: Any) -> None:
-    own = thing(street, "ACTOR", "car-04")
+    own = imported(street, "ACTOR", "car-04")
     select(own)
     bpy.ops.object.duplicate()
     copy = bpy.context.active_object
@@ -136,7 +136,7 @@ def test_another_state_of_the_file_is_read_anew(street: Any) -> None:
 
 
 def test_changes_reach_the_list_through_the_depsgraph(street: Any) -> None:
-    one = thing(street, "ACTOR", "car-04")
+    one = imported(street, "ACTOR", "car-04")
     before = entries(street)[one.name].distance_m
     one.location.x += 30.0
     bpy.context.view_layer.update()
@@ -149,7 +149,7 @@ def test_changes_reach_the_list_through_the_depsgraph(street: Any) -> None:
 
 def test_a_row_chooses_the_actor_and_jumps_to_where_it_is(street: Any) -> None:
     manager = bpy.context.window_manager.unisim_actors
-    one = thing(street, "ACTOR", "car-03")
+    one = imported(street, "ACTOR", "car-03")
     from unisim_blender.bridge.objects.animation import write_presence
 
     write_presence(one, Clock.of(source_of(street).drive), (1.2, 1.6))
@@ -166,7 +166,7 @@ def test_a_row_chooses_the_actor_and_jumps_to_where_it_is(street: Any) -> None:
     assert street.frame_current == 12 and bpy.context.selected_objects == [one] and manager.place == place
     bpy.ops.unisim.choose_actor(name=one.name, seconds=1.5)
     assert street.frame_current == 15
-    select(thing(street, "ACTOR", "car-04"))
+    select(imported(street, "ACTOR", "car-04"))
     one.select_set(False)
     assert manager.place != place
 

@@ -11,7 +11,7 @@ from typing import Any
 import bpy
 import pytest
 from edit_cases import standing
-from helpers import SAMPLE, edited, read, thing
+from helpers import SAMPLE, edited, imported, read
 from test_edits_list import lines, press
 
 from unisim_blender.bridge.changes.carriers import carrier
@@ -63,20 +63,20 @@ class LabelCarrier(Carrier):
 
     name = "label"
 
-    def apply(self, thing: bpy.types.Object, edited: Edited) -> None:
-        thing.unisim.label = edited.actor.label
+    def apply(self, obj: bpy.types.Object, edited: Edited) -> None:
+        obj.unisim.label = edited.actor.label
 
-    def mute(self, scene: Any, source: Source, item: Any, line: Line, thing: Any) -> None:
-        item.kept = thing.unisim.label
-        self.revert(scene, source, line, thing)
+    def mute(self, scene: Any, source: Source, item: Any, line: Line, obj: Any) -> None:
+        item.kept = obj.unisim.label
+        self.revert(scene, source, line, obj)
 
     def unmute(self, scene: Any, source: Source, muted: Muted, now: Any) -> None:
         now.unisim.label = muted.kept
         refresh([now])
 
-    def revert(self, scene: Any, source: Source, line: Line, thing: Any) -> None:
-        thing.unisim.label = ""
-        refresh([thing])
+    def revert(self, scene: Any, source: Source, line: Line, obj: Any) -> None:
+        obj.unisim.label = ""
+        refresh([obj])
 
     def keep(self, now: bpy.types.Object, parked: bpy.types.Object) -> None:
         parked.unisim.label = now.unisim.label
@@ -101,7 +101,7 @@ def test_it_is_read_listed_muted_and_taken_back(street: Any) -> None:
     assert lines(street) == ()
     one.unisim.label = "Taxi"
     (line,) = lines(street)
-    assert (line.part, line.what, line.icon, line.thing) == ("CLASS", "Class Taxi", "BOOKMARKS", one.name)
+    assert (line.part, line.what, line.icon, line.object_name) == ("CLASS", "Class Taxi", "BOOKMARKS", one.name)
     assert read(street).edits == (Relabel(uid, "Taxi"),) and edited(street).actors[uid].label == "Taxi"
     press(bpy.ops.unisim.mute_edit, line)
     assert read(street).edits == () and edited(street).actors[uid].label == before
@@ -124,7 +124,7 @@ def test_it_stands_beside_a_move_that_is_muted(street: Any) -> None:
     press(bpy.ops.unisim.revert_edit, next(line for line in lines(street) if line.part == "CLASS"))
     press(bpy.ops.unisim.mute_edit, next(line for line in lines(street) if line.part == "MOVE"))
     assert [edit.type for edit in read(street).edits] == ["move"], "the parked object has the class that the actor has now"
-    assert thing(street, "ACTOR", uid).unisim.label == ""
+    assert imported(street, "ACTOR", uid).unisim.label == ""
 
 
 def test_a_scenario_with_it_is_opened(scene: Any, tmp_path: Path) -> None:
@@ -134,6 +134,6 @@ def test_a_scenario_with_it_is_opened(scene: Any, tmp_path: Path) -> None:
     path = tmp_path / "scenario.json"
     path.write_text(json.dumps(document))
     assert bpy.ops.unisim.import_scenario(filepath=str(path)) == {"FINISHED"}
-    assert thing(scene, "ACTOR", "car-03").unisim.label == "Taxi"
+    assert imported(scene, "ACTOR", "car-03").unisim.label == "Taxi"
     (edit,) = read(scene).edits
     assert edit == Relabel("car-03", "Taxi")

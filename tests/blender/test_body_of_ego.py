@@ -9,7 +9,7 @@ from typing import Any
 import bpy
 import numpy as np
 import pytest
-from helpers import edited, read, select, thing
+from helpers import edited, imported, read, select
 from test_mesh_actors import crate
 from test_scenarios import assert_alike, drive_of, there_and_back
 
@@ -51,7 +51,7 @@ def roadside(scene: Any, name: str = "roadside") -> Any:
     bpy.ops.unisim.add_camera()
     camera = bpy.context.active_object
     camera.name, camera.parent = name, None
-    ego = thing(scene, "EGO", "ego")
+    ego = imported(scene, "EGO", "ego")
     at = np.array(ego.matrix_world.translation)
     camera.location = (at[0] + 9.0, at[1] + 3.0, at[2] + 1.5)
     camera.rotation_euler = (np.pi / 2, 0.0, np.arctan2(3.0, 8.0) + np.pi / 2)
@@ -68,7 +68,7 @@ def test_it_stands_on_the_vehicle_and_rides_along(street: Any) -> None:
     assert edit.mount.quaternion_wxyz is not None
     np.testing.assert_allclose(edit.mount.quaternion_wxyz, [1, 0, 0, 0], atol=1e-6)
     np.testing.assert_allclose(read_mesh((Path("/tmp") / edit.mesh).resolve()).size_m, [4, 2, 1.6], atol=1e-5)
-    ego = thing(street, "EGO", "ego")
+    ego = imported(street, "EGO", "ego")
     places = []
     for frame in (0, 7, 15):
         street.frame_set(frame)
@@ -99,7 +99,7 @@ def test_it_stands_on_the_vehicle_and_rides_along(street: Any) -> None:
 
 def test_where_it_stands_and_of_several_parts(street: Any) -> None:
     street.frame_set(5)
-    ego = thing(street, "EGO", "ego")
+    ego = imported(street, "EGO", "ego")
     at = np.array(ego.matrix_world.translation)
     body, wheel = crate((at[0] + 1.0, at[1], 1.0), (2.0, 0.9, 0.7)), crate((at[0] + 2.0, at[1] + 0.9, 0.3), (0.3, 0.1, 0.3))
     before = np.array(wheel.matrix_world.translation)
@@ -117,7 +117,7 @@ def test_where_it_stands_and_of_several_parts(street: Any) -> None:
         street.frame_set(frame)
         clock = Clock.of(source_of(street).drive).around(frame)
         sampled = sample_now(street, bpy.context.evaluated_depsgraph_get(), clock)
-        files |= {thing.mesh for thing in sampled.of("BODY")}
+        files |= {obj.mesh for obj in sampled.of("BODY")}
     assert len(files) == 1
 
 
@@ -143,7 +143,7 @@ def test_sensors_say_whether_they_see_it(street: Any) -> None:
     assert told(street)["mounted"] is True
     # a constraint may hold it on the vehicle, too
     constraint = camera.constraints.new("CHILD_OF")
-    constraint.target = thing(street, "EGO", "ego")
+    constraint.target = imported(street, "EGO", "ego")
     assert not edited(street).cameras["roadside"].sees_ego_body
 
 
@@ -214,7 +214,7 @@ def test_views_through_cameras_on_the_vehicle_do_not_draw_it(street: Any) -> Non
     box, outside = body_of(street), roadside(street)
     part = crate((0.0, 0.0, 1.0))
     part.parent, part.display_type = box, "WIRE"
-    front = street.camera = thing(street, "CAMERA", "front_camera")
+    front = street.camera = imported(street, "CAMERA", "front_camera")
     assert [shown_as(street, views) for views in ((front, front), (front, None), (outside,), (None,), ())] == [
         "HIDDEN", "BOUNDS", "SHOWN", "SHOWN", "SHOWN",
     ]  # fmt: skip
@@ -240,7 +240,7 @@ def test_the_front_cameras_picture_is_the_same_to_the_byte(street: Any, tmp_path
     """F12 with a body and without; a camera beside the road shows it."""
     street.render.engine = "UNISIM"
     outside = roadside(street)
-    front = thing(street, "CAMERA", "front_camera")
+    front = imported(street, "CAMERA", "front_camera")
     street.render.resolution_percentage = 50
 
     def render(camera: Any, name: str) -> Any:

@@ -9,7 +9,7 @@ from typing import Any
 import bpy
 import numpy as np
 import pytest
-from helpers import select, thing
+from helpers import imported, select
 
 from unisim_blender import panels
 from unisim_blender.bridge.objects.imported import imported_objects, is_copy
@@ -26,7 +26,7 @@ def test_a_card_has_the_logs_figures(street: Any) -> None:
     for uid, actor in drive.actors.items():
         if not actor.start_s + 0.2 < now < actor.end_s - 0.2:
             continue
-        card = card_of(street, thing(street, "ACTOR", uid), drive)
+        card = card_of(street, imported(street, "ACTOR", uid), drive)
         way = actor.world_from_actor
         speed = np.linalg.norm(way.at(now + 0.1)[:3, 3] - way.at(now - 0.1)[:3, 3]) / 0.2 if actor.is_moving else 0.0
         assert card.speed_m_s == pytest.approx(speed, abs=0.05) and card.label == actor.label and card.role == "recorded"

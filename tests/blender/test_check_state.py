@@ -9,7 +9,7 @@ from typing import Any
 import bpy
 import numpy as np
 import pytest
-from helpers import thing
+from helpers import imported
 
 from unisim_blender.bridge.objects.imported import imported_objects
 from unisim_blender.bridge.objects.source import source_of
@@ -20,7 +20,7 @@ from unisim_blender.operators import check
 def car(scene: Any, moving: bool = False) -> Any:
     """A car that stands, or drives."""
     actors = source_of(scene).drive.actors
-    return thing(scene, "ACTOR", next(u for u, a in sorted(actors.items()) if a.is_moving == moving and "Car" in a.label))
+    return imported(scene, "ACTOR", next(u for u, a in sorted(actors.items()) if a.is_moving == moving and "Car" in a.label))
 
 
 def test_warnings_survive_saving_with_time_place_and_object(street: Any, tmp_path: Path) -> None:
@@ -41,7 +41,7 @@ def test_warnings_survive_saving_with_time_place_and_object(street: Any, tmp_pat
     check.compare()
     assert not check.is_outdated(scene)
     scene.frame_set(7)
-    assert bpy.ops.unisim.go_to(thing=warning.name, frame=warning.frame, place=warning.place) == {"FINISHED"}
+    assert bpy.ops.unisim.go_to(object_name=warning.name, frame=warning.frame, place=warning.place) == {"FINISHED"}
     assert bpy.context.active_object.name == name and scene.frame_current == warning.frame
 
 
@@ -116,5 +116,5 @@ def test_the_state_takes_no_time_that_a_person_sees(street: Any) -> None:
 
 
 def test_a_deleted_object_is_named(street: Any, capfd: pytest.CaptureFixture[str]) -> None:
-    assert bpy.ops.unisim.go_to(thing="gone", frame=3) == {"FINISHED"}
+    assert bpy.ops.unisim.go_to(object_name="gone", frame=3) == {"FINISHED"}
     assert street.frame_current == 3 and '"gone" no longer exists' in "".join(capfd.readouterr())

@@ -7,7 +7,7 @@ from typing import Any
 
 import bpy
 import pytest
-from helpers import thing
+from helpers import imported
 
 from unisim_blender.bridge.objects.source import source_of
 from unisim_blender.bridge.sampling.stepping import sample_all
@@ -38,7 +38,7 @@ def lack(street: Any, view: Any, frame: float = 9.0) -> str:
 def front(street: Any) -> Any:
     if source_of(street).log is None:
         pytest.skip("the sample's log is not at hand: make demo")
-    return thing(street, "CAMERA", "front_camera")
+    return imported(street, "CAMERA", "front_camera")
 
 
 def test_a_recorded_camera_has_its_image(street: Any, front: Any) -> None:
@@ -68,7 +68,7 @@ def test_a_camera_that_was_moved_has_none(street: Any, front: Any) -> None:
     assert "not where it recorded" in lack(street, front)
     front.location.z -= 0.01
     assert lack(street, front) == ""
-    thing(street, "EGO", "ego").delta_location.y += 0.5
+    imported(street, "EGO", "ego").delta_location.y += 0.5
     assert "not where it recorded" in lack(street, front)
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import bpy
 import numpy as np
 import pytest
-from helpers import driving, edited, read, select, thing
+from helpers import driving, edited, imported, read, select
 from mathutils import Quaternion, Vector
 
 from unisim_blender import following
@@ -52,7 +52,7 @@ def displacement(scene: Any, uid: str) -> Any:
 
 def test_g_displaces_the_whole_trajectory(street: Any) -> None:
     uid = driving(street).unisim.uid
-    one = thing(street, "ACTOR", uid)
+    one = imported(street, "ACTOR", uid)
     street.frame_set(8)
     (said,) = drag(one, (0.0, 3.0, 0.0))
     assert "whole trajectory" in said
@@ -67,7 +67,7 @@ def test_g_displaces_the_whole_trajectory(street: Any) -> None:
 
 def test_r_turns_it_at_every_frame(street: Any) -> None:
     uid = driving(street).unisim.uid
-    one = thing(street, "ACTOR", uid)
+    one = imported(street, "ACTOR", uid)
     select(one)
     one.rotation_quaternion = Quaternion((0.0, 0.0, 1.0), 0.4)
     let_go()
@@ -90,7 +90,7 @@ def test_the_vehicle_too(street: Any) -> None:
 
 def test_with_auto_key_a_change_blends_in(street: Any) -> None:
     uid = driving(street).unisim.uid
-    one = thing(street, "ACTOR", uid)
+    one = imported(street, "ACTOR", uid)
     street.frame_set(10)
     street.tool_settings.use_keyframe_insert_auto = True
     (said,) = drag(one, (0.0, 1.0, 0.0), keyed=True)
@@ -142,7 +142,7 @@ def test_operators_displace_the_whole_with_auto_key_too(street: Any) -> None:
 
 def test_auto_key_starts_from_the_displacement_before(street: Any) -> None:
     uid = driving(street).unisim.uid
-    one = thing(street, "ACTOR", uid)
+    one = imported(street, "ACTOR", uid)
     drag(one, (0.0, 2.0, 0.0))
     before = np.array(one.location)
     street.tool_settings.use_keyframe_insert_auto = True
@@ -174,7 +174,7 @@ def test_a_change_without_a_key_is_kept_at_the_next_frame(street: Any) -> None:
 
 def test_undo_and_a_saved_file_keep_it(street: Any, tmp_path: Path) -> None:
     uid = driving(street).unisim.uid
-    drag(thing(street, "ACTOR", uid), (0.0, 3.0, 0.0))
+    drag(imported(street, "ACTOR", uid), (0.0, 3.0, 0.0))
     before = read(street)
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "drive.blend"))
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "drive.blend"))
@@ -183,7 +183,7 @@ def test_undo_and_a_saved_file_keep_it(street: Any, tmp_path: Path) -> None:
 
 def test_a_copy_rides_on_the_same_trajectory_until_it_is_retimed(street: Any) -> None:
     uid = driving(street).unisim.uid
-    one = thing(street, "ACTOR", uid)
+    one = imported(street, "ACTOR", uid)
     select(one)
     bpy.ops.object.duplicate()
     copy = bpy.context.active_object
@@ -210,7 +210,7 @@ def test_what_nothing_rides_on_is_deleted(street: Any) -> None:
 
 def test_files_of_earlier_versions_are_brought_up_to_date(street: Any) -> None:
     uid = driving(street).unisim.uid
-    one, ego = thing(street, "ACTOR", uid), next(imported_objects(street, "EGO"))
+    one, ego = imported(street, "ACTOR", uid), next(imported_objects(street, "EGO"))
     for old in (one, ego):  # as it was: keys on the object itself
         above = trajectory_of(old)
         assert above is not None

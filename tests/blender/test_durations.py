@@ -6,7 +6,7 @@ from typing import Any
 
 import bpy
 import numpy as np
-from helpers import drawn, select, thing
+from helpers import drawn, imported, select
 
 from unisim_blender.bridge.objects.source import source_of
 from unisim_blender.editing.motion.durations import followed_briefly
@@ -19,7 +19,7 @@ CLOCK = Clock(np.arange(81.0), np.arange(81.0) / 10)
 
 def test_operators_report_them(street: Any, capfd: Any) -> None:
     actors = source_of(street).drive.actors
-    one = thing(street, "ACTOR", next(uid for uid, a in sorted(actors.items()) if "Car" in a.label and not a.is_moving))
+    one = imported(street, "ACTOR", next(uid for uid, a in sorted(actors.items()) if "Car" in a.label and not a.is_moving))
     select(drawn(street, [(10, 0, 0), (30, 0, 0)]), one)
     street.frame_set(2)
     assert bpy.ops.unisim.follow_curve(speed_m_s=10.0) == {"FINISHED"}
@@ -34,7 +34,7 @@ def test_operators_report_them(street: Any, capfd: Any) -> None:
     ):
         bpy.ops.unisim.retime_actor(way=way)
         assert f"Info: {one.name}: {text}\n" in capfd.readouterr().out, way
-    others = [thing for thing in street.objects if thing.unisim.kind == "ACTOR"][:3]
+    others = [obj for obj in street.objects if obj.unisim.kind == "ACTOR"][:3]
     select(*others)
     bpy.ops.unisim.retime_actor(way="DELAY")
     assert "Info: 3 actors: 0.50 s (5.0 frames) later\n" in capfd.readouterr().out

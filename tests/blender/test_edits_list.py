@@ -141,7 +141,7 @@ def test_what_cannot_be_read_is_said_in_the_list(street: Any) -> None:
     standing(street).scale = (-1.0, 1.0, 1.0)
     driving(street).location.y = 1.0
     problem, line = lines(street)
-    assert problem.part == "PROBLEM" and problem.what.startswith("Is mirrored") and problem.thing == standing(street).name
+    assert problem.part == "PROBLEM" and problem.what.startswith("Is mirrored") and problem.object_name == standing(street).name
     assert line.part == "MOVE"
 
 
@@ -162,13 +162,13 @@ def test_changes_mark_the_list_as_stale(street: Any) -> None:
 def test_what_did_not_change_is_not_sampled_again(street: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     lines(street)
     sampled: list[str] = []
-    before = Sampler.thing
+    before = Sampler.sample
 
-    def noted(self: Sampler, thing: Any, *more: Any) -> Any:
-        sampled.append(thing.name)
-        return before(self, thing, *more)
+    def noted(self: Sampler, obj: Any, *more: Any) -> Any:
+        sampled.append(obj.name)
+        return before(self, obj, *more)
 
-    monkeypatch.setattr(Sampler, "thing", noted)
+    monkeypatch.setattr(Sampler, "sample", noted)
     street.frame_set(5)
     lines(street)
     assert sampled == []
@@ -199,7 +199,7 @@ def test_keys_tell_what_stepping_through_the_frames_does(street: Any) -> None:
     slow = {one.name: one for one in sample_all(street, clock).objects}
     sampler = Sampler(street, clock, shown_names(bpy.context.view_layer.layer_collection), True)
     for one in imported_objects(street, "ACTOR", "EGO", "CAMERA", "LIDAR"):
-        quick = sampler.thing(one)
+        quick = sampler.sample(one)
         assert np.abs(quick.poses - slow[one.name].poses).max() < 2e-5, one.name
         assert (quick.there == slow[one.name].there).all(), one.name
 

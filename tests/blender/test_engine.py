@@ -10,7 +10,7 @@ import numpy as np
 import OpenEXR
 import pytest
 from click.testing import CliRunner
-from helpers import select, thing
+from helpers import imported, select
 from numpy.typing import NDArray
 from PIL import Image
 
@@ -82,8 +82,8 @@ def test_f12_is_what_the_command_renders(small: Any, tmp_path: Path) -> None:
 
 def test_f12_of_edits_is_what_the_command_renders(small: Any, tmp_path: Path) -> None:
     actors = sorted(o.unisim.uid for o in small.objects if o.unisim.kind == "ACTOR")
-    moving = next(uid for uid in actors if trajectory_of(thing(small, "ACTOR", uid)) is not None)
-    select(thing(small, "ACTOR", moving))
+    moving = next(uid for uid in actors if trajectory_of(imported(small, "ACTOR", uid)) is not None)
+    select(imported(small, "ACTOR", moving))
     bpy.ops.unisim.duplicate_actor(where="LANE_LEFT")
     bpy.ops.unisim.retime_actor(way="DELAY", seconds=0.3)
     bpy.ops.unisim.shift_ego(left_m=0.7)

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import bpy
-from helpers import select, thing
+from helpers import imported, select
 
 ROOT = Path(__file__).parents[2]
 SIZE = ["--frames", "4:6", "--width", "96", "--sensors"]
@@ -22,7 +22,7 @@ def files(folder: Path) -> dict[str, bytes]:
 
 def test_the_same_bytes(street: Any, tmp_path: Path) -> None:
     uid = sorted(o.unisim.uid for o in street.objects if o.unisim.kind == "ACTOR")[0]
-    select(thing(street, "ACTOR", uid))
+    select(imported(street, "ACTOR", uid))
     bpy.ops.unisim.delete_actor()
     bpy.ops.unisim.shift_ego(left_m=0.5)
     camera = street.camera.unisim.uid

@@ -1,4 +1,4 @@
-"""A drive in a Blender scene: where things are, that a second import changes nothing, that files keep it."""
+"""A drive in a Blender scene: where its objects are, that a second import changes nothing, that files keep it."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 import bpy
 import numpy as np
 import pytest
-from helpers import SAMPLE, read, thing
+from helpers import SAMPLE, imported, read
 
 from unisim_blender.bridge.importing.drive import import_source
 from unisim_blender.bridge.objects.animation import keys_of
@@ -32,7 +32,7 @@ def test_everything_of_the_drive_is_there(street: Any) -> None:
     assert street.camera is not None
 
 
-def test_things_stand_where_the_drive_has_them(street: Any) -> None:
+def test_objects_stand_where_the_drive_has_them(street: Any) -> None:
     drive = source_of(street).drive
     clock = Clock.of(drive)
     sampled = sample_all(street, clock)
@@ -89,7 +89,7 @@ def test_an_import_alone_is_no_edit(street: Any) -> None:
 
 
 def test_a_saved_file_is_the_same_scenario(street: Any, tmp_path: Path) -> None:
-    thing(street, "ACTOR", sorted(source_of(street).drive.actors)[0]).location.x += 3.0
+    imported(street, "ACTOR", sorted(source_of(street).drive.actors)[0]).location.x += 3.0
     before = read(street)
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "street.blend"))
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "street.blend"))
@@ -119,7 +119,7 @@ def test_a_drop_that_fails_is_one_sentence(scene: Any, tmp_path: Path) -> None:
 
 
 def test_appended_from_a_file_all_is_there(street: Any, tmp_path: Path) -> None:
-    car = thing(street, "ACTOR", "car-12")
+    car = imported(street, "ACTOR", "car-12")
     car.location.y += 1.0
     name = street.name
     before = {(t.unisim.kind, t.unisim.uid, t.unisim.home) for t in imported_objects(street, "EGO", "ACTOR", "CAMERA", "LIDAR")}
@@ -131,7 +131,7 @@ def test_appended_from_a_file_all_is_there(street: Any, tmp_path: Path) -> None:
     assert {
         (t.unisim.kind, t.unisim.uid, t.unisim.home) for t in imported_objects(new, "EGO", "ACTOR", "CAMERA", "LIDAR")
     } == before
-    moved = thing(new, "ACTOR", "car-12")
+    moved = imported(new, "ACTOR", "car-12")
     assert moved.location.y == pytest.approx(car_y(source_of(new), "car-12") + 1.0, abs=1e-4)
 
 

@@ -9,7 +9,7 @@ import bpy
 import numpy as np
 import pytest
 import trimesh
-from helpers import SAMPLE, edited, read, select, thing
+from helpers import SAMPLE, edited, imported, read, select
 from test_scenarios import assert_alike, drive_of, there_and_back
 
 from unisim_blender.bridge.objects.source import source_of
@@ -42,8 +42,8 @@ def crate(at: tuple[float, float, float], scale: tuple[float, float, float] = (1
     return made
 
 
-def mark(*things: Any, **options: Any) -> None:
-    select(*things)
+def mark(*objects: Any, **options: Any) -> None:
+    select(*objects)
     assert bpy.ops.unisim.mesh_actor(**options) == {"FINISHED"}
 
 
@@ -139,7 +139,7 @@ def test_keys_hiding_and_warnings(street: Any) -> None:
     np.testing.assert_allclose(actor.world_from_actor.at(t[5])[:3, 3], [12, 0, 1.0], atol=0.6)
     assert actor.is_moving
     clock = Clock.of(source_of(street).drive)
-    other = thing(street, "ACTOR", "car-12")
+    other = imported(street, "ACTOR", "car-12")
     box.animation_data_clear()
     box.location = other.matrix_world.translation
     street.frame_set(0)

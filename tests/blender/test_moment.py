@@ -8,7 +8,7 @@ from typing import Any
 import bpy
 import numpy as np
 import pytest
-from helpers import drawn, driving, thing
+from helpers import drawn, driving, imported
 from numpy.typing import NDArray
 from PIL import Image
 
@@ -28,7 +28,7 @@ from unisim_blender.editing.sampled.poses import same
 
 
 def both(scene: Any, frame: float) -> tuple[Any, Any]:
-    """The things about a frame, without leaving it and by stepping."""
+    """What is sampled at a frame, without leaving it and by stepping."""
     clock = Clock.of(source_of(scene).drive).around(frame)
     scene.frame_set(int(frame), subframe=frame - int(frame))
     depsgraph = bpy.context.evaluated_depsgraph_get()
@@ -63,7 +63,7 @@ def above_of(one: Any) -> Any:
 def standing(scene: Any) -> Any:
     """A box that stands still."""
     drive = source_of(scene).drive
-    return thing(scene, "ACTOR", next(u for u, a in sorted(drive.actors.items()) if not a.is_moving))
+    return imported(scene, "ACTOR", next(u for u, a in sorted(drive.actors.items()) if not a.is_moving))
 
 
 def moving_empty(scene: Any) -> Any:
@@ -235,7 +235,7 @@ def test_what_an_edit_touches_holds_all_that_it_changes(street: Any, tmp_path: P
     drive = source_of(street).drive
     camera = np.array(street.camera.matrix_world.translation)
     standing = [a for a in drive.actors.values() if not a.is_moving and 8 < a.world_from_actor.positions[0, 0] - camera[0] < 30]
-    one = thing(street, "ACTOR", standing[0].uid)
+    one = imported(street, "ACTOR", standing[0].uid)
     one.location.y += 1.0
     bpy.context.view_layer.update()
     after, _ = both(street, frame)

@@ -136,10 +136,10 @@ def test_a_copy_of_an_object_with_a_muted_edit(street: Any) -> None:
     copy = bpy.context.active_object
     assert is_copy(street, copy)
     found = {line.part: line for line in lines(street)}
-    assert found["MOVE"].muted == 0 and found["COPY"].thing == copy.name and found["COPY"].muted == -1
+    assert found["MOVE"].muted == 0 and found["COPY"].object_name == copy.name and found["COPY"].muted == -1
     press(bpy.ops.unisim.mute_edit, found["MOVE"])
     found = {line.part: line for line in lines(street)}
-    assert found["MOVE"].muted == -1 and found["MOVE"].what == "Moved 3.0 m left" and found["COPY"].thing == copy.name
+    assert found["MOVE"].muted == -1 and found["MOVE"].what == "Moved 3.0 m left" and found["COPY"].object_name == copy.name
     assert driving(street).location.y == pytest.approx(3.0)
 
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import bpy
 import pytest
-from helpers import SAMPLE, read, select, thing
+from helpers import SAMPLE, imported, read, select
 
 from unisim_blender import following, thumbnails
 from unisim_blender.bridge.objects.imported import imported_objects, is_copy, original_of
@@ -47,7 +47,7 @@ def test_an_import_names_by_class_and_number(street: Any) -> None:
 
 
 def test_a_colour_that_comes_later_is_no_edit(street: Any) -> None:
-    own = thing(street, "ACTOR", "car-04")
+    own = imported(street, "ACTOR", "car-04")
     before = own.name
     select(own)
     bpy.ops.object.duplicate()
@@ -58,11 +58,11 @@ def test_a_colour_that_comes_later_is_no_edit(street: Any) -> None:
     assert not is_copy(street, own) and is_copy(street, copy) and original_of(street, "ACTOR", "car-04") == own
     assert read(street).edits == edits and [edit.id for edit in edits if isinstance(edit, Duplicate)] == [copy.name]
     assert not word(street, car_04="white") and not word(street, car_04="red")  # once is enough
-    assert thing(street, "ACTOR", "cone-1").name == "Cone 1"
+    assert imported(street, "ACTOR", "cone-1").name == "Cone 1"
 
 
 def test_names_that_people_gave_and_those_of_old_files_stay(street: Any) -> None:
-    own, old = thing(street, "ACTOR", "car-04"), thing(street, "ACTOR", "car-06")
+    own, old = imported(street, "ACTOR", "car-04"), imported(street, "ACTOR", "car-06")
     own.name = "The parked one"
     old.name = old.unisim.home = "Car car-06"  # as earlier versions named it
     assert not word(street, car_04="white", car_06="red")
@@ -79,7 +79,7 @@ def test_the_same_drive_in_two_scenes_is_named_in_both(street: Any) -> None:
     assert second.name.endswith(".001") and second.name == second.unisim.home
     for scene in (street, other):
         assert len(word(scene, car_04="white")) == 1
-    first = thing(street, "ACTOR", "car-04")
+    first = imported(street, "ACTOR", "car-04")
     assert first.name.endswith(", white") and second.name == f"{first.name}.001" == second.unisim.home
     assert not is_copy(other, second)
 
@@ -115,7 +115,7 @@ def test_undo_brings_no_old_name_back(street: Any, monkeypatch: pytest.MonkeyPat
     log = thumbnails.log_of(street)
     monkeypatch.setitem(thumbnails._complete, log, {"car-04": "white"})
     listing.refresh_now(street)
-    own = thing(street, "ACTOR", "car-04")
+    own = imported(street, "ACTOR", "car-04")
     name = own.name
     assert name.endswith(", white")
     own.location.x += 2.0
@@ -123,10 +123,10 @@ def test_undo_brings_no_old_name_back(street: Any, monkeypatch: pytest.MonkeyPat
     bpy.ops.ed.undo()
     scene = bpy.context.scene
     listing.refresh_now(scene)
-    assert thing(scene, "ACTOR", "car-04").name == name and not read(scene).edits
+    assert imported(scene, "ACTOR", "car-04").name == name and not read(scene).edits
     warning = bpy.context.scene.unisim_check.warnings.add()
     warning.name = "Cone 1"
     monkeypatch.setitem(thumbnails._complete, log, {"car-04": "white", "cone-1": "orange"})
     thumbnails.name_actors()
-    assert warning.name == "Cone 1, orange" == thing(scene, "ACTOR", "cone-1").name
+    assert warning.name == "Cone 1, orange" == imported(scene, "ACTOR", "cone-1").name
     bpy.context.scene.unisim_check.warnings.clear()

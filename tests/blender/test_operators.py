@@ -1,4 +1,4 @@
-"""Operators that put new things into the drive, or run long work."""
+"""Operators that add objects to the drive, or run long work."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Any
 import bpy
 import numpy as np
 import pytest
-from helpers import SAMPLE, drawn, edited, read, select, thing
+from helpers import SAMPLE, drawn, edited, imported, read, select
 from PIL import Image
 
 from unisim_blender.bridge.importing.drive import recorded_colours
@@ -34,7 +34,7 @@ def of_class(scene: Any, word: str, moving: bool) -> str:
 
 def test_replacing_a_look_keeps_the_ground(street: Any) -> None:
     car, cone = of_class(street, "Car", False), of_class(street, "Cone", False)
-    select(thing(street, "ACTOR", car))
+    select(imported(street, "ACTOR", car))
     assert bpy.ops.unisim.replace_appearance(appearance=cone) == {"FINISHED"}
     assert read(street).edits == (Swap(car, cone),)
     actor, recorded = edited(street).actors[car], source_of(street).drive.actors[car]
@@ -62,7 +62,7 @@ def test_following_a_curve_at_a_speed(street: Any, fps: int) -> None:
     street.render.fps, street.render.fps_base = fps, 1.0
     line = drawn(street, [(10, 0, 0), (30, 0, 0), (30, 20, 0)])
     uid = of_class(street, "Car", False)
-    one = thing(street, "ACTOR", uid)
+    one = imported(street, "ACTOR", uid)
     select(line, one)
     street.frame_set(2)
     assert bpy.ops.unisim.follow_curve(speed_m_s=10.0) == {"FINISHED"}
@@ -78,7 +78,7 @@ def test_following_a_curve_at_a_speed(street: Any, fps: int) -> None:
 
 def test_snapping_to_the_ground(street: Any) -> None:
     uid = of_class(street, "Car", False)
-    one = thing(street, "ACTOR", uid)
+    one = imported(street, "ACTOR", uid)
     before = one.location.z
     one.location.z += 3.0
     bpy.context.view_layer.update()
@@ -107,7 +107,7 @@ def test_a_lidar_with_beams_of_ones_own(street: Any) -> None:
     for wrong in ("", "a, b", "95"):
         with pytest.raises(RuntimeError, match="elevations"):
             bpy.ops.unisim.add_lidar(preset="OWN", elevations=wrong)
-    select(thing(street, "LIDAR", "pandar64"))
+    select(imported(street, "LIDAR", "pandar64"))
     assert bpy.ops.unisim.set_beams(preset="vlp32c") == {"FINISHED"}
     changed, before = edited(street).lidars["pandar64"], source_of(street).drive.lidars["pandar64"]
     assert changed.model.beams == 32 and before.model.beams == 64

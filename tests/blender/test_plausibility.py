@@ -1,4 +1,4 @@
-"""Warnings: none for what was recorded, one for each thing that is odd."""
+"""Warnings: none for what was recorded, one for each implausible edit."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import Any
 
 import bpy
 import numpy as np
-from helpers import select, thing
+from helpers import imported, select
 
 from unisim_blender.bridge.objects.source import source_of
 from unisim_blender.bridge.sampling.stepping import sample_all
@@ -33,7 +33,9 @@ def all_warned(scene: Any) -> dict[str, str]:
 def first(scene: Any, moving: bool) -> Any:
     """The object of an actor that drives, or stands."""
     drive = source_of(scene).drive
-    return thing(scene, "ACTOR", next(u for u, a in sorted(drive.actors.items()) if a.is_moving == moving and "Car" in a.label))
+    return imported(
+        scene, "ACTOR", next(u for u, a in sorted(drive.actors.items()) if a.is_moving == moving and "Car" in a.label)
+    )
 
 
 def test_nothing_recorded_is_odd(street: Any) -> None:
@@ -57,7 +59,7 @@ def test_a_car_that_drives_sideways_and_one_that_is_too_fast(street: Any) -> Non
     drive = source_of(street).drive
     ways = {uid: actor.world_from_actor.positions for uid, actor in drive.actors.items() if actor.is_moving}
     fastest = max(ways, key=lambda uid: float(np.linalg.norm(ways[uid][-1] - ways[uid][0])))
-    one = thing(street, "ACTOR", fastest)
+    one = imported(street, "ACTOR", fastest)
     one.delta_rotation_quaternion = (np.cos(np.pi / 4), 0, 0, np.sin(np.pi / 4))
     assert "sideways" in all_warned(street)[one.name]
     one.delta_rotation_quaternion = (1, 0, 0, 0)
@@ -77,7 +79,7 @@ def test_the_list_jumps_to_the_place(street: Any) -> None:
     one.location.z += 2.0
     assert bpy.ops.unisim.check() == {"FINISHED"}
     (item,) = street.unisim_check.warnings
-    assert bpy.ops.unisim.go_to(thing=item.name, frame=item.frame) == {"FINISHED"}
+    assert bpy.ops.unisim.go_to(object_name=item.name, frame=item.frame) == {"FINISHED"}
     assert bpy.context.active_object == one and street.frame_current == item.frame
 
 

@@ -62,7 +62,7 @@ def test_clouds_are_built_again_only_when_something_changed(street: Any) -> None
     built: list[str] = []
 
     def drawn() -> int:
-        clouds(street, lambda thing, by: built.append(f"{thing.name} {by}"))
+        clouds(street, lambda obj, by: built.append(f"{obj.name} {by}"))
         return len(built)
 
     points = np.zeros((3, 3))

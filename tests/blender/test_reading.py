@@ -8,7 +8,7 @@ from typing import Any
 import bpy
 import numpy as np
 import pytest
-from helpers import driving, edited, read, select, thing
+from helpers import driving, edited, imported, read, select
 
 from unisim_blender.bridge.objects.source import source_of
 from unisim_blender.bridge.objects.trajectories import trajectory_of
@@ -41,19 +41,19 @@ def agree(scene: Any) -> None:
 
 def test_x_removes(street: Any) -> None:
     uid = driving(street).unisim.uid
-    bpy.data.objects.remove(thing(street, "ACTOR", uid))
+    bpy.data.objects.remove(imported(street, "ACTOR", uid))
     assert read(street).edits == (Remove(uid),)
 
 
 def test_hiding_for_renders_removes(street: Any) -> None:
     uid = standing(street)
-    thing(street, "ACTOR", uid).hide_render = True
+    imported(street, "ACTOR", uid).hide_render = True
     assert read(street).edits == (Remove(uid),)
 
 
 def test_a_collection_that_is_not_rendered_removes(street: Any) -> None:
     uid = standing(street)
-    one = thing(street, "ACTOR", uid)
+    one = imported(street, "ACTOR", uid)
     away = bpy.data.collections.new("away")
     street.collection.children.link(away)
     away.objects.link(one)
@@ -66,7 +66,7 @@ def test_a_collection_that_is_not_rendered_removes(street: Any) -> None:
 
 def test_g_moves_what_stands(street: Any) -> None:
     uid = standing(street)
-    one = thing(street, "ACTOR", uid)
+    one = imported(street, "ACTOR", uid)
     one.location.x += 2.5
     (edit,) = read(street).edits
     assert isinstance(edit, Move) and edit.actor == uid and edit.pose is not None
@@ -75,7 +75,7 @@ def test_g_moves_what_stands(street: Any) -> None:
 
 def test_keys_are_a_trajectory(street: Any) -> None:
     uid = driving(street).unisim.uid
-    one = trajectory_of(thing(street, "ACTOR", uid))
+    one = trajectory_of(imported(street, "ACTOR", uid))
     assert one is not None
     from unisim_blender.bridge.objects.animation import keys_of, write_keys
 
@@ -96,7 +96,7 @@ def test_keys_are_a_trajectory(street: Any) -> None:
 
 def test_shift_d_is_a_new_actor_of_the_same_look(street: Any) -> None:
     uid = driving(street).unisim.uid
-    select(thing(street, "ACTOR", uid))
+    select(imported(street, "ACTOR", uid))
     bpy.ops.object.duplicate()
     copy = bpy.context.active_object
     copy.delta_location = (0.0, 3.5, 0.0)
@@ -108,7 +108,7 @@ def test_shift_d_is_a_new_actor_of_the_same_look(street: Any) -> None:
 
 def test_alt_d_is_one_too(street: Any) -> None:
     uid = standing(street)
-    select(thing(street, "ACTOR", uid))
+    select(imported(street, "ACTOR", uid))
     bpy.ops.object.duplicate(linked=True)
     bpy.context.active_object.location.y += 4.0
     (edit,) = read(street).edits
@@ -120,7 +120,7 @@ def test_a_parent_counts(street: Any) -> None:
     uid = driving(street).unisim.uid
     empty = bpy.data.objects.new("parent", None)
     street.collection.objects.link(empty)
-    one = thing(street, "ACTOR", uid)
+    one = imported(street, "ACTOR", uid)
     one.parent = empty
     empty.location = (0.0, -1.0, 0.0)
     (edit,) = read(street).edits
@@ -131,7 +131,7 @@ def test_a_parent_counts(street: Any) -> None:
 def test_undo_brings_back(street: Any) -> None:
     uid = standing(street)
     bpy.ops.ed.undo_push(message="before")
-    select(thing(street, "ACTOR", uid))
+    select(imported(street, "ACTOR", uid))
     bpy.ops.unisim.delete_actor()
     bpy.ops.ed.undo_push(message="after")
     assert read(bpy.context.scene).edits == (Remove(uid),)
@@ -143,7 +143,7 @@ def test_undo_brings_back(street: Any) -> None:
 
 def test_next_lane(street: Any) -> None:
     uid = driving(street).unisim.uid
-    select(thing(street, "ACTOR", uid))
+    select(imported(street, "ACTOR", uid))
     assert bpy.ops.unisim.duplicate_actor(where="LANE_LEFT") == {"FINISHED"}
     (edit,) = read(street).edits
     assert isinstance(edit, Duplicate) and edit.actor == uid
@@ -157,7 +157,7 @@ def test_next_lane(street: Any) -> None:
 @pytest.mark.parametrize("way", ["DELAY", "SPEED", "STOP", "STRETCH"])
 def test_retimed_actors_stay_on_their_path(street: Any, way: str) -> None:
     uid = driving(street).unisim.uid
-    one = thing(street, "ACTOR", uid)
+    one = imported(street, "ACTOR", uid)
     select(one)
     street.frame_set(8)
     last = {"last_s": 1.2} if way == "STRETCH" else {}
@@ -192,7 +192,7 @@ def test_static_items(street: Any) -> None:
     bpy.ops.unisim.copy_static()
     (edit,) = read(street).edits
     assert isinstance(edit, CopyStatic) and edit.target.position[:2] == pytest.approx((26.0, 4.5), abs=1e-4)
-    select(thing(street, "STATIC", "item-1"))
+    select(imported(street, "STATIC", "item-1"))
     bpy.ops.unisim.delete_actor()
     removed, copied = read(street).edits
     assert removed == RemoveStatic("item-1") and isinstance(copied, CopyStatic)

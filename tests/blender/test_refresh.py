@@ -8,7 +8,7 @@ from typing import Any
 import bpy
 import numpy as np
 import pytest
-from helpers import driving, read, select, thing
+from helpers import driving, imported, read, select
 
 from unisim_blender.bridge.importing.drive import set_colours
 from unisim_blender.bridge.objects.source import source_of
@@ -22,7 +22,7 @@ from unisim_blender.tasks import SequenceTask
 
 def test_a_retimed_box_stands_where_it_is_now(street: Any) -> None:
     uid = driving(street).unisim.uid
-    one = thing(street, "ACTOR", uid)
+    one = imported(street, "ACTOR", uid)
     select(one)
     street.frame_set(10)
     before = one.matrix_world.translation.copy()
@@ -38,7 +38,7 @@ def test_a_delay_is_in_seconds_of_the_log_at_any_frame_rate(street: Any, fps: in
     street.render.fps, street.render.fps_base = fps, 1.0
     street.frame_step = 3
     uid = driving(street).unisim.uid
-    select(thing(street, "ACTOR", uid))
+    select(imported(street, "ACTOR", uid))
     bpy.ops.unisim.retime_actor(way="DELAY", seconds=0.4)
     (edit,) = read(street).edits
     assert isinstance(edit, Move) and edit.trajectory is not None

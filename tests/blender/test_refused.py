@@ -7,7 +7,7 @@ from typing import Any
 import bpy
 import numpy as np
 import pytest
-from helpers import SAMPLE, read, thing
+from helpers import SAMPLE, imported, read
 from mathutils import Quaternion
 
 from unisim_blender.bridge.objects.imported import imported_objects
@@ -60,7 +60,7 @@ def test_stripes_cover_half_of_a_region() -> None:
 
 def test_a_camera_that_looks_where_none_did_is_found(street: Any) -> None:
     drive = source_of(street).drive
-    camera = thing(street, "CAMERA", "front_camera")
+    camera = imported(street, "CAMERA", "front_camera")
     before = [found.text for found in warnings_of(sample_all(street, Clock.of(drive)), drive) if found.name == camera.name]
     assert not before
     turn = Quaternion((0.0, 0.0, 1.0), np.pi / 2)

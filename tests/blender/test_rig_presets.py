@@ -11,7 +11,7 @@ from typing import Any
 import bpy
 import numpy as np
 import pytest
-from helpers import edited, select, thing
+from helpers import edited, imported, select
 
 from unisim_blender.bridge.importing import rig_presets
 from unisim_blender.bridge.importing.drive import front_camera
@@ -100,7 +100,7 @@ def test_a_preset_replaces_the_rig_and_recorded_sensors_come_back(street: Any, t
     assert sensors(street) == ["ahead", "left", "roof"] and len(bpy.data.objects) == count
     assert bpy.ops.unisim.restore_sensors() == {"FINISHED"}
     assert sensors(street) == ["ahead", "front_camera", "left", "pandar64", "roof"]
-    assert not thing(street, "CAMERA", "front_camera").hide_viewport
+    assert not imported(street, "CAMERA", "front_camera").hide_viewport
     assert not bpy.ops.unisim.restore_sensors.poll()
 
 
@@ -161,7 +161,7 @@ def test_sensors_off_the_vehicle_stay(street: Any, team: Path) -> None:
 def test_saved_and_put_on_again_it_is_the_same_rig(street: Any, folder: Path) -> None:
     bpy.ops.unisim.add_camera(width=800, height=450, mount=(1.0, -0.5, 1.4), yaw_deg=-60.0)
     bpy.context.active_object.name = "right side"
-    front = thing(street, "CAMERA", "front_camera")
+    front = imported(street, "CAMERA", "front_camera")
     front.location.z += 0.5
     street.frame_set(7)
     assert bpy.ops.unisim.save_rig(name="Ours 2", about="as of today") == {"FINISHED"}
@@ -265,7 +265,7 @@ def test_one_undo_step_takes_it_back(street: Any, team: Path) -> None:
 
 def test_rows_cards_and_buttons_of_sensors(street: Any, team: Path) -> None:
     drive = source_of(street).drive
-    front, lidar = thing(street, "CAMERA", "front_camera"), thing(street, "LIDAR", "pandar64")
+    front, lidar = imported(street, "CAMERA", "front_camera"), imported(street, "LIDAR", "pandar64")
     model = model_of(front)
     assert size_of_sensor(front) == f"{model.width}×{model.height}" and size_of_sensor(lidar) == "64 beams"
     assert rate_of(drive) == "10 Hz" and rate_of(None) == ""
@@ -288,7 +288,7 @@ def test_rows_cards_and_buttons_of_sensors(street: Any, team: Path) -> None:
     assert street.objects[street.unisim_sensor_index] == left
     street.unisim_sensor_index = list(street.objects).index(lidar)
     assert bpy.context.active_object == lidar and bpy.context.selected_objects == [lidar]
-    select(thing(street, "ACTOR", "car-12"))
+    select(imported(street, "ACTOR", "car-12"))
     assert active_index(street) == -1
     # hiding what is looked through leaves the view a camera that is there
     assert bpy.ops.unisim.show_sensor(name="left") == {"FINISHED"}
@@ -306,7 +306,7 @@ def test_new_sensors_have_names_that_can_be_read(street: Any) -> None:
 
 def test_where_a_moved_sensor_was_recorded_is_drawn(street: Any) -> None:
     drive = source_of(street).drive
-    front, lidar = thing(street, "CAMERA", "front_camera"), thing(street, "LIDAR", "pandar64")
+    front, lidar = imported(street, "CAMERA", "front_camera"), imported(street, "LIDAR", "pandar64")
     for frame in (0, 7):
         street.frame_set(frame)
         assert not len(outline(street, front, drive, frame).points) and not len(outline(street, lidar, drive, frame).points)

@@ -32,7 +32,7 @@ from unisim_blender.operators.in_steps import InSteps, in_thread
 
 R = TypeVar("R")
 LIST_ALONE = {"ridden", "span"}
-"""What things have for the edits list alone."""
+"""Members of sampled objects that the edits list alone reads."""
 PATH = Path("/tmp/scenario.json")
 
 

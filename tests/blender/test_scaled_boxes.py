@@ -10,7 +10,7 @@ import bpy
 import numpy as np
 import pytest
 import trimesh
-from helpers import SAMPLE, edited, read, select, thing
+from helpers import SAMPLE, edited, imported, read, select
 from mathutils import Euler
 
 from unisim_blender import following
@@ -36,12 +36,12 @@ from unisim_blender.editing.sampled.scaling import CHANGING, Scaling
 
 def standing(scene: Any) -> Any:
     """A box that stands still."""
-    return thing(scene, "ACTOR", "car-12")
+    return imported(scene, "ACTOR", "car-12")
 
 
 def driving(scene: Any) -> Any:
     """A box that rides on a trajectory."""
-    one = thing(scene, "ACTOR", "car-03")
+    one = imported(scene, "ACTOR", "car-03")
     assert trajectory_of(one) is not None
     return one
 
@@ -244,7 +244,7 @@ def test_a_scenario_with_scales_comes_through(scene: Any, tmp_path: Path) -> Non
     path = tmp_path / "scenario.json"
     save_scenario(scenario_from_json(document, path), path)
     assert bpy.ops.unisim.import_scenario(filepath=str(path)) == {"FINISHED"}
-    assert tuple(thing(scene, "ACTOR", "car-03").scale) == pytest.approx((1.3, 1.3, 1.3))
+    assert tuple(imported(scene, "ACTOR", "car-03").scale) == pytest.approx((1.3, 1.3, 1.3))
     drive = edited(bpy.context.scene)
     sizes = source_of(bpy.context.scene).drive.actors
     for uid, look, factors in (
@@ -259,7 +259,7 @@ def test_a_scenario_with_scales_comes_through(scene: Any, tmp_path: Path) -> Non
     assert [type(edit) for edit in edits] == [Duplicate, Scale, Scale, Swap, Scale, Duplicate, Scale]
     # importing the drive again leaves what was edited
     assert bpy.ops.unisim.import_scene(filepath=str(SAMPLE / "scene" / "scene.json")) == {"FINISHED"}
-    assert thing(bpy.context.scene, "ACTOR", "car-03").scale.x == pytest.approx(1.3)
+    assert imported(bpy.context.scene, "ACTOR", "car-03").scale.x == pytest.approx(1.3)
     assert read(bpy.context.scene).edits == edits
 
 

@@ -7,7 +7,7 @@ from typing import Any
 import bpy
 import numpy as np
 import pytest
-from helpers import edited, read, select, thing
+from helpers import edited, imported, read, select
 
 from unisim_blender.bridge.changes.motion import displaced_along
 from unisim_blender.bridge.objects.animation import curves_of, write_keys
@@ -36,7 +36,7 @@ def arc(angles: FloatArray, radius_m: float) -> tuple[FloatArray, FloatArray]:
 
 def test_sideways_is_its_left(street: Any) -> None:
     uid = actor(street, moving=True)
-    select(thing(street, "ACTOR", uid))
+    select(imported(street, "ACTOR", uid))
     assert bpy.ops.unisim.shift_actor(left_m=2.0, ahead_m=0.0, later_s=0.0) == {"FINISHED"}
     recorded, now = source_of(street).drive, edited(street)
     for time in (0.3, 1.5):
@@ -46,7 +46,7 @@ def test_sideways_is_its_left(street: Any) -> None:
 
 def test_along_a_path_that_turns(street: Any) -> None:
     uid = actor(street, moving=True)
-    one = thing(street, "ACTOR", uid)
+    one = imported(street, "ACTOR", uid)
     above = trajectory_of(one)
     angles = np.linspace(0, 1.0, 20)
     positions, quaternions = arc(angles, 20.0)
@@ -63,7 +63,7 @@ def test_along_a_path_that_turns(street: Any) -> None:
 
 def test_later_takes_its_presence_along(street: Any) -> None:
     uid = actor(street, moving=True)
-    one, recorded = thing(street, "ACTOR", uid), source_of(street).drive.actors[actor(street, moving=True)]
+    one, recorded = imported(street, "ACTOR", uid), source_of(street).drive.actors[actor(street, moving=True)]
     select(one)
     assert bpy.ops.unisim.shift_actor(left_m=0.0, ahead_m=0.0, later_s=0.4) == {"FINISHED"}
     now = edited(street).actors[uid]
@@ -72,7 +72,7 @@ def test_later_takes_its_presence_along(street: Any) -> None:
 
 def test_all_at_once_is_one_edit_and_is_reported(street: Any, capfd: Any) -> None:
     uid = actor(street, moving=True)
-    select(thing(street, "ACTOR", uid))
+    select(imported(street, "ACTOR", uid))
     bpy.ops.unisim.shift_actor(left_m=-1.0, ahead_m=2.0, later_s=0.2)
     (edit,) = read(street).edits
     assert isinstance(edit, Move) and edit.actor == uid
@@ -82,7 +82,7 @@ def test_all_at_once_is_one_edit_and_is_reported(street: Any, capfd: Any) -> Non
 
 def test_what_stands_still_moves_along_its_axis(street: Any, capfd: Any) -> None:
     uid = actor(street, moving=False)
-    one = thing(street, "ACTOR", uid)
+    one = imported(street, "ACTOR", uid)
     before = np.array(one.matrix_world, float)
     select(one)
     bpy.ops.unisim.shift_actor(left_m=1.0, ahead_m=2.0, later_s=0.5)
@@ -94,18 +94,18 @@ def test_what_stands_still_moves_along_its_axis(street: Any, capfd: Any) -> None
 
 def test_a_copy_that_is_shifted_leaves_its_source_alone(street: Any) -> None:
     uid = actor(street, moving=True)
-    select(thing(street, "ACTOR", uid))
+    select(imported(street, "ACTOR", uid))
     bpy.ops.object.duplicate()
     copy = bpy.context.active_object
     bpy.ops.unisim.shift_actor(left_m=0.0, ahead_m=6.0, later_s=0.0)
     street.frame_set(5)
     assert len(read(street).edits) == 1
-    source = thing(street, "ACTOR", uid)
+    source = imported(street, "ACTOR", uid)
     assert (copy.matrix_world.translation - source.matrix_world.translation).length == pytest.approx(6, abs=0.1)
 
 
 def test_displacing_keeps_how_keys_blend(street: Any) -> None:
-    one = thing(street, "ACTOR", actor(street, moving=True))
+    one = imported(street, "ACTOR", actor(street, moving=True))
     for frame, left in ((2, 0.0), (12, 3.0)):
         one.location = (0.0, left, 0.0)
         one.keyframe_insert("location", frame=frame)

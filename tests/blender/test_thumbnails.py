@@ -10,7 +10,7 @@ from typing import Any
 import bpy
 import numpy as np
 import pytest
-from helpers import SAMPLE, edited, read, select, thing
+from helpers import SAMPLE, edited, imported, read, select
 
 from unisim_blender import thumbnails
 from unisim_blender.client import client
@@ -170,14 +170,14 @@ def test_an_actor_of_the_drive_is_inserted_and_replaced(street: Any) -> None:
     (edit,) = read(street).edits
     assert isinstance(edit, Insert) and edit.actor == "car-03" and edit.scene is None
     assert edited(street).actors[edit.id].appearance.actor == "car-03" and edit.id == new.name
-    select(thing(street, "ACTOR", "car-04"))
+    select(imported(street, "ACTOR", "car-04"))
     assert bpy.ops.unisim.replace_appearance(appearance="car-12") == {"FINISHED"}
     swap = next(edit for edit in read(street).edits if isinstance(edit, Swap))
     assert swap.actor == "car-04" and swap.appearance == "car-12"
 
 
 def test_no_choice_and_another_scenes_actor(street: Any) -> None:
-    select(thing(street, "ACTOR", "car-04"))
+    select(imported(street, "ACTOR", "car-04"))
     with pytest.raises(RuntimeError, match="choose an actor by its thumbnail"):
         bpy.ops.unisim.replace_appearance()
     with pytest.raises(RuntimeError, match='has no actor "nobody"'):
@@ -198,7 +198,7 @@ def test_the_card_has_the_picture_of_what_is_shown(street: Any, monkeypatch: pyt
         return 7
 
     monkeypatch.setattr(thumbnails, "icon_of", icon_of)
-    select(thing(street, "ACTOR", "car-04"))
+    select(imported(street, "ACTOR", "car-04"))
     assert portrait(bpy.context) == 7 and asked[-1][1] == "car-04"
     bpy.ops.unisim.replace_appearance(appearance="car-12")
     assert portrait(bpy.context) == 7 and asked[-1][1] == "car-12"

@@ -1,4 +1,4 @@
-"""Ways as lines: the thing's own with its speeds, and the recorded one where it is another."""
+"""Trajectories as lines: the object's own with its speeds, and the recorded one where that differs."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import Any
 
 import bpy
 import numpy as np
-from helpers import thing
+from helpers import imported
 
 from unisim_blender.bridge.changes.motion import displaced_along
 from unisim_blender.bridge.objects.source import source_of
@@ -19,7 +19,7 @@ def test_a_way_is_where_the_actor_goes(street: Any) -> None:
     drive = source_of(street).drive
     clock = Clock.of(drive)
     uid = next(u for u, a in sorted(drive.actors.items()) if a.is_moving and a.start_s <= 0)
-    one = thing(street, "ACTOR", uid)
+    one = imported(street, "ACTOR", uid)
     street.frame_set(5)
     lines = trail(one, drive, clock, 5.0)
     assert not (lines.colours[:, :3] == RECORDED).all(1).any()
@@ -45,7 +45,7 @@ def test_between_keys_a_way_is_as_blender_interpolates(street: Any) -> None:
     drive = source_of(street).drive
     clock = Clock.of(drive)
     uid = next(u for u, a in sorted(drive.actors.items()) if a.is_moving and a.start_s <= 0)
-    one = thing(street, "ACTOR", uid)
+    one = imported(street, "ACTOR", uid)
     for frame, left in ((4, 0.0), (14, 3.0)):  # Blender eases in and out
         bpy.context.scene.frame_set(frame)
         one.location = (0.0, left, 0.0)

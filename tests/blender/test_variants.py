@@ -235,7 +235,7 @@ def test_differences_of_two_variants(street: Any) -> None:
     standing(street).location.x += 1.0
     variant = new()
     driving(variant).location.y = 2.0
-    press(bpy.ops.unisim.revert_edit, next(line for line in lines(variant) if line.thing == standing(variant).name))
+    press(bpy.ops.unisim.revert_edit, next(line for line in lines(variant) if line.object_name == standing(variant).name))
     select(next(one for one in imported_objects(variant, "ACTOR") if "cone" in one.unisim.uid))
     bpy.ops.unisim.delete_actor()
     found = {one.line.uid: one for one in differences(lines(variant), lines(street))}

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 sys.path.insert(0, str(Path(__file__).parent))
 from buttons import open_panel
-from hands import click, edits, import_dropped, key, middle, mouse, sidebar, thing, to, write
+from hands import click, edits, import_dropped, key, middle, mouse, object_named, sidebar, to, write
 from heart import uncounted
 from session import ARCHIVE, MODULE, OUT, area, inside, named, picture, screenshot, start, until, view, wait_for_picture
 from tasks import begin, changed, task
@@ -192,13 +192,13 @@ def replaced() -> Iterator[float]:
     screenshot("chosen")
     yield from to(right, height)
     yield from click()
-    yield from until(lambda: thing(car).unisim.look, "the appearance is not replaced", 10)
+    yield from until(lambda: object_named(car).unisim.look, "the appearance is not replaced", 10)
     yield from until(lambda: changed(before), "the image does not follow", 60)
-    assert edits() == [("Swap", "car-01")] and thing(car).unisim.look == SECOND
+    assert edits() == [("Swap", "car-01")] and object_named(car).unisim.look == SECOND
     screenshot("appearance")
     yield from to(*middle(area("VIEW_3D")))
     yield from key("Z", ctrl=True)
-    yield from until(lambda: not thing(car).unisim.look, "not undone", 10)
+    yield from until(lambda: not object_named(car).unisim.look, "not undone", 10)
     assert not edits()
     yield from until(lambda: not any(entry.edited for entry in shown()), "the list still has it as edited", 10)
     assert any(entry.name == "Car 12, white" for entry in shown()), "undo leaves old names"

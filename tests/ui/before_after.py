@@ -37,7 +37,7 @@ from buttons import (
 )
 from displaced import select
 from first_drive import searched
-from hands import click, edits, key, look_at, middle, mouse, place, sidebar, thing, to
+from hands import click, edits, key, look_at, middle, mouse, object_named, place, sidebar, to
 from heart import heart
 from pixels import HEADLESS, apart, export, frame_rectangle, grab, part, rendered, uncovered
 from session import (
@@ -106,7 +106,7 @@ def clicked() -> Iterator[float]:
     yield from fresh()
     yield from framed("SOLID", width=960)
     car = seen(driving=True)
-    box = [place(thing(car).matrix_world @ Vector(corner)) for corner in thing(car).bound_box]
+    box = [place(object_named(car).matrix_world @ Vector(corner)) for corner in object_named(car).bound_box]
     low, high = np.min(box, axis=0), np.max(box, axis=0)
     kinds: dict[str, int] = {}
     aside = None
@@ -121,7 +121,7 @@ def clicked() -> Iterator[float]:
             kind = "THE CAR" if kind == "ACTOR" and active.name == car else kind
             kinds[kind] = kinds.get(kind, 0) + 1
             aside = aside or (tuple(mouse) if kind != "THE CAR" else None)
-    note("clicked", actor=thing(car).unisim.uid, selected=kinds)
+    note("clicked", actor=object_named(car).unisim.uid, selected=kinds)
     yield from key("A", alt=True)
     yield from to(*(aside or (low + high) / 2))
     yield from click()
@@ -194,10 +194,10 @@ def moved() -> Iterator[float]:
     yield from keys("G", "Y", "3", "RET")
     yield 1.0
     screenshot("moved_at_once")
-    note("moved", actor=thing(car).unisim.uid, at_once=edits(), y=thing(car).matrix_world.translation.y)
+    note("moved", actor=object_named(car).unisim.uid, at_once=edits(), y=object_named(car).matrix_world.translation.y)
     yield from key("RIGHT_ARROW")
     yield 1.0
-    note("moved", next_frame=edits(), next_y=thing(car).matrix_world.translation.y)
+    note("moved", next_frame=edits(), next_y=object_named(car).matrix_world.translation.y)
 
 
 def retimed(shading: str) -> Iterator[float]:
@@ -216,16 +216,21 @@ def retimed(shading: str) -> Iterator[float]:
     yield 0.5
     name = f"retimed_{shading.lower()}"
     screenshot(f"{name}_recorded")
-    stood = thing(car).matrix_world.translation.copy()
+    stood = object_named(car).matrix_world.translation.copy()
     yield from menu_button(above, 0)
     yield 5.0
     screenshot(f"{name}_at_once")
-    note(name, actor=thing(car).unisim.uid, box_moved_m=(thing(car).matrix_world.translation - stood).length, edits=edits())
+    note(
+        name,
+        actor=object_named(car).unisim.uid,
+        box_moved_m=(object_named(car).matrix_world.translation - stood).length,
+        edits=edits(),
+    )
 
 
 def drives_on_parent(car: str) -> bool:
     """Whether a car rides on a hidden parent, as it does since the panel has Retime below Delete."""
-    return thing(car).parent is not None
+    return object_named(car).parent is not None
 
 
 def followed() -> Iterator[float]:
@@ -236,15 +241,15 @@ def followed() -> Iterator[float]:
     yield from framed("SOLID", width=960)
     yield from click_car(driving=True)
     car = bpy.context.view_layer.objects.active.name
-    low = min(corner[2] for corner in thing(car).bound_box)
-    turn = thing(car).matrix_world.to_euler()
-    start_at, eight = (thing(car).matrix_world @ Vector((x, 0.0, low)) for x in (10.0, 8.0))
+    low = min(corner[2] for corner in object_named(car).bound_box)
+    turn = object_named(car).matrix_world.to_euler()
+    start_at, eight = (object_named(car).matrix_world @ Vector((x, 0.0, low)) for x in (10.0, 8.0))
     bpy.ops.curve.primitive_nurbs_path_add(radius=5.0, location=start_at, rotation=turn)
     curve = bpy.context.view_layer.objects.active
     curve.select_set(True)
-    thing(car).select_set(True)
-    bpy.context.view_layer.objects.active = thing(car)
-    uid = thing(car).unisim.uid
+    object_named(car).select_set(True)
+    bpy.context.view_layer.objects.active = object_named(car)
+    uid = object_named(car).unisim.uid
     scene.cursor.location = eight
     yield 0.3
     yield from press("unisim.follow_curve()")

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 sys.path.insert(0, str(Path(__file__).parent))
 from buttons import press, redo_panel
-from hands import click, edits, key, middle, thing, to
+from hands import click, edits, key, middle, object_named, to
 from heart import uncounted
 from pixels import as_rendered, export, grab
 from session import MODULE, OUT, area, start, until
@@ -70,7 +70,7 @@ def poses(name: str) -> NDArray[np.float64]:
     now = scene.frame_current
     for frame in range(scene.frame_start, scene.frame_end + 1):
         scene.frame_set(frame)
-        found.append(np.array(thing(name).matrix_world, float))
+        found.append(np.array(object_named(name).matrix_world, float))
     scene.frame_set(now)
     return np.array(found)
 
@@ -102,7 +102,7 @@ def done_again(wanted: list[tuple[str, str]]) -> Iterator[float]:
 
 def edited(name: str) -> list[tuple[str, str]]:
     """The scenario's edits where an object was displaced."""
-    return [("Ego", "")] if thing(name).unisim.kind == "EGO" else [("Move", thing(name).unisim.uid)]
+    return [("Ego", "")] if object_named(name).unisim.kind == "EGO" else [("Move", object_named(name).unisim.uid)]
 
 
 def displaced(kind: str, pressed: tuple[str, ...], shown: str, other: str, amount: float) -> Iterator[float]:
@@ -122,12 +122,12 @@ def displaced(kind: str, pressed: tuple[str, ...], shown: str, other: str, amoun
     yield from to(600, 500)
     yield from redo_panel(shown, other)
     yield from until(lambda: edits() == edited(name), "F9 loses the edit", 10)
-    moved = thing(name).matrix_world.copy()
+    moved = object_named(name).matrix_world.copy()
     yield from key("RIGHT_ARROW")
     yield 0.2
     yield from key("LEFT_ARROW")
     yield 0.2
-    assert np.abs(np.array(thing(name).matrix_world) - np.array(moved)).max() < 1e-4, "a step of a frame puts it back"
+    assert np.abs(np.array(object_named(name).matrix_world) - np.array(moved)).max() < 1e-4, "a step of a frame puts it back"
     yield from undone()
     assert np.abs(poses(name) - before).max() < 1e-4, "undone, it is not where it was recorded"
     yield from done_again(edited(name))
@@ -165,7 +165,7 @@ def blended(kind: str, pressed: tuple[str, ...], path: str, least: float) -> Ite
     yield from keys(*pressed)
 
     def keyed() -> list[int]:
-        curves = sys.modules[f"{MODULE}.bridge.objects.animation"].curves_of(thing(name))
+        curves = sys.modules[f"{MODULE}.bridge.objects.animation"].curves_of(object_named(name))
         return [len(curve.keyframe_points) for curve in curves if curve.data_path == path]
 
     yield from until(lambda: keyed() and set(keyed()) == {3}, f"the change is not blended: {keyed()} keys", 10)

@@ -10,7 +10,7 @@ from typing import Any
 import bpy
 import buttons
 import numpy as np
-from hands import click, import_dropped, key, place, sidebar, thing, to
+from hands import click, import_dropped, key, object_named, place, sidebar, to
 from heart import uncounted
 from numpy.typing import NDArray
 from session import ARCHIVE, MODULE, OUT, area, inside, results, screenshot, until, view, wait_for_picture
@@ -76,9 +76,9 @@ def line_of(begins: str) -> dict[str, Any]:
 
 def picked(name: str) -> Iterator[float]:
     """Click an object in the view."""
-    yield from to(*place(thing(name).matrix_world.translation))
+    yield from to(*place(object_named(name).matrix_world.translation))
     yield from click()
-    yield from until(lambda: bpy.context.view_layer.objects.active == thing(name), f"{name} is not selected")
+    yield from until(lambda: bpy.context.view_layer.objects.active == object_named(name), f"{name} is not selected")
 
 
 @uncounted

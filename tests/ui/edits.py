@@ -14,7 +14,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 import hands
 from buttons import found_at, place_of, region_of
 from edit_panel import apart, line_of, listed, moved_along, opened, picked, press, rendered, shown_pixels, toggled
-from hands import key, middle, thing, to
+from hands import key, middle, object_named, to
 from session import area, results, screenshot, start, until, view, wait_for_picture
 from tasks import bare_view, begin, seen, task
 
@@ -65,7 +65,7 @@ def clicked_line() -> Iterator[float]:
     """A click on a line selects its object."""
     yield from press("unisim.go_to_edit", **line_of("Moved"))
     yield from until(
-        lambda: bpy.context.selected_objects == [thing(names["moved"])], "a click on a line does not select the object"
+        lambda: bpy.context.selected_objects == [object_named(names["moved"])], "a click on a line does not select the object"
     )
 
 
@@ -80,7 +80,7 @@ def muted_edits() -> Iterator[float]:
     results["edited_differs"] = apart(images["edited"], images["recorded"])
     assert apart(images["edited"], images["recorded"]) > BACK, "the edits do not show"
     yield from toggled("Moved", COUNTS, ("Moved 3.0 m", True), ("Removed", False), ("Copied", False))
-    assert thing(names["moved"]).location.length < 1e-4
+    assert object_named(names["moved"]).location.length < 1e-4
     yield from wait_for_picture()
     yield 0.5
     one = shown_pixels("edits_one_muted")

@@ -17,7 +17,7 @@ import bpy
 
 sys.path.insert(0, str(Path(__file__).parent))
 from buttons import found_at, place_of
-from hands import click, import_dropped, key, middle, sidebar, thing, to
+from hands import click, import_dropped, key, middle, object_named, sidebar, to
 from session import ARCHIVE, MODULE, OUT, area, inside, results, screenshot, start, until
 from tasks import begin, task
 
@@ -75,7 +75,7 @@ def checked() -> Iterator[float]:
     """Warnings of Check Edits are saved with the file, are marked after an edit, and lead to the place."""
     scene = bpy.context.scene
     car = next(o for o in scene.objects if o.unisim.kind == "ACTOR" and o.parent is None and "Car" in o.name).name
-    thing(car).location.z += 2.0
+    object_named(car).location.z += 2.0
     bpy.ops.ed.undo_push(message="A car in the air")
     yield 0.3
     yield from point("check")
@@ -99,10 +99,10 @@ def checked() -> Iterator[float]:
     for other in bpy.context.selected_objects:
         other.select_set(False)
     yield from click()
-    yield from until(lambda: thing(car).select_get(), "a click on the warning does not select the car")
+    yield from until(lambda: object_named(car).select_get(), "a click on the warning does not select the car")
     warning = next(w for w in bpy.context.scene.unisim_check.warnings if w.name == car)
     assert bpy.context.scene.frame_current == warning.frame
-    thing(car).location.x += 1.0
+    object_named(car).location.x += 1.0
     bpy.ops.ed.undo_push(message="Moved on")
     yield from until(lambda: outdated(bpy.context.scene), "an edit does not mark the warnings", 5)
     yield 0.5
@@ -110,7 +110,7 @@ def checked() -> Iterator[float]:
     yield from to(*middle(area("VIEW_3D")))
     yield from key("Z", ctrl=True)
     yield from until(lambda: not outdated(bpy.context.scene), "undo does not take the mark away", 5)
-    thing(car).location.z -= 2.0
+    object_named(car).location.z -= 2.0
 
 
 def begin_sequence(name: str, last: int, quality: str, sensors: str, width: int) -> None:

@@ -13,7 +13,7 @@ from pathlib import Path
 import bpy
 
 sys.path.insert(0, str(Path(__file__).parent))
-from hands import click, edits, import_dropped, key, middle, mouse, place, thing, to, write
+from hands import click, edits, import_dropped, key, middle, mouse, object_named, place, to, write
 from session import ARCHIVE, OUT, area, inside, results, screenshot, start, until, view, wait_for_picture
 from tasks import begin, seen, task
 
@@ -30,15 +30,15 @@ def imported() -> Iterator[float]:
 
 def clicked(name: str) -> Iterator[float]:
     """Click an object in the view."""
-    yield from to(*place(thing(name).matrix_world.translation))
+    yield from to(*place(object_named(name).matrix_world.translation))
     yield from click()
-    yield from until(lambda: bpy.context.view_layer.objects.active == thing(name), f"{name} is not selected", 10)
+    yield from until(lambda: bpy.context.view_layer.objects.active == object_named(name), f"{name} is not selected", 10)
 
 
 def removed() -> Iterator[float]:
     """Click a standing car, X, Enter."""
     car = seen(driving=False)
-    uid = thing(car).unisim.uid
+    uid = object_named(car).unisim.uid
     yield from clicked(car)
     yield from key("X")
     yield 0.3
@@ -53,7 +53,7 @@ def moved() -> Iterator[float]:
     yield from clicked(car)
     for press in (("G",), ("Y",), ("ONE", "1"), ("RET",)):
         yield from key(*press)
-    yield from until(lambda: ("Move", thing(car).unisim.uid) in edits(), "not moved")
+    yield from until(lambda: ("Move", object_named(car).unisim.uid) in edits(), "not moved")
 
 
 def copied() -> Iterator[float]:

@@ -99,7 +99,7 @@ def edits() -> list[tuple[str, str]]:
     return [(type(edit).__name__, getattr(edit, "actor", "")) for edit in scenario().edits]
 
 
-def thing(name: str) -> bpy.types.Object:
+def object_named(name: str) -> bpy.types.Object:
     """An object by its name: undo leaves no other hold on it."""
     return bpy.data.objects[name]
 
@@ -108,9 +108,9 @@ def look_at(name: str, away_m: float = 14.0) -> Iterator[float]:
     """Turn the view to an object, from behind and above."""
     _, _, looks = view()
     from_behind(looks)
-    looks.view_location, looks.view_distance = thing(name).matrix_world.translation, away_m
+    looks.view_location, looks.view_distance = object_named(name).matrix_world.translation, away_m
     looks.update()
-    yield from to(*place(thing(name).matrix_world.translation))
+    yield from to(*place(object_named(name).matrix_world.translation))
 
 
 def steps() -> Iterator[float]:
@@ -169,7 +169,7 @@ def import_dropped(names: bool = True) -> Iterator[float]:
 
 
 def stopped_import() -> Iterator[float]:
-    """Esc while things are imported one at a time."""
+    """Esc while objects are imported one at a time."""
     steps_of: Any = sys.modules[f"{MODULE}.operators.in_steps"]
     steps_of.BUSY_S, busy = 0.0, steps_of.BUSY_S
     drop(SCENE)
@@ -222,21 +222,23 @@ def moved_by_hand(car: str) -> Iterator[float]:
     """A click, G X 3 Enter, undone and done again."""
     yield from look_at(car)
     yield from click()
-    yield from until(lambda: bpy.context.view_layer.objects.active == thing(car) and thing(car).select_get(), "not selected")
-    before = thing(car).location.x
+    yield from until(
+        lambda: bpy.context.view_layer.objects.active == object_named(car) and object_named(car).select_get(), "not selected"
+    )
+    before = object_named(car).location.x
     yield from key("G")
     yield from key("X")
     yield from key("THREE", "3")
     yield from key("RET")
-    yield from until(lambda: abs(thing(car).location.x - before - 3) < 1e-4, "not moved")
-    assert edits() == [("Move", thing(car).unisim.uid)]
+    yield from until(lambda: abs(object_named(car).location.x - before - 3) < 1e-4, "not moved")
+    assert edits() == [("Move", object_named(car).unisim.uid)]
     screenshot("moved_by_hand")
     yield from key("Z", ctrl=True)
-    yield from until(lambda: abs(thing(car).location.x - before) < 1e-4, "not undone")
+    yield from until(lambda: abs(object_named(car).location.x - before) < 1e-4, "not undone")
     assert not edits()
     yield from key("Z", ctrl=True, shift=True)
-    yield from until(lambda: abs(thing(car).location.x - before - 3) < 1e-4, "not done again")
-    assert edits() == [("Move", thing(car).unisim.uid)]
+    yield from until(lambda: abs(object_named(car).location.x - before - 3) < 1e-4, "not done again")
+    assert edits() == [("Move", object_named(car).unisim.uid)]
 
 
 def copied_by_hand(car: str) -> Iterator[float]:
@@ -249,14 +251,14 @@ def copied_by_hand(car: str) -> Iterator[float]:
     yield from key("RET")
     yield from until(lambda: len(bpy.data.objects) == count + 1, "not copied")
     copy = bpy.context.view_layer.objects.active
-    assert (copy.location - thing(car).location).length > 0.5
+    assert (copy.location - object_named(car).location).length > 0.5
     assert edits() == [("Duplicate", copy.unisim.uid), ("Move", copy.unisim.uid)]
     screenshot("copied_by_hand")
 
 
 def removed_by_hand(car: str) -> Iterator[float]:
     """X on the copy, then on the car itself; Ctrl-Z brings that back."""
-    uid, copy = thing(car).unisim.uid, bpy.context.view_layer.objects.active.name
+    uid, copy = object_named(car).unisim.uid, bpy.context.view_layer.objects.active.name
     yield from key("X")
     yield 0.3
     screenshot("delete")
@@ -276,18 +278,18 @@ def shortcuts(car: str) -> Iterator[float]:
     """The extension's own keys."""
     yield from look_at(car)
     yield from click()
-    uid, height = thing(car).unisim.uid, thing(car).location.z
+    uid, height = object_named(car).unisim.uid, object_named(car).location.z
     yield from key("D", ctrl=True, alt=True)
     yield from until(lambda: ("Duplicate", uid) in edits(), "Ctrl-Alt-D does not copy")
     yield from key("Z", ctrl=True)
     yield from until(lambda: ("Duplicate", uid) not in edits(), "the copy is not undone")
-    thing(car).location.z += 2.0
+    object_named(car).location.z += 2.0
     yield 0.1
     yield from key("K", ctrl=True, alt=True)
     yield from until(lambda: any(w.name == car for w in bpy.context.scene.unisim_check.warnings), "Ctrl-Alt-K finds nothing")
     screenshot("checked")
     yield from key("G", ctrl=True, alt=True)
-    yield from until(lambda: abs(thing(car).location.z - height) < 0.15, "Ctrl-Alt-G does not put it on the ground")
+    yield from until(lambda: abs(object_named(car).location.z - height) < 0.15, "Ctrl-Alt-G does not put it on the ground")
     driving = next(o for o in bpy.context.scene.objects if o.unisim.kind == "ACTOR" and o.parent and not o.hide_viewport)
     choose(driving)
     yield 0.1
@@ -299,8 +301,8 @@ def searched(car: str) -> Iterator[float]:
     """F3, a few letters, Enter."""
     yield from look_at(car)
     yield from click()
-    height = thing(car).location.z
-    thing(car).location.z += 2.0
+    height = object_named(car).location.z
+    object_named(car).location.z += 2.0
     yield 0.1
     yield from key("F3")
     yield 0.5
@@ -308,7 +310,7 @@ def searched(car: str) -> Iterator[float]:
     yield 0.5
     screenshot("search")
     yield from key("RET")
-    yield from until(lambda: abs(thing(car).location.z - height) < 0.01, "the search does not find an operator")
+    yield from until(lambda: abs(object_named(car).location.z - height) < 0.01, "the search does not find an operator")
 
 
 def menu(car: str) -> Iterator[float]:
@@ -321,12 +323,12 @@ def menu(car: str) -> Iterator[float]:
     screenshot("menu")
     yield from key("UP_ARROW")
     bpy.context.scene.unisim_check.warnings.clear()
-    thing(car).location.z += 2.0
+    object_named(car).location.z += 2.0
     yield from key("RET")
     yield from until(
         lambda: any(w.name == car for w in bpy.context.scene.unisim_check.warnings), "the menu's last entry does not check"
     )
-    thing(car).location.z -= 2.0
+    object_named(car).location.z -= 2.0
 
 
 def dropped_scenario() -> Iterator[float]:
@@ -359,17 +361,17 @@ def other_camera() -> Iterator[float]:
     added = scene.camera.name
     yield 0.1
     assert (scene.render.resolution_x, scene.render.resolution_y) == (320, 200)
-    choose(thing(first))
+    choose(object_named(first))
     yield 0.1
     yield from to(*middle(area("VIEW_3D")))
     yield from key("NUMPAD_0", ctrl=True)
     yield from until(lambda: bpy.context.scene.camera.name == first, "Ctrl-Numpad 0 does not change the camera")
     yield from until(lambda: bpy.context.scene.render.resolution_x == size[0], "the resolution does not follow the camera")
     screenshot("camera")
-    bpy.context.scene.camera = thing(added)
+    bpy.context.scene.camera = object_named(added)
     yield from until(lambda: bpy.context.scene.render.resolution_x == 320, "the resolution does not follow a script")
-    choose(thing(first))
-    bpy.context.scene.camera = thing(first)
+    choose(object_named(first))
+    bpy.context.scene.camera = object_named(first)
     yield from until(lambda: bpy.context.scene.render.resolution_x == size[0], "the resolution does not follow a script")
 
 
@@ -414,9 +416,9 @@ def dragged_asset() -> Iterator[float]:
     yield 0.5
     screenshot("dragged")
     added = [edit for edit in edits() if edit not in before]
-    assert added == [("Insert", thing(new).unisim.look)], added
-    apart = thing(new).matrix_world.translation - spot
-    assert apart.xy.length < 3.0 and abs(apart.z - thing(new).dimensions.z / 2) < 0.01, apart
+    assert added == [("Insert", object_named(new).unisim.look)], added
+    apart = object_named(new).matrix_world.translation - spot
+    assert apart.xy.length < 3.0 and abs(apart.z - object_named(new).dimensions.z / 2) < 0.01, apart
 
 
 if __name__ == "__main__":

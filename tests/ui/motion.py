@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 sys.path.insert(0, str(Path(__file__).parent))
 import hands
 from buttons import open_panel
-from hands import click, edits, import_dropped, key, look_at, middle, place, scenario, sidebar, thing, to
+from hands import click, edits, import_dropped, key, look_at, middle, object_named, place, scenario, sidebar, to
 from heart import uncounted
 from session import ARCHIVE, MODULE, OUT, area, choose, from_behind, inside, results, screenshot, start, until, view
 from tasks import begin, task
@@ -159,24 +159,26 @@ def dragged_handle() -> Iterator[float]:
     car = driving()
     yield from look_at(car, 22.0)
     yield from click()
-    yield from until(lambda: bpy.context.view_layer.objects.active == thing(car) and thing(car).select_get(), "not selected", 5)
+    yield from until(
+        lambda: bpy.context.view_layer.objects.active == object_named(car) and object_named(car).select_get(), "not selected", 5
+    )
     yield 0.5
     screenshot("handles")
     clock = module("editing.sampled.clock").Clock.of(module("bridge.objects.source").source_of(bpy.context.scene).drive)
-    handles = module("bridge.changes.handles").handles_of(thing(car), clock)
+    handles = module("bridge.changes.handles").handles_of(object_named(car), clock)
     handle = min(handles, key=lambda one: abs(one.time_s - 1.0))
     x, y = place(Vector(handle.place))
     yield from to(x, y)
     yield 1.2
     screenshot("handle_hover")
     yield from drag(x, y, x - 60, y + 25, shot="handle_dragging")
-    assert edits() == [("Move", thing(car).unisim.uid)], edits()
+    assert edits() == [("Move", object_named(car).unisim.uid)], edits()
     up = np.array([0.0, 0.0, 1.0])
     dragging = module("editing.motion.dragging")
     first, last = (dragging.on_plane(*ray_at(*np.round(at)), handle.place, up) for at in ((x, y), (x - 60, y + 25)))
     apply, source = module("core.scenario").apply_scenario, module("bridge.objects.source").source_of(bpy.context.scene)
-    now = apply(scenario(), source.drive, module("core.prepare.scenario").scene_actors).actors[thing(car).unisim.uid]
-    before = source.drive.actors[thing(car).unisim.uid]
+    now = apply(scenario(), source.drive, module("core.prepare.scenario").scene_actors).actors[object_named(car).unisim.uid]
+    before = source.drive.actors[object_named(car).unisim.uid]
     moved = (now.world_from_actor.at(handle.time_s) - before.world_from_actor.at(handle.time_s))[:3, 3]
     results["handle_by_mouse_m"], results["handle_in_scenario_m"] = (last - first).tolist(), moved.tolist()
     assert np.abs(moved - (last - first)).max() < 0.05, (moved, last - first)
@@ -184,15 +186,15 @@ def dragged_handle() -> Iterator[float]:
     screenshot("handle_dragged")
     yield from key("Z", ctrl=True)
     yield from until(lambda: not edits(), "one Ctrl-Z does not undo the handle", 5)
-    assert thing(car).animation_data is None or not [
-        c for c in module("bridge.objects.animation").curves_of(thing(car)) if c.data_path == "location"
+    assert object_named(car).animation_data is None or not [
+        c for c in module("bridge.objects.animation").curves_of(object_named(car)) if c.data_path == "location"
     ]
 
 
 def clicked_through() -> Iterator[float]:
     """A click on a handle, without a drag: on the car it selects the car, beside it nothing changes."""
     car = driving()
-    choose(thing(car))
+    choose(object_named(car))
     bpy.context.scene.frame_set(10)
     with inside(area("VIEW_3D")):
         assert bpy.ops.unisim.drag_trajectory("EXEC_DEFAULT", True, time_s=1.0, offset_m=(0.0, 0.5, 0.0)) == {"FINISHED"}
@@ -202,14 +204,14 @@ def clicked_through() -> Iterator[float]:
     screenshot("key_handle")
     yield from click()
     yield 0.5
-    assert bpy.context.view_layer.objects.active == thing(car) and thing(car).select_get() and scenario() == before
+    assert bpy.context.view_layer.objects.active == object_named(car) and object_named(car).select_get() and scenario() == before
     clock = module("editing.sampled.clock").Clock.of(module("bridge.objects.source").source_of(bpy.context.scene).drive)
-    free = next(h for h in module("bridge.changes.handles").handles_of(thing(car), clock) if not h.is_key)
+    free = next(h for h in module("bridge.changes.handles").handles_of(object_named(car), clock) if not h.is_key)
     yield from to(*place(Vector(free.place)))
     yield 0.3
     yield from click()
     yield 0.5
-    assert thing(car).select_get() and scenario() == before, "a click on a free handle changes something"
+    assert object_named(car).select_get() and scenario() == before, "a click on a free handle changes something"
     yield from key("Z", ctrl=True)
     yield from until(lambda: not edits(), "not undone", 5)
     bpy.context.scene.frame_set(0)
@@ -218,20 +220,20 @@ def clicked_through() -> Iterator[float]:
 def aimed(kind: str) -> Iterator[float]:
     """The handle ahead of a sensor, dragged to the left; one Ctrl-Z."""
     sensor = object_of(kind).name
-    choose(thing(sensor))
+    choose(object_named(sensor))
     looks = view()[2]
     from_behind(looks)
-    looks.view_location, looks.view_distance = thing(sensor).matrix_world.translation, 16.0
+    looks.view_location, looks.view_distance = object_named(sensor).matrix_world.translation, 16.0
     looks.update()
     yield 0.6
     drag_of, aiming = module("operators.drag"), module("bridge.changes.aiming")
-    before = np.degrees(aiming.direction_of(thing(sensor)))
-    x, y = place(Vector(drag_of.target_of(thing(sensor))))
+    before = np.degrees(aiming.direction_of(object_named(sensor)))
+    x, y = place(Vector(drag_of.target_of(object_named(sensor))))
     yield from to(x, y)
     yield 1.2
     screenshot(f"aim_hover_{kind}")
     yield from drag(x, y, x - 90, y, shot=f"aim_dragging_{kind}")
-    after = np.degrees(aiming.direction_of(thing(sensor)))
+    after = np.degrees(aiming.direction_of(object_named(sensor)))
     sensors = scenario().sensors
     (spec,) = sensors.cameras if kind == "CAMERA" else sensors.lidars
     w, _, _, z = spec.mount_offset.quaternion_wxyz
@@ -257,7 +259,7 @@ def chosen_in_pie() -> Iterator[float]:
     car = driving()
     yield from look_at(car)
     yield from click()
-    yield from until(lambda: thing(car).select_get(), "not selected", 5)
+    yield from until(lambda: object_named(car).select_get(), "not selected", 5)
     count = len(bpy.data.objects)
     yield from pie("pie")
     x, y = hands.mouse
@@ -266,7 +268,7 @@ def chosen_in_pie() -> Iterator[float]:
         yield 0.1
     screenshot("pie_left")
     hands.event("E", "RELEASE")
-    yield from until(lambda: ("Duplicate", thing(car).unisim.uid) in edits(), "the pie does not copy", 5)
+    yield from until(lambda: ("Duplicate", object_named(car).unisim.uid) in edits(), "the pie does not copy", 5)
     yield 0.3
     yield from key("Z", ctrl=True)
     yield from until(lambda: not edits() and len(bpy.data.objects) == count, "one Ctrl-Z does not undo the copy", 5)
@@ -295,14 +297,14 @@ def shifted_actor() -> Iterator[float]:
     car = driving()
     yield from look_at(car)
     yield from click()
-    yield from until(lambda: thing(car).select_get(), "not selected", 5)
+    yield from until(lambda: object_named(car).select_get(), "not selected", 5)
     yield from key("F3")
     yield 0.5
     yield from hands.write("shift actor")
     yield 0.5
     screenshot("search_shift")
     yield from key("RET")
-    yield from until(lambda: edits() == [("Move", thing(car).unisim.uid)], "the search does not find Shift Actor", 5)
+    yield from until(lambda: edits() == [("Move", object_named(car).unisim.uid)], "the search does not find Shift Actor", 5)
     yield 0.5
     yield from key("F9")
     yield 0.7
@@ -320,14 +322,14 @@ def followed_curve() -> Iterator[float]:
     curve.dimensions = "3D"
     spline = curve.splines.new("POLY")
     spline.points.add(2)
-    at = thing(car).matrix_world.translation
+    at = object_named(car).matrix_world.translation
     for point, (x, y) in zip(spline.points, ((0, 0), (10, 0), (20, 4)), strict=True):
         point.co = (at.x + x, at.y + y, 0, 1)
     line = bpy.data.objects.new("way", curve)
     bpy.context.scene.collection.objects.link(line)
     choose(line)
-    thing(car).select_set(True)
-    bpy.context.view_layer.objects.active = thing(car)
+    object_named(car).select_set(True)
+    bpy.context.view_layer.objects.active = object_named(car)
     bpy.ops.ed.undo_push(message="A curve")
     yield from to(*middle(area("VIEW_3D")))
     with inside(area("VIEW_3D")):
@@ -349,7 +351,7 @@ def graph() -> Iterator[float]:
     bpy.context.scene.unisim_motion.show_graph = True
     yield from look_at(car)
     yield from click()
-    yield from until(lambda: thing(car).select_get(), "not selected", 5)
+    yield from until(lambda: object_named(car).select_get(), "not selected", 5)
     yield 0.5
     screenshot("graph_recorded")
     plain = colours_in_graph()
@@ -394,7 +396,7 @@ def colours_in_graph() -> dict[str, int]:
 def no_gizmos_in_camera() -> Iterator[float]:
     """Through the recorded camera there is nothing of them; the popover Gizmos has the switches."""
     car = driving()
-    choose(thing(car))
+    choose(object_named(car))
     bpy.context.scene.frame_set(3)
     view()[2].view_perspective = "CAMERA"
     yield 0.6

@@ -13,7 +13,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 from browser import choose_path
 from buttons import INNER, Place, buttons, held, press, region_of, reports, scroll
 from displaced import select
-from hands import edits, key, middle, thing, to, write
+from hands import edits, key, middle, object_named, to, write
 from pixels import HEADLESS, Image, apart, grab, part, region_rectangle
 from session import MODULE, OUT, area, choose, picture, redraw, results, screenshot, start, until, view
 from tasks import click_car, fresh, imported, keys, task, through_camera
@@ -115,7 +115,7 @@ def renamed() -> Iterator[float]:
     yield from key("RET")
     yield from until(lambda: "taxi" in bpy.data.objects, "F2 does not rename it", 10)
     yield 0.3
-    assert thing("taxi").unisim.uid == uid and not edits(), f"renamed, it is {edits()}"
+    assert object_named("taxi").unisim.uid == uid and not edits(), f"renamed, it is {edits()}"
     actor = sys.modules[f"{MODULE}.panels.actor"]
     card = actor.active_card(bpy.context)
     assert card is not None and card.name == "taxi" and card.role == "recorded", card
@@ -208,7 +208,9 @@ def camera_aside() -> Iterator[float]:
     screenshot("checked_camera")
     yield from press("unisim.go_to(")
     yield from until(lambda: bpy.context.scene.frame_current == frame, "the click does not go to the frame", 10)
-    assert bpy.context.view_layer.objects.active == thing(name) and thing(name).select_get(), "the camera is not selected"
+    assert bpy.context.view_layer.objects.active == object_named(name) and object_named(name).select_get(), (
+        "the camera is not selected"
+    )
 
 
 def deleted_ego() -> Iterator[float]:

@@ -13,7 +13,7 @@ from mathutils import Vector
 sys.path.insert(0, str(Path(__file__).parent))
 from browser import choose_path, menu_entry
 from buttons import open_panel, press, redo_panel, reports
-from hands import click, edits, key, middle, place, thing, to
+from hands import click, edits, key, middle, object_named, place, to
 from pixels import Image, apart, as_rendered, part, region_rectangle, settled
 from session import SCENE, area, from_behind, named, picture, start, until, view
 from tasks import bare_view, changed, click_car, drives, fresh, imported, install, keys, seen, task, through_camera
@@ -75,11 +75,13 @@ def clicked_cars() -> Iterator[float]:
                 names.append(one.name)
     assert len(names) >= 3, f"only {names} are in view"
     for name in names:
-        yield from to(*place(thing(name).matrix_world.translation))
+        yield from to(*place(object_named(name).matrix_world.translation))
         yield from click()
         yield 0.1
         active = bpy.context.view_layer.objects.active
-        assert active == thing(name) and active.select_get(), f"a click on {name} selects {active.name if active else 'nothing'}"
+        assert active == object_named(name) and active.select_get(), (
+            f"a click on {name} selects {active.name if active else 'nothing'}"
+        )
     yield from key("A")
     yield 0.1
     chosen = {one.unisim.kind for one in bpy.context.selected_objects}
@@ -156,7 +158,7 @@ def removed_car() -> Iterator[float]:
     bare_view(view()[1], False)
     yield 0.3
     car = seen(driving=True)
-    uid = thing(car).unisim.uid
+    uid = object_named(car).unisim.uid
     yield from click_car(driving=True)
     yield from keys("X", "RET")
     yield from until(lambda: edits() == [("Remove", uid)], "X does not remove it", 10)
@@ -170,10 +172,10 @@ def moved_car() -> Iterator[float]:
     yield from fresh()
     yield from through_camera(rendered=False)
     car = seen(driving=False)
-    assert not drives(thing(car))
+    assert not drives(object_named(car))
     yield from click_car(driving=False)
     yield from keys("G", "X", "2", "RET")
-    yield from until(lambda: edits() == [("Move", thing(car).unisim.uid)], "not moved", 10)
+    yield from until(lambda: edits() == [("Move", object_named(car).unisim.uid)], "not moved", 10)
     yield from through_camera()
     yield from as_rendered("moved_car")
 

@@ -15,7 +15,7 @@ from mathutils import Vector
 sys.path.insert(0, str(Path(__file__).parent))
 from browser import choose_path, header_menu
 from buttons import menu_button, press, redo_panel, reports
-from hands import key, middle, thing, to
+from hands import key, middle, object_named, to
 from pixels import HEADLESS, STATUS_HIGH, Image, apart, as_rendered, export, part, region_rectangle, settled
 from session import area, picture, redraw, screenshot, start, until, view
 from tasks import bare_view, changed, click_car, fresh, imported, task, through_camera
@@ -53,13 +53,13 @@ def retimed(name: str, retime: Callable[[], Iterator[float]]) -> Iterator[float]
     car = bpy.context.view_layer.objects.active.name
     yield from to(*middle(area("VIEW_3D")))
     yield 0.5
-    stood = thing(car).matrix_world.translation.copy()
+    stood = object_named(car).matrix_world.translation.copy()
     before: list[Image] = []
     at_once: list[Image] = []
     anew: list[Image] = []
     yield from settled(before)
     yield from retime()
-    yield from until(lambda: (thing(car).matrix_world.translation - stood).length > 1.0, "the box does not follow", 5)
+    yield from until(lambda: (object_named(car).matrix_world.translation - stood).length > 1.0, "the box does not follow", 5)
     yield from to(*middle(area("VIEW_3D")))
     yield 0.5
     yield from settled(at_once)
@@ -109,7 +109,7 @@ def seconds() -> Iterator[float]:
     start_at = car.matrix_world @ ahead_below(car)
     bpy.ops.curve.primitive_nurbs_path_add(radius=10.0, location=start_at, rotation=car.matrix_world.to_euler())
     curve = bpy.context.view_layer.objects.active
-    car = thing(car.name)
+    car = object_named(car.name)
     curve.select_set(True)
     car.select_set(True)
     bpy.context.view_layer.objects.active = car

@@ -13,7 +13,7 @@ from mathutils import Euler, Vector
 
 sys.path.insert(0, str(Path(__file__).parent))
 from buttons import found_at, open_panel, place_of
-from hands import click, edits, import_dropped, key, middle, scenario, sidebar, thing, to
+from hands import click, edits, import_dropped, key, middle, object_named, scenario, sidebar, to
 from session import (
     ARCHIVE,
     MODULE,
@@ -63,7 +63,7 @@ def panel() -> Iterator[float]:
     """The sidebar's panel Sensors, opened."""
     yield from sidebar()
     yield from open_panel("Sensors", "unisim.show_sensor(", RENDERED[0])
-    choose(thing("front_camera"))
+    choose(object_named("front_camera"))
     yield 0.5
 
 
@@ -92,7 +92,7 @@ def undone_rig() -> Iterator[float]:
     """One Ctrl-Z takes all of it back, Ctrl-Shift-Z brings it again."""
     yield from key("Z", ctrl=True)
     yield from until(lambda: "CAM_FRONT" not in bpy.data.objects, "one undo does not take the rig back")
-    assert bpy.context.scene.camera.name == "front_camera" and not thing("front_camera").hide_viewport
+    assert bpy.context.scene.camera.name == "front_camera" and not object_named("front_camera").hide_viewport
     yield 0.3
     yield from key("Z", ctrl=True, shift=True)
     yield from until(lambda: "CAM_FRONT" in bpy.data.objects, "the rig is not brought again")
@@ -113,7 +113,7 @@ def looked_through() -> Iterator[float]:
 
 def clicked_row() -> Iterator[float]:
     """A click on a row of the list selects that sensor."""
-    choose(thing("CAM_BACK"))
+    choose(object_named("CAM_BACK"))
     yield 0.3
     wanted = "CAM_BACK_RIGHT"
     yield from place_of(f'unisim.show_sensor(name="{wanted}")', columns=RENDERED)
@@ -124,11 +124,11 @@ def clicked_row() -> Iterator[float]:
         yield 0.2
         yield from click()
         last_s = time.monotonic() + 3.0
-        while time.monotonic() < last_s and bpy.context.view_layer.objects.active != thing(wanted):
+        while time.monotonic() < last_s and bpy.context.view_layer.objects.active != object_named(wanted):
             yield 0.05
-    assert bpy.context.view_layer.objects.active == thing(wanted), "a click on its row does not select it"
+    assert bpy.context.view_layer.objects.active == object_named(wanted), "a click on its row does not select it"
     selected = list(bpy.context.view_layer.objects.selected)
-    assert selected == [thing(wanted)], f"selected are {selected}"
+    assert selected == [object_named(wanted)], f"selected are {selected}"
 
 
 def saved_rig() -> Iterator[float]:
@@ -155,7 +155,7 @@ def restored() -> Iterator[float]:
     """Recorded sensors come back, beside the rig's."""
     with inside(area("VIEW_3D")):
         assert bpy.ops.unisim.restore_sensors("INVOKE_DEFAULT") == {"FINISHED"}
-    yield from until(lambda: not thing("front_camera").hide_render, "the recorded camera is not restored")
+    yield from until(lambda: not object_named("front_camera").hide_render, "the recorded camera is not restored")
 
 
 def moved_sensor() -> Iterator[float]:
@@ -164,9 +164,9 @@ def moved_sensor() -> Iterator[float]:
     looks = view()[2]
     looks.view_perspective = "PERSP"
     from_behind(looks)
-    looks.view_location, looks.view_distance = thing("front_camera").matrix_world.translation, 5.0
+    looks.view_location, looks.view_distance = object_named("front_camera").matrix_world.translation, 5.0
     looks.update()
-    choose(thing("front_camera"))
+    choose(object_named("front_camera"))
     yield 0.3
     yield from to(*middle(area("VIEW_3D")))
     for press in (("G",), ("Z",), ("ONE", "1"), ("RET",)):
@@ -174,7 +174,7 @@ def moved_sensor() -> Iterator[float]:
     yield 0.6
     card = sys.modules[f"{MODULE}.bridge.views.sensor_facts"].card_of_sensor
     drive = sys.modules[f"{MODULE}.bridge.objects.source"].source_of(bpy.context.scene).drive
-    assert card(bpy.context.scene, thing("front_camera"), drive).state == "recorded, moved"
+    assert card(bpy.context.scene, object_named("front_camera"), drive).state == "recorded, moved"
 
 
 def ego_body() -> Iterator[float]:
@@ -222,11 +222,11 @@ def unseen_from_the_front_camera() -> Iterator[float]:
     space = view()[1]
     with inside(area("VIEW_3D")):
         assert bpy.ops.unisim.look_through("INVOKE_DEFAULT", name="front_camera") == {"FINISHED"}
-    thing("front_camera").location.z -= 1.0
+    object_named("front_camera").location.z -= 1.0
     yield 1.0
     yield from wait_for_picture()
     assert red() < 0.03, red()  # cones
-    assert thing("own car").hide_get(), "Blender draws the body before the camera"
+    assert object_named("own car").hide_get(), "Blender draws the body before the camera"
     with_body = picture()
     screenshot("rigs_front_rendered")
     # it is hidden for views alone: the scenario has it, in its shape, wherever the vehicle is
@@ -243,7 +243,7 @@ def unseen_from_the_front_camera() -> Iterator[float]:
     yield from wait_for_picture()
     assert not changed(with_body) and picture() is not None
     assert np.array_equal(np.asarray(picture()), np.asarray(with_body)), "the picture is another one without the body"
-    choose(thing("own car"))
+    choose(object_named("own car"))
     with inside(area("VIEW_3D")):
         assert bpy.ops.unisim.ego_body("INVOKE_DEFAULT", place="HERE", forward="X") == {"FINISHED"}
     yield 0.5
@@ -253,7 +253,7 @@ def from_the_roadside() -> Iterator[float]:
     """A camera of the rig, taken off the vehicle with Alt-P, sees the body go by."""
     looks = view()[2]
     ego = next(o for o in bpy.context.scene.objects if o.unisim.kind == "EGO")
-    camera = thing("CAM_FRONT")
+    camera = object_named("CAM_FRONT")
     camera.parent = None
     at = ego.matrix_world.translation
     camera.location = at + Vector((10, 3.0, 1.5))
@@ -267,7 +267,7 @@ def from_the_roadside() -> Iterator[float]:
     yield 1.0
     yield from wait_for_picture()
     results["red_from_the_roadside"] = red()
-    assert red() > 0.005 and not thing("own car").hide_get()
+    assert red() > 0.005 and not object_named("own car").hide_get()
 
 
 def steps() -> Iterator[float]:

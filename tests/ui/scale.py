@@ -13,7 +13,7 @@ from mathutils import Vector
 from numpy.typing import NDArray
 
 sys.path.insert(0, str(Path(__file__).parent))
-from hands import click, edits, import_dropped, key, middle, place, scenario, thing, to
+from hands import click, edits, import_dropped, key, middle, object_named, place, scenario, to
 from session import (
     ARCHIVE,
     MODULE,
@@ -38,10 +38,11 @@ chosen: dict[str, str] = {}
 
 def pick(car: str) -> Iterator[float]:
     """Click a car."""
-    yield from to(*place(thing(car).matrix_world.translation))
+    yield from to(*place(object_named(car).matrix_world.translation))
     yield from click()
     yield from until(
-        lambda: bpy.context.view_layer.objects.active == thing(car) and thing(car).select_get(), "it is not selected"
+        lambda: bpy.context.view_layer.objects.active == object_named(car) and object_named(car).select_get(),
+        "it is not selected",
     )
 
 
@@ -58,7 +59,7 @@ def factors() -> dict[str, tuple[float, ...]]:
 
 def underside(car: str) -> float:
     """How high an actor's underside is, in the world."""
-    one = thing(car)
+    one = object_named(car)
     return float(min((one.matrix_world @ Vector(corner)).z for corner in one.bound_box))
 
 
@@ -100,22 +101,22 @@ def scaled_car() -> Iterator[float]:
 
     def typed() -> Iterator[float]:
         yield from scaled_by(("ONE", "1"), ("PERIOD", "."), ("FIVE", "5"))
-        yield from until(lambda: abs(thing(car).scale.x - 1.5) < 1e-5, "not scaled")
+        yield from until(lambda: abs(object_named(car).scale.x - 1.5) < 1e-5, "not scaled")
         yield 0.4
         screenshot("scale_status")
 
     yield from follows(typed, "the image does not follow the scale")
     yield from rests(car, low)
-    uid = thing(car).unisim.uid
+    uid = object_named(car).unisim.uid
     assert edits() == [("Move", uid), ("Scale", uid)] and factors() == {uid: (1.5, 1.5, 1.5)}
 
 
 def undone() -> Iterator[float]:
     """Ctrl-Z brings the image back to the bit, Ctrl-Shift-Z the scale."""
     car = chosen["stands"]
-    uid, larger = thing(car).unisim.uid, shown()
+    uid, larger = object_named(car).unisim.uid, shown()
     yield from follows(lambda: key("Z", ctrl=True), "the image does not follow undo")
-    assert thing(car).scale.x == 1.0 and not edits()
+    assert object_named(car).scale.x == 1.0 and not edits()
     assert not np.array_equal(larger, shown())
     yield from follows(lambda: key("Z", ctrl=True, shift=True), "the image does not follow redo")
     assert factors() == {uid: (1.5, 1.5, 1.5)} and ("Move", uid) in edits()
@@ -146,16 +147,16 @@ def stretched_car() -> Iterator[float]:
 
     def typed() -> Iterator[float]:
         yield from scaled_by(("Z",), ("ONE", "1"), ("PERIOD", "."), ("FOUR", "4"))
-        yield from until(lambda: abs(thing(car).scale.z - 1.4) < 1e-3, "not scaled")
+        yield from until(lambda: abs(object_named(car).scale.z - 1.4) < 1e-3, "not scaled")
 
     yield from follows(typed, "the image does not follow the scale along z")
     yield from rests(car, low)
-    assert np.allclose(factors()[thing(car).unisim.uid], (1.0, 1.0, 1.4), atol=1e-3)
+    assert np.allclose(factors()[object_named(car).unisim.uid], (1.0, 1.0, 1.4), atol=1e-3)
     yield from to(*middle(area("VIEW_3D")))
     yield from key("RIGHT_ARROW")
     yield from until(lambda: bpy.context.scene.frame_current == 8, "the next frame is not shown")
     yield from wait_for_picture()
-    assert np.allclose(thing(car).scale, (1.0, 1.0, 1.4), atol=1e-3), "the next frame puts it back"
+    assert np.allclose(object_named(car).scale, (1.0, 1.0, 1.4), atol=1e-3), "the next frame puts it back"
     assert [kind for kind, _ in edits()].count("Scale") == 2
 
 
@@ -169,7 +170,7 @@ def copied_car() -> Iterator[float]:
     yield from until(lambda: len(bpy.context.scene.objects) == count + 1, "not copied")
     yield from wait_for_picture()
     copy = bpy.context.view_layer.objects.active.name
-    assert factors()[copy] == factors()[thing(car).unisim.uid], factors()
+    assert factors()[copy] == factors()[object_named(car).unisim.uid], factors()
     screenshot("scale_copy")
     yield from follows(lambda: _removed(copy), "the image does not follow the removal")
 
@@ -190,12 +191,12 @@ def mirrored_car() -> Iterator[float]:
     def problem() -> str:
         return str(list(viewport.VIEWS)[-1].problem)
 
-    yield from until(lambda: problem() and thing(car).scale.x < 0, "nobody says that it cannot be mirrored", 20)
+    yield from until(lambda: problem() and object_named(car).scale.x < 0, "nobody says that it cannot be mirrored", 20)
     assert car in problem() and "mirrored" in problem(), problem()
     yield 0.5
     screenshot("scale_mirrored")
     yield from key("Z", ctrl=True)
-    yield from until(lambda: thing(car).scale.x > 0 and not problem(), "not undone")
+    yield from until(lambda: object_named(car).scale.x > 0 and not problem(), "not undone")
     yield from wait_for_picture()
 
 

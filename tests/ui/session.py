@@ -60,12 +60,12 @@ def picture() -> NDArray[Any] | None:
     return None if shown.pending or not shown.linear.size else shown.linear.copy()
 
 
-def choose(thing: bpy.types.Object) -> None:
+def choose(obj: bpy.types.Object) -> None:
     """Select an object and nothing else."""
     for other in bpy.context.selected_objects:
         other.select_set(False)
-    thing.select_set(True)
-    bpy.context.view_layer.objects.active = thing
+    obj.select_set(True)
+    bpy.context.view_layer.objects.active = obj
 
 
 def from_behind(region: bpy.types.RegionView3D) -> None:

@@ -129,10 +129,10 @@ def fresh() -> Iterator[float]:
 def click_car(driving: bool) -> Iterator[float]:
     """Click on the nearest car in view that drives, or stands; it is then the active object."""
     car = seen(driving)
-    yield from hands.to(*hands.place(hands.thing(car).matrix_world.translation))
+    yield from hands.to(*hands.place(hands.object_named(car).matrix_world.translation))
     yield from hands.click()
     yield from until(
-        lambda: bpy.context.view_layer.objects.active == hands.thing(car) and hands.thing(car).select_get(),
+        lambda: bpy.context.view_layer.objects.active == hands.object_named(car) and hands.object_named(car).select_get(),
         "a click on a car does not select it",
         10,
     )

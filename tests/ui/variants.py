@@ -12,7 +12,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 import hands
 from buttons import open_panel
 from edit_panel import apart, listed, module, moved_along, opened, picked, press, rendered, shown_pixels
-from hands import key, middle, thing, to
+from hands import key, middle, object_named, to
 from session import OUT, area, screenshot, start, until, view, wait_for_picture
 from tasks import bare_view, begin, seen, task
 
@@ -56,7 +56,7 @@ def switched_variant() -> Iterator[float]:
     yield from press("unisim.show_variant", across=0.2, name=names["first"])
     yield from until(lambda: bpy.context.scene.name == names["first"], "the variant is not shown")
     yield from listed(("Moved 3.0 m", False))
-    assert abs(thing(names["moved"]).location.length - 3.0) < 1e-3
+    assert abs(object_named(names["moved"]).location.length - 3.0) < 1e-3
 
 
 def flipped_variants() -> Iterator[float]:

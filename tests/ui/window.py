@@ -41,8 +41,8 @@ def nearest(scene: bpy.types.Scene) -> bpy.types.Object:
     """The standing car that is nearest in front of the camera."""
     camera = scene.camera.matrix_world.inverted()
 
-    def ahead(thing: bpy.types.Object) -> tuple[float, float]:
-        x, _, z = camera @ thing.matrix_world.translation
+    def ahead(obj: bpy.types.Object) -> tuple[float, float]:
+        x, _, z = camera @ obj.matrix_world.translation
         return -z, abs(x)
 
     standing = [o for o in scene.objects if o.unisim.kind == "ACTOR" and o.parent is None and "Car" in o.name]
@@ -58,12 +58,12 @@ def ahead_of_camera(away_m: float) -> Vector:
 
 def swept() -> str:
     """What tells one simulated sweep from the next; "" where none is shown."""
-    return next((thing.unisim.stamp for thing in bpy.context.scene.objects if thing.unisim.kind == "POINTS"), "")
+    return next((obj.unisim.stamp for obj in bpy.context.scene.objects if obj.unisim.kind == "POINTS"), "")
 
 
 def shown_sweeps() -> list[str]:
     """Names of the sweeps that have points."""
-    return [thing.name for thing in bpy.context.scene.objects if thing.unisim.kind == "POINTS" and len(thing.data.vertices)]
+    return [obj.name for obj in bpy.context.scene.objects if obj.unisim.kind == "POINTS" and len(obj.data.vertices)]
 
 
 def f12() -> None:
@@ -200,8 +200,8 @@ def steps() -> Iterator[float]:
     """The session; what is yielded are seconds for the window to go on."""
     bpy.ops.extensions.package_install_files(filepath=str(ARCHIVE), repo="user_default", enable_on_install=True, overwrite=True)
     yield 1.0
-    for thing in list(bpy.data.objects):
-        bpy.data.objects.remove(thing)
+    for obj in list(bpy.data.objects):
+        bpy.data.objects.remove(obj)
     begun = time.monotonic()
     with inside(area("VIEW_3D")):
         bpy.ops.unisim.import_scene(filepath=str(SCENE))

@@ -92,22 +92,22 @@ class Painter:
         self.scene.render.use_motion_blur = rolling
         _move(self._camera, stage.poses @ _BLENDER_FROM_OPENCV)
         wanted = {item.name: item for item in stage.items}
-        for name, thing in self._objects.items():
-            thing.hide_render = name not in wanted
+        for name, obj in self._objects.items():
+            obj.hide_render = name not in wanted
         for name, item in wanted.items():
             self._put(name, item)
 
     def _put(self, name: str, item: Item) -> None:
         mesh = self._mesh(item.model)
-        thing = self._objects.get(name)
-        if thing is None:
-            thing = self._objects[name] = bpy.data.objects.new(name, mesh)
-            self.scene.collection.objects.link(thing)
-        elif thing.data != mesh:
-            thing.data = mesh
-        thing.hide_render = False
-        thing.scale = item.scale
-        _move(thing, item.poses)
+        obj = self._objects.get(name)
+        if obj is None:
+            obj = self._objects[name] = bpy.data.objects.new(name, mesh)
+            self.scene.collection.objects.link(obj)
+        elif obj.data != mesh:
+            obj.data = mesh
+        obj.hide_render = False
+        obj.scale = item.scale
+        _move(obj, item.poses)
 
     def _mesh(self, model: Model) -> bpy.types.Mesh:
         if model not in self._meshes:
@@ -161,20 +161,20 @@ def _set_lens(scene: bpy.types.Scene, camera: bpy.types.Camera, model: CameraMod
     camera.clip_start, camera.clip_end = 0.01, 5000.0
 
 
-def _move(thing: bpy.types.Object, poses: FloatArray) -> None:
+def _move(obj: bpy.types.Object, poses: FloatArray) -> None:
     """Give an object its poses (K, 4, 4) over frame 0 to 1, or one (1, 4, 4) for good."""
-    thing.rotation_mode = "QUATERNION"
+    obj.rotation_mode = "QUATERNION"
     quaternions = quaternion_from_matrix(poses[:, :3, :3]).reshape(-1, 4)
     signs = np.sign((quaternions * quaternions[:1]).sum(1, keepdims=True))
     quaternions = quaternions * np.where(signs == 0, 1.0, signs)
-    thing.location, thing.rotation_quaternion = poses[0, :3, 3], quaternions[0]
+    obj.location, obj.rotation_quaternion = poses[0, :3, 3], quaternions[0]
     still = len(poses) == 1
-    thing.cycles.use_motion_blur = not still
+    obj.cycles.use_motion_blur = not still
     if still:
-        thing.animation_data_clear()
+        obj.animation_data_clear()
         return
-    thing.cycles.motion_steps = (SHUTTER_KEYS - 1).bit_length() - 1  # of n, Cycles makes 2 ** n + 1
+    obj.cycles.motion_steps = (SHUTTER_KEYS - 1).bit_length() - 1  # of n, Cycles makes 2 ** n + 1
     frames = np.linspace(0.0, 1.0, len(poses))
-    curves = fcurves_of(thing, thing.name)
+    curves = fcurves_of(obj, obj.name)
     add_keys(curves, "location", frames, poses[:, :3, 3], LINEAR)
     add_keys(curves, "rotation_quaternion", frames, quaternions, LINEAR)

@@ -47,10 +47,10 @@ def changed(self: bpy.types.PropertyGroup, context: bpy.types.Context) -> None:
 def active_place(self: bpy.types.PropertyGroup) -> int:
     """Return which of the scene's objects is the active actor; -1 where none is."""
     context = bpy.context
-    thing = context.view_layer.objects.active if context.view_layer is not None else None
-    if thing is None or thing.unisim.kind != "ACTOR" or not thing.select_get():
+    obj = context.view_layer.objects.active if context.view_layer is not None else None
+    if obj is None or obj.unisim.kind != "ACTOR" or not obj.select_get():
         return -1
-    return listing.table_of(context.scene).places.get(thing.session_uid, -1)
+    return listing.table_of(context.scene).places.get(obj.session_uid, -1)
 
 
 def choose_place(self: bpy.types.PropertyGroup, place: int) -> None:
@@ -107,27 +107,27 @@ class UNISIM_OT_choose_actor(bpy.types.Operator):
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Select it, go to a frame at which it is there, and turn the view to it."""
         scene, about = context.scene, context.window_manager.unisim_actors
-        thing = scene.objects.get(self.name)
-        if thing is None or thing.unisim.kind != "ACTOR":
+        obj = scene.objects.get(self.name)
+        if obj is None or obj.unisim.kind != "ACTOR":
             self.report({"WARNING"}, f'"{self.name}" is not there any more')
             return {"CANCELLED"}
-        frame = frame_to_show(context, thing, self.seconds, about.jump)
+        frame = frame_to_show(context, obj, self.seconds, about.jump)
         if frame is not None and frame != scene.frame_current:
             scene.frame_set(frame)
-        if thing.name not in context.view_layer.objects:
+        if obj.name not in context.view_layer.objects:
             self.report({"WARNING"}, f'"{self.name}" is in a collection that this view layer leaves out')
             return {"CANCELLED"}
-        choose(context, thing)
-        context.view_layer.objects.active = thing
-        if not thing.visible_get():
-            why = "hidden in the view: its eye in the list shows it" if thing.hide_get() else "not there at this time"
-            self.report({"INFO"}, f'"{thing.name}" is active, but {why}')
+        choose(context, obj)
+        context.view_layer.objects.active = obj
+        if not obj.visible_get():
+            why = "hidden in the view: its eye in the list shows it" if obj.hide_get() else "not there at this time"
+            self.report({"INFO"}, f'"{obj.name}" is active, but {why}')
         elif about.frame and self.seconds < 0:
-            turn_to(context, thing)
+            turn_to(context, obj)
         return {"FINISHED"}
 
 
-def frame_to_show(context: bpy.types.Context, thing: bpy.types.Object, seconds: float, jump: bool) -> int | None:
+def frame_to_show(context: bpy.types.Context, obj: bpy.types.Object, seconds: float, jump: bool) -> int | None:
     """Return the frame to go to for an actor: that of ``seconds`` where they are not negative, else the nearest at which it is
     there; None where the frame stays."""
     scene = context.scene
@@ -137,18 +137,18 @@ def frame_to_show(context: bpy.types.Context, thing: bpy.types.Object, seconds: 
         return None
     if seconds >= 0:
         return int(round(float(clock.frame(np.array(seconds)))))
-    entry = listing.table_of(scene).entries.get(thing.session_uid)
+    entry = listing.table_of(scene).entries.get(obj.session_uid)
     if not jump or entry is None or entry.there:
         return None
     time_s = nearest_present(entry, float(clock.time_s(scene.frame_current_final)))
     return None if time_s is None else int(round(float(clock.frame(np.array(time_s)))))
 
 
-def turn_to(context: bpy.types.Context, thing: bpy.types.Object) -> None:
+def turn_to(context: bpy.types.Context, obj: bpy.types.Object) -> None:
     """Turn the 3D view to an actor; a view through a camera that has the actor in its image stays."""
     area = context.area if context.area is not None and context.area.type == "VIEW_3D" else None
     looks = area.spaces.active.region_3d if area is not None else None
-    if looks is None or (looks.view_perspective == "CAMERA" and in_image(context.scene, thing)):
+    if looks is None or (looks.view_perspective == "CAMERA" and in_image(context.scene, obj)):
         return
     if looks.view_perspective == "CAMERA":
         ego = next(imported_objects(context.scene, "EGO"), None)
@@ -156,17 +156,17 @@ def turn_to(context: bpy.types.Context, thing: bpy.types.Object) -> None:
         looks.view_perspective = "PERSP"
         looks.view_rotation = Euler((TILT_RAD, 0.0, heading - math.pi / 2)).to_quaternion()
         looks.view_distance = NEAR_M
-    looks.view_location = thing.matrix_world.translation
+    looks.view_location = obj.matrix_world.translation
     looks.view_distance = min(looks.view_distance, FAR_M)
 
 
-def in_image(scene: bpy.types.Scene, thing: bpy.types.Object) -> bool:
+def in_image(scene: bpy.types.Scene, obj: bpy.types.Object) -> bool:
     """Return whether the scene's camera has an actor's middle in its image."""
     from bpy_extras.object_utils import world_to_camera_view
 
     if scene.camera is None:
         return False
-    x, y, away = world_to_camera_view(scene, scene.camera, thing.matrix_world.translation)
+    x, y, away = world_to_camera_view(scene, scene.camera, obj.matrix_world.translation)
     return 0 <= x <= 1 and 0 <= y <= 1 and away > 0
 
 
@@ -181,11 +181,11 @@ class UNISIM_OT_hide_actor(bpy.types.Operator):
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """As H and Alt-H do, for one object."""
-        thing = context.view_layer.objects.get(self.name)
-        if thing is None:
+        obj = context.view_layer.objects.get(self.name)
+        if obj is None:
             self.report({"WARNING"}, f'"{self.name}" is not in this view layer')
             return {"CANCELLED"}
-        thing.hide_set(not thing.hide_get())
+        obj.hide_set(not obj.hide_get())
         return {"FINISHED"}
 
 
@@ -226,7 +226,7 @@ class UNISIM_OT_select_listed(bpy.types.Operator):
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Select them and nothing else."""
         keys = {entry.key for entry in listing.refresh_now(context.scene).shown}
-        found = [thing for thing in imported_objects(context.scene, "ACTOR") if thing.session_uid in keys and thing.visible_get()]
+        found = [obj for obj in imported_objects(context.scene, "ACTOR") if obj.session_uid in keys and obj.visible_get()]
         choose(context, *found)
         self.report({"INFO"}, f"{len(found)} of {len(keys)} listed actors are visible and selected")
         return {"FINISHED"}

@@ -75,10 +75,10 @@ class UNISIM_OT_delete_actor(bpy.types.Operator):
     def execute(self, context: bpy.types.Context) -> set[str]:
         """As X does."""
         gone = chosen(context, "ACTOR", "STATIC")
-        for thing in gone:
-            for part in thing.children_recursive if thing.unisim.mesh else ():
+        for obj in gone:
+            for part in obj.children_recursive if obj.unisim.mesh else ():
                 bpy.data.objects.remove(part)
-            remove(thing)
+            remove(obj)
         self.report({"INFO"}, message("Objects deleted: {count}", count=len(gone)))
         return {"FINISHED"}
 

@@ -102,7 +102,7 @@ class UNISIM_OT_replace_appearance(_Chooses, bpy.types.Operator):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         """An actor has to be selected; mesh actors keep their own appearance."""
-        plain = not any(thing.unisim.mesh for thing in chosen(context, "ACTOR"))
+        plain = not any(obj.unisim.mesh for obj in chosen(context, "ACTOR"))
         return allowed(
             cls,
             object_mode(context),
@@ -117,8 +117,8 @@ class UNISIM_OT_replace_appearance(_Chooses, bpy.types.Operator):
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Ask which, of the active actor's class first."""
         found = chosen(context, "ACTOR")
-        thing = context.active_object if context.active_object in found else found[0]
-        uid = thing.unisim.look or thing.unisim.uid
+        obj = context.active_object if context.active_object in found else found[0]
+        uid = obj.unisim.look or obj.unisim.uid
         try:
             actor = choice_of(context, self.scene).actors.get(uid)
         except (UnisimError, OSError) as fault:
@@ -138,10 +138,10 @@ class UNISIM_OT_replace_appearance(_Chooses, bpy.types.Operator):
         if actor is None:
             self.report({"ERROR"}, message("choose an actor by its thumbnail first"))
             return {"CANCELLED"}
-        for thing in chosen(context, "ACTOR"):
-            own = thing.unisim.uid == self.appearance and not self.scene
-            thing.unisim.look, thing.unisim.look_scene = ("", "") if own else (self.appearance, self.scene)
-            give_box(thing, box_mesh(actor.size_m, actor.label), float(actor.size_m[2]))
+        for obj in chosen(context, "ACTOR"):
+            own = obj.unisim.uid == self.appearance and not self.scene
+            obj.unisim.look, obj.unisim.look_scene = ("", "") if own else (self.appearance, self.scene)
+            give_box(obj, box_mesh(actor.size_m, actor.label), float(actor.size_m[2]))
         refresh(chosen(context, "ACTOR"))
         return {"FINISHED"}
 
@@ -180,8 +180,8 @@ class UNISIM_OT_insert_actor(_Chooses, bpy.types.Operator):
         except (UnisimError, OSError) as fault:
             self.report({"ERROR"}, str(fault))
             return {"CANCELLED"}
-        thing = context.active_object
-        own = thing.unisim.look or thing.unisim.uid if thing is not None and thing.unisim.kind == "ACTOR" else ""
+        obj = context.active_object
+        own = obj.unisim.look or obj.unisim.uid if obj is not None and obj.unisim.kind == "ACTOR" else ""
         actor = choice.actors.get(own)
         self.begin(context, group_of(actor.label) if actor is not None else "CAR", own)
         return context.window_manager.invoke_props_dialog(self, width=WIDTH_PX, confirm_text="Insert")
@@ -199,12 +199,12 @@ class UNISIM_OT_insert_actor(_Chooses, bpy.types.Operator):
             self.report({"ERROR"}, str(fault))
             return {"CANCELLED"}
         actor = choice.actors[uid]
-        thing = new_actor(choice.names[uid], actor)
-        collection_of(context.scene, "ACTOR").objects.link(thing)
-        thing.unisim.look, thing.unisim.look_scene = uid, folder
-        thing.location = np.array(context.scene.cursor.location) + [0.0, 0.0, actor.size_m[2] / 2]
-        thing.rotation_quaternion = context.scene.cursor.matrix.to_quaternion()
-        choose(context, thing)
+        obj = new_actor(choice.names[uid], actor)
+        collection_of(context.scene, "ACTOR").objects.link(obj)
+        obj.unisim.look, obj.unisim.look_scene = uid, folder
+        obj.location = np.array(context.scene.cursor.location) + [0.0, 0.0, actor.size_m[2] / 2]
+        obj.rotation_quaternion = context.scene.cursor.matrix.to_quaternion()
+        choose(context, obj)
         return {"FINISHED"}
 
 

@@ -119,22 +119,22 @@ def make_library(source: Source, path: Path) -> Generator[str, None, None]:
                 arrays = worker.arrays(event)
                 rgb.append(np.clip(arrays["rgb"], 0, 1))
                 shown.append(arrays["instance"] == event["instances"].index(uid) + 1)
-            thing = new_actor(names[uid], actor)
-            thing.unisim.look, thing.unisim.look_scene = uid, str(source.scene_path.resolve())
-            thing.asset_mark()
-            thing.asset_data.tags.new(TAG)
-            thing.asset_data.tags.new(actor.label)
-            thing.asset_data.description = size_text(actor)
-            set_preview(thing, np.concatenate(rgb), np.concatenate(shown))
-            made.append(thing)
+            obj = new_actor(names[uid], actor)
+            obj.unisim.look, obj.unisim.look_scene = uid, str(source.scene_path.resolve())
+            obj.asset_mark()
+            obj.asset_data.tags.new(TAG)
+            obj.asset_data.tags.new(actor.label)
+            obj.asset_data.description = size_text(actor)
+            set_preview(obj, np.concatenate(rgb), np.concatenate(shown))
+            made.append(obj)
         path.parent.mkdir(parents=True, exist_ok=True)
         bpy.data.libraries.write(str(path), set(made), fake_user=True, compress=True)
         yield message("Library written to {path} (actors: {count})", count=len(made), path=path)
     except (UnisimError, OSError, RuntimeError) as fault:
         yield f"Error: {fault}"
     finally:
-        for thing in made:
-            bpy.data.objects.remove(thing)
+        for obj in made:
+            bpy.data.objects.remove(obj)
 
 
 CLASSES = (UNISIM_OT_make_library,)

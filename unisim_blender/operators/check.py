@@ -68,9 +68,9 @@ def compare_all(*_: object) -> None:
 
 def place_of(found: Finding, sampled: Sampled) -> tuple[float, ...]:
     """Return where in the world the object of a finding is at its frame, in metres."""
-    thing = next(thing for thing in sampled.objects if thing.name == found.name)
+    obj = next(obj for obj in sampled.objects if obj.name == found.name)
     at = int(np.searchsorted(sampled.clock.frames, found.frame))
-    return tuple(thing.poses[at, :3, 3].tolist())
+    return tuple(obj.poses[at, :3, 3].tolist())
 
 
 class UNISIM_OT_check(InSteps, bpy.types.Operator):
@@ -122,21 +122,21 @@ class UNISIM_OT_go_to(bpy.types.Operator):
     bl_label = "Go to Warning"
     bl_options = {"REGISTER", "UNDO"}
 
-    thing: StringProperty(name="Object", options={"HIDDEN"})
+    object_name: StringProperty(name="Object", options={"HIDDEN"})
     frame: IntProperty(name="Frame", options={"HIDDEN"})
     place: FloatVectorProperty(name="Location", size=3, options={"HIDDEN"})
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Frame, selection, and the view; where the object was deleted, the view goes where it was."""
         context.scene.frame_set(self.frame)
-        thing = context.scene.objects.get(self.thing)
+        obj = context.scene.objects.get(self.object_name)
         in_view = context.area is not None and context.area.type == "VIEW_3D" and not bpy.app.background
-        if thing is None:
+        if obj is None:
             if in_view and context.area.spaces.active.region_3d.view_perspective != "CAMERA":
                 context.area.spaces.active.region_3d.view_location = self.place
-            self.report({"WARNING"}, message('"{name}" no longer exists', name=self.thing))
+            self.report({"WARNING"}, message('"{name}" no longer exists', name=self.object_name))
             return {"FINISHED"}
-        choose(context, thing)
+        choose(context, obj)
         if in_view and bpy.ops.view3d.view_selected.poll():
             bpy.ops.view3d.view_selected()
         return {"FINISHED"}

@@ -211,8 +211,8 @@ class _Aimed:
     @classmethod
     def poll(cls: Any, context: bpy.types.Context) -> bool:
         """A sensor has to be active, whose rotation has no keys."""
-        thing = context.active_object
-        free = thing is None or not is_keyed(thing)
+        obj = context.active_object
+        free = obj is None or not is_keyed(obj)
         return allowed(
             cls,
             object_mode(context),
@@ -258,10 +258,10 @@ class UNISIM_OT_drag_aim(_Aimed, Dragged, bpy.types.Operator):
 
     def begin(self, context: bpy.types.Context) -> None:
         """Note where the handle is, and the sensor's place and base."""
-        thing = self.subject(context)
-        self.place, self.base = np.array(thing.matrix_world.translation, float), base_of(thing)
-        self.before = direction_of(thing)
-        self.origin = target_of(thing)
+        obj = self.subject(context)
+        self.place, self.base = np.array(obj.matrix_world.translation, float), base_of(obj)
+        self.before = direction_of(obj)
+        self.origin = target_of(obj)
 
     def follow(self, context: bpy.types.Context, pressed: FloatArray, mouse: FloatArray, in_steps: bool) -> None:
         """Set the angles to those of the handle, dragged in the plane that faces the view."""
@@ -273,24 +273,24 @@ class UNISIM_OT_drag_aim(_Aimed, Dragged, bpy.types.Operator):
         self.yaw_deg, self.pitch_deg = (stepped(float(np.degrees(a)), STEP_DEG, in_steps) for a in (yaw, pitch))
 
 
-def target_of(thing: bpy.types.Object) -> FloatArray:
+def target_of(obj: bpy.types.Object) -> FloatArray:
     """Return the place (3,) that lies `TARGET_M` ahead of a sensor."""
-    yaw, pitch = direction_of(thing)
+    yaw, pitch = direction_of(obj)
     ahead = np.array([np.cos(pitch) * np.cos(yaw), np.cos(pitch) * np.sin(yaw), np.sin(pitch)])
-    return np.array(thing.matrix_world.translation, float) + TARGET_M * base_of(thing) @ ahead
+    return np.array(obj.matrix_world.translation, float) + TARGET_M * base_of(obj) @ ahead
 
 
 def moving_actor(context: bpy.types.Context) -> Need:
     """An actor with a trajectory is active."""
-    thing = context.active_object
-    met = thing is not None and thing.unisim.kind == "ACTOR" and trajectory_of(thing) is not None
+    obj = context.active_object
+    met = obj is not None and obj.unisim.kind == "ACTOR" and trajectory_of(obj) is not None
     return met, "Make a moving actor active first: use G for actors that do not move"
 
 
 def active_sensor(context: bpy.types.Context) -> Need:
     """A camera or a LiDAR of the drive is active."""
-    thing = context.active_object
-    return thing is not None and thing.unisim.kind in ("CAMERA", "LIDAR"), "Make a camera or a LiDAR active first"
+    obj = context.active_object
+    return obj is not None and obj.unisim.kind in ("CAMERA", "LIDAR"), "Make a camera or a LiDAR active first"
 
 
 def ray(context: bpy.types.Context, mouse: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -80,9 +80,9 @@ class UNISIM_OT_go_to_edit(_OfEdit, bpy.types.Operator):
         frame = nearest_frame(line.frames, scene.frame_current)
         if frame != scene.frame_current:
             scene.frame_set(frame)
-        thing = scene.objects.get(line.thing)
-        if thing is not None and thing.name in context.view_layer.objects:
-            choose(context, thing)
+        obj = scene.objects.get(line.object_name)
+        if obj is not None and obj.name in context.view_layer.objects:
+            choose(context, obj)
             return
         choose(context)
         where = ""

@@ -36,17 +36,17 @@ class UNISIM_OT_ego_body(bpy.types.Operator):
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Make one body of all that is selected, and put it on the vehicle."""
-        found = [thing for thing in chosen(context, "NONE") if not marked_above(thing) and any(parts(thing))]
+        found = [obj for obj in chosen(context, "NONE") if not marked_above(obj) and any(parts(obj))]
         if not found:
             self.report({"ERROR"}, "no selected object has a surface")
             return {"CANCELLED"}
-        moving = next((thing for thing in found if thing.animation_data is not None or thing.constraints), None)
+        moving = next((obj for obj in found if obj.animation_data is not None or obj.constraints), None)
         if moving is not None:
             self.report(
                 {"ERROR"}, f'object "{moving.name}": has keys or constraints, and a body is fixed to the vehicle: clear them'
             )
             return {"CANCELLED"}
-        found.sort(key=lambda thing: thing == context.active_object)
+        found.sort(key=lambda obj: obj == context.active_object)
         body = make_body(context.scene, found, self.label or LABEL, self.forward, self.place == "VEHICLE")
         choose(context, body)
         refresh([body])
@@ -64,15 +64,15 @@ class UNISIM_OT_release_ego_body(bpy.types.Operator):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         """There has to be a body."""
-        there = any(thing.unisim.kind == "BODY" for thing in context.scene.objects)
+        there = any(obj.unisim.kind == "BODY" for obj in context.scene.objects)
         return allowed(cls, object_mode(context), (there, "No mesh is the ego vehicle's body: Use as Ego Body makes one"))
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Take them off the vehicle."""
-        every = [thing for thing in context.scene.objects if thing.unisim.kind == "BODY"]
-        released = [thing for thing in every if thing.select_get()] or every
-        for thing in released:
-            release_body(thing)
+        every = [obj for obj in context.scene.objects if obj.unisim.kind == "BODY"]
+        released = [obj for obj in every if obj.select_get()] or every
+        for obj in released:
+            release_body(obj)
         refresh(released)
         return {"FINISHED"}
 

@@ -18,9 +18,9 @@ DIRECTIONS = (
 )
 
 
-def marked_above(thing: bpy.types.Object) -> bool:
+def marked_above(obj: bpy.types.Object) -> bool:
     """Whether an object is part of an actor, or of one that is selected with it."""
-    above = thing.parent
+    above = obj.parent
     while above is not None:
         if above.unisim.mesh or above.select_get():
             return True
@@ -48,12 +48,12 @@ class UNISIM_OT_mesh_actor(bpy.types.Operator):
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Mark each; its origin goes to its middle, its scale into its mesh."""
-        found = [thing for thing in chosen(context, "NONE") if not marked_above(thing) and any(parts(thing))]
+        found = [obj for obj in chosen(context, "NONE") if not marked_above(obj) and any(parts(obj))]
         if not found:
             self.report({"ERROR"}, "no selected object has a surface")
             return {"CANCELLED"}
-        for thing in found:
-            make_actor(thing, self.label or "Other", self.forward)
+        for obj in found:
+            make_actor(obj, self.label or "Other", self.forward)
         choose(context, *found)
         self.report({"INFO"}, message("Mesh actors: {count}", count=len(found)))
         return {"FINISHED"}
@@ -69,14 +69,14 @@ class UNISIM_OT_release_mesh(bpy.types.Operator):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         """A mesh that is an actor has to be selected."""
-        meshes = any(thing.unisim.mesh for thing in chosen(context, "ACTOR"))
+        meshes = any(obj.unisim.mesh for obj in chosen(context, "ACTOR"))
         return allowed(cls, object_mode(context), (meshes, "Select a mesh actor first"))
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Take the mark away."""
-        for thing in chosen(context, "ACTOR"):
-            if thing.unisim.mesh:
-                thing.unisim.kind, thing.unisim.mesh = "NONE", False
+        for obj in chosen(context, "ACTOR"):
+            if obj.unisim.mesh:
+                obj.unisim.kind, obj.unisim.mesh = "NONE", False
         return {"FINISHED"}
 
 

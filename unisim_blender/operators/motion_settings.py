@@ -68,14 +68,14 @@ def limits_of(scene: bpy.types.Scene) -> Limits:
 
 def graph_of(context: bpy.types.Context) -> Compared | None:
     """Return the motion of the active actor or ego vehicle beside the recorded one; None where something else is active."""
-    thing = context.active_object
-    if thing is None or thing.unisim.kind not in ("ACTOR", "EGO") or thing.name not in context.scene.objects:
+    obj = context.active_object
+    if obj is None or obj.unisim.kind not in ("ACTOR", "EGO") or obj.name not in context.scene.objects:
         return None
     try:
         drive = source_of(context.scene).drive
     except (UnisimError, OSError):
         return None
-    return compared_now(thing, drive, Clock.of(drive), limits_of(context.scene))
+    return compared_now(obj, drive, Clock.of(drive), limits_of(context.scene))
 
 
 NAMES = ("acceleration_m_s2", "lateral_m_s2", "curvature_1_m")

@@ -33,7 +33,7 @@ class UNISIM_OT_follow_curve(bpy.types.Operator):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         """Actors and one curve have to be selected."""
-        curves = [thing for thing in context.selected_objects if thing.type == "CURVE"]
+        curves = [obj for obj in context.selected_objects if obj.type == "CURVE"]
         curve = len(curves) == 1, "Select one curve in addition to the actors (Add > Curve)"
         return allowed(cls, object_mode(context), selected(context, "Select an actor first", "ACTOR"), curve)
 
@@ -50,7 +50,7 @@ class UNISIM_OT_follow_curve(bpy.types.Operator):
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Keys along the curve; the actors' undersides are on it."""
-        curve = next(thing for thing in context.selected_objects if thing.type == "CURVE")
+        curve = next(obj for obj in context.selected_objects if obj.type == "CURVE")
         evaluated = curve.evaluated_get(context.evaluated_depsgraph_get())
         mesh = evaluated.to_mesh()
         line = np.array([curve.matrix_world @ vertex.co for vertex in mesh.vertices], float)
@@ -64,8 +64,8 @@ class UNISIM_OT_follow_curve(bpy.types.Operator):
             self.report({"ERROR"}, str(fault))
             return {"CANCELLED"}
         actors = chosen(context, "ACTOR")
-        for thing in actors:
-            follow(thing, line, frame_of(context.scene), self.speed_m_s, clock)
+        for obj in actors:
+            follow(obj, line, frame_of(context.scene), self.speed_m_s, clock)
         refresh(actors)
         self.length_m = float(np.linalg.norm(np.diff(line, axis=0), axis=1).sum())
         start_s = float(clock.time_s(np.array(frame_of(context.scene))))
@@ -90,14 +90,14 @@ class UNISIM_OT_snap_to_ground(bpy.types.Operator):
         """Up or down along the box's own axis."""
         try:
             source = source_of(context.scene)
-            for thing in chosen(context, "ACTOR", "STATIC"):
-                now = np.array(thing.matrix_world, float)
-                low = now[:3, 3] - now[:3, 2] / np.linalg.norm(now[:3, 2]) * float(size_of(thing)[2]) / 2
+            for obj in chosen(context, "ACTOR", "STATIC"):
+                now = np.array(obj.matrix_world, float)
+                low = now[:3, 3] - now[:3, 2] / np.linalg.norm(now[:3, 2]) * float(size_of(obj)[2]) / 2
                 ground = ground_height(source, low, context.scene.frame_current)
                 if ground is None:
-                    self.report({"WARNING"}, message("{name}: the ground height is unknown there", name=thing.name))
+                    self.report({"WARNING"}, message("{name}: the ground height is unknown there", name=obj.name))
                 else:
-                    displaced_along(thing, (0.0, 0.0, ground - low[2]))
+                    displaced_along(obj, (0.0, 0.0, ground - low[2]))
         except (UnisimError, OSError) as fault:
             self.report({"ERROR"}, str(fault))
             return {"CANCELLED"}

@@ -87,11 +87,11 @@ class UNISIM_OT_retime_actor(bpy.types.Operator):
             self.report({"ERROR"}, str(fault))
             return {"CANCELLED"}
         now, actors = frame_of(context.scene), chosen(context, "ACTOR")
-        for thing in actors:
+        for obj in actors:
             if self.way == "STOP":
-                stopped(thing, now, abs(self.seconds), clock)
+                stopped(obj, now, abs(self.seconds), clock)
             else:
-                retimed(thing, self.later(now, clock))
+                retimed(obj, self.later(now, clock))
         refresh(actors)
         self.report({"INFO"}, f"{counted_names(actors)}: {self.briefly(float(clock.time_s(np.array(now))), clock)}")
         return {"FINISHED"}

@@ -31,22 +31,22 @@ PRESETS = [
 ]
 
 
-def ride(context: bpy.types.Context, thing: bpy.types.Object, kind: str, place: tuple[float, float, float]) -> None:
+def ride(context: bpy.types.Context, obj: bpy.types.Object, kind: str, place: tuple[float, float, float]) -> None:
     """Put a new sensor on the vehicle and make it the one that is selected."""
     ego = next(imported_objects(context.scene, "EGO"))
-    give_name(context.scene, thing)
-    collection_of(context.scene, kind).objects.link(thing)
-    thing.unisim.kind, thing.unisim.uid = kind, thing.name
-    thing.parent = ego
-    thing.location = place
-    choose(context, thing)
+    give_name(context.scene, obj)
+    collection_of(context.scene, kind).objects.link(obj)
+    obj.unisim.kind, obj.unisim.uid = kind, obj.name
+    obj.parent = ego
+    obj.location = place
+    choose(context, obj)
 
 
-def give_name(scene: bpy.types.Scene, thing: bpy.types.Object) -> None:
+def give_name(scene: bpy.types.Scene, obj: bpy.types.Object) -> None:
     """Give a new sensor's object a name that lists and files can have: "camera", "camera_2"."""
-    wanted = re.sub(r"\.\d{3}$", "", thing.name)  # what Blender puts behind a name that is taken
+    wanted = re.sub(r"\.\d{3}$", "", obj.name)  # what Blender puts behind a name that is taken
     with suppress(UnisimError, OSError):
-        thing.name = free_name(scene, source_of(scene).drive, wanted, thing.name)
+        obj.name = free_name(scene, source_of(scene).drive, wanted, obj.name)
 
 
 class _OnVehicle:
@@ -72,7 +72,7 @@ class _OfSensor:
 
     def sensor(self: Any, context: bpy.types.Context) -> bpy.types.Object | None:
         """The sensor of that name; None, with a report, where there is none."""
-        found = next((thing for thing in imported_objects(context.scene, "CAMERA", "LIDAR") if thing.name == self.name), None)
+        found = next((obj for obj in imported_objects(context.scene, "CAMERA", "LIDAR") if obj.name == self.name), None)
         if found is None:
             self.report({"ERROR"}, f'no sensor "{self.name}" in scene "{context.scene.name}"')
         return found

@@ -71,7 +71,7 @@ class UNISIM_OT_shift_actor(bpy.types.Operator):
             self.report({"ERROR"}, str(fault))
             return {"CANCELLED"}
         actors = chosen(context, "ACTOR")
-        said = [sentence for thing in actors if (sentence := shift(thing, self.left_m, self.ahead_m, self.later_s, clock))]
+        said = [sentence for obj in actors if (sentence := shift(obj, self.left_m, self.ahead_m, self.later_s, clock))]
         refresh(actors)
         more = f" (and {len(said) - 1} more)" if len(said) > 1 else ""
         self.report({"INFO"}, said[0] + more if said else "Nothing is shifted: all amounts are 0")

@@ -41,8 +41,8 @@ class UNISIM_OT_mark_static(bpy.types.Operator):
         else:
             size, pose = np.array(self.size_m), np.eye(4)
             pose[:3, 3] = np.array(context.scene.cursor.location) + [0.0, 0.0, size[2] / 2]
-        thing = mark(context.scene, pose, size)
-        choose(context, thing)
+        obj = mark(context.scene, pose, size)
+        choose(context, obj)
         return {"FINISHED"}
 
 
@@ -61,11 +61,11 @@ class UNISIM_OT_copy_static(bpy.types.Operator):
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Several keep their places to each other."""
         items = chosen(context, "STATIC")
-        middle = np.mean([thing.matrix_world.translation for thing in items], 0)
+        middle = np.mean([obj.matrix_world.translation for obj in items], 0)
         apart = np.array(context.scene.cursor.location) - middle
-        copies = [copy_of(context, thing) for thing in items]
-        for thing, copy in zip(items, copies, strict=True):
-            copy.location = np.array(thing.location) + [apart[0], apart[1], 0.0]
+        copies = [copy_of(context, obj) for obj in items]
+        for obj, copy in zip(items, copies, strict=True):
+            copy.location = np.array(obj.location) + [apart[0], apart[1], 0.0]
         choose(context, *copies)
         return {"FINISHED"}
 
@@ -84,7 +84,7 @@ class UNISIM_OT_forget_static(bpy.types.Operator):
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """With all copies of each."""
-        for uid in {thing.unisim.uid for thing in chosen(context, "STATIC")}:
+        for uid in {obj.unisim.uid for obj in chosen(context, "STATIC")}:
             forget(context.scene, uid)
         return {"FINISHED"}
 

@@ -227,7 +227,7 @@ class UNISIM_OT_render_variants(ReadsScenes, bpy.types.Operator):
             folder.mkdir(parents=True, exist_ok=True)
             scenario = yield from self.scenario(scene, folder / SCENARIO)
             write_scenario(scenario, folder / SCENARIO)
-            selected = [thing for thing in scene.objects if thing.select_get(view_layer=scene.view_layers[0])]
+            selected = [obj for obj in scene.objects if obj.select_get(view_layer=scene.view_layers[0])]
             arguments = render_arguments(scene, folder, output_sensors(scene, selected, source_of(scene).drive))
             wanted = range(scene.frame_start, scene.frame_end + 1, scene.frame_step)
             parts.append(Part(scene.name, arguments, folder, wanted))

@@ -20,11 +20,11 @@ PICTURE_SCALE = 5.0
 
 def active_card(context: bpy.types.Context) -> Card | None:
     """Return the card of the active actor; None where another object is active."""
-    thing = context.active_object
-    if thing is None or thing.unisim.kind != "ACTOR" or thing.name not in context.scene.objects:
+    obj = context.active_object
+    if obj is None or obj.unisim.kind != "ACTOR" or obj.name not in context.scene.objects:
         return None
     try:
-        return card_of(context.scene, thing, source_of(context.scene).drive)
+        return card_of(context.scene, obj, source_of(context.scene).drive)
     except (UnisimError, OSError):
         return None
 
@@ -101,8 +101,8 @@ class UNISIM_PT_static(DrivePanel, bpy.types.Panel):
 
     def draw(self, context: bpy.types.Context) -> None:
         """Draw the active item's box and the operators."""
-        thing = context.active_object
-        item = thing if thing is not None and thing.unisim.kind == "STATIC" else None
+        obj = context.active_object
+        item = obj if obj is not None and obj.unisim.kind == "STATIC" else None
         size = " x ".join(f"{edge:.2f}" for edge in json.loads(item.unisim.model)["size_m"]) if item is not None else ""
         column = self.layout.column(align=True)
         row_of(column, "Item", item.name if item is not None else "", "MESH_CUBE")

@@ -69,7 +69,7 @@ class UNISIM_UL_actors(bpy.types.UIList):
         """Show the actors that the filter lets through, in its order; the scene's other objects are no rows."""
         objects = getattr(data, property)
         ranks = {entry.key: rank for rank, entry in enumerate(listing.table_of(context.scene).shown)}
-        keys = [thing.session_uid for thing in objects]
+        keys = [obj.session_uid for obj in objects]
         flags = [self.bitflag_filter_item if key in ranks else 0 for key in keys]
         order, rest = [], len(ranks)
         for key in keys:

@@ -37,7 +37,9 @@ class UNISIM_PT_edits(DrivePanel, bpy.types.Panel):
     def draw(self, context: bpy.types.Context) -> None:
         """Draw a line for each edit; while they are read again, the old ones are grey."""
         layout, reading = self.layout, reading_of(context.scene)
-        gone = any(line.thing and line.muted < 0 and line.thing not in context.scene.objects for line in reading.lines)
+        gone = any(
+            line.object_name and line.muted < 0 and line.object_name not in context.scene.objects for line in reading.lines
+        )
         if gone:
             reading.mark()
         edit_watch.want()

@@ -38,7 +38,7 @@ class UNISIM_PT_warnings(DrivePanel, bpy.types.Panel):
             text = f"{warning.time_s:.1f} s ({warning.frame})  {warning.name}"
             there = column.operator("unisim.go_to", text=text, translate=False, icon="ERROR")
             column.label(text=warning.text[:1].upper() + warning.text[1:], translate=False)
-            there.thing, there.frame, there.place = warning.name, warning.frame, warning.place
+            there.object_name, there.frame, there.place = warning.name, warning.frame, warning.place
 
 
 class UNISIM_PT_output(Sidebar, bpy.types.Panel):

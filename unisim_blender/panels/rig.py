@@ -14,7 +14,7 @@ class UNISIM_PT_ego(DrivePanel, bpy.types.Panel):
 
     def draw(self, context: bpy.types.Context) -> None:
         """Draw the operators."""
-        bodies = [thing.name for thing in context.scene.objects if thing.unisim.kind == "BODY"]
+        bodies = [obj.name for obj in context.scene.objects if obj.unisim.kind == "BODY"]
         column = self.layout.column(align=True)
         row_of(column, "Body", ", ".join(bodies), "AUTO")
         column.operator("unisim.ego_body", icon="MESH_MONKEY")

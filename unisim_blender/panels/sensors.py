@@ -30,7 +30,7 @@ def active_index(scene: bpy.types.Scene) -> int:
     active = bpy.context.view_layer.objects.active
     if active is None or active.unisim.kind not in KINDS:
         return -1
-    return next((i for i, thing in enumerate(scene.objects) if thing == active), -1)
+    return next((i for i, obj in enumerate(scene.objects) if obj == active), -1)
 
 
 def activate(scene: bpy.types.Scene, index: int) -> None:
@@ -73,10 +73,10 @@ class UNISIM_UL_sensors(bpy.types.UIList):
     def filter_items(self, context: bpy.types.Context, data: bpy.types.Scene, propname: str) -> tuple[list[int], list[int]]:
         """Keep the sensors, cameras first, by name."""
         every = list(getattr(data, propname))
-        flags = [self.bitflag_filter_item if thing.unisim.kind in KINDS else 0 for thing in every]
+        flags = [self.bitflag_filter_item if obj.unisim.kind in KINDS else 0 for obj in every]
         if self.filter_name:
             wanted = self.filter_name.lower()
-            flags = [flag if wanted in thing.name.lower() else 0 for flag, thing in zip(flags, every, strict=True)]
+            flags = [flag if wanted in obj.name.lower() else 0 for flag, obj in zip(flags, every, strict=True)]
         ranked = sorted(range(len(every)), key=lambda i: (every[i].unisim.kind, every[i].name))
         order = [0] * len(every)
         for place, i in enumerate(ranked):
@@ -124,8 +124,8 @@ class UNISIM_PT_sensors(DrivePanel, bpy.types.Panel):
 
     def draw(self, context: bpy.types.Context) -> None:
         """Draw the list, the active sensor, presets and operators; rows stay in place whatever is selected."""
-        layout, scene, thing = self.layout, context.scene, context.active_object
-        sensor = thing if thing is not None and thing.unisim.kind in KINDS and thing.name in scene.objects else None
+        layout, scene, obj = self.layout, context.scene, context.active_object
+        sensor = obj if obj is not None and obj.unisim.kind in KINDS and obj.name in scene.objects else None
         layout.template_list("UNISIM_UL_sensors", "", scene, "objects", scene, "unisim_sensor_index", rows=4)
         drive = drive_of(scene)
         card = None if sensor is None else card_of_sensor(scene, sensor, drive)

@@ -36,13 +36,13 @@ def test_what_became_of_actors(source: Source) -> None:
     moved = changed(sampled, still, poses=displaced(one_of(sampled, still).poses, z=0.5))
     (line,) = lines_of(moved, source)
     assert (line.kind, line.uid, line.part, line.what) == ("ACTOR", still, "MOVE", "Moved 0.5 m up")
-    assert line.frames == tuple(range(20)) and line.thing == still and line.key == ("ACTOR", still, "MOVE")
+    assert line.frames == tuple(range(20)) and line.object_name == still and line.key == ("ACTOR", still, "MOVE")
     late = one_of(sampled, car).poses.copy()
     late[14:] = beside(late[14:], left=2.0)
     (line,) = lines_of(changed(sampled, car, poses=late), source)
     assert line.frames == tuple(range(14, 20)) and line.start_s == pytest.approx(sampled.clock.times_s[14])
     (line,) = lines_of(without(sampled, car), source)
-    assert (line.part, line.what, line.thing, line.icon) == ("REMOVE", "Removed", "", "TRASH")
+    assert (line.part, line.what, line.object_name, line.icon) == ("REMOVE", "Removed", "", "TRASH")
     (line,) = lines_of(changed(sampled, still, scaling=Scaling((1.3, 1.3, 1.3))), source)
     assert (line.part, line.what) == ("SCALE", "Scaled by 1.3")
 
@@ -76,7 +76,7 @@ def test_a_problem_names_its_object(source: Source) -> None:
     sampled = imported(source.drive)
     fault = ScenarioError('object "car-01": is sheared')
     line = problem_line("ACTOR", "car-01", fault, sampled.objects)
-    assert (line.part, line.what, line.thing) == ("PROBLEM", "Is sheared", "car-01")
+    assert (line.part, line.what, line.object_name) == ("PROBLEM", "Is sheared", "car-01")
 
 
 def test_the_same_edits_are_no_difference(source: Source) -> None:

@@ -66,8 +66,8 @@ def test_of_each_new_actor_one_reader_is(source: Source) -> None:
     reading = Reading(sampled, source.drive, set())
     for known in (actor, None):
         for about in ({}, {"appearance": "van"}, {"mesh": "box.npz"}) if known is None else ({}, {"appearance": "van"}):
-            thing = sampled_object("New", "ACTOR", one_of(sampled, actor.uid).poses, **about)
-            assert sum(reader.reads(Standing(reading, thing, known)) for reader in NEW_ACTORS) == 1
+            obj = sampled_object("New", "ACTOR", one_of(sampled, actor.uid).poses, **about)
+            assert sum(reader.reads(Standing(reading, obj, known)) for reader in NEW_ACTORS) == 1
 
 
 @dataclass(frozen=True)

@@ -26,27 +26,27 @@ CHANNELS = {"location": "rest_location", "rotation_quaternion": "rest_rotation"}
 """What of an object displaces it, and where it is noted how it was displaced before its first key."""
 
 
-def settle(scene: bpy.types.Scene, thing: bpy.types.Object) -> str:
+def settle(scene: bpy.types.Scene, obj: bpy.types.Object) -> str:
     """Complete a change of an object that rides on a trajectory. Return what it meant as a sentence, "" where nothing changed."""
-    if trajectory_of(thing) is None:
+    if trajectory_of(obj) is None:
         return ""
-    curves = curves_of(thing)
+    curves = curves_of(obj)
     said = ""
     blended = False
     for path, rest in CHANNELS.items():
         keyed = [curve for curve in curves if curve.data_path == path]
-        before, now = np.array(getattr(thing.unisim, rest)), np.array(getattr(thing, path))
+        before, now = np.array(getattr(obj.unisim, rest)), np.array(getattr(obj, path))
         if not keyed:
             if np.abs(now - before).max() <= SAME:
                 continue
             if _keys_what_is_animated(scene):
-                thing.keyframe_insert(path, frame=scene.frame_current)
-                blended |= _blend(scene, [curve for curve in curves_of(thing) if curve.data_path == path], before)
+                obj.keyframe_insert(path, frame=scene.frame_current)
+                blended |= _blend(scene, [curve for curve in curves_of(obj) if curve.data_path == path], before)
             else:
-                setattr(thing.unisim, rest, now)
-                mounted = thing.unisim.kind in ("CAMERA", "LIDAR")
+                setattr(obj.unisim, rest, now)
+                mounted = obj.unisim.kind in ("CAMERA", "LIDAR")
                 said = message(
-                    "{name}: its mount is changed" if mounted else "{name}: the whole trajectory is displaced", name=thing.name
+                    "{name}: its mount is changed" if mounted else "{name}: the whole trajectory is displaced", name=obj.name
                 )
         elif scene.tool_settings.use_keyframe_insert_auto and all(len(curve.keyframe_points) == 1 for curve in keyed):
             blended |= _blend(scene, keyed, before)
@@ -54,7 +54,7 @@ def settle(scene: bpy.types.Scene, thing: bpy.types.Object) -> str:
         frame = scene.frame_current
         return message(
             "{name}: the change is keyed at frame {frame} and blends in from {blend:g} s before to {blend:g} s after it",
-            name=thing.name,
+            name=obj.name,
             frame=frame,
             blend=BLEND_S,
         )
@@ -69,18 +69,18 @@ def _keys_what_is_animated(scene: bpy.types.Scene) -> bool:
     return settings.use_keyframe_insert_auto and settings.auto_keying_mode == "ADD_REPLACE_KEYS" and only_available
 
 
-def keep(scene: bpy.types.Scene, thing: bpy.types.Object, frame: float) -> str:
+def keep(scene: bpy.types.Scene, obj: bpy.types.Object, frame: float) -> str:
     """Displace the keys of an object by the change that was made without a key at ``frame``, which is about to be left.
 
     Return what was done as a sentence, "" where there was no such change.
     """
-    if trajectory_of(thing) is None:
+    if trajectory_of(obj) is None:
         return ""
-    curves = curves_of(thing)
+    curves = curves_of(obj)
     changed = False
     for path in CHANNELS:
         keyed = {curve.array_index: curve for curve in curves if curve.data_path == path}
-        now = np.array(getattr(thing, path))
+        now = np.array(getattr(obj, path))
         then = np.array([keyed[i].evaluate(frame) if i in keyed else value for i, value in enumerate(now)])
         if not keyed or np.abs(now - then).max() <= SAME * max(1.0, float(np.abs(then).max())):
             continue
@@ -91,15 +91,15 @@ def keep(scene: bpy.types.Scene, thing: bpy.types.Object, frame: float) -> str:
         elif len(keyed) == 4:
             _turn([keyed[i] for i in range(4)], Quaternion(now).normalized() @ Quaternion(then).normalized().inverted())
     if changed:
-        return message("{name}: the whole trajectory and its keys are displaced", name=thing.name)
-    return message("{name}: the scale changes at all its keys", name=thing.name) if _keep_scale(thing, frame) else ""
+        return message("{name}: the whole trajectory and its keys are displaced", name=obj.name)
+    return message("{name}: the scale changes at all its keys", name=obj.name) if _keep_scale(obj, frame) else ""
 
 
-def _keep_scale(thing: bpy.types.Object, frame: float) -> bool:
+def _keep_scale(obj: bpy.types.Object, frame: float) -> bool:
     """Scale what the keys of an object's scale say as it was scaled without a key at ``frame``; return whether it was."""
     scaled = False
-    for curve in (curve for curve in curves_of(thing) if curve.data_path == "scale"):
-        now, then = float(thing.scale[curve.array_index]), float(curve.evaluate(frame))
+    for curve in (curve for curve in curves_of(obj) if curve.data_path == "scale"):
+        now, then = float(obj.scale[curve.array_index]), float(curve.evaluate(frame))
         if abs(now - then) > SAME and then != 0.0:
             scaled = True
             for key in curve.keyframe_points:
@@ -111,7 +111,7 @@ def _keep_scale(thing: bpy.types.Object, frame: float) -> bool:
 
 def displaced_objects(scene: bpy.types.Scene) -> list[bpy.types.Object]:
     """Return the objects of the drive that ride on trajectories."""
-    return [thing for thing in scene.objects if thing.unisim.kind in KINDS_OF_DRIVE and trajectory_of(thing) is not None]
+    return [obj for obj in scene.objects if obj.unisim.kind in KINDS_OF_DRIVE and trajectory_of(obj) is not None]
 
 
 def _blend(scene: bpy.types.Scene, keyed: list[bpy.types.FCurve], before: FloatArray) -> bool:

@@ -26,36 +26,36 @@ PATHS = (PLACE, "rotation_quaternion")
 PARTS = ("co", "handle_left", "handle_right")
 
 
-def handles_of(thing: bpy.types.Object, clock: Clock) -> list[Handle]:
+def handles_of(obj: bpy.types.Object, clock: Clock) -> list[Handle]:
     """Return the handles of an object that rides on a trajectory, in order of time; none where it rides on none.
 
     There is one at each key of its displacement and at whole seconds, while the object is present.
     """
-    span = present_span(shown_by_keys(thing, clock.frames), clock)
-    if trajectory_of(thing) is None or span is None:
+    span = present_span(shown_by_keys(obj, clock.frames), clock)
+    if trajectory_of(obj) is None or span is None:
         return []
-    times = handle_times(clock.time_s(_key_frames(thing)), span)
+    times = handle_times(clock.time_s(_key_frames(obj)), span)
     frames = clock.frame(np.array([time for time, _ in times]))
     return [
-        Handle(time, keyed_pose(thing, float(frame))[:3, 3], is_key) for (time, is_key), frame in zip(times, frames, strict=True)
+        Handle(time, keyed_pose(obj, float(frame))[:3, 3], is_key) for (time, is_key), frame in zip(times, frames, strict=True)
     ]
 
 
-def displace_at(thing: bpy.types.Object, time_s: float, offset_m: FloatArray, clock: Clock) -> None:
+def displace_at(obj: bpy.types.Object, time_s: float, offset_m: FloatArray, clock: Clock) -> None:
     """Displace an object at a time by an offset (3,) in the world, and less and less up to `BLEND_S` before and after it.
 
     Keys within that span stay, and the change ends at the nearest of them. Raises `ValueError` where it rides on no trajectory.
     """
-    above = trajectory_of(thing)
+    above = trajectory_of(obj)
     if above is None:
-        raise ValueError(f"{thing.name}: rides on no trajectory")
+        raise ValueError(f"{obj.name}: rides on no trajectory")
     first, frame, last = (float(f) for f in clock.frame(np.array([time_s - BLEND_S, time_s, time_s + BLEND_S])))
-    axes = (keyed_pose(above, frame) @ np.array(thing.matrix_parent_inverse, float))[:3, :3]
+    axes = (keyed_pose(above, frame) @ np.array(obj.matrix_parent_inverse, float))[:3, :3]
     apart = axes.T @ np.asarray(offset_m, float)
     for index in range(3):
-        if _curve(thing, index) is None:
-            thing.keyframe_insert(PLACE, index=index, frame=frame)
-        curve = _curve(thing, index)
+        if _curve(obj, index) is None:
+            obj.keyframe_insert(PLACE, index=index, frame=frame)
+        curve = _curve(obj, index)
         assert curve is not None  # it was there, or the key made it
         frames = [float(key.co[0]) for key in curve.keyframe_points]
         ends = [
@@ -77,12 +77,12 @@ def _nearest(frames: list[float], frame: float) -> float:
     return next((f for f in frames if abs(f - frame) <= SAME_FRAME), frame)
 
 
-def _curve(thing: bpy.types.Object, index: int) -> bpy.types.FCurve | None:
-    return next((c for c in curves_of(thing) if c.data_path == PLACE and c.array_index == index), None)
+def _curve(obj: bpy.types.Object, index: int) -> bpy.types.FCurve | None:
+    return next((c for c in curves_of(obj) if c.data_path == PLACE and c.array_index == index), None)
 
 
-def _key_frames(thing: bpy.types.Object) -> FloatArray:
-    return np.array([key.co[0] for c in curves_of(thing) if c.data_path == PLACE for key in c.keyframe_points], float)
+def _key_frames(obj: bpy.types.Object) -> FloatArray:
+    return np.array([key.co[0] for c in curves_of(obj) if c.data_path == PLACE for key in c.keyframe_points], float)
 
 
 @dataclass(frozen=True)
@@ -102,10 +102,10 @@ class Kept:
     curves: dict[tuple[str, int], _Keys] = field(default_factory=dict)
 
     @staticmethod
-    def of(thing: bpy.types.Object) -> Kept:
+    def of(obj: bpy.types.Object) -> Kept:
         """Keep an object's location and rotation."""
-        kept = Kept({path: tuple(getattr(thing, path)) for path in (PLACE, *TURNS)}, thing.animation_data is not None)
-        for curve in curves_of(thing):
+        kept = Kept({path: tuple(getattr(obj, path)) for path in (PLACE, *TURNS)}, obj.animation_data is not None)
+        for curve in curves_of(obj):
             if curve.data_path in PATHS:
                 numbers: dict[str, NDArray[np.float32]] = {}
                 for part in PARTS:
@@ -115,14 +115,14 @@ class Kept:
                 kept.curves[curve.data_path, curve.array_index] = _Keys(numbers, kinds)
         return kept
 
-    def restore(self, thing: bpy.types.Object) -> None:
+    def restore(self, obj: bpy.types.Object) -> None:
         """Put an object back where it stood."""
         for path, numbers in self.numbers.items():
-            setattr(thing, path, numbers)
-        for curve in [curve for curve in curves_of(thing) if curve.data_path in PATHS]:
+            setattr(obj, path, numbers)
+        for curve in [curve for curve in curves_of(obj) if curve.data_path in PATHS]:
             keys = self.curves.get((curve.data_path, curve.array_index))
             if keys is None:
-                curves_of(thing).remove(curve)  # type: ignore[union-attr]
+                curves_of(obj).remove(curve)  # type: ignore[union-attr]
                 continue
             curve.keyframe_points.clear()
             curve.keyframe_points.add(len(keys.kinds))
@@ -131,5 +131,5 @@ class Kept:
             for key, kinds in zip(curve.keyframe_points, keys.kinds, strict=True):
                 key.interpolation, key.handle_left_type, key.handle_right_type = kinds
             curve.update()
-        if not self.had_data and thing.animation_data is not None and not len(curves_of(thing)):
-            thing.animation_data_clear()
+        if not self.had_data and obj.animation_data is not None and not len(curves_of(obj)):
+            obj.animation_data_clear()

@@ -15,30 +15,30 @@ from ..objects.meshes import size_of
 from ..objects.trajectories import keyed_pose, own_trajectory, ride, settle_on
 
 
-def displaced_along(thing: bpy.types.Object, offset_m: Sequence[float]) -> None:
+def displaced_along(obj: bpy.types.Object, offset_m: Sequence[float]) -> None:
     """Move an object along its own axes by ``offset_m`` (3,), alike at every frame."""
     offset = np.array(offset_m, float)
-    paths = {curve.data_path for curve in curves_of(thing)}
+    paths = {curve.data_path for curve in curves_of(obj)}
     if "rotation_quaternion" not in paths:  # its keys keep their interpolation: all of them move alike
-        apart = matrix_from_quaternion(np.array(thing.matrix_basis.to_quaternion(), float)) @ offset
-        thing.location = np.array(thing.location) + apart
+        apart = matrix_from_quaternion(np.array(obj.matrix_basis.to_quaternion(), float)) @ offset
+        obj.location = np.array(obj.location) + apart
         if "location" not in paths:
-            thing.unisim.rest_location = thing.location  # auto-keying keys what people move by hand alone
-        for curve in curves_of(thing):
+            obj.unisim.rest_location = obj.location  # auto-keying keys what people move by hand alone
+        for curve in curves_of(obj):
             if curve.data_path == "location":
                 add_to_keys(curve, float(apart[curve.array_index]))
         return
-    keys = keys_of(thing)
+    keys = keys_of(obj)
     assert keys is not None  # it has keys of its rotation
     frames, positions, quaternions = keys
-    write_keys(thing, frames, positions + matrix_from_quaternion(quaternions) @ offset, quaternions)
+    write_keys(obj, frames, positions + matrix_from_quaternion(quaternions) @ offset, quaternions)
 
 
-def moved_to(thing: bpy.types.Object, place: Sequence[float], frame: float) -> None:
+def moved_to(obj: bpy.types.Object, place: Sequence[float], frame: float) -> None:
     """Move an object's whole trajectory, in the ground's plane, so that it is at ``place`` at a frame. Its height stays."""
-    now = keyed_pose(thing, frame)[:3, 3]
+    now = keyed_pose(obj, frame)[:3, 3]
     apart = np.array([place[0] - now[0], place[1] - now[1], 0.0])
-    above = own_trajectory(thing) or thing
+    above = own_trajectory(obj) or obj
     keys = keys_of(above)
     if keys is None:
         above.location = np.array(above.location) + apart
@@ -47,22 +47,22 @@ def moved_to(thing: bpy.types.Object, place: Sequence[float], frame: float) -> N
     write_keys(above, frames, positions + apart, quaternions)
 
 
-def follow(thing: bpy.types.Object, line: FloatArray, frame: float, speed_m_s: float, clock: Clock) -> None:
+def follow(obj: bpy.types.Object, line: FloatArray, frame: float, speed_m_s: float, clock: Clock) -> None:
     """Put an object on a trajectory along a line (P, 3) from ``frame`` on, its front ahead and its underside on the line.
 
     The speed is that in the log's seconds, whatever Blender's frame rate.
     """
     start_s = float(clock.time_s(np.array(frame)))
-    lengths, positions, quaternions = along_line(line, speed_m_s / clock.rate, float(size_of(thing)[2]))
-    above = own_trajectory(thing) or ride(thing)
-    settle_on(thing)
+    lengths, positions, quaternions = along_line(line, speed_m_s / clock.rate, float(size_of(obj)[2]))
+    above = own_trajectory(obj) or ride(obj)
+    settle_on(obj)
     write_keys(above, clock.frame(start_s + lengths / speed_m_s), positions, quaternions)
 
 
-def retimed(thing: bpy.types.Object, at: Callable[[FloatArray], FloatArray], path: str = "") -> None:
+def retimed(obj: bpy.types.Object, at: Callable[[FloatArray], FloatArray], path: str = "") -> None:
     """Move the keys of an object, and of its presence unless ``path`` names one property, to ``at`` their frames, which rises."""
-    above = own_trajectory(thing)
-    for curve in (*curves_of(thing), *(curves_of(above) if above is not None else ())):
+    above = own_trajectory(obj)
+    for curve in (*curves_of(obj), *(curves_of(above) if above is not None else ())):
         if path and curve.data_path != path:
             continue
         _moved(curve, at)
@@ -89,19 +89,19 @@ def _held(curve: bpy.types.FCurve, frame: float, at: Callable[[FloatArray], Floa
     curve.update()
 
 
-def stopped(thing: bpy.types.Object, frame: float, seconds: float, clock: Clock) -> None:
+def stopped(obj: bpy.types.Object, frame: float, seconds: float, clock: Clock) -> None:
     """Let an object stand still from ``frame`` on for some seconds of the log, and then go on as before."""
 
     def later(frames: FloatArray) -> FloatArray:
         return clock.frame(clock.time_s(frames) + seconds)
 
-    above = own_trajectory(thing) or thing
+    above = own_trajectory(obj) or obj
     keys = keys_of(above)
     if keys is None:
         return
-    retimed(thing, lambda old: np.where(old > frame, later(old), old), "hide_viewport")
-    if above is not thing:  # what displaces it from its trajectory stands still with it
-        for curve in curves_of(thing):
+    retimed(obj, lambda old: np.where(old > frame, later(old), old), "hide_viewport")
+    if above is not obj:  # what displaces it from its trajectory stands still with it
+        for curve in curves_of(obj):
             if curve.data_path != "hide_viewport":
                 _held(curve, frame, later)
     write_keys(above, *standing_still(Keys(*keys), frame, float(later(np.array(frame))), later(keys[0])))

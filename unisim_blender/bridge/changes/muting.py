@@ -21,10 +21,10 @@ from .carriers.parking import discard
 
 def mute(scene: bpy.types.Scene, source: Source, line: Line) -> None:
     """Keep an edit of a scene without letting it count. Raises `UnisimError`."""
-    thing = scene.objects.get(line.thing)
+    obj = scene.objects.get(line.object_name)
     item = scene.unisim_edits.muted.add()
     note(item, line)
-    carrier_of(line.part).mute(scene, source, item, line, thing)
+    carrier_of(line.part).mute(scene, source, item, line, obj)
 
 
 def unmute(scene: bpy.types.Scene, source: Source, number: int, rivals: Iterable[Line] = ()) -> None:
@@ -52,5 +52,5 @@ def drop(scene: bpy.types.Scene, number: int) -> None:
 def note(item: Any, line: Line) -> None:
     """Write the line of an edit into a muted edit."""
     item.name, item.kind, item.uid, item.part, item.what = line.who, line.kind, line.uid, line.part, line.what
-    item.thing, item.start_s, item.end_s = line.thing, line.start_s, line.end_s
+    item.thing, item.start_s, item.end_s = line.object_name, line.start_s, line.end_s
     item.first, item.last = line.frames[0], line.frames[-1]

@@ -16,4 +16,4 @@ def revert(scene: bpy.types.Scene, source: Source, line: Line) -> None:
     A removed object comes back, a copied or inserted one is deleted, a moved one gets its recorded trajectory and no
     displacement. Raises `UnisimError`.
     """
-    carrier_of(line.part).revert(scene, source, line, scene.objects.get(line.thing))
+    carrier_of(line.part).revert(scene, source, line, scene.objects.get(line.object_name))

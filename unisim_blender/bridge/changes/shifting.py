@@ -14,7 +14,7 @@ SAME = 1e-6
 """Smaller shifts, in metres or seconds, are none."""
 
 
-def shift(thing: bpy.types.Object, left_m: float, ahead_m: float, later_s: float, clock: Clock) -> str:
+def shift(obj: bpy.types.Object, left_m: float, ahead_m: float, later_s: float, clock: Clock) -> str:
     """Shift an actor, alike at every time, and return what was done as a sentence.
 
     ``left_m`` is along its own y axis. ``ahead_m`` is an arc length along the path of its trajectory, straight on beyond the
@@ -23,31 +23,31 @@ def shift(thing: bpy.types.Object, left_m: float, ahead_m: float, later_s: float
     """
     done = []
     if abs(left_m) > SAME:
-        displaced_along(thing, (0.0, left_m, 0.0))
+        displaced_along(obj, (0.0, left_m, 0.0))
         done.append(f"{abs(left_m):.2f} m to the {'left' if left_m > 0 else 'right'}")
     if abs(ahead_m) > SAME:
         direction = "forward" if ahead_m > 0 else "backward"
-        if _along_path(thing, ahead_m, clock):
+        if _along_path(obj, ahead_m, clock):
             done.append(f"{abs(ahead_m):.2f} m {direction} along its path")
         else:
-            displaced_along(thing, (ahead_m, 0.0, 0.0))
+            displaced_along(obj, (ahead_m, 0.0, 0.0))
             done.append(f"{abs(ahead_m):.2f} m {direction} along its own axis, as it stands still")
     if abs(later_s) > SAME:
-        if trajectory_of(thing) is None and not len(curves_of(thing)):
+        if trajectory_of(obj) is None and not len(curves_of(obj)):
             done.append("at the same times, as it stands there throughout")
         else:
-            retimed(thing, lambda frames: clock.frame(clock.time_s(frames) + later_s))
+            retimed(obj, lambda frames: clock.frame(clock.time_s(frames) + later_s))
             frames = abs(later_s) * clock.rate
             done.append(f"{abs(later_s):.2f} s ({frames:.1f} frames) {'later' if later_s > 0 else 'earlier'}")
-    return f"{thing.name}: {', '.join(done)}" if done else ""
+    return f"{obj.name}: {', '.join(done)}" if done else ""
 
 
-def _along_path(thing: bpy.types.Object, ahead_m: float, clock: Clock) -> bool:
+def _along_path(obj: bpy.types.Object, ahead_m: float, clock: Clock) -> bool:
     """Shift the keys of an actor's trajectory along their path; return whether there is one."""
-    above = trajectory_of(thing) or thing
+    above = trajectory_of(obj) or obj
     keys = keys_of(above)
     if keys is None or not is_path(keys[1]):
         return False
-    above = own_trajectory(thing) or thing
+    above = own_trajectory(obj) or obj
     write_keys(above, *shifted_keys(*keys, clock.frames, ahead_m))
     return True

@@ -109,25 +109,25 @@ def front_camera(scene: bpy.types.Scene) -> bpy.types.Object | None:
 
 def set_aside(scene: bpy.types.Scene) -> None:
     """Keep the objects that a new file of Blender's brings out of the view and of images; they stay in the file."""
-    found = [thing for thing in scene.objects if thing.unisim.kind == "NONE" and is_default(thing)]
+    found = [obj for obj in scene.objects if obj.unisim.kind == "NONE" and is_default(obj)]
     if not found:
         return
     aside = bpy.data.collections.new(ASIDE)
     scene.collection.children.link(aside)
-    for thing in found:
-        for collection in thing.users_collection:
-            collection.objects.unlink(thing)
-        aside.objects.link(thing)
+    for obj in found:
+        for collection in obj.users_collection:
+            collection.objects.unlink(obj)
+        aside.objects.link(obj)
     aside.hide_render = True
     for layer in scene.view_layers:
         layer.layer_collection.children[aside.name].exclude = True
 
 
-def is_default(thing: bpy.types.Object) -> bool:
+def is_default(obj: bpy.types.Object) -> bool:
     """Return whether an object is one of those that a new file of Blender's has, as they were."""
-    at = DEFAULTS.get(thing.name)
-    plain = thing.parent is None and thing.animation_data is None and not thing.modifiers and not thing.constraints
-    return at is not None and plain and all(abs(a - b) < 1e-3 for a, b in zip(thing.location, at, strict=True))
+    at = DEFAULTS.get(obj.name)
+    plain = obj.parent is None and obj.animation_data is None and not obj.modifiers and not obj.constraints
+    return at is not None and plain and all(abs(a - b) < 1e-3 for a, b in zip(obj.location, at, strict=True))
 
 
 def _edited(scene: bpy.types.Scene, source: Source) -> Generator[Step, None, set[str]]:
@@ -188,7 +188,7 @@ def _ego(scene: bpy.types.Scene, drive: Drive, clock: Clock) -> bpy.types.Object
 
 
 def ride_on_vehicle(
-    thing: bpy.types.Object, mount: FloatArray, late: FloatArray, ego: bpy.types.Object | None, clock: Clock
+    obj: bpy.types.Object, mount: FloatArray, late: FloatArray, ego: bpy.types.Object | None, clock: Clock
 ) -> None:
     """Parent a sensor to the vehicle ``ego``, or to nothing.
 
@@ -199,37 +199,37 @@ def ride_on_vehicle(
     """
     on_mount = (late @ mount)[0]
     if same(mount, mount[:1]).all():
-        animate(thing, single_key(Trajectory.from_poses(clock.times_s, mount)), clock, on=ego)
+        animate(obj, single_key(Trajectory.from_poses(clock.times_s, mount)), clock, on=ego)
         return
-    animate(thing, Trajectory.from_poses(clock.times_s, mount @ invert_pose(on_mount)), clock, on=ego)
-    set_on_trajectory(thing, on_mount)
+    animate(obj, Trajectory.from_poses(clock.times_s, mount @ invert_pose(on_mount)), clock, on=ego)
+    set_on_trajectory(obj, on_mount)
 
 
 def _camera(scene: bpy.types.Scene, source: Source, camera: Camera, ego: bpy.types.Object, clock: Clock) -> None:
     name = camera.sensor_id
     standing = next((t for t in imported_objects(scene, "CAMERA") if t.unisim.uid == name and t.name == t.unisim.home), None)
     data = standing.data if standing is not None else bpy.data.cameras.new(f"UniSim {name}")  # each variant has its own
-    thing = make(scene, "CAMERA", name, name, data)
-    set_model(thing, camera.model)
+    obj = make(scene, "CAMERA", name, name, data)
+    set_model(obj, camera.model)
     data.display_size, data.clip_end = DISPLAY_M, 1000.0
     if source.log is not None:
         set_background(data, source.log, name)
     drive = source.drive
-    ride_on_vehicle(thing, optical(recorded_mount(camera, drive, clock)), lag(camera, drive, clock), ego, clock)
+    ride_on_vehicle(obj, optical(recorded_mount(camera, drive, clock)), lag(camera, drive, clock), ego, clock)
 
 
 def _lidar(scene: bpy.types.Scene, drive: Drive, lidar: Lidar, ego: bpy.types.Object, clock: Clock) -> None:
-    thing = make(scene, "LIDAR", lidar.sensor_id, lidar.sensor_id, None)
-    thing.empty_display_type, thing.empty_display_size = "CONE", DISPLAY_M
-    thing.unisim.model = lidar_json(lidar.model)
-    ride_on_vehicle(thing, recorded_mount(lidar, drive, clock), lag(lidar, drive, clock), ego, clock)
+    obj = make(scene, "LIDAR", lidar.sensor_id, lidar.sensor_id, None)
+    obj.empty_display_type, obj.empty_display_size = "CONE", DISPLAY_M
+    obj.unisim.model = lidar_json(lidar.model)
+    ride_on_vehicle(obj, recorded_mount(lidar, drive, clock), lag(lidar, drive, clock), ego, clock)
 
 
 def _actor(scene: bpy.types.Scene, drive: Drive, actor: Actor, clock: Clock, name: str) -> bpy.types.Object:
-    thing = make(scene, "ACTOR", actor.uid, name, box_mesh(actor.size_m, actor.label))
-    thing.show_wire, thing.color = True, (1.0, 1.0, 1.0, 1.0)
-    go(thing, actor, drive, clock)
-    return thing
+    obj = make(scene, "ACTOR", actor.uid, name, box_mesh(actor.size_m, actor.label))
+    obj.show_wire, obj.color = True, (1.0, 1.0, 1.0, 1.0)
+    go(obj, actor, drive, clock)
+    return obj
 
 
 def import_one(scene: bpy.types.Scene, source: Source, kind: str, uid: str) -> None:
@@ -244,14 +244,14 @@ def import_one(scene: bpy.types.Scene, source: Source, kind: str, uid: str) -> N
         _lidar(scene, drive, drive.lidars[uid], ego, clock)
 
 
-def go(thing: bpy.types.Object, actor: Actor, drive: Drive, clock: Clock) -> None:
+def go(obj: bpy.types.Object, actor: Actor, drive: Drive, clock: Clock) -> None:
     """Let an object follow an actor's trajectory, present while the actor is."""
     trajectory = actor.world_from_actor
-    animate(thing, trajectory if actor.is_moving else single_key(trajectory), clock, drive.window(actor))
+    animate(obj, trajectory if actor.is_moving else single_key(trajectory), clock, drive.window(actor))
 
 
 def animate(
-    thing: bpy.types.Object,
+    obj: bpy.types.Object,
     trajectory: Trajectory,
     clock: Clock,
     present_s: tuple[float, float] | None = None,
@@ -261,14 +261,14 @@ def animate(
 
     Outside ``present_s`` the object is hidden in the view.
     """
-    write_presence(thing, clock, present_s)
-    thing.rotation_mode = "QUATERNION"
+    write_presence(obj, clock, present_s)
+    obj.rotation_mode = "QUATERNION"
     if len(trajectory.times_s) > 1:
-        write_trajectory(ride(thing, on), trajectory, clock)
+        write_trajectory(ride(obj, on), trajectory, clock)
         return
-    free(thing, on)
-    settle_on(thing)
-    thing.location, thing.rotation_quaternion = trajectory.positions[0], trajectory.quaternions_wxyz[0]
+    free(obj, on)
+    settle_on(obj)
+    obj.location, obj.rotation_quaternion = trajectory.positions[0], trajectory.quaternions_wxyz[0]
 
 
 def single_key(trajectory: Trajectory) -> Trajectory:

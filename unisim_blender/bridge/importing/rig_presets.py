@@ -50,10 +50,10 @@ def preset_file(name: str) -> Path:
     return users_folder() / f"{preset_name(name)}{SUFFIX}"
 
 
-def is_recorded(scene: bpy.types.Scene, thing: bpy.types.Object, drive: Drive) -> bool:
+def is_recorded(scene: bpy.types.Scene, obj: bpy.types.Object, drive: Drive) -> bool:
     """Return whether an object stands for a sensor of the log, and is no copy of one."""
-    known = thing.unisim.uid in drive.cameras or thing.unisim.uid in drive.lidars
-    return known and original_of(scene, thing.unisim.kind, thing.unisim.uid) == thing
+    known = obj.unisim.uid in drive.cameras or obj.unisim.uid in drive.lidars
+    return known and original_of(scene, obj.unisim.kind, obj.unisim.uid) == obj
 
 
 def rig_of(scene: bpy.types.Scene, drive: Drive, about: str) -> tuple[Rig, list[str]]:
@@ -61,18 +61,18 @@ def rig_of(scene: bpy.types.Scene, drive: Drive, about: str) -> tuple[Rig, list[
     not ride on the vehicle, and LiDARs without a beam table. Sensors that are hidden for renders are left out."""
     ego, cameras, lidars, left = next(imported_objects(scene, "EGO")), [], [], []
     taken: set[str] = set()
-    for thing in imported_objects(scene, "CAMERA", "LIDAR"):
-        if thing.hide_render:
+    for obj in imported_objects(scene, "CAMERA", "LIDAR"):
+        if obj.hide_render:
             continue
-        beams = lidar_model(thing.unisim.model) if thing.unisim.kind == "LIDAR" else None
-        if not rides_on_ego(thing) or (beams is not None and not beams.beams):
-            left.append(thing.name)
+        beams = lidar_model(obj.unisim.model) if obj.unisim.kind == "LIDAR" else None
+        if not rides_on_ego(obj) or (beams is not None and not beams.beams):
+            left.append(obj.name)
             continue
-        name = free_among(safe_name(thing.name), taken)
+        name = free_among(safe_name(obj.name), taken)
         taken.add(name)
-        pose = mount_of(scene, thing, ego, drive)
+        pose = mount_of(scene, obj, ego, drive)
         if beams is None:
-            cameras.append(RigCamera(name, model_of(thing), optical(pose)))
+            cameras.append(RigCamera(name, model_of(obj), optical(pose)))
         else:
             lidars.append(RigLidar(name, beams, pose))
     if not taken:
@@ -90,23 +90,23 @@ def put_rig(
     """
     ego = next(imported_objects(scene, "EGO"))
     if replace:
-        for thing in [thing for thing in imported_objects(scene, "CAMERA", "LIDAR") if rides_on_ego(thing)]:
-            if is_recorded(scene, thing, drive):
-                show_sensor(thing, False)
+        for obj in [obj for obj in imported_objects(scene, "CAMERA", "LIDAR") if rides_on_ego(obj)]:
+            if is_recorded(scene, obj, drive):
+                show_sensor(obj, False)
             else:
-                _delete(thing)
+                _delete(obj)
     new = []
     for camera in rig.cameras:
         name = free_name(scene, drive, camera.name)
-        thing = bpy.data.objects.new(name, bpy.data.cameras.new(f"UniSim {name}"))
-        set_model(thing, camera.model)
-        thing.data.display_size, thing.data.clip_end = DISPLAY_M, 1000.0
-        new.append(_ride(scene, thing, "CAMERA", ego, optical(camera.ego_from_camera), offset_m))
+        obj = bpy.data.objects.new(name, bpy.data.cameras.new(f"UniSim {name}"))
+        set_model(obj, camera.model)
+        obj.data.display_size, obj.data.clip_end = DISPLAY_M, 1000.0
+        new.append(_ride(scene, obj, "CAMERA", ego, optical(camera.ego_from_camera), offset_m))
     for lidar in rig.lidars:
-        thing = bpy.data.objects.new(free_name(scene, drive, lidar.name), None)
-        thing.empty_display_type, thing.empty_display_size = "CONE", DISPLAY_M
-        thing.unisim.model = lidar_json(lidar.model)
-        new.append(_ride(scene, thing, "LIDAR", ego, lidar.ego_from_lidar, offset_m))
+        obj = bpy.data.objects.new(free_name(scene, drive, lidar.name), None)
+        obj.empty_display_type, obj.empty_display_size = "CONE", DISPLAY_M
+        obj.unisim.model = lidar_json(lidar.model)
+        new.append(_ride(scene, obj, "LIDAR", ego, lidar.ego_from_lidar, offset_m))
     bpy.context.view_layer.update()
     look_ahead(scene)
     return new
@@ -121,16 +121,16 @@ def look_ahead(scene: bpy.types.Scene) -> None:
         fit_resolution(scene)
 
 
-def show_sensor(thing: bpy.types.Object, there: bool) -> None:
+def show_sensor(obj: bpy.types.Object, there: bool) -> None:
     """Let a sensor be there, or keep it in the file without being seen, rendered or written into scenarios."""
-    thing.hide_render = thing.hide_viewport = not there
+    obj.hide_render = obj.hide_viewport = not there
 
 
 def hidden_sensors(scene: bpy.types.Scene, drive: Drive) -> set[str]:
     """Names of the log's sensors that are hidden for renders, or were deleted."""
     every = [*(("CAMERA", name) for name in drive.cameras), *(("LIDAR", name) for name in drive.lidars)]
     found = {name: original_of(scene, kind, name) for kind, name in every}
-    return {name for name, thing in found.items() if thing is None or thing.hide_render}
+    return {name for name, obj in found.items() if obj is None or obj.hide_render}
 
 
 def bring_back(scene: bpy.types.Scene, source: Source) -> set[str]:
@@ -139,21 +139,21 @@ def bring_back(scene: bpy.types.Scene, source: Source) -> set[str]:
     names = hidden_sensors(scene, drive)
     for kind, known in (("CAMERA", drive.cameras), ("LIDAR", drive.lidars)):
         for name in names & set(known):
-            thing = original_of(scene, kind, name)
-            if thing is None:
+            obj = original_of(scene, kind, name)
+            if obj is None:
                 import_sensors(scene, source, {name})
             else:
-                show_sensor(thing, True)
+                show_sensor(obj, True)
     return names
 
 
-def mount_of(scene: bpy.types.Scene, thing: bpy.types.Object, ego: bpy.types.Object, drive: Drive) -> FloatArray:
+def mount_of(scene: bpy.types.Scene, obj: bpy.types.Object, ego: bpy.types.Object, drive: Drive) -> FloatArray:
     """A sensor's pose (4, 4) on the vehicle at this frame, Blender's axes. A recorded one measures a little before or after the
     frame's time, by which its object is off its mount."""
-    uid = thing.unisim.uid
+    uid = obj.unisim.uid
     recorded = drive.cameras.get(uid) or drive.lidars.get(uid)
     late = lag(recorded, drive, from_frame(drive, frame_of(scene)))[0]
-    poses = rigid(np.array([ego.matrix_world, thing.matrix_world], float))
+    poses = rigid(np.array([ego.matrix_world, obj.matrix_world], float))
     return np.asarray(late @ invert_pose(poses[0]) @ poses[1])
 
 
@@ -162,29 +162,29 @@ def free_name(scene: bpy.types.Scene, drive: Drive, wanted: str, has: str = "") 
 
     ``has`` is the name that the sensor's object has so far.
     """
-    sensors = {safe_name(thing.name) for thing in imported_objects(scene, "CAMERA", "LIDAR")}
+    sensors = {safe_name(obj.name) for obj in imported_objects(scene, "CAMERA", "LIDAR")}
     return free_among(wanted, {*sensors, *drive.cameras, *drive.lidars, *bpy.data.objects.keys()} - {has})
 
 
 def _ride(
     scene: bpy.types.Scene,
-    thing: bpy.types.Object,
+    obj: bpy.types.Object,
     kind: str,
     ego: bpy.types.Object,
     mount: FloatArray,
     offset_m: tuple[float, float, float],
 ) -> bpy.types.Object:
-    collection_of(scene, kind).objects.link(thing)
-    thing.unisim.kind, thing.unisim.uid = kind, thing.name
-    thing.parent = ego
-    thing.rotation_mode = "QUATERNION"
-    place, thing.rotation_quaternion, _ = Matrix(mount.tolist()).decompose()
-    thing.location = [a + b for a, b in zip(place, offset_m, strict=True)]
-    return thing
+    collection_of(scene, kind).objects.link(obj)
+    obj.unisim.kind, obj.unisim.uid = kind, obj.name
+    obj.parent = ego
+    obj.rotation_mode = "QUATERNION"
+    place, obj.rotation_quaternion, _ = Matrix(mount.tolist()).decompose()
+    obj.location = [a + b for a, b in zip(place, offset_m, strict=True)]
+    return obj
 
 
-def _delete(thing: bpy.types.Object) -> None:
-    data = thing.data
-    remove(thing)
+def _delete(obj: bpy.types.Object) -> None:
+    data = obj.data
+    remove(obj)
     if data is not None and data.users == 0:
         bpy.data.batch_remove([data])

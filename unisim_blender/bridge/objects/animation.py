@@ -18,16 +18,16 @@ LINEAR, CONSTANT = 1, 0
 Curves: TypeAlias = "bpy.types.bpy_prop_collection | tuple[()]"
 
 
-def fcurves_of(thing: bpy.types.Object, name: str) -> bpy.types.bpy_prop_collection:
-    """The empty curves of a new action of ``thing``. An action of its own that it had is thrown away."""
-    data = thing.animation_data_create()
+def fcurves_of(obj: bpy.types.Object, name: str) -> bpy.types.bpy_prop_collection:
+    """The empty curves of a new action of ``obj``. An action of its own that it had is thrown away."""
+    data = obj.animation_data_create()
     before, data.action = data.action, None
     if before is not None and before.users == 0:
         bpy.data.actions.remove(before)
     data.action = action = bpy.data.actions.new(name)
     if not hasattr(action, "slots"):  # before Blender 4.4
         return action.fcurves
-    slot = action.slots.new(id_type="OBJECT", name=thing.name)
+    slot = action.slots.new(id_type="OBJECT", name=obj.name)
     data.action_slot = slot
     strip = action.layers.new("Layer").strips.new(type="KEYFRAME")
     return strip.channelbag(slot, ensure=True).fcurves
@@ -46,9 +46,9 @@ def add_keys(
         curve.update()
 
 
-def curves_of(thing: bpy.types.Object) -> Curves:
+def curves_of(obj: bpy.types.Object) -> Curves:
     """The curves that move an object; none where it has no action."""
-    data = thing.animation_data
+    data = obj.animation_data
     if data is None or data.action is None:
         return ()
     return _curves(data.action, getattr(data, "action_slot", None))
@@ -63,32 +63,32 @@ def _curves(action: bpy.types.Action, slot: object) -> Curves:
     return () if bag is None else bag.fcurves
 
 
-def shown_by_keys(thing: bpy.types.Object, frames: FloatArray) -> BoolArray:
+def shown_by_keys(obj: bpy.types.Object, frames: FloatArray) -> BoolArray:
     """Return at which frames (N,) an object's keys let it be present."""
-    hides = [curve for curve in curves_of(thing) if curve.data_path == "hide_viewport"]
+    hides = [curve for curve in curves_of(obj) if curve.data_path == "hide_viewport"]
     return np.array([all(curve.evaluate(frame) < 0.5 for curve in hides) for frame in frames], bool)
 
 
-def keys_hide(thing: bpy.types.Object) -> bool:
+def keys_hide(obj: bpy.types.Object) -> bool:
     """Whether keys, of its action or of a strip of the NLA, say when an object is there."""
-    data = thing.animation_data
+    data = obj.animation_data
     strips = [strip for track in data.nla_tracks for strip in track.strips if strip.action] if data is not None else []
-    found = [curves_of(thing), *(_curves(strip.action, getattr(strip, "action_slot", None)) for strip in strips)]
+    found = [curves_of(obj), *(_curves(strip.action, getattr(strip, "action_slot", None)) for strip in strips)]
     return any(curve.data_path == "hide_viewport" for curves in found for curve in curves)
 
 
-def scale_changes(thing: bpy.types.Object) -> bool:
+def scale_changes(obj: bpy.types.Object) -> bool:
     """Whether keys make the scale of an object, or of what it is parented to, another at one time than at another."""
-    for curve in curves_of(thing):
+    for curve in curves_of(obj):
         values = [key.co[1] for key in curve.keyframe_points] if curve.data_path in ("scale", "delta_scale") else []
         if values and not curve.mute and max(values) - min(values) > SAME_SHAPE * max(map(abs, values)):
             return True
-    return thing.parent is not None and scale_changes(thing.parent)
+    return obj.parent is not None and scale_changes(obj.parent)
 
 
-def keys_of(thing: bpy.types.Object) -> tuple[FloatArray, FloatArray, FloatArray] | None:
+def keys_of(obj: bpy.types.Object) -> tuple[FloatArray, FloatArray, FloatArray] | None:
     """Frames (K,), locations (K, 3) and unit quaternions wxyz (K, 4) of the keys that move an object; None without keys."""
-    found = {(curve.data_path, curve.array_index): curve for curve in curves_of(thing)}
+    found = {(curve.data_path, curve.array_index): curve for curve in curves_of(obj)}
     moving = [curve for (path, _), curve in found.items() if path in ("location", "rotation_quaternion")]
     frames = np.unique([key.co[0] for curve in moving for key in curve.keyframe_points])
     if len(frames) == 0:
@@ -101,15 +101,15 @@ def keys_of(thing: bpy.types.Object) -> tuple[FloatArray, FloatArray, FloatArray
         ]
         return np.array(columns, float).T
 
-    quaternions = values("rotation_quaternion", np.array(thing.rotation_quaternion))
-    return frames, values("location", np.array(thing.location)), quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)
+    quaternions = values("rotation_quaternion", np.array(obj.rotation_quaternion))
+    return frames, values("location", np.array(obj.location)), quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)
 
 
-def write_keys(thing: bpy.types.Object, frames: FloatArray, positions: FloatArray, quaternions: FloatArray) -> None:
+def write_keys(obj: bpy.types.Object, frames: FloatArray, positions: FloatArray, quaternions: FloatArray) -> None:
     """Replace the keys that move an object; what else is animated stays."""
-    curves = curves_of(thing)
+    curves = curves_of(obj)
     if isinstance(curves, tuple):
-        curves = fcurves_of(thing, thing.name)
+        curves = fcurves_of(obj, obj.name)
     for curve in [curve for curve in curves if curve.data_path in ("location", "rotation_quaternion")]:
         curves.remove(curve)
     add_keys(curves, "location", frames, positions, LINEAR)
@@ -127,9 +127,9 @@ def add_to_keys(curve: bpy.types.FCurve, amount: float) -> None:
     curve.update()
 
 
-def remove_curves(thing: bpy.types.Object, *paths: str) -> None:
+def remove_curves(obj: bpy.types.Object, *paths: str) -> None:
     """Delete an object's curves of some properties."""
-    curves = curves_of(thing)
+    curves = curves_of(obj)
     for curve in [curve for curve in curves if curve.data_path in paths]:
         curves.remove(curve)  # type: ignore[union-attr]
 
@@ -151,21 +151,21 @@ def move_curves(source: bpy.types.Object, target: bpy.types.Object, *paths: str)
     remove_curves(source, *paths)
 
 
-def write_presence(thing: bpy.types.Object, clock: Clock, present_s: tuple[float, float] | None) -> None:
+def write_presence(obj: bpy.types.Object, clock: Clock, present_s: tuple[float, float] | None) -> None:
     """Replace all keys of an object by those of its presence: outside ``present_s`` it is hidden in the view.
 
     Hiding it for renders is left to people, who remove it so.
     """
     hidden = hidden_keys(clock, present_s)
     if hidden is None:
-        thing.animation_data_clear()
+        obj.animation_data_clear()
     else:
-        add_keys(fcurves_of(thing, thing.name), "hide_viewport", hidden[0], hidden[1], CONSTANT)
+        add_keys(fcurves_of(obj, obj.name), "hide_viewport", hidden[0], hidden[1], CONSTANT)
 
 
-def write_trajectory(thing: bpy.types.Object, trajectory: Trajectory, clock: Clock) -> None:
+def write_trajectory(obj: bpy.types.Object, trajectory: Trajectory, clock: Clock) -> None:
     """Replace all keys of an object by those of a trajectory of two or more keys."""
     trajectory = dense(trajectory, clock)
-    curves, frames = fcurves_of(thing, thing.name), clock.frame(trajectory.times_s)
+    curves, frames = fcurves_of(obj, obj.name), clock.frame(trajectory.times_s)
     add_keys(curves, "location", frames, trajectory.positions, LINEAR)
     add_keys(curves, "rotation_quaternion", frames, continuous(trajectory.quaternions_wxyz), LINEAR)

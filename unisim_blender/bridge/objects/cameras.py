@@ -12,22 +12,22 @@ from ...core.world.drive import CameraModel
 from ...editing.sensors.lenses import Lens, lens_of, model_of_lens
 
 
-def set_model(thing: bpy.types.Object, model: CameraModel) -> None:
+def set_model(obj: bpy.types.Object, model: CameraModel) -> None:
     """Give a camera object an exact model."""
-    camera, lens = thing.data, lens_of(model)
+    camera, lens = obj.data, lens_of(model)
     camera.sensor_fit, camera.sensor_width = lens.fit, lens.width_mm
     camera.lens, camera.shift_x, camera.shift_y = lens.focal_mm, lens.shift_x, lens.shift_y
-    thing.unisim.model = json.dumps({"camera": asdict(model), "shown": _shown(camera)})
+    obj.unisim.model = json.dumps({"camera": asdict(model), "shown": _shown(camera)})
 
 
 def _shown(camera: bpy.types.Camera) -> list[float]:
     return [camera.lens, camera.sensor_width, camera.shift_x, camera.shift_y]
 
 
-def model_of(thing: bpy.types.Object, size: tuple[int, int] | None = None) -> CameraModel:
+def model_of(obj: bpy.types.Object, size: tuple[int, int] | None = None) -> CameraModel:
     """The model of a camera object. ``size`` (width, height) is for one that has none of its own: the render's."""
-    camera = thing.data
-    kept = json.loads(thing.unisim.model) if thing.unisim.model else None
+    camera = obj.data
+    kept = json.loads(obj.unisim.model) if obj.unisim.model else None
     exact = None
     if kept is not None:
         exact = CameraModel.from_dict(kept["camera"])

@@ -23,14 +23,14 @@ KINDS_OF_DRIVE = ("EGO", "CAMERA", "LIDAR", "ACTOR", "STATIC", "BODY")
 
 def imported_objects(scene: bpy.types.Scene, *kinds: str) -> Iterator[bpy.types.Object]:
     """The scene's objects of some kinds, by name."""
-    for thing in sorted(scene.objects, key=lambda o: o.name):
-        if thing.unisim.kind in kinds:
-            yield thing
+    for obj in sorted(scene.objects, key=lambda o: o.name):
+        if obj.unisim.kind in kinds:
+            yield obj
 
 
-def rides_on_ego(thing: bpy.types.Object) -> bool:
+def rides_on_ego(obj: bpy.types.Object) -> bool:
     """Return whether an object is the ego vehicle or rides on it: by its parents, or by a constraint to what rides there."""
-    above: bpy.types.Object | None = thing
+    above: bpy.types.Object | None = obj
     while above is not None:
         if above.unisim.kind == "EGO":
             return True
@@ -41,17 +41,17 @@ def rides_on_ego(thing: bpy.types.Object) -> bool:
     return False
 
 
-def sees_body(thing: bpy.types.Object) -> bool:
+def sees_body(obj: bpy.types.Object) -> bool:
     """Return whether what looks through an object sees the ego vehicle's body: all but sensors on the vehicle, unless it is told
     otherwise."""
-    if thing.unisim.kind not in ("CAMERA", "LIDAR"):
+    if obj.unisim.kind not in ("CAMERA", "LIDAR"):
         return True
-    told = thing.unisim.sees_ego_body
-    return told == "ALWAYS" if told != "AUTO" else not rides_on_ego(thing)
+    told = obj.unisim.sees_ego_body
+    return told == "ALWAYS" if told != "AUTO" else not rides_on_ego(obj)
 
 
-def _parented_to_ego(thing: bpy.types.Object) -> bool:
-    above: bpy.types.Object | None = thing
+def _parented_to_ego(obj: bpy.types.Object) -> bool:
+    above: bpy.types.Object | None = obj
     while above is not None and above.unisim.kind != "EGO":
         above = above.parent
     return above is not None
@@ -60,7 +60,7 @@ def _parented_to_ego(thing: bpy.types.Object) -> bool:
 def has_drive(scene: bpy.types.Scene) -> bool:
     """Whether a drive was imported into a scene: one made by New Scene > Copy Settings has the settings and no
     objects."""
-    return bool(scene.unisim.log) and any(thing.unisim.kind in KINDS_OF_DRIVE for thing in scene.objects)
+    return bool(scene.unisim.log) and any(obj.unisim.kind in KINDS_OF_DRIVE for obj in scene.objects)
 
 
 def collection_of(scene: bpy.types.Scene, kind: str) -> bpy.types.Collection:
@@ -80,48 +80,48 @@ def _child(parent: bpy.types.Collection, name: str) -> bpy.types.Collection:
 
 def make(scene: bpy.types.Scene, kind: str, uid: str, name: str, data: bpy.types.ID | None) -> bpy.types.Object:
     """The object of that kind and id: the one that an earlier import made, with new data, or a new one."""
-    for thing in imported_objects(scene, kind):
-        if thing.unisim.uid == uid and thing.name == thing.unisim.home and not thing.unisim.look:
-            old = thing.data
+    for obj in imported_objects(scene, kind):
+        if obj.unisim.uid == uid and obj.name == obj.unisim.home and not obj.unisim.look:
+            old = obj.data
             if old is not data and type(old) is type(data):
-                thing.data = data
+                obj.data = data
                 if old is not None and old.users == 0:
                     bpy.data.batch_remove([old])
-            return thing
-    thing = bpy.data.objects.new(name, data)
-    collection_of(scene, kind).objects.link(thing)
-    thing.unisim.kind, thing.unisim.uid, thing.unisim.home = kind, uid, thing.name
-    thing.unisim.rest_scale = thing.scale
-    return thing
+            return obj
+    obj = bpy.data.objects.new(name, data)
+    collection_of(scene, kind).objects.link(obj)
+    obj.unisim.kind, obj.unisim.uid, obj.unisim.home = kind, uid, obj.name
+    obj.unisim.rest_scale = obj.scale
+    return obj
 
 
 def original_of(scene: bpy.types.Scene, kind: str, uid: str) -> bpy.types.Object | None:
     """Return the object that stands for what was imported with an id: the one that has the name which the import
     gave it, else,
     where that was renamed, the first by name. None where all were deleted."""
-    found = [thing for thing in imported_objects(scene, kind) if thing.unisim.uid == uid]
-    return next((thing for thing in found if thing.name == thing.unisim.home), found[0] if found else None)
+    found = [obj for obj in imported_objects(scene, kind) if obj.unisim.uid == uid]
+    return next((obj for obj in found if obj.name == obj.unisim.home), found[0] if found else None)
 
 
-def title_of(thing: bpy.types.Object) -> str:
+def title_of(obj: bpy.types.Object) -> str:
     """Return what a scenario calls an object that has no id of the log's. In a variant that is its name in the
     variant that it was
     copied from, as long as it keeps the name that it got with the copy."""
-    about = thing.unisim
-    return about.called if about.called and about.called_as == thing.name else thing.name
+    about = obj.unisim
+    return about.called if about.called and about.called_as == obj.name else obj.name
 
 
-def is_copy(scene: bpy.types.Scene, thing: bpy.types.Object) -> bool:
+def is_copy(scene: bpy.types.Scene, obj: bpy.types.Object) -> bool:
     """Return whether an object is a copy of another one that is there."""
-    return bool(thing.unisim.uid) and original_of(scene, thing.unisim.kind, thing.unisim.uid) != thing
+    return bool(obj.unisim.uid) and original_of(scene, obj.unisim.kind, obj.unisim.uid) != obj
 
 
 def new_actor(name: str, actor: Actor) -> bpy.types.Object:
     """An object for an actor that no import brings, with the box of that actor's look; in no collection yet."""
-    thing = bpy.data.objects.new(name, box_mesh(actor.appearance_size_m, actor.label))
-    thing.rotation_mode, thing.show_wire = "QUATERNION", True
-    thing.unisim.kind, thing.unisim.uid = "ACTOR", actor.appearance.actor
-    return thing
+    obj = bpy.data.objects.new(name, box_mesh(actor.appearance_size_m, actor.label))
+    obj.rotation_mode, obj.show_wire = "QUATERNION", True
+    obj.unisim.kind, obj.unisim.uid = "ACTOR", actor.appearance.actor
+    return obj
 
 
 def box_mesh(size_m: FloatArray, label: str) -> bpy.types.Mesh:

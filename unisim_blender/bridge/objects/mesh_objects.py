@@ -13,29 +13,29 @@ FORWARD = {"X": (1.0, 0.0), "-X": (-1.0, 0.0), "Y": (0.0, 1.0), "-Y": (0.0, -1.0
 """Directions in the world's plane."""
 
 
-def make_actor(thing: bpy.types.Object, label: str, forward: str) -> None:
+def make_actor(obj: bpy.types.Object, label: str, forward: str) -> None:
     """Let an object with all its parts be an actor that points ``forward`` (a key of `FORWARD`, or "AUTO": as it is long) as it
     stands there. Its origin goes to the middle of its extent, its axes forward, left and up, its scale into its mesh."""
-    corners = corners_of(thing, lambda part: np.array(part.matrix_world, float))
+    corners = corners_of(obj, lambda part: np.array(part.matrix_world, float))
     low, high = corners.min(0), corners.max(0)
     if forward == "AUTO":
         forward = "X" if high[0] - low[0] >= high[1] - low[1] else "Y"
     x, y = FORWARD[forward]
     stands = Matrix.Translation((low + high) / 2) @ Matrix(((x, -y, 0, 0), (y, x, 0, 0), (0, 0, 1, 0), (0, 0, 0, 1)))
-    if thing.animation_data is None and thing.parent is None:
-        inner = stands.inverted() @ thing.matrix_world
-        if thing.data is not None and hasattr(thing.data, "transform"):
-            if thing.data.users > 1:
-                thing.data = thing.data.copy()
-            thing.data.transform(inner)
-        for child in thing.children:
+    if obj.animation_data is None and obj.parent is None:
+        inner = stands.inverted() @ obj.matrix_world
+        if obj.data is not None and hasattr(obj.data, "transform"):
+            if obj.data.users > 1:
+                obj.data = obj.data.copy()
+            obj.data.transform(inner)
+        for child in obj.children:
             child.matrix_parent_inverse = inner @ child.matrix_parent_inverse
-        thing.rotation_mode = "QUATERNION"
-        thing.matrix_world = stands
-    about = thing.unisim
+        obj.rotation_mode = "QUATERNION"
+        obj.matrix_world = stands
+    about = obj.unisim
     about.kind, about.mesh, about.label = "ACTOR", True, label
     about.uid = about.home = about.look = about.look_scene = ""
-    about.rest_scale, about.scale_lift_m = thing.scale, 0.0
+    about.rest_scale, about.scale_lift_m = obj.scale, 0.0
 
 
 def object_of(name: str, model: MeshModel, label: str) -> bpy.types.Object:
@@ -52,10 +52,10 @@ def object_of(name: str, model: MeshModel, label: str) -> bpy.types.Object:
     mesh.polygons.foreach_set("use_smooth", np.ones(len(model.faces), bool))
     mesh.normals_split_custom_set(model.normals.reshape(-1, 3).tolist())
     mesh.update()
-    thing = bpy.data.objects.new(name, mesh)
-    thing.rotation_mode = "QUATERNION"
-    thing.unisim.kind, thing.unisim.mesh, thing.unisim.label = "ACTOR", True, label
-    return thing
+    obj = bpy.data.objects.new(name, mesh)
+    obj.rotation_mode = "QUATERNION"
+    obj.unisim.kind, obj.unisim.mesh, obj.unisim.label = "ACTOR", True, label
+    return obj
 
 
 def _material(name: str, model: MeshModel, slot: int) -> bpy.types.Material:

@@ -31,28 +31,28 @@ PLAIN = 0.8
 """What has neither material nor colours, linear."""
 
 
-def parts(thing: bpy.types.Object) -> Iterator[bpy.types.Object]:
+def parts(obj: bpy.types.Object) -> Iterator[bpy.types.Object]:
     """What of an object and its children has a surface."""
-    for part in (thing, *thing.children_recursive):
+    for part in (obj, *obj.children_recursive):
         if part.type in SHAPES and not part.hide_render:
             yield part
 
 
-def model_of(thing: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> tuple[MeshModel, FloatArray]:
+def model_of(obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> tuple[MeshModel, FloatArray]:
     """An actor's model about the middle of its extent, in the object's axes without its scale; and where that middle is (3,).
 
     Raises `ScenarioError` where there is nothing to render.
     """
     textures: list[NDArray[np.uint8]] = []
     pieces = []
-    for part in parts(thing):
+    for part in parts(obj):
         evaluated = part.evaluated_get(depsgraph)
         mesh = evaluated.to_mesh()
         if mesh is not None and len(mesh.polygons):
-            pieces.append(_piece(mesh, within(evaluated, thing.evaluated_get(depsgraph)), textures))
+            pieces.append(_piece(mesh, within(evaluated, obj.evaluated_get(depsgraph)), textures))
         evaluated.to_mesh_clear()
     if not pieces:
-        raise ScenarioError(f'object "{thing.name}": is an actor without any surface')
+        raise ScenarioError(f'object "{obj.name}": is an actor without any surface')
     first = np.cumsum([0, *(len(piece.vertices) for piece in pieces)])
     joined: dict[str, Any] = {
         field.name: np.concatenate([getattr(piece, field.name) for piece in pieces])
@@ -61,66 +61,66 @@ def model_of(thing: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> tuple[M
     }
     joined["faces"] = np.concatenate([piece.faces + np.int32(at) for piece, at in zip(pieces, first, strict=False)])
     model = MeshModel(**joined, textures=tuple(textures))
-    check_model(model, Path(f'object "{thing.name}"'))
+    check_model(model, Path(f'object "{obj.name}"'))
     return centred(model)
 
 
-def size_of(thing: bpy.types.Object) -> FloatArray:
+def size_of(obj: bpy.types.Object) -> FloatArray:
     """How large an object is drawn (3,) along its own axes, as it was evaluated last; of an actor that is a mesh, with all its
     parts."""
-    return extent_of(thing) * (1.0 if thing.unisim.mesh else np.array(scale_of(thing)))
+    return extent_of(obj) * (1.0 if obj.unisim.mesh else np.array(scale_of(obj)))
 
 
-def scale_of(thing: bpy.types.Object) -> Factors:
+def scale_of(obj: bpy.types.Object) -> Factors:
     """How much larger an object is drawn along its own axes (3,) than its data is, as it was evaluated last."""
-    world = np.array(thing.matrix_world, float)[None]
+    world = np.array(obj.matrix_world, float)[None]
     return scaling_of(world, rigid(world)).factors
 
 
-def scaled_sentence(thing: bpy.types.Object) -> str:
+def scaled_sentence(obj: bpy.types.Object) -> str:
     """Return what it means that an actor was scaled, as a sentence."""
-    world = np.array(thing.matrix_world, float)[None]
-    scaling = Scaling() if thing.unisim.mesh else scaling_of(world, rigid(world))
-    size = size_text(size_of(thing).tolist())
-    if fault := refusal(thing.name, scaling):
+    world = np.array(obj.matrix_world, float)[None]
+    scaling = Scaling() if obj.unisim.mesh else scaling_of(world, rigid(world))
+    size = size_text(size_of(obj).tolist())
+    if fault := refusal(obj.name, scaling):
         return fault
     if scaling.factors == UNIT:
-        return f"{thing.name}: measures {size}"
-    return f"{thing.name}: is scaled by {scale_text(scaling.factors)} to {size}; its underside stays where it was"
+        return f"{obj.name}: measures {size}"
+    return f"{obj.name}: is scaled by {scale_text(scaling.factors)} to {size}; its underside stays where it was"
 
 
-def extent_of(thing: bpy.types.Object) -> FloatArray:
+def extent_of(obj: bpy.types.Object) -> FloatArray:
     """An object's extent (3,) along its own axes without its scale; of an actor that is a mesh, with it and all its parts."""
-    if not thing.unisim.mesh:
-        return np.ptp(np.array(thing.bound_box, float), axis=0)
-    corners = corners_of(thing, lambda part: within(part, thing))
+    if not obj.unisim.mesh:
+        return np.ptp(np.array(obj.bound_box, float), axis=0)
+    corners = corners_of(obj, lambda part: within(part, obj))
     return np.ptp(corners, axis=0) if len(corners) else np.zeros(3)
 
 
-def corners_of(thing: bpy.types.Object, placed: Callable[[bpy.types.Object], FloatArray]) -> FloatArray:
+def corners_of(obj: bpy.types.Object, placed: Callable[[bpy.types.Object], FloatArray]) -> FloatArray:
     """Corners (8 P, 3) of the boxes round an object's parts, each where ``placed`` (4, 4) puts it."""
     corners = [np.zeros((0, 3))]
-    for part in parts(thing):
+    for part in parts(obj):
         whole = placed(part)
         corners.append(np.array(part.bound_box, float) @ whole[:3, :3].T + whole[:3, 3])
     return np.concatenate(corners)
 
 
-def within(part: bpy.types.Object, thing: bpy.types.Object) -> FloatArray:
-    """From a part's own coordinates to the axes of ``thing``, which it belongs to, with that one's scale (4, 4).
+def within(part: bpy.types.Object, obj: bpy.types.Object) -> FloatArray:
+    """From a part's own coordinates to the axes of ``obj``, which it belongs to, with that one's scale (4, 4).
 
     Along the parents where they alone place it: matrices in the world are float32, and a model must not change as it drives.
     """
     whole, above = np.eye(4), part
-    while above is not None and above.name != thing.name and above.parent_type == "OBJECT" and not above.constraints:
+    while above is not None and above.name != obj.name and above.parent_type == "OBJECT" and not above.constraints:
         whole = np.array(above.matrix_parent_inverse, float) @ np.array(above.matrix_basis, float) @ whole
         above = above.parent
     # neither a trajectory nor the ego vehicle has a scale
-    scaled = thing.parent is not None and trajectory_of(thing) is None and thing.parent.unisim.kind != "EGO"
-    if above is None or above.name != thing.name or scaled or thing.constraints:
-        world = np.array(thing.matrix_world, float)
+    scaled = obj.parent is not None and trajectory_of(obj) is None and obj.parent.unisim.kind != "EGO"
+    if above is None or above.name != obj.name or scaled or obj.constraints:
+        world = np.array(obj.matrix_world, float)
         return np.asarray(invert_pose(rigid(world)) @ np.array(part.matrix_world, float))
-    return np.asarray(np.diag([*thing.scale, 1.0]) @ whole)
+    return np.asarray(np.diag([*obj.scale, 1.0]) @ whole)
 
 
 def _piece(mesh: bpy.types.Mesh, whole: FloatArray, textures: list[NDArray[np.uint8]]) -> MeshModel:

@@ -21,18 +21,18 @@ def apply_words(scene: bpy.types.Scene, plain: Mapping[str, str], words: Mapping
     Names that people gave, and those of files from earlier versions, stay. Return the new names by the old ones.
     """
     found: dict[str, list[bpy.types.Object]] = {}
-    for thing in imported_objects(scene, "ACTOR"):
-        if words.get(thing.unisim.uid) and thing.unisim.uid in plain:
-            found.setdefault(thing.unisim.uid, []).append(thing)
+    for obj in imported_objects(scene, "ACTOR"):
+        if words.get(obj.unisim.uid) and obj.unisim.uid in plain:
+            found.setdefault(obj.unisim.uid, []).append(obj)
     renamed = {}
     for uid, standing in found.items():
-        own = next((thing for thing in standing if thing.name == thing.unisim.home), None)
+        own = next((obj for obj in standing if obj.name == obj.unisim.home), None)
         if own is None or not is_plain(own.name, plain[uid]):
             continue
         before = own.name
         own.name = full_name(plain[uid], words[uid])
-        for thing in standing:
-            if thing.unisim.home == before:
-                thing.unisim.home = own.name
+        for obj in standing:
+            if obj.unisim.home == before:
+                obj.unisim.home = own.name
         renamed[before] = own.name
     return renamed

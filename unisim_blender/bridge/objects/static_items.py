@@ -20,20 +20,20 @@ def mark(scene: bpy.types.Scene, pose: FloatArray, size_m: FloatArray, uid: str 
     while not uid:
         uid, number = f"item-{number}", number + 1
         uid = "" if uid in scene.unisim.static_items else uid
-    thing = make(scene, "STATIC", uid, uid, box_mesh(size_m, LABEL))
-    thing.rotation_mode = "QUATERNION"
-    thing.show_wire = True
-    thing.location, thing.rotation_quaternion, _ = Matrix(pose.tolist()).decompose()
-    thing.unisim.model = json.dumps({"world_from_box": pose.tolist(), "size_m": np.asarray(size_m, float).tolist()})
+    obj = make(scene, "STATIC", uid, uid, box_mesh(size_m, LABEL))
+    obj.rotation_mode = "QUATERNION"
+    obj.show_wire = True
+    obj.location, obj.rotation_quaternion, _ = Matrix(pose.tolist()).decompose()
+    obj.unisim.model = json.dumps({"world_from_box": pose.tolist(), "size_m": np.asarray(size_m, float).tolist()})
     item = scene.unisim.static_items.add()
-    item.name, item.model = uid, thing.unisim.model
-    return thing
+    item.name, item.model = uid, obj.unisim.model
+    return obj
 
 
 def forget(scene: bpy.types.Scene, uid: str) -> None:
     """Take the mark off an item: its boxes go, and what stands in them stays where it is."""
-    for thing in [thing for thing in scene.objects if thing.unisim.kind == "STATIC" and thing.unisim.uid == uid]:
-        bpy.data.objects.remove(thing)
+    for obj in [obj for obj in scene.objects if obj.unisim.kind == "STATIC" and obj.unisim.uid == uid]:
+        bpy.data.objects.remove(obj)
     index = scene.unisim.static_items.find(uid)
     if index >= 0:
         scene.unisim.static_items.remove(index)

@@ -19,121 +19,121 @@ PATHS = ("location", "rotation_quaternion", "rotation_euler")
 """What moves an object on its trajectory."""
 
 
-def trajectory_of(thing: bpy.types.Object) -> bpy.types.Object | None:
-    """Return the parent that carries the keys of ``thing``; None where it has none."""
-    above = thing.parent
+def trajectory_of(obj: bpy.types.Object) -> bpy.types.Object | None:
+    """Return the parent that carries the keys of ``obj``; None where it has none."""
+    above = obj.parent
     return above if above is not None and above.unisim.kind == KIND else None
 
 
-def ride(thing: bpy.types.Object, on: bpy.types.Object | None = None) -> bpy.types.Object:
-    """Put ``thing``, undisplaced, onto a new trajectory that is parented to ``on``. Return the trajectory."""
-    free(thing, on)
-    above = _new(thing, thing.name)
+def ride(obj: bpy.types.Object, on: bpy.types.Object | None = None) -> bpy.types.Object:
+    """Put ``obj``, undisplaced, onto a new trajectory that is parented to ``on``. Return the trajectory."""
+    free(obj, on)
+    above = _new(obj, obj.name)
     above.parent = on
     above.matrix_parent_inverse.identity()
-    _attach(thing, above)
-    settle_on(thing)
+    _attach(obj, above)
+    settle_on(obj)
     return above
 
 
-def free(thing: bpy.types.Object, on: bpy.types.Object | None = None) -> None:
-    """Take ``thing`` off its trajectory and parent it to ``on``. A trajectory that nothing rides on is deleted."""
-    above = trajectory_of(thing)
-    thing.parent = on
-    thing.matrix_parent_inverse.identity()
+def free(obj: bpy.types.Object, on: bpy.types.Object | None = None) -> None:
+    """Take ``obj`` off its trajectory and parent it to ``on``. A trajectory that nothing rides on is deleted."""
+    above = trajectory_of(obj)
+    obj.parent = on
+    obj.matrix_parent_inverse.identity()
     if above is not None:
         _drop(above)
 
 
-def own_trajectory(thing: bpy.types.Object) -> bpy.types.Object | None:
-    """Return the trajectory of ``thing`` after giving it one of its own where copies ride on the same; None where it has none."""
-    above = trajectory_of(thing)
+def own_trajectory(obj: bpy.types.Object) -> bpy.types.Object | None:
+    """Return the trajectory of ``obj`` after giving it one of its own where copies ride on the same; None where it has none."""
+    above = trajectory_of(obj)
     if above is None or len(above.children) == 1:
         return above
-    copy = _new(thing, thing.name)
+    copy = _new(obj, obj.name)
     copy.parent = above.parent
     copy.matrix_parent_inverse = above.matrix_parent_inverse
     copy.location, copy.rotation_quaternion = above.location, above.rotation_quaternion
     keys = keys_of(above)
     if keys is not None:
         write_keys(copy, *keys)
-    _attach(thing, copy)
+    _attach(obj, copy)
     return copy
 
 
-def remove(thing: bpy.types.Object) -> None:
+def remove(obj: bpy.types.Object) -> None:
     """Delete an object, and its trajectory where nothing else rides on that."""
-    above = trajectory_of(thing)
-    bpy.data.objects.remove(thing)
+    above = trajectory_of(obj)
+    bpy.data.objects.remove(obj)
     if above is not None:
         _drop(above)
 
 
-def settle_on(thing: bpy.types.Object) -> None:
-    """Put ``thing`` onto its trajectory without any displacement."""
-    remove_curves(thing, *PATHS)
-    thing.location = (0.0, 0.0, 0.0)
-    thing.rotation_quaternion = (1.0, 0.0, 0.0, 0.0)
-    thing.rotation_euler = (0.0, 0.0, 0.0)
-    thing.unisim.rest_location, thing.unisim.rest_rotation = (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0)
+def settle_on(obj: bpy.types.Object) -> None:
+    """Put ``obj`` onto its trajectory without any displacement."""
+    remove_curves(obj, *PATHS)
+    obj.location = (0.0, 0.0, 0.0)
+    obj.rotation_quaternion = (1.0, 0.0, 0.0, 0.0)
+    obj.rotation_euler = (0.0, 0.0, 0.0)
+    obj.unisim.rest_location, obj.unisim.rest_rotation = (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0)
 
 
-def set_on_trajectory(thing: bpy.types.Object, pose: FloatArray) -> None:
-    """Put ``thing`` at a pose (4, 4) in the axes of its trajectory; that counts as undisplaced."""
-    thing.location, thing.rotation_quaternion, _ = Matrix(pose.tolist()).decompose()
-    thing.unisim.rest_location, thing.unisim.rest_rotation = thing.location, thing.rotation_quaternion
+def set_on_trajectory(obj: bpy.types.Object, pose: FloatArray) -> None:
+    """Put ``obj`` at a pose (4, 4) in the axes of its trajectory; that counts as undisplaced."""
+    obj.location, obj.rotation_quaternion, _ = Matrix(pose.tolist()).decompose()
+    obj.unisim.rest_location, obj.unisim.rest_rotation = obj.location, obj.rotation_quaternion
 
 
-def convert(thing: bpy.types.Object) -> bool:
+def convert(obj: bpy.types.Object) -> bool:
     """Move keys that earlier versions kept on the object itself onto a trajectory; return whether there were any.
 
     Objects that constraints, drivers or the NLA move stay as they are.
     """
-    data = thing.animation_data
-    moving = any(curve.data_path == "location" and len(curve.keyframe_points) > 1 for curve in curves_of(thing))
-    if not moving or trajectory_of(thing) is not None or thing.rotation_mode != "QUATERNION":
+    data = obj.animation_data
+    moving = any(curve.data_path == "location" and len(curve.keyframe_points) > 1 for curve in curves_of(obj))
+    if not moving or trajectory_of(obj) is not None or obj.rotation_mode != "QUATERNION":
         return False
-    if thing.constraints or data.drivers or any(track.strips for track in data.nla_tracks):
+    if obj.constraints or data.drivers or any(track.strips for track in data.nla_tracks):
         return False
-    above = _new(thing, thing.name)
-    above.parent, above.matrix_parent_inverse = thing.parent, thing.matrix_parent_inverse
-    above.location, above.rotation_quaternion = thing.location, thing.rotation_quaternion
-    move_curves(thing, above, "location", "rotation_quaternion")
-    _attach(thing, above)
-    settle_on(thing)
+    above = _new(obj, obj.name)
+    above.parent, above.matrix_parent_inverse = obj.parent, obj.matrix_parent_inverse
+    above.location, above.rotation_quaternion = obj.location, obj.rotation_quaternion
+    move_curves(obj, above, "location", "rotation_quaternion")
+    _attach(obj, above)
+    settle_on(obj)
     return True
 
 
-def local_matrix(thing: bpy.types.Object, frame: float) -> Matrix:
+def local_matrix(obj: bpy.types.Object, frame: float) -> Matrix:
     """Return where keys put an object in its parent's axes at a frame (4, 4); properties without keys count as they are."""
-    values = {(curve.data_path, curve.array_index): curve.evaluate(frame) for curve in curves_of(thing)}
+    values = {(curve.data_path, curve.array_index): curve.evaluate(frame) for curve in curves_of(obj)}
 
     def numbers(path: str) -> list[float]:
-        return [values.get((path, i), value) for i, value in enumerate(getattr(thing, path))]
+        return [values.get((path, i), value) for i, value in enumerate(getattr(obj, path))]
 
     place = Matrix.Translation(numbers("location"))
-    if thing.rotation_mode == "QUATERNION":
+    if obj.rotation_mode == "QUATERNION":
         return place @ Quaternion(numbers("rotation_quaternion")).normalized().to_matrix().to_4x4()
-    if thing.rotation_mode == "AXIS_ANGLE":
-        return place @ thing.matrix_basis.to_quaternion().to_matrix().to_4x4()
-    euler = thing.rotation_euler.copy()
+    if obj.rotation_mode == "AXIS_ANGLE":
+        return place @ obj.matrix_basis.to_quaternion().to_matrix().to_4x4()
+    euler = obj.rotation_euler.copy()
     euler[:] = numbers("rotation_euler")
     return place @ euler.to_matrix().to_4x4()
 
 
-def keyed_pose(thing: bpy.types.Object, frame: float) -> FloatArray:
+def keyed_pose(obj: bpy.types.Object, frame: float) -> FloatArray:
     """Return where an object's own keys and its parents' put it at a frame, as a pose in the world (4, 4)."""
-    own = np.array(local_matrix(thing, frame), float)
-    if thing.parent is None:
+    own = np.array(local_matrix(obj, frame), float)
+    if obj.parent is None:
         return own
-    return keyed_pose(thing.parent, frame) @ np.array(thing.matrix_parent_inverse, float) @ own
+    return keyed_pose(obj.parent, frame) @ np.array(obj.matrix_parent_inverse, float) @ own
 
 
-def _new(thing: bpy.types.Object, name: str) -> bpy.types.Object:
+def _new(obj: bpy.types.Object, name: str) -> bpy.types.Object:
     """A trajectory that nothing rides on yet."""
     above = bpy.data.objects.new(f"{name} trajectory", None)
-    collection_of(thing.users_scene[0], KIND).objects.link(above)
-    above.unisim.kind, above.unisim.uid = KIND, thing.unisim.uid
+    collection_of(obj.users_scene[0], KIND).objects.link(above)
+    above.unisim.kind, above.unisim.uid = KIND, obj.unisim.uid
     above.rotation_mode = "QUATERNION"
     above.empty_display_size = 0.01
     above.hide_viewport = above.hide_select = above.hide_render = True
@@ -141,10 +141,10 @@ def _new(thing: bpy.types.Object, name: str) -> bpy.types.Object:
     return above
 
 
-def _attach(thing: bpy.types.Object, above: bpy.types.Object) -> None:
-    thing.parent = above
-    thing.matrix_parent_inverse.identity()
-    thing.rotation_mode = "QUATERNION"
+def _attach(obj: bpy.types.Object, above: bpy.types.Object) -> None:
+    obj.parent = above
+    obj.matrix_parent_inverse.identity()
+    obj.rotation_mode = "QUATERNION"
 
 
 def _drop(above: bpy.types.Object) -> None:

@@ -61,27 +61,27 @@ def sample_now(
     one = sample(scene, depsgraph, here, lambda frame: None, also)
     stepped = _known(scene, clock)
     sampled = []
-    for thing in one.objects:
-        owner = scene.objects.get(thing.name) or next(other for other in also if other.name == thing.name)
-        scaling = thing.scaling
-        if thing.name in stepped:
-            if not thing.mesh and not scaling.fault:
-                scaling = scaling._replace(fault=stepped[thing.name].fault)
-            poses, there = _displaced(stepped[thing.name], thing.poses[0], bool(thing.there[0])), stepped[thing.name].there
+    for obj in one.objects:
+        owner = scene.objects.get(obj.name) or next(other for other in also if other.name == obj.name)
+        scaling = obj.scaling
+        if obj.name in stepped:
+            if not obj.mesh and not scaling.fault:
+                scaling = scaling._replace(fault=stepped[obj.name].fault)
+            poses, there = _displaced(stepped[obj.name], obj.poses[0], bool(obj.there[0])), stepped[obj.name].there
         else:
             keyed_now = np.linalg.inv(keyed_pose(owner, now))
-            poses = thing.poses[0] @ np.stack([keyed_now @ keyed_pose(owner, frame) for frame in clock.frames])
+            poses = obj.poses[0] @ np.stack([keyed_now @ keyed_pose(owner, frame) for frame in clock.frames])
             hidden = [_hidden(owner, frame) for frame in clock.frames]
-            there = np.array([bool(thing.there[0]) if now_hidden is None else not now_hidden for now_hidden in hidden])
-        sampled.append(replace(thing, poses=rigid(poses), there=there & (not owner.hide_render), scaling=scaling))
+            there = np.array([bool(obj.there[0]) if now_hidden is None else not now_hidden for now_hidden in hidden])
+        sampled.append(replace(obj, poses=rigid(poses), there=there & (not owner.hide_render), scaling=scaling))
     return replace(one, clock=clock, objects=tuple(sampled))
 
 
 def lacking(scene: bpy.types.Scene, clock: Clock, also: Iterable[bpy.types.Object] = ()) -> list[bpy.types.Object]:
     """Objects that keys alone do not tell of, and that were not evaluated about this moment yet."""
     known = _known(scene, clock)
-    found = {thing.name: thing for thing in (*imported_objects(scene, *KINDS_OF_DRIVE), *also)}
-    return [thing for name, thing in found.items() if name not in known and not moved_by_keys(thing)]
+    found = {obj.name: obj for obj in (*imported_objects(scene, *KINDS_OF_DRIVE), *also)}
+    return [obj for name, obj in found.items() if name not in known and not moved_by_keys(obj)]
 
 
 def step_beside(scene: bpy.types.Scene, clock: Clock, moved: Sequence[bpy.types.Object]) -> bool:
@@ -99,25 +99,23 @@ def step_beside(scene: bpy.types.Scene, clock: Clock, moved: Sequence[bpy.types.
     try:
         beside.frame_set(int(now))  # makes its depsgraph; the frame handlers that this calls find an empty scene
         depsgraph = beside.view_layers[0].depsgraph
-        for thing in moved:
-            beside.collection.objects.link(thing)
+        for obj in moved:
+            beside.collection.objects.link(obj)
         matrices = np.empty((1 + len(clock.frames), len(moved), 4, 4))
         there = np.empty((1 + len(clock.frames), len(moved)), bool)
-        hides = [keys_hide(thing) for thing in moved]
+        hides = [keys_hide(obj) for obj in moved]
         for at, frame in enumerate((now, *clock.frames)):
             beside.frame_current, beside.frame_subframe = int(np.floor(frame)), float(frame - np.floor(frame))
             depsgraph.update()
-            for i, thing in enumerate(moved):
-                matrices[at, i] = thing.evaluated_get(depsgraph).matrix_world
-                there[at, i] = not (hides[i] and thing.evaluated_get(depsgraph).hide_viewport)
+            for i, obj in enumerate(moved):
+                matrices[at, i] = obj.evaluated_get(depsgraph).matrix_world
+                there[at, i] = not (hides[i] and obj.evaluated_get(depsgraph).hide_viewport)
     finally:
         bpy.data.scenes.remove(beside)
     poses = rigid(matrices)
     new = {
-        thing.name: Stepped(
-            poses[0, i], poses[1:, i], there[1:, i], scaling_of(matrices[1:, i], poses[1:, i], there[1:, i]).fault
-        )
-        for i, thing in enumerate(moved)
+        obj.name: Stepped(poses[0, i], poses[1:, i], there[1:, i], scaling_of(matrices[1:, i], poses[1:, i], there[1:, i]).fault)
+        for i, obj in enumerate(moved)
     }
     _stepped[scene.name] = moment, _known(scene, clock) | new
     return True
@@ -125,7 +123,7 @@ def step_beside(scene: bpy.types.Scene, clock: Clock, moved: Sequence[bpy.types.
 
 def step_soon(scene: bpy.types.Scene, clock: Clock, also: Iterable[bpy.types.Object] = ()) -> None:
     """Have a timer evaluate what is `lacking`, and the views drawn again then."""
-    _asked[scene.name] = clock, tuple(thing.name for thing in also)
+    _asked[scene.name] = clock, tuple(obj.name for obj in also)
     if not bpy.app.timers.is_registered(_step_asked):
         bpy.app.timers.register(_step_asked, first_interval=0.0)
 
@@ -142,18 +140,18 @@ def _step_asked() -> float | None:
     return None
 
 
-def moved_by_keys(thing: bpy.types.Object) -> bool:
+def moved_by_keys(obj: bpy.types.Object) -> bool:
     """Whether nothing but its own and its parents' keys moves an object."""
-    data = thing.animation_data
+    data = obj.animation_data
     plain = (
         (data is None or not (data.drivers or (data.use_nla and any(track.strips for track in data.nla_tracks))))
-        and all(constraint.mute for constraint in thing.constraints)
-        and thing.rotation_mode != "AXIS_ANGLE"
-        and not any((*thing.delta_location, *thing.delta_rotation_euler, *thing.delta_rotation_quaternion[1:]))
+        and all(constraint.mute for constraint in obj.constraints)
+        and obj.rotation_mode != "AXIS_ANGLE"
+        and not any((*obj.delta_location, *obj.delta_rotation_euler, *obj.delta_rotation_quaternion[1:]))
     )
-    if not plain or thing.parent is None:
+    if not plain or obj.parent is None:
         return plain
-    return thing.parent_type == "OBJECT" and tuple(thing.parent.scale) == (1.0, 1.0, 1.0) and moved_by_keys(thing.parent)
+    return obj.parent_type == "OBJECT" and tuple(obj.parent.scale) == (1.0, 1.0, 1.0) and moved_by_keys(obj.parent)
 
 
 def _known(scene: bpy.types.Scene, clock: Clock) -> dict[str, Stepped]:
@@ -166,9 +164,9 @@ def _displaced(stepped: Stepped, now: FloatArray, there: bool) -> FloatArray:
     return now @ np.linalg.inv(stepped.now) @ stepped.poses if there else stepped.poses
 
 
-def _hidden(thing: bpy.types.Object, frame: float) -> bool | None:
+def _hidden(obj: bpy.types.Object, frame: float) -> bool | None:
     """Whether keys hide an object at a frame; None where none do."""
-    for curve in curves_of(thing):
+    for curve in curves_of(obj):
         if curve.data_path == "hide_viewport":
             return curve.evaluate(frame) > 0.5
     return None

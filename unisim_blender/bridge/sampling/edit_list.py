@@ -128,13 +128,13 @@ def read_steps(scene: bpy.types.Scene) -> Iterator[None]:
     lines: list[Line] = []
     for key, group in _groups(scene, source.drive).items():
         signature = (
-            tuple(sampler.signature(thing) for thing in group),
+            tuple(sampler.signature(obj) for obj in group),
             clock.frames.tobytes(),
             str(source.scene_path),
             _marked(scene, key),
         )
         before = reading.known.get(key)
-        free = [thing for thing in group if not moved_by_keys(thing)]
+        free = [obj for obj in group if not moved_by_keys(obj)]
         if before is not None and before[0] == signature and not (free and moved):
             known[key] = before
         else:
@@ -163,9 +163,9 @@ def _groups(scene: bpy.types.Scene, drive: Drive) -> dict[Key, list[bpy.types.Ob
     """Return what has to be read together: each actor with its copies, the rig, the static items."""
     groups: dict[Key, list[bpy.types.Object]] = {("RIG", ""): []}
     groups |= {("ACTOR", uid): [] for uid in sorted(drive.actors)}
-    for thing in imported_objects(scene, *KINDS_OF_DRIVE):
-        group = GROUP_OF[thing.unisim.kind]
-        groups.setdefault((group, thing.unisim.uid if group in BY_ID else ""), []).append(thing)
+    for obj in imported_objects(scene, *KINDS_OF_DRIVE):
+        group = GROUP_OF[obj.unisim.kind]
+        groups.setdefault((group, obj.unisim.uid if group in BY_ID else ""), []).append(obj)
     if len(scene.unisim.static_items):
         groups.setdefault(("STATIC", ""), [])
     return groups
@@ -187,10 +187,10 @@ def _sampled(
             parts.append(evaluated(sampler.scene, frames[at : at + FRAMES_AT_ONCE].tolist(), free))
             yield
         matrices, there = (np.concatenate([part[i] for part in parts]) for i in (0, 1))
-        beside = {thing.name: (matrices[:, i], there[:, i]) for i, thing in enumerate(free)}
-    for thing in group:
-        sampled.append(sampler.thing(thing, *beside.get(thing.name, ())))
-        if thing.unisim.kind != "ACTOR":  # a sensor takes milliseconds, an actor none
+        beside = {obj.name: (matrices[:, i], there[:, i]) for i, obj in enumerate(free)}
+    for obj in group:
+        sampled.append(sampler.sample(obj, *beside.get(obj.name, ())))
+        if obj.unisim.kind != "ACTOR":  # a sensor takes milliseconds, an actor none
             yield
 
 

@@ -34,14 +34,14 @@ LENS = ("lens", "shift_x", "shift_y", "sensor_width", "sensor_height", "sensor_f
 def edit_state(scene: bpy.types.Scene) -> str:
     """Return a digest of a scene's edits: the same before and after saving, at every frame, and after undo and redo."""
     digest = hashlib.blake2b(digest_size=16)
-    for thing in imported_objects(scene, *KINDS_OF_DRIVE, "TRAJECTORY"):
-        about = thing.unisim
-        said: list[object] = [thing.name, thing.hide_render, *(getattr(about, name) for name in FLAGS)]
-        if thing.type == "MESH":
-            said += np.round(size_of(thing), 5).tolist()
-        if thing.type == "CAMERA":
-            said += [getattr(thing.data, name) for name in LENS]
-        for part in (thing, *(thing.children_recursive if about.mesh else ())):
+    for obj in imported_objects(scene, *KINDS_OF_DRIVE, "TRAJECTORY"):
+        about = obj.unisim
+        said: list[object] = [obj.name, obj.hide_render, *(getattr(about, name) for name in FLAGS)]
+        if obj.type == "MESH":
+            said += np.round(size_of(obj), 5).tolist()
+        if obj.type == "CAMERA":
+            said += [getattr(obj.data, name) for name in LENS]
+        for part in (obj, *(obj.children_recursive if about.mesh else ())):
             said += _placed(part)
         digest.update(repr(said).encode())
     rest: list[object] = [(item.name, item.model) for item in scene.unisim.static_items]
@@ -51,11 +51,11 @@ def edit_state(scene: bpy.types.Scene) -> str:
     return digest.hexdigest()
 
 
-def _placed(thing: bpy.types.Object) -> list[object]:
+def _placed(obj: bpy.types.Object) -> list[object]:
     """What animates an object, and those of its transforms that nothing animates."""
     said: list[object] = []
-    data, animated = thing.animation_data, set()
-    for curve in curves_of(thing):
+    data, animated = obj.animation_data, set()
+    for curve in curves_of(obj):
         animated.add(curve.data_path)
         points = np.empty(2 * len(curve.keyframe_points), np.float32)
         kinds = np.empty(len(curve.keyframe_points), np.int32)
@@ -67,10 +67,10 @@ def _placed(thing: bpy.types.Object) -> list[object]:
     if data is not None:
         animated |= {driver.data_path for driver in data.drivers}
     if not strips:
-        said += [(name, _plain(getattr(thing, name))) for name in TRANSFORMS if name not in animated]
-    said += [(constraint.type, constraint.mute, constraint.influence) for constraint in thing.constraints]
-    if thing.parent is not None:
-        said += [thing.parent.name, *(_plain(row) for row in thing.matrix_parent_inverse)]
+        said += [(name, _plain(getattr(obj, name))) for name in TRANSFORMS if name not in animated]
+    said += [(constraint.type, constraint.mute, constraint.influence) for constraint in obj.constraints]
+    if obj.parent is not None:
+        said += [obj.parent.name, *(_plain(row) for row in obj.matrix_parent_inverse)]
     return said
 
 

@@ -46,123 +46,118 @@ class Sampler:
         self._matrices: dict[str, FloatArray] = {}
         self._signatures: dict[str, tuple[object, ...]] = {}
 
-    def thing(self, thing: bpy.types.Object, matrices: FloatArray | None = None, there: BoolArray | None = None) -> SampledObject:
+    def sample(self, obj: bpy.types.Object, matrices: FloatArray | None = None, there: BoolArray | None = None) -> SampledObject:
         """Return an object at all frames; ``matrices`` (N, 4, 4) and ``there`` (N,) are given where keys do not tell
         them."""
         if matrices is None or there is None:
-            matrices, there = self.matrices(thing), self.there(thing)
-        about, above = thing.unisim, trajectory_of(thing)
+            matrices, there = self.matrices(obj), self.there(obj)
+        about, above = obj.unisim, trajectory_of(obj)
         poses = rigid(matrices)
         scaling = Scaling() if about.mesh else scaling_of(matrices, poses, there)
         return SampledObject(
-            name=thing.name,
+            name=obj.name,
             kind=about.kind,
             uid=about.uid,
             original_name=about.home,
             appearance=about.look,
             appearance_scene=bpy.path.abspath(about.look_scene) if about.look_scene else "",
             model=about.model,
-            index=thing.pass_index,
+            index=obj.pass_index,
             poses=poses,
-            there=there & (thing.name in self.shown),
-            camera=model_of(thing, image_size(self.scene.render)) if thing.type == "CAMERA" else None,
-            mesh=title_of(thing) if about.mesh else "",
+            there=there & (obj.name in self.shown),
+            camera=model_of(obj, image_size(self.scene.render)) if obj.type == "CAMERA" else None,
+            mesh=title_of(obj) if about.mesh else "",
             label=about.label,
             scaling=scaling,
-            sees_body=sees_body(thing),
-            called=title_of(thing),
+            sees_body=sees_body(obj),
+            called=title_of(obj),
             ridden=rigid(self.matrices(above)) if above is not None and moved_by_keys(above) else None,
             span=_span(above) if above is not None else None,
             scale_lift_m=about.scale_lift_m,
         )
 
-    def matrices(self, thing: bpy.types.Object) -> FloatArray:
+    def matrices(self, obj: bpy.types.Object) -> FloatArray:
         """Return where keys put an object in the world (N, 4, 4), with its scale."""
-        if thing.name not in self._matrices:
-            own = self._local(thing)
-            if thing.parent is not None:
-                own = self.matrices(thing.parent) @ np.array(thing.matrix_parent_inverse, float) @ own
-            self._matrices[thing.name] = own
-        return self._matrices[thing.name]
+        if obj.name not in self._matrices:
+            own = self._local(obj)
+            if obj.parent is not None:
+                own = self.matrices(obj.parent) @ np.array(obj.matrix_parent_inverse, float) @ own
+            self._matrices[obj.name] = own
+        return self._matrices[obj.name]
 
-    def there(self, thing: bpy.types.Object) -> BoolArray:
+    def there(self, obj: bpy.types.Object) -> BoolArray:
         """Return whether keys and switches show an object (N,), whatever its collections do."""
-        keyed = {curve.data_path: self._values(curve) > 0.5 for curve in curves_of(thing) if curve.data_path in HIDING}
-        for_renders = np.full(len(self.clock.frames), thing.hide_render)
+        keyed = {curve.data_path: self._values(curve) > 0.5 for curve in curves_of(obj) if curve.data_path in HIDING}
+        for_renders = np.full(len(self.clock.frames), obj.hide_render)
         return ~(keyed.get("hide_render", for_renders) | keyed.get("hide_viewport", np.zeros_like(for_renders)))
 
-    def signature(self, thing: bpy.types.Object) -> tuple[object, ...]:
+    def signature(self, obj: bpy.types.Object) -> tuple[object, ...]:
         """Return what an object's samples depend on, parents included; what moves it beside keys is not part of it."""
-        if thing.name not in self._signatures:
-            keyed = {curve.data_path for curve in curves_of(thing)}
-            numbers = [tuple(getattr(thing, path)) for path in NUMBERS if path not in keyed]
-            numbers += [tuple(getattr(thing, path)) for path in DELTAS]
+        if obj.name not in self._signatures:
+            keyed = {curve.data_path for curve in curves_of(obj)}
+            numbers = [tuple(getattr(obj, path)) for path in NUMBERS if path not in keyed]
+            numbers += [tuple(getattr(obj, path)) for path in DELTAS]
             own = (
-                *(getattr(thing, name) for name in STATE if name != "hide_viewport" or name not in keyed),
-                *(getattr(thing.unisim, name) for name in ABOUT),
+                *(getattr(obj, name) for name in STATE if name != "hide_viewport" or name not in keyed),
+                *(getattr(obj.unisim, name) for name in ABOUT),
                 *numbers,
-                tuple(tuple(row) for row in thing.matrix_parent_inverse),
-                tuple(_curve_state(curve) for curve in curves_of(thing)),
-                tuple(self._pending(thing).ravel().round(6).tolist()),
-                thing.name in self.shown,
-                moved_by_keys(thing),
-                _lens(thing),
+                tuple(tuple(row) for row in obj.matrix_parent_inverse),
+                tuple(_curve_state(curve) for curve in curves_of(obj)),
+                tuple(self._pending(obj).ravel().round(6).tolist()),
+                obj.name in self.shown,
+                moved_by_keys(obj),
+                _lens(obj),
             )
-            self._signatures[thing.name] = own if thing.parent is None else (*own, hash(self.signature(thing.parent)))
-        return self._signatures[thing.name]
+            self._signatures[obj.name] = own if obj.parent is None else (*own, hash(self.signature(obj.parent)))
+        return self._signatures[obj.name]
 
-    def _local(self, thing: bpy.types.Object) -> FloatArray:
+    def _local(self, obj: bpy.types.Object) -> FloatArray:
         """Return an object's own transform (N, 4, 4) by its keys."""
         count = len(self.clock.frames)
-        found = {(curve.data_path, curve.array_index): curve for curve in curves_of(thing) if curve.data_path in PATHS}
+        found = {(curve.data_path, curve.array_index): curve for curve in curves_of(obj) if curve.data_path in PATHS}
 
         def numbers(path: str) -> FloatArray:
-            now = getattr(thing, path)
+            now = getattr(obj, path)
             return np.stack(
                 [self._values(found[path, i]) if (path, i) in found else np.full(count, v) for i, v in enumerate(now)], -1
             )
 
         whole = np.tile(np.eye(4), (count, 1, 1))
-        if thing.rotation_mode == "QUATERNION":
+        if obj.rotation_mode == "QUATERNION":
             turns = numbers("rotation_quaternion")
             whole[:, :3, :3] = matrix_from_quaternion(turns / np.maximum(np.linalg.norm(turns, axis=1, keepdims=True), 1e-12))
-        elif thing.rotation_mode == "AXIS_ANGLE":
-            whole[:, :3, :3] = np.array(thing.matrix_basis.to_quaternion().to_matrix(), float)
+        elif obj.rotation_mode == "AXIS_ANGLE":
+            whole[:, :3, :3] = np.array(obj.matrix_basis.to_quaternion().to_matrix(), float)
         elif any(path == "rotation_euler" for path, _ in found):
             angles = numbers("rotation_euler")
-            whole[:, :3, :3] = [np.array(Euler(row, thing.rotation_mode).to_matrix(), float) for row in angles.tolist()]
+            whole[:, :3, :3] = [np.array(Euler(row, obj.rotation_mode).to_matrix(), float) for row in angles.tolist()]
         else:
-            whole[:, :3, :3] = np.array(thing.rotation_euler.to_matrix(), float)
+            whole[:, :3, :3] = np.array(obj.rotation_euler.to_matrix(), float)
         whole[:, :3, 3] = numbers("location")
-        pending = self._pending(thing)
+        pending = self._pending(obj)
         whole[:, :3, :3] = pending[:3, :3] @ whole[:, :3, :3]
         whole[:, :3, 3] += pending[:3, 3]
         whole[:, :3, :3] *= numbers("scale")[:, None]
         return whole
 
-    def _pending(self, thing: bpy.types.Object) -> FloatArray:
+    def _pending(self, obj: bpy.types.Object) -> FloatArray:
         """Return the change (4, 4) of an object that has keys which was made without a key: the next frame displaces
         its keys
         by it (`displacing.keep`), in its parent's axes."""
         apart = np.eye(4)
-        curves = {(curve.data_path, curve.array_index): curve for curve in curves_of(thing)}
-        if (
-            not curves
-            or not self.live
-            or trajectory_of(thing) is None
-            or not thing.visible_get(view_layer=self.scene.view_layers[0])
-        ):
+        curves = {(curve.data_path, curve.array_index): curve for curve in curves_of(obj)}
+        if not curves or not self.live or trajectory_of(obj) is None or not obj.visible_get(view_layer=self.scene.view_layers[0]):
             return apart
         frame = self.scene.frame_current_final
 
         def then(path: str, now: FloatArray) -> FloatArray:
             return np.array([curves[path, i].evaluate(frame) if (path, i) in curves else v for i, v in enumerate(now)])
 
-        now = np.array(thing.location, float)
+        now = np.array(obj.location, float)
         keyed = then("location", now)
         if np.abs(now - keyed).max() > SAME * max(1.0, float(np.abs(keyed).max())):
             apart[:3, 3] = now - keyed
-        turn = np.array(thing.rotation_quaternion, float)
+        turn = np.array(obj.rotation_quaternion, float)
         keyed = then("rotation_quaternion", turn)
         if np.abs(turn - keyed).max() > SAME:
             turned = Quaternion(turn).normalized() @ Quaternion(keyed).normalized().inverted()
@@ -181,18 +176,18 @@ def evaluated(scene: bpy.types.Scene, frames: Sequence[float], moved: Sequence[b
     Not to be called while anything is drawn or rendered.
     """
     matrices, there = np.empty((len(frames), len(moved), 4, 4)), np.ones((len(frames), len(moved)), bool)
-    hides = [keys_hide(thing) for thing in moved]
+    hides = [keys_hide(obj) for obj in moved]
     beside = bpy.data.scenes.new(BESIDE)
     try:
         beside.frame_set(int(frames[0]))
         depsgraph = beside.view_layers[0].depsgraph
-        for thing in moved:
-            beside.collection.objects.link(thing)
+        for obj in moved:
+            beside.collection.objects.link(obj)
         for at, frame in enumerate(frames):
             beside.frame_current, beside.frame_subframe = int(np.floor(frame)), float(frame - np.floor(frame))
             depsgraph.update()
-            for i, thing in enumerate(moved):
-                now = thing.evaluated_get(depsgraph)
+            for i, obj in enumerate(moved):
+                now = obj.evaluated_get(depsgraph)
                 matrices[at, i] = now.matrix_world
                 there[at, i] = not (hides[i] and now.hide_viewport) and not now.hide_render
     finally:
@@ -219,5 +214,5 @@ def _curve_state(curve: bpy.types.FCurve) -> tuple[object, ...]:
     return (*told, hash((*parts, ways.tobytes())))
 
 
-def _lens(thing: bpy.types.Object) -> tuple[object, ...]:
-    return tuple(getattr(thing.data, name) for name in LENS) if thing.type == "CAMERA" else ()
+def _lens(obj: bpy.types.Object) -> tuple[object, ...]:
+    return tuple(getattr(obj.data, name) for name in LENS) if obj.type == "CAMERA" else ()

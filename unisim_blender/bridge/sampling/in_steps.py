@@ -38,7 +38,7 @@ def sample_steps(scene: bpy.types.Scene, clock: Clock) -> Generator[Progress, No
     """
     refuse_stretching(scene)
     found = list(imported_objects(scene, *KINDS_OF_DRIVE))
-    free = [thing for thing in found if not by_keys_alone(thing)]
+    free = [obj for obj in found if not by_keys_alone(obj)]
     parts = range(0, len(clock.frames), FRAMES_AT_ONCE) if free else ()
     done, total = 0, len(parts) + len(found)
     beside: dict[str, tuple[FloatArray, BoolArray]] = {}
@@ -48,42 +48,42 @@ def sample_steps(scene: bpy.types.Scene, clock: Clock) -> Generator[Progress, No
             evaluations.append(evaluated(scene, clock.frames[at : at + FRAMES_AT_ONCE].tolist(), free))
             yield (done := done + 1), total
         matrices, there = (np.concatenate([part[i] for part in evaluations]) for i in (0, 1))
-        beside = {thing.name: (matrices[:, i], there[:, i]) for i, thing in enumerate(free)}
+        beside = {obj.name: (matrices[:, i], there[:, i]) for i, obj in enumerate(free)}
     shown = scene == bpy.context.scene
     layer = bpy.context.view_layer if shown else scene.view_layers[0]
     live = any(window.scene == scene for window in bpy.context.window_manager.windows)
     sampler = Sampler(scene, clock, shown_names(layer.layer_collection), live)
     sampled = []
-    for thing in found:
-        sampled.append(_completed(scene, thing, sampler.thing(thing, *beside.get(thing.name, ()))))
+    for obj in found:
+        sampled.append(_completed(scene, obj, sampler.sample(obj, *beside.get(obj.name, ()))))
         yield (done := done + 1), total
     return Sampled(scene.name, clock, tuple(sampled), {item.name: item.model for item in scene.unisim.static_items})
 
 
-def by_keys_alone(thing: bpy.types.Object) -> bool:
+def by_keys_alone(obj: bpy.types.Object) -> bool:
     """Return whether `Sampler` finds an object where Blender evaluates it: no deltas of the scale, no muted curves, and no parent
     whose path moves what is parented to it."""
-    above: bpy.types.Object | None = thing
+    above: bpy.types.Object | None = obj
     while above is not None:
         muted = any(curve.mute or (curve.group is not None and curve.group.mute) for curve in curves_of(above))
         deltas = any(curve.data_path.startswith("delta_") for curve in curves_of(above))
-        if muted or deltas or tuple(above.delta_scale) != (1.0, 1.0, 1.0) or (above is not thing and above.type == "CURVE"):
+        if muted or deltas or tuple(above.delta_scale) != (1.0, 1.0, 1.0) or (above is not obj and above.type == "CURVE"):
             return False
         above = above.parent
-    return moved_by_keys(thing)
+    return moved_by_keys(obj)
 
 
-def _completed(scene: bpy.types.Scene, thing: bpy.types.Object, one: SampledObject) -> SampledObject:
+def _completed(scene: bpy.types.Scene, obj: bpy.types.Object, one: SampledObject) -> SampledObject:
     """What `Sampler` does not tell of an object: its size, the model that its surface is, and keys of its scale."""
-    if not thing.unisim.mesh:
+    if not obj.unisim.mesh:
         scaling = one.scaling
-        if not scaling.fault and scale_changes(thing):
+        if not scaling.fault and scale_changes(obj):
             scaling = Scaling(scaling.factors, CHANGING)
-        size = extent_of(thing) * np.array(scaling.factors)
+        size = extent_of(obj) * np.array(scaling.factors)
         return replace(one, scaling=scaling, size_m=tuple(size.tolist()), mesh="")
-    size_m, file, poses = tuple(extent_of(thing).tolist()), "", one.poses
+    size_m, file, poses = tuple(extent_of(obj).tolist()), "", one.poses
     if one.there.any():
-        model, middle = model_of(thing, depsgraph_of(scene))
+        model, middle = model_of(obj, depsgraph_of(scene))
         poses = poses.copy()
         poses[:, :3, 3] += poses[:, :3, :3] @ middle
         size_m, file = tuple(model.size_m.tolist()), str(file_of(model))

@@ -25,4 +25,4 @@ def moment(
     """The scene about ``frame``, and what ``camera`` is in it."""
     clock = Clock.of(source.drive).around(frame)
     sampled = sample(scene, depsgraph, clock, set_frame, also=[camera])
-    return sampled, next(thing for thing in sampled.objects if thing.name == camera.name)
+    return sampled, next(obj for obj in sampled.objects if obj.name == camera.name)

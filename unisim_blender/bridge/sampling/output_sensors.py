@@ -22,8 +22,8 @@ def output_sensors(scene: bpy.types.Scene, selected: list[bpy.types.Object], dri
         found = [scene.camera] if scene.camera is not None and scene.camera.unisim.kind == "CAMERA" else []
         lacking = "the active camera is no camera of the vehicle: select one and press Ctrl-Numpad 0, or choose All Sensors"
     else:
-        found = [thing for thing in selected if thing.unisim.kind in ("CAMERA", "LIDAR")]
+        found = [obj for obj in selected if obj.unisim.kind in ("CAMERA", "LIDAR")]
         lacking = "no camera or LiDAR is selected: select some, or choose All Sensors"
     if not found:
         raise UnisimError(f"Output > Sensors: {lacking}")
-    return [sensor_name(title_of(thing), thing.unisim.uid, thing.name == thing.unisim.home, drive) for thing in found]
+    return [sensor_name(title_of(obj), obj.unisim.uid, obj.name == obj.unisim.home, drive) for obj in found]

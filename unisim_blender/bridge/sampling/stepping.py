@@ -54,28 +54,26 @@ def sample(
     no part of the rig."""
     refuse_stretching(scene)
     found = [*imported_objects(scene, *KINDS_OF_DRIVE)]
-    found += [thing for thing in also if thing not in found]
+    found += [obj for obj in also if obj not in found]
     shown = shown_names(depsgraph.view_layer_eval.layer_collection)
     # keys say when an object is there; without keys, disabling it in viewports is a matter of the view alone
-    keyed = [keys_hide(thing) for thing in found]
+    keyed = [keys_hide(obj) for obj in found]
     matrices = np.empty((len(found), len(clock.frames), 4, 4))
     there = np.zeros((len(found), len(clock.frames)), bool)
     for at, frame in enumerate(clock.frames):
         set_frame(int(frame))
-        for i, thing in enumerate(found):
-            now = thing.evaluated_get(depsgraph)
+        for i, obj in enumerate(found):
+            now = obj.evaluated_get(depsgraph)
             matrices[i, at] = now.matrix_world
-            there[i, at] = not (now.hide_viewport and keyed[i]) and not now.hide_render and thing.name in shown
+            there[i, at] = not (now.hide_viewport and keyed[i]) and not now.hide_render and obj.name in shown
     poses = rigid(matrices)
-    scalings = [_scaling(thing, matrices[i], poses[i], there[i]) for i, thing in enumerate(found)]
+    scalings = [_scaling(obj, matrices[i], poses[i], there[i]) for i, obj in enumerate(found)]
     size = image_size(scene.render)
-    extents = [
-        tuple((extent_of(thing) * np.array(scaling.factors)).tolist()) for thing, scaling in zip(found, scalings, strict=True)
-    ]
+    extents = [tuple((extent_of(obj) * np.array(scaling.factors)).tolist()) for obj, scaling in zip(found, scalings, strict=True)]
     files = [""] * len(found)
-    for i, thing in enumerate(found):
-        if thing.unisim.mesh and there[i].any():
-            model, middle = model_of_mesh(thing, depsgraph)
+    for i, obj in enumerate(found):
+        if obj.unisim.mesh and there[i].any():
+            model, middle = model_of_mesh(obj, depsgraph)
             poses[i, :, :3, 3] += poses[i, :, :3, :3] @ middle
             extents[i], files[i] = tuple(model.size_m.tolist()), str(file_of(model))
     return Sampled(
@@ -83,25 +81,25 @@ def sample(
         clock,
         tuple(
             SampledObject(
-                name=thing.name,
-                kind=thing.unisim.kind,
-                uid=thing.unisim.uid,
-                original_name=thing.unisim.home,
-                appearance=thing.unisim.look,
-                appearance_scene=bpy.path.abspath(thing.unisim.look_scene) if thing.unisim.look_scene else "",
-                model=thing.unisim.model,
-                index=thing.pass_index,
+                name=obj.name,
+                kind=obj.unisim.kind,
+                uid=obj.unisim.uid,
+                original_name=obj.unisim.home,
+                appearance=obj.unisim.look,
+                appearance_scene=bpy.path.abspath(obj.unisim.look_scene) if obj.unisim.look_scene else "",
+                model=obj.unisim.model,
+                index=obj.pass_index,
                 poses=poses[i],
                 there=there[i],
-                camera=model_of(thing, size) if thing.type == "CAMERA" else None,
+                camera=model_of(obj, size) if obj.type == "CAMERA" else None,
                 size_m=extents[i],
                 mesh=files[i],
-                label=thing.unisim.label,
+                label=obj.unisim.label,
                 scaling=scalings[i],
-                called=title_of(thing),
-                sees_body=sees_body(thing),
+                called=title_of(obj),
+                sees_body=sees_body(obj),
             )
-            for i, thing in enumerate(found)
+            for i, obj in enumerate(found)
         ),
         {item.name: item.model for item in scene.unisim.static_items},
     )
@@ -117,10 +115,10 @@ def refuse_stretching(scene: bpy.types.Scene) -> None:
         )
 
 
-def _scaling(thing: bpy.types.Object, matrices: FloatArray, poses: FloatArray, there: BoolArray) -> Scaling:
-    scaling = Scaling() if thing.unisim.mesh else scaling_of(matrices, poses, there)
+def _scaling(obj: bpy.types.Object, matrices: FloatArray, poses: FloatArray, there: BoolArray) -> Scaling:
+    scaling = Scaling() if obj.unisim.mesh else scaling_of(matrices, poses, there)
     # keys tell it whichever frames are looked at
-    return Scaling(scaling.factors, CHANGING) if not scaling.fault and scale_changes(thing) else scaling
+    return Scaling(scaling.factors, CHANGING) if not scaling.fault and scale_changes(obj) else scaling
 
 
 def image_size(render: bpy.types.RenderSettings) -> tuple[int, int]:
@@ -147,5 +145,5 @@ def shown_names(layer: bpy.types.LayerCollection) -> set[str]:
     """Names of the objects in some collection that is neither excluded nor hidden for renders."""
     if layer.exclude or layer.collection.hide_render:
         return set()
-    names = {thing.name for thing in layer.collection.objects}
+    names = {obj.name for obj in layer.collection.objects}
     return names.union(*(shown_names(child) for child in layer.children))

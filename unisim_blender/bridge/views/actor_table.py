@@ -19,39 +19,39 @@ from ..objects.imported import imported_objects
 from ..objects.trajectories import keyed_pose, trajectory_of
 
 
-def track_of(thing: bpy.types.Object, drive: Drive, clock: Clock, original: bool) -> Track:
+def track_of(obj: bpy.types.Object, drive: Drive, clock: Clock, original: bool) -> Track:
     """Return an actor's track; ``original`` tells whether the object stands for the recorded actor and is no copy."""
-    poses, there = poses_of(thing, clock.frames), there_of(thing, clock.frames)
-    recorded = drive.actors.get(thing.unisim.look or thing.unisim.uid)
-    label = thing.unisim.label or (recorded.label if recorded is not None else "")
+    poses, there = poses_of(obj, clock.frames), there_of(obj, clock.frames)
+    recorded = drive.actors.get(obj.unisim.look or obj.unisim.uid)
+    label = obj.unisim.label or (recorded.label if recorded is not None else "")
     return Track(
-        thing.name, thing.unisim.uid, label, group_of(label), poses[:, :3, 3], there, steps_of(there, clock),
-        is_edited(thing, drive, clock, poses, there, original),
+        obj.name, obj.unisim.uid, label, group_of(label), poses[:, :3, 3], there, steps_of(there, clock),
+        is_edited(obj, drive, clock, poses, there, original),
     )  # fmt: skip
 
 
-def is_edited(thing: bpy.types.Object, drive: Drive, clock: Clock, poses: FloatArray, there: BoolArray, original: bool) -> bool:
+def is_edited(obj: bpy.types.Object, drive: Drive, clock: Clock, poses: FloatArray, there: BoolArray, original: bool) -> bool:
     """Return whether a scenario would name an actor: it is new, removed, has another appearance, or goes elsewhere or at other
     times than recorded. What constraints, drivers or the NLA do counts as edited unseen."""
-    actor = drive.actors.get(thing.unisim.uid)
-    if actor is None or not original or thing.unisim.mesh or thing.unisim.look or thing.hide_render:
+    actor = drive.actors.get(obj.unisim.uid)
+    if actor is None or not original or obj.unisim.mesh or obj.unisim.look or obj.hide_render:
         return True
-    for one in (thing, trajectory_of(thing)):
+    for one in (obj, trajectory_of(obj)):
         data = one.animation_data if one is not None else None
         if one is not None and (one.constraints or (data is not None and (data.drivers or data.nla_tracks))):
             return True
     return differs(poses, there, actor, drive, clock)
 
 
-def poses_of(thing: bpy.types.Object, frames: FloatArray) -> FloatArray:
+def poses_of(obj: bpy.types.Object, frames: FloatArray) -> FloatArray:
     """Return where an object's own keys and its parents' put it at frames (N,), as poses in the world (N, 4, 4)."""
-    if thing.rotation_mode != "QUATERNION":
-        return np.stack([keyed_pose(thing, float(frame)) for frame in frames])
-    found = {(curve.data_path, curve.array_index): curve for curve in curves_of(thing)}
+    if obj.rotation_mode != "QUATERNION":
+        return np.stack([keyed_pose(obj, float(frame)) for frame in frames])
+    found = {(curve.data_path, curve.array_index): curve for curve in curves_of(obj)}
 
     def values(path: str) -> FloatArray:
         columns = []
-        for index, value in enumerate(getattr(thing, path)):
+        for index, value in enumerate(getattr(obj, path)):
             curve = found.get((path, index))
             columns.append(np.full(len(frames), value) if curve is None else [curve.evaluate(frame) for frame in frames])
         return np.array(columns, float).T
@@ -59,21 +59,21 @@ def poses_of(thing: bpy.types.Object, frames: FloatArray) -> FloatArray:
     quaternions = values("rotation_quaternion")
     quaternions /= np.maximum(np.linalg.norm(quaternions, axis=1, keepdims=True), 1e-12)
     own = make_pose(values("location"), quaternions)
-    if thing.parent is None:
+    if obj.parent is None:
         return own
-    return poses_of(thing.parent, frames) @ np.array(thing.matrix_parent_inverse, float) @ own
+    return poses_of(obj.parent, frames) @ np.array(obj.matrix_parent_inverse, float) @ own
 
 
-def there_of(thing: bpy.types.Object, frames: FloatArray) -> BoolArray:
+def there_of(obj: bpy.types.Object, frames: FloatArray) -> BoolArray:
     """Return whether keys show an object at frames (N,), and it is not removed."""
-    return shown_by_keys(thing, frames) & (not thing.hide_render)
+    return shown_by_keys(obj, frames) & (not obj.hide_render)
 
 
 def originals(scene: bpy.types.Scene) -> dict[str, str]:
     """Return the name of the object that stands for each imported actor, by id; as `imported.original_of`, for all at once."""
     found: dict[str, str] = {}
-    for thing in imported_objects(scene, "ACTOR"):
-        uid = thing.unisim.uid
-        if uid and (uid not in found or thing.name == thing.unisim.home):
-            found[uid] = thing.name
+    for obj in imported_objects(scene, "ACTOR"):
+        uid = obj.unisim.uid
+        if uid and (uid not in found or obj.name == obj.unisim.home):
+            found[uid] = obj.name
     return found

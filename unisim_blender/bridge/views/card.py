@@ -15,29 +15,29 @@ from ..objects.meshes import scale_of, size_of
 from ..objects.trajectories import keyed_pose
 
 
-def card_of(scene: bpy.types.Scene, thing: bpy.types.Object, drive: Drive) -> Card:
+def card_of(scene: bpy.types.Scene, obj: bpy.types.Object, drive: Drive) -> Card:
     """Return the card of an actor at the frame that is shown."""
     clock = Clock.of(drive)
     now = float(clock.time_s(np.array(scene.frame_current_final)))
     before, after = clock.frame(np.array([now - HALF_S, now + HALF_S]))
-    moved = keyed_pose(thing, float(after))[:3, 3] - keyed_pose(thing, float(before))[:3, 3]
+    moved = keyed_pose(obj, float(after))[:3, 3] - keyed_pose(obj, float(before))[:3, 3]
     ego = next(imported_objects(scene, "EGO"), None)
-    apart = 0.0 if ego is None else (thing.matrix_world.translation - ego.matrix_world.translation).length
-    recorded = drive.actors.get(thing.unisim.look or thing.unisim.uid)
-    label = thing.unisim.label or (recorded.label if recorded is not None else "")
+    apart = 0.0 if ego is None else (obj.matrix_world.translation - ego.matrix_world.translation).length
+    recorded = drive.actors.get(obj.unisim.look or obj.unisim.uid)
+    label = obj.unisim.label or (recorded.label if recorded is not None else "")
     return Card(
-        thing.name, label, role_of(scene, thing, drive), float(np.linalg.norm(moved)) / (2 * HALF_S), apart,
-        present_span(shown_by_keys(thing, clock.frames), clock), size_of_card(thing),
+        obj.name, label, role_of(scene, obj, drive), float(np.linalg.norm(moved)) / (2 * HALF_S), apart,
+        present_span(shown_by_keys(obj, clock.frames), clock), size_of_card(obj),
     )  # fmt: skip
 
 
-def size_of_card(thing: bpy.types.Object) -> str:
+def size_of_card(obj: bpy.types.Object) -> str:
     """Return how large an actor is drawn, and by what it is scaled, in words."""
-    return size_words(size_of(thing).tolist(), UNIT if thing.unisim.mesh else scale_of(thing))
+    return size_words(size_of(obj).tolist(), UNIT if obj.unisim.mesh else scale_of(obj))
 
 
-def role_of(scene: bpy.types.Scene, thing: bpy.types.Object, drive: Drive) -> str:
+def role_of(scene: bpy.types.Scene, obj: bpy.types.Object, drive: Drive) -> str:
     """Return what an actor is in one or two words."""
-    about = thing.unisim
+    about = obj.unisim
     is_recorded = about.uid in drive.actors and not about.look_scene
-    return role_words(about.mesh, is_recorded, is_recorded and is_copy(scene, thing), bool(about.look))
+    return role_words(about.mesh, is_recorded, is_recorded and is_copy(scene, obj), bool(about.look))

@@ -17,16 +17,16 @@ from ..objects.animation import shown_by_keys
 from .trails import trajectory_poses
 
 
-def track_of(thing: bpy.types.Object, drive: Drive, clock: Clock) -> Track:
+def track_of(obj: bpy.types.Object, drive: Drive, clock: Clock) -> Track:
     """Return where keys put an actor or the ego vehicle at the clock's frames, without leaving the frame that is shown."""
-    poses = trajectory_poses(thing, clock)
+    poses = trajectory_poses(obj, clock)
     if poses is None:
-        poses = np.tile(rigid(np.array(thing.matrix_world, float)), (len(clock.frames), 1, 1))
-    kind, uid = thing.unisim.kind, thing.unisim.uid
-    label = label_of(kind, thing.unisim.look or uid, thing.unisim.label, drive)
-    return Track(thing.name, kind, uid, label, poses, shown_by_keys(thing, clock.frames))
+        poses = np.tile(rigid(np.array(obj.matrix_world, float)), (len(clock.frames), 1, 1))
+    kind, uid = obj.unisim.kind, obj.unisim.uid
+    label = label_of(kind, obj.unisim.look or uid, obj.unisim.label, drive)
+    return Track(obj.name, kind, uid, label, poses, shown_by_keys(obj, clock.frames))
 
 
-def compared_now(thing: bpy.types.Object, drive: Drive, clock: Clock, limits: Limits) -> Compared:
+def compared_now(obj: bpy.types.Object, drive: Drive, clock: Clock, limits: Limits) -> Compared:
     """Return an object's motion beside the recorded one. It is computed again only when the motion or a limit changes."""
-    return kept_comparison(track_of(thing, drive, clock), drive, clock, limits)
+    return kept_comparison(track_of(obj, drive, clock), drive, clock, limits)

@@ -34,7 +34,7 @@ def notices(scene: bpy.types.Scene, source: Source, camera: bpy.types.Object | N
         if log is None:
             found.append(f"{source.log_path.name}: the log is not at hand, so no recorded points are shown")
         else:  # of what was read and put there: to look into the log's files takes seconds
-            clouds = [thing for thing in imported_objects(scene, "POINTS") if kind_of(thing) == RECORDED]
-            lacking = [thing.unisim.uid.removesuffix(f" {RECORDED}") for thing in clouds if not thing.data.vertices]
+            clouds = [obj for obj in imported_objects(scene, "POINTS") if kind_of(obj) == RECORDED]
+            lacking = [obj.unisim.uid.removesuffix(f" {RECORDED}") for obj in clouds if not obj.data.vertices]
             found += [f"Frame {int(frame)}: {', '.join(lacking)} recorded no sweep"] if lacking else []
     return found

@@ -23,16 +23,16 @@ def put_points(
 ) -> bpy.types.Object:
     """Show points (N, 3) of the world, with attributes (N,), in place of those that were shown of that LiDAR and kind."""
     uid = f"{lidar} {kind}"
-    thing = next((t for t in imported_objects(scene, "POINTS") if t.unisim.uid == uid), None)
-    if thing is None:
-        thing = bpy.data.objects.new(f"{lidar} ({kind})", bpy.data.meshes.new(f"UniSim {uid}"))
-        collection_of(scene, "POINTS").objects.link(thing)
-        thing.unisim.kind, thing.unisim.uid = "POINTS", uid
-        thing.hide_select = thing.hide_render = True
-        thing.hide_viewport = True  # else Blender's own dots lie over the coloured points
-    thing.unisim.stamp = uuid.uuid4().hex
+    obj = next((t for t in imported_objects(scene, "POINTS") if t.unisim.uid == uid), None)
+    if obj is None:
+        obj = bpy.data.objects.new(f"{lidar} ({kind})", bpy.data.meshes.new(f"UniSim {uid}"))
+        collection_of(scene, "POINTS").objects.link(obj)
+        obj.unisim.kind, obj.unisim.uid = "POINTS", uid
+        obj.hide_select = obj.hide_render = True
+        obj.hide_viewport = True  # else Blender's own dots lie over the coloured points
+    obj.unisim.stamp = uuid.uuid4().hex
     step = -(-len(points) // MOST_POINTS) or 1
-    mesh = thing.data
+    mesh = obj.data
     mesh.clear_geometry()
     mesh.vertices.add(len(points[::step]))
     mesh.vertices.foreach_set("co", np.ascontiguousarray(points[::step], np.float32).ravel())
@@ -41,7 +41,7 @@ def put_points(
         attribute = mesh.attributes.new(name, "INT" if whole else "FLOAT", "POINT")
         attribute.data.foreach_set("value", np.ascontiguousarray(values[::step], np.int32 if whole else np.float32))
     mesh.update()
-    return thing
+    return obj
 
 
 def put_recorded(scene: bpy.types.Scene, found: list[Recorded]) -> None:
@@ -50,14 +50,14 @@ def put_recorded(scene: bpy.types.Scene, found: list[Recorded]) -> None:
         put_points(scene, one.lidar, RECORDED, one.points, one.attributes)
 
 
-def kind_of(thing: bpy.types.Object) -> str:
+def kind_of(obj: bpy.types.Object) -> str:
     """Whether points are recorded or simulated."""
-    return next(kind for kind in KINDS if thing.unisim.uid.endswith(kind))
+    return next(kind for kind in KINDS if obj.unisim.uid.endswith(kind))
 
 
-def points_of(thing: bpy.types.Object, by: str) -> tuple[NDArray[np.float32], Colours]:
+def points_of(obj: bpy.types.Object, by: str) -> tuple[NDArray[np.float32], Colours]:
     """Points (N, 3) of the world and their colours (N, 4), by ONE, INTENSITY, DEPTH or INSTANCE."""
-    mesh = thing.data
+    mesh = obj.data
     count = len(mesh.vertices)
     points = np.empty(3 * count, np.float32)
     mesh.vertices.foreach_get("co", points)
@@ -66,12 +66,12 @@ def points_of(thing: bpy.types.Object, by: str) -> tuple[NDArray[np.float32], Co
         if (found := mesh.attributes.get(name)) is not None:
             attributes[name] = np.empty(count, np.int32 if found.data_type == "INT" else np.float32)
             found.data.foreach_get("value", attributes[name])
-    return points.reshape(-1, 3), point_colours(kind_of(thing), by, attributes, count)
+    return points.reshape(-1, 3), point_colours(kind_of(obj), by, attributes, count)
 
 
 def hide_points(scene: bpy.types.Scene, kind: str) -> None:
     """Take one kind of points away."""
-    for thing in [thing for thing in imported_objects(scene, "POINTS") if kind_of(thing) == kind]:
-        mesh = thing.data
-        bpy.data.objects.remove(thing)
+    for obj in [obj for obj in imported_objects(scene, "POINTS") if kind_of(obj) == kind]:
+        mesh = obj.data
+        bpy.data.objects.remove(obj)
         bpy.data.meshes.remove(mesh)

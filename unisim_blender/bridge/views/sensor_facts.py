@@ -16,49 +16,49 @@ from ..objects.imported import imported_objects, rides_on_ego
 KINDS = ("CAMERA", "LIDAR")
 
 
-def size_of_sensor(thing: bpy.types.Object) -> str:
+def size_of_sensor(obj: bpy.types.Object) -> str:
     """Return a camera's resolution or a LiDAR's number of beams, as a list says it."""
-    if thing.type == "CAMERA":
-        model = model_of(thing)
+    if obj.type == "CAMERA":
+        model = model_of(obj)
         return f"{model.width}×{model.height}"
-    beams, _ = beams_of(thing.unisim.model)
+    beams, _ = beams_of(obj.unisim.model)
     return f"{beams} beams" if beams else "points"
 
 
-def card_of_sensor(scene: bpy.types.Scene, thing: bpy.types.Object, drive: Drive | None) -> Card:
+def card_of_sensor(scene: bpy.types.Scene, obj: bpy.types.Object, drive: Drive | None) -> Card:
     """Return the card of a camera or a LiDAR."""
-    if thing.type == "CAMERA":
-        model = model_of(thing)
+    if obj.type == "CAMERA":
+        model = model_of(obj)
         view = f"{np.degrees(2 * np.arctan(model.width / 2 / model.fx)):.0f} degrees across"
     else:
-        view = f"up to {beams_of(thing.unisim.model)[1]:.0f} m"
-    hidden = ", hidden" if thing.hide_render else ""
+        view = f"up to {beams_of(obj.unisim.model)[1]:.0f} m"
+    hidden = ", hidden" if obj.hide_render else ""
     if drive is None:
         return Card(view, "", hidden.removeprefix(", "))
-    return Card(view, _place(scene, thing, drive), state_of(scene, thing, drive) + hidden)
+    return Card(view, _place(scene, obj, drive), state_of(scene, obj, drive) + hidden)
 
 
-def state_of(scene: bpy.types.Scene, thing: bpy.types.Object, drive: Drive) -> str:
+def state_of(scene: bpy.types.Scene, obj: bpy.types.Object, drive: Drive) -> str:
     """Return whether a sensor is as it was recorded, moved, or added."""
-    sensor = recorded_sensor(scene, thing, drive)
+    sensor = recorded_sensor(scene, obj, drive)
     if sensor is None:
-        return "added" if rides_on_ego(thing) else "added, off the vehicle"
+        return "added" if rides_on_ego(obj) else "added, off the vehicle"
     pose = recorded_pose(sensor, drive, float(scene.frame_current))
-    moved = not same(rigid(np.array(thing.matrix_world, float)), pose).all()
+    moved = not same(rigid(np.array(obj.matrix_world, float)), pose).all()
     return "recorded" + (", moved" if moved else "")
 
 
-def recorded_sensor(scene: bpy.types.Scene, thing: bpy.types.Object, drive: Drive) -> Camera | Lidar | None:
+def recorded_sensor(scene: bpy.types.Scene, obj: bpy.types.Object, drive: Drive) -> Camera | Lidar | None:
     """Return the sensor of the log that an object stands for; None for one that is new, or a copy."""
-    if not is_recorded(scene, thing, drive):
+    if not is_recorded(scene, obj, drive):
         return None
-    known: dict[str, Camera] | dict[str, Lidar] = drive.cameras if thing.unisim.kind == "CAMERA" else drive.lidars
-    return known.get(thing.unisim.uid)
+    known: dict[str, Camera] | dict[str, Lidar] = drive.cameras if obj.unisim.kind == "CAMERA" else drive.lidars
+    return known.get(obj.unisim.uid)
 
 
-def _place(scene: bpy.types.Scene, thing: bpy.types.Object, drive: Drive) -> str:
+def _place(scene: bpy.types.Scene, obj: bpy.types.Object, drive: Drive) -> str:
     ego = next(imported_objects(scene, "EGO"), None)
-    if ego is None or not rides_on_ego(thing):
+    if ego is None or not rides_on_ego(obj):
         return "not on the vehicle"
-    x, y, z = np.round(mount_of(scene, thing, ego, drive)[:3, 3], 2) + 0.0  # no -0.00
+    x, y, z = np.round(mount_of(scene, obj, ego, drive)[:3, 3], 2) + 0.0  # no -0.00
     return f"{x:.2f}, {y:.2f}, {z:.2f} m"

@@ -17,47 +17,47 @@ from ..objects.meshes import scale_of
 from ..objects.trajectories import trajectory_of
 
 
-def trail(thing: bpy.types.Object, drive: Drive, clock: Clock, frame: float) -> Lines:
+def trail(obj: bpy.types.Object, drive: Drive, clock: Clock, frame: float) -> Lines:
     """Return an actor's or the vehicle's trajectory as lines: its own, and beside it the recorded one with the box there, where
     it is another."""
-    recorded, size = _recorded(thing, drive, clock)
-    here = rigid(np.array(thing.matrix_world, float))
-    parts = [own_lines(trajectory_poses(thing, clock), shown_by_keys(thing, clock.frames), clock)]
+    recorded, size = _recorded(obj, drive, clock)
+    here = rigid(np.array(obj.matrix_world, float))
+    parts = [own_lines(trajectory_poses(obj, clock), shown_by_keys(obj, clock.frames), clock)]
     if recorded is not None:
         at = int(np.clip(np.searchsorted(clock.frames, frame), 0, len(clock.frames) - 1))
-        if not same_place(here, recorded[at]) or scale_of(thing) != UNIT:
+        if not same_place(here, recorded[at]) or scale_of(obj) != UNIT:
             parts.append(recorded_lines(recorded, at, size))
     return joined(parts)
 
 
-def trajectory_poses(thing: bpy.types.Object, clock: Clock) -> FloatArray | None:
+def trajectory_poses(obj: bpy.types.Object, clock: Clock) -> FloatArray | None:
     """Return poses (N, 4, 4) at the clock's frames by an object's trajectory and its own keys; None where nothing is keyed.
 
     What moves the parents of both counts as it is now.
     """
-    above = trajectory_of(thing)
+    above = trajectory_of(obj)
     if above is None:
-        return _keyed(thing, clock, np.array(thing.matrix_world @ thing.matrix_basis.inverted(), float))
+        return _keyed(obj, clock, np.array(obj.matrix_world @ obj.matrix_basis.inverted(), float))
     base = above.parent
     world = np.eye(4) if base is None else np.array(base.matrix_world @ above.matrix_parent_inverse, float)
     poses = _keyed(above, clock, world)
     if poses is None:
         return None
-    inverse = np.array(thing.matrix_parent_inverse, float)
-    on = _keyed(thing, clock, np.eye(4))
-    return np.asarray(poses @ inverse @ (np.array(thing.matrix_basis, float) if on is None else on))
+    inverse = np.array(obj.matrix_parent_inverse, float)
+    on = _keyed(obj, clock, np.eye(4))
+    return np.asarray(poses @ inverse @ (np.array(obj.matrix_basis, float) if on is None else on))
 
 
-def _keyed(thing: bpy.types.Object, clock: Clock, above: FloatArray) -> FloatArray | None:
+def _keyed(obj: bpy.types.Object, clock: Clock, above: FloatArray) -> FloatArray | None:
     """Poses (N, 4, 4) by an object's own keys, as Blender interpolates them, and goes on beyond the first and the last."""
-    found = {(c.data_path, c.array_index): c for c in curves_of(thing) if c.data_path in ("location", "rotation_quaternion")}
+    found = {(c.data_path, c.array_index): c for c in curves_of(obj) if c.data_path in ("location", "rotation_quaternion")}
     ends = [frame for curve in found.values() for frame in curve.range()]
     if not ends or min(ends) == max(ends):
         return None
     frames = clock.frames.tolist()
 
     def values(path: str) -> FloatArray:
-        now = getattr(thing, path)
+        now = getattr(obj, path)
         columns = [
             [found[path, i].evaluate(f) for f in frames] if (path, i) in found else [v] * len(frames) for i, v in enumerate(now)
         ]
@@ -67,11 +67,11 @@ def _keyed(thing: bpy.types.Object, clock: Clock, above: FloatArray) -> FloatArr
     return np.asarray(above @ make_pose(values("location"), quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)))
 
 
-def _recorded(thing: bpy.types.Object, drive: Drive, clock: Clock) -> tuple[FloatArray | None, FloatArray | None]:
-    if thing.unisim.kind == "EGO":
+def _recorded(obj: bpy.types.Object, drive: Drive, clock: Clock) -> tuple[FloatArray | None, FloatArray | None]:
+    if obj.unisim.kind == "EGO":
         return drive.world_from_ego.at(clock.times_s), None
-    actor = drive.actors.get(thing.unisim.uid)
-    if actor is None or not thing.users_scene or is_copy(thing.users_scene[0], thing):
+    actor = drive.actors.get(obj.unisim.uid)
+    if actor is None or not obj.users_scene or is_copy(obj.users_scene[0], obj):
         return None, None
     start, end = drive.window(actor)
     return actor.world_from_actor.at(np.clip(clock.times_s, start, end)), actor.size_m

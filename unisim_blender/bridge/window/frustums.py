@@ -39,4 +39,4 @@ def resize_frustums(scene: bpy.types.Scene, tiny: bool) -> None:
 
 
 def _cameras(scene: bpy.types.Scene) -> Iterator[bpy.types.Camera]:
-    return (thing.data for thing in imported_objects(scene, "CAMERA"))
+    return (obj.data for obj in imported_objects(scene, "CAMERA"))

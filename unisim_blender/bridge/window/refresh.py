@@ -15,8 +15,8 @@ def refresh(changed: Iterable[bpy.types.Object]) -> None:
 
     Writing keys by `foreach_set` tells Blender nothing: without this a box stays where it was until another frame is shown.
     """
-    for thing in changed:
-        for one in (trajectory_of(thing), thing):
+    for obj in changed:
+        for one in (trajectory_of(obj), obj):
             if one is None:
                 continue
             action = one.animation_data.action if one.animation_data is not None else None

@@ -19,7 +19,7 @@ from .parts import OWN_OBJECT, PARTS
 
 @dataclass(frozen=True)
 class Line:
-    """One edit. ``who`` is the object's name as the scenario has it, ``thing`` as Blender has it, "" where it is not
+    """One edit. ``who`` is the object's name as the scenario has it, ``object_name`` as Blender has it, "" where it is not
     there.
 
     ``frames`` are those at which the edit shows, ``start_s`` and ``end_s`` the times of the first and the last. ``edit`` is what
@@ -31,7 +31,7 @@ class Line:
     part: str
     what: str
     who: str
-    thing: str
+    object_name: str
     start_s: float
     end_s: float
     frames: tuple[int, ...]
@@ -64,10 +64,10 @@ def line_of(
     return Line(kind, uid, part, what, *named, float(clock.times_s[at[0]]), float(clock.times_s[at[-1]]), frames, edit)
 
 
-def problem_line(kind: str, uid: str, fault: ScenarioError, things: Iterable[SampledObject]) -> Line:
+def problem_line(kind: str, uid: str, fault: ScenarioError, objects: Iterable[SampledObject]) -> Line:
     """Return the line of what keeps a scene from being read."""
-    thing = next((thing for thing in things if f'"{thing.name}"' in str(fault)), None)
+    obj = next((obj for obj in objects if f'"{obj.name}"' in str(fault)), None)
     text, title, name = str(fault).split(": ", 1)[-1], "", ""
-    if thing is not None:
-        title, name = thing.title, thing.name
+    if obj is not None:
+        title, name = obj.title, obj.name
     return Line(kind, uid, "PROBLEM", text[0].upper() + text[1:], title, name, 0.0, 0.0, ())

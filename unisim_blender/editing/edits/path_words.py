@@ -15,26 +15,26 @@ RETIMED_FRAMES = 0.02
 
 
 def path_words(
-    thing: SampledObject, base: FloatArray, lifted: FloatArray, there: BoolArray, actor: Actor | None, clock: Clock
+    obj: SampledObject, base: FloatArray, lifted: FloatArray, there: BoolArray, actor: Actor | None, clock: Clock
 ) -> str:
     """Return how an object goes another way than ``base`` (N, 4, 4), which lies ``lifted`` for an object with
     another appearance or scale."""
-    at = thing.there & there if (thing.there & there).any() else thing.there
+    at = obj.there & there if (obj.there & there).any() else obj.there
     few = Clock(clock.frames[at], clock.times_s[at])
     parts = []
-    if thing.ridden is not None and actor is not None:
+    if obj.ridden is not None and actor is not None:
         recorded = actor.world_from_actor
-        parts.append(trajectory_words(few, thing.ridden[at], base[at], recorded, is_retimed(thing, recorded, clock)))
+        parts.append(trajectory_words(few, obj.ridden[at], base[at], recorded, is_retimed(obj, recorded, clock)))
         rise = invert_pose(base[at]) @ lifted[at]
-        parts.append(displaced_words(invert_pose(thing.ridden[at] @ rise) @ thing.poses[at]))
+        parts.append(displaced_words(invert_pose(obj.ridden[at] @ rise) @ obj.poses[at]))
     else:
-        parts.append(trajectory_words(few, thing.poses[at], lifted[at], None, False))
-    if (thing.there != there).any() and not any(part.startswith("Retimed") for part in parts):
-        parts.append(presence_words(clock, thing.there))
+        parts.append(trajectory_words(few, obj.poses[at], lifted[at], None, False))
+    if (obj.there != there).any() and not any(part.startswith("Retimed") for part in parts):
+        parts.append(presence_words(clock, obj.there))
     return joined(parts)
 
 
-def is_retimed(thing: SampledObject, recorded: Trajectory, clock: Clock) -> bool:
+def is_retimed(obj: SampledObject, recorded: Trajectory, clock: Clock) -> bool:
     """Return whether the keys of an object's trajectory lie at other times than the recorded ones."""
     keys = clock.frame(recorded.times_s[[0, -1]])
-    return thing.span is not None and bool(np.abs(np.array(thing.span) - keys).max() > RETIMED_FRAMES)
+    return obj.span is not None and bool(np.abs(np.array(obj.span) - keys).max() > RETIMED_FRAMES)

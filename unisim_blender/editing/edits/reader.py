@@ -19,7 +19,7 @@ from ..sampled.clock import Clock
 from ..sampled.recorded import recorded_poses, recorded_there
 from ..sampled.scene import Sampled, SampledObject
 from .lines import Line
-from .trajectories import way
+from .trajectories import pose_or_trajectory
 
 Made = TypeVar("Made", bound=Edit)
 
@@ -40,11 +40,11 @@ class Reading:
         """When the scene was sampled."""
         return self.sampled.clock
 
-    def new_id(self, thing: SampledObject) -> str:
+    def new_id(self, obj: SampledObject) -> str:
         """An id after the object's name that nothing else has; it is taken from now on."""
-        uid, number = thing.title, 2
+        uid, number = obj.title, 2
         while uid in self.taken:
-            uid, number = f"{thing.title} {number}", number + 1
+            uid, number = f"{obj.title} {number}", number + 1
         self.taken.add(uid)
         return uid
 
@@ -77,19 +77,19 @@ class Standing:
     """An object beside the recorded actor that it stands for, or that it is a copy of; None is one that is not there."""
 
     reading: Reading
-    thing: SampledObject | None
+    obj: SampledObject | None
     actor: Actor | None
 
     @property
     def is_gone(self) -> bool:
         """Whether the actor is at no frame of the scene."""
-        return self.thing is None or not self.thing.there.any()
+        return self.obj is None or not self.obj.there.any()
 
     @property
     def here(self) -> SampledObject:
         """The object, which is there."""
-        assert self.thing is not None
-        return self.thing
+        assert self.obj is not None
+        return self.obj
 
     @property
     def known(self) -> Actor:
@@ -137,12 +137,12 @@ class Standing:
     @property
     def appearance_size_m(self) -> FloatArray:
         """The size (3,) of the box that comes with the object's appearance. Raises `ScenarioError`."""
-        thing = self.here
-        actors = scene_actors(Path(thing.appearance_scene)) if thing.appearance_scene else self.reading.drive.actors
-        if thing.appearance not in actors:
-            where = thing.appearance_scene or "the log"
-            raise ScenarioError(f'object "{thing.name}": has the look of "{thing.appearance}", which {where} lacks')
-        return actors[thing.appearance].size_m
+        obj = self.here
+        actors = scene_actors(Path(obj.appearance_scene)) if obj.appearance_scene else self.reading.drive.actors
+        if obj.appearance not in actors:
+            where = obj.appearance_scene or "the log"
+            raise ScenarioError(f'object "{obj.name}": has the look of "{obj.appearance}", which {where} lacks')
+        return actors[obj.appearance].size_m
 
     @property
     def appearance_scene(self) -> str | None:
@@ -153,7 +153,7 @@ class Standing:
         """``pose`` or ``trajectory`` of the object; what is between frames is as in the recorded actor's."""
         actor = self.actor
         recorded = actor.world_from_actor if actor is not None and actor.is_moving and not self.here.appearance else None
-        return dict(way(self.clock, self.here.poses, self.here.there, recorded))
+        return dict(pose_or_trajectory(self.clock, self.here.poses, self.here.there, recorded))
 
 
 class ActorReader(ABC, Generic[Made]):

@@ -1,4 +1,4 @@
-"""Ways of things as a scenario writes them: keyframes, placements, when a thing is there."""
+"""Motion of objects as a scenario writes it: keyframes, placements, when an object is present."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ DIGITS = 7
 """Of metres and of quaternions: what Blender's float32 can tell, and two digits more."""
 
 
-def way(
+def pose_or_trajectory(
     clock: Clock, poses: FloatArray, there: BoolArray, recorded: Trajectory | None = None
 ) -> dict[str, Placement | tuple[Keyframe, ...]]:
-    """``pose`` or ``trajectory`` of an edit: where a thing (poses (N, 4, 4)) goes at the frames at which it is there (N,).
+    """The member ``pose`` or ``trajectory`` of an edit, from an object's poses (N, 4, 4) at the frames at which it is there (N,).
 
-    ``recorded`` is the way that it was edited from: what is between frames there stays.
+    ``recorded`` is the trajectory that was edited: its keys between frames are kept.
     """
     at = np.flatnonzero(there)
     if same(poses[at], poses[at[:1]]).all():
@@ -29,10 +29,10 @@ def way(
 
 
 def keyframes(clock: Clock, poses: FloatArray, there: BoolArray, recorded: Trajectory | None = None) -> tuple[Keyframe, ...]:
-    """A key for each frame at which a thing is there, and for each key of ``recorded`` between them.
+    """A key for each frame at which an object is there, and for each key of ``recorded`` between them.
 
-    Where the thing goes as recorded its keys are the recorded ones, so they are the same whichever frames were looked at. In
-    between, the way is the recorded one with the displacement and the turn of the frames next to it.
+    Where a pose is the recorded one, its key has the recorded numbers. A key between frames is the recorded one with the
+    displacement and the rotation interpolated from the frames next to it.
     """
     at = np.flatnonzero(there)
     times, positions = clock.times_s[at], poses[at, :3, 3]
@@ -69,7 +69,7 @@ def placement(pose: FloatArray) -> Placement:
 
 
 def present(clock: Clock, there: BoolArray) -> Present | None:
-    """When a thing is there; None for throughout. A scenario knows one span, from the first such frame to the last."""
+    """When an object is there; None for throughout. A scenario knows one span, from the first such frame to the last."""
     if there.all():
         return None
     at = clock.times_s[there]

@@ -30,23 +30,23 @@ def dirty_region(
     """
     if not np.array_equal(before.clock.times_s, after.clock.times_s) or before.items != after.items:
         return None
-    old, new = ({thing.name: thing for thing in state.objects} for state in (before, after))
+    old, new = ({obj.name: obj for obj in state.objects} for state in (before, after))
     rectangle: Rectangle | None = (model.width, model.height, 0, 0)
     for name in sorted({*old, *new}):
-        states = [thing for thing in (old.get(name), new.get(name)) if thing is not None]
+        states = [obj for obj in (old.get(name), new.get(name)) if obj is not None]
         if len(states) == 2 and alike(*states):
             continue
         if name == view.name:
             return None
-        for thing in states:
-            if thing.kind in ("CAMERA", "LIDAR", "EGO", "NONE"):
+        for obj in states:
+            if obj.kind in ("CAMERA", "LIDAR", "EGO", "NONE"):
                 continue  # what looks is not seen
-            if thing.kind == "BODY" and not view.sees_body:
+            if obj.kind == "BODY" and not view.sees_body:
                 continue
-            if thing.kind not in ("ACTOR", "BODY") or rectangle is None:
+            if obj.kind not in ("ACTOR", "BODY") or rectangle is None:
                 return None
-            if thing.there.any():
-                rectangle = joined(rectangle, _seen(thing, view, model, beside_m))
+            if obj.there.any():
+                rectangle = joined(rectangle, _seen(obj, view, model, beside_m))
     return rectangle
 
 
@@ -56,10 +56,10 @@ def alike(a: SampledObject, b: SampledObject) -> bool:
     return told and np.array_equal(a.poses, b.poses) and np.array_equal(a.there, b.there)
 
 
-def _seen(thing: SampledObject, view: SampledObject, model: CameraModel, beside_m: float) -> Rectangle | None:
+def _seen(obj: SampledObject, view: SampledObject, model: CameraModel, beside_m: float) -> Rectangle | None:
     """What a box covers of the image, wherever box and camera are at the frames; None where it reaches behind the camera."""
-    size: FloatArray = np.array(thing.size_m) * 1.1 + 2 * beside_m
-    corners = np.concatenate([box_corners(pose, size) for pose in thing.poses])
+    size: FloatArray = np.array(obj.size_m) * 1.1 + 2 * beside_m
+    corners = np.concatenate([box_corners(pose, size) for pose in obj.poses])
     seen = np.concatenate([transform_points(invert_pose(pose), corners) for pose in optical(view.poses)])
     ahead = seen[:, 2] > NEAR_M
     if not ahead.any():

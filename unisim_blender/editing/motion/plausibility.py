@@ -49,91 +49,91 @@ def warnings_of(sampled: Sampled, drive: Drive, limits: Limits | None = None) ->
     ``limits`` are those of motion; the default ones where it is None.
     """
     limits = limits or Limits()
-    actors = [thing for thing in sampled.of("ACTOR") if thing.there.any()]
-    edited = [thing for thing in actors if not _as_recorded(thing, drive, sampled.clock)]
+    actors = [obj for obj in sampled.of("ACTOR") if obj.there.any()]
+    edited = [obj for obj in actors if not _as_recorded(obj, drive, sampled.clock)]
     ground = undersides(drive)
-    for thing in edited:
-        label = _label(thing, drive)
-        yield from _motion(thing, label, sampled.clock)
-        yield from _limits(thing, drive, sampled.clock, limits)
-        yield from _height(thing, ground, sampled.clock)
-        yield from _size(thing, sampled.clock)
-    changed = {thing.name for thing in edited}
+    for obj in edited:
+        label = _label(obj, drive)
+        yield from _motion(obj, label, sampled.clock)
+        yield from _limits(obj, drive, sampled.clock, limits)
+        yield from _height(obj, ground, sampled.clock)
+        yield from _size(obj, sampled.clock)
+    changed = {obj.name for obj in edited}
     for i, a in enumerate(actors):
         for b in actors[i + 1 :]:
             if {a.name, b.name} & changed:
                 yield from _overlap(a, b, sampled.clock)
-    for thing in sampled.of("EGO"):
-        yield from _limits(thing, drive, sampled.clock, limits)
-    for thing in sampled.of("CAMERA"):
-        yield from _far(thing, drive, sampled.clock)
-        yield from _aside(thing, drive, sampled.clock)
+    for obj in sampled.of("EGO"):
+        yield from _limits(obj, drive, sampled.clock, limits)
+    for obj in sampled.of("CAMERA"):
+        yield from _far(obj, drive, sampled.clock)
+        yield from _aside(obj, drive, sampled.clock)
 
 
-def _as_recorded(thing: SampledObject, drive: Drive, clock: Clock) -> bool:
-    actor = drive.actors.get(thing.uid)
-    if actor is None or not thing.is_original or thing.appearance or thing.scaling != Scaling():
+def _as_recorded(obj: SampledObject, drive: Drive, clock: Clock) -> bool:
+    actor = drive.actors.get(obj.uid)
+    if actor is None or not obj.is_original or obj.appearance or obj.scaling != Scaling():
         return False
     there = recorded_there(actor, drive, clock)
-    return bool((there == thing.there).all() and same(thing.poses, recorded_poses(actor, clock))[there].all())
+    return bool((there == obj.there).all() and same(obj.poses, recorded_poses(actor, clock))[there].all())
 
 
-def _label(thing: SampledObject, drive: Drive) -> str:
-    if thing.mesh:
-        return thing.label.lower()
-    actor: Actor | None = drive.actors.get(thing.appearance or thing.uid)
+def _label(obj: SampledObject, drive: Drive) -> str:
+    if obj.mesh:
+        return obj.label.lower()
+    actor: Actor | None = drive.actors.get(obj.appearance or obj.uid)
     return "" if actor is None else actor.label.lower()
 
 
-def _motion(thing: SampledObject, label: str, clock: Clock) -> Iterator[Finding]:
-    step = np.diff(thing.poses[:, :3, 3], axis=0)
-    both = thing.there[1:] & thing.there[:-1]
+def _motion(obj: SampledObject, label: str, clock: Clock) -> Iterator[Finding]:
+    step = np.diff(obj.poses[:, :3, 3], axis=0)
+    both = obj.there[1:] & obj.there[:-1]
     speed = np.linalg.norm(step, axis=1) / np.diff(clock.times_s)
     limit = next((fastest for word, fastest in FASTEST_M_S.items() if word in label), max(FASTEST_M_S.values()))
     too_fast = both & (speed > limit)
     if too_fast.any():
         at = int(np.argmax(np.where(too_fast, speed, 0)))
-        yield Finding(thing.name, int(clock.frames[at]), f"goes {speed[at] * 3.6:.0f} km/h")
+        yield Finding(obj.name, int(clock.frames[at]), f"goes {speed[at] * 3.6:.0f} km/h")
     if any(word in label for word in ON_WHEELS):
-        ahead = thing.poses[:-1, :3, 0]
+        ahead = obj.poses[:-1, :3, 0]
         along = np.abs((step * ahead).sum(1)) / np.maximum(np.linalg.norm(step, axis=1), 1e-9)
         skids = both & (speed > MOVING_M_S) & (np.arccos(np.clip(along, 0, 1)) > SIDEWAYS_RAD)
         if skids.any():
-            yield Finding(thing.name, int(clock.frames[int(np.argmax(skids))]), "drives sideways")
+            yield Finding(obj.name, int(clock.frames[int(np.argmax(skids))]), "drives sideways")
 
 
-def _limits(thing: SampledObject, drive: Drive, clock: Clock, limits: Limits) -> Iterator[Finding]:
+def _limits(obj: SampledObject, drive: Drive, clock: Clock, limits: Limits) -> Iterator[Finding]:
     """Where it exceeds each limit of motion most."""
-    label = label_of(thing.kind, thing.appearance or thing.uid, thing.label if thing.mesh else "", drive)
-    found = compared(Track(thing.name, thing.kind, thing.uid, label, thing.poses, thing.there), drive, clock, limits)
+    label = label_of(obj.kind, obj.appearance or obj.uid, obj.label if obj.mesh else "", drive)
+    found = compared(Track(obj.name, obj.kind, obj.uid, label, obj.poses, obj.there), drive, clock, limits)
     for name, where in found.exceeded.items():
         if where.any():
             values = getattr(found.now, name)
             at = int(np.argmax(np.where(where, np.abs(values), -1)))
-            yield Finding(thing.name, int(clock.frames[at]), describe(name, float(values[at])))
+            yield Finding(obj.name, int(clock.frames[at]), describe(name, float(values[at])))
 
 
-def _height(thing: SampledObject, ground: FloatArray, clock: Clock) -> Iterator[Finding]:
+def _height(obj: SampledObject, ground: FloatArray, clock: Clock) -> Iterator[Finding]:
     """Its underside beside the ground there."""
     if not len(ground):
         return
-    under = thing.poses[:, :3, 3] - thing.poses[:, :3, 2] * thing.size_m[2] / 2
+    under = obj.poses[:, :3, 3] - obj.poses[:, :3, 2] * obj.size_m[2] / 2
     off = under[:, 2] - heights(ground, under)
-    wrong = thing.there & (np.abs(np.nan_to_num(off)) > OFF_GROUND_M)
+    wrong = obj.there & (np.abs(np.nan_to_num(off)) > OFF_GROUND_M)
     if wrong.any():
         at = int(np.argmax(wrong))
         yield Finding(
-            thing.name, int(clock.frames[at]), f"is {abs(off[at]):.1f} m {'above' if off[at] > 0 else 'below'} the ground"
+            obj.name, int(clock.frames[at]), f"is {abs(off[at]):.1f} m {'above' if off[at] > 0 else 'below'} the ground"
         )
 
 
-def _size(thing: SampledObject, clock: Clock) -> Iterator[Finding]:
+def _size(obj: SampledObject, clock: Clock) -> Iterator[Finding]:
     """Its size beside what was recorded, and a scale that cannot be rendered."""
-    frame, (least, most) = int(clock.frames[int(np.argmax(thing.there))]), PLAUSIBLE_SCALE
-    if thing.scaling.fault:
-        yield Finding(thing.name, frame, WHY[thing.scaling.fault])
-    elif not all(least <= factor <= most for factor in thing.scaling.factors):
-        yield Finding(thing.name, frame, f"is scaled by {scale_text(thing.scaling.factors)}, beyond {least:g} to {most:g}")
+    frame, (least, most) = int(clock.frames[int(np.argmax(obj.there))]), PLAUSIBLE_SCALE
+    if obj.scaling.fault:
+        yield Finding(obj.name, frame, WHY[obj.scaling.fault])
+    elif not all(least <= factor <= most for factor in obj.scaling.factors):
+        yield Finding(obj.name, frame, f"is scaled by {scale_text(obj.scaling.factors)}, beyond {least:g} to {most:g}")
 
 
 def _overlap(a: SampledObject, b: SampledObject, clock: Clock) -> Iterator[Finding]:
@@ -156,31 +156,31 @@ def boxes_overlap(pose_a: FloatArray, size_a: FloatArray, pose_b: FloatArray, si
     return bool(((low[0] <= high[1]) & (low[1] <= high[0])).all())
 
 
-def _far(thing: SampledObject, drive: Drive, clock: Clock) -> Iterator[Finding]:
+def _far(obj: SampledObject, drive: Drive, clock: Clock) -> Iterator[Finding]:
     places = [camera.world_from_camera.positions for camera in drive.cameras.values()]
     if not places:
         return
-    away = np.linalg.norm(thing.poses[:, None, :3, 3] - np.concatenate(places)[None], axis=-1).min(1)
+    away = np.linalg.norm(obj.poses[:, None, :3, 3] - np.concatenate(places)[None], axis=-1).min(1)
     if away.max() > FAR_VIEW_M:
         at = int(away.argmax())
-        yield Finding(thing.name, int(clock.frames[at]), f"looks from {away[at]:.1f} m beside anything recorded")
+        yield Finding(obj.name, int(clock.frames[at]), f"looks from {away[at]:.1f} m beside anything recorded")
 
 
-def _aside(thing: SampledObject, drive: Drive, clock: Clock) -> Iterator[Finding]:
+def _aside(obj: SampledObject, drive: Drive, clock: Clock) -> Iterator[Finding]:
     """Whether a camera looks where none was looking during the drive."""
-    unseen = np.array([unseen_share(thing, drive, frame) for frame in range(len(clock.frames))])
+    unseen = np.array([unseen_share(obj, drive, frame) for frame in range(len(clock.frames))])
     if len(unseen) and unseen.max() > ASIDE_SHARE:
         at = int(unseen.argmax())
         text = f"looks {unseen[at]:.0%} beside all that was recorded"
-        yield Finding(thing.name, int(clock.frames[at]), text)
+        yield Finding(obj.name, int(clock.frames[at]), text)
 
 
-def unseen_share(thing: SampledObject, drive: Drive, frame: int) -> float:
+def unseen_share(obj: SampledObject, drive: Drive, frame: int) -> float:
     """Return which share of a camera's directions, sideways, no camera of the drive ever looked into."""
-    if thing.camera is None or not drive.cameras:
+    if obj.camera is None or not drive.cameras:
         return 0.0
-    half = np.arctan(thing.camera.width / 2 / thing.camera.fx)
-    ahead = -thing.poses[frame, :3, 2]  # a Blender camera looks along -z
+    half = np.arctan(obj.camera.width / 2 / obj.camera.fx)
+    ahead = -obj.poses[frame, :3, 2]  # a Blender camera looks along -z
     headings = np.arctan2(ahead[1], ahead[0]) + np.linspace(-half, half, 16)
     seen = np.zeros(len(headings), bool)
     for camera in drive.cameras.values():

@@ -61,20 +61,20 @@ class Actors(GroupReader):
 
 def _by_id(reading: Reading) -> dict[str, list[SampledObject]]:
     by_id: dict[str, list[SampledObject]] = {}
-    for thing in reading.sampled.of("ACTOR"):
-        if fault := refusal(thing.name, thing.scaling):
+    for obj in reading.sampled.of("ACTOR"):
+        if fault := refusal(obj.name, obj.scaling):
             raise ScenarioError(fault)
-        by_id.setdefault(thing.uid, []).append(thing)
+        by_id.setdefault(obj.uid, []).append(obj)
     return by_id
 
 
-def _found(reading: Reading, uid: str, things: list[SampledObject]) -> Iterator[Found]:
+def _found(reading: Reading, uid: str, objects: list[SampledObject]) -> Iterator[Found]:
     """The edits of one id. Copies are told beside the recorded actor: they come before what became of that."""
     actor = reading.drive.actors.get(uid)
-    own = None if actor is None else original(things, actor, reading.clock)
-    for thing in things:
-        if thing is not own and thing.there.any():
-            yield from _new(Standing(reading, thing, actor))
+    own = None if actor is None else original(objects, actor, reading.clock)
+    for obj in objects:
+        if obj is not own and obj.there.any():
+            yield from _new(Standing(reading, obj, actor))
     if actor is not None:
         standing = Standing(reading, own, actor)
         for reader in ACTORS:
@@ -95,12 +95,12 @@ def _new(standing: Standing) -> Iterator[Found]:
 def original(standing: Iterable[SampledObject], actor: Actor, clock: Clock) -> SampledObject | None:
     """Which of the objects with one actor's id is the actor itself: the one with the name that the import gave it, else one that
     goes where the actor was recorded, else the first. Told here and not by a handler, so that undo stays Blender's."""
-    things = list(standing)
+    objects = list(standing)
     recorded = recorded_poses(actor, clock)
-    for thing in things:
-        if thing.is_original:
-            return thing
-    for thing in things:
-        if same(thing.poses, recorded).all():
-            return thing
-    return things[0] if things else None
+    for obj in objects:
+        if obj.is_original:
+            return obj
+    for obj in objects:
+        if same(obj.poses, recorded).all():
+            return obj
+    return objects[0] if objects else None

@@ -24,23 +24,23 @@ class DuplicateReader(NewActorReader[Duplicate]):
     def read(self, standing: Standing) -> Duplicate:
         """A copy that is displaced alike at all frames, in the world's axes or its own, keeps the actor's own trajectory between
         frames too."""
-        thing, actor, base, there = standing.here, standing.known, standing.recorded, standing.recorded_there
-        uid = standing.reading.new_id(thing)
-        changed = bool((thing.there != there).any())
-        at = thing.there & there
-        apart = (thing.poses - base)[at, :3, 3]
-        if not changed and same_turn(thing.poses, base)[at].all():
+        obj, actor, base, there = standing.here, standing.known, standing.recorded, standing.recorded_there
+        uid = standing.reading.new_id(obj)
+        changed = bool((obj.there != there).any())
+        at = obj.there & there
+        apart = (obj.poses - base)[at, :3, 3]
+        if not changed and same_turn(obj.poses, base)[at].all():
             if (np.ptp(apart, axis=0) <= 2 * SAME_M).all():
                 return Duplicate(actor.uid, uid, world_offset_m=vector(apart.mean(0)))
             beside = np.einsum("nji,nj->ni", base[at, :3, :3], apart)
             if (np.ptp(beside, axis=0) <= 2 * SAME_M).all():
                 return Duplicate(actor.uid, uid, offset_m=vector(beside.mean(0)))
-        return Duplicate(actor.uid, uid, **standing.path(), present=present(standing.clock, thing.there) if changed else None)
+        return Duplicate(actor.uid, uid, **standing.path(), present=present(standing.clock, obj.there) if changed else None)
 
     def line(self, edit: Duplicate, standing: Standing) -> Line:
         """Where the copy is, beside the recorded actor."""
-        thing, base = standing.here, standing.recorded
-        words = path_words(thing, base, standing.raised, standing.recorded_there, standing.known, standing.clock)
+        obj, base = standing.here, standing.recorded
+        words = path_words(obj, base, standing.raised, standing.recorded_there, standing.known, standing.clock)
         what = joined(["Copied", words.removeprefix("Moved ")]) if words else "Copied, in place"
         what = what.replace("Copied; ", "Copied: ")
-        return line_of("ACTOR", thing.uid, "COPY", what, standing.names, thing.there, standing.clock, edit)
+        return line_of("ACTOR", obj.uid, "COPY", what, standing.names, obj.there, standing.clock, edit)

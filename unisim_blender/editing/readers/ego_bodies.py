@@ -23,24 +23,24 @@ class EgoBodies(GroupReader):
     def edits(self, reading: Reading) -> Iterator[EgoBody]:
         """An edit for each body. Raises `ScenarioError` for one that is not fixed to the vehicle."""
         ego = next(reading.sampled.of("EGO"), None)
-        for thing in reading.sampled.of("BODY"):
-            if not thing.there.any():
+        for obj in reading.sampled.of("BODY"):
+            if not obj.there.any():
                 continue
             if ego is None:
                 raise ScenarioError(
-                    f'object "{thing.name}": is a body of the ego vehicle, which is not there: undo that it was deleted'
+                    f'object "{obj.name}": is a body of the ego vehicle, which is not there: undo that it was deleted'
                 )
-            mount = invert_pose(ego.poses) @ thing.poses
+            mount = invert_pose(ego.poses) @ obj.poses
             if not same(mount, mount[:1]).all():
                 raise ScenarioError(
-                    f'object "{thing.name}": moves on the ego vehicle, which its body is fixed to: keep it parented to the '
+                    f'object "{obj.name}": moves on the ego vehicle, which its body is fixed to: keep it parented to the '
                     "vehicle, and clear its keys and constraints"
                 )
-            yield EgoBody(reading.relative(thing.mesh), reading.new_id(thing), placement(mount[0]), thing.label or None)
+            yield EgoBody(reading.relative(obj.mesh), reading.new_id(obj), placement(mount[0]), obj.label or None)
 
     def lines(self, reading: Reading, uid: str) -> Iterator[Line]:
         """A line for each body."""
-        bodies = [thing for thing in reading.sampled.of("BODY") if thing.there.any()]
-        for body, thing in zip(self.edits(reading), bodies, strict=True):
-            names, words = (thing.title, thing.name), "Body of the ego vehicle"
-            yield line_of("BODY", thing.uid, "BODY", words, names, thing.there, reading.clock, body)
+        bodies = [obj for obj in reading.sampled.of("BODY") if obj.there.any()]
+        for body, obj in zip(self.edits(reading), bodies, strict=True):
+            names, words = (obj.title, obj.name), "Body of the ego vehicle"
+            yield line_of("BODY", obj.uid, "BODY", words, names, obj.there, reading.clock, body)

@@ -14,19 +14,19 @@ class InsertReader(NewActorReader[Insert]):
 
     def reads(self, standing: Standing) -> bool:
         """A copy with its source's appearance is a duplicate; without a recorded actor there may be a mesh."""
-        thing = standing.here
-        return bool(thing.appearance) if standing.actor is not None else not thing.mesh
+        obj = standing.here
+        return bool(obj.appearance) if standing.actor is not None else not obj.mesh
 
     def read(self, standing: Standing) -> Insert:
         """The object's appearance and path."""
-        thing = standing.here
-        uid = standing.reading.new_id(thing)
-        path = Standing(standing.reading, thing, None).path()
+        obj = standing.here
+        uid = standing.reading.new_id(obj)
+        path = Standing(standing.reading, obj, None).path()
         return Insert(
-            thing.appearance or thing.uid, uid, standing.appearance_scene, **path, present=present(standing.clock, thing.there)
+            obj.appearance or obj.uid, uid, standing.appearance_scene, **path, present=present(standing.clock, obj.there)
         )
 
     def line(self, edit: Insert, standing: Standing) -> Line:
         """That it is there."""
-        thing = standing.here
-        return line_of("ACTOR", thing.uid, "INSERT", "Inserted", standing.names, thing.there, standing.clock, edit)
+        obj = standing.here
+        return line_of("ACTOR", obj.uid, "INSERT", "Inserted", standing.names, obj.there, standing.clock, edit)

@@ -18,11 +18,11 @@ class InsertMeshReader(NewActorReader[InsertMesh]):
 
     def read(self, standing: Standing) -> InsertMesh:
         """The model's file and the object's path."""
-        thing, reading = standing.here, standing.reading
-        uid, when = reading.new_id(thing), present(standing.clock, thing.there)
-        return InsertMesh(reading.relative(thing.mesh), uid, thing.label or None, **standing.path(), present=when)
+        obj, reading = standing.here, standing.reading
+        uid, when = reading.new_id(obj), present(standing.clock, obj.there)
+        return InsertMesh(reading.relative(obj.mesh), uid, obj.label or None, **standing.path(), present=when)
 
     def line(self, edit: InsertMesh, standing: Standing) -> Line:
         """That it is there."""
-        thing = standing.here
-        return line_of("ACTOR", thing.uid, "MESH", "Mesh inserted", standing.names, thing.there, standing.clock, edit)
+        obj = standing.here
+        return line_of("ACTOR", obj.uid, "MESH", "Mesh inserted", standing.names, obj.there, standing.clock, edit)

@@ -16,17 +16,17 @@ class MoveReader(ActorReader[Move]):
 
     def read(self, standing: Standing) -> Move | None:
         """The object's poses, where they are not those of the recorded actor on its ground."""
-        thing, there = standing.here, standing.recorded_there
-        changed = bool((thing.there != there).any())
-        if not changed and same(thing.poses, standing.lifted)[there].all():
+        obj, there = standing.here, standing.recorded_there
+        changed = bool((obj.there != there).any())
+        if not changed and same(obj.poses, standing.lifted)[there].all():
             return None
-        return Move(standing.known.uid, **standing.path(), present=present(standing.clock, thing.there) if changed else None)
+        return Move(standing.known.uid, **standing.path(), present=present(standing.clock, obj.there) if changed else None)
 
     def line(self, edit: Move, standing: Standing) -> Line | None:
         """How it goes elsewhere; None where it was moved for its scale alone, which has a line of its own."""
-        thing, there, raised = standing.here, standing.recorded_there, standing.raised
-        differs = (thing.there != there) | (thing.there & ~same(thing.poses, raised))
-        if thing.scale_lift_m and not differs.any():
+        obj, there, raised = standing.here, standing.recorded_there, standing.raised
+        differs = (obj.there != there) | (obj.there & ~same(obj.poses, raised))
+        if obj.scale_lift_m and not differs.any():
             return None
-        words = path_words(thing, standing.recorded, raised, there, standing.known, standing.clock)
+        words = path_words(obj, standing.recorded, raised, there, standing.known, standing.clock)
         return line_of("ACTOR", edit.actor, "MOVE", words or "Moved", standing.names, differs, standing.clock, edit)

@@ -20,6 +20,6 @@ class RemoveReader(ActorReader[Remove]):
 
     def line(self, edit: Remove, standing: Standing) -> Line:
         """An actor whose object was deleted has the name that the list of actors gives it."""
-        uid, thing = standing.known.uid, standing.thing
-        names = standing.names if thing is not None else (plain_names(standing.reading.drive.actors)[uid], "")
+        uid, obj = standing.known.uid, standing.obj
+        names = standing.names if obj is not None else (plain_names(standing.reading.drive.actors)[uid], "")
         return line_of("ACTOR", uid, "REMOVE", "Removed", names, standing.recorded_there, standing.clock, edit)

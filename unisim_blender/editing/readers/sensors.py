@@ -53,19 +53,19 @@ class SensorReader(GroupReader):
                 continue
             recorded = set(drive.cameras if kind == "CAMERA" else drive.lidars)
             named = "Camera" if kind == "CAMERA" else "LiDAR"
-            standing = [thing for thing in sampled.of(kind) if thing.there.any()]
+            standing = [obj for obj in sampled.of(kind) if obj.there.any()]
             for name in sorted(recorded - {spec.id for spec in specs}):
-                hidden = next((thing.name for thing in sampled.of(kind) if thing.uid == name and thing.is_original), "")
+                hidden = next((obj.name for obj in sampled.of(kind) if obj.uid == name and obj.is_original), "")
                 yield line_of(kind, name, "REMOVE", f"{named} removed", (name, hidden), always, clock, name)
-            for spec, thing in zip(specs, standing, strict=True):
-                names = thing.title, thing.name
+            for spec, obj in zip(specs, standing, strict=True):
+                names = obj.title, obj.name
                 if spec in (CameraSpec(spec.id), LidarSpec(spec.id)) and spec.id in recorded:
                     continue
                 if spec.id in recorded and spec.like is None:
                     yield line_of(kind, spec.id, "SENSOR", sensor_words(named, spec), names, always, clock, spec)
                 else:
                     what = f"{named} copied" if spec.like else f"{named} added"
-                    yield line_of(kind, thing.uid, "INSERT", what, names, always, clock, spec)
+                    yield line_of(kind, obj.uid, "INSERT", what, names, always, clock, spec)
 
     def edited_ids(self, reading: Reading) -> set[str]:
         """Recorded sensors that are gone or other ones. A vehicle that was deleted took its sensors along: nothing of them is
@@ -91,14 +91,10 @@ def sensors_of(sampled: Sampled, drive: Drive) -> Sensors | None:
         )
     world_from_ego = drive.world_from_ego.at(clock.times_s) if ego is None else ego.poses
     cameras = tuple(
-        _sighted(_camera(thing, world_from_ego, drive, clock), thing, sampled)
-        for thing in sampled.of("CAMERA")
-        if thing.there.any()
+        _sighted(_camera(obj, world_from_ego, drive, clock), obj, sampled) for obj in sampled.of("CAMERA") if obj.there.any()
     )
     lidars = tuple(
-        _sighted(_lidar(thing, world_from_ego, drive, clock), thing, sampled)
-        for thing in sampled.of("LIDAR")
-        if thing.there.any()
+        _sighted(_lidar(obj, world_from_ego, drive, clock), obj, sampled) for obj in sampled.of("LIDAR") if obj.there.any()
     )
     untouched = {CameraSpec(name) for name in drive.cameras}, {LidarSpec(name) for name in drive.lidars}
     if (set(cameras), set(lidars)) == untouched:
@@ -106,44 +102,44 @@ def sensors_of(sampled: Sampled, drive: Drive) -> Sensors | None:
     return Sensors(None if set(cameras) == untouched[0] else cameras, None if set(lidars) == untouched[1] else lidars)
 
 
-def _sighted(spec: Spec, thing: SampledObject, sampled: Sampled) -> Spec:
+def _sighted(spec: Spec, obj: SampledObject, sampled: Sampled) -> Spec:
     """A sensor's entry, which says whether it sees the ego vehicle's body where a scenario would take it otherwise."""
     taken_as = spec.trajectory is not None
-    if thing.sees_body == taken_as or not any(sampled.of("BODY")):
+    if obj.sees_body == taken_as or not any(sampled.of("BODY")):
         return spec
-    return replace(spec, sees_ego_body=thing.sees_body)
+    return replace(spec, sees_ego_body=obj.sees_body)
 
 
-def _camera(thing: SampledObject, world_from_ego: FloatArray, drive: Drive, clock: Clock) -> CameraSpec:
-    base = drive.cameras.get(thing.uid)
-    assert thing.camera is not None  # a thing of kind CAMERA is a camera
+def _camera(obj: SampledObject, world_from_ego: FloatArray, drive: Drive, clock: Clock) -> CameraSpec:
+    base = drive.cameras.get(obj.uid)
+    assert obj.camera is not None  # an object of kind CAMERA has a camera
     late = lag(base, drive, clock)
-    now = late @ invert_pose(world_from_ego) @ optical(thing.poses)
-    name = sensor_id(thing, drive)
+    now = late @ invert_pose(world_from_ego) @ optical(obj.poses)
+    name = sensor_id(obj, drive)
     if base is None:
-        spec = CameraSpec(name, **intrinsics(thing.camera), **_mount(now, optical(thing.poses), clock))
+        spec = CameraSpec(name, **intrinsics(obj.camera), **_mount(now, optical(obj.poses), clock))
     else:
-        spec = CameraSpec(name, like=None if name == thing.uid else thing.uid)
-        if thing.camera != base.model:
-            spec = replace(spec, **intrinsics(thing.camera))
+        spec = CameraSpec(name, like=None if name == obj.uid else obj.uid)
+        if obj.camera != base.model:
+            spec = replace(spec, **intrinsics(obj.camera))
         if not same(now, (mount := late @ recorded_mount(base, drive, clock))).all():
-            spec = replace(spec, **_moved(now, mount, optical(thing.poses), clock.of_sensor(base)))
+            spec = replace(spec, **_moved(now, mount, optical(obj.poses), clock.of_sensor(base)))
     return spec
 
 
-def _lidar(thing: SampledObject, world_from_ego: FloatArray, drive: Drive, clock: Clock) -> LidarSpec:
-    base = drive.lidars.get(thing.uid)
+def _lidar(obj: SampledObject, world_from_ego: FloatArray, drive: Drive, clock: Clock) -> LidarSpec:
+    base = drive.lidars.get(obj.uid)
     late = lag(base, drive, clock)
-    now = late @ invert_pose(world_from_ego) @ thing.poses
-    name = sensor_id(thing, drive)
-    model = lidar_model(thing.model)
+    now = late @ invert_pose(world_from_ego) @ obj.poses
+    name = sensor_id(obj, drive)
+    model = lidar_model(obj.model)
     if base is None:
-        return LidarSpec(name, **_beams(model), **_mount(now, thing.poses, clock))
-    spec = LidarSpec(name, like=None if name == thing.uid else thing.uid)
+        return LidarSpec(name, **_beams(model), **_mount(now, obj.poses, clock))
+    spec = LidarSpec(name, like=None if name == obj.uid else obj.uid)
     if lidar_json(model) != lidar_json(base.model):
         spec = replace(spec, **_beams(model))
     if not same(now, (mount := late @ recorded_mount(base, drive, clock))).all():
-        spec = replace(spec, **_moved(now, mount, thing.poses, clock.of_sensor(base)))
+        spec = replace(spec, **_moved(now, mount, obj.poses, clock.of_sensor(base)))
     return spec
 
 

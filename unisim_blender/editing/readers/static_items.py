@@ -1,4 +1,4 @@
-"""Reads `copy_static` and `remove_static`: boxes round things without annotation, and what is done with them."""
+"""Reads `copy_static` and `remove_static`: boxes around static items that are not annotated."""
 
 from __future__ import annotations
 
@@ -34,22 +34,22 @@ class StaticItems(GroupReader):
         """Removals and copies of what stands in boxes."""
         sampled = reading.sampled
         standing: dict[str, list[SampledObject]] = {uid: [] for uid in sampled.items}
-        for thing in sampled.of("STATIC"):
-            refuse_scale(thing)
-            standing.setdefault(thing.uid, []).append(thing)
-        for uid, things in sorted(standing.items()):
-            marked = json.loads(sampled.items[uid] if uid in sampled.items else things[0].model)
+        for obj in sampled.of("STATIC"):
+            refuse_scale(obj)
+            standing.setdefault(obj.uid, []).append(obj)
+        for uid, objects in sorted(standing.items()):
+            marked = json.loads(sampled.items[uid] if uid in sampled.items else objects[0].model)
             home, size = np.array(marked["world_from_box"]), np.array(marked["size_m"])
-            own = next((thing for thing in things if thing.is_original), None)
+            own = next((obj for obj in objects if obj.is_original), None)
             stays = own is not None and own.there.any() and bool(same(own.poses, home).all())
             new: list[CopyStatic | RemoveStatic] = []
             # a copy from another file says nothing about the item here
             if not stays and (own is not None or uid in sampled.items):
                 new.append(RemoveStatic(uid))
-            for thing in things:
-                if thing.there.any() and not (thing is own and stays):
+            for obj in objects:
+                if obj.there.any() and not (obj is own and stays):
                     # static items stand still: where they are at the first frame counts
-                    new.append(CopyStatic(uid, reading.new_id(thing), placement(thing.poses[0])))
+                    new.append(CopyStatic(uid, reading.new_id(obj), placement(obj.poses[0])))
             if new:
                 turn = quaternion(quaternion_from_matrix(home[:3, :3]))
                 reading.boxes[uid] = BoxSpec(position=vector(home[:3, 3]), quaternion_wxyz=turn, size_m=vector(size))
@@ -60,24 +60,24 @@ class StaticItems(GroupReader):
         clock, sampled, always = reading.clock, reading.sampled, np.ones(len(reading.clock.frames), bool)
         edits = list(self.edits(reading))
         for uid in reading.boxes:
-            standing = [thing for thing in sampled.of("STATIC") if thing.uid == uid and thing.there.any()]
-            own = next((thing for thing in standing if thing.is_original), None)
+            standing = [obj for obj in sampled.of("STATIC") if obj.uid == uid and obj.there.any()]
+            own = next((obj for obj in standing if obj.is_original), None)
             copies = [edit for edit in edits if isinstance(edit, CopyStatic) and edit.box == uid]
             gone = RemoveStatic(uid) in edits
-            copied = [thing for thing in standing if not (thing is own and not gone)]
-            for edit, thing in zip(copies, copied, strict=True):
-                far = f"{np.linalg.norm(thing.poses[0, :3, 3] - np.array(reading.boxes[uid].position)):.1f} m away"
-                part, words = ("MOVE", f"Moved {far}") if thing is own else ("COPY", f"Copied: {far}")
-                yield line_of("STATIC", uid, part, words, (thing.title, thing.name), always, clock, edit)
+            copied = [obj for obj in standing if not (obj is own and not gone)]
+            for edit, obj in zip(copies, copied, strict=True):
+                far = f"{np.linalg.norm(obj.poses[0, :3, 3] - np.array(reading.boxes[uid].position)):.1f} m away"
+                part, words = ("MOVE", f"Moved {far}") if obj is own else ("COPY", f"Copied: {far}")
+                yield line_of("STATIC", uid, part, words, (obj.title, obj.name), always, clock, edit)
             if gone and own is None:
-                hidden = next((thing.name for thing in sampled.of("STATIC") if thing.uid == uid and thing.is_original), "")
+                hidden = next((obj.name for obj in sampled.of("STATIC") if obj.uid == uid and obj.is_original), "")
                 yield line_of("STATIC", uid, "REMOVE", "Removed", (uid, hidden), always, clock, RemoveStatic(uid))
 
 
-def refuse_scale(thing: SampledObject) -> None:
+def refuse_scale(obj: SampledObject) -> None:
     """Raise `ScenarioError` where a static item's box is drawn in another size than it was marked in."""
-    if thing.scaling.fault or thing.scaling.factors != UNIT:
+    if obj.scaling.fault or obj.scaling.factors != UNIT:
         raise ScenarioError(
-            f'object "{thing.name}": is scaled by {scale_text(thing.scaling.factors)}, which a static item cannot be: clear its '
+            f'object "{obj.name}": is scaled by {scale_text(obj.scaling.factors)}, which a static item cannot be: clear its '
             "scale (Alt-S), or that of its parent"
         )

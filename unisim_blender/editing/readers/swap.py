@@ -16,8 +16,8 @@ class SwapReader(ActorReader[Swap]):
 
     def read(self, standing: Standing) -> Swap | None:
         """What the object notes."""
-        thing = standing.here
-        return Swap(standing.known.uid, thing.appearance, standing.appearance_scene) if thing.appearance else None
+        obj = standing.here
+        return Swap(standing.known.uid, obj.appearance, standing.appearance_scene) if obj.appearance else None
 
     def line(self, edit: Swap, standing: Standing) -> Line:
         """Whose appearance it is."""

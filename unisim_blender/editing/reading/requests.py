@@ -70,7 +70,7 @@ def camera_request(
 def indices(sampled: Sampled) -> dict[str, int]:
     """Blender's pass index of each actor, by the id that a scenario has for it."""
     actors = list(sampled.of("ACTOR", "BODY"))
-    return {**{thing.uid: thing.index for thing in actors if thing.is_original}, **{thing.title: thing.index for thing in actors}}
+    return {**{obj.uid: obj.index for obj in actors if obj.is_original}, **{obj.title: obj.index for obj in actors}}
 
 
 def lidar_request(sampled: Sampled, lidar: SampledObject, source: Source, frame: float) -> dict[str, Any]:
@@ -120,9 +120,9 @@ def _request(source: Source, edited: Drive, sensor: Camera | Lidar, time_s: floa
 
 def only(sampled: Sampled, sensor: SampledObject) -> Sampled:
     """The same without the other sensors. The one that looks is there, though it may be hidden for renders."""
-    others = [thing for thing in sampled.objects if thing.kind not in ("CAMERA", "LIDAR", "NONE")]
-    looks = [replace(thing, there=np.ones_like(thing.there)) for thing in sampled.objects if thing.name == sensor.name]
-    return replace(sampled, objects=tuple(sorted([*others, *looks], key=lambda thing: thing.name)))
+    others = [obj for obj in sampled.objects if obj.kind not in ("CAMERA", "LIDAR", "NONE")]
+    looks = [replace(obj, there=np.ones_like(obj.there)) for obj in sampled.objects if obj.name == sensor.name]
+    return replace(sampled, objects=tuple(sorted([*others, *looks], key=lambda obj: obj.name)))
 
 
 def sized(model: CameraModel, size: tuple[int, int], aspect: float, exact: bool) -> CameraModel:

@@ -54,7 +54,7 @@ def read_scenario(
 
 def _reading(sampled: Sampled, drive: Drive, named: Callable[[str], str] = str) -> Reading:
     """What readers are given of a sampled scene. ``named`` gives a file or a folder as the scenario names it."""
-    return Reading(sampled, drive, {*drive.actors, *(thing.uid for thing in sampled.of("STATIC"))}, named)
+    return Reading(sampled, drive, {*drive.actors, *(obj.uid for obj in sampled.of("STATIC"))}, named)
 
 
 def edited_ids(sampled: Sampled, drive: Drive) -> set[str]:

@@ -29,7 +29,7 @@ WHY = {
 
 
 class Scaling(NamedTuple):
-    """``factors`` (3,) of a thing along its own axes, 1 where it is as large as imported; ``fault`` is why sensors cannot be
+    """``factors`` (3,) of an object along its own axes, 1 where it is as large as imported; ``fault`` is why sensors cannot be
     shown it so, a key of `WHY`, or ""."""
 
     factors: Factors = UNIT

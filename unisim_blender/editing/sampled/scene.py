@@ -65,4 +65,4 @@ class Sampled:
 
     def of(self, *kinds: str) -> Iterator[SampledObject]:
         """The objects of some kinds."""
-        return (thing for thing in self.objects if thing.kind in kinds)
+        return (obj for obj in self.objects if obj.kind in kinds)

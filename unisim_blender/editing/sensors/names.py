@@ -32,9 +32,9 @@ def preset_name(name: str) -> str:
     return name
 
 
-def sensor_id(thing: SampledObject, drive: Drive) -> str:
+def sensor_id(obj: SampledObject, drive: Drive) -> str:
     """What a scenario calls a sensor: as the log does, or after the object; names of files are made of it."""
-    return sensor_name(thing.title, thing.uid, thing.is_original, drive)
+    return sensor_name(obj.title, obj.uid, obj.is_original, drive)
 
 
 def sensor_name(title: str, uid: str, is_original: bool, drive: Drive) -> str:

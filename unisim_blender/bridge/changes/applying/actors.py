@@ -20,7 +20,7 @@ from .target import Target
 def apply_actors(target: Target) -> None:
     """Remove and change objects of recorded actors, and make those of new ones."""
     scene, recorded, edited = target.scene, target.recorded, target.edited
-    own = {thing.unisim.uid: thing for thing in imported_objects(scene, "ACTOR") if thing.name == thing.unisim.home}
+    own = {obj.unisim.uid: obj for obj in imported_objects(scene, "ACTOR") if obj.name == obj.unisim.home}
     for uid, actor in recorded.actors.items():
         now = edited.actors.get(uid)
         if now is None:
@@ -31,11 +31,11 @@ def apply_actors(target: Target) -> None:
     for uid, actor in edited.actors.items():
         if uid not in recorded.actors and not actor.is_ego_body:
             mesh = actor.appearance.mesh
-            thing = object_of(uid, read_mesh(Path(mesh)), actor.label) if mesh else new_actor(uid, actor)
-            collection_of(scene, "ACTOR").objects.link(thing)
-            _apply(target, thing, actor, None if mesh else actor.appearance.actor if not actor.appearance.scene else "")
+            obj = object_of(uid, read_mesh(Path(mesh)), actor.label) if mesh else new_actor(uid, actor)
+            collection_of(scene, "ACTOR").objects.link(obj)
+            _apply(target, obj, actor, None if mesh else actor.appearance.actor if not actor.appearance.scene else "")
             source = None if mesh or actor.appearance.scene else recorded.actors.get(actor.appearance.actor)
-            note_scale(thing, _risen(actor, source) if source is not None else 0.0)
+            note_scale(obj, _risen(actor, source) if source is not None else 0.0)
 
 
 def _risen(now: Actor, before: Actor) -> float:
@@ -46,6 +46,6 @@ def _risen(now: Actor, before: Actor) -> float:
     return higher - float(now.appearance_size_m[2] - before.size_m[2]) / 2
 
 
-def _apply(target: Target, thing: bpy.types.Object, actor: Actor, own_appearance: str | None) -> None:
+def _apply(target: Target, obj: bpy.types.Object, actor: Actor, own_appearance: str | None) -> None:
     for carrier in CARRIERS.values():
-        carrier.apply(thing, Edited(actor, target.edited, own_appearance, target.clock))
+        carrier.apply(obj, Edited(actor, target.edited, own_appearance, target.clock))

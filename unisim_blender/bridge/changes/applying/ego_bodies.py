@@ -15,6 +15,6 @@ def apply_bodies(target: Target) -> None:
     """Make the bodies and mount them."""
     for edit in target.scenario.edits:
         if isinstance(edit, EgoBody):
-            thing = object_of(edit.id, read_mesh(target.scenario.resolve(edit.mesh)), edit.label or LABEL)
-            collection_of(target.scene, "BODY").objects.link(thing)
-            mount_body(thing, target.ego, pose_of(edit.mount), edit.label or LABEL)
+            obj = object_of(edit.id, read_mesh(target.scenario.resolve(edit.mesh)), edit.label or LABEL)
+            collection_of(target.scene, "BODY").objects.link(obj)
+            mount_body(obj, target.ego, pose_of(edit.mount), edit.label or LABEL)

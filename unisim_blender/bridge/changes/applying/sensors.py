@@ -23,31 +23,31 @@ def apply_sensors(target: Target) -> None:
     if scenario.sensors is None:
         return
     there: dict[str, Camera | Lidar] = {**edited.cameras, **edited.lidars}
-    for thing in list(imported_objects(scene, "CAMERA", "LIDAR")):
-        if thing.unisim.uid not in there:
-            remove(thing)
+    for obj in list(imported_objects(scene, "CAMERA", "LIDAR")):
+        if obj.unisim.uid not in there:
+            remove(obj)
     specs: list[CameraSpec | LidarSpec] = [*(scenario.sensors.cameras or ()), *(scenario.sensors.lidars or ())]
     free = {spec.id for spec in specs if spec.trajectory is not None}
     told = {spec.id: "ALWAYS" if spec.sees_ego_body else "NEVER" for spec in specs if spec.sees_ego_body is not None}
     for name, sensor in there.items():
         kind = "CAMERA" if isinstance(sensor, Camera) else "LIDAR"
         data = bpy.data.cameras.new(name) if kind == "CAMERA" and not _known(scene, name) else None
-        thing = _known(scene, name) or make(scene, kind, name, name, data)
-        thing.unisim.sees_ego_body = told.get(name, "AUTO")
+        obj = _known(scene, name) or make(scene, kind, name, name, data)
+        obj.unisim.sees_ego_body = told.get(name, "AUTO")
         times = clock.of_sensor(sensor).times_s
         if isinstance(sensor, Camera):
-            set_model(thing, sensor.model)
+            set_model(obj, sensor.model)
             world = optical(sensor.world_from_camera.at(times))
         else:
-            thing.unisim.model = lidar_json(sensor.model)
+            obj.unisim.model = lidar_json(sensor.model)
             world = sensor.world_from_lidar.at(times)
         if name in free:
-            ride_on_vehicle(thing, world, np.tile(np.eye(4), (len(world), 1, 1)), None, clock)
+            ride_on_vehicle(obj, world, np.tile(np.eye(4), (len(world), 1, 1)), None, clock)
         else:
             # where it is mounted, put where the recorded vehicle's motion has it at the frames
             mount, late = invert_pose(edited.world_from_ego.at(times)) @ world, lag(sensor, target.recorded, clock)
-            ride_on_vehicle(thing, invert_pose(late) @ mount, late, target.ego, clock)
+            ride_on_vehicle(obj, invert_pose(late) @ mount, late, target.ego, clock)
 
 
 def _known(scene: bpy.types.Scene, name: str) -> bpy.types.Object | None:
-    return next((thing for thing in imported_objects(scene, "CAMERA", "LIDAR") if thing.unisim.uid == name), None)
+    return next((obj for obj in imported_objects(scene, "CAMERA", "LIDAR") if obj.unisim.uid == name), None)

@@ -18,12 +18,12 @@ def apply_static(target: Target) -> None:
     scene, scenario = target.scene, target.scenario
     gone = {edit.box for edit in scenario.edits if isinstance(edit, RemoveStatic)}
     for uid, spec in (scenario.boxes or {}).items():
-        thing = mark(scene, pose_of(spec), np.array(spec.size_m), uid)
+        obj = mark(scene, pose_of(spec), np.array(spec.size_m), uid)
         for edit in scenario.edits:
             if isinstance(edit, CopyStatic) and edit.box == uid:
-                copy = thing.copy()
+                copy = obj.copy()
                 copy.name = edit.id
                 collection_of(scene, "STATIC").objects.link(copy)
                 copy.location, copy.rotation_quaternion, _ = Matrix(pose_of(edit.target).tolist()).decompose()
         if uid in gone:
-            bpy.data.objects.remove(thing)
+            bpy.data.objects.remove(obj)

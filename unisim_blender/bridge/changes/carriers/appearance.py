@@ -26,19 +26,19 @@ class AppearanceCarrier(Carrier):
 
     name = "appearance"
 
-    def apply(self, thing: bpy.types.Object, edited: Edited) -> None:
+    def apply(self, obj: bpy.types.Object, edited: Edited) -> None:
         """Note an appearance that is not the object's own, and give the object that one's box."""
         actor = edited.actor
         if edited.own_appearance is None or (actor.appearance.actor, actor.appearance.scene) == (edited.own_appearance, ""):
             return
-        thing.unisim.look, thing.unisim.look_scene = actor.appearance.actor, actor.appearance.scene
-        thing.data = box_mesh(actor.appearance_size_m, actor.label)
+        obj.unisim.look, obj.unisim.look_scene = actor.appearance.actor, actor.appearance.scene
+        obj.data = box_mesh(actor.appearance_size_m, actor.label)
 
-    def mute(self, scene: bpy.types.Scene, source: Source, item: Any, line: Line, thing: bpy.types.Object | None) -> None:
+    def mute(self, scene: bpy.types.Scene, source: Source, item: Any, line: Line, obj: bpy.types.Object | None) -> None:
         """Keep the names."""
-        assert thing is not None  # the line is of an object
-        item.look, item.look_scene = thing.unisim.look, thing.unisim.look_scene
-        self.revert(scene, source, line, thing)
+        assert obj is not None  # the line is of an object
+        item.look, item.look_scene = obj.unisim.look, obj.unisim.look_scene
+        self.revert(scene, source, line, obj)
 
     def unmute(self, scene: bpy.types.Scene, source: Source, muted: Muted, now: bpy.types.Object | None) -> None:
         """Give the object the appearance again."""
@@ -46,11 +46,11 @@ class AppearanceCarrier(Carrier):
         set_appearance(now, source.drive, muted.look, muted.look_scene)
         refresh([now])
 
-    def revert(self, scene: bpy.types.Scene, source: Source, line: Line, thing: bpy.types.Object | None) -> None:
+    def revert(self, scene: bpy.types.Scene, source: Source, line: Line, obj: bpy.types.Object | None) -> None:
         """Give the object its own appearance."""
-        assert thing is not None
-        set_appearance(thing, source.drive, "", "")
-        refresh([thing])
+        assert obj is not None
+        set_appearance(obj, source.drive, "", "")
+        refresh([obj])
 
     def keep(self, now: bpy.types.Object, parked: bpy.types.Object) -> None:
         """The actor's appearance, on the same ground."""
@@ -61,18 +61,18 @@ class AppearanceCarrier(Carrier):
         lift(parked, rise)
 
 
-def set_appearance(thing: bpy.types.Object, drive: Drive, look: str, look_scene: str) -> None:
+def set_appearance(obj: bpy.types.Object, drive: Drive, look: str, look_scene: str) -> None:
     """Give an actor the appearance of another one, "" for its own: that one's box, on the same ground."""
-    named = look or thing.unisim.uid
+    named = look or obj.unisim.uid
     actor = (scene_actors(Path(bpy.path.abspath(look_scene))) if look_scene else drive.actors)[named]
-    thing.unisim.look, thing.unisim.look_scene = look, look_scene
-    give_box(thing, box_mesh(actor.size_m, actor.label), float(actor.size_m[2]))
+    obj.unisim.look, obj.unisim.look_scene = look, look_scene
+    give_box(obj, box_mesh(actor.size_m, actor.label), float(actor.size_m[2]))
 
 
-def lift(thing: bpy.types.Object, up_m: float) -> None:
+def lift(obj: bpy.types.Object, up_m: float) -> None:
     """Displace an object upwards along its own axes; that is no change that a person made."""
     if up_m == 0.0:
         return
-    displaced_along(thing, (0.0, 0.0, up_m))
-    if trajectory_of(thing) is not None:
-        thing.unisim.rest_location = thing.location
+    displaced_along(obj, (0.0, 0.0, up_m))
+    if trajectory_of(obj) is not None:
+        obj.unisim.rest_location = obj.location

@@ -17,7 +17,8 @@ from ....editing.sampled.source import Source
 
 @dataclass(frozen=True)
 class Edited:
-    """An actor of an edited drive. ``own_appearance`` is the actor whose appearance its object has of itself; None for a mesh's."""
+    """An actor of an edited drive. ``own_appearance`` is the actor whose appearance its object has without an edit; None for a
+    mesh actor."""
 
     actor: Actor
     drive: Drive
@@ -46,11 +47,11 @@ class Carrier(ABC):
     name: ClassVar[str]
     """What `Part.carrier` calls it."""
 
-    def apply(self, thing: bpy.types.Object, edited: Edited) -> None:  # noqa: B027 what is an object needs no more than to be there
+    def apply(self, obj: bpy.types.Object, edited: Edited) -> None:  # noqa: B027 what is an object needs no more than to be there
         """Give an actor's object what an edited drive has of the actor."""
 
     @abstractmethod
-    def mute(self, scene: bpy.types.Scene, source: Source, item: Any, line: Line, thing: bpy.types.Object | None) -> None:
+    def mute(self, scene: bpy.types.Scene, source: Source, item: Any, line: Line, obj: bpy.types.Object | None) -> None:
         """Note in a `UniSimMuted` what the edit is, and let the object stand without it."""
 
     @abstractmethod
@@ -58,7 +59,7 @@ class Carrier(ABC):
         """Let an edit count again; ``now`` is the object that stands for what was recorded."""
 
     @abstractmethod
-    def revert(self, scene: bpy.types.Scene, source: Source, line: Line, thing: bpy.types.Object | None) -> None:
+    def revert(self, scene: bpy.types.Scene, source: Source, line: Line, obj: bpy.types.Object | None) -> None:
         """Let the object stand without the edit."""
 
     def keep(self, now: bpy.types.Object, parked: bpy.types.Object) -> None:  # noqa: B027 for edits of their own alone

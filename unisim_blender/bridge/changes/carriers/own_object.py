@@ -22,19 +22,19 @@ class ObjectCarrier(Carrier):
 
     name = "own_object"
 
-    def mute(self, scene: bpy.types.Scene, source: Source, item: Any, line: Line, thing: bpy.types.Object | None) -> None:
+    def mute(self, scene: bpy.types.Scene, source: Source, item: Any, line: Line, obj: bpy.types.Object | None) -> None:
         """Take the object out of all collections; it stays in the file."""
-        assert thing is not None  # the line is of an object
-        item.parked = thing
-        note_collection(scene, item, thing)
-        if scene.camera == thing:
+        assert obj is not None  # the line is of an object
+        item.parked = obj
+        note_collection(scene, item, obj)
+        if scene.camera == obj:
             scene.camera = None
-            unlink(thing)
+            unlink(obj)
             scene.camera = front_camera(scene)
             fit_resolution(scene)
-        for one in with_parts(thing):
+        for one in with_parts(obj):
             unlink(one)
-            one.use_fake_user = one != thing  # a parent does not keep its parts in the file
+            one.use_fake_user = one != obj  # a parent does not keep its parts in the file
         refresh([])
 
     def unmute(self, scene: bpy.types.Scene, source: Source, muted: Muted, now: bpy.types.Object | None) -> None:
@@ -45,18 +45,18 @@ class ObjectCarrier(Carrier):
             one.use_fake_user = False
         refresh([muted.parked])
 
-    def revert(self, scene: bpy.types.Scene, source: Source, line: Line, thing: bpy.types.Object | None) -> None:
+    def revert(self, scene: bpy.types.Scene, source: Source, line: Line, obj: bpy.types.Object | None) -> None:
         """Delete the object."""
-        assert thing is not None
-        delete(scene, thing)
+        assert obj is not None
+        delete(scene, obj)
 
 
-def delete(scene: bpy.types.Scene, thing: bpy.types.Object) -> None:
+def delete(scene: bpy.types.Scene, obj: bpy.types.Object) -> None:
     """Delete an object with its parts; an active camera makes way for the one that looks ahead."""
-    was_active = scene.camera == thing
-    for part in with_parts(thing)[1:]:
+    was_active = scene.camera == obj
+    for part in with_parts(obj)[1:]:
         bpy.data.objects.remove(part)
-    remove(thing)
+    remove(obj)
     if was_active:
         scene.camera = front_camera(scene)
         fit_resolution(scene)

@@ -34,16 +34,16 @@ class PlaceCarrier(Carrier):
 
     name = "place"
 
-    def apply(self, thing: bpy.types.Object, edited: Edited) -> None:
+    def apply(self, obj: bpy.types.Object, edited: Edited) -> None:
         """Let the object go where the actor goes."""
-        go(thing, edited.actor, edited.drive, edited.clock)
+        go(obj, edited.actor, edited.drive, edited.clock)
 
-    def mute(self, scene: bpy.types.Scene, source: Source, item: Any, line: Line, thing: bpy.types.Object | None) -> None:
+    def mute(self, scene: bpy.types.Scene, source: Source, item: Any, line: Line, obj: bpy.types.Object | None) -> None:
         """Keep a copy of the object; one that is not there needs none."""
-        if thing is not None:
-            item.parked = parked_copy(thing, f"{thing.name} muted")
-            note_collection(scene, item, thing)
-        restore(scene, source, line.kind, line.uid, thing)
+        if obj is not None:
+            item.parked = parked_copy(obj, f"{obj.name} muted")
+            note_collection(scene, item, obj)
+        restore(scene, source, line.kind, line.uid, obj)
 
     def unmute(self, scene: bpy.types.Scene, source: Source, muted: Muted, now: bpy.types.Object | None) -> None:
         """Let the object of the edit take the place of the one as imported, or delete that one."""
@@ -53,81 +53,81 @@ class PlaceCarrier(Carrier):
         else:
             _take_place(scene, now, muted.parked, muted.collection, PARTS[muted.part].is_absence)
 
-    def revert(self, scene: bpy.types.Scene, source: Source, line: Line, thing: bpy.types.Object | None) -> None:
+    def revert(self, scene: bpy.types.Scene, source: Source, line: Line, obj: bpy.types.Object | None) -> None:
         """Put the object back to where it was imported; one that was gone has its own appearance."""
-        restored = restore(scene, source, line.kind, line.uid, thing)
+        restored = restore(scene, source, line.kind, line.uid, obj)
         if PARTS[line.part].is_absence and restored.unisim.look:
             set_appearance(restored, source.drive, "", "")
 
 
-def restore(scene: bpy.types.Scene, source: Source, kind: str, uid: str, thing: bpy.types.Object | None) -> bpy.types.Object:
-    """Put an object of the drive back to where it was imported, or into the scene again where ``thing`` is None; an actor
+def restore(scene: bpy.types.Scene, source: Source, kind: str, uid: str, obj: bpy.types.Object | None) -> bpy.types.Object:
+    """Put an object of the drive back to where it was imported, or into the scene again where ``obj`` is None; an actor
     keeps its appearance and scale. Return the object."""
     drive = source.drive
     scale, lift_m = (1.0, 1.0, 1.0), 0.0
-    if thing is not None:
-        scale, lift_m = tuple(thing.scale), thing.unisim.scale_lift_m
-        unmoved(thing)
+    if obj is not None:
+        scale, lift_m = tuple(obj.scale), obj.unisim.scale_lift_m
+        unmoved(obj)
     if kind == "STATIC":
-        thing = _item(scene, uid, thing)
+        obj = _item(scene, uid, obj)
     elif kind == "EGO":
-        animate(thing, drive.world_from_ego, Clock.of(drive))
-    elif kind == "ACTOR" and thing is not None:
+        animate(obj, drive.world_from_ego, Clock.of(drive))
+    elif kind == "ACTOR" and obj is not None:
         actor = drive.actors[uid]
-        go(thing, actor, drive, Clock.of(drive))
-        lift(thing, (float(extent_of(thing)[2]) - float(actor.size_m[2])) / 2 if thing.unisim.look else 0.0)
-        thing.unisim.scale_lift_m = 0.0
-        scaled_to(thing, scale, lift_m)  # a scale is an edit of its own
+        go(obj, actor, drive, Clock.of(drive))
+        lift(obj, (float(extent_of(obj)[2]) - float(actor.size_m[2])) / 2 if obj.unisim.look else 0.0)
+        obj.unisim.scale_lift_m = 0.0
+        scaled_to(obj, scale, lift_m)  # a scale is an edit of its own
     else:
-        if kind in ("CAMERA", "LIDAR") and thing is None:  # hidden, it is missing for the scenario alone
-            thing = next((t for t in imported_objects(scene, kind) if t.unisim.uid == uid and t.name == t.unisim.home), None)
-            if thing is not None:
-                unmoved(thing)
+        if kind in ("CAMERA", "LIDAR") and obj is None:  # hidden, it is missing for the scenario alone
+            obj = next((t for t in imported_objects(scene, kind) if t.unisim.uid == uid and t.name == t.unisim.home), None)
+            if obj is not None:
+                unmoved(obj)
         import_one(scene, source, kind, uid)
-        thing = next(t for t in imported_objects(scene, kind) if t.unisim.uid == uid and t.name == t.unisim.home)
+        obj = next(t for t in imported_objects(scene, kind) if t.unisim.uid == uid and t.name == t.unisim.home)
         if kind == "CAMERA":
-            scene.camera = scene.camera or thing
+            scene.camera = scene.camera or obj
             fit_resolution(scene)
-    show(scene, thing)
-    refresh([thing])
-    return thing
+    show(scene, obj)
+    refresh([obj])
+    return obj
 
 
-def unmoved(thing: bpy.types.Object) -> None:
+def unmoved(obj: bpy.types.Object) -> None:
     """Take away whatever moves, turns, scales or hides an object, but its trajectory."""
-    thing.animation_data_clear()
-    for constraint in list(thing.constraints):
-        thing.constraints.remove(constraint)
-    thing.parent_type = "OBJECT"
-    thing.scale = thing.delta_scale = (1.0, 1.0, 1.0)
-    thing.delta_location = thing.delta_rotation_euler = (0.0, 0.0, 0.0)
-    thing.delta_rotation_quaternion = (1.0, 0.0, 0.0, 0.0)
-    thing.hide_render = thing.hide_viewport = False
+    obj.animation_data_clear()
+    for constraint in list(obj.constraints):
+        obj.constraints.remove(constraint)
+    obj.parent_type = "OBJECT"
+    obj.scale = obj.delta_scale = (1.0, 1.0, 1.0)
+    obj.delta_location = obj.delta_rotation_euler = (0.0, 0.0, 0.0)
+    obj.delta_rotation_quaternion = (1.0, 0.0, 0.0, 0.0)
+    obj.hide_render = obj.hide_viewport = False
 
 
-def show(scene: bpy.types.Scene, thing: bpy.types.Object) -> None:
+def show(scene: bpy.types.Scene, obj: bpy.types.Object) -> None:
     """Put an object into a collection that is rendered, where it is in none."""
     layer = scene.view_layers[0]
-    for collection in (collection_of(scene, thing.unisim.kind), scene.collection):
-        if thing.name in shown_names(layer.layer_collection):
+    for collection in (collection_of(scene, obj.unisim.kind), scene.collection):
+        if obj.name in shown_names(layer.layer_collection):
             break
-        if thing.name not in collection.objects:
-            collection.objects.link(thing)
-    if thing.name in layer.objects:
-        thing.hide_set(False, view_layer=layer)
+        if obj.name not in collection.objects:
+            collection.objects.link(obj)
+    if obj.name in layer.objects:
+        obj.hide_set(False, view_layer=layer)
 
 
-def _item(scene: bpy.types.Scene, uid: str, thing: bpy.types.Object | None) -> bpy.types.Object:
+def _item(scene: bpy.types.Scene, uid: str, obj: bpy.types.Object | None) -> bpy.types.Object:
     """Put the box of a static item where it was marked."""
     items = scene.unisim.static_items
-    told = items[uid].model if uid in items or thing is None else thing.unisim.model
+    told = items[uid].model if uid in items or obj is None else obj.unisim.model
     marked = json.loads(told)
-    if thing is None:
-        thing = make(scene, "STATIC", uid, uid, box_mesh(np.array(marked["size_m"]), LABEL))
-        thing.show_wire, thing.unisim.model = True, json.dumps(marked)
-    thing.parent, thing.rotation_mode = None, "QUATERNION"
-    thing.location, thing.rotation_quaternion, _ = Matrix(marked["world_from_box"]).decompose()
-    return thing
+    if obj is None:
+        obj = make(scene, "STATIC", uid, uid, box_mesh(np.array(marked["size_m"]), LABEL))
+        obj.show_wire, obj.unisim.model = True, json.dumps(marked)
+    obj.parent, obj.rotation_mode = None, "QUATERNION"
+    obj.location, obj.rotation_quaternion, _ = Matrix(marked["world_from_box"]).decompose()
+    return obj
 
 
 def _take_place(

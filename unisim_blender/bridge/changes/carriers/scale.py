@@ -20,15 +20,15 @@ class ScaleCarrier(Carrier):
 
     name = "scale"
 
-    def apply(self, thing: bpy.types.Object, edited: Edited) -> None:
+    def apply(self, obj: bpy.types.Object, edited: Edited) -> None:
         """Scale the object."""
-        thing.scale = edited.actor.scale
+        obj.scale = edited.actor.scale
 
-    def mute(self, scene: bpy.types.Scene, source: Source, item: Any, line: Line, thing: bpy.types.Object | None) -> None:
+    def mute(self, scene: bpy.types.Scene, source: Source, item: Any, line: Line, obj: bpy.types.Object | None) -> None:
         """Keep the factors."""
-        assert thing is not None  # the line is of an object
-        item.scale, item.scale_lift_m = thing.scale, thing.unisim.scale_lift_m
-        self.revert(scene, source, line, thing)
+        assert obj is not None  # the line is of an object
+        item.scale, item.scale_lift_m = obj.scale, obj.unisim.scale_lift_m
+        self.revert(scene, source, line, obj)
 
     def unmute(self, scene: bpy.types.Scene, source: Source, muted: Muted, now: bpy.types.Object | None) -> None:
         """Scale the object again."""
@@ -36,13 +36,13 @@ class ScaleCarrier(Carrier):
         scaled_to(now, muted.scale, muted.scale_lift_m)
         refresh([now])
 
-    def revert(self, scene: bpy.types.Scene, source: Source, line: Line, thing: bpy.types.Object | None) -> None:
+    def revert(self, scene: bpy.types.Scene, source: Source, line: Line, obj: bpy.types.Object | None) -> None:
         """Give the object the size that it was imported with."""
-        assert thing is not None
-        remove_curves(thing, "scale", "delta_scale")
-        thing.delta_scale = (1.0, 1.0, 1.0)
-        scaled_to(thing, (1.0, 1.0, 1.0), 0.0)
-        refresh([thing])
+        assert obj is not None
+        remove_curves(obj, "scale", "delta_scale")
+        obj.delta_scale = (1.0, 1.0, 1.0)
+        scaled_to(obj, (1.0, 1.0, 1.0), 0.0)
+        refresh([obj])
 
     def keep(self, now: bpy.types.Object, parked: bpy.types.Object) -> None:
         """The actor's scale."""
