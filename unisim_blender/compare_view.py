@@ -68,7 +68,7 @@ def draw() -> None:
         _label("rendered", x + GAP_PX * scale, at_y, scale)
     elif mode != "RENDERED":
         shown = {"FLICKER": "recorded" if view.comparison.turn else "rendered", "RECORDED": "recorded"}
-        text = shown.get(mode) or view.comparison.figures or difference_of(options.gain)
+        text = shown.get(mode) or view.comparison.metrics or difference_of(options.gain)
         _label(text, (left + right) / 2, at_y, scale, centred=True)
     elif options.mode != "RENDERED" and not view.problem:
         _label(view.comparison.lacks, (left + right) / 2, at_y, scale, centred=True)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from .core.world.drive import CameraModel
 from .editing.images.comparison import Rectangle, difference, errors, hatched, lacks_recorded, placement, visible
-from .editing.images.recorded import RecordedImages, Shown, Wanted
+from .editing.images.recorded import ImageRequest, RecordedImages, Shown
 from .editing.sampled.outside import marked_outside
 from .editing.sampled.scene import SampledObject
 from .editing.sampled.source import Source
@@ -36,11 +36,11 @@ class Comparison:
         self.options = ViewOptions()
         self.lacks = ""
         """Why the view has no recorded image."""
-        self.figures = ""
+        self.metrics = ""
         """How far the images are apart, where the difference is shown."""
         self.turn = False
         """Whether the recorded image was drawn last, where images flicker."""
-        self._wanted: Wanted | None = None
+        self._request: ImageRequest | None = None
         self._shown: Shown | None = None
         self._textures: dict[str, Any] = {}
         self._made_of: dict[str, object] = {}
@@ -53,12 +53,12 @@ class Comparison:
     @property
     def waits(self) -> bool:
         """Whether a recorded image is on its way."""
-        return self.mode != "RENDERED" and self._wanted is not None and self._shown is None
+        return self.mode != "RENDERED" and self._request is not None and self._shown is None
 
     @property
     def arrived(self) -> bool:
         """Whether a recorded image has come that was not drawn yet."""
-        return self.waits and self._wanted is not None and IMAGES.get(self._wanted) is not None
+        return self.waits and self._request is not None and IMAGES.get(self._request) is not None
 
     @property
     def needs_render(self) -> bool:
@@ -70,7 +70,7 @@ class Comparison:
         """What is to be said in the view: why there is no recorded image, or how far it is from the rendered one."""
         if self.options.mode == "RENDERED":
             return ""
-        return self.lacks or (self.figures if self.mode == "DIFFERENCE" else "")
+        return self.lacks or (self.metrics if self.mode == "DIFFERENCE" else "")
 
     def follow(
         self,
@@ -82,9 +82,9 @@ class Comparison:
         frame: float,
     ) -> None:
         """Find the recorded image of what a view looks at: ``model`` is the view's camera model, at its size."""
-        self.options, self.lacks, wanted = options, "", None
+        self.options, self.lacks, request = options, "", None
         if options.mode == "RENDERED":
-            self._wanted = self._shown = None
+            self._request = self._shown = None
             for name in ("recorded", "difference"):
                 self._textures.pop(name, None)
                 self._made_of.pop(name, None)
@@ -95,17 +95,17 @@ class Comparison:
             if lies is None:
                 self.lacks = f"{view.name} looks beside its recorded images"
             elif source.log is not None:
-                wanted = Wanted(source.log, view.uid, int(frame), lies)
-                there = IMAGES.get(wanted)
+                request = ImageRequest(source.log, view.uid, int(frame), lies)
+                there = IMAGES.get(request)
                 self.lacks = there.problem if there is not None else ""
-                fetch_next(wanted)
-        if wanted is None or self._wanted is None or wanted.key != self._wanted.key:
-            self._wanted, self._shown = wanted, None
+                fetch_next(request)
+        if request is None or self._request is None or request.key != self._request.key:
+            self._request, self._shown = request, None
 
     def gather(self) -> None:
         """Take in the recorded image, if it has come."""
-        if self._wanted is not None and self._shown is None:
-            self._shown = IMAGES.get(self._wanted)
+        if self._request is not None and self._shown is None:
+            self._shown = IMAGES.get(self._request)
         if self._shown is not None and self._shown.problem:
             self.lacks = self._shown.problem
 
@@ -141,7 +141,7 @@ class Comparison:
                 self._put("difference", difference(shown.srgb, shown.covered, srgb, self.options.gain), key)
             told = (*key, rectangle, region, finished)
             if self._made_of.get("figures") != told:
-                self.figures = self._told(shown, srgb, visible(rectangle, region)) if finished else ""
+                self.metrics = self._told(shown, srgb, visible(rectangle, region)) if finished else ""
                 self._made_of["figures"] = told
             draw_part(self._textures["difference"], rectangle, 0.0, 1.0)
             return
@@ -177,11 +177,11 @@ def difference_of(gain: float) -> str:
     return f"|recorded - rendered| x{gain:g}"
 
 
-def fetch_next(wanted: Wanted) -> None:
+def fetch_next(request: ImageRequest) -> None:
     """Have the next frame's recorded image ready, too."""
-    later = wanted.frame + 1
-    if wanted.log.image_path(wanted.camera, later) is not None:
-        IMAGES.fetch(Wanted(wanted.log, wanted.camera, later, wanted.placement))
+    later = request.frame + 1
+    if request.log.image_path(request.camera, later) is not None:
+        IMAGES.fetch(ImageRequest(request.log, request.camera, later, request.placement))
 
 
 def draw_part(texture: Any, rectangle: Rectangle, begin: float, end: float) -> None:

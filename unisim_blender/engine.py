@@ -67,11 +67,11 @@ class UniSimEngine(bpy.types.RenderEngine):
         scene = depsgraph.scene
         worker = client(interpreter())
         try:
-            request, picture = self._asked(worker, scene, depsgraph)
+            request, result_image = self._asked(worker, scene, depsgraph)
         except (UnisimError, OSError) as fault:
             self._fail(str(fault))
             return
-        self._fill(worker, request, picture)
+        self._fill(worker, request, result_image)
 
     # ---- the viewport
 
@@ -104,7 +104,7 @@ class UniSimEngine(bpy.types.RenderEngine):
 
     # ---- an image
 
-    def _asked(self, worker: Client, scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> tuple[Request, Picture]:
+    def _asked(self, worker: Client, scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> tuple[Request, ResultImage]:
         """Take the snapshot and ask for the image."""
         self.update_stats("UniSim", interface("Reading the scene"))
         viewport = sys.modules.get(f"{__package__}.viewport")
@@ -126,11 +126,11 @@ class UniSimEngine(bpy.types.RenderEngine):
         size = image_size(render)
         layer = depsgraph.view_layer_eval
         names = wanted_passes(scene, layer)
-        picture = Picture(size, border_of(render, size), names, layer.name, bool(outside))
+        result_image = ResultImage(size, border_of(render, size), names, layer.name, bool(outside))
         asked = camera_request(sampled, view, source, frame, size, render.pixel_aspect_y / render.pixel_aspect_x)
-        picture.indices = asked.indices
+        result_image.indices = asked.indices
         height = size[1]
-        left, bottom, right, top = picture.border
+        left, bottom, right, top = result_image.border
         clip = scene.unisim.clip_render and not (view.kind == "CAMERA" and view.uid in source.drive.cameras)
         request = worker.ask(
             "camera",
@@ -143,14 +143,14 @@ class UniSimEngine(bpy.types.RenderEngine):
             rows=[height - top, height - bottom],
             columns=[left, right],
         )
-        return request, picture
+        return request, result_image
 
-    def _fill(self, worker: Client, request: Request, picture: Picture) -> None:
+    def _fill(self, worker: Client, request: Request, result_image: ResultImage) -> None:
         """Put bands into the result as they come; Esc ends it at once."""
         self.update_stats("UniSim", interface("Rendering"))
-        left, bottom, right, top = picture.border
+        left, bottom, right, top = result_image.border
         # a border's result begins at its own corner, whether the image is cropped to it or not
-        result = self.begin_result(0, 0, right - left, top - bottom, layer=picture.layer)
+        result = self.begin_result(0, 0, right - left, top - bottom, layer=result_image.layer)
         cancelled = False
         try:
             while True:
@@ -174,9 +174,9 @@ class UniSimEngine(bpy.types.RenderEngine):
                     continue
                 if event["event"] != "arrays":
                     return
-                done = picture.put(event, worker.arrays(event))
+                done = result_image.put(event, worker.arrays(event))
                 passes = result.layers[0].passes
-                for name, values in picture.buffers.items():
+                for name, values in result_image.buffers.items():
                     found = passes.find_by_name(name, "")
                     if found is not None:
                         found.rect.foreach_set(values.reshape(-1))
@@ -191,7 +191,7 @@ class UniSimEngine(bpy.types.RenderEngine):
         self.report({"ERROR"}, sentence)
 
 
-class Picture:
+class ResultImage:
     """What of an image has come: for each pass an array, its lowest row first, of the border's size.
 
     ``border`` is (left, bottom, right, top) in pixels of the whole image of ``size`` (width, height), counted from below as

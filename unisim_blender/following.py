@@ -22,7 +22,7 @@ READING = ("UNISIM_OT_export", "UNISIM_OT_render", "UNISIM_OT_check")
 SAID_S = 6.0
 """How long the status bar shows a sentence."""
 
-_touched: dict[str, set[str]] = {}
+_changed: dict[str, set[str]] = {}
 """Names of objects that were moved since the frame was reached, by scene."""
 _unsettled: set[tuple[str, str]] = set()
 """Scenes and objects whose change is to be completed."""
@@ -58,7 +58,7 @@ def note_changes(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None =
     for update in depsgraph.updates:
         obj = update.id.original
         if update.is_updated_transform and isinstance(obj, bpy.types.Object) and obj.unisim.kind in KINDS_OF_DRIVE:
-            _touched.setdefault(scene.name, set()).add(obj.name)
+            _changed.setdefault(scene.name, set()).add(obj.name)
             if trajectory_of(obj) is not None or _is_resized(obj):
                 _unsettled.add((scene.name, obj.name))
     if _unsettled and not bpy.app.timers.is_registered(_settle):
@@ -67,11 +67,11 @@ def note_changes(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None =
 
 def renamed(scene: bpy.types.Scene, names: dict[str, str]) -> None:
     """Go on following objects that have new names, given by the old ones."""
-    touched = _touched.get(scene.name, set())
+    changed = _changed.get(scene.name, set())
     for old, new in names.items():
-        if old in touched:
-            touched.remove(old)
-            touched.add(new)
+        if old in changed:
+            changed.remove(old)
+            changed.add(new)
         if (scene.name, old) in _unsettled:
             _unsettled.remove((scene.name, old))
             _unsettled.add((scene.name, new))
@@ -110,12 +110,12 @@ def _settle() -> float | None:
 @persistent
 def keep_changes(scene: bpy.types.Scene, *_: object) -> None:
     """Another frame is about to be shown: changes without a key of objects that have keys would be lost."""
-    touched = _touched.pop(scene.name, set())
+    changed = _changed.pop(scene.name, set())
     frame = _frames.get(scene.name)
-    if frame is None or not touched or bpy.app.is_job_running("RENDER"):
+    if frame is None or not changed or bpy.app.is_job_running("RENDER"):
         return
     layers = scene.view_layers
-    for name in sorted(touched):
+    for name in sorted(changed):
         obj = scene.objects.get(name)
         if obj is not None and any(obj.visible_get(view_layer=layer) for layer in layers):
             sentence = keep(scene, obj, frame)
@@ -127,13 +127,13 @@ def keep_changes(scene: bpy.types.Scene, *_: object) -> None:
 def note_frame(scene: bpy.types.Scene, *_: object) -> None:
     """Remember the frame that is shown; what moved on the way to it is no change."""
     _frames[scene.name] = scene.frame_current_final
-    _touched.pop(scene.name, None)
+    _changed.pop(scene.name, None)
 
 
 @persistent
 def look_again(*_: object) -> None:
     """Another file, or another state of this one: bring objects of earlier versions up to date, and begin to follow."""
-    _touched.clear()
+    _changed.clear()
     _unsettled.clear()
     for scene in getattr(bpy.data, "scenes", ()):  # there are none yet while the extension is switched on
         _frames[scene.name] = scene.frame_current_final
@@ -174,6 +174,6 @@ def unregister() -> None:
     for timer in (_settle, _hush):
         if bpy.app.timers.is_registered(timer):
             bpy.app.timers.unregister(timer)
-    _touched.clear()
+    _changed.clear()
     _unsettled.clear()
     _frames.clear()

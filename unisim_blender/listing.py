@@ -22,8 +22,8 @@ from .bridge.views.actor_table import originals, poses_of, track_of
 from .bridge.window.areas import areas
 from .core.errors import UnisimError
 from .core.geometry import FloatArray
-from .editing.actors.filter import Entry, Wanted, chosen_entries
-from .editing.actors.table import Track, figures_of
+from .editing.actors.filter import ActorFilter, Entry, chosen_entries
+from .editing.actors.table import Track, values_at
 from .editing.sampled.clock import Clock
 
 BUSY_S = 0.02
@@ -79,16 +79,16 @@ def refresh_now(scene: bpy.types.Scene) -> Table:
     return table_of(scene)
 
 
-def wanted_of(manager: bpy.types.WindowManager) -> Wanted:
+def filter_of(manager: bpy.types.WindowManager) -> ActorFilter:
     """Return the filter that the list has."""
     about = manager.unisim_actors
-    return Wanted(about.text, about.group, about.within_m, about.now, about.edited, about.order)
+    return ActorFilter(about.text, about.group, about.within_m, about.now, about.edited, about.order)
 
 
 def refilter() -> None:
     """The filter is another one: choose again from what is known."""
     for table in _tables.values():
-        table.shown = chosen_entries(list(table.entries.values()), wanted_of(bpy.context.window_manager))
+        table.shown = chosen_entries(list(table.entries.values()), filter_of(bpy.context.window_manager))
     redraw()
 
 
@@ -142,16 +142,16 @@ def _figure(scene: bpy.types.Scene, table: Table, found: dict[int, bpy.types.Obj
     assert table.clock is not None
     table.frame = float(scene.frame_current_final)
     keys = list(table.tracks)
-    figures = figures_of([table.tracks[key] for key in keys], table.ego, table.clock, table.frame)
+    values = values_at([table.tracks[key] for key in keys], table.ego, table.clock, table.frame)
     table.entries = {
         key: Entry(
-            key, found[key].name, track.label, track.group, float(figures.distance_m[i]), float(figures.speed_m_s[i]),
-            bool(figures.there[i]), track.steps, track.edited, hidden(scene, found[key]),
+            key, found[key].name, track.label, track.group, float(values.distance_m[i]), float(values.speed_m_s[i]),
+            bool(values.there[i]), track.steps, track.edited, hidden(scene, found[key]),
         )
         for i, (key, track) in enumerate((key, table.tracks[key]) for key in keys)
     }  # fmt: skip
     table.places = {obj.session_uid: place for place, obj in enumerate(scene.objects)}
-    table.shown = chosen_entries(list(table.entries.values()), wanted_of(bpy.context.window_manager))
+    table.shown = chosen_entries(list(table.entries.values()), filter_of(bpy.context.window_manager))
     for call in after:
         call(scene)
 

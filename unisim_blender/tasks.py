@@ -158,9 +158,9 @@ class SequenceTask(Task):
 
     def newest(self) -> Path | None:
         """The image that was finished last."""
-        pictures = list((self.folder / "camera").glob("*/*.png"))
+        images = list((self.folder / "camera").glob("*/*.png"))
         try:
-            return max(pictures, key=lambda path: path.stat().st_mtime_ns, default=None)
+            return max(images, key=lambda path: path.stat().st_mtime_ns, default=None)
         except OSError:  # one was replaced just now: the next look finds it
             return None
 

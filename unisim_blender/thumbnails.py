@@ -194,8 +194,8 @@ def _look() -> float | None:
         ended = maker.ended  # before the last lines are taken, else one could be left
         while not maker.lines.empty():
             said = maker.lines.get()
-            picture = Path(said["picture"]) if said.get("picture") else None
-            one = ActorImage(str(said.get("uid", "")), str(said.get("word", "")), picture)
+            image = Path(said["picture"]) if said.get("picture") else None
+            one = ActorImage(str(said.get("uid", "")), str(said.get("word", "")), image)
             _known.setdefault(log_path, {})[one.uid] = one
             news = True
         if ended:

@@ -240,7 +240,7 @@ class View:
             coarse=[] if small else COARSE,
             rows=[top, bottom],
             columns=[left, right],
-            touched=part is not None,
+            dirty=part is not None,
         )
         self.fresh = True
         if self.linear.shape[:2] != (height, width):

@@ -44,14 +44,14 @@ class CameraDetector:
             ignored = (sample.hits < LEAST_POINTS) | low | (inside < LEAST_INSIDE) | (sample.hidden > MOST_HIDDEN)
             if rng.random() < 0.5:
                 image, boxes = mirrored(image, boxes)
-        picture = (image.astype(np.float32) / 255 - MEAN) / DEVIATION
+        pixels = (image.astype(np.float32) / 255 - MEAN) / DEVIATION
         if rng is not None:
-            picture = picture * rng.uniform(0.8, 1.25) + rng.uniform(-0.3, 0.3)
+            pixels = pixels * rng.uniform(0.8, 1.25) + rng.uniform(-0.3, 0.3)
         order = sample.nearest_first[::-1]
         order = order[(boxes[order, 2] > boxes[order, 0]) & (boxes[order, 3] > boxes[order, 1])]
         height, width = -(-image.shape[0] // STRIDE), -(-image.shape[1] // STRIDE)
         classes, regression = encode(boxes[order], np.asarray(ignored)[order], height, width)
-        return Example(np.ascontiguousarray(picture.transpose(2, 0, 1), np.float32), classes, regression)
+        return Example(np.ascontiguousarray(pixels.transpose(2, 0, 1), np.float32), classes, regression)
 
     def boxes(self, regression: NDArray[np.float32], rows: NDArray[np.int64], columns: NDArray[np.int64]) -> FloatArray:
         """left, top, right, bottom."""

@@ -29,7 +29,7 @@ from .scenes import beam_lidars, config_of, held_out, opened, peak_memory, scene
 from .settings import CAMERA, Findings, Settings
 
 WAYS = ("kernels", "torch")
-PICTURES_APART = 1 / 255
+IMAGES_APART = 1 / 255
 """Mean difference of two pictures of one scene, with and without kernels, that is too much."""
 STEPS = 4
 """Steps of one measurement: every fourth updates poses and the hypernetwork."""
@@ -129,8 +129,8 @@ def time_scene(settings: Settings, found: Findings, preset: str) -> None:
     if found.left_s() < 3:
         raise TimeoutError("there was no time left to compare pictures with and without kernels")
     difference = _difference(image("balanced"))
-    found.note(kernels_beside_torch={"mean": float(difference.mean()), "max": float(difference.max()), "bound": PICTURES_APART})
-    if not difference.mean() <= PICTURES_APART:
+    found.note(kernels_beside_torch={"mean": float(difference.mean()), "max": float(difference.max()), "bound": IMAGES_APART})
+    if not difference.mean() <= IMAGES_APART:
         raise ValueError("pictures with and without kernels differ")
 
 

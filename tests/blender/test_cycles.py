@@ -143,12 +143,12 @@ def test_a_global_shutter_exposes_all_rows_at_once(street: Street, workshop: Wor
 
 def test_a_seed_gives_the_same_picture_and_another_the_same_street(street: Street, workshop: Workshop, painter: Painter) -> None:
     stage = workshop.stage(street.drive, CAMERA, 1)
-    picture = painter.paint(stage, 1)
-    np.testing.assert_array_equal(painter.paint(stage, 1), picture)
+    image = painter.paint(stage, 1)
+    np.testing.assert_array_equal(painter.paint(stage, 1), image)
     other = painter.paint(stage, 2)
-    assert (other != picture).any() and psnr(other / np.float32(255), picture / np.float32(255)) > 24
-    assert 0.2 < picture.mean() / 255 < 0.7 and (picture >= 254).mean() < 0.05
-    sky, road = picture[:4, 24:40].mean((0, 1)), picture[-6:, 24:40].mean((0, 1))
+    assert (other != image).any() and psnr(other / np.float32(255), image / np.float32(255)) > 24
+    assert 0.2 < image.mean() / 255 < 0.7 and (image >= 254).mean() < 0.05
+    sky, road = image[:4, 24:40].mean((0, 1)), image[-6:, 24:40].mean((0, 1))
     assert sky[2] > sky[0] + 20 and np.ptp(road) < 25
 
 

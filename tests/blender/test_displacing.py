@@ -29,7 +29,7 @@ def let_go() -> list[str]:
     following.note_changes(bpy.context.scene, bpy.context.evaluated_depsgraph_get())
     for one in bpy.context.selected_objects:
         following._unsettled.add((bpy.context.scene.name, one.name))
-        following._touched.setdefault(bpy.context.scene.name, set()).add(one.name)
+        following._changed.setdefault(bpy.context.scene.name, set()).add(one.name)
     return following.settle_now()
 
 

@@ -150,8 +150,8 @@ def test_any_camera_sees(small: Any, tmp_path: Path) -> None:
     above.location = np.array(small.camera.matrix_world.translation) + [0.0, 0.0, 6.0]
     above.rotation_euler = (np.radians(70), 0.0, np.radians(-90))
     small.camera = above
-    picture = pixels(shot(small, tmp_path / "above.png"))
-    assert picture.std() > 5
+    image = pixels(shot(small, tmp_path / "above.png"))
+    assert image.std() > 5
 
 
 def test_a_log_without_a_trained_scene_is_rendered_by_its_surfels(
@@ -161,7 +161,7 @@ def test_a_log_without_a_trained_scene_is_rendered_by_its_surfels(
     assert bpy.ops.unisim.import_log(filepath=str(street_log)) == {"FINISHED"}
     scene.render.engine = "UNISIM"
     scene.frame_set(1)
-    picture = pixels(shot(scene, tmp_path / "surfels.png"))
+    image = pixels(shot(scene, tmp_path / "surfels.png"))
     (recorded,) = (street_log / "camera" / scene.camera.unisim.uid).glob("01.*")
-    error = np.abs(picture - pixels(recorded)).mean()
-    assert picture.std() > 5 and error < 30, f"{error} of 255 beside the recorded picture"
+    error = np.abs(image - pixels(recorded)).mean()
+    assert image.std() > 5 and error < 30, f"{error} of 255 beside the recorded picture"

@@ -81,13 +81,13 @@ def test_it_installs_enables_imports_and_renders(archive: Path, bare: Path, tmp_
     """Picture, sweep and sequence, where nothing but numpy is installed; that training needs more is said."""
     script = tmp_path / "install.py"
     script.write_text(INSTALL)
-    picture = tmp_path / "picture.png"
+    image = tmp_path / "picture.png"
     frames = tmp_path / "frames"
     environment = {"BLENDER_USER_RESOURCES": str(tmp_path / "user"), "PATH": "/usr/bin:/bin", "HOME": str(tmp_path)}
     environment["UNISIM_PYTHON"] = str(bare)
     scene = ROOT / "sample" / "scene" / "scene.json"
     done = subprocess.run(
-        [sys.executable, str(script), str(archive), str(scene), str(picture), str(frames)],
+        [sys.executable, str(script), str(archive), str(scene), str(image), str(frames)],
         capture_output=True,
         text=True,
         env=environment,
@@ -95,6 +95,6 @@ def test_it_installs_enables_imports_and_renders(archive: Path, bare: Path, tmp_
     )
     assert done.returncode == 0 and "installed" in done.stdout, done.stdout + done.stderr
     assert f"Renders with {bare}" in done.stdout and "need an interpreter with torch" in done.stdout
-    shown = np.asarray(Image.open(picture))
+    shown = np.asarray(Image.open(image))
     assert shown[..., :3].std() > 10, "a street, and no empty picture"
     assert len(list((frames / "camera").glob("*/*.png"))) == len(list((frames / "lidar").glob("*/*.ply"))) == 2

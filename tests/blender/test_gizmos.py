@@ -50,9 +50,9 @@ def shown(scene: Any, **how: Any) -> list[str]:
 
 def world_offset(scene: Any, one: Any, before: FloatArray) -> FloatArray:
     """How far (N, 3) an object is from where it was, in the world at the clock's frames."""
-    way = trajectory_poses(one, clock_of(scene))
-    assert way is not None
-    return np.asarray((way - before)[:, :3, 3])
+    trajectory = trajectory_poses(one, clock_of(scene))
+    assert trajectory is not None
+    return np.asarray((trajectory - before)[:, :3, 3])
 
 
 def test_which_are_shown(street: Any) -> None:
@@ -230,8 +230,8 @@ def test_aiming_a_sensor_turns_its_mount(street: Any, kind: str) -> None:
     for time in (0.5, 1.5):
         looks = []
         for drive in (before, now):
-            way = drive.cameras[uid].world_from_camera if kind == "CAMERA" else drive.lidars[uid].world_from_lidar
-            looks.append(np.degrees(angles((invert_pose(drive.world_from_ego.at(time)) @ way.at(time))[:3, :3] @ axis)))
+            trajectory = drive.cameras[uid].world_from_camera if kind == "CAMERA" else drive.lidars[uid].world_from_lidar
+            looks.append(np.degrees(angles((invert_pose(drive.world_from_ego.at(time)) @ trajectory.at(time))[:3, :3] @ axis)))
         assert looks[1] - looks[0] == pytest.approx([20.0, -5.0], abs=0.1)  # the vehicle sways between its time and the sensor's
     (spec,) = now_sensors(street, kind)
     assert spec.mount_offset is not None and spec.trajectory is None

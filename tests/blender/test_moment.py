@@ -218,7 +218,7 @@ def test_an_edit_that_is_not_seen_now_counts_all_the_same(street: Any, edit: str
         assert same(a.poses, b.poses).all(), a.name
 
 
-def picture(scene: Any, path: Path) -> NDArray[Any]:
+def image(scene: Any, path: Path) -> NDArray[Any]:
     """F12's bytes."""
     scene.render.filepath = str(path)
     scene.render.image_settings.file_format = "PNG"
@@ -231,7 +231,7 @@ def test_what_an_edit_touches_holds_all_that_it_changes(street: Any, tmp_path: P
     street.render.engine, street.render.resolution_percentage = "UNISIM", 50
     street.frame_set(frame)
     before, _ = both(street, frame)
-    first = picture(street, tmp_path / "a.png")
+    first = image(street, tmp_path / "a.png")
     drive = source_of(street).drive
     camera = np.array(street.camera.matrix_world.translation)
     standing = [a for a in drive.actors.values() if not a.is_moving and 8 < a.world_from_actor.positions[0, 0] - camera[0] < 30]
@@ -239,7 +239,7 @@ def test_what_an_edit_touches_holds_all_that_it_changes(street: Any, tmp_path: P
     one.location.y += 1.0
     bpy.context.view_layer.update()
     after, _ = both(street, frame)
-    second = picture(street, tmp_path / "b.png")
+    second = image(street, tmp_path / "b.png")
     view = next(t for t in after.objects if t.name == street.camera.name)
     model = sized(model_of(street.camera), image_size(street.render), 1.0, True)
     rectangle = dirty_region(before, after, view, model)
@@ -251,7 +251,7 @@ def test_what_an_edit_touches_holds_all_that_it_changes(street: Any, tmp_path: P
     # what the worker renders again, laid over the picture before, is the picture after, to the bit
     jobs, source, size = Jobs(tmp_path), source_of(street), image_size(street.render)
     old, new = (camera_request(state, view, source, frame, size).values for state in (before, after))
-    part = {**new, "rows": [top, bottom], "columns": [left, right], "touched": True}
+    part = {**new, "rows": [top, bottom], "columns": [left, right], "dirty": True}
     assert np.array_equal(shown(jobs, [old, part]), shown(jobs, [new]))
     assert not np.array_equal(shown(jobs, [old]), shown(jobs, [new]))
 

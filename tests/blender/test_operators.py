@@ -159,12 +159,12 @@ def test_a_sequence_is_resumed_and_gives_the_commands_bytes(street: Any, tmp_pat
     bpy.ops.unisim.add_camera(width=64, height=36)
     bpy.data.objects.remove(next(o for o in imported_objects(street, "CAMERA") if o.unisim.uid != "camera"))
     assert bpy.ops.unisim.render_sequence() == {"FINISHED"}
-    pictures = sorted((tmp_path / "out" / "camera" / "camera").glob("*.png"))
-    assert [path.stem for path in pictures] == ["000004", "000005", "000006"]
-    stamp, first = os.stat(pictures[0]).st_mtime_ns, pictures[0].read_bytes()
-    pictures[1].unlink()
+    images = sorted((tmp_path / "out" / "camera" / "camera").glob("*.png"))
+    assert [path.stem for path in images] == ["000004", "000005", "000006"]
+    stamp, first = os.stat(images[0]).st_mtime_ns, images[0].read_bytes()
+    images[1].unlink()
     assert bpy.ops.unisim.render_sequence() == {"FINISHED"}
-    assert pictures[1].is_file() and os.stat(pictures[0]).st_mtime_ns == stamp and pictures[0].read_bytes() == first
+    assert images[1].is_file() and os.stat(images[0]).st_mtime_ns == stamp and images[0].read_bytes() == first
     assert "3 of 3 frames" in bpy.context.window_manager.unisim_task
 
 

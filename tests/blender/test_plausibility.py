@@ -57,8 +57,8 @@ def test_a_flying_car(street: Any) -> None:
 
 def test_a_car_that_drives_sideways_and_one_that_is_too_fast(street: Any) -> None:
     drive = source_of(street).drive
-    ways = {uid: actor.world_from_actor.positions for uid, actor in drive.actors.items() if actor.is_moving}
-    fastest = max(ways, key=lambda uid: float(np.linalg.norm(ways[uid][-1] - ways[uid][0])))
+    positions = {uid: actor.world_from_actor.positions for uid, actor in drive.actors.items() if actor.is_moving}
+    fastest = max(positions, key=lambda uid: float(np.linalg.norm(positions[uid][-1] - positions[uid][0])))
     one = imported(street, "ACTOR", fastest)
     one.delta_rotation_quaternion = (np.cos(np.pi / 4), 0, 0, np.sin(np.pi / 4))
     assert "sideways" in all_warned(street)[one.name]

@@ -545,7 +545,7 @@ def test_scaling_without_a_key_what_has_one_is_kept(street: Any) -> None:
     street.frame_set(6)
     one.scale = (1.5, 1.2, 1.2)
     bpy.context.view_layer.update()
-    following._touched.setdefault(street.name, set()).add(one.name)
+    following._changed.setdefault(street.name, set()).add(one.name)
     street.frame_set(8)
     assert tuple(one.scale) == pytest.approx((1.5, 1.2, 1.2))
     assert read(street).edits == (Scale("car-03", (1.5, 1.2, 1.2)),)

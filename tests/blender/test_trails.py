@@ -23,9 +23,9 @@ def test_a_way_is_where_the_actor_goes(street: Any) -> None:
     street.frame_set(5)
     lines = trail(one, drive, clock, 5.0)
     assert not (lines.colours[:, :3] == RECORDED).all(1).any()
-    way = trajectory_poses(one, clock)
-    assert way is not None
-    assert np.abs(way[:, :3, 3] - drive.actors[uid].world_from_actor.at(clock.times_s)[:, :3, 3]).max() < 1e-3
+    poses = trajectory_poses(one, clock)
+    assert poses is not None
+    assert np.abs(poses[:, :3, 3] - drive.actors[uid].world_from_actor.at(clock.times_s)[:, :3, 3]).max() < 1e-3
     displaced_along(one, (0.0, 3.0, 0.0))
     street.frame_set(6)
     lines = trail(one, drive, clock, 6.0)
@@ -50,9 +50,9 @@ def test_between_keys_a_way_is_as_blender_interpolates(street: Any) -> None:
         bpy.context.scene.frame_set(frame)
         one.location = (0.0, left, 0.0)
         one.keyframe_insert("location", frame=frame)
-    way = trajectory_poses(one, clock)
-    assert way is not None
+    poses = trajectory_poses(one, clock)
+    assert poses is not None
     for frame in (2, 6, 12, 17):
         street.frame_set(frame)
         at = int(np.flatnonzero(clock.frames == frame)[0])
-        assert np.abs(way[at, :3, 3] - np.array(one.matrix_world.translation)).max() < 1e-4
+        assert np.abs(poses[at, :3, 3] - np.array(one.matrix_world.translation)).max() < 1e-4

@@ -46,11 +46,11 @@ def test_a_moved_camera_shows_no_image_that_was_recorded_from_elsewhere(street: 
 
 def test_the_recorded_pose_is_that_of_the_frame_and_drive_asked_for(street: Any) -> None:
     drive, uid = source_of(street).drive, street.camera.unisim.uid
-    way = drive.cameras[uid].world_from_camera
-    moved = replace(way, positions=way.positions + 1.0)
+    trajectory = drive.cameras[uid].world_from_camera
+    moved = replace(trajectory, positions=trajectory.positions + 1.0)
     other = replace(drive, cameras={**drive.cameras, uid: replace(drive.cameras[uid], world_from_camera=moved)})
     for asked, frame, apart in ((drive, 3, 0.0), (drive, 7, 0.0), (other, 7, 1.0), (drive, 7, 0.0), (drive, 7, 0.0)):
-        recorded = way.at(np.array([drive.cameras[uid].time_s[frame]]))[0, :3, 3]
+        recorded = trajectory.at(np.array([drive.cameras[uid].time_s[frame]]))[0, :3, 3]
         np.testing.assert_allclose(recorded_camera_pose(asked, uid, float(frame))[:3, 3], recorded + apart, atol=1e-9)
 
 

@@ -19,7 +19,7 @@ from unisim_blender.core.render.tracers.compiled.tracer import CompiledBackend
 from unisim_blender.core.render.tracers.torch.tracer import TorchBackend
 from unisim_blender.core.world.drive import Actor, Appearance, Drive, RollingShutter
 
-GUEST_SCENE = "other"
+FOREIGN_SCENE = "other"
 
 
 def weaving(keys: int, start: tuple[float, float, float], speed: float) -> Trajectory:
@@ -48,7 +48,7 @@ def busy_drive(folder: Path) -> Drive:
         replace(near, world_from_actor=weaving(8, (-9.0, 0.0, 0.8), -4.0), is_moving=True),
         replace(cone, size_m=cone.size_m * [1.5, 0.8, 2.0], scale=(1.5, 0.8, 2.0)),
         MOVING,
-        still("guest", (-15, 1.5, 1.0), (3, 2, 2), yaw=0.3, appearance=Appearance("car", GUEST_SCENE), inserted=True),
+        still("guest", (-15, 1.5, 1.0), (3, 2, 2), yaw=0.3, appearance=Appearance("car", FOREIGN_SCENE), inserted=True),
         still(
             "cube",
             (0, 0, 0),
@@ -76,7 +76,7 @@ def busy_drive(folder: Path) -> Drive:
 def backends(folder: Path) -> dict[str, Backend]:
     """Two scenes of random weights, the second one for foreign actors, by the kernels where they are built and by torch."""
     scene, other = saved(folder / "scene", TINY), saved(folder / "other", replace(TINY, features=7), seed=1)
-    found: dict[str, Backend] = {"torch": TorchBackend(load_scene(scene), others={GUEST_SCENE: load_scene(other)})}
+    found: dict[str, Backend] = {"torch": TorchBackend(load_scene(scene), others={FOREIGN_SCENE: load_scene(other)})}
     if native.library() is not None:
-        found["compiled"] = CompiledBackend(CompiledScene(scene), others={GUEST_SCENE: CompiledScene(other)})
+        found["compiled"] = CompiledBackend(CompiledScene(scene), others={FOREIGN_SCENE: CompiledScene(other)})
     return found

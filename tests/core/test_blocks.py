@@ -13,10 +13,10 @@ from unisim_blender.core.render.lattice.blocks import (
     SparseImage,
     differ,
     fill,
-    foretold,
     plain_differ,
     plain_fill,
-    plain_foretold,
+    plain_predicted,
+    predicted,
 )
 
 pytestmark = pytest.mark.skipif(native.library() is None, reason="the kernels were not built")
@@ -70,9 +70,9 @@ def test_the_kernels_have_numpys_bits(seed: int, size: int, roughness: float, mo
     for a, b in zip(got, wanted, strict=True):
         assert np.array_equal(a, b)
     asked = some[::3]
-    alike = plain_foretold(image, asked, size, 0.03)
+    alike = plain_predicted(image, asked, size, 0.03)
     assert alike.any() and not alike.all()
-    assert np.array_equal(foretold(image, asked, size, 0.03), alike)
+    assert np.array_equal(predicted(image, asked, size, 0.03), alike)
     other, _ = made(seed, size, roughness)
     leaves = some[~wanted[0]]
     before = {name: values.copy() for name, values in image.values.items()}

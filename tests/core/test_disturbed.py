@@ -25,8 +25,8 @@ def poses(x: list[float], yaw_deg: list[float]) -> FloatArray:
     return make_pose(positions, quaternion_from_yaw(np.radians(yaw_deg)))
 
 
-def on(way: FloatArray, moving: bool = True) -> Actor:
-    trajectory = Trajectory.from_poses(0.1 * np.arange(len(way)), way)
+def on(path: FloatArray, moving: bool = True) -> Actor:
+    trajectory = Trajectory.from_poses(0.1 * np.arange(len(path)), path)
     return replace(small_drive().actors["car-1"], world_from_actor=trajectory, is_moving=moving)
 
 
@@ -71,8 +71,8 @@ def test_what_is_taken_back() -> None:
 
 def test_noise_is_each_frames_own_and_known() -> None:
     drive = small_drive()
-    way = Trajectory(np.arange(4000.0), np.zeros((4000, 3)), np.tile([1.0, 0, 0, 0], (4000, 1)))
-    long = replace(drive, actors={**drive.actors, "car-1": replace(drive.actors["car-1"], world_from_actor=way)})
+    path = Trajectory(np.arange(4000.0), np.zeros((4000, 3)), np.tile([1.0, 0, 0, 0], (4000, 1)))
+    long = replace(drive, actors={**drive.actors, "car-1": replace(drive.actors["car-1"], world_from_actor=path)})
     noisy = disturbed(long, 0.3, 3.0, 7)
     moved = noisy.actors["car-1"].world_from_actor
     shift, yaw = moved.positions, np.degrees(2 * np.arctan2(moved.quaternions_wxyz[:, 3], moved.quaternions_wxyz[:, 0]))

@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from unisim_blender.core.render.lattice.blocks import SparseImage
-from unisim_blender.core.render.lattice.lattice import aligned, grown
+from unisim_blender.core.render.lattice.lattice import aligned, progressive_strides
 from unisim_blender.core.render.tracer import Maps
 
 
@@ -41,7 +41,7 @@ class Scene:
 
     def image(self, shape: tuple[int, int], size: int = 4, spread: float = 0.05) -> tuple[NDArray[np.float32], Maps]:
         image = SparseImage(shape)
-        for _ in grown(image, size, spread, self.trace):
+        for _ in progressive_strides(image, size, spread, self.trace):
             pass
         return image.values.pop("rgb"), image.values
 

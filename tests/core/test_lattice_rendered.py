@@ -129,6 +129,6 @@ def test_a_picture_that_grows_is_the_picture(scene: CompiledScene, busy: Drive, 
     finished = parts[2:]
     assert len(finished) > 2 and all(part.stride == (1, 1) for part in finished)
     for name in ("rgb", "depth_m", "z_depth_m"):
-        grown = np.concatenate([getattr(part.frame, name) for part in finished])
-        assert np.array_equal(grown, getattr(at_once, name)), name
+        joined = np.concatenate([getattr(part.frame, name) for part in finished])
+        assert np.array_equal(joined, getattr(at_once, name)), name
     assert finished[-1].frame.stats.rays == at_once.stats.rays

@@ -74,11 +74,11 @@ def test_places_are_the_quantiles_of_the_occupied_voxels(function: object) -> No
     t, mass = function(voxels, spans, u)  # type: ignore[operator]
     assert t.shape == (60, 7) and mass.shape == (60,)
     assert bool((t.diff(dim=1) >= 0).all()), "rising along each ray"
-    met = 0
+    hit = 0
     for ray in range(60):
         assert quantile_error(voxels, spans, ray, u[ray], t[ray], float(mass[ray])) < 1e-4, ray
-        met += float(mass[ray]) > 0
-    assert 20 < met < 58, "some rays meet voxels, some miss"
+        hit += float(mass[ray]) > 0
+    assert 20 < hit < 58, "some rays meet voxels, some miss"
 
 
 @needs_library

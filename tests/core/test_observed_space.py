@@ -20,12 +20,12 @@ from unisim_blender.core.render.observed_space import (
     ObservedSpace,
     Observing,
     closed,
+    dilated,
     direction_parts,
     keep_space,
     kept_space,
     observe_space,
     spread,
-    widened,
 )
 from unisim_blender.core.render.regions import Region
 from unisim_blender.core.render.renderer import Renderer
@@ -241,7 +241,7 @@ def test_gaps_between_rays_are_closed_and_no_more() -> None:
     passed[2:10:2, 2:10, 2:10] = True
     found = closed(passed)
     assert found[3:9, 3:9, 3:9].all() and not found[:2].any() and not found[11:].any()
-    assert widened(np.eye(3, dtype=bool)).sum() == 9 and not closed(np.zeros((3, 3, 3), bool)).any()
+    assert dilated(np.eye(3, dtype=bool)).sum() == 9 and not closed(np.zeros((3, 3, 3), bool)).any()
 
 
 def test_directions_go_round() -> None:

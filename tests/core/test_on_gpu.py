@@ -178,10 +178,10 @@ def traced(seed: int) -> list[Tensor]:
         for field in (scene.static, scene.far):
             field.grid.table.normal_(0, 0.3)
         scene.occupancy.values.copy_((torch.rand(scene.occupancy.values.shape) < 0.3) * 255)
-    way = torch.nn.functional.normalize(torch.randn(48, 3) * 0.2 + torch.tensor([1.0, 0.0, 0.0]), dim=-1)
+    directions = torch.nn.functional.normalize(torch.randn(48, 3) * 0.2 + torch.tensor([1.0, 0.0, 0.0]), dim=-1)
     eye = scene.frame.recentred(np.tile([-20.0, 0.0, 1.6], (48, 1)))
     active = active_actor_tensors(active_actors(whole_state(drive), {"": ("car",)}), {"": (scene, scene.actors.tables())})
-    rays = RayBatch(eye, way, torch.zeros(48).double())
+    rays = RayBatch(eye, directions, torch.zeros(48).double())
     found = trace(scene, active, rays, Sampling(jitter=True, generator=torch.Generator().manual_seed(2)))
     assert len(found.ray_segments) == 2
     outs = [found.feature, found.depth_m, found.opacity]
@@ -216,15 +216,15 @@ def test_pictures_decoded_in_half_precision(name: str) -> None:
         for p in stage.scene.camera_decoder.parameters():
             p.mul_(2.0)
     tracer = bound_to(TorchBackend(stage.as_scene()), stage.drive)
-    n, ways = 24 * 16, np.tile([1.0, 0.0, 0.0], (24 * 16, 1))
+    n, directions = 24 * 16, np.tile([1.0, 0.0, 0.0], (24 * 16, 1))
     width = stage.scene.config.features
     nothing = torch.zeros(n)
     found = TraceResult(torch.randn(n, width), nothing, nothing, {}, [], [], None, None)
-    plain = tracer.image(found, ways, "front", (16, 24))
+    plain = tracer.image(found, directions, "front", (16, 24))
     assert not tracer.half and plain.std() > 0.02
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(TorchTracer, "half", True)
-        half = tracer.image(found, ways, "front", (16, 24))
+        half = tracer.image(found, directions, "front", (16, 24))
     assert half.dtype == np.float32 and 0 < np.abs(half - plain).max() < 1.5 / 255
 
 

@@ -167,7 +167,7 @@ def test_no_actor_is_skipped_that_a_ray_meets() -> None:
     rng = np.random.default_rng(11)
     scene = analytic_scene(empty, {"car": (empty, SIZE)})
     drive = drive_of(random_actors(60, rng))
-    skipped = met = 0
+    skipped = hit = 0
     for _ in range(40):
         focal = float(rng.choice([4.0, 20.0, 40.0, 400.0]))
         shutter = RollingShutter(float(rng.choice([0.0, 0.03, -0.1])), 0.5)
@@ -189,8 +189,8 @@ def test_no_actor_is_skipped_that_a_ray_meets() -> None:
             batch = torch_tracer.to_batch(rays, scene.frame)
             hits = tracer.tensors.own.tracklets.hits(batch.origins, batch.directions, batch.time_s, 0.5)
             assert set(hits.actor.tolist()) <= set(among)
-            skipped, met = skipped + stats.actors_skipped, met + len(hits.ray)
-    assert skipped > 1000 and met > 1000
+            skipped, hit = skipped + stats.actors_skipped, hit + len(hits.ray)
+    assert skipped > 1000 and hit > 1000
 
 
 def test_rows_of_a_rolling_shutter_see_a_moving_actor_at_different_places() -> None:

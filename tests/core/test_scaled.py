@@ -193,12 +193,12 @@ def test_depths_of_a_scaled_field_are_those_of_a_query_at_every_place(body: Any,
     directions = aimed(actor, 150, times)
     exact = first_inside(actor, body, directions, times)
     traced = stage.trace(EYE, directions, times, fine=8.0)
-    met = np.isfinite(exact)
-    assert met.sum() > 60
-    error = np.abs(traced.depth_m.numpy()[met] - exact[met])
+    hit = np.isfinite(exact)
+    assert hit.sum() > 60
+    error = np.abs(traced.depth_m.numpy()[hit] - exact[hit])
     assert np.median(error) < 0.01 and np.quantile(error, 0.9) < 0.05
-    clear = ~met & (traced.opacity.numpy() < 0.5)
-    assert clear.sum() >= 0.9 * (~met).sum()
+    clear = ~hit & (traced.opacity.numpy() < 0.5)
+    assert clear.sum() >= 0.9 * (~hit).sum()
 
 
 def test_normals_go_through_the_inverse_of_the_scale() -> None:

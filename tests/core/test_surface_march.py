@@ -533,9 +533,9 @@ def test_qualities_beside_the_truth(appearances: dict[str, Appearance], sensor: 
         # the background has so many samples that both sums are the integral
         truth = appearance.at(dataclasses.replace(QUALITY["reference"], samples=16.0, far=8.0))
         found = appearance.at(dataclasses.replace(quality, far=8.0))
-        met = np.isfinite(truth[1])
-        assert (np.isfinite(found[1]) == met).mean() > 0.998
-        both = met & np.isfinite(found[1])
+        hit = np.isfinite(truth[1])
+        assert (np.isfinite(found[1]) == hit).mean() > 0.998
+        both = hit & np.isfinite(found[1])
         error = np.abs(found[1][both] - truth[1][both])
         metrics.append(np.array([-psnr(found[0], truth[0]), *np.quantile(error, (0.5, 0.95)), (error > 0.1).mean()]))
         spent = appearance.at(quality)[2]

@@ -243,7 +243,7 @@ def test_a_static_copy_brings_no_ground_along() -> None:
     assert float(traced.depth_m[1:].min()) > 12 or float(traced.opacity[1:].max()) < 0.05
 
 
-GUEST = "elsewhere"
+FOREIGN = "elsewhere"
 
 
 def stage_with_foreign(x_m: float, static: object = None, features: int = 15) -> Stage:
@@ -251,9 +251,9 @@ def stage_with_foreign(x_m: float, static: object = None, features: int = 15) ->
     size = np.array([3.0, 3.0, 3.0])
     config = replace(preset("tiny").model, features=features)
     other = analytic_scene(empty, {"car": (block([2.0, 2.0, 2.0]), size), "bus": (empty, size)}, config, beta=300.0)
-    foreign = still("new", [x_m, 0, 1.6], size, appearance=Appearance("car", GUEST))
+    foreign = still("new", [x_m, 0, 1.6], size, appearance=Appearance("car", FOREIGN))
     own = analytic_scene(static or wall(8.0), {"bike": (block([1.0, 1, 1]), size)})  # type: ignore[arg-type]
-    return Stage(own, drive_of([foreign, still("bike", [-5, 5, 1.6], size)]), {GUEST: other})
+    return Stage(own, drive_of([foreign, still("bike", [-5, 5, 1.6], size)]), {FOREIGN: other})
 
 
 @pytest.mark.parametrize("features", (15, 7))
@@ -281,9 +281,9 @@ def test_own_actors_hide_foreign_ones_and_foreign_ones_own_actors() -> None:
     for own_x, foreign_x in ((-4.0, 4.0), (4.0, -4.0)):
         actors = [
             still("own", [own_x, 0, 1.6], size),
-            still("new", [foreign_x, 0, 1.6], size, appearance=Appearance("car", GUEST)),
+            still("new", [foreign_x, 0, 1.6], size, appearance=Appearance("car", FOREIGN)),
         ]
-        traced = Stage(analytic_scene(empty, {"own": (body, size)}), drive_of(actors), {GUEST: other}).trace(
+        traced = Stage(analytic_scene(empty, {"own": (body, size)}), drive_of(actors), {FOREIGN: other}).trace(
             EYE, fan(50, spread=0.01)
         )
         expected = float(own_x < foreign_x)
@@ -295,9 +295,11 @@ def test_two_actors_on_one_ray_and_a_foreign_actor_on_another() -> None:
     """Where no static voxel is met, ray segments of the first field must still see each other."""
     size = np.array([2.0, 3.0, 3.0])
     body = (block([1.4, 2.6, 2.6]), size)
-    foreign = still("new", [0, 8, 1.6], size, appearance=Appearance("car", GUEST))
+    foreign = still("new", [0, 8, 1.6], size, appearance=Appearance("car", FOREIGN))
     actors = [still("a", [3.0, 0, 1.6], size), still("b", [-3.0, 0, 1.6], size), foreign]
-    stage = Stage(analytic_scene(empty, {"a": body, "b": body}), drive_of(actors), {GUEST: analytic_scene(empty, {"car": body})})
+    stage = Stage(
+        analytic_scene(empty, {"a": body, "b": body}), drive_of(actors), {FOREIGN: analytic_scene(empty, {"car": body})}
+    )
     traced = stage.trace(EYE, [[20.0, 0, 0], [20, 8, 0]])
     np.testing.assert_allclose(traced.feature[:, 1:3], [[0, 1], [0, 0]], atol=1e-3)
     np.testing.assert_allclose(traced.foreign_opacity[0], [0, 1], atol=1e-3)
@@ -316,8 +318,10 @@ def test_a_look_that_the_scene_does_not_hold() -> None:
     stage = Stage(analytic_scene(empty, {}), drive_of([still("car", [0, 0, 1], [1, 1, 1], appearance=Appearance("lorry"))]))
     with pytest.raises(SceneError, match="'car' has the look of 'lorry'"):
         stage.active()
-    absent = Stage(analytic_scene(empty, {}), drive_of([still("car", [0, 0, 1], [1, 1, 1], appearance=Appearance("car", GUEST))]))
-    with pytest.raises(SceneError, match=GUEST):
+    absent = Stage(
+        analytic_scene(empty, {}), drive_of([still("car", [0, 0, 1], [1, 1, 1], appearance=Appearance("car", FOREIGN))])
+    )
+    with pytest.raises(SceneError, match=FOREIGN):
         absent.active()
 
 
@@ -412,8 +416,8 @@ def test_a_look_is_mirrored_on_all_rays_or_on_none() -> None:
     sides = []
     for seed in range(12):
         sampling = Sampling(fine=4.0, background=False, mirror=torch.tensor([0.5]), generator=torch.Generator().manual_seed(seed))
-        met = trace(stage.scene, stage.active(), rays, sampling).opacity > 0.5
-        sides.append((bool(met[across[:, 1] > 0.4].all()), bool(met[across[:, 1] < -0.4].all())))
+        hit = trace(stage.scene, stage.active(), rays, sampling).opacity > 0.5
+        sides.append((bool(hit[across[:, 1] > 0.4].all()), bool(hit[across[:, 1] < -0.4].all())))
     assert set(sides) == {(True, False), (False, True)}, "one side or the other, never some rays of each"
 
 

@@ -137,14 +137,14 @@ def test_hits_against_every_ray_and_box(chosen: list[int] | None) -> None:
     near, far = intersect_boxes(o, d, poses, np.stack([a.size_m for a in actors]))
     near = np.maximum(near, 0.5)
     there = np.stack([a.present(time) for a in actors], 1)
-    met = (far > near) & there
+    hit = (far > near) & there
     if chosen is not None:
-        met[:, [i for i in range(14) if i not in chosen]] = False
-    got = np.zeros_like(met)
+        hit[:, [i for i in range(14) if i not in chosen]] = False
+    got = np.zeros_like(hit)
     got[hits.ray.numpy(), hits.actor.numpy()] = True
     grazing = np.abs(far - near) < 1e-3
-    np.testing.assert_array_equal(got | grazing, met | grazing)
-    assert met.sum() > 50
+    np.testing.assert_array_equal(got | grazing, hit | grazing)
+    assert hit.sum() > 50
     pairs = hits.ray.numpy(), hits.actor.numpy()
     np.testing.assert_allclose(hits.t_near.numpy(), near[pairs], atol=2e-3)
     np.testing.assert_allclose(hits.t_far.numpy(), far[pairs], atol=2e-3)
@@ -253,10 +253,10 @@ def test_compiled_spheres(boxes: int) -> None:
     assert found.dtype == torch.bool and found.shape == (900, boxes)
     assert not bool(found[bins < 0].any()) and bool(found.any()) == (boxes > 0)
     # whether a ray just touches a sphere is rounding's choice
-    grown, shrunk = (
+    enlarged, shrunk = (
         near_spheres_reference(o.double(), d.double(), bins, centres.double(), radii.double() + by) for by in (1e-4, -1e-4)
     )
-    assert not bool((found & ~grown).any()) and not bool((shrunk & ~found).any())
+    assert not bool((found & ~enlarged).any()) and not bool((shrunk & ~found).any())
 
 
 def test_keys_are_worked_out_once_where_they_are_given(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -15,7 +15,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 from buttons import open_panel
 from hands import click, edits, import_dropped, key, middle, mouse, object_named, sidebar, to, write
 from heart import uncounted
-from session import ARCHIVE, MODULE, OUT, area, inside, named, picture, screenshot, start, until, view, wait_for_picture
+from session import ARCHIVE, MODULE, OUT, area, inside, named, screenshot, start, until, view, viewport_image, wait_for_image
 from tasks import begin, changed, task
 
 BLUE = np.array([0x47, 0x72, 0xB3])
@@ -164,8 +164,8 @@ def replaced() -> Iterator[float]:
     car = bpy.context.view_layer.objects.active.name
     scene.frame_set(9)
     space.shading.type = "RENDERED"
-    yield from wait_for_picture()
-    before = picture()
+    yield from wait_for_image()
+    before = viewport_image()
     yield from to(*middle(area("VIEW_3D")))
     yield from key("F3")
     yield 0.7
@@ -202,7 +202,7 @@ def replaced() -> Iterator[float]:
     assert not edits()
     yield from until(lambda: not any(entry.edited for entry in shown()), "the list still has it as edited", 10)
     assert any(entry.name == "Car 12, white" for entry in shown()), "undo leaves old names"
-    yield from wait_for_picture()
+    yield from wait_for_image()
 
 
 def steps() -> Iterator[float]:

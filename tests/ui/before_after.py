@@ -53,7 +53,7 @@ from session import (
     start,
     until,
     view,
-    wait_for_picture,
+    wait_for_image,
 )
 from tasks import arrived, bare_view, click_car, fresh, imported, install, keys, redraw_alone, seen, task, through_camera
 
@@ -137,7 +137,7 @@ def clicked() -> Iterator[float]:
 
 def beside_render(name: str) -> Iterator[float]:
     """Leave what `unisim render` makes of the exported scenario beside the view's picture, and note how many pixels differ."""
-    yield from wait_for_picture()
+    yield from wait_for_image()
     yield 0.7
     screenshot(name)
     screen, frame = grab(), frame_rectangle()
@@ -212,7 +212,7 @@ def retimed(shading: str) -> Iterator[float]:
     yield from to(*middle(area("VIEW_3D")))
     view()[1].shading.type = shading
     if shading == "RENDERED":
-        yield from wait_for_picture()
+        yield from wait_for_image()
     yield 0.5
     name = f"retimed_{shading.lower()}"
     screenshot(f"{name}_recorded")
@@ -389,7 +389,7 @@ def scaled() -> Iterator[float]:
     yield from key("PERIOD", ".")
     yield from keys("5", "RET")
     yield from framed("RENDERED")
-    yield from wait_for_picture()
+    yield from wait_for_image()
     yield 1.0
     note("scaled", edits=edits())
 
@@ -399,11 +399,11 @@ def outside() -> Iterator[float]:
     yield from fresh()
     bpy.context.scene.frame_set(bpy.context.scene.frame_end)
     yield from framed("RENDERED")
-    yield from wait_for_picture()
+    yield from wait_for_image()
     yield from to(*middle(area("VIEW_3D")))
     yield from key("RIGHT_ARROW")
     yield 2.0
-    yield from wait_for_picture()
+    yield from wait_for_image()
     yield 1.0
 
 
@@ -413,7 +413,7 @@ def from_outside() -> Iterator[float]:
     from_behind(view()[2])
     bare_view(view()[1])
     view()[1].shading.type = "RENDERED"
-    yield from wait_for_picture(400)
+    yield from wait_for_image(400)
     yield 1.0
 
 

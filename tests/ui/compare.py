@@ -17,7 +17,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 from buttons import open_panel, press
 from hands import click, event, import_dropped, key, middle, sidebar, to
 from heart import uncounted
-from session import ARCHIVE, MODULE, OUT, results, screenshot, start, until, view, wait_for_picture
+from session import ARCHIVE, MODULE, OUT, results, screenshot, start, until, view, wait_for_image
 from tasks import bare_view, begin, task
 
 SAME_BYTES = 2.0
@@ -137,7 +137,7 @@ def first_import() -> Iterator[float]:
     space.shading.type = "RENDERED"
     bare_view(space)
     space.show_gizmo = space.overlay.show_text = True
-    yield from wait_for_picture()
+    yield from wait_for_image()
     yield 0.5
 
 
@@ -225,15 +225,15 @@ def recorded_mode() -> Iterator[float]:
 def difference() -> Iterator[float]:
     """The difference, four times, with its figures."""
     yield from choose_mode("DIFFERENCE")
-    yield from wait_for_picture()
-    yield from until(lambda: "PSNR" in shown().comparison.figures, "no figures come", 20)
+    yield from wait_for_image()
+    yield from until(lambda: "PSNR" in shown().comparison.metrics, "no figures come", 20)
     yield 0.5
     rows, columns = inner()
     expected = np.clip(4 * np.abs(shown().comparison._shown.srgb.astype(np.float32) - rendered()), 0, 255)
     on = screen("difference")
     # Blender's display transform mixes saturated colours by a few hundredths
     share = float((np.abs(on - expected[rows, columns]).max(-1) > 8).mean())
-    results["difference"], results["figures"] = share, shown().comparison.figures
+    results["difference"], results["figures"] = share, shown().comparison.metrics
     assert share < 0.02, f"{share:.1%} of the pixels are not the difference"
 
 
@@ -241,7 +241,7 @@ def flicker() -> Iterator[float]:
     """Recorded and rendered by turns; the clock stops when another mode is chosen."""
     yield from choose_mode("FLICKER")
     module = sys.modules[f"{MODULE}.compare_view"]
-    yield from wait_for_picture()
+    yield from wait_for_image()
     rows, columns = inner()
     pair = recorded()[rows, columns], rendered()[rows, columns]
     seen: list[str] = []
@@ -264,7 +264,7 @@ def no_recorded_image() -> Iterator[float]:
     """In a free view, and after the last frame, the view says why there is no recorded image, and shows the rendered one."""
     yield from choose_mode("SPLIT")
     from_above()
-    yield from wait_for_picture()
+    yield from wait_for_image()
     yield 0.5
     said = shown().sentence
     results["free_view_says"] = said
@@ -292,14 +292,14 @@ def unsupported() -> Iterator[float]:
     screenshot("show_panel")
     from_above()
     options().clip = False
-    yield from wait_for_picture()
+    yield from wait_for_image()
     yield 0.3
     plain = screen("outside_unclipped")
     assert shown().unsupported is None, "a pass that nobody asked for"
     yield from press("unsupported")
     yield from to(*middle(view()[0]))
     yield from until(lambda: options().unsupported, "the switch does not answer", 10)
-    yield from wait_for_picture()
+    yield from wait_for_image()
     yield 0.5
     on = screen("unsupported")
     rows, columns = inner()
@@ -317,7 +317,7 @@ def clipped() -> Iterator[float]:
         from_above(away, tilt, turn)
         for clip in (False, True):
             options().clip = clip
-            yield from wait_for_picture()
+            yield from wait_for_image()
             yield 0.5
             on = screen(f"{'clipped' if clip else 'unclipped'}_{name}")
             if clip:
@@ -329,7 +329,7 @@ def clipped() -> Iterator[float]:
                 assert ground.std(0).max() < 12, "what is clipped shows something"
                 assert apart_where(on, rendered()[rows, columns], ~gone) < 0.02
     view()[2].view_perspective = "CAMERA"
-    yield from wait_for_picture()
+    yield from wait_for_image()
     assert shown().wanted["clip"] is False and shown().wanted["passes"] == ["rgb"]
 
 

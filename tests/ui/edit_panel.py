@@ -13,7 +13,7 @@ import numpy as np
 from hands import click, import_dropped, key, object_named, place, sidebar, to
 from heart import uncounted
 from numpy.typing import NDArray
-from session import ARCHIVE, MODULE, OUT, area, inside, results, screenshot, until, view, wait_for_picture
+from session import ARCHIVE, MODULE, OUT, area, inside, results, screenshot, until, view, wait_for_image
 
 
 def module(name: str) -> Any:
@@ -103,7 +103,7 @@ def apart(a: NDArray[np.float32], b: NDArray[np.float32]) -> float:
 def rendered() -> Iterator[float]:
     """Rendered shading, until the picture is finished."""
     view()[1].shading.type = "RENDERED"
-    yield from wait_for_picture()
+    yield from wait_for_image()
     yield 0.5
 
 

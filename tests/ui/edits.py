@@ -15,7 +15,7 @@ import hands
 from buttons import found_at, place_of, region_of
 from edit_panel import apart, line_of, listed, moved_along, opened, picked, press, rendered, shown_pixels, toggled
 from hands import key, middle, object_named, to
-from session import area, results, screenshot, start, until, view, wait_for_picture
+from session import area, results, screenshot, start, until, view, wait_for_image
 from tasks import bare_view, begin, seen, task
 
 BACK = 0.01
@@ -81,14 +81,14 @@ def muted_edits() -> Iterator[float]:
     assert apart(images["edited"], images["recorded"]) > BACK, "the edits do not show"
     yield from toggled("Moved", COUNTS, ("Moved 3.0 m", True), ("Removed", False), ("Copied", False))
     assert object_named(names["moved"]).location.length < 1e-4
-    yield from wait_for_picture()
+    yield from wait_for_image()
     yield 0.5
     one = shown_pixels("edits_one_muted")
     assert apart(one, images["edited"]) > 0.001, "muting a move does not show"
     yield from toggled("Removed", COUNTS, ("Moved 3.0 m", True), ("Removed", True), ("Copied", False))
     yield from toggled("Copied", COUNTS, ("Moved 3.0 m", True), ("Removed", True), ("Copied", True))
     assert not hands.edits()
-    yield from wait_for_picture()
+    yield from wait_for_image()
     yield 0.5
     images["muted"] = shown_pixels("edits_muted")
     results["muted_differs"] = apart(images["muted"], images["recorded"])
@@ -96,7 +96,7 @@ def muted_edits() -> Iterator[float]:
     yield from toggled("Moved", COUNTS, ("Moved 3.0 m", False), ("Removed", True), ("Copied", True))
     yield from toggled("Removed", COUNTS, ("Moved 3.0 m", False), ("Removed", False), ("Copied", True))
     yield from toggled("Copied", COUNTS, ("Moved 3.0 m", False), ("Removed", False), ("Copied", False))
-    yield from wait_for_picture()
+    yield from wait_for_image()
     yield 0.5
     results["unmuted_differs"] = apart(shown_pixels("edits_unmuted"), images["edited"])
     assert results["unmuted_differs"] < BACK, "unmuted edits do not show as before"  # type: ignore[operator]

@@ -14,7 +14,7 @@ import bpy
 
 sys.path.insert(0, str(Path(__file__).parent))
 from hands import click, edits, import_dropped, key, middle, mouse, object_named, place, to, write
-from session import ARCHIVE, OUT, area, inside, results, screenshot, start, until, view, wait_for_picture
+from session import ARCHIVE, OUT, area, inside, results, screenshot, start, until, view, wait_for_image
 from tasks import begin, seen, task
 
 FRAMES = int(os.environ.get("UNISIM_UI_FRAMES", "3"))
@@ -92,7 +92,7 @@ def rendered() -> Iterator[float]:
     yield 0.4
     yield from key("NUMPAD_8")
     yield from until(lambda: view()[1].shading.type == "RENDERED", "Z 8 does not change the shading", 5)
-    yield from wait_for_picture()
+    yield from wait_for_image()
 
 
 def sequence() -> Iterator[float]:

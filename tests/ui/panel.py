@@ -15,7 +15,7 @@ from buttons import INNER, Place, buttons, held, press, region_of, reports, scro
 from displaced import select
 from hands import edits, key, middle, object_named, to, write
 from pixels import HEADLESS, Image, apart, grab, part, region_rectangle
-from session import MODULE, OUT, area, choose, picture, redraw, results, screenshot, start, until, view
+from session import MODULE, OUT, area, choose, redraw, results, screenshot, start, until, view, viewport_image
 from tasks import click_car, fresh, imported, keys, task, through_camera
 
 
@@ -132,10 +132,10 @@ def outside_frames() -> Iterator[float]:
     yield from fresh()
     yield from through_camera()
     view()[1].overlay.show_text = True
-    yield from until(lambda: picture() is not None, "no picture comes")
+    yield from until(lambda: viewport_image() is not None, "no picture comes")
     bpy.context.scene.frame_set(bpy.context.scene.frame_end)
     yield 2.0
-    yield from until(lambda: picture() is not None, "no picture comes")
+    yield from until(lambda: viewport_image() is not None, "no picture comes")
     x, y, width, height = region_rectangle("WINDOW")
     text, frame = (x + 60, y + height - 200, 700, 140), camera_frame()
     yield 0.5
@@ -144,7 +144,7 @@ def outside_frames() -> Iterator[float]:
     yield from key("RIGHT_ARROW")
     yield from until(lambda: bpy.context.scene.frame_current == 20, "the arrow key does not go beyond the end", 10)
     yield 2.0
-    yield from until(lambda: picture() is not None, "no picture comes")
+    yield from until(lambda: viewport_image() is not None, "no picture comes")
     yield 0.5
     screenshot("outside_rendered")
     rendered = grab()

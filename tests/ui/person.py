@@ -15,7 +15,7 @@ from browser import choose_path, menu_entry
 from buttons import open_panel, press, redo_panel, reports
 from hands import click, edits, key, middle, object_named, place, to
 from pixels import Image, apart, as_rendered, part, region_rectangle, settled
-from session import SCENE, area, from_behind, named, picture, start, until, view
+from session import SCENE, area, from_behind, named, start, until, view, viewport_image
 from tasks import bare_view, changed, click_car, drives, fresh, imported, install, keys, seen, task, through_camera
 
 SENSORS = ("CAMERA", "LIDAR", "EGO")
@@ -153,8 +153,8 @@ def removed_car() -> Iterator[float]:
     """X on a car that drives, in Rendered shading."""
     yield from fresh()
     yield from through_camera()
-    yield from until(lambda: picture() is not None, "no picture comes")
-    before = picture()
+    yield from until(lambda: viewport_image() is not None, "no picture comes")
+    before = viewport_image()
     bare_view(view()[1], False)
     yield 0.3
     car = seen(driving=True)
@@ -184,8 +184,8 @@ def shifted_ego() -> Iterator[float]:
     """Ego > Shift Ego Lane, and 2 m in the redo panel."""
     yield from fresh()
     yield from through_camera()
-    yield from until(lambda: picture() is not None, "no picture comes")
-    before = picture()
+    yield from until(lambda: viewport_image() is not None, "no picture comes")
+    before = viewport_image()
     yield from open_panel("Ego", "unisim.shift_ego")
     yield from press("unisim.shift_ego")
     yield from to(600, 500)

@@ -17,7 +17,7 @@ import bpy
 import numpy as np
 from heart import uncounted
 from numpy.typing import NDArray
-from session import MODULE, OUT, inside, results, screenshot, until, view, wait_for_picture
+from session import MODULE, OUT, inside, results, screenshot, until, view, wait_for_image
 
 SAME_BYTES = 2
 """How far a pixel on the screen may be from the rendered one, in steps of eight bits."""
@@ -143,7 +143,7 @@ def apart(on: Image, made: Image) -> NDArray[np.int16]:
 
 def as_rendered(name: str) -> Iterator[float]:
     """Fail where an uncovered pixel of the camera's frame is not that of `unisim render`; note the shares as results."""
-    yield from wait_for_picture()
+    yield from wait_for_image()
     yield 0.5
     screenshot(name)
     screen, frame = grab(), frame_rectangle()

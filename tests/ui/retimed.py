@@ -17,7 +17,7 @@ from browser import choose_path, header_menu
 from buttons import menu_button, press, redo_panel, reports
 from hands import key, middle, object_named, to
 from pixels import HEADLESS, STATUS_HIGH, Image, apart, as_rendered, export, part, region_rectangle, settled
-from session import area, picture, redraw, screenshot, start, until, view
+from session import area, redraw, screenshot, start, until, view, viewport_image
 from tasks import bare_view, changed, click_car, fresh, imported, task, through_camera
 
 
@@ -87,8 +87,8 @@ def retimed_image() -> Iterator[float]:
     yield from through_camera(rendered=False)
     yield from click_car(driving=True)
     yield from through_camera()
-    yield from until(lambda: picture() is not None, "no picture comes")
-    before = picture()
+    yield from until(lambda: viewport_image() is not None, "no picture comes")
+    before = viewport_image()
     bare_view(view()[1], False)  # what a view does not show is not selected there
     yield from to(*middle(area("VIEW_3D")))
     yield 0.3

@@ -21,13 +21,13 @@ from session import (
     choose,
     from_behind,
     inside,
-    picture,
     results,
     screenshot,
     start,
     until,
     view,
-    wait_for_picture,
+    viewport_image,
+    wait_for_image,
 )
 from tasks import begin, changed, task
 
@@ -106,7 +106,7 @@ def looked_through() -> Iterator[float]:
     space.shading.type = "RENDERED"
     with inside(area("VIEW_3D")):
         assert bpy.ops.unisim.look_through("INVOKE_DEFAULT", name="CAM_FRONT_LEFT") == {"FINISHED"}
-    yield from wait_for_picture()
+    yield from wait_for_image()
     assert view()[2].view_perspective == "CAMERA" and bpy.context.scene.camera.name == "CAM_FRONT_LEFT"
     yield 0.5
 
@@ -205,14 +205,14 @@ def ego_body() -> Iterator[float]:
     yield 0.5
     screenshot("rigs_body_solid")
     space.shading.type = "RENDERED"
-    yield from wait_for_picture()
+    yield from wait_for_image()
     results["red_from_behind"] = red()
     assert red() > 0.005, "the body is not seen from behind"
 
 
 def red() -> float:
     """Which share of the viewport's picture is as red as the body."""
-    linear = picture()
+    linear = viewport_image()
     assert linear is not None
     return float(((linear[..., 0] > 3 * linear[..., 1]) & (linear[..., 0] > 0.02)).mean())
 
@@ -224,10 +224,10 @@ def unseen_from_the_front_camera() -> Iterator[float]:
         assert bpy.ops.unisim.look_through("INVOKE_DEFAULT", name="front_camera") == {"FINISHED"}
     object_named("front_camera").location.z -= 1.0
     yield 1.0
-    yield from wait_for_picture()
+    yield from wait_for_image()
     assert red() < 0.03, red()  # cones
     assert object_named("own car").hide_get(), "Blender draws the body before the camera"
-    with_body = picture()
+    with_body = viewport_image()
     screenshot("rigs_front_rendered")
     # it is hidden for views alone: the scenario has it, in its shape, wherever the vehicle is
     before = next(edit for edit in scenario().edits if type(edit).__name__ == "EgoBody")
@@ -240,9 +240,9 @@ def unseen_from_the_front_camera() -> Iterator[float]:
     with inside(area("VIEW_3D")):
         bpy.ops.unisim.release_ego_body("INVOKE_DEFAULT")
     yield 1.0
-    yield from wait_for_picture()
-    assert not changed(with_body) and picture() is not None
-    assert np.array_equal(np.asarray(picture()), np.asarray(with_body)), "the picture is another one without the body"
+    yield from wait_for_image()
+    assert not changed(with_body) and viewport_image() is not None
+    assert np.array_equal(np.asarray(viewport_image()), np.asarray(with_body)), "the picture is another one without the body"
     choose(object_named("own car"))
     with inside(area("VIEW_3D")):
         assert bpy.ops.unisim.ego_body("INVOKE_DEFAULT", place="HERE", forward="X") == {"FINISHED"}
@@ -265,7 +265,7 @@ def from_the_roadside() -> Iterator[float]:
     with inside(area("VIEW_3D")):
         assert bpy.ops.unisim.look_through("INVOKE_DEFAULT", name="CAM_FRONT") == {"FINISHED"}
     yield 1.0
-    yield from wait_for_picture()
+    yield from wait_for_image()
     results["red_from_the_roadside"] = red()
     assert red() > 0.005 and not object_named("own car").hide_get()
 

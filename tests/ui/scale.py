@@ -20,14 +20,14 @@ from session import (
     OUT,
     area,
     inside,
-    picture,
     redraw,
     results,
     screenshot,
     start,
     until,
     view,
-    wait_for_picture,
+    viewport_image,
+    wait_for_image,
 )
 from tasks import bare_view, begin, changed, differing, seen, task
 
@@ -70,18 +70,18 @@ def rests(car: str, low: float) -> Iterator[float]:
 
 def shown() -> NDArray[np.float32]:
     """The viewport's finished picture."""
-    now = picture()
+    now = viewport_image()
     assert now is not None
     return now
 
 
 def follows(change: Callable[[], Iterator[float]], what: str) -> Iterator[float]:
     """Make a change and wait until the image has followed it."""
-    yield from wait_for_picture()
+    yield from wait_for_image()
     before = shown()
     yield from change()
     yield from until(lambda: changed(before), what, 60)
-    yield from wait_for_picture()
+    yield from wait_for_image()
 
 
 def begun() -> Iterator[float]:
@@ -89,7 +89,7 @@ def begun() -> Iterator[float]:
     yield from import_dropped()
     bpy.context.scene.frame_set(7)
     view()[1].shading.type = "RENDERED"
-    yield from wait_for_picture()
+    yield from wait_for_image()
     chosen["stands"], chosen["drives"] = seen(driving=False), seen(driving=True)
 
 
@@ -155,7 +155,7 @@ def stretched_car() -> Iterator[float]:
     yield from to(*middle(area("VIEW_3D")))
     yield from key("RIGHT_ARROW")
     yield from until(lambda: bpy.context.scene.frame_current == 8, "the next frame is not shown")
-    yield from wait_for_picture()
+    yield from wait_for_image()
     assert np.allclose(object_named(car).scale, (1.0, 1.0, 1.4), atol=1e-3), "the next frame puts it back"
     assert [kind for kind, _ in edits()].count("Scale") == 2
 
@@ -168,7 +168,7 @@ def copied_car() -> Iterator[float]:
     for press in (("Y",), ("Y",), ("THREE", "3"), ("RET",)):
         yield from key(*press)
     yield from until(lambda: len(bpy.context.scene.objects) == count + 1, "not copied")
-    yield from wait_for_picture()
+    yield from wait_for_image()
     copy = bpy.context.view_layer.objects.active.name
     assert factors()[copy] == factors()[object_named(car).unisim.uid], factors()
     screenshot("scale_copy")
@@ -197,7 +197,7 @@ def mirrored_car() -> Iterator[float]:
     screenshot("scale_mirrored")
     yield from key("Z", ctrl=True)
     yield from until(lambda: object_named(car).scale.x > 0 and not problem(), "not undone")
-    yield from wait_for_picture()
+    yield from wait_for_image()
 
 
 def same_pixels() -> Iterator[float]:
@@ -230,7 +230,7 @@ def as_large_as(width: int, height: int) -> Iterator[float]:
             break
     assert size() == (width, height), size()
     space.shading.type = "RENDERED"
-    yield from wait_for_picture()
+    yield from wait_for_image()
 
 
 def same_render() -> Iterator[float]:

@@ -49,7 +49,7 @@ def inside(found: bpy.types.Area) -> bpy.types.Context:
     return bpy.context.temp_override(window=window, area=found, region=region)
 
 
-def picture() -> NDArray[Any] | None:
+def viewport_image() -> NDArray[Any] | None:
     """What the viewport's engine shows, linear, or None while more is to come."""
     viewport = sys.modules.get(f"{MODULE}.viewport")
     if viewport is None or not viewport.VIEWS:
@@ -103,12 +103,12 @@ def redraw() -> None:
         found.tag_redraw()
 
 
-def wait_for_picture(limit_s: float = 240.0) -> Iterator[float]:
+def wait_for_image(limit_s: float = 240.0) -> Iterator[float]:
     """Let the window go on until the viewport's picture is finished."""
     redraw()
     yield 0.3
     yield 0.3
-    yield from until(lambda: picture() is not None, "the viewport's picture does not come", limit_s)
+    yield from until(lambda: viewport_image() is not None, "the viewport's picture does not come", limit_s)
 
 
 def start(steps: Iterator[float], name: str) -> None:

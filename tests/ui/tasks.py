@@ -16,7 +16,7 @@ import numpy as np
 from bpy_extras.view3d_utils import location_3d_to_region_2d
 from heart import heart, uncounted, watch
 from numpy.typing import NDArray
-from session import ARCHIVE, MODULE, OUT, SCENE, area, named, picture, redraw, results, screenshot, until, view
+from session import ARCHIVE, MODULE, OUT, SCENE, area, named, redraw, results, screenshot, until, view, viewport_image
 
 IMPORTED = OUT.parent / "imported.blend"
 """The sample's trained scene, imported and nothing else."""
@@ -184,7 +184,7 @@ def differing(what: str) -> Iterator[float]:
 
 def changed(before: NDArray[Any] | None) -> bool:
     """Whether the viewport's finished picture is another one than before."""
-    now = picture()
+    now = viewport_image()
     return now is not None and before is not None and bool(np.abs(now - before).max() > 0.05)
 
 

@@ -13,7 +13,7 @@ import hands
 from buttons import open_panel
 from edit_panel import apart, listed, module, moved_along, opened, picked, press, rendered, shown_pixels
 from hands import key, middle, object_named, to
-from session import OUT, area, screenshot, start, until, view, wait_for_picture
+from session import OUT, area, screenshot, start, until, view, wait_for_image
 from tasks import bare_view, begin, seen, task
 
 ARROWS = 0.75
@@ -67,12 +67,12 @@ def flipped_variants() -> Iterator[float]:
     yield from rendered()
     first = shown_pixels("variants_image_first")
     yield from press("unisim.show_variant", across=0.2, name=names["second"])
-    yield from wait_for_picture()
+    yield from wait_for_image()
     yield 1.0
     second = shown_pixels("variants_image_second")
     assert apart(first, second) > 0.003, "the other variant's image is the same"
     yield from press("unisim.show_variant", across=0.2, name=names["first"])
-    yield from wait_for_picture()
+    yield from wait_for_image()
     yield 1.0
     assert apart(first, shown_pixels("variants_image_again")) < 0.002, "the first variant's image is another one now"
     space.shading.type = "SOLID"
@@ -128,9 +128,9 @@ def rendered_variants() -> Iterator[float]:
     yield 0.5
     screenshot("variants_rendering")
     yield from until(lambda: manager.unisim_task.startswith("Done"), "the variants are not rendered", 300)
-    pictures = {name: sorted((root / names[name]).glob("camera/*/*.png")) for name in ("first", "second")}
-    assert [len(found) for found in pictures.values()] == [2, 2], manager.unisim_task
-    assert pictures["first"][0].read_bytes() != pictures["second"][0].read_bytes()
+    images = {name: sorted((root / names[name]).glob("camera/*/*.png")) for name in ("first", "second")}
+    assert [len(found) for found in images.values()] == [2, 2], manager.unisim_task
+    assert images["first"][0].read_bytes() != images["second"][0].read_bytes()
 
 
 def steps() -> Iterator[float]:

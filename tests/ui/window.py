@@ -27,13 +27,13 @@ from session import (
     choose,
     from_behind,
     inside,
-    picture,
     results,
     screenshot,
     start,
     until,
     view,
-    wait_for_picture,
+    viewport_image,
+    wait_for_image,
 )
 
 
@@ -165,10 +165,10 @@ def times() -> Iterator[float]:
     found, _, region = view()
     width = next(r for r in found.regions if r.type == "WINDOW").width
     region.view_camera_zoom = 50 * (2 * np.sqrt(960 / width) - np.sqrt(2))
-    yield from wait_for_picture()
+    yield from wait_for_image()
     for frame in (10, 11, 12, 13, 14):
         yield from timed(partial(scene.frame_set, frame))
-    shown = picture()
+    shown = viewport_image()
     assert shown is not None
     measured: dict[str, Any] = {"size": [shown.shape[1], shown.shape[0]], "frame": medians()}
     screenshot("times")
@@ -237,13 +237,13 @@ def steps() -> Iterator[float]:
     region.view_perspective = "CAMERA"
     space.shading.type = "RENDERED"
     begun = time.monotonic()
-    yield from wait_for_picture()
+    yield from wait_for_image()
     results["viewport_s"] = time.monotonic() - begun
     renderer = sys.modules[f"{MODULE}.client"]._client.found
     results["own_python"] = renderer.path == sys.executable
     results["packages_lacking"] = renderer.about["training_lacks"]
     screenshot("rendered")
-    shown = picture()
+    shown = viewport_image()
     assert shown is not None
     scene.render.resolution_x, scene.render.resolution_y = shown.shape[1], shown.shape[0]
     scene.render.filepath = str(OUT / "f12.png")
@@ -259,15 +259,15 @@ def steps() -> Iterator[float]:
     yield from stopped_by_esc()
     yield from times()
     found, space, region = view()
-    yield from wait_for_picture()
+    yield from wait_for_image()
     # an edit
     car = nearest(scene)
     choose(car)
     car.location.z += 1.0
     begun = time.monotonic()
-    yield from wait_for_picture()
+    yield from wait_for_image()
     results["refresh_s"] = time.monotonic() - begun
-    results["refresh_changed"] = float(np.abs(picture() - shown).max())
+    results["refresh_changed"] = float(np.abs(viewport_image() - shown).max())
     screenshot("moved")
     # the worker dies in the middle of a picture, and the next request brings it back
     worker = sys.modules[f"{MODULE}.client"]._client
@@ -279,14 +279,14 @@ def steps() -> Iterator[float]:
     results["after_kill"] = worker.problem
     screenshot("killed")
     car.location.x -= 0.5
-    yield from wait_for_picture()
+    yield from wait_for_image()
     screenshot("again")
     # any angle, and a cone copied with Blender's own tools
     cone = next(o for o in scene.objects if o.unisim.kind == "ACTOR" and "Cone" in o.name)
     choose(cone)
     with inside(found):
         bpy.ops.object.duplicate_move(TRANSFORM_OT_translate={"value": (3.0, 1.5, 0.0)})
-    yield from wait_for_picture()
+    yield from wait_for_image()
     screenshot("cone")
     # a mesh that nobody recorded, in the lane ahead
     with inside(found):
@@ -297,18 +297,18 @@ def steps() -> Iterator[float]:
         paint.use_nodes = True
     paint.node_tree.nodes["Principled BSDF"].inputs["Base Color"].default_value = (0.7, 0.25, 0.05, 1.0)
     monkey.data.materials.append(paint)
-    before = picture()
+    before = viewport_image()
     with inside(found):
         bpy.ops.object.shade_smooth()
         bpy.ops.unisim.mesh_actor(label="Other")
         bpy.ops.unisim.snap_to_ground()
-    yield from wait_for_picture()
-    after = picture()
+    yield from wait_for_image()
+    after = viewport_image()
     assert before is not None and after is not None
     results["mesh_changed"] = float(np.abs(after - before).max())
     screenshot("mesh")
     from_behind(region)
-    yield from wait_for_picture()
+    yield from wait_for_image()
     screenshot("any_angle")
     # a simulated sweep follows an edit
     space.shading.type = "SOLID"

@@ -57,7 +57,7 @@ def write_inputs(folder: Path, scene: Path, log: Path) -> None:
             "boxes": _boxes(),
             "edits": _log_edits(),
         },
-        "log-guest": {**recorded, "sensors": {"cameras": [FRONT], "lidars": [FEW_BEAMS]}, "edits": [_guest("scene")]},
+        "log-guest": {**recorded, "sensors": {"cameras": [FRONT], "lidars": [FEW_BEAMS]}, "edits": [_foreign_actor("scene")]},
     }
     for name, document in documents.items():
         outputs = {"passes": PASSES, "contact_shadows": name in ("busy", "log-edited", "log-guest")}
@@ -80,7 +80,7 @@ def _busy_edits() -> list[dict[str, Any]]:
     """Every type of edit, with presences that begin and end within the drive."""
     return [
         *_sample_edits(),
-        _guest("other"),
+        _foreign_actor("other"),
         _mesh(),
         {"type": "ego_body", "mesh": "block.ply", "id": "body", "mount": {"position": [1.4, 0.0, 0.8]}},
         {"type": "scale", "actor": "car-01", "factors": [1.2, 1.0, 1.4]},
@@ -123,7 +123,7 @@ def _boxes() -> dict[str, Any]:
     return {"kerb": {"position": [22.0, -5.0, 1.0], "yaw_deg": 10, "size_m": [4.0, 3.0, 2.0]}}
 
 
-def _guest(scene: str) -> dict[str, Any]:
+def _foreign_actor(scene: str) -> dict[str, Any]:
     """An actor of another trained scene."""
     keys = [
         {"time_s": 0.0, "position": [20.0, 3.4, 0.9], "yaw_deg": 180},

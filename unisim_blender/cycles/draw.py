@@ -31,7 +31,7 @@ def draw(order: Order, say: Say) -> None:
     for job in jobs:
         if studio is None or studio.workshop.street is not job.street:
             studio = Studio(job.street)
-        job.keep(studio.picture(job.drive, job.camera, job.frame, job.width))
+        job.keep(studio.image(job.drive, job.camera, job.frame, job.width))
         say(done=f"{job.camera} {job.frame}")
 
 
@@ -88,6 +88,6 @@ class Studio:
         self.workshop = Workshop(street)
         self._painter = Painter(street.recipe.paths)
 
-    def picture(self, drive: Drive, camera: str, frame: int, width: int | None = None) -> NDArray[np.uint8]:
+    def image(self, drive: Drive, camera: str, frame: int, width: int | None = None) -> NDArray[np.uint8]:
         """A picture (H, W, 3), sRGB."""
         return self._painter.paint(self.workshop.stage(drive, camera, frame, width), noise_seed(camera, frame))

@@ -80,8 +80,8 @@ class Painter:
             path = Path(folder) / "picture.png"
             self.scene.render.filepath = str(path)
             bpy.ops.render.render(write_still=True)
-            with Image.open(path) as picture:
-                return np.asarray(picture.convert("RGB"), np.uint8)
+            with Image.open(path) as image:
+                return np.asarray(image.convert("RGB"), np.uint8)
 
     def set_up_stage(self, stage: Stage, noise_seed: int) -> None:
         """Put the stage into the scene."""

@@ -30,10 +30,10 @@ def material_of(name: str, image: bpy.types.Image, finish: Finish, glass: bool) 
     material = bpy.data.materials.new(name)
     tree = material.node_tree
     tree.nodes.clear()
-    picture = tree.nodes.new("ShaderNodeTexImage")
-    picture.image, picture.interpolation, picture.extension = image, "Linear", "EXTEND"
+    texture = tree.nodes.new("ShaderNodeTexImage")
+    texture.image, texture.interpolation, texture.extension = image, "Linear", "EXTEND"
     shader = tree.nodes.new("ShaderNodeBsdfPrincipled")
-    tree.links.new(picture.outputs["Color"], shader.inputs["Base Color"])
+    tree.links.new(texture.outputs["Color"], shader.inputs["Base Color"])
     ways = {
         "Roughness": (finish.roughness, GLASS_ROUGHNESS),
         "Metallic": (finish.metallic, 0.0),
@@ -42,7 +42,7 @@ def material_of(name: str, image: bpy.types.Image, finish: Finish, glass: bool) 
     for socket, (plain, pane) in ways.items():
         shader.inputs[socket].default_value = plain
         if glass:
-            tree.links.new(_between(tree, picture.outputs["Alpha"], plain, pane), shader.inputs[socket])
+            tree.links.new(_between(tree, texture.outputs["Alpha"], plain, pane), shader.inputs[socket])
     shader.inputs["Coat Roughness"].default_value = 0.03
     if finish.grain_m > 0:
         tree.links.new(_grain(tree, finish), shader.inputs["Normal"])
@@ -51,7 +51,7 @@ def material_of(name: str, image: bpy.types.Image, finish: Finish, glass: bool) 
     if finish.translucent > 0:
         shader.inputs["Specular IOR Level"].default_value = 0.25
         through = tree.nodes.new("ShaderNodeBsdfTranslucent")
-        tree.links.new(picture.outputs["Color"], through.inputs["Color"])
+        tree.links.new(texture.outputs["Color"], through.inputs["Color"])
         both = tree.nodes.new("ShaderNodeMixShader")
         both.inputs["Fac"].default_value = finish.translucent
         tree.links.new(surface, both.inputs[1])

@@ -10,7 +10,7 @@ import numpy as np
 from bpy.app.handlers import persistent
 
 from ..bridge.window.areas import areas, redraw_status_bar
-from ..editing.layout.chart import Picture, training_chart
+from ..editing.layout.chart import Image, training_chart
 from ..registering import add, take_away
 from ..tasks import SequenceTask, Task, TrainingTask
 from ..translations import message
@@ -47,9 +47,9 @@ def tell(task: Task) -> None:
     """Show in the window how far a task is."""
     manager = bpy.context.window_manager
     manager.unisim_task, manager.unisim_progress = task.text(), task.fraction
-    picture = task.newest() if isinstance(task, SequenceTask) else task.folder / "preview.png"
-    if picture is not None and picture.is_file():
-        show(picture)
+    image_path = task.newest() if isinstance(task, SequenceTask) else task.folder / "preview.png"
+    if image_path is not None and image_path.is_file():
+        show(image_path)
     if isinstance(task, TrainingTask):
         show_curve(training_chart(task.curve(), task.total))
     for area in areas("VIEW_3D", "IMAGE_EDITOR"):
@@ -78,21 +78,21 @@ def keep_line(*_: object) -> None:
         manager.unisim_task, manager.unisim_progress = "", 0.0
 
 
-def show(picture: Path) -> None:
+def show(image_path: Path) -> None:
     """Put an image file into the image that previews are shown in."""
     image = bpy.data.images.get(PREVIEW)
     try:
         if image is None:
-            image = bpy.data.images.load(str(picture))
+            image = bpy.data.images.load(str(image_path))
             image.name = PREVIEW
-        elif bpy.path.abspath(image.filepath) != str(picture):
-            image.filepath = str(picture)
+        elif bpy.path.abspath(image.filepath) != str(image_path):
+            image.filepath = str(image_path)
         image.reload()
     except RuntimeError:  # it is being written: the next look finds it
         pass
 
 
-def show_curve(chart: Picture) -> None:
+def show_curve(chart: Image) -> None:
     """Put a chart (H, W, 3) into the image that curves are shown in, and into its icon for the panel."""
     height, width = chart.shape[:2]
     pixels = np.ones((height, width, 4), np.float32)

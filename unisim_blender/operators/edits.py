@@ -134,9 +134,9 @@ class UNISIM_OT_mute_edit(_OfEdit, bpy.types.Operator):
             mute(scene, source_of(scene), line)
             self.report({"INFO"}, f"Muted: {line.what} ({line.who})")
         else:
-            rivals = conflicting(line, reading_of(scene).lines)
-            unmute(scene, source_of(scene), line.muted, rivals)
-            instead = f"; muted instead: {', '.join(rival.what for rival in rivals)}" if rivals else ""
+            conflicts = conflicting(line, reading_of(scene).lines)
+            unmute(scene, source_of(scene), line.muted, conflicts)
+            instead = f"; muted instead: {', '.join(conflict.what for conflict in conflicts)}" if conflicts else ""
             self.report({"INFO"}, f"Unmuted: {line.what} ({line.who}){instead}")
         reading_of(scene).mark()
 

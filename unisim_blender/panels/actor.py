@@ -14,7 +14,7 @@ from ..operators.actor_choice import header_of
 from ..translations import interface
 from .sidebar import DrivePanel, row_of
 
-PICTURE_SCALE = 5.0
+PORTRAIT_SCALE = 5.0
 """Edge of the thumbnail, in widget units."""
 
 
@@ -58,7 +58,7 @@ class UNISIM_PT_actor(DrivePanel, bpy.types.Panel):
         """Draw the card and the operators; rows stay in place whatever is selected."""
         layout, card = self.layout, active_card(context)
         box = layout.box()
-        box.template_icon(portrait(context) if card else thumbnails.grey(), scale=PICTURE_SCALE)
+        box.template_icon(portrait(context) if card else thumbnails.grey(), scale=PORTRAIT_SCALE)
         box = box.column(align=True)
         row_of(box, "Actor", card.name if card else interface("no active actor"), "OBJECT_DATA")
         row_of(box, "Class", f"{card.label} ({card.role})" if card else "")

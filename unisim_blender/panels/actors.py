@@ -60,8 +60,8 @@ class UNISIM_UL_actors(bpy.types.UIList):
             line = f"{distance_text(entry)} m, {speed_text(entry)} km/h" if entry.there else "not there now"
             below = column.row()  # Blender takes a click on a list's row in its first line alone
             below.alignment = "LEFT"
-            figures = below.operator("unisim.choose_actor", text=f"{line}, {time_text(entry)} s", icon="BLANK1", emboss=False)
-            figures.name = item.name
+            line_button = below.operator("unisim.choose_actor", text=f"{line}, {time_text(entry)} s", icon="BLANK1", emboss=False)
+            line_button.name = item.name
         hide = eye.operator("unisim.hide_actor", text="", icon="HIDE_ON" if entry.hidden else "HIDE_OFF", emboss=False)
         hide.name = item.name
 

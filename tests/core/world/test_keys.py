@@ -95,17 +95,17 @@ def test_nobodys_keys() -> None:
     assert Bounds([]).in_reach(Rays(np.zeros((1, 3)), np.array([[1.0, 0, 0]]), np.zeros(1))) == []
 
 
-def met_by(actors: list[Actor], rays: Rays) -> set[int]:
+def hit_by(actors: list[Actor], rays: Rays) -> set[int]:
     """The actors whose boxes flat rays meet where these are at each ray's own time."""
-    met = set()
+    hit = set()
     for i, actor in enumerate(actors):
         inward = invert_pose(actor.world_from_actor.at(rays.time_s))
         origins = np.einsum("nij,nj->ni", inward[:, :3, :3], rays.origins) + inward[:, :3, 3]
         directions = np.einsum("nij,nj->ni", inward[:, :3, :3], rays.directions)
         near, far = intersect_boxes(origins, directions, np.eye(4)[None], actor.size_m[None])
         if ((near <= far) & (far > 0))[:, 0][actor.present(rays.time_s)].any():
-            met.add(i)
-    return met
+            hit.add(i)
+    return hit
 
 
 def driving(uid: str, rng: np.random.Generator) -> Actor:
@@ -128,7 +128,7 @@ def driving(uid: str, rng: np.random.Generator) -> Actor:
 def test_bounds_leave_out_nobody_that_a_ray_meets(seed: int) -> None:
     """Bundles like a camera's, a LiDAR's and one of all directions, over actors whose presence is cut to the bundle's window."""
     rng = np.random.default_rng(seed)
-    all_met = all_left_out = 0
+    all_hit = all_left_out = 0
     for _ in range(40):
         start = float(rng.uniform(-1, 3))
         end = start + float(rng.choice([0.0, 0.03, 0.1, 0.5]))
@@ -145,10 +145,10 @@ def test_bounds_leave_out_nobody_that_a_ray_meets(seed: int) -> None:
         directions /= np.linalg.norm(directions, axis=1, keepdims=True)
         origins = rng.normal(0, [15, 15, 1]) + rng.choice([0.0, 1.0]) * rng.normal(size=(n, 3))
         rays = Rays(origins, directions, rng.uniform(start, end, n))
-        kept, met = set(Bounds(actors).in_reach(rays)), met_by(actors, rays)
-        assert met <= kept
-        all_met, all_left_out = all_met + len(met), all_left_out + len(actors) - len(kept)
-    assert all_met > 50 and all_left_out > 50
+        kept, hit = set(Bounds(actors).in_reach(rays)), hit_by(actors, rays)
+        assert hit <= kept
+        all_hit, all_left_out = all_hit + len(hit), all_left_out + len(actors) - len(kept)
+    assert all_hit > 50 and all_left_out > 50
 
 
 def test_bounds_hold_the_corners_of_boxes() -> None:
@@ -162,9 +162,9 @@ def test_bounds_hold_the_corners_of_boxes() -> None:
         eye = rng.normal(0, [15, 15, 1])
         to = corners[int(rng.integers(8))] - eye + 1e-4 * rng.normal(size=(5, 3))
         rays = Rays(np.tile(eye, (5, 1)), to / np.linalg.norm(to, axis=1, keepdims=True), np.full(5, time))
-        met = met_by([actor], rays)
-        assert met <= set(Bounds([actor]).in_reach(rays))
-        grazed += len(met)
+        hit = hit_by([actor], rays)
+        assert hit <= set(Bounds([actor]).in_reach(rays))
+        grazed += len(hit)
     assert grazed > 300
 
 

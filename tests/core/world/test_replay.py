@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from analytic_scene import drive_of, still
-from busy_drive import GUEST_SCENE, backends, busy_drive
+from busy_drive import FOREIGN_SCENE, backends, busy_drive
 from same_frames import assert_same, named
 from turning_drive import turning_drive
 from whole_drive import whole_state, window_of
@@ -114,7 +114,7 @@ def test_a_state_is_cut_to_its_window(drive: Drive) -> None:
         trajectory, window = recorded.world_from_actor, (recorded.start_s, recorded.end_s)
         assert replace(actor, world_from_actor=trajectory, start_s=window[0], end_s=window[1]) == recorded
     assert state.static_copies == drive.static_copies and state.removed_boxes == drive.static_removals
-    assert {actor.appearance.scene for actor in state.actors} == {"", GUEST_SCENE}
+    assert {actor.appearance.scene for actor in state.actors} == {"", FOREIGN_SCENE}
 
 
 def test_windows_of_presence_reach_beyond_the_first_and_the_last_frame() -> None:

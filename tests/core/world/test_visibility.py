@@ -30,7 +30,7 @@ def random_actor(rng: np.random.Generator, uid: str) -> Actor:
     return Actor(uid, "Car", rng.uniform(0.3, 6.0, 3), random_trajectory(rng, 30.0, 15.0), 0.0, 1.0, True, Appearance(uid))
 
 
-def met(actor: Actor, rays: Rays) -> bool:
+def is_hit(actor: Actor, rays: Rays) -> bool:
     """Whether a ray meets the actor's box at the ray's own time."""
     times, which = np.unique(rays.time_s, return_inverse=True)
     poses = invert_pose(actor.world_from_actor.at(times))[which.reshape(-1)]
@@ -56,7 +56,7 @@ def test_no_actor_that_a_cameras_ray_meets_is_left_out(seed: int) -> None:
     actors = [random_actor(rng, f"a{i:02d}") for i in range(60)]
     seen = {actor.uid for actor in seen_by(state_of(actors, window), camera, Reach()).actors}
     rays = camera_rays(camera, 0.5, *pixel_grid(model)).flat()
-    hit = {actor.uid for actor in actors if met(actor, rays)}
+    hit = {actor.uid for actor in actors if is_hit(actor, rays)}
     assert hit and hit <= seen, sorted(hit - seen)
     assert len(seen) < 50, "hardly anything is left out"
 
@@ -83,13 +83,13 @@ def frustum_meets(model: CameraModel, pose: FloatArray, actor: Actor) -> bool:
     """Whether a ray within the image meets a box that stands still; by many rays."""
     u, v = np.meshgrid(np.linspace(0, model.width, 200), np.linspace(0, model.height, 140))
     camera = Camera("camera", model, Trajectory.from_poses(np.zeros(1), pose[None]), {0: 0.5})
-    return met(actor, camera_rays(camera, 0.5, u, v).flat())
+    return is_hit(actor, camera_rays(camera, 0.5, u, v).flat())
 
 
 def test_little_is_kept_that_no_ray_meets() -> None:
     """Of boxes that stand still before a camera that does, at most a twentieth is kept beside those that rays meet."""
     rng = np.random.default_rng(0)
-    model, kept_in_vain, met_boxes = CameraModel(48, 32, 40.0, 40.0, 24.0, 16.0), 0, 0
+    model, kept_in_vain, hit_boxes = CameraModel(48, 32, 40.0, 40.0, 24.0, 16.0), 0, 0
     pose = make_pose(np.zeros(3), np.array([1.0, 0, 0, 0]))
     camera = Camera("camera", model, Trajectory.from_poses(np.zeros(1), pose[None]), {0: 0.5})
     actors = []
@@ -98,8 +98,8 @@ def test_little_is_kept_that_no_ray_meets() -> None:
         actors.append(Actor(f"a{i:03d}", "Car", rng.uniform(0.5, 4.0, 3), place, 0.0, 1.0, False, Appearance("a")))
     seen = {actor.uid for actor in seen_by(state_of(actors, (0.5, 0.5)), camera, Reach()).actors}
     for actor in actors:
-        is_met = frustum_meets(model, pose, actor)
-        met_boxes += is_met
-        kept_in_vain += actor.uid in seen and not is_met
-        assert actor.uid in seen or not is_met
-    assert met_boxes > 15 and kept_in_vain <= 300 / 20, (met_boxes, kept_in_vain)
+        in_view = frustum_meets(model, pose, actor)
+        hit_boxes += in_view
+        kept_in_vain += actor.uid in seen and not in_view
+        assert actor.uid in seen or not in_view
+    assert hit_boxes > 15 and kept_in_vain <= 300 / 20, (hit_boxes, kept_in_vain)

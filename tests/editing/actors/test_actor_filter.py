@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from list_entries import entry
 
-from unisim_blender.editing.actors.filter import Wanted, chosen_entries, natural, nearest_present
+from unisim_blender.editing.actors.filter import ActorFilter, chosen_entries, natural, nearest_present
 from unisim_blender.editing.actors.table import steps_of
 from unisim_blender.editing.actors.texts import dense, distance_text, speed_text, time_text
 from unisim_blender.editing.sampled.clock import Clock
@@ -22,7 +22,7 @@ def test_filters_and_orders() -> None:
     ]  # fmt: skip
 
     def names(**wanted: Any) -> list[str]:
-        return [one.name for one in chosen_entries(known, Wanted(**wanted))]
+        return [one.name for one in chosen_entries(known, ActorFilter(**wanted))]
 
     assert names() == ["Car 2, white", "Car 10", "Cone 1", "Never", "Pedestrian 1"]
     assert names(order="DISTANCE") == ["Cone 1", "Car 10", "Car 2, white", "Pedestrian 1", "Never"]

@@ -24,7 +24,7 @@ from unisim_blender.editing.images.comparison import (
     placement,
     visible,
 )
-from unisim_blender.editing.images.recorded import MOST_SHOWN, RecordedImages, Shown, Wanted, resampled
+from unisim_blender.editing.images.recorded import MOST_SHOWN, ImageRequest, RecordedImages, Shown, resampled
 from unisim_blender.editing.reading.requests import sized
 
 FRONT = CameraModel(480, 270, 400.0, 402.0, 238.0, 136.0)
@@ -128,17 +128,17 @@ def test_hatching_lies_over_unsupported_pixels_alone() -> None:
 def test_hatching_is_what_each_pixel_says() -> None:
     draw = np.random.default_rng(4)
     image, unsupported = draw.random((23, 31, 4), np.float32), draw.random((23, 31)) < 0.5
-    wanted = image.copy()
+    request = image.copy()
     for y, x in np.argwhere(unsupported):
         if (y + x) // STRIPE_PX % 2 == 0:
-            wanted[y, x] = 0.6 * image[y, x] + 0.4 * np.array([1.0, 0.02, 0.02, 1.0])
-    np.testing.assert_allclose(hatched(image, unsupported), wanted, atol=1e-6)
+            request[y, x] = 0.6 * image[y, x] + 0.4 * np.array([1.0, 0.02, 0.02, 1.0])
+    np.testing.assert_allclose(hatched(image, unsupported), request, atol=1e-6)
 
 
-def wait(images: RecordedImages, wanted: Wanted) -> Shown:
+def wait(images: RecordedImages, request: ImageRequest) -> Shown:
     until = time.monotonic() + 20
     while time.monotonic() < until:
-        found = images.get(wanted)
+        found = images.get(request)
         if found is not None:
             return found
         time.sleep(0.01)
@@ -152,11 +152,11 @@ def log(street_log: Path) -> Log:
     return open_log(street_log)
 
 
-def wanted(log: Log, frame: int, width: int = 96) -> Wanted:
+def request(log: Log, frame: int, width: int = 96) -> ImageRequest:
     model = log.drive.cameras["front_camera"].model
     found = placement(model, model.resized(width))
     assert found is not None
-    return Wanted(log, "front_camera", frame, found)
+    return ImageRequest(log, "front_camera", frame, found)
 
 
 def test_images_come_from_a_thread_and_are_kept(log: Log, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -170,19 +170,19 @@ def test_images_come_from_a_thread_and_are_kept(log: Log, monkeypatch: pytest.Mo
     monkeypatch.setattr(log, "image", counted)
     try:
         begun = time.monotonic()
-        assert images.get(wanted(log, 0)) is None and images.get(wanted(log, 0)) is None
-        images.fetch(wanted(log, 1))
+        assert images.get(request(log, 0)) is None and images.get(request(log, 0)) is None
+        images.fetch(request(log, 1))
         assert time.monotonic() - begun < 0.1, "it waits for the file"
-        first = wait(images, wanted(log, 0))
+        first = wait(images, request(log, 0))
         with Image.open(log.image_path("front_camera", 0) or "") as file:
             np.testing.assert_array_equal(first.srgb, np.asarray(file.convert("RGB"))[::-1])
-        assert images.get(wanted(log, 0)) is first
-        wait(images, wanted(log, 1))
-        wait(images, wanted(log, 0, 48))
+        assert images.get(request(log, 0)) is first
+        wait(images, request(log, 1))
+        wait(images, request(log, 0, 48))
         assert decoded == [0, 1], "an image is decoded once for all sizes"
         for width in range(50, 50 + MOST_SHOWN):
-            wait(images, wanted(log, 1, width))
-        assert images.get(wanted(log, 0)) is None and len(images._shown) <= MOST_SHOWN
+            wait(images, request(log, 1, width))
+        assert images.get(request(log, 0)) is None and len(images._shown) <= MOST_SHOWN
     finally:
         images.close()
 
@@ -194,6 +194,6 @@ def test_a_broken_image_is_a_sentence(log: Log, monkeypatch: pytest.MonkeyPatch)
     images = RecordedImages()
     monkeypatch.setattr(log, "image", broken)
     try:
-        assert wait(images, wanted(log, 0)).problem == "/there/01.jpg: cannot be decoded (truncated)"
+        assert wait(images, request(log, 0)).problem == "/there/01.jpg: cannot be decoded (truncated)"
     finally:
         images.close()

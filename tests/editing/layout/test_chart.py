@@ -14,23 +14,23 @@ def entry(seconds: float, psnr: float, lidar_m: float) -> dict[str, float]:
     return {"seconds": seconds, "psnr": psnr, "lidar_m": lidar_m}
 
 
-def places(picture: Any, colour: tuple[float, float, float]) -> tuple[Any, Any]:
+def places(image: Any, colour: tuple[float, float, float]) -> tuple[Any, Any]:
     """Rows and columns of a colour."""
-    rows, columns = np.nonzero((np.abs(picture - colour) < 1e-6).all(-1))
+    rows, columns = np.nonzero((np.abs(image - colour) < 1e-6).all(-1))
     return rows, columns
 
 
 def test_a_training_is_a_curve() -> None:
     entries = [entry(60.0 * minute, 15.0 + minute, 1.0 / minute) for minute in range(1, 6)]
-    picture = training_chart(entries, 10.0)
-    assert picture.shape == (2 * HEIGHT, WIDTH, 3)
+    image = training_chart(entries, 10.0)
+    assert image.shape == (2 * HEIGHT, WIDTH, 3)
     for colour, up in ((PSNR, True), (LIDAR, False)):
-        rows, columns = places(picture, colour)
+        rows, columns = places(image, colour)
         first, last = rows[columns == columns.min()].mean(), rows[columns == columns.max()].mean()
         assert (last < first - 50) == up and (last > first + 50) == (not up)
         # minutes 1 to 5 of 10: the curve takes four tenths of the axis
         assert 0.3 * WIDTH < np.ptp(columns) < 0.4 * WIDTH
-    assert len(places(picture, LIDAR)[0]) and places(picture, LIDAR)[0].min() > HEIGHT > places(picture, PSNR)[0].max()
+    assert len(places(image, LIDAR)[0]) and places(image, LIDAR)[0].min() > HEIGHT > places(image, PSNR)[0].max()
 
 
 def test_what_was_trained_twice_counts_once() -> None:

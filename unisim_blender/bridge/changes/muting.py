@@ -27,11 +27,11 @@ def mute(scene: bpy.types.Scene, source: Source, line: Line) -> None:
     carrier_of(line.part).mute(scene, source, item, line, obj)
 
 
-def unmute(scene: bpy.types.Scene, source: Source, number: int, rivals: Iterable[Line] = ()) -> None:
-    """Let a muted edit count again. ``rivals`` are edits that cannot stand beside it (see `conflicts.conflicting`): they are
+def unmute(scene: bpy.types.Scene, source: Source, number: int, conflicts: Iterable[Line] = ()) -> None:
+    """Let a muted edit count again. ``conflicts`` are edits that cannot stand beside it (see `conflicts.conflicting`): they are
     muted instead."""
-    for rival in rivals:
-        mute(scene, source, rival)
+    for conflict in conflicts:
+        mute(scene, source, conflict)
     item = scene.unisim_edits.muted[number]
     uid, collection = item.uid, scene.collection if item.at_root else item.collection
     muted = Muted(

@@ -104,9 +104,9 @@ def delete_variant(scene: bpy.types.Scene) -> bpy.types.Scene:
 
 def _keep_ids(objects: dict[bpy.types.Object, bpy.types.Object]) -> None:
     """Let copies of imported objects be imported ones, and copies of the rest keep what a scenario calls them."""
-    homes = {old.unisim.home: new.name for old, new in objects.items() if old.name == old.unisim.home}
+    original_names = {old.unisim.home: new.name for old, new in objects.items() if old.name == old.unisim.home}
     for old, new in objects.items():
-        new.unisim.home = homes.get(old.unisim.home, new.unisim.home)
+        new.unisim.home = original_names.get(old.unisim.home, new.unisim.home)
         new.unisim.called, new.unisim.called_as = title_of(old), new.name
 
 

@@ -69,13 +69,13 @@ def _material(name: str, model: MeshModel, slot: int) -> bpy.types.Material:
     paint.layer_name = "Color"
     colour = paint.outputs["Color"]
     if slot != FLAT:
-        picture = nodes.new("ShaderNodeTexImage")
-        picture.image = _image(f"{name} {slot}", model, slot)
+        texture = nodes.new("ShaderNodeTexImage")
+        texture.image = _image(f"{name} {slot}", model, slot)
         mix = nodes.new("ShaderNodeMixRGB")
         mix.blend_type = "MULTIPLY"
         mix.inputs[0].default_value = 1.0
         links.new(colour, mix.inputs[1])
-        links.new(picture.outputs["Color"], mix.inputs[2])
+        links.new(texture.outputs["Color"], mix.inputs[2])
         colour = mix.outputs[0]
     links.new(colour, shader.inputs["Base Color"])
     return material

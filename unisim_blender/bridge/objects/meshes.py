@@ -25,7 +25,7 @@ from .trajectories import trajectory_of
 SHAPES = ("MESH", "CURVE", "SURFACE", "META", "FONT")
 MOST_TEXELS = 2048
 """Larger textures are thinned."""
-MOST_PICTURES = 32
+MOST_TEXTURES = 32
 """How many of Blender's images are kept as core has them."""
 PLAIN = 0.8
 """What has neither material nor colours, linear."""
@@ -142,15 +142,15 @@ def _piece(mesh: bpy.types.Mesh, whole: FloatArray, textures: list[NDArray[np.ui
         mine = np.minimum(slots, len(materials) - 1) == slot
         if not mine.any():
             continue
-        base, picture, painted = surface_of(material)
+        base, base_image, painted = surface_of(material)
         attribute = mesh.color_attributes.active_color if painted else None
         colours[mine] = PLAIN if material is None and attribute is None else base
         if attribute is not None:
             at = faces if attribute.domain == "POINT" else loops
             colours[mine] *= _got(attribute.data, "color", 4)[at[mine]][..., :3]
-        if picture is not None and layer is not None:
+        if base_image is not None and layer is not None:
             texture[mine] = len(textures)
-            textures.append(pixels_of(picture))
+            textures.append(pixels_of(base_image))
     return MeshModel(
         vertices.astype(np.float32), faces, normals.astype(np.float32), np.clip(colours, 0, 1).astype(np.float32),
         uv.astype(np.float32), texture.astype(np.int32),
@@ -167,16 +167,16 @@ def surface_of(material: bpy.types.Material | None) -> tuple[FloatArray, bpy.typ
         return np.array(material.diffuse_color[:3], float), None, False
     socket = shader.inputs["Base Color"]
     before = list(_before(socket))
-    picture = next((node.image for node in before if node.type == "TEX_IMAGE" and node.image is not None), None)
+    base_image = next((node.image for node in before if node.type == "TEX_IMAGE" and node.image is not None), None)
     painted = any(node.type in ("VERTEX_COLOR", "ATTRIBUTE") for node in before)
     base = np.ones(3) if before else np.array(socket.default_value[:3], float)
-    return base, picture, painted
+    return base, base_image, painted
 
 
 def pixels_of(image: bpy.types.Image) -> NDArray[np.uint8]:
     """An image's colours (H, W, 3) sRGB, top row first."""
     key = image.name_full, image.filepath, tuple(image.size), image.is_dirty
-    found = None if image.is_dirty else _pictures.get(key)
+    found = None if image.is_dirty else _textures.get(key)
     if found is None:
         width, height = image.size
         values = np.empty(width * height * image.channels, np.float32)
@@ -185,13 +185,13 @@ def pixels_of(image: bpy.types.Image) -> NDArray[np.uint8]:
         shown = values.reshape(height, width, image.channels)[::-step, ::step]
         shown = np.repeat(shown, 3, -1) if image.channels == 1 else shown[..., :3]
         found = bytes_from_srgb(srgb_from_linear(shown) if image.is_float else shown)
-        if len(_pictures) >= MOST_PICTURES:
-            _pictures.clear()
-        _pictures[key] = found
+        if len(_textures) >= MOST_TEXTURES:
+            _textures.clear()
+        _textures[key] = found
     return found
 
 
-_pictures: dict[tuple[Any, ...], NDArray[np.uint8]] = {}
+_textures: dict[tuple[Any, ...], NDArray[np.uint8]] = {}
 
 
 def _before(socket: bpy.types.NodeSocket) -> Iterator[bpy.types.Node]:

@@ -208,10 +208,10 @@ def _curve_state(curve: bpy.types.FCurve) -> tuple[object, ...]:
     for name in ("co", "handle_left", "handle_right"):
         points.foreach_get(name, values)
         parts.append(values.tobytes())
-    ways = np.empty(len(points), np.int32)
-    points.foreach_get("interpolation", ways)
+    interpolations = np.empty(len(points), np.int32)
+    points.foreach_get("interpolation", interpolations)
     told = curve.data_path, curve.array_index, curve.extrapolation, curve.mute, len(curve.modifiers)
-    return (*told, hash((*parts, ways.tobytes())))
+    return (*told, hash((*parts, interpolations.tobytes())))
 
 
 def _lens(obj: bpy.types.Object) -> tuple[object, ...]:

@@ -20,7 +20,7 @@ from ..world.drive import CameraModel, Drive
 from .methods import DEFAULT, DOUBLED, TYPICAL, Method
 from .render_request import Measurement, RenderRequest, SceneSetup
 from .settings import Settings
-from .state_cost import Crowd
+from .state_cost import AddedActors
 
 
 @dataclass
@@ -197,15 +197,15 @@ def copies_case(subject: Subject, settings: Settings, threads: int) -> Case:
 
 def state_case(subject: Subject, settings: Settings, threads: int) -> Case:
     """What a state of many actors costs, for a sweep and for a picture."""
-    crowd = Crowd(settings.state_actors, settings.state_repeats)
+    added = AddedActors(settings.state_actors, settings.state_repeats)
     model = subject.model.resized(settings.state_width)
-    shot = replace(_typical(subject, settings.state_width, threads), crowd=crowd)
+    shot = replace(_typical(subject, settings.state_width, threads), added=added)
     entries = [Entry({"sensor": "camera", "columns": model.width, "rows": model.height}, DEFAULT, shot, once=True)]
     if subject.lidar is not None:
         beams, columns = subject.lidar_size
         sweep = replace(shot, sensor=subject.lidar, width=0)
         entries.insert(0, Entry({"sensor": "lidar", "columns": columns, "rows": beams}, DEFAULT, sweep, once=True))
-    return Case("state", {"frame": subject.frame, "repeats": crowd.repeats}, entries)
+    return Case("state", {"frame": subject.frame, "repeats": added.repeats}, entries)
 
 
 def region_case(subject: Subject, settings: Settings, threads: int) -> Case:

@@ -26,7 +26,7 @@ from ..world.captures import Capture
 from ..world.drive import Drive
 from ..world.replay import DriveStates
 from .copies import with_copies
-from .state_cost import Crowd, StateCost, state_cost
+from .state_cost import AddedActors, StateCost, state_cost
 
 CORNER, WARM_COLUMNS = Region(0, 0, 8, 8), 64
 """What is rendered first, untimed."""
@@ -51,7 +51,7 @@ class SceneSetup:
 class RenderRequest:
     """A camera's image of ``width``, of which ``regions`` are kept, or a LiDAR's sweep (``width`` 0), of which every
     ``column_step``-th column is. What is not ``whole`` is rendered where it is kept, nowhere else. With a
-    ``crowd`` nothing is rendered: what its state costs is measured."""
+    ``added`` nothing is rendered: what its state costs is measured."""
 
     setup: SceneSetup
     sensor: str
@@ -60,7 +60,7 @@ class RenderRequest:
     regions: tuple[Region, ...] = ()
     column_step: int = 1
     whole: bool = True
-    crowd: Crowd | None = None
+    added: AddedActors | None = None
 
 
 @dataclass
@@ -103,7 +103,7 @@ class RenderSession:
         renderer.renderer.quality = request.quality
         if fresh:
             _rendered(renderer, replace(request, whole=False, regions=request.regions[:1] or (CORNER,), column_step=WARM_COLUMNS))
-        return _rendered(renderer, request) if request.crowd is None else _measured(renderer, request, request.crowd)
+        return _rendered(renderer, request) if request.added is None else _measured(renderer, request, request.added)
 
     def _open(self, setup: SceneSetup) -> tuple[Backend, Drive]:
         header = read_scene_header(setup.scene)
@@ -171,9 +171,9 @@ def _sweep(renderer: DriveRenderer, request: RenderRequest, stats: RenderStats) 
     return [depth.reshape(shape)], rays.time_s.size
 
 
-def _measured(renderer: DriveRenderer, request: RenderRequest, crowd: Crowd) -> Measurement:
+def _measured(renderer: DriveRenderer, request: RenderRequest, added: AddedActors) -> Measurement:
     sensor = renderer.sized(request.sensor, request.width) if request.width else renderer.lidar_named(request.sensor)
-    cost = state_cost(renderer.renderer, renderer.drive, sensor, request.setup.frame, crowd)
+    cost = state_cost(renderer.renderer, renderer.drive, sensor, request.setup.frame, added)
     skipped = cost.actors - cost.in_reach
     return Measurement(sum(cost.steps_s.values()), cost.rays, cost.rays, 0, skipped, peak_bytes(), [], cost)
 

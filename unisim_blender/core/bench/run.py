@@ -14,7 +14,7 @@ from .methods import DEFAULT, VARIANTS, all_methods, cores, has_torch
 from .report import document, write_report
 from .settings import Settings
 
-PICTURES = "pictures, for which matplotlib is needed: pip install 'unisim_blender[bench]'"
+PLOTS = "pictures, for which matplotlib is needed: pip install 'unisim_blender[bench]'"
 
 
 def run_bench(
@@ -47,4 +47,4 @@ def run_bench(
             except ModuleNotFoundError as error:
                 if error.name is None or error.name.partition(".")[0] != "matplotlib":
                     raise
-                say(f"Written: {out / 'bench.json'}, {out / 'bench.md'}. Left out: {PICTURES}.")
+                say(f"Written: {out / 'bench.json'}, {out / 'bench.md'}. Left out: {PLOTS}.")

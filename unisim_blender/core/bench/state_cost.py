@@ -25,7 +25,7 @@ rays that the tracer takes at a time."""
 
 
 @dataclass(frozen=True)
-class Crowd:
+class AddedActors:
     """So many ``actors`` in the state; every step is repeated so many times."""
 
     actors: int
@@ -46,17 +46,17 @@ class StateCost:
     rays: int
 
 
-def state_cost(renderer: Renderer, drive: Drive, sensor: Camera | Lidar, frame: int, crowd: Crowd) -> StateCost:
+def state_cost(renderer: Renderer, drive: Drive, sensor: Camera | Lidar, frame: int, added: AddedActors) -> StateCost:
     """Measure what the state of a frame costs with copies of the drive's actors among its own. Raises `SceneError`."""
     backend, time_s = renderer.backend, sensor.time_s[frame]
     window = exposure_window(sensor, time_s)
     there = len(DriveStates(drive, backend.parked).state(*window).actors)
-    drive = with_tracks(drive, max(0, crowd.actors - there))
+    drive = with_tracks(drive, max(0, added.actors - there))
     states = DriveStates(drive, backend.parked)
     state = states.state(*window)
     bounds, parts = Bounds(state.actors), _chunks(_rays(sensor, time_s))
     rows, in_reach, seen = [], set[int](), state
-    for _ in range(crowd.repeats + 1):
+    for _ in range(added.repeats + 1):
         clock = [time.process_time()]
         state = states.state(*window)
         clock.append(time.process_time())

@@ -228,8 +228,8 @@ def _lidar_frame(renderer: RayRenderer, log: Log, name: str, frame: int) -> tupl
 
 
 MASKS = ("actors", "moving_actors", "outside_actors")
-CAMERA_FIGURES = ("psnr_db", "ssim", "lpips", "neighbour_average_psnr_db")
-LIDAR_FIGURES = (
+CAMERA_METRICS = ("psnr_db", "ssim", "lpips", "neighbour_average_psnr_db")
+LIDAR_METRICS = (
     "depth_median_m",
     "depth_p90_m",
     "depth_mean_m",
@@ -245,7 +245,7 @@ LIDAR_FIGURES = (
 def summarise(per_frame: list[dict[str, Any]]) -> dict[str, Any]:
     """All frames' figures, those of driving frames beside them, and each sensor's own."""
     summary: dict[str, Any] = {}
-    for kind, metrics in (("camera", camera_figures), ("lidar", sweep_metrics)):
+    for kind, metrics in (("camera", camera_metrics), ("lidar", sweep_metrics)):
         driving = [record for record in per_frame if record["driving"]]
         summary[kind] = metrics(_of_sensors(per_frame, kind))
         summary[kind]["driving"] = metrics(_of_sensors(driving, kind))
@@ -254,9 +254,9 @@ def summarise(per_frame: list[dict[str, Any]]) -> dict[str, Any]:
     return summary
 
 
-def camera_figures(images: list[dict[str, Any]], masks: Iterable[str] = MASKS) -> dict[str, Any]:
+def camera_metrics(images: list[dict[str, Any]], masks: Iterable[str] = MASKS) -> dict[str, Any]:
     """The images' mean figures, and those within each mask."""
-    metrics: dict[str, Any] = {"images": len(images), **{name: mean_of(images, name) for name in CAMERA_FIGURES}}
+    metrics: dict[str, Any] = {"images": len(images), **{name: mean_of(images, name) for name in CAMERA_METRICS}}
     if all("lpips" not in image for image in images):
         del metrics["lpips"]
     for mask in masks:
@@ -273,7 +273,7 @@ def camera_figures(images: list[dict[str, Any]], masks: Iterable[str] = MASKS) -
 
 def sweep_metrics(sweeps: list[dict[str, Any]]) -> dict[str, Any]:
     """The sweeps' mean figures."""
-    return {"sweeps": len(sweeps), **{name: mean_of(sweeps, name) for name in LIDAR_FIGURES}}
+    return {"sweeps": len(sweeps), **{name: mean_of(sweeps, name) for name in LIDAR_METRICS}}
 
 
 def _of_sensors(per_frame: list[dict[str, Any]], kind: str, sensor: str | None = None) -> list[dict[str, Any]]:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ..geometry import BoolArray, FloatArray
 from ..sensors.frames import LidarFrame
 from .metrics import ImageArray, chamfer, lidar_metrics, mean_of
-from .recorded import RayRenderer, camera_figures, finite, image_metrics
+from .recorded import RayRenderer, camera_metrics, finite, image_metrics
 
 REGIONS = (
     "edited",
@@ -93,7 +93,7 @@ def summarise_truth(per_frame: list[dict[str, Any]]) -> dict[str, Any]:
     for part in ("edit", "replay"):
         images = [found[part] for record in per_frame for found in record["camera"].values() if part in found]
         sweeps = [found[part] for record in per_frame for found in record["lidar"].values() if part in found]
-        summary["camera"][part] = camera_figures(images, REGIONS)
+        summary["camera"][part] = camera_metrics(images, REGIONS)
         summary["lidar"][part] = {"sweeps": len(sweeps), **{name: mean_of(sweeps, name) for name in (sweeps or [{}])[0]}}
     edit, replay = summary["camera"]["edit"], summary["camera"]["replay"]
     summary["camera"]["edit_costs_db"] = {

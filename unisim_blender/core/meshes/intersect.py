@@ -119,8 +119,8 @@ def first_hits_reference(mesh: MeshModel | Triangles, origins: FloatArray, direc
             v = (d * q).sum(-1) / det
             at = (ac * q).sum(-1) / det
         with np.errstate(invalid="ignore"):
-            met = (det != 0) & (u >= 0) & (u <= 1) & (v >= 0) & (u + v <= 1) & (at > near_m)
-        at = np.where(met, at, np.inf)
+            inside = (det != 0) & (u >= 0) & (u <= 1) & (v >= 0) & (u + v <= 1) & (at > near_m)
+        at = np.where(inside, at, np.inf)
         first = at.argmin(1)
         rows = np.arange(len(first))
         hit = np.isfinite(at[rows, first])

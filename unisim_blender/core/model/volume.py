@@ -35,8 +35,8 @@ class Volume:
         """
         times = np.array([drive.time_s[f] for f in drive.frames])
         poses = drive.world_from_ego.at(times)
-        way = poses[-1, :2, 3] - poses[0, :2, 3]
-        heading = way if np.linalg.norm(way) > 1.0 else poses[0, :2, 0]
+        travelled = poses[-1, :2, 3] - poses[0, :2, 3]
+        heading = travelled if np.linalg.norm(travelled) > 1.0 else poses[0, :2, 0]
         yaw = float(np.arctan2(heading[1], heading[0]))
         turned = make_pose(np.zeros(3), quaternion_from_yaw(yaw))
         local = transform_points(invert_pose(turned), poses[:, :3, 3])

@@ -27,12 +27,12 @@ def capability_warnings(scene: Path, recorded: Drive, edited: Drive, sweeps: boo
     """One sentence for each thing that comes out otherwise than asked; ``sweeps`` says whether any are wanted. Raises
     `SceneError`."""
     method, found = _method(stamp(scene)), []
-    touched = [uid for uid in recorded.actors if edited.actors.get(uid) is not recorded.actors[uid]]
+    changed = [uid for uid in recorded.actors if edited.actors.get(uid) is not recorded.actors[uid]]
     added = [
         uid for uid, a in edited.actors.items() if uid not in recorded.actors and not a.appearance.scene and not a.appearance.mesh
     ]
-    if not method.has_actors and (touched or added):
-        every = [*touched, *added]
+    if not method.has_actors and (changed or added):
+        every = [*changed, *added]
         names = ", ".join(every[:SHOWN]) + (f" and {len(every) - SHOWN} more" if len(every) > SHOWN else "")
         found.append(
             f"scene {method.name!r} is one field without actors: edits of {names} change labels, but no picture or sweep"

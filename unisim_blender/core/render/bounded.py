@@ -50,7 +50,7 @@ WORST = 0.02
 """This share of a drive's pixels is too rare to be judged by one image's sample."""
 WORST_MARGIN = 1.5
 """How much more the worst pixels may add to an image than to the drive's mean one."""
-OF_DRIVE, OF_PICTURE = 1.0, 2.5
+OF_DRIVE, OF_IMAGE = 1.0, 2.5
 """How many standard errors are added to a mean over the drive's pixels, and over an image's."""
 START_MARGIN = 1.5
 """Settings are tried first that the drive's pixels say keep the bound by so much: a second image costs more."""
@@ -271,7 +271,7 @@ class _Checked:
         """A bound in an image of the same frame, beside the drive's errors at the same settings."""
         errors = colour_errors(self.patches.shown(image, self.units), self._truth)[bound.unit]
         terms, capped = self._terms(errors), self._terms(np.minimum(errors, drive.cap(bound)))
-        most = max(mean_at_most(terms, OF_PICTURE), mean_at_most(capped, OF_PICTURE) + WORST_MARGIN * drive.beyond(bound))
+        most = max(mean_at_most(terms, OF_IMAGE), mean_at_most(capped, OF_IMAGE) + WORST_MARGIN * drive.beyond(bound))
         return BoundCheck(bound, float(terms.mean()), most)
 
 

@@ -179,11 +179,11 @@ def clearance(marked: BoolArray) -> NDArray[np.uint8]:
     out, reached = np.full(marked.shape, 8, np.uint8), marked
     for distance in range(8):
         out[reached & (out == 8)] = distance
-        reached = widened(reached)
+        reached = dilated(reached)
     return out
 
 
-def widened(marked: BoolArray) -> BoolArray:
+def dilated(marked: BoolArray) -> BoolArray:
     """Voxels (X, Y, Z) that are marked, or next to one that is."""
     for axis in range(marked.ndim):
         out = marked.copy()
@@ -278,14 +278,14 @@ class _Observing:
 def closed(passed: BoolArray) -> BoolArray:
     """Voxels (X, Y, Z) with the gaps between rays, a voxel wide or two, closed."""
     padded = np.pad(passed, 1)
-    return ~widened(~widened(padded))[1:-1, 1:-1, 1:-1]
+    return ~dilated(~dilated(padded))[1:-1, 1:-1, 1:-1]
 
 
 def spread(background: BoolArray) -> BoolArray:
     """Directions (elevations, azimuths) with those within `BESIDE` parts; azimuths go round."""
     padded = np.pad(np.pad(background, ((0, 0), (BESIDE, BESIDE)), mode="wrap"), ((BESIDE, BESIDE), (0, 0)))
     for _ in range(BESIDE):
-        padded = widened(padded)
+        padded = dilated(padded)
     return padded[BESIDE:-BESIDE, BESIDE:-BESIDE]
 
 

@@ -33,7 +33,7 @@ from ..world.drive import Actor, Camera, Lidar
 from ..world.state import WorldState
 from .contact_shadow import NOTHING_M, shaded
 from .lattice.blocks import CROWDED, SparseImage
-from .lattice.lattice import aligned, grown
+from .lattice.lattice import aligned, progressive_strides
 from .passes import fill_passes
 from .quality import Quality
 from .regions import Region, Tile
@@ -242,7 +242,7 @@ class Renderer:
             return image[0], maps
 
         sparse = SparseImage(shape)
-        for stride, done in grown(sparse, size, tracer.quality.spread, trace, coarse, band):
+        for stride, done in progressive_strides(sparse, size, tracer.quality.spread, trace, coarse, band):
             values = {name: x.reshape(*shape, *x.shape[1:]) for name, x in sparse.values.items() if name != CROWDED}
             if stride > 1:
                 few = {name: values[name][::stride, ::stride] for name in ("rgb", "unsupported") if name in values}

@@ -58,13 +58,15 @@ def edit_masks(
     """
     camera = resize(edited.cameras[camera_id], width)
     worlds = [make_world(street, drive) for drive in (recorded, edited)]
-    homes = [_Home(worlds[0], [recorded.cameras[name] for name in (train_cameras or recorded.cameras)])]
-    homes += [_Home(make_world(other, other.drive), list(other.drive.cameras.values())) for other in street.others.values()]
+    recordings = [_Recording(worlds[0], [recorded.cameras[name] for name in (train_cameras or recorded.cameras)])]
+    recordings += [
+        _Recording(make_world(other, other.drive), list(other.drive.cameras.values())) for other in street.others.values()
+    ]
     near_first = sorted(train_frames, key=lambda other: (abs(other - frame), other))
     parts = []
     for rows in strips(camera, samples):
         view = trace_view(worlds[1], camera, frame, 1, rows, painted=False)
-        parts.append((*_changes(worlds, camera, frame, samples, rows), _seen(homes, worlds[1], view, near_first)))
+        parts.append((*_changes(worlds, camera, frame, samples, rows), _seen(recordings, worlds[1], view, near_first)))
     return EditMasks(*(np.concatenate(mask) for mask in zip(*parts, strict=True)))
 
 
@@ -79,7 +81,7 @@ def _changes(worlds: list[World], camera: Camera, frame: int, samples: int, rows
 
 
 @dataclass(frozen=True)
-class _Home:
+class _Recording:
     """A recorded world and the cameras that recorded it: the drive's own, or the one an inserted actor comes from."""
 
     world: World
@@ -124,17 +126,17 @@ def _light(world: World, view: View, samples: int) -> FloatArray:
     return out
 
 
-def _seen(homes: list[_Home], edited: World, view: View, train_frames: Sequence[int]) -> BoolArray:
+def _seen(recordings: list[_Recording], edited: World, view: View, train_frames: Sequence[int]) -> BoolArray:
     """Which of a view's pixels, one ray each, some training image shows."""
     done = np.zeros(view.hits.t.size, bool)
-    for home in homes:
-        places: dict[Asset, int] = {placement.asset: number for number, placement in enumerate(home.world.placements)}
+    for recording in recordings:
+        places: dict[Asset, int] = {placement.asset: number for number, placement in enumerate(recording.world.placements)}
         targets = _Targets.of(view, np.array([places.get(placement.asset, -1) for placement in edited.placements]))
         for frame in train_frames:
-            for source in home.cameras:
+            for source in recording.cameras:
                 if frame in source.time_s:
                     open_rays = np.flatnonzero(~done & (targets.placement >= -1))
-                    done[open_rays] = _visible(home.world, source, frame, targets, open_rays)
+                    done[open_rays] = _visible(recording.world, source, frame, targets, open_rays)
     return np.asarray(untile_image(done.reshape(view.bundles.shape), view.height, view.width))
 
 

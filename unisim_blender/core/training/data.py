@@ -217,8 +217,8 @@ class LidarData:
         ordered, times = points[order], self.time_s[h][order]
         inside = np.zeros(len(points), bool)
         for actor in actors:
-            trajectory, grown = actor.world_from_actor, np.asarray(actor.size_m) + 0.2
-            radius = np.linalg.norm(grown) / 2
+            trajectory, enlarged = actor.world_from_actor, np.asarray(actor.size_m) + 0.2
+            radius = np.linalg.norm(enlarged) / 2
             low, high = trajectory.positions.min(0) - radius, trajectory.positions.max(0) + radius
             begin, end = np.searchsorted(ordered[:, 0], (low[0], high[0]))
             part = ordered[begin:end]
@@ -229,7 +229,7 @@ class LidarData:
             close = ((ordered[at] - trajectory.positions_at(when)) ** 2).sum(1) <= radius**2
             at, when = at[close], when[close]
             local = transform_points(invert_pose(trajectory.at(when)), ordered[at][:, None])[:, 0]
-            inside[order[at]] |= (np.abs(local) <= grown / 2).all(1)
+            inside[order[at]] |= (np.abs(local) <= enlarged / 2).all(1)
         return self.corner + self.origins[h][~inside], points[~inside]
 
     def _weights(self, drops: float) -> tuple[float, float]:

@@ -54,14 +54,14 @@ def observe(scene: Scene, cameras: Sequence[str], frames: Sequence[int], points:
                 batch = to_batch(rays, model.frame)
                 x = model.frame.points(batch.origins + batch.directions * depth[:, None])
                 seen[model.occupancy.cells(x[model.frame.inside(x)])] = 1
-                for cells in _ways(model, batch, depth - model.config.voxel_m):
+                for cells in _cells_passed(model, batch, depth - model.config.voxel_m):
                     through[cells] = True
-    grown = F.max_pool3d(model.observed[None, None].float(), 3, stride=1, padding=1)[0, 0]
-    model.observed.copy_(grown)
+    dilated = F.max_pool3d(model.observed[None, None].float(), 3, stride=1, padding=1)[0, 0]
+    model.observed.copy_(dilated)
     return through
 
 
-def _ways(model: SceneModel, rays: RayBatch, depth_m: Tensor) -> Iterator[Tensor]:
+def _cells_passed(model: SceneModel, rays: RayBatch, depth_m: Tensor) -> Iterator[Tensor]:
     """Flat voxel numbers that rays come through before depths (N,), a part of the rays at a time."""
     o, d = model.frame.points(rays.origins), model.frame.vectors(rays.directions)
     reach = torch.minimum(depth_m, model.frame.span(o, d, NEAR_M)[1])

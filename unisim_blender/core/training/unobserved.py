@@ -69,7 +69,7 @@ class UnobservedPrior:
         if len(self.known_ground):
             total = total + self._aloft(model, generator) + self._on_ground(model, generator)
         if len(self.standing):
-            total = total + self._looks_of_returns(model, generator)
+            total = total + self._appearance_of_returns(model, generator)
         if self.still_boxes is not None:
             total = total + self._under_boxes(model, *self.still_boxes, generator)
         return total
@@ -113,7 +113,7 @@ class UnobservedPrior:
         beside = model.ground.under(x[:, :2] + reach * (2 * torch.rand(len(x), 2, generator=generator, device=device) - 1))
         return signed_distances(values).abs().mean() + self._alike(model, appearance, beside, generator)
 
-    def _looks_of_returns(self, model: SceneModel, generator: torch.Generator) -> Tensor:
+    def _appearance_of_returns(self, model: SceneModel, generator: torch.Generator) -> Tensor:
         """What LiDAR met above the ground and no image shows looks like what it met near by and one does."""
         standing, device = self.standing, self.standing.device
         x = standing[torch.randint(len(standing), (_DRAWS,), generator=generator, device=device)]

@@ -59,7 +59,7 @@ class Jobs:
         """An image, in bands of rows from the top.
 
         Of the request: what `capture_request` has, ``passes``, ``quality``, ``device``; ``rows`` and ``columns`` (first, past the
-        last) where not all are wanted, and ``touched``, whether these are only what an edit can have touched directly;
+        last) where not all are wanted, and ``dirty``, whether these are only the region that an edit changes directly;
         ``coarse``, strides at which it is shown first; ``shadows``; ``clip``, whether nothing is shown but what the recording
         observed (see `observed_space`): what else there would be is ``unsupported``, and its colours mean nothing. Events have
         arrays of rgb and the passes, coarse ones of rgb and ``unsupported`` alone; the ``rows`` and ``columns`` that they cover,
@@ -75,7 +75,7 @@ class Jobs:
         first, last = request.get("rows") or (0, model.height)
         left, right = request.get("columns") or (0, model.width)
         region = Region(left, first, right, last)
-        if request.get("touched"):
+        if request.get("dirty"):
             region = renderer.dilated(state, region).within_image(model)
         band, coarse = max(1, BAND_PIXELS // (region.right - region.left)), request.get("coarse", ())
         for part in renderer.progressive(state, camera, time_s, passes, region, coarse, band):

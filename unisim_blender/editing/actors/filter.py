@@ -12,7 +12,7 @@ from ...core.geometry import FloatArray
 
 
 @dataclass(frozen=True)
-class Wanted:
+class ActorFilter:
     """A filter: part of the name or class, a group or "ALL", metres from the ego vehicle (0: any), present now, edited; and the
     order, "NAME", "DISTANCE" or "TIME"."""
 
@@ -45,7 +45,7 @@ class Entry:
         return (float(self.steps[0, 0]), float(self.steps[-1, 1])) if len(self.steps) else None
 
 
-def chosen_entries(entries: Sequence[Entry], wanted: Wanted) -> list[Entry]:
+def chosen_entries(entries: Sequence[Entry], wanted: ActorFilter) -> list[Entry]:
     """Return the entries that a filter lets through, in its order. Distances count for actors that are there now; the others
     come last by distance."""
     text = wanted.text.strip().lower()

@@ -31,7 +31,7 @@ class Track:
 
 
 @dataclass(frozen=True)
-class Figures:
+class FrameValues:
     """Of A actors at one frame: metres from the ego vehicle (A,), metres a second (A,), whether each is there (A,)."""
 
     distance_m: FloatArray
@@ -45,16 +45,16 @@ def steps_of(there: BoolArray, clock: Clock) -> FloatArray:
     return np.stack([clock.times_s[edges[::2]], clock.times_s[edges[1::2] - 1]], -1) if len(edges) else np.zeros((0, 2))
 
 
-def figures_of(tracks: list[Track], ego: FloatArray, clock: Clock, frame: float) -> Figures:
+def values_at(tracks: list[Track], ego: FloatArray, clock: Clock, frame: float) -> FrameValues:
     """Return the figures of actors at a frame; ``ego`` (N, 3) are the vehicle's positions at the clock's frames."""
     if not tracks:
-        return Figures(np.zeros(0), np.zeros(0), np.zeros(0, bool))
+        return FrameValues(np.zeros(0), np.zeros(0), np.zeros(0, bool))
     positions = np.stack([track.positions for track in tracks])
     now = float(clock.time_s(np.array(frame)))
     apart = at_time(positions, clock, now) - at_time(ego, clock, now)
     moved = at_time(positions, clock, now + HALF_S) - at_time(positions, clock, now - HALF_S)
     number = int(np.clip(np.searchsorted(clock.frames, frame + 1e-6, side="right") - 1, 0, len(clock.frames) - 1))
-    return Figures(
+    return FrameValues(
         np.linalg.norm(apart, axis=-1),
         np.linalg.norm(moved, axis=-1) / (2 * HALF_S),
         np.array([track.there[number] for track in tracks]),

@@ -20,7 +20,7 @@ MOST_DECODED, MOST_SHOWN = 8, 6
 
 
 @dataclass(frozen=True)
-class Wanted:
+class ImageRequest:
     """The recorded image of a camera's frame, as it lies in a view."""
 
     log: Log
@@ -56,25 +56,25 @@ class RecordedImages:
         self._shown: OrderedDict[tuple[object, ...], Shown] = OrderedDict()
         self._loading: set[tuple[object, ...]] = set()
 
-    def get(self, wanted: Wanted) -> Shown | None:
+    def get(self, request: ImageRequest) -> Shown | None:
         """The image, if it is there; else it is fetched, and there a few drawings later."""
         with self._lock:
-            found = self._shown.get(wanted.key)
+            found = self._shown.get(request.key)
             if found is not None:
-                self._shown.move_to_end(wanted.key)
+                self._shown.move_to_end(request.key)
                 return found
-        self.fetch(wanted)
+        self.fetch(request)
         return None
 
-    def fetch(self, wanted: Wanted) -> None:
+    def fetch(self, request: ImageRequest) -> None:
         """Have an image ready for when it is asked for."""
         with self._lock:
-            if wanted.key in self._shown or wanted.key in self._loading:
+            if request.key in self._shown or request.key in self._loading:
                 return
-            self._loading.add(wanted.key)
+            self._loading.add(request.key)
             if self._pool is None:
                 self._pool = ThreadPoolExecutor(1, "recorded images")
-            self._pool.submit(self._load, wanted)
+            self._pool.submit(self._load, request)
 
     def close(self) -> None:
         """Forget all images, and end the thread."""
@@ -87,28 +87,28 @@ class RecordedImages:
         with self._lock:
             self._loading.clear()
 
-    def _load(self, wanted: Wanted) -> None:
+    def _load(self, request: ImageRequest) -> None:
         try:
-            shown = resampled(self._image(wanted), wanted.placement)
+            shown = resampled(self._image(request), request.placement)
         except (UnisimError, OSError, ModuleNotFoundError) as fault:
             shown = _failed(str(fault))
         except Exception as fault:  # a thread's fault would be lost
-            shown = _failed(f"{wanted.log.path}: the image of {wanted.camera}, frame {wanted.frame}: {fault}")
+            shown = _failed(f"{request.log.path}: the image of {request.camera}, frame {request.frame}: {fault}")
         with self._lock:
-            self._shown[wanted.key] = shown
-            self._loading.discard(wanted.key)
+            self._shown[request.key] = shown
+            self._loading.discard(request.key)
             while len(self._shown) > MOST_SHOWN:
                 self._shown.popitem(last=False)
 
-    def _image(self, wanted: Wanted) -> NDArray[np.uint8]:
+    def _image(self, request: ImageRequest) -> NDArray[np.uint8]:
         """The recorded image (H, W, 3), decoded once for all views and sizes."""
-        key = str(wanted.log.path), wanted.camera, wanted.frame
+        key = str(request.log.path), request.camera, request.frame
         with self._lock:
             found = self._decoded.get(key)
             if found is not None:
                 self._decoded.move_to_end(key)
                 return found
-        image = wanted.log.image(wanted.camera, wanted.frame)
+        image = request.log.image(request.camera, request.frame)
         with self._lock:
             self._decoded[key] = image
             while len(self._decoded) > MOST_DECODED:

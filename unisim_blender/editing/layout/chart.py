@@ -25,10 +25,10 @@ LETTERS = {
 }  # fmt: skip
 """Five rows of three dots, from the top, each row's dots as a number's bits. Others are blank."""
 
-Picture = NDArray[np.float32]
+Image = NDArray[np.float32]
 
 
-def training_chart(entries: Sequence[Mapping[str, float]], minutes: float) -> Picture:
+def training_chart(entries: Sequence[Mapping[str, float]], minutes: float) -> Image:
     """PSNR and LiDAR error over a training's minutes, (H, W, 3) sRGB. ``entries`` are of training.jsonl; ``minutes`` is how long
     it is to take."""
     kept: list[Mapping[str, float]] = []
@@ -41,21 +41,21 @@ def training_chart(entries: Sequence[Mapping[str, float]], minutes: float) -> Pi
     return np.concatenate([chart("PSNR dB", x, psnr, end, PSNR), chart("LiDAR cm", x, lidar_cm, end, LIDAR, powers=True)])
 
 
-def chart(title: str, x: FloatArray, y: FloatArray, end: float, colour: Sequence[float], powers: bool = False) -> Picture:
+def chart(title: str, x: FloatArray, y: FloatArray, end: float, colour: Sequence[float], powers: bool = False) -> Image:
     """One curve, points (N,) by (N,), over minutes from 0 to ``end``: (HEIGHT, WIDTH, 3). ``powers``: y by its logarithm."""
-    picture = np.full((HEIGHT, WIDTH, 3), PAPER, np.float32)
+    image = np.full((HEIGHT, WIDTH, 3), PAPER, np.float32)
     right, bottom = WIDTH - RIGHT, HEIGHT - BOTTOM
-    write(picture, title, LEFT, TOP // 2 - 5)
-    picture[bottom, LEFT:right] = picture[TOP:bottom, LEFT] = INK
+    write(image, title, LEFT, TOP // 2 - 5)
+    image[bottom, LEFT:right] = image[TOP:bottom, LEFT] = INK
     for value in ticks(0.0, end):
         column = round(LEFT + (right - 1 - LEFT) * value / end)
-        picture[bottom : bottom + 4, column] = INK
-        write(picture, f"{value:g}", column, bottom + 8, centred=True)
-    write(picture, "min", right - 24, TOP // 2 - 5)
+        image[bottom : bottom + 4, column] = INK
+        write(image, f"{value:g}", column, bottom + 8, centred=True)
+    write(image, "min", right - 24, TOP // 2 - 5)
     finite = np.isfinite(y) & ((y > 0) | (not powers))
     x, y = x[finite], y[finite]
     if not len(y):
-        return picture
+        return image
     scale = np.log10 if powers else np.asarray
     low, high = float(scale(y.min())), float(scale(y.max()))
     middle, half = (low + high) / 2, max((high - low) / 2 * 1.08, 0.05 if powers else 0.5)
@@ -67,17 +67,17 @@ def chart(title: str, x: FloatArray, y: FloatArray, end: float, colour: Sequence
     for value in marks:
         at = round(float(row(np.array(value))))
         if TOP <= at < bottom:
-            picture[at, LEFT + 1 : right] = GRID
+            image[at, LEFT + 1 : right] = GRID
             text = f"{value:g}"
-            write(picture, text, LEFT - 6 - 4 * DOT * len(text), at - 5)
+            write(image, text, LEFT - 6 - 4 * DOT * len(text), at - 5)
     columns = np.arange(LEFT + 1, right)
     at_x = (columns - LEFT) / (right - 1 - LEFT) * end
     step = end / (right - LEFT)
     rows = row(np.interp(at_x, x, y))
     for i in np.flatnonzero((at_x >= x[0] - step) & (at_x <= x[-1] + step)):
         first, last = sorted((rows[max(i - 1, 0)] if at_x[i] > x[0] + step else rows[i], rows[i]))
-        picture[max(TOP, round(first) - 1) : min(bottom, round(last) + 1), columns[i]] = colour
-    return picture
+        image[max(TOP, round(first) - 1) : min(bottom, round(last) + 1), columns[i]] = colour
+    return image
 
 
 def ticks(low: float, high: float) -> list[float]:
@@ -96,11 +96,11 @@ def decades(low: float, high: float) -> list[float]:
     return [value for value in values if 10**low <= value <= 10**high]
 
 
-def write(picture: Picture, text: str, left: int, top: int, centred: bool = False) -> None:
+def write(image: Image, text: str, left: int, top: int, centred: bool = False) -> None:
     """Put a line of text into an image (H, W, 3)."""
     left -= 2 * DOT * len(text) if centred else 0
     for i, letter in enumerate(text):
         dots = np.array([[int(row) >> (2 - bit) & 1 for bit in range(3)] for row in LETTERS.get(letter, "00000")], bool)
-        place = picture[top : top + 5 * DOT, left + 4 * DOT * i :][:, : 3 * DOT]
+        place = image[top : top + 5 * DOT, left + 4 * DOT * i :][:, : 3 * DOT]
         shape = np.kron(dots, np.ones((DOT, DOT), bool))
         place[shape[: place.shape[0], : place.shape[1]]] = INK

@@ -153,7 +153,7 @@ def _moved(now: FloatArray, mount: FloatArray, world: FloatArray, clock: Clock) 
     # where training has a mount waver, one that is displaced wavers with it
     displaced = invert_pose(mount) @ now
     if not rigid and not same(displaced, displaced[:1]).all():
-        return {"trajectory": free_way(clock, world)}
+        return {"trajectory": free_trajectory(clock, world)}
     unmoved = bool(same_place(now, mount).all())
     unturned = bool(same_turn(now, mount).all())
     return {
@@ -168,10 +168,10 @@ def _mount(now: FloatArray, world: FloatArray, clock: Clock) -> dict[str, Any]:
     """A new sensor's place on the vehicle, or a way of its own."""
     if same(now, now[:1]).all():
         return {"mount": placement(now[0])}
-    return {"trajectory": free_way(clock, world)}
+    return {"trajectory": free_trajectory(clock, world)}
 
 
-def free_way(clock: Clock, world: FloatArray) -> tuple[Keyframe, ...]:
+def free_trajectory(clock: Clock, world: FloatArray) -> tuple[Keyframe, ...]:
     """Keys of a sensor that does not ride on the vehicle: poses (N, 4, 4) at the clock's times. One that stands still has one."""
     still = bool(same(world, world[:1]).all())
     return tuple(

@@ -11,8 +11,8 @@ from .clock import Clock
 
 def recorded_poses(actor: Actor, clock: Clock) -> FloatArray:
     """Poses (N, 4, 4) of an actor as the import has them."""
-    way = actor.world_from_actor
-    return way.at(clock.times_s if actor.is_moving else np.full(len(clock.times_s), way.times_s[0]))
+    trajectory = actor.world_from_actor
+    return trajectory.at(clock.times_s if actor.is_moving else np.full(len(clock.times_s), trajectory.times_s[0]))
 
 
 def recorded_there(actor: Actor, drive: Drive, clock: Clock) -> BoolArray:

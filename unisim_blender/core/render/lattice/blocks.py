@@ -24,7 +24,7 @@ CROWDED = "crowded"
 """A map that says of pixels that something thinner than a block may be beside them: every pixel there is traced."""
 CONTRAST = 4.0
 """Where corners differ by more than this times what they may, something ends between them: nothing is foretold."""
-FORETOLD = 0.5
+PREDICTED = 0.5
 """So far may a middle be from its corners' mean, as a share of what these may differ by."""
 Blocks = NDArray[np.int64]
 """Rows and columns of blocks' first pixels (N, 2)."""
@@ -70,11 +70,11 @@ def differ(image: SparseImage, blocks: Blocks, size: int, spread: float) -> tupl
     return verdict == 1, verdict == 2
 
 
-def foretold(image: SparseImage, blocks: Blocks, size: int, spread: float) -> NDArray[np.bool_]:
+def predicted(image: SparseImage, blocks: Blocks, size: int, spread: float) -> NDArray[np.bool_]:
     """Whether what was traced in the middles of blocks (N,) is what stands at their corners."""
     planes = _planes(image)
     if planes is None:
-        return plain_foretold(image, blocks, size, spread)
+        return plain_predicted(image, blocks, size, spread)
     alike = np.empty(len(blocks), bool)
     _call("predicted", planes, image, blocks, size, ctypes.byref(_likeness(spread)), alike.ctypes.data)
     return alike
@@ -107,7 +107,7 @@ def _planes(image: SparseImage) -> ctypes.Array[PlaneStruct] | None:
 
 
 def _likeness(spread: float) -> BlockToleranceStruct:
-    return BlockToleranceStruct(spread, CONTRAST * spread, FORETOLD * spread, DISPARITY_RANGE, DISPARITY_TWIST)
+    return BlockToleranceStruct(spread, CONTRAST * spread, PREDICTED * spread, DISPARITY_RANGE, DISPARITY_TWIST)
 
 
 def _call(name: str, planes: ctypes.Array[PlaneStruct], image: SparseImage, blocks: Blocks, size: int, *rest: Any) -> None:
@@ -136,12 +136,12 @@ def plain_differ(image: SparseImage, blocks: Blocks, size: int, spread: float) -
     return apart, (range_of > spread) & ~apart
 
 
-def plain_foretold(image: SparseImage, blocks: Blocks, size: int, spread: float) -> NDArray[np.bool_]:
+def plain_predicted(image: SparseImage, blocks: Blocks, size: int, spread: float) -> NDArray[np.bool_]:
     """Whether what was traced in the middles of blocks (N,) is what stands at their corners."""
     y, x = (blocks + size // 2).T
     number = y * image.shape[1] + x
     rgb = image.corners("rgb", blocks, size)
-    alike = np.abs(image.values["rgb"][number] - rgb.mean(0)).max(1) <= FORETOLD * spread
+    alike = np.abs(image.values["rgb"][number] - rgb.mean(0)).max(1) <= PREDICTED * spread
     for name in ("instance", "unsupported"):
         if name in image.values:
             alike &= image.values[name][number] == image.corners(name, blocks, size)[0]

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..tracer import SIDE, Array, Maps
-from .blocks import Blocks, SparseImage, differ, fill, foretold
+from .blocks import Blocks, SparseImage, differ, fill, predicted
 
 Trace = Callable[[NDArray[np.int64]], tuple[Array, Maps]]
 """Colours (N, 3) and maps (N, ...) of pixels by their flat numbers."""
@@ -32,7 +32,7 @@ def aligned(cells: tuple[slice, slice], size: int, shape: tuple[int, int]) -> tu
     return rows, columns
 
 
-def grown(
+def progressive_strides(
     image: SparseImage, size: int, spread: float, trace: Trace, coarse: Sequence[int] = (), band: int | None = None
 ) -> Iterator[tuple[int, slice]]:
     """Fills an image from a lattice of ``size``, a power of two, and says what there is of it: a stride and rows.
@@ -69,7 +69,7 @@ def _refine(image: SparseImage, blocks: Blocks, size: int, spread: float, trace:
         half = size // 2
         apart, doubtful = differ(image, blocks, size, spread)
         _take(image, (blocks[doubtful] + half) @ np.array([w, 1]), half, trace)
-        apart[doubtful] = ~foretold(image, blocks[doubtful], size, spread)
+        apart[doubtful] = ~predicted(image, blocks[doubtful], size, spread)
         leaves.append((blocks[~apart], size))
         blocks = blocks[apart]
         first, steps = (

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ....geometry import BoolArray, FloatArray, invert_pose, transform_points
 from .cloud import cube_keys, summed
-from .exposure import Looks, exposure_gains
+from .exposure import Observations, exposure_gains
 from .ground import fill
 from .model import SurfelSet
 from .placed import PlacedSurfels
@@ -59,7 +59,7 @@ class Painter:
         rows, columns = round(180 / DOME_DEG), round(360 / DOME_DEG)
         self._shape = rows, columns
         self._beyond: list[tuple[NDArray[np.int32], NDArray[np.uint8]]] = []
-        self._looks: list[Looks] = []
+        self._observations: list[Observations] = []
         self._images = 0
 
     def paint(self, view: View) -> None:
@@ -85,10 +85,10 @@ class Painter:
 
     def gains(self) -> FloatArray:
         """Exposures (images, 3) of the images so far, in their order."""
-        parts = [(appearance.place, appearance.image, appearance.colour) for appearance in self._looks]
+        parts = [(seen.place, seen.image, seen.colour) for seen in self._observations]
         if not parts:
             return np.ones((self._images, 3))
-        return exposure_gains(Looks(*(np.concatenate(part) for part in zip(*parts, strict=True))), self._images)
+        return exposure_gains(Observations(*(np.concatenate(part) for part in zip(*parts, strict=True))), self._images)
 
     def dome(self, gains: FloatArray) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
         """Colours (rows, columns, 3) by direction, and where (rows, columns) images showed them; elsewhere as beside."""
@@ -133,7 +133,7 @@ class Painter:
         frontal = np.sqrt(np.clip(1 - sine**2, 0.0, 1)) + 0.02
         score = (frontal / np.maximum(distance, 1.0) ** 2).astype(np.float32)
         if static:
-            self._appearance(view, chosen, u, v, distance)
+            self._observe(view, chosen, u, v, distance)
         better = (score > canvas.best[chosen]) & (ends[3] < distance)
         better[better] = view.sees(u[better], v[better], distance[better], static)
         chosen = chosen[better]
@@ -144,12 +144,12 @@ class Painter:
         canvas.faces.painted[chosen] = True
         canvas.image[chosen] = self._images
 
-    def _appearance(self, view: View, chosen: NDArray[np.int64], u: FloatArray, v: FloatArray, distance: FloatArray) -> None:
+    def _observe(self, view: View, chosen: NDArray[np.int64], u: FloatArray, v: FloatArray, distance: FloatArray) -> None:
         """Note what an image shows of some of its faces (N,) at image points, that far away."""
         some = np.flatnonzero(chosen % COMPARED == 0)
         some = some[view.sees(u[some], v[some], distance[some], True)]
         number = np.full(len(some), self._images)
-        self._looks.append(Looks(chosen[some], number, view.sample(u[some], v[some])))
+        self._observations.append(Observations(chosen[some], number, view.sample(u[some], v[some])))
 
 
 def _in_frustum(view: View, middles: FloatArray, radius_m: float) -> BoolArray:

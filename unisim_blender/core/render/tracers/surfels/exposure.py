@@ -26,7 +26,7 @@ PRIOR = 10.0
 
 
 @dataclass(frozen=True)
-class Looks:
+class Observations:
     """What images show of places: place (N,) and image (N,) numbers, colour (N, 3) in 0..255."""
 
     place: NDArray[np.int64]
@@ -73,7 +73,7 @@ class Exposures:
         return Exposures(found)
 
 
-def exposure_gains(appearances: Looks, images: int) -> FloatArray:
+def exposure_gains(observations: Observations, images: int) -> FloatArray:
     """Gains (images, 3), about 1, by which the images' colours are to be divided so that they agree about places.
 
     Least squares of ``log colour = place + image`` by turns, robust to places that look otherwise from elsewhere (Cauchy's
@@ -81,9 +81,9 @@ def exposure_gains(appearances: Looks, images: int) -> FloatArray:
     common is no exposure: each channel's mean gain over what is shown is 1.
     """
     log_gain = np.zeros((images, 3))
-    usable = ((appearances.colour > DARKEST) & (appearances.colour < BRIGHTEST)).all(1)
-    _, place = np.unique(appearances.place[usable], return_inverse=True)
-    image, colour = appearances.image[usable], np.log(appearances.colour[usable].astype(np.float64))
+    usable = ((observations.colour > DARKEST) & (observations.colour < BRIGHTEST)).all(1)
+    _, place = np.unique(observations.place[usable], return_inverse=True)
+    image, colour = observations.image[usable], np.log(observations.colour[usable].astype(np.float64))
     if len(place) == 0:
         return np.exp(log_gain)
     weight = np.ones(len(place))

@@ -14,7 +14,7 @@ from ....ops.density.volume import volume_density, volume_intervals
 from ....ops.field_values import FieldValues, LogDensities
 from ....ops.quantiles import refine_by_density, refine_quantiles
 
-_LOOKS = 3
+_LOOKUPS = 3
 """Places between two samples at which the voxels are looked up: how much of the way is free."""
 
 Lengths = Callable[[], Tensor]
@@ -48,7 +48,7 @@ def occupied_lengths(scene: SceneModel, o: Tensor, d: Tensor, t: Tensor) -> Tens
     has none where a voxel is free, and samples lie on both sides of much free space."""
     least = scene.config.voxel_m / 2
     gap = torch.diff(t, dim=1, prepend=t[:, :1] - least)
-    part = (torch.arange(_LOOKS, device=t.device) + 0.5) / _LOOKS
+    part = (torch.arange(_LOOKUPS, device=t.device) + 0.5) / _LOOKUPS
     x = o[:, None, None] + (t[..., None] - gap[..., None] * part)[..., None] * d[:, None, None]
     occupied = scene.occupancy.values.view(-1)[scene.occupancy.cells(x.reshape(-1, 3))] > 0
     # a sample that was placed behind free space stands in a voxel that is occupied

@@ -76,16 +76,16 @@ def trace(
 def _without_foreign(traced: Composite, ray_segments: list[RaySegments]) -> tuple[Tensor, Tensor]:
     """Features (N, F) and transmittances (N,) behind the volume as if no foreign actor and no mesh were there:
     composited anew on the rays that meet one, the others' are the same."""
-    met = torch.zeros_like(traced.opacity, dtype=torch.bool)
+    hit = torch.zeros_like(traced.opacity, dtype=torch.bool)
     own = []
     for segments in ray_segments:
         if isinstance(segments, MeshSegments) or (isinstance(segments, ActorSegments) and segments.actor_set > 0):
-            met[segments.ray] = True
+            hit[segments.ray] = True
         else:
             own.append(segments)
-    if not bool(met.any()):
+    if not bool(hit.any()):
         return traced.feature, traced.transmittance_after
-    behind = [rows_of(segments, met[segments.ray]) for segments in own]
-    alone = composite(len(met), [s for s in behind if len(s)], [traced.feature.shape[1]], traced.feature)
-    feature = torch.where(met[:, None], alone.feature, traced.feature)
-    return feature, torch.where(met, alone.transmittance_after, traced.transmittance_after)
+    behind = [rows_of(segments, hit[segments.ray]) for segments in own]
+    alone = composite(len(hit), [s for s in behind if len(s)], [traced.feature.shape[1]], traced.feature)
+    feature = torch.where(hit[:, None], alone.feature, traced.feature)
+    return feature, torch.where(hit, alone.transmittance_after, traced.transmittance_after)

@@ -10,7 +10,7 @@ import pytest
 from unisim_blender.editing.actors.card import present_span, role_words, size_words
 from unisim_blender.editing.actors.names import is_plain, named_actors, names_at_import
 from unisim_blender.editing.actors.portrait_files import kept_portrait, portrait_path, save_portrait
-from unisim_blender.editing.actors.table import Track, at_time, differs, figures_of
+from unisim_blender.editing.actors.table import Track, at_time, differs, values_at
 from unisim_blender.editing.sampled.clock import Clock
 from unisim_blender.editing.sampled.recorded import recorded_poses, recorded_there
 from unisim_blender.editing.sampled.source import Source
@@ -27,12 +27,12 @@ def track(name: str, speed_m_s: float, left_m: float, there: object = True) -> T
 def test_distance_speed_and_presence_at_a_frame() -> None:
     late = np.arange(10) >= 5
     ego = np.zeros((10, 3))
-    found = figures_of([track("a", 0.0, 4.0), track("b", 10.0, 0.0), track("c", 1.0, 0.0, late)], ego, CLOCK, 4.5)
+    found = values_at([track("a", 0.0, 4.0), track("b", 10.0, 0.0), track("c", 1.0, 0.0, late)], ego, CLOCK, 4.5)
     assert found.distance_m == pytest.approx([4.0, 4.5, 0.45]) and found.speed_m_s == pytest.approx([0.0, 10.0, 1.0])
     assert found.there.tolist() == [True, True, False], "a frame counts until the next"
-    assert figures_of([track("c", 1.0, 0.0, late)], ego, CLOCK, 5.0).there.tolist() == [True]
-    assert figures_of([track("b", 10.0, 0.0)], ego, CLOCK, 0.0).speed_m_s == pytest.approx([10.0]), "carried on at the ends"
-    assert not len(figures_of([], ego, CLOCK, 0.0).distance_m)
+    assert values_at([track("c", 1.0, 0.0, late)], ego, CLOCK, 5.0).there.tolist() == [True]
+    assert values_at([track("b", 10.0, 0.0)], ego, CLOCK, 0.0).speed_m_s == pytest.approx([10.0]), "carried on at the ends"
+    assert not len(values_at([], ego, CLOCK, 0.0).distance_m)
 
 
 def test_positions_at_a_time() -> None:
