@@ -1,4 +1,4 @@
-"""The compiled decoder beside torch's, from composited features to pictures: interleaved in one run, medians, and their ratio.
+"""The compiled decoder beside torch's, from composited features to images: interleaved in one run, medians, and their ratio.
 
 python benchmarks/decoder.py [--threads N] [--rounds R]
 """
@@ -36,7 +36,7 @@ CASES: dict[str, tuple[ModelConfig, int, int]] = {
 
 
 def ways(config: ModelConfig, h: int, w: int, threads: int) -> list[Callable[[], Any]]:
-    """A picture of h x w cells compiled, compiled in half precision, and by torch."""
+    """An image of h x w cells compiled, compiled in half precision, and by torch."""
     torch.manual_seed(0)
     head, decoder = RayHead(config, 1), CameraDecoder(config).to(memory_format=torch.channels_last)  # type: ignore[call-overload]
     model = nn.ModuleDict({"ray_head": head, "camera_decoder": decoder, "lidar_head": LidarHead(config)})
@@ -62,7 +62,7 @@ def ways(config: ModelConfig, h: int, w: int, threads: int) -> list[Callable[[],
 @click.option("--rounds", default=5, show_default=True)
 @torch.no_grad()
 def main(threads: int, rounds: int) -> None:
-    """Time each picture every way, in turn."""
+    """Time each image every way, in turn."""
     torch.set_num_threads(threads)
     click.echo(f"variant {native.variant()}, half {native.has_half()}, {threads} threads, medians of {rounds} rounds")
     for name, (config, h, w) in CASES.items():

@@ -147,7 +147,7 @@ def run_all(run: Run, presets: tuple[str, ...]) -> None:
 
 
 def size_of(_context: Any, _option: Any, value: str) -> tuple[int, int]:
-    """Return a size of pictures, WIDTHxHEIGHT, as two numbers."""
+    """Return a size of images, WIDTHxHEIGHT, as two numbers."""
     width, _, height = value.partition("x")
     if not (width.isdigit() and height.isdigit()):
         raise click.BadParameter("a size is WIDTHxHEIGHT")

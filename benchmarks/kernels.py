@@ -30,7 +30,7 @@ def cases(samples: int) -> list[Case]:
     g = config.static_grid
     grid = GridArrays(GridShape.cubic((240.0, 120.0, 40.0), g.coarsest, g.finest, g.levels, g.features, g.log2_table))
     table = nn.Parameter(torch.randn(grid.rows, g.features))
-    # rays of samples: neighbours share voxels, as they do in a picture
+    # rays of samples: neighbours share voxels, as they do in an image
     start = torch.rand(samples // 16, 1, 3)
     x = (start + torch.linspace(0, 0.01, 16)[:, None] * torch.randn(samples // 16, 1, 3)).clamp(0, 1).reshape(-1, 3)
     network = mlp(grid.shape.width, config.hidden, 1 + config.features)

@@ -34,7 +34,7 @@ def worst(measures: list[Measure]) -> Measure:
 def main(full: int, file: Path | None, names: tuple[str, ...]) -> None:
     """Run every case, or those named, and print what came nearest to its bound in each."""
     cases = {**CASES, "instruction sets": compared_variants}
-    click.echo(f"variant {native.variant()}, pictures of {48 * full} x {32 * full}\n")
+    click.echo(f"variant {native.variant()}, images of {48 * full} x {32 * full}\n")
     click.echo("| case | nearest to its bound | error | bound | kept |\n|---|---|---|---|---|")
     rows: dict[str, list[Measure]] = defaultdict(list)
     for name in names or cases:

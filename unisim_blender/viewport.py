@@ -71,7 +71,7 @@ class View:
     outside: str = ""
     """Said where the frame lies outside the drive."""
     shows_outside: bool = False
-    """Whether the picture that is there is of a frame outside the drive."""
+    """Whether the image that is there is of a frame outside the drive."""
     changes: int = 0
     waits: bool = False
     """Whether a render job goes first."""

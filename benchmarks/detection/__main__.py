@@ -130,7 +130,7 @@ def train(detector: str, sets: tuple[Path, ...], out: Path, steps: int, batch: i
 @click.option("--pictures", default=6, show_default=True, help="Frames to draw, spread over the set.")
 @click.option("--least", default=0.3, show_default=True, help="Least score of the detections that are drawn.")
 def test(detector: Path, set_: Path, out: Path, images: int, least: float) -> None:
-    """AP of a trained DETECTOR on SET, its detections and labels as `unisim metrics` reads them, and pictures."""
+    """AP of a trained DETECTOR on SET, its detections and labels as `unisim metrics` reads them, and images."""
     import numpy as np
 
     from .images import image

@@ -1,6 +1,6 @@
 """A bird's-eye-view detector of LiDAR sweeps after PIXOR (Yang et al., CVPR 2018), small.
 
-As there: a sweep as a picture of height slices and intensity from above, convolutions, a box from every cell within a vehicle, no
+As there: a sweep as an image of height slices and intensity from above, convolutions, a box from every cell within a vehicle, no
 anchors. Other than there: cells of 0.25 m, fewer layers, and the angle as cosine and sine of its double, for a box turned by half
 a circle is the same box.
 """
@@ -42,7 +42,7 @@ class LidarDetector:
         return Pyramid(CHANNELS, (24, 40, 64, 80), 1 + REGRESSION, 48)
 
     def example(self, sample: Sample, rng: np.random.Generator | None) -> Example:
-        """The sweep as a picture; for training turned by up to 10 degrees, scaled by 5 %, mirrored, and a strip of it."""
+        """The sweep as an image; for training turned by up to 10 degrees, scaled by 5 %, mirrored, and a strip of it."""
         points, boxes, low = sample.points, sample.bev, self.y_m[0]
         ignored, high = sample.hits < LEAST_POINTS, self.y_m[1]
         if rng is not None:

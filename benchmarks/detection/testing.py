@@ -102,7 +102,7 @@ def lost(before: Precision, after: Precision) -> dict[str, Any]:
 
 
 def markdown(rows: Mapping[str, Mapping[str, Any]]) -> list[str]:
-    """Rows of figures as a Markdown table, in percent, each with the interval that 95 % of resamples fall into."""
+    """Rows of metrics as a Markdown table, in percent, each with the interval that 95 % of resamples fall into."""
     first = next(iter(rows.values()))
     columns = [name for name, value in first.items() if isinstance(value, dict)]
     aps = [name for name in columns if name != "map"]

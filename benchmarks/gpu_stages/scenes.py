@@ -44,7 +44,7 @@ def beam_lidars(log: Log) -> tuple[str, ...]:
 
 
 def config_of(log: Log, preset: str, settings: Settings, **values: Any) -> TrainConfig:
-    """Return how the street is trained on: even frames, pictures at full size."""
+    """Return how the street is trained on: even frames, images at full size."""
     return TrainConfig(
         (CAMERA,), beam_lidars(log), tuple(log.drive.frames)[::2], preset=preset, device=settings.device, **values
     )  # fmt: skip
@@ -101,4 +101,4 @@ def train_scene(settings: Settings, found: Findings, preset: str) -> None:
         held_out_frame=frame, psnr_db=round(-10 * float(np.log10(max(error, 1e-10))), 2), peak=peak_memory(settings.device)
     )
     if not np.isfinite(error):
-        raise ValueError("the held-out picture is not made of numbers")
+        raise ValueError("the held-out image is not made of numbers")

@@ -30,7 +30,7 @@ from .settings import CAMERA, Findings, Settings
 
 WAYS = ("kernels", "torch")
 IMAGES_APART = 1 / 255
-"""Mean difference of two pictures of one scene, with and without kernels, that is too much."""
+"""Mean difference of two images of one scene, with and without kernels, that is too much."""
 STEPS = 4
 """Steps of one measurement: every fourth updates poses and the hypernetwork."""
 
@@ -127,15 +127,15 @@ def time_scene(settings: Settings, found: Findings, preset: str) -> None:
             found.failed(name, traceback.format_exc())
         found.note(times=of, peak=peak_memory(device))
     if found.left_s() < 3:
-        raise TimeoutError("there was no time left to compare pictures with and without kernels")
+        raise TimeoutError("there was no time left to compare images with and without kernels")
     difference = _difference(image("balanced"))
     found.note(kernels_beside_torch={"mean": float(difference.mean()), "max": float(difference.max()), "bound": IMAGES_APART})
     if not difference.mean() <= IMAGES_APART:
-        raise ValueError("pictures with and without kernels differ")
+        raise ValueError("images with and without kernels differ")
 
 
 def _difference(image: Callable[[], CameraFrame]) -> NDArray[np.float32]:
-    """Return how far apart a picture's colours are with and without kernels."""
+    """Return how far apart an image's colours are with and without kernels."""
     images = []
     for name in WAYS:
         with way(name):

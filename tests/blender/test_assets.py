@@ -1,4 +1,4 @@
-"""Actors as assets: each with a picture of itself, and insertable into another drive."""
+"""Actors as assets: each with an image of itself, and insertable into another drive."""
 
 from __future__ import annotations
 

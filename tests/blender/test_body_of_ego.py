@@ -236,7 +236,7 @@ def test_views_through_cameras_on_the_vehicle_do_not_draw_it(street: Any) -> Non
     assert box.hide_get()
 
 
-def test_the_front_cameras_picture_is_the_same_to_the_byte(street: Any, tmp_path: Path) -> None:
+def test_the_front_cameras_image_is_the_same_to_the_byte(street: Any, tmp_path: Path) -> None:
     """F12 with a body and without; a camera beside the road shows it."""
     street.render.engine = "UNISIM"
     outside = roadside(street)

@@ -89,21 +89,21 @@ def check_against_the_tracer(street: Street, drive: Drive, found: FloatArray, fr
     assert on_movers.sum() > 30 and np.quantile(apart[on_movers], 0.95) < 1e-3
 
 
-def test_pictures_show_what_lidar_meets(street: Street, workshop: Workshop, painter: Painter, tmp_path: Path) -> None:
+def test_images_show_what_lidar_meets(street: Street, workshop: Workshop, painter: Painter, tmp_path: Path) -> None:
     check_against_the_tracer(street, street.drive, positions(painter, workshop, street.drive, tmp_path))
 
 
-def test_so_do_pictures_of_a_scaled_car(street: Street, workshop: Workshop, painter: Painter, tmp_path: Path) -> None:
+def test_so_do_images_of_a_scaled_car(street: Street, workshop: Workshop, painter: Painter, tmp_path: Path) -> None:
     lead, factors = street.drive.actors["car-01"], (1.2, 1.5, 1.4)
     larger = replace(lead, size_m=lead.size_m * np.array(factors), scale=factors)
     drive = replace(street.drive, actors={**street.drive.actors, "car-01": larger})
     check_against_the_tracer(street, drive, positions(painter, workshop, drive, tmp_path))
-    # and the next picture, of which it is no part, has it as large as it was
+    # and the next image, of which it is no part, has it as large as it was
     painter.set_up_stage(workshop.stage(street.drive, CAMERA, 2), 0)
     assert tuple(painter._objects["car-01"].scale) == (1.0, 1.0, 1.0)
 
 
-def test_so_do_pictures_of_an_edited_drive(street: Street, workshop: Workshop, painter: Painter, tmp_path: Path) -> None:
+def test_so_do_images_of_an_edited_drive(street: Street, workshop: Workshop, painter: Painter, tmp_path: Path) -> None:
     skip = max(street.static.parts, key=lambda part: part.shape.high[0] == pytest.approx(1.8) and part.shape.high[1] < 1)
     assert skip.asset_from_part is not None
     at = skip.asset_from_part[:3, 3] - street.drive.world_origin
@@ -141,7 +141,7 @@ def test_a_global_shutter_exposes_all_rows_at_once(street: Street, workshop: Wor
     check_against_the_tracer(street, drive, positions(painter, workshop, drive, tmp_path))
 
 
-def test_a_seed_gives_the_same_picture_and_another_the_same_street(street: Street, workshop: Workshop, painter: Painter) -> None:
+def test_a_seed_gives_the_same_image_and_another_the_same_street(street: Street, workshop: Workshop, painter: Painter) -> None:
     stage = workshop.stage(street.drive, CAMERA, 1)
     image = painter.paint(stage, 1)
     np.testing.assert_array_equal(painter.paint(stage, 1), image)

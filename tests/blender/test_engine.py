@@ -1,4 +1,4 @@
-"""F12: the pictures of `unisim render`, passes, borders, and what a user sees when something is wrong."""
+"""F12: the images of `unisim render`, passes, borders, and what a user sees when something is wrong."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def shot(scene: Any, path: Path, exr: bool = False) -> Path:
 
 
 def pixels(path: Path) -> NDArray[Any]:
-    """A picture's bytes as integers."""
+    """An image's bytes as integers."""
     return np.asarray(Image.open(path).convert("RGB")).astype(int)
 
 
@@ -164,4 +164,4 @@ def test_a_log_without_a_trained_scene_is_rendered_by_its_surfels(
     image = pixels(shot(scene, tmp_path / "surfels.png"))
     (recorded,) = (street_log / "camera" / scene.camera.unisim.uid).glob("01.*")
     error = np.abs(image - pixels(recorded)).mean()
-    assert image.std() > 5 and error < 30, f"{error} of 255 beside the recorded picture"
+    assert image.std() > 5 and error < 30, f"{error} of 255 beside the recorded image"

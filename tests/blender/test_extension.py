@@ -78,7 +78,7 @@ def test_it_is_small_and_whole(archive: Path) -> None:
 
 
 def test_it_installs_enables_imports_and_renders(archive: Path, bare: Path, tmp_path: Path) -> None:
-    """Picture, sweep and sequence, where nothing but numpy is installed; that training needs more is said."""
+    """Image, sweep and sequence, where nothing but numpy is installed; that training needs more is said."""
     script = tmp_path / "install.py"
     script.write_text(INSTALL)
     image = tmp_path / "picture.png"
@@ -96,5 +96,5 @@ def test_it_installs_enables_imports_and_renders(archive: Path, bare: Path, tmp_
     assert done.returncode == 0 and "installed" in done.stdout, done.stdout + done.stderr
     assert f"Renders with {bare}" in done.stdout and "need an interpreter with torch" in done.stdout
     shown = np.asarray(Image.open(image))
-    assert shown[..., :3].std() > 10, "a street, and no empty picture"
+    assert shown[..., :3].std() > 10, "a street, and no empty image"
     assert len(list((frames / "camera").glob("*/*.png"))) == len(list((frames / "lidar").glob("*/*.ply"))) == 2

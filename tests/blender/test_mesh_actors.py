@@ -218,7 +218,7 @@ def test_there_and_back_in_files_of_its_own(scene: Any, tmp_path: Path) -> None:
     assert Path(last.mesh).name == Path(kept.mesh).name
 
 
-def test_the_picture_shows_it(street: Any, tmp_path: Path) -> None:
+def test_the_image_shows_it(street: Any, tmp_path: Path) -> None:
     """F12 of a marked crate before the camera: redder there than without."""
     street.render.engine = "UNISIM"
     street.render.resolution_percentage = 25

@@ -1,4 +1,4 @@
-"""The scene about one frame: as stepping would find it, and what of a picture an edit touches."""
+"""The scene about one frame: as stepping would find it, and what of an image an edit touches."""
 
 from __future__ import annotations
 
@@ -248,7 +248,7 @@ def test_what_an_edit_touches_holds_all_that_it_changes(street: Any, tmp_path: P
     assert (right - left) * (bottom - top) < first.shape[0] * first.shape[1] / 2
     assert (np.abs(first - second).max(-1) > 1).any()
     assert dirty_region(before, before, view, model) == (model.width, model.height, 0, 0)
-    # what the worker renders again, laid over the picture before, is the picture after, to the bit
+    # what the worker renders again, laid over the image before, is the image after, to the bit
     jobs, source, size = Jobs(tmp_path), source_of(street), image_size(street.render)
     old, new = (camera_request(state, view, source, frame, size).values for state in (before, after))
     part = {**new, "rows": [top, bottom], "columns": [left, right], "dirty": True}

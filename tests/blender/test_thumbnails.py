@@ -190,7 +190,7 @@ def test_no_choice_and_another_scenes_actor(street: Any) -> None:
     assert isinstance(edit, Insert) and edit.actor == "car-01"  # the first car by name
 
 
-def test_the_card_has_the_picture_of_what_is_shown(street: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_card_has_the_image_of_what_is_shown(street: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[tuple[Any, ...]] = []
 
     def icon_of(*arguments: Any) -> int:

@@ -53,7 +53,7 @@ def small_drive() -> Drive:
 
 
 def small_image(frame: int) -> NDArray[np.uint8]:
-    """A smooth picture, each frame's its own."""
+    """A smooth image, each frame's its own."""
     v, u = np.mgrid[: CAMERA.height, : CAMERA.width]
     return np.asarray(np.stack([u * 5, v * 7, np.full_like(u, 40 * frame)], -1), np.uint8)
 

@@ -163,7 +163,7 @@ def test_gradients_reach_what_they_must(runs: dict[str, Run], kind: str) -> None
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_saved_and_loaded_it_gives_the_same_picture(log: Log, runs: dict[str, Run], trained: dict[str, Path], kind: str) -> None:
+def test_saved_and_loaded_it_gives_the_same_image(log: Log, runs: dict[str, Run], trained: dict[str, Path], kind: str) -> None:
     scene = trained[kind]
     header = load_scene(scene).header
     method = KINDS[kind][0].removeprefix("tiny-").replace("tiny", "neural")
@@ -197,7 +197,7 @@ def test_what_nobody_saw_teaches_no_network_its_colours(log: Log, head: str) -> 
     assert found == (None,) * len(found)
 
 
-def test_a_picture_is_the_colours_of_its_samples(trained: dict[str, Path]) -> None:
+def test_an_image_is_the_colours_of_its_samples(trained: dict[str, Path]) -> None:
     """Whatever stands before a ray, its pixel lies among the colours that samples and sky have."""
     model = load_scene(trained["ngp"]).model
     last = model.colour_head.network[-1]
@@ -220,7 +220,7 @@ def edited(scene: Path, log_path: Path, out: Path, edits: list[dict[str, object]
 
 
 def rendered(scenario: Path, out: Path, *more: str) -> bytes:
-    """The picture of frame 1."""
+    """The image of frame 1."""
     options = ["--out", str(out), "--frames", "1", "--sensors", "front_camera", "--jobs", "1", *more]
     assert run(["render", str(scenario), *options]) == 0
     return (out / "camera/front_camera/000001.png").read_bytes()
@@ -248,7 +248,7 @@ def test_one_field_says_that_it_has_no_actors(
     without_car = rendered(
         edited(trained["ngp"], path, tmp_path / "b.json", [{"type": "remove", "actor": "car-1"}]), tmp_path / "b"
     )
-    warning = "scene 'ngp' is one field without actors: edits of car-1 change labels, but no picture or sweep"
+    warning = "scene 'ngp' is one field without actors: edits of car-1 change labels, but no image or sweep"
     assert warning in capsys.readouterr().err and without_car == as_it_was
     assert json.loads((tmp_path / "b/manifest.json").read_text())["inputs"]["warnings"] == [warning]
     shift: dict[str, object] = {"type": "ego", "shift_left_m": 1.0}

@@ -124,7 +124,7 @@ def test_growth_and_memory(metrics: dict[str, Any]) -> None:
 
 @needs_library
 def test_what_a_state_costs_is_in_the_report(measured: Path, metrics: dict[str, Any]) -> None:
-    """A row for a sweep and one for a picture, whose steps add up."""
+    """A row for a sweep and one for an image, whose steps add up."""
     (case,) = metrics["state"]
     assert case["repeats"] == 3 and [row["sensor"] for row in case["entries"]] == ["lidar", "camera"]
     for row, shape in zip(case["entries"], ((4, 180), (32, 48)), strict=True):
@@ -171,7 +171,7 @@ def test_copies_on_tracks_are_present_and_apart() -> None:
 
 
 @needs_library
-def test_tables_and_pictures(measured: Path, metrics: dict[str, Any]) -> None:
+def test_tables_and_images(measured: Path, metrics: dict[str, Any]) -> None:
     text = (measured / "bench.md").read_text()
     for title in ("## Camera front, frame", "48×32", "## LiDAR top", "## Pixels", "## Actors", "## A region", "## Memory"):
         assert title in text
@@ -237,7 +237,7 @@ def test_a_request_renders_what_the_renderer_gives(scene: Path) -> None:
 
 
 class OneImage:
-    """As much of a log as a picture's windows are cut from."""
+    """As much of a log as an image's windows are cut from."""
 
     path = Path("log")
 
@@ -254,7 +254,7 @@ class OneImage:
 
 
 @needs_library
-def test_recorded_pictures_are_compared_where_there_is_a_log(scene: Path) -> None:
+def test_recorded_images_are_compared_where_there_is_a_log(scene: Path) -> None:
     log: Any = OneImage(read_scene_header(scene).drive)
     subject = subject_of(scene, log)
     assert subject.frame == 4 and subject.setup().log == Path("log")
@@ -263,7 +263,7 @@ def test_recorded_pictures_are_compared_where_there_is_a_log(scene: Path) -> Non
     assert case.recorded is not None and len(case.recorded) == len(regions) == 2
     for piece, r in zip(case.recorded, regions, strict=True):
         assert np.array_equal(piece, log.image[r.top : r.bottom, r.left : r.right] / np.float32(255))
-    # a picture that is off by a tenth everywhere
+    # an image that is off by a tenth everywhere
     off = [np.where(piece < 0.5, piece + np.float32(0.1), piece - np.float32(0.1)) for piece in case.recorded]
     case.entries[2].measurements.append(Measurement(1.0, 10, 10, 10, 0, 0, off))
     row = metrics_of([case])["camera"][0]["entries"][0]
@@ -280,7 +280,7 @@ def test_pareto_front_by_hand() -> None:
     assert pareto_front([], []).tolist() == []
 
 
-def test_errors_of_pictures_and_depths() -> None:
+def test_errors_of_images_and_depths() -> None:
     rng = np.random.default_rng(0)
     pieces = [rng.random((4, 5, 3), np.float32), rng.random((2, 3, 3), np.float32)]
     same = image_error(pieces, pieces)
@@ -297,7 +297,7 @@ def test_errors_of_pictures_and_depths() -> None:
     assert nothing["hits_agree"] == 1 and math.isnan(nothing["median_mm"])
 
 
-def test_windows_lie_in_the_picture_and_apart() -> None:
+def test_windows_lie_in_the_image_and_apart() -> None:
     found = windows(640, 360, (3, 2), (96, 64))
     assert found[0] == Region(59, 58, 155, 122) and found[-1] == Region(485, 238, 581, 302) and len(set(found)) == 6
     assert windows(40, 30, (2, 1), (96, 64)) == (Region(0, 0, 40, 30),) * 2

@@ -1,4 +1,4 @@
-"""Blocks of a picture by the kernels: what plain numpy says of them, to the bit."""
+"""Blocks of an image by the kernels: what plain numpy says of them, to the bit."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ SHAPE = 97, 145
 
 
 def made(seed: int, size: int, roughness: float) -> tuple[SparseImage, NDArray[np.int64]]:
-    """A picture traced on a lattice of ``size`` and in every third block's middle, and its blocks. Slopes of all kinds, with
+    """An image traced on a lattice of ``size`` and in every third block's middle, and its blocks. Slopes of all kinds, with
     infinite depths, numbers that are none, and jumps."""
     rng = np.random.default_rng(seed)
     h, w = SHAPE

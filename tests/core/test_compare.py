@@ -80,7 +80,7 @@ def test_the_table_grows_and_nothing_is_done_twice(
 
     page = (out / "index.html").read_text()
     images = re.findall(r'src="([^"]+)"', page)
-    # two frames of the replay and one of the edit, each with the truth and both methods' pictures and differences
+    # two frames of the replay and one of the edit, each with the truth and both methods' images and differences
     assert len(images) == 3 * 5 and all((out / name).is_file() for name in images)
     assert "| ours, tiny |" in (out / "comparison.md").read_text()
 

@@ -1,4 +1,4 @@
-"""The compiled decoder against the torch modules: pictures, LiDAR returns, odd sizes, every variant that this processor runs."""
+"""The compiled decoder against the torch modules: images, LiDAR returns, odd sizes, every variant that this processor runs."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ SIZES = ((1, 1), (2, 9), (23, 37), (9, 211))
 
 
 def modules(config: ModelConfig) -> nn.ModuleDict:
-    """What a scene decodes with, at random weights whose pictures are neither grey nor black and white."""
+    """What a scene decodes with, at random weights whose images are neither grey nor black and white."""
     torch.manual_seed(0)
     out = nn.ModuleDict(
         {
@@ -109,7 +109,7 @@ def plain(model: nn.ModuleDict, features: Tensor, directions: Tensor, camera: in
 @needs_library
 @pytest.mark.parametrize("name", CONFIGS)
 @pytest.mark.parametrize("size", SIZES)
-def test_pictures(name: str, size: tuple[int, int]) -> None:
+def test_images(name: str, size: tuple[int, int]) -> None:
     config = CONFIGS[name]
     model, (features, directions) = modules(config), seen(config, *size)
     decoder = Decoder(weights(model), config, CAMERAS, threads=1)
@@ -142,7 +142,7 @@ def test_any_number_of_threads_gives_the_same_bits(name: str) -> None:
 
 @needs_library
 @pytest.mark.parametrize("name", ("small", "tiny", "three blocks"))
-def test_a_region_decoded_alone_has_the_bits_that_it_has_in_the_picture(name: str) -> None:
+def test_a_region_decoded_alone_has_the_bits_that_it_has_in_the_image(name: str) -> None:
     config = CONFIGS[name]
     model, (features, directions) = modules(config), seen(config, 40, 150)
     decoder, reach, up = Decoder(weights(model), config, CAMERAS), CameraDecoder(config).reach, config.upsample
@@ -191,7 +191,7 @@ def test_stored_weights_are_float16_and_inputs_of_any_layout() -> None:
 
 @needs_library
 @pytest.mark.parametrize("name", ("small", "three blocks", "paper", "odd widths"))
-def test_half_precision_shows_the_same_picture(name: str) -> None:
+def test_half_precision_shows_the_same_image(name: str) -> None:
     config = CONFIGS[name]
     held, (features, directions) = weights(modules(config)), (x.numpy() for x in seen(config, 30, 150))
     exact, half = (Decoder(held, config, CAMERAS, half=half).image(features, directions, 0) for half in (False, True))
@@ -245,7 +245,7 @@ def test_a_foreign_actor_is_carried_past_its_edges(shape: tuple[int, int], cells
 
 
 @pytest.mark.parametrize("shape", ((1, 1), (7, 5), (14, 33), (3, 100)))
-def test_bilinear_pictures(shape: tuple[int, int]) -> None:
+def test_bilinear_images(shape: tuple[int, int]) -> None:
     torch.manual_seed(0)
     image = torch.rand(7, 11, 3)
     expected = F.interpolate(image.permute(2, 0, 1)[None], size=shape, mode="bilinear", align_corners=False)[0].permute(1, 2, 0)
@@ -256,11 +256,11 @@ VARIANT_SCRIPT = """
 import test_compiled_decoder as t
 assert native.variant() == "avx512" or not native.has_half()
 for name in t.CONFIGS:
-    t.test_pictures(name, (9, 31))
+    t.test_images(name, (9, 31))
     t.test_returns(name, 50)
 t.test_any_number_of_threads_gives_the_same_bits("tiny")
-t.test_a_region_decoded_alone_has_the_bits_that_it_has_in_the_picture("three blocks")
-t.test_half_precision_shows_the_same_picture("three blocks")
+t.test_a_region_decoded_alone_has_the_bits_that_it_has_in_the_image("three blocks")
+t.test_half_precision_shows_the_same_image("three blocks")
 """
 
 

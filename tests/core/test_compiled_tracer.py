@@ -51,7 +51,7 @@ def numbers(found: Any) -> NDArray[Any]:
 
 
 FEW = 2
-"""So many rays of a picture or a sweep may land in another voxel by rounding, or on the other side of a silhouette."""
+"""So many rays of an image or a sweep may land in another voxel by rounding, or on the other side of a silhouette."""
 
 
 def close(a: Any, b: Any, shape: tuple[int, ...], within: float) -> None:

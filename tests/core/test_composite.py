@@ -149,7 +149,7 @@ def of_actor_set(number: int, segments: RaySegments) -> ActorSegments:
     )  # fmt: skip
 
 
-def test_a_whole_picture_is_the_same() -> None:
+def test_a_whole_image_is_the_same() -> None:
     """Foreign actors and meshes apart; the reference takes over where a place is learnt."""
     own, foreign, more, nothing = ray_segments_of(20, GROUPS)
     mesh = MeshSegments(**vars(ray_segments_of(30, ((50, 1),), 1)[0]), actor=torch.zeros(50), normals=torch.zeros(50, 3))

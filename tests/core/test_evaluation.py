@@ -100,7 +100,7 @@ def test_mask_needs_the_actor_to_be_there() -> None:
     assert not actor_mask(drive.cameras["front"], 4, [drive.actors["cone"]]).any()
 
 
-def test_report_is_a_page_with_its_pictures(tmp_path: Path) -> None:
+def test_report_is_a_page_with_its_images(tmp_path: Path) -> None:
     log = TinyLog()
     report = Report(tmp_path, "Tiny <log>")
     metrics = evaluate(GreyRenderer(log.drive), log, replace(PLAN, frames=(1,)), report.add)

@@ -80,7 +80,7 @@ def test_demo_prefers_frames_that_were_not_trained_on() -> None:
     assert demo_frames(plan, tuple(range(6)), 1) == (0,)
 
 
-def test_pictures_of_numbers() -> None:
+def test_images_of_numbers() -> None:
     depth = np.array([[2.0, 20.0, np.inf]], np.float32)
     image = depth_image(depth)
     assert image[0, 2].tolist() == [0, 0, 0] and image[0, 0, 0] > image[0, 1, 0], "near is red"

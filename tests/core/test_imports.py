@@ -110,8 +110,8 @@ assert np.isfinite(whole.depth_m).mean() > 0.5 and whole.rgb.std() > 0.05 and sw
 
 
 @pytest.mark.skipif(library() is None, reason="the compiled kernels were not built")
-def test_pictures_and_sweeps_are_rendered_without_torch() -> None:
-    """The sample's scene, and a region of a picture has the bits that it has in the whole."""
+def test_images_and_sweeps_are_rendered_without_torch() -> None:
+    """The sample's scene, and a region of an image has the bits that it has in the whole."""
     program = RENDER.format(scene=str(Path(__file__).parents[2] / "sample" / "scene"))
     result = run_without(("torch", "pandas", "scipy", "skimage", "safetensors"), program)
     assert result.returncode == 0, result.stderr

@@ -1,5 +1,5 @@
-"""Pictures of the sample traced from a lattice: meshes and other scenes' actors are as sharp as in one whose every pixel is
-traced, parts have the whole picture's bits, and a picture that is looked at while it grows costs no ray more."""
+"""Images of the sample traced from a lattice: meshes and other scenes' actors are as sharp as in one whose every pixel is
+traced, parts have the whole image's bits, and an image that is looked at while it grows costs no ray more."""
 
 from __future__ import annotations
 
@@ -110,7 +110,7 @@ def test_a_part_has_the_bits_of_the_whole(scene: CompiledScene, busy: Drive) -> 
 
 @pytest.mark.parametrize("lattice", (1, 4))
 @pytest.mark.parametrize("region", (None, REGIONS[0]))
-def test_a_picture_that_grows_is_the_picture(scene: CompiledScene, busy: Drive, lattice: int, region: Region | None) -> None:
+def test_an_image_that_grows_is_the_image(scene: CompiledScene, busy: Drive, lattice: int, region: Region | None) -> None:
     one = renderer(scene, busy, lattice)
     at_once = one.camera(CAMERA, FRAME, ("rgb", "depth"), WIDTH, region)
     whole = one.camera(CAMERA, FRAME, ("rgb",), WIDTH)

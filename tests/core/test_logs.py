@@ -414,7 +414,7 @@ def test_a_pose_beyond_numbers_is_refused_by_file_and_value(log_path: Path) -> N
         open_log(log_path)
 
 
-def test_a_class_that_is_no_number_and_a_broken_picture_are_refused(log_path: Path) -> None:
+def test_a_class_that_is_no_number_and_a_broken_image_are_refused(log_path: Path) -> None:
     file = log_path / "annotations" / "semseg" / "01.pkl.gz"
     classes = {name: values.astype(object) for name, values in read_table(file).items()}
     classes["class"][0] = "tree"

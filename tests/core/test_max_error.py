@@ -122,7 +122,7 @@ def street() -> DriveRenderer:
 
 @needs_library
 def test_the_samples_rays_have_the_frames_bits(street: DriveRenderer) -> None:
-    """Of a sweep's beams alone, and of a picture's pixels alone: so a sample is rendered as its frame is."""
+    """Of a sweep's beams alone, and of an image's pixels alone: so a sample is rendered as its frame is."""
     rays, sweep = street.sweep_rays(Capture.of_frame(street.lidar_named("pandar64"), 9))[1].flat(), street.lidar("pandar64", 9)
     some = np.random.default_rng(0).choice(len(rays.time_s), 300, False)
     depth = street.rays_lidar(rays.origins[some], rays.directions[some], rays.time_s[some])[0]
@@ -158,7 +158,7 @@ def test_the_sample_street_keeps_what_it_promises(street: DriveRenderer) -> None
 
 @pytest.mark.parametrize("seed", range(3))
 def test_scenes_of_random_weights_keep_what_they_promise(seed: int, tmp_path: Path) -> None:
-    """Their decoder looks aside, so pictures are judged by patches."""
+    """Their decoder looks aside, so images are judged by patches."""
     scene = saved(tmp_path / "scene", CONFIGS["tiny"], seed)
     drive = drive_of([*CARS, MOVING])
     renderer = DriveRenderer(Renderer(make_backend(scene)), drive)

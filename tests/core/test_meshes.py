@@ -112,7 +112,7 @@ def test_what_trimesh_reads(tmp_path: Path) -> None:
     quad.visual = trimesh.visual.TextureVisuals(uv, image=image)  # type: ignore[no-untyped-call]
     quad.export(tmp_path / "quad.glb")
     model = read_mesh(tmp_path / "quad.glb")
-    # the upper left quarter of the picture is red
+    # the upper left quarter of the image is red
     at = FirstHits(np.zeros(1), np.array([1], np.int32), np.array([[0.25, 0.5]], np.float32))
     where = (model.uv[1, 0] * 0.25 + model.uv[1, 1] * 0.25 + model.uv[1, 2] * 0.5).tolist()
     np.testing.assert_allclose(where, [0.25, 0.75], atol=1e-6)

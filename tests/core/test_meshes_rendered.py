@@ -80,7 +80,7 @@ def test_a_car_hides_a_mesh_and_a_mesh_a_car(cube: Path) -> None:
     assert (frame.instance[car] == 2).mean() > 0.9
 
 
-def test_a_band_of_the_picture_is_the_pictures(cube: Path) -> None:
+def test_a_band_of_the_image_is_the_images(cube: Path) -> None:
     there = stage(mesh_actor(cube, [-4, -1.0, 1.0]))
     renderer = renderer_of(there.as_scene(), there.drive, shadows=True)
     whole = renderer.camera("front", 0, CAMERA_PASSES)
@@ -91,7 +91,7 @@ def test_a_band_of_the_picture_is_the_pictures(cube: Path) -> None:
 
 
 def test_edges_are_as_smooth_as_what_they_cover(cube: Path) -> None:
-    """How much of the picture a face covers does not depend on how its edges fall on the pixels."""
+    """How much of the image a face covers does not depend on how its edges fall on the pixels."""
     covered, partly = [], 0
     for shift in np.linspace(0, 0.25, 6):
         there = stage(mesh_actor(cube, [-9.0, shift, 1.6]))

@@ -40,7 +40,7 @@ def zero_state(net: str) -> dict[str, Tensor]:
     return state | {f"lin{i}.model.1.weight": torch.zeros(1, n, 1, 1) for i, n in channels.items()}
 
 
-def test_distance_of_constant_pictures(tmp_path: Path) -> None:
+def test_distance_of_constant_images(tmp_path: Path) -> None:
     """One feature is red as it enters the network, one is 1: the distance of their unit vectors, weighted by 2, is known."""
     state = zero_state("alex")
     state["net.slice1.0.weight"][0, 0, 5, 5] = 1
@@ -54,7 +54,7 @@ def test_distance_of_constant_pictures(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("net", ["alex", "vgg"])
-def test_equal_pictures_have_no_distance(net: str, tmp_path: Path) -> None:
+def test_equal_images_have_no_distance(net: str, tmp_path: Path) -> None:
     generator = torch.Generator().manual_seed(0)
     state = {name: torch.rand(value.shape, generator=generator) * 0.1 for name, value in zero_state(net).items()}
     torch.save(state, tmp_path / "weights.pth")

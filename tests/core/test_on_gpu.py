@@ -207,7 +207,7 @@ def test_rays_and_their_gradients_by_all_kernels_together(monkeypatch: pytest.Mo
 
 
 @pytest.mark.parametrize("name", ["tiny", "small"])
-def test_pictures_decoded_in_half_precision(name: str) -> None:
+def test_images_decoded_in_half_precision(name: str) -> None:
     """What a GPU does, by the CPU's own half precision: 8 bits are the same but for the last."""
     torch.manual_seed(6)
     stage = Stage(analytic_scene(ground, {}, preset(name).model), drive_of([]))

@@ -31,7 +31,7 @@ TRACERS = ("torch", *(("compiled",) if native.library() is not None else ()))
 
 @pytest.fixture(scope="module")
 def folders(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
-    """Scenes whose pictures are traced cell by cell, and from a lattice."""
+    """Scenes whose images are traced cell by cell, and from a lattice."""
     folder = tmp_path_factory.mktemp("passes")
     lattice = dataclasses.replace(TINY, upsample=1, decoder_kernel=1, decoder_blocks=1)
     return {"cells": saved(folder / "cells", CONFIGS["tiny"]), "lattice": saved(folder / "lattice", lattice)}

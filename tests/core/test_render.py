@@ -51,7 +51,7 @@ def rays_of(drive: Drive, up: int = 2) -> Rays:
     return camera_rays(camera, camera.time_s[0], *pixel_grid(camera.model, up))
 
 
-def test_every_pass_of_a_picture(stage: Stage) -> None:
+def test_every_pass_of_an_image(stage: Stage) -> None:
     frame = renderer_of(stage.as_scene(), stage.drive, "reference").camera("front", 0, CAMERA_PASSES)
     assert frame.depth_m is not None and frame.z_depth_m is not None and frame.normal is not None
     assert frame.instance is not None and frame.opacity is not None and frame.unsupported is not None
@@ -259,7 +259,7 @@ def foreign_stage(features: int, upsample: int) -> Stage:
 
 
 @pytest.mark.parametrize(("features", "upsample"), ((15, 2), (7, 3)))
-def test_a_foreign_actor_is_laid_over_the_picture(features: int, upsample: int) -> None:
+def test_a_foreign_actor_is_laid_over_the_image(features: int, upsample: int) -> None:
     stage = foreign_stage(features, upsample)
     others = {"elsewhere": Stage(stage.others["elsewhere"], drive_of([])).as_scene("elsewhere")}
     frame = renderer_of(stage.as_scene(), stage.drive, others=others).camera("front", 0, CAMERA_PASSES)

@@ -513,7 +513,7 @@ def test_the_street_shows_a_larger_car(street: Street) -> None:
     assert masks.shadow.any()
 
 
-def test_a_picture_that_cycles_drew_is_kept_under_another_name(street: Street, tmp_path: Path) -> None:
+def test_an_image_that_cycles_drew_is_kept_under_another_name(street: Street, tmp_path: Path) -> None:
     scaled_drive = edited(by(1.4, 1.0, 1.0, actor="car-01"), drive=street.drive)
     names = {
         true_image_path(tmp_path, street, drive, "front_camera", 3, None).name

@@ -240,7 +240,7 @@ def test_plain_points_without_a_beam_table_are_no_sensor(scenario: Path, tmp_pat
     assert str(result.exception) == 'sensor "plain": is not one of front, top'
 
 
-def test_pictures_are_not_constant(scenario: Path, tmp_path: Path) -> None:
+def test_images_are_not_constant(scenario: Path, tmp_path: Path) -> None:
     render(scenario, "--out", tmp_path / "out", "--frames", 1, "--jobs", 1)
     images = np.asarray(Image.open(tmp_path / "out/camera/front/000001.png"))
     assert images.std() > 0

@@ -1,4 +1,4 @@
-"""The street of triangles beside the street of solids; its paint in pictures; triangles cut by boxes."""
+"""The street of triangles beside the street of solids; its paint in images; triangles cut by boxes."""
 
 from __future__ import annotations
 
@@ -132,7 +132,7 @@ def without(drive: Drive, uid: str) -> Drive:
     return replace(drive, actors={name: actor for name, actor in drive.actors.items() if name != uid})
 
 
-def test_paint_in_pictures_is_the_material(street: Street) -> None:
+def test_paint_in_images_is_the_material(street: Street) -> None:
     material = Banded("#d9480f", "#efece4", ((0.30, 0.44),))
     part = stand(Cone(0.4, 0.2, 1.0), material, np.array([1.0, 2.0, 3.0]), (0.0, 0.0, 0.0))
     part = replace(part, shape=tessellated(part.shape))
@@ -163,7 +163,7 @@ def test_cutting_parts_a_model_without_losing_any_of_it() -> None:
     assert area(within) > 0.1 and area(within) + area(beyond) == pytest.approx(area(model), rel=1e-5)
     assert points_in_box(within.corners.mean(1).astype(np.float64), pose, np.asarray(hole.size_m) + 1e-5).all()
     assert not points_in_box(beyond.corners.mean(1).astype(np.float64), pose, np.asarray(hole.size_m) - 1e-4).any()
-    # a corner that cutting made takes its place in the picture from those beside it
+    # a corner that cutting made takes its place in the image from those beside it
     z_of_v = np.polyfit(*side(model), 1)
     np.testing.assert_allclose(np.polyval(z_of_v, side(beyond)[0]), side(beyond)[1], atol=1e-4)
 
@@ -231,7 +231,7 @@ def test_the_usual_insertion_has_a_look_that_was_recorded_and_is_seen(seed: int)
     assert pixels(edited, "inserted") > 50
 
 
-def test_pictures_are_kept_by_what_they_show(street: Street, tmp_path: Path) -> None:
+def test_images_are_kept_by_what_they_show(street: Street, tmp_path: Path) -> None:
     def path(drive: Drive, frame: int = 1, width: int | None = None) -> Path:
         return true_image_path(tmp_path, street, drive, CAMERA, frame, width)
 

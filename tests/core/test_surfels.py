@@ -379,7 +379,7 @@ def test_what_shows_the_vehicle_itself_colours_nothing(scenes: dict[str, SurfelS
 
 
 @pytest.mark.parametrize("name", list(UNTRAINED))
-def test_pictures_are_exposed_as_their_camera_was(name: str, scenes: dict[str, SurfelScene], log: Log) -> None:
+def test_images_are_exposed_as_their_camera_was(name: str, scenes: dict[str, SurfelScene], log: Log) -> None:
     before = renderer(name, scenes, log).camera(CAMERA, FRAME).rgb
     scene = scenes[name]
     times, gains = scene.exposures.by_camera[CAMERA]
@@ -389,7 +389,7 @@ def test_pictures_are_exposed_as_their_camera_was(name: str, scenes: dict[str, S
     if name == "surfel":
         assert np.allclose(after, before * 0.5, atol=1e-5)
     else:
-        # images that are said to be exposed like the picture give it what they show; surfels alone are darker
+        # images that are said to be exposed like the rendered image give it what they show; surfels alone are darker
         assert np.median(np.abs(after - before)) < 1e-3 < np.abs(after - before).max()
 
 

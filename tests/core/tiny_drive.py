@@ -65,14 +65,14 @@ def tiny_drive(frames: int = 6) -> Drive:
 
 @dataclass(frozen=True)
 class FakeRenderer:
-    """Pictures and sweeps that follow from sensor and frame alone; counts its frames in ``log_path``, if given."""
+    """Images and sweeps that follow from sensor and frame alone; counts its frames in ``log_path``, if given."""
 
     drive: Drive
     log_path: Path | None = None
     delay_s: float = 0.0
 
     def camera(self, camera_id: str, frame: int, passes: tuple[str, ...] = ("rgb",), width: int | None = None) -> CameraFrame:
-        """A picture of noise, with every pass asked for."""
+        """An image of noise, with every pass asked for."""
         time.sleep(self.delay_s)
         if self.log_path is not None:
             with open(self.log_path, "a") as file:
@@ -102,7 +102,7 @@ class FakeRenderer:
         )
 
     def image(self, capture: Capture, passes: tuple[str, ...] = ("rgb",), width: int | None = None) -> CameraFrame:
-        """A picture of a capture; of a time, that of a frame of its number."""
+        """An image of a capture; of a time, that of a frame of its number."""
         return self.camera(capture.sensor_id, _frame(self.drive, capture), passes, width)
 
     def sweep(self, capture: Capture) -> LidarFrame:
@@ -215,7 +215,7 @@ class TinyLog:
 
 
 class GreyRenderer(FakeRenderer):
-    """Pictures that are grey all over, and LiDAR rays that all return, at the fake sweep's depth."""
+    """Images that are grey all over, and LiDAR rays that all return, at the fake sweep's depth."""
 
     def camera(self, camera_id: str, frame: int, passes: tuple[str, ...] = ("rgb",), width: int | None = None) -> CameraFrame:
         image = super().camera(camera_id, frame, passes, width)

@@ -26,7 +26,7 @@ GROUP_UP_PX = 77
 SECOND = "car-03"
 """The second of the street's cars by name."""
 SECOND_DOWN_PX = 141
-"""How far below the middle of the chosen actor's picture the grid's second one is."""
+"""How far below the middle of the chosen actor's image the grid's second one is."""
 
 
 def module(name: str) -> Any:

@@ -31,7 +31,7 @@ LONGEST: dict[str, float] = {}
 
 
 def shown() -> Any:
-    """The picture that the engine draws into the 3D view."""
+    """The image that the engine draws into the 3D view."""
     found, _, _ = view()
     region = next(r for r in found.regions if r.type == "WINDOW")
     return sys.modules[f"{MODULE}.compare_view"].drawn_view(region)
@@ -287,7 +287,7 @@ def from_above(distance_m: float = 45.0, tilt: float = 35.0, turn: float = -90.0
 
 
 def unsupported() -> Iterator[float]:
-    """Hatching over unsupported pixels, switched on in the panel; the picture below stays."""
+    """Hatching over unsupported pixels, switched on in the panel; the image below stays."""
     yield from open_panel("Show", "unsupported")
     screenshot("show_panel")
     from_above()

@@ -96,12 +96,12 @@ def shown_pixels(name: str) -> NDArray[np.float32]:
 
 
 def apart(a: NDArray[np.float32], b: NDArray[np.float32]) -> float:
-    """The share of pixels in which two pictures differ."""
+    """The share of pixels in which two images differ."""
     return float((np.abs(a - b).max(-1) > 6).mean())
 
 
 def rendered() -> Iterator[float]:
-    """Rendered shading, until the picture is finished."""
+    """Rendered shading, until the image is finished."""
     view()[1].shading.type = "RENDERED"
     yield from wait_for_image()
     yield 0.5

@@ -70,7 +70,7 @@ def clicked_line() -> Iterator[float]:
 
 
 def muted_edits() -> Iterator[float]:
-    """With the picture rendered, a click on each eye brings back what was recorded; further clicks bring the edits
+    """With the image rendered, a click on each eye brings back what was recorded; further clicks bring the edits
     back."""
     space = view()[1]
     space.show_object_viewport_mesh = False

@@ -132,10 +132,10 @@ def outside_frames() -> Iterator[float]:
     yield from fresh()
     yield from through_camera()
     view()[1].overlay.show_text = True
-    yield from until(lambda: viewport_image() is not None, "no picture comes")
+    yield from until(lambda: viewport_image() is not None, "no image comes")
     bpy.context.scene.frame_set(bpy.context.scene.frame_end)
     yield 2.0
-    yield from until(lambda: viewport_image() is not None, "no picture comes")
+    yield from until(lambda: viewport_image() is not None, "no image comes")
     x, y, width, height = region_rectangle("WINDOW")
     text, frame = (x + 60, y + height - 200, 700, 140), camera_frame()
     yield 0.5
@@ -144,7 +144,7 @@ def outside_frames() -> Iterator[float]:
     yield from key("RIGHT_ARROW")
     yield from until(lambda: bpy.context.scene.frame_current == 20, "the arrow key does not go beyond the end", 10)
     yield 2.0
-    yield from until(lambda: viewport_image() is not None, "no picture comes")
+    yield from until(lambda: viewport_image() is not None, "no image comes")
     yield 0.5
     screenshot("outside_rendered")
     rendered = grab()
@@ -168,7 +168,7 @@ def outside_frames() -> Iterator[float]:
 
 
 def camera_frame() -> tuple[int, int, int, int]:
-    """The middle of the picture that the view shows, on the screen: left, bottom, width, height."""
+    """The middle of the image that the view shows, on the screen: left, bottom, width, height."""
     x, y, _, _ = region_rectangle("WINDOW")
     left, bottom, width, height = list(sys.modules[f"{MODULE}.viewport"].VIEWS)[-1].rectangle
     return x + left + width // 4, y + bottom + height // 4, width // 2, height // 2

@@ -153,7 +153,7 @@ def removed_car() -> Iterator[float]:
     """X on a car that drives, in Rendered shading."""
     yield from fresh()
     yield from through_camera()
-    yield from until(lambda: viewport_image() is not None, "no picture comes")
+    yield from until(lambda: viewport_image() is not None, "no image comes")
     before = viewport_image()
     bare_view(view()[1], False)
     yield 0.3
@@ -184,7 +184,7 @@ def shifted_ego() -> Iterator[float]:
     """Ego > Shift Ego Lane, and 2 m in the redo panel."""
     yield from fresh()
     yield from through_camera()
-    yield from until(lambda: viewport_image() is not None, "no picture comes")
+    yield from until(lambda: viewport_image() is not None, "no image comes")
     before = viewport_image()
     yield from open_panel("Ego", "unisim.shift_ego")
     yield from press("unisim.shift_ego")

@@ -67,7 +67,7 @@ def region_rectangle(kind: str, found: bpy.types.Area | None = None) -> tuple[in
 
 
 def frame_rectangle() -> tuple[int, int, int, int]:
-    """Return where the viewport's picture is in the window: left, bottom, width, height."""
+    """Return where the viewport's image is in the window: left, bottom, width, height."""
     left, bottom, width, height = list(sys.modules[f"{MODULE}.viewport"].VIEWS)[-1].rectangle
     x, y, _, _ = region_rectangle("WINDOW")
     return x + left, y + bottom, width, height
@@ -167,7 +167,7 @@ def as_rendered(name: str) -> Iterator[float]:
 
 @uncounted
 def _keep(name: str, on: Image, made: Image, wrong: NDArray[np.bool_]) -> None:
-    """Leave a picture of what was compared: the screen, what was rendered, and where they differ, one below the other."""
+    """Leave an image of what was compared: the screen, what was rendered, and where they differ, one below the other."""
     marked = np.repeat(np.where(wrong, 255, on.mean(-1) / 4).astype(np.uint8)[..., None], 3, -1)
     shown = np.concatenate([on, made, marked])
     height, width = shown.shape[:2]

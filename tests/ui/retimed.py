@@ -87,7 +87,7 @@ def retimed_image() -> Iterator[float]:
     yield from through_camera(rendered=False)
     yield from click_car(driving=True)
     yield from through_camera()
-    yield from until(lambda: viewport_image() is not None, "no picture comes")
+    yield from until(lambda: viewport_image() is not None, "no image comes")
     before = viewport_image()
     bare_view(view()[1], False)  # what a view does not show is not selected there
     yield from to(*middle(area("VIEW_3D")))

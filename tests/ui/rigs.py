@@ -211,14 +211,14 @@ def ego_body() -> Iterator[float]:
 
 
 def red() -> float:
-    """Which share of the viewport's picture is as red as the body."""
+    """Which share of the viewport's image is as red as the body."""
     linear = viewport_image()
     assert linear is not None
     return float(((linear[..., 0] > 3 * linear[..., 1]) & (linear[..., 0] > 0.02)).mean())
 
 
 def unseen_from_the_front_camera() -> Iterator[float]:
-    """Through a camera of the vehicle the body is neither rendered nor drawn; released, the picture is the same."""
+    """Through a camera of the vehicle the body is neither rendered nor drawn; released, the image is the same."""
     space = view()[1]
     with inside(area("VIEW_3D")):
         assert bpy.ops.unisim.look_through("INVOKE_DEFAULT", name="front_camera") == {"FINISHED"}
@@ -242,7 +242,7 @@ def unseen_from_the_front_camera() -> Iterator[float]:
     yield 1.0
     yield from wait_for_image()
     assert not changed(with_body) and viewport_image() is not None
-    assert np.array_equal(np.asarray(viewport_image()), np.asarray(with_body)), "the picture is another one without the body"
+    assert np.array_equal(np.asarray(viewport_image()), np.asarray(with_body)), "the image is another one without the body"
     choose(object_named("own car"))
     with inside(area("VIEW_3D")):
         assert bpy.ops.unisim.ego_body("INVOKE_DEFAULT", place="HERE", forward="X") == {"FINISHED"}

@@ -110,7 +110,7 @@ def main(root: Path, release: str, out: Path, only: Sequence[str] = (), extensio
         ended.returncode or left != [2, 2] or re.search(r"Traceback[^\n]*\n(  .*\n)*.*unisim", ended.stdout)
     ):
         print(ended.stdout)
-        print(f"Error: blender --command unisim render ended with {ended.returncode} and left {left} pictures and sweeps of 2")
+        print(f"Error: blender --command unisim render ended with {ended.returncode} and left {left} images and sweeps of 2")
         return 1
     return judge(out, list(chosen))
 
@@ -213,7 +213,7 @@ def judged(window: dict[str, Any]) -> list[tuple[bool, str]]:
     """Return what has to hold of the session window.py, and what is said where it does not."""
     return [
         (window.get("own_python", False), "it was not Blender's own Python that rendered"),
-        ("torch" in window.get("packages_lacking", []), "torch is installed there: nothing is shown by a picture"),
+        ("torch" in window.get("packages_lacking", []), "torch is installed there: nothing is shown by an image"),
         (window.get("sweep_points", 0) > 1000, "the simulated sweep is empty"),
         (window.get("viewport_and_f12", 99.0) <= WITHIN_BYTES, "viewport and F12 differ"),
         (window.get("refresh_changed", 0.0) > 0.05, "moving a box changed nothing"),

@@ -69,7 +69,7 @@ def rests(car: str, low: float) -> Iterator[float]:
 
 
 def shown() -> NDArray[np.float32]:
-    """The viewport's finished picture."""
+    """The viewport's finished image."""
     now = viewport_image()
     assert now is not None
     return now
@@ -120,7 +120,7 @@ def undone() -> Iterator[float]:
     assert not np.array_equal(larger, shown())
     yield from follows(lambda: key("Z", ctrl=True, shift=True), "the image does not follow redo")
     assert factors() == {uid: (1.5, 1.5, 1.5)} and ("Move", uid) in edits()
-    assert np.array_equal(larger, shown()), "the picture after redo is not the one before undo"
+    assert np.array_equal(larger, shown()), "the image after redo is not the one before undo"
 
 
 def grounded() -> Iterator[float]:
@@ -234,7 +234,7 @@ def as_large_as(width: int, height: int) -> Iterator[float]:
 
 
 def same_render() -> Iterator[float]:
-    """`unisim render` of the exported scenario gives the viewport's picture."""
+    """`unisim render` of the exported scenario gives the viewport's image."""
     yield from as_large_as(480, 270)
     linear = np.clip(shown()[::-1, :, :3], 0, 1)
     path, frames, frame = OUT.parent / "scaled.json", OUT.parent / "scaled", bpy.context.scene.frame_current

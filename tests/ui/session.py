@@ -38,7 +38,7 @@ def view() -> tuple[bpy.types.Area, bpy.types.SpaceView3D, bpy.types.RegionView3
 
 @uncounted
 def screenshot(name: str) -> None:
-    """A picture of the whole window."""
+    """An image of the whole window."""
     subprocess.run(["import", "-window", "root", str(OUT / f"{name}.png")], check=True)
 
 
@@ -104,11 +104,11 @@ def redraw() -> None:
 
 
 def wait_for_image(limit_s: float = 240.0) -> Iterator[float]:
-    """Let the window go on until the viewport's picture is finished."""
+    """Let the window go on until the viewport's image is finished."""
     redraw()
     yield 0.3
     yield 0.3
-    yield from until(lambda: viewport_image() is not None, "the viewport's picture does not come", limit_s)
+    yield from until(lambda: viewport_image() is not None, "the viewport's image does not come", limit_s)
 
 
 def start(steps: Iterator[float], name: str) -> None:

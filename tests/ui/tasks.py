@@ -183,7 +183,7 @@ def differing(what: str) -> Iterator[float]:
 
 
 def changed(before: NDArray[Any] | None) -> bool:
-    """Whether the viewport's finished picture is another one than before."""
+    """Whether the viewport's finished image is another one than before."""
     now = viewport_image()
     return now is not None and before is not None and bool(np.abs(now - before).max() > 0.05)
 

@@ -73,7 +73,7 @@ def f12() -> None:
 
 
 def escape() -> None:
-    """Esc on the real keyboard, with the mouse over the picture: Blender stops a render at no simulated one."""
+    """Esc on the real keyboard, with the mouse over the image: Blender stops a render at no simulated one."""
     subprocess.run(["xdotool", "mousemove", "600", "400", "key", "Escape"], check=True)
 
 
@@ -83,7 +83,7 @@ def rendering() -> bool:
 
 
 def stopped_by_esc() -> Iterator[float]:
-    """F12 of a large picture, Esc in the middle of it, then F12 of a small one, by the same worker."""
+    """F12 of a large image, Esc in the middle of it, then F12 of a small one, by the same worker."""
     scene, manager = bpy.context.scene, bpy.context.window_manager
     worker = sys.modules[f"{MODULE}.client"]._client
     process, arrays, bands = worker.process.pid, worker.arrays, []
@@ -114,7 +114,7 @@ def stopped_by_esc() -> Iterator[float]:
     assert not worker.problem and worker.process.pid == process
     presses, last = 0, 0.0
     while len(manager.windows) > 1:  # a busy window may lose the key while it closes the job
-        assert presses < 4, "the window of the picture stays"
+        assert presses < 4, "the window of the image stays"
         if time.monotonic() - last > 3.0:
             escape()
             presses, last = presses + 1, time.monotonic()
@@ -141,7 +141,7 @@ def timed(change: Callable[[], None]) -> Iterator[float]:
     longest = 0.0
     while not drawn or drawn[-1][1]:
         states = [(one.pending, one.fresh, one.waits, one.problem) for one in viewport.VIEWS]
-        assert last < begun + 60, f"the viewport's picture does not come: {states}"
+        assert last < begun + 60, f"the viewport's image does not come: {states}"
         yield 0.005
         longest, last = max(longest, time.monotonic() - last), time.monotonic()
     viewport.View.draw = draw
@@ -269,7 +269,7 @@ def steps() -> Iterator[float]:
     results["refresh_s"] = time.monotonic() - begun
     results["refresh_changed"] = float(np.abs(viewport_image() - shown).max())
     screenshot("moved")
-    # the worker dies in the middle of a picture, and the next request brings it back
+    # the worker dies in the middle of an image, and the next request brings it back
     worker = sys.modules[f"{MODULE}.client"]._client
     car.location.z -= 1.0
     car.location.x += 0.5

@@ -1,6 +1,6 @@
 """``python -m unisim_blender.cycles ORDER``: draws what a street still lacks, and tells on its standard output how far it is.
 
-ORDER is a JSON document, `path_tracer.Order`'s. A line of JSON tells each step: {"total": pictures}, {"done": picture},
+ORDER is a JSON document, `path_tracer.Order`'s. A line of JSON tells each step: {"total": images}, {"done": image},
 {"error": sentence}. The process ends when its input is closed, so it never outlives the command that started it.
 """
 

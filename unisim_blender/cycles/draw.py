@@ -1,4 +1,4 @@
-"""What is missing of a street's pictures, drawn one after the other."""
+"""What is missing of a street's images, drawn one after the other."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ Keep = Callable[[NDArray[np.uint8]], None]
 
 
 def draw(order: Order, say: Say) -> None:
-    """Draw an order's pictures that are not there yet, and say after each that it is done. Raises `UnisimError`."""
+    """Draw an order's images that are not there yet, and say after each that it is done. Raises `UnisimError`."""
     jobs = log_jobs(order.out) if order.truths is None else truth_jobs(order.out, order.truths, order.width)
     say(total=len(jobs))
     studio = None
@@ -36,7 +36,7 @@ def draw(order: Order, say: Say) -> None:
 
 
 class Job:
-    """One picture to draw, and what keeps it."""
+    """One image to draw, and what keeps it."""
 
     def __init__(self, street: Street, drive: Drive, camera: str, frame: int, width: int | None, keep: Keep) -> None:
         self.street, self.drive, self.camera, self.frame, self.width, self.keep = street, drive, camera, frame, width, keep
@@ -59,7 +59,7 @@ def log_jobs(out: Path) -> list[Job]:
 
 
 def truth_jobs(out: Path, truths: tuple[TruthRequest, ...], width: int | None) -> list[Job]:
-    """Pictures of scenarios' edited drives and of the unedited one, where ``out`` lacks them; each once."""
+    """Images of scenarios' edited drives and of the unedited one, where ``out`` lacks them; each once."""
     jobs: dict[Path, Job] = {}
     home = load_street(out)
     for wanted in truths:
@@ -77,7 +77,7 @@ def _keeper(path: Path) -> Keep:
 
 
 def noise_seed(camera: str, frame: int) -> int:
-    """The seed of an image's noise: each has its own, alike for all drives, so that an edit's pictures differ by the edit."""
+    """The seed of an image's noise: each has its own, alike for all drives, so that an edit's images differ by the edit."""
     return 1 + CAMERAS.index(camera) + len(CAMERAS) * frame if camera in CAMERAS else 0
 
 
@@ -89,5 +89,5 @@ class Studio:
         self._painter = Painter(street.recipe.paths)
 
     def image(self, drive: Drive, camera: str, frame: int, width: int | None = None) -> NDArray[np.uint8]:
-        """A picture (H, W, 3), sRGB."""
+        """An image (H, W, 3), sRGB."""
         return self._painter.paint(self.workshop.stage(drive, camera, frame, width), noise_seed(camera, frame))

@@ -1,6 +1,6 @@
-"""A stage into Blender's scene, and Cycles' picture of it.
+"""A stage into Blender's scene, and Cycles' image of it.
 
-Blender's time is the shutter's: from frame 0 to frame 1 a picture's rows are exposed, so that Cycles' rolling shutter over one
+Blender's time is the shutter's: from frame 0 to frame 1 an image's rows are exposed, so that Cycles' rolling shutter over one
 frame is the camera's own. Camera: OpenCV's axes become Blender's, y and z turned round.
 """
 
@@ -74,7 +74,7 @@ class Painter:
         scene.frame_set(0)
 
     def paint(self, stage: Stage, noise_seed: int = 0) -> NDArray[np.uint8]:
-        """The picture (H, W, 3), sRGB."""
+        """The image (H, W, 3), sRGB."""
         self.set_up_stage(stage, noise_seed)
         with tempfile.TemporaryDirectory(prefix="unisim-cycles-") as folder:
             path = Path(folder) / "picture.png"

@@ -33,7 +33,7 @@ FAR_OFF = {
 
 
 def moved(where: str) -> Case:
-    """The drive, the volume, the actors and the rays moved: the picture stays."""
+    """The drive, the volume, the actors and the rays moved: the image stays."""
 
     def case(bench: Bench) -> Iterator[Measure]:
         offset, yaw = FAR_OFF[where]

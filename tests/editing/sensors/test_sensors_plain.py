@@ -45,7 +45,7 @@ def test_a_changed_lens_keeps_the_shape_of_pixels() -> None:
     ("fit", "focal"), [("HORIZONTAL", 400.0 * 50 / 36), ("VERTICAL", 800.0 * 50 / 24), ("AUTO", 800.0 * 50 / 36)]
 )
 def test_which_edge_a_sensors_size_is_of(fit: str, focal: float) -> None:
-    """A picture that is higher than wide."""
+    """An image that is higher than wide."""
     model = model_of_lens(Lens(50.0, 0.1, -0.05, 36.0, 24.0, fit), (400, 800))
     along = 400 if fit == "HORIZONTAL" else 800
     assert (model.fx, model.cx, model.cy) == pytest.approx((focal, 200 - 0.1 * along, 400 - 0.05 * along))

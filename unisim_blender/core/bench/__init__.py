@@ -9,9 +9,9 @@ process.py      a process that renders, with an environment of its own
 cases.py        what is measured: render requests that take turns
 measure.py      the rounds
 errors.py       how far images and depths are from the truth
-figures.py      measurements to figures
+metrics.py      measurements to metrics
 pareto.py       what nothing else beats
 machine.py      where it was measured
-tables.py plots.py report.py    figures to files
+tables.py plots.py report.py    metrics to files
 run.py          all of it, from paths to files
 """

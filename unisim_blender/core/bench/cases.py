@@ -25,7 +25,7 @@ from .state_cost import AddedActors
 
 @dataclass
 class Entry:
-    """A render request, the process that it is rendered in, and what came of it so far. ``about`` tells the figures what it
+    """A render request, the process that it is rendered in, and what came of it so far. ``about`` tells the metrics what it
     is."""
 
     about: dict[str, Any]
@@ -40,7 +40,7 @@ class Entry:
 
 @dataclass
 class Case:
-    """Entries that take turns. ``kind`` is a section of the figures; ``recorded`` are what a log has instead of the windows."""
+    """Entries that take turns. ``kind`` is a section of the metrics; ``recorded`` are what a log has instead of the windows."""
 
     kind: str
     about: dict[str, Any]
@@ -196,7 +196,7 @@ def copies_case(subject: Subject, settings: Settings, threads: int) -> Case:
 
 
 def state_case(subject: Subject, settings: Settings, threads: int) -> Case:
-    """What a state of many actors costs, for a sweep and for a picture."""
+    """What a state of many actors costs, for a sweep and for an image."""
     added = AddedActors(settings.state_actors, settings.state_repeats)
     model = subject.model.resized(settings.state_width)
     shot = replace(_typical(subject, settings.state_width, threads), added=added)
@@ -243,7 +243,7 @@ def memory_case(subject: Subject, settings: Settings, threads: int) -> Case:
     """A large image and a sweep, each in a process of its own."""
     width = settings.memory_width
     image = _typical(subject, width, threads)
-    entries = [Entry({"what": f"picture, {width} wide"}, DEFAULT, image, once=True, fresh=True)]
+    entries = [Entry({"what": f"image, {width} wide"}, DEFAULT, image, once=True, fresh=True)]
     if subject.lidar is not None:
         entries.append(Entry({"what": "sweep"}, DEFAULT, replace(image, sensor=subject.lidar, width=0), once=True, fresh=True))
     return Case("memory", {}, entries)

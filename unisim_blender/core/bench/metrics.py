@@ -1,4 +1,4 @@
-"""Takes to figures: medians of rounds, errors against the truth. What was not measured is left out."""
+"""Takes to metrics: medians of rounds, errors against the truth. What was not measured is left out."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Figures as images. Needs matplotlib, which the extra `bench` brings."""
+"""Metrics as images. Needs matplotlib, which the extra `bench` brings."""
 
 from __future__ import annotations
 
@@ -31,13 +31,13 @@ ERRORS = {
 
 
 def images(metrics: dict[str, list[dict[str, Any]]]) -> dict[str, bytes]:
-    """PNG files by their names, of what there are figures for."""
+    """PNG files by their names, of what there are metrics for."""
     found = {}
     with matplotlib.rc_context({"font.size": 9, "axes.spines.top": False, "axes.spines.right": False}):
         cameras = [case for case in metrics.get("camera", []) if any(_known(row, "delta_e") for row in case["entries"])]
         if cameras:
             titles = [f"{case['sensor']}, {case['width']}×{case['height']}" for case in cameras]
-            found["camera.png"] = _against_time(list(zip(cameras, titles, ("delta_e",) * len(cameras), strict=True)), "picture")
+            found["camera.png"] = _against_time(list(zip(cameras, titles, ("delta_e",) * len(cameras), strict=True)), "image")
         for case in metrics.get("lidar", []):
             if any(_known(row, FRONT["lidar"]) for row in case["entries"]):
                 names = ("median_mm", "p90_mm", "p99_mm")
@@ -134,7 +134,7 @@ def _copies(axes: Axes, case: dict[str, Any]) -> None:
         rows = none + [row for row in case["entries"] if row["copies"] and row["behind"] == behind]
         _line(axes, [row["copies"] for row in rows], rows, label=label)
     axes.legend(frameon=False)
-    axes.set(xlabel="added actors", title=f"Actors, picture {case['width']} wide")
+    axes.set(xlabel="added actors", title=f"Actors, image {case['width']} wide")
 
 
 def _region(axes: Axes, case: dict[str, Any]) -> None:
@@ -150,7 +150,7 @@ def _scenes(axes: Axes, case: dict[str, Any]) -> None:
         if rows:
             _line(axes, [row["weights_bytes"] / 1e6 for row in rows], rows, label=sensor)
     axes.legend(frameon=False)
-    axes.set(xlabel="weights, MB", title=f"Scenes, picture {case['width']} wide, and sweep")
+    axes.set(xlabel="weights, MB", title=f"Scenes, image {case['width']} wide, and sweep")
 
 
 GROWTH: dict[str, Draw] = {"pixels": _pixels, "copies": _copies, "region": _region, "scenes": _scenes}

@@ -1,4 +1,4 @@
-"""Figures as Markdown."""
+"""Metrics as Markdown."""
 
 from __future__ import annotations
 
@@ -100,7 +100,7 @@ def _lidar(case: Row) -> list[str]:
 
 def _pixels(case: Row) -> list[str]:
     columns: list[Column] = [
-        ("picture", lambda row: f"{row['width']}×{row['height']}"), ("s", key("seconds")),
+        ("image", lambda row: f"{row['width']}×{row['height']}"), ("s", key("seconds")),
         ("µs a pixel", lambda row: number(1e6 * row["seconds"] / (row["width"] * row["height"]))), ("rays", key("rays", 4)),
     ]  # fmt: skip
     return ["## Pixels", "", *table(columns, case["entries"])]

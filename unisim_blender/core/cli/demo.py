@@ -23,7 +23,7 @@ MakeLog = Callable[[Path, dict[str, float | str]], object]
 
 @dataclass(frozen=True)
 class DemoResult:
-    """The figures against the truth, and where things were written."""
+    """The metrics against the truth, and where things were written."""
 
     metrics: dict[str, Any]
     frames: tuple[int, ...]

@@ -1,4 +1,4 @@
-"""One method at one part: its figures in a file, and some of its images beside it."""
+"""One method at one part: its metrics in a file, and some of its images beside it."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ class Bench:
 
 
 def measured(bench: Bench, name: str, made: Made, part: Part, progress: Progress) -> dict[str, Any]:
-    """A method's figures of a part, from its file where that was measured on the same. Raises `UnisimError`."""
+    """A method's metrics of a part, from its file where that was measured on the same. Raises `UnisimError`."""
     path = bench.out / "figures" / name / f"{part.name}.json"
     key = _key(bench, made, part)
     try:
@@ -89,7 +89,7 @@ def shown_frames(part: Part) -> tuple[int, ...]:
 
 
 def _key(bench: Bench, made: Made, part: Part) -> dict[str, Any]:
-    """All that the figures depend on."""
+    """All that the metrics depend on."""
     w = bench.options
     return {
         "renders": made.key,

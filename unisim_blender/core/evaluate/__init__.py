@@ -1,1 +1,1 @@
-"""How good a rendered drive is: figures and images, against recorded frames or against a street's truth."""
+"""How good a rendered drive is: metrics and images, against recorded frames or against a street's truth."""

@@ -1,7 +1,7 @@
 """A trained scene against the recorded frames it was not trained on.
 
-Full-frame figures are means over frames (and cameras) of the frames' own figures. Figures inside actors' boxes pool the squared
-errors of all frames' pixels first, for a box is a few pixels in one frame and half the image in another. LiDAR figures are
+Full-frame metrics are means over frames (and cameras) of the frames' own metrics. Metrics inside actors' boxes pool the squared
+errors of all frames' pixels first, for a box is a few pixels in one frame and half the image in another. LiDAR metrics are
 means over sweeps.
 """
 
@@ -74,7 +74,7 @@ def evaluate(
     on_frame: Callable[[FrameImages], None] = lambda images: None,
     progress: Callable[[Iterable[int]], Iterable[int]] = lambda frames: frames,
 ) -> dict[str, Any]:
-    """Render the plan's frames and compare them with the log; the figures as a JSON object (None where there are none)."""
+    """Render the plan's frames and compare them with the log; the metrics as a JSON object (None where there are none)."""
     per_frame = []
     for frame in progress(plan.frames):
         images = FrameImages(frame)
@@ -243,7 +243,7 @@ LIDAR_METRICS = (
 
 
 def summarise(per_frame: list[dict[str, Any]]) -> dict[str, Any]:
-    """All frames' figures, those of driving frames beside them, and each sensor's own."""
+    """All frames' metrics, those of driving frames beside them, and each sensor's own."""
     summary: dict[str, Any] = {}
     for kind, metrics in (("camera", camera_metrics), ("lidar", sweep_metrics)):
         driving = [record for record in per_frame if record["driving"]]
@@ -255,7 +255,7 @@ def summarise(per_frame: list[dict[str, Any]]) -> dict[str, Any]:
 
 
 def camera_metrics(images: list[dict[str, Any]], masks: Iterable[str] = MASKS) -> dict[str, Any]:
-    """The images' mean figures, and those within each mask."""
+    """The images' mean metrics, and those within each mask."""
     metrics: dict[str, Any] = {"images": len(images), **{name: mean_of(images, name) for name in CAMERA_METRICS}}
     if all("lpips" not in image for image in images):
         del metrics["lpips"]
@@ -272,7 +272,7 @@ def camera_metrics(images: list[dict[str, Any]], masks: Iterable[str] = MASKS) -
 
 
 def sweep_metrics(sweeps: list[dict[str, Any]]) -> dict[str, Any]:
-    """The sweeps' mean figures."""
+    """The sweeps' mean metrics."""
     return {"sweeps": len(sweeps), **{name: mean_of(sweeps, name) for name in LIDAR_METRICS}}
 
 

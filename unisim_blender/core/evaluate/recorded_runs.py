@@ -42,7 +42,7 @@ class EvaluationOptions:
 
 
 def evaluate_scene(scene: Path, log_path: Path, out: Path, options: EvaluationOptions, progress: Progress) -> dict[str, Any]:
-    """Compare a trained scene's frames with a log's and write ``out``; the figures without those of single frames.
+    """Compare a trained scene's frames with a log's and write ``out``; the metrics without those of single frames.
 
     Raises `UnisimError`.
     """
@@ -71,7 +71,7 @@ def evaluate_scene(scene: Path, log_path: Path, out: Path, options: EvaluationOp
 def evaluate_split(
     logs: tuple[str, ...], scenes: Path, log_root: Path, out: Path, options: EvaluationOptions, progress: Progress
 ) -> dict[str, Any]:
-    """Evaluate the scene in ``scenes``/NAME against the log in ``log_root``/NAME for every name; the logs' mean figures.
+    """Evaluate the scene in ``scenes``/NAME against the log in ``log_root``/NAME for every name; the logs' mean metrics.
 
     Raises `UnisimError`, before anything is rendered where a log or a scene is missing.
     """

@@ -1,4 +1,4 @@
-"""A page of images and figures that opens from a folder, in any browser, without a network."""
+"""A page of images and metrics that opens from a folder, in any browser, without a network."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """Edited frames against the truth of their edit, and beside them the unedited drive's frames against theirs.
 
 The edited region is where the truth itself changes: pixels that show something else than before, and shadow pixels, whose light
-alone changed. A pixel is seen where what it shows stood in some image that was trained on. The replay's figures are measured on
+alone changed. A pixel is seen where what it shows stood in some image that was trained on. The replay's metrics are measured on
 the same frames, and within the same pixels, so that the cost of an edit can be read off as their difference.
 """
 
@@ -59,7 +59,7 @@ class EditRegions:
 
 
 def edit_image_metrics(rendered: ImageArray, truth: ImageArray, regions: EditRegions) -> dict[str, Any]:
-    """Figures of a rendered image over the frame and within each region."""
+    """Metrics of a rendered image over the frame and within each region."""
     return image_metrics(rendered, truth, regions.masks())
 
 
@@ -74,7 +74,7 @@ class Cloud:
 def lidar_metrics_beside(
     renderer: RayRenderer, truth: LidarFrame, blocked: BoolArray | None
 ) -> tuple[dict[str, Any], Cloud, Cloud]:
-    """Render the rays of a true sweep, those that the vehicle blocks left out; the figures, and rendered and true points."""
+    """Render the rays of a true sweep, those that the vehicle blocks left out; the metrics, and rendered and true points."""
     cells = np.ones(truth.returned.shape, bool) if blocked is None else ~blocked
     origins, directions = truth.origins[cells], truth.directions[cells]
     depth, intensity, probability, _ = renderer.rays_lidar(origins, directions, truth.time_s[cells])
@@ -88,7 +88,7 @@ def lidar_metrics_beside(
 
 
 def summarise_truth(per_frame: list[dict[str, Any]]) -> dict[str, Any]:
-    """Mean figures of edit and replay over all frames and sensors, and what the edit costs in dB beside the replay."""
+    """Mean metrics of edit and replay over all frames and sensors, and what the edit costs in dB beside the replay."""
     summary: dict[str, Any] = {"camera": {}, "lidar": {}}
     for part in ("edit", "replay"):
         images = [found[part] for record in per_frame for found in record["camera"].values() if part in found]

@@ -69,7 +69,7 @@ def evaluate_scenarios(
     progress: Progress,
     scene: Path | None = None,
 ) -> dict[str, Any]:
-    """Compare scenarios with the truth of their edits on the street at ``street_path``; the figures by scenario.
+    """Compare scenarios with the truth of their edits on the street at ``street_path``; the metrics by scenario.
 
     They are rendered with ``scene``, or each with the one that it names. Several scenarios are written to folders of their names
     below ``out``. Raises `UnisimError`.
@@ -92,7 +92,7 @@ def evaluate_scenario(
     progress: Progress,
     scene: Path | None = None,
 ) -> dict[str, Any]:
-    """Compare one scenario with the truth of its edits and write ``out``; the figures without those of single frames."""
+    """Compare one scenario with the truth of its edits and write ``out``; the metrics without those of single frames."""
     rendered, true = prepare_scenario(scenario, scene=scene), prepare_scenario(scenario, refined=False, scene=scene)
     if rendered.scene_path is None:
         raise ScenarioError(f"{scenario}: scene: names no trained scene to render with; give one with --scene")
@@ -137,7 +137,7 @@ def evaluate_scenario(
 
 
 def compare_frame(run: ScenarioRun, frame: int) -> tuple[dict[str, Any], FrameImages]:
-    """All sensors of one frame: figures, and a row of images each."""
+    """All sensors of one frame: metrics, and a row of images each."""
     images = FrameImages(frame)
     record: dict[str, Any] = {"frame": frame, "camera": {}, "lidar": {}}
     edited = run.truth.drive("edit")

@@ -1,4 +1,4 @@
-"""Two documents compared: the figures of detections, forecasts and plans that both hold."""
+"""Two documents compared: the metrics of detections, forecasts and plans that both hold."""
 
 from __future__ import annotations
 
@@ -167,7 +167,7 @@ def plans(outputs: Outputs, labels: Outputs) -> dict[str, Any] | None:
 def measure(
     outputs: Outputs, labels: Outputs, ious: Sequence[float] | None = None, resamples: int = RESAMPLES, seed: int = 0
 ) -> dict[str, Any]:
-    """All figures of outputs beside labels, by class, as a JSON object. Raises `MetricsError`."""
+    """All metrics of outputs beside labels, by class, as a JSON object. Raises `MetricsError`."""
     check_pair(outputs, labels)
     if not outputs.scored:
         raise MetricsError(f"{outputs.path}: a detection has no score")

@@ -34,9 +34,7 @@ def capability_warnings(scene: Path, recorded: Drive, edited: Drive, sweeps: boo
     if not method.has_actors and (changed or added):
         every = [*changed, *added]
         names = ", ".join(every[:SHOWN]) + (f" and {len(every) - SHOWN} more" if len(every) > SHOWN else "")
-        found.append(
-            f"scene {method.name!r} is one field without actors: edits of {names} change labels, but no picture or sweep"
-        )
+        found.append(f"scene {method.name!r} is one field without actors: edits of {names} change labels, but no image or sweep")
     if sweeps and not method.has_lidar:
         found.append(f"scene {method.name!r} was trained without LiDAR: the intensities and drops of its sweeps mean nothing")
     return found

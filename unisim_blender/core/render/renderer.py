@@ -298,7 +298,7 @@ class Renderer:
         if exposure.shadowing:
             assert rays is not None
             image = self._shaded(exposure, image, rays, maps)
-        exposure.stats.seconds["picture"] = time.perf_counter() - exposure.begun
+        exposure.stats.seconds["image"] = time.perf_counter() - exposure.begun
         pose = camera.world_from_camera.at(time_s)
         out = CameraFrame(camera.model, pose, image[inner], instances=exposure.tracer.active.uids, stats=exposure.stats)
         shape = -(-image.shape[0] // up), -(-image.shape[1] // up)

@@ -54,7 +54,7 @@ class Order:
 
 def draw_log(out: Path, progress: bool) -> None:
     """Draw the images that the log at ``out`` still lacks. Raises `OutputError`."""
-    _run(Order(out), "pictures", progress)
+    _run(Order(out), "images", progress)
 
 
 def draw_truths(out: Path, truths: tuple[TruthRequest, ...], width: int | None, progress: bool) -> None:
@@ -72,7 +72,7 @@ def _run(order: Order, what: str, progress: bool) -> None:
     command = [sys.executable, "-m", MODULE, order.text()]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, start_new_session=True) as process:
         assert process.stdout is not None
-        with Bar(desc=what, unit="picture", disable=not progress) as bar:
+        with Bar(desc=what, unit="image", disable=not progress) as bar:
             try:
                 for line in process.stdout:
                     event = json.loads(line)

@@ -34,8 +34,8 @@ HERE = Path(tempfile.gettempdir()).resolve() / "moment.json"
 
 
 class CameraRequest(NamedTuple):
-    """``values`` are what the worker needs, beside what is asked of it; ``model`` is the camera's, at the picture's size.
-    ``scenario`` is what the picture is of, ``indices`` are Blender's pass indices by the actors' ids."""
+    """``values`` are what the worker needs, beside what is asked of it; ``model`` is the camera's, at the image's size.
+    ``scenario`` is what the image is of, ``indices`` are Blender's pass indices by the actors' ids."""
 
     values: dict[str, Any]
     model: CameraModel

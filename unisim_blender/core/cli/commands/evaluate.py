@@ -16,7 +16,7 @@ HELD_OUT = "1::2"
 """Frames that a split is measured on: even frames train, odd frames test."""
 
 LEFT_TO_THE_FILE = ("by_sensor", "pixels", "chamfer_squared_m2", "depth_median_squared_m2")
-"""Figures that are written and not printed."""
+"""Metrics that are written and not printed."""
 
 
 @click.command()
@@ -79,7 +79,7 @@ def command(
     for name, value in flat_metrics(metrics):
         if not any(part in LEFT_TO_THE_FILE for part in name.split(".")):
             click.echo(f"{name:45} {value}")
-    click.echo(f"Figures: {out / 'metrics.json'}   images: {out / 'index.html'}")
+    click.echo(f"Metrics: {out / 'metrics.json'}   images: {out / 'index.html'}")
 
 
 def _progress(frames: Any, what: str) -> Any:

@@ -48,7 +48,7 @@ def command(
         click.echo(line)
     if out is not None:
         write_text(out, json.dumps(metrics, indent=1) + "\n", MetricsError)
-        click.echo(f"Figures: {out}")
+        click.echo(f"Metrics: {out}")
 
 
 def _thresholds(text: str) -> tuple[float, ...]:
