@@ -94,7 +94,7 @@ def test_keys_are_a_trajectory(street: Any) -> None:
     assert np.abs(now.at(early) - recorded.at(early)).max() < 1e-6
 
 
-def test_shift_d_is_a_new_actor_of_the_same_look(street: Any) -> None:
+def test_shift_d_is_a_new_actor_of_the_same_appearance(street: Any) -> None:
     uid = driving(street).unisim.uid
     select(imported(street, "ACTOR", uid))
     bpy.ops.object.duplicate()

@@ -23,7 +23,7 @@ FOREIGN_SCENE = "other"
 
 
 def weaving(keys: int, start: tuple[float, float, float], speed: float) -> Trajectory:
-    """A way along x through the drive's time, with a yaw that swings."""
+    """A trajectory along x through the drive's time, with a yaw that swings."""
     times = np.linspace(-0.1, 0.6, keys)
     positions = np.array(start) + np.stack([speed * times, 0.3 * np.sin(9 * times), 0 * times], -1)
     return Trajectory(times, positions, quaternion_from_yaw(0.3 * np.sin(7 * times)))

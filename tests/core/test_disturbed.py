@@ -36,7 +36,7 @@ def test_a_constant_offset_in_the_box_is_no_error() -> None:
     shift_m, turn_rad = offset_errors(true, true @ offset)
     np.testing.assert_allclose(shift_m, 0, atol=1e-12)
     np.testing.assert_allclose(turn_rad, 0, atol=1e-7)
-    # in the world's axes the same shift is none that a look in the box could make up for
+    # in the world's axes the same shift is none that an appearance in the box could make up for
     shift_m, _ = offset_errors(true, make_pose(np.array([0.3, 0.0, 0.0]), np.array([1.0, 0, 0, 0])) @ true)
     mean = 0.3 * np.mean([[np.cos(a), -np.sin(a)] for a in np.radians([0, 30, 60, 90])], 0)
     np.testing.assert_allclose(shift_m[0], np.hypot(0.3 - mean[0], mean[1]), atol=1e-12)

@@ -1,4 +1,4 @@
-"""Ways without their labels' noise: against a smoothing spline of SciPy's, and on ways whose noise is known."""
+"""Trajectories without their labels' noise: against a smoothing spline of SciPy's, and where the noise is known."""
 
 from __future__ import annotations
 

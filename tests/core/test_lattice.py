@@ -75,7 +75,7 @@ def test_most_pixels_are_not_traced() -> None:
     assert scene.asked.reshape(128, 256)[:-1, [6, 7, 15, 16]].all()
 
 
-def test_a_slope_is_foretold_and_what_stands_on_it_is_not() -> None:
+def test_a_slope_is_predicted_and_what_stands_on_it_is_not() -> None:
     shape = 65, 65
     scene = Scene(shape, ())
     y, x = np.mgrid[0:65, 0:65].astype(np.float32)

@@ -163,7 +163,7 @@ def random_actors(n: int, rng: np.random.Generator) -> list[Actor]:
 
 
 def test_no_actor_is_skipped_that_a_ray_meets() -> None:
-    """Against every box tried on every ray, for cameras of all kinds on their ways, and a LiDAR that looks all round."""
+    """Against every box tried on every ray, for moving cameras of all kinds, and a LiDAR that looks all round."""
     rng = np.random.default_rng(11)
     scene = analytic_scene(empty, {"car": (empty, SIZE)})
     drive = drive_of(random_actors(60, rng))

@@ -103,7 +103,7 @@ def test_edits_apply_in_order() -> None:
     insert = {"type": "insert", "actor": "van", "id": "c", "pose": pose}
     assert edited(by(2, 2, 2, actor="van"), insert).actors["c"].scale == (1.0, 1.0, 1.0)
     assert edited(insert, by(2, 2, 2, actor="c")).actors["c"].scale == (2.0, 2.0, 2.0)
-    # another look has its own size, its underside where the scaled one's was
+    # another appearance has its own size, its underside where the scaled one's was
     drive = edited(by(1, 1, 2), {"type": "swap", "actor": "car", "appearance": "van"})
     now = drive.actors["car"]
     np.testing.assert_array_equal(now.size_m, van.size_m)

@@ -12,7 +12,7 @@ from unisim_blender.core.render.tracers.surfels.exposure import Exposures, Obser
 
 
 def observations(gains: NDArray[np.float64], odd: float, seed: int = 0) -> Observations:
-    """400 places, each shown by three of the images; a share ``odd`` of the looks shows something else."""
+    """400 places, each shown by three of the images; a share ``odd`` of the observations shows something else."""
     rng = np.random.default_rng(seed)
     place = np.repeat(np.arange(400), 3)
     image = np.concatenate([rng.choice(len(gains), 3, replace=False) for _ in range(400)])

@@ -306,7 +306,7 @@ def test_two_actors_on_one_ray_and_a_foreign_actor_on_another() -> None:
     np.testing.assert_allclose(traced.depth_m[0], 20 - 3 - 0.7, atol=0.05)
 
 
-def test_duplicates_of_an_actor_share_its_look() -> None:
+def test_duplicates_of_an_actor_share_its_appearance() -> None:
     size = np.array([2.0, 3.0, 3.0])
     scene = analytic_scene(empty, {"a": (empty, size), "b": (block([1.4, 2.6, 2.6]), size)})
     actors = [still("copy of b", [0, 0, 1.6], size, appearance=Appearance("b")), still("a", [-5, 0, 1.6], size)]
@@ -316,7 +316,7 @@ def test_duplicates_of_an_actor_share_its_look() -> None:
 
 def test_a_look_that_the_scene_does_not_hold() -> None:
     stage = Stage(analytic_scene(empty, {}), drive_of([still("car", [0, 0, 1], [1, 1, 1], appearance=Appearance("lorry"))]))
-    with pytest.raises(SceneError, match="'car' has the look of 'lorry'"):
+    with pytest.raises(SceneError, match="'car' has the appearance of 'lorry'"):
         stage.active()
     absent = Stage(
         analytic_scene(empty, {}), drive_of([still("car", [0, 0, 1], [1, 1, 1], appearance=Appearance("car", FOREIGN))])

@@ -112,7 +112,7 @@ def test_poses_are_the_trajectories(refine: bool) -> None:
     with torch.no_grad():
         position, rotation = tracklets.poses_at(actor, torch.tensor(np.tile(times, 12)), tracklets.keys())
     expected = np.concatenate([a.world_from_actor.at(times) for a in actors])
-    # beyond its ends a way is carried on, so errors grow with the distance
+    # beyond its ends a trajectory is carried on, so errors grow with the distance
     far = 1 + np.abs(expected[:, :3, 3])
     assert (np.abs(position.numpy() - expected[:, :3, 3]) / far).max() < 1e-5
     np.testing.assert_allclose(rotation.numpy(), expected[:, :3, :3], atol=2e-4 if refine else 5e-5)

@@ -12,7 +12,7 @@ FRONT = quaternion_from_matrix(np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]]))
 
 
 def arc(times: FloatArray, start: tuple[float, float, float], speed: float, yaw_rate: float) -> Trajectory:
-    """A thing that drives at ``speed`` and turns at ``yaw_rate``, with keys at times."""
+    """An actor that drives at ``speed`` and turns at ``yaw_rate``, with keys at times."""
     yaw = yaw_rate * times
     radius = speed / yaw_rate
     positions = np.array(start) + np.stack([radius * np.sin(yaw), radius * (1 - np.cos(yaw)), 0 * yaw], -1)

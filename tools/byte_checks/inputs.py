@@ -28,7 +28,7 @@ ROADSIDE = {
         {"time_s": 0.3, "position": [3.0, 5.0, 2.6], "yaw_deg": -20, "pitch_deg": -8},
     ],
 }
-"""A camera that moves by itself, sees the ego vehicle's body and exposes its rows one after the other."""
+"""A camera with its own trajectory, which sees the ego vehicle's body and exposes its rows one after the other."""
 
 
 def write_inputs(folder: Path, scene: Path, log: Path) -> None:
@@ -66,7 +66,7 @@ def write_inputs(folder: Path, scene: Path, log: Path) -> None:
 
 
 def _sample_edits() -> list[dict[str, Any]]:
-    """As in `sample/scenario.json`: what is there changes, and the sensors ride on another way."""
+    """As in `sample/scenario.json`: what is there changes, and the sensors follow another trajectory."""
     return [
         {"type": "remove", "actor": "car-12"},
         {"type": "duplicate", "actor": "cone-3", "id": "cone-copy", "world_offset_m": [-1.5, 1.2, 0.0]},

@@ -32,7 +32,7 @@ def with_actor(drive: Drive, uid: str, change: Callable[[Actor], Actor]) -> Driv
 
 
 def nudged(trajectory: Trajectory, near_s: float, of: str = "positions", by: float = 1e-9) -> Trajectory:
-    """The way with one number of the last key before a time changed."""
+    """The trajectory with one number of the last key before a time changed."""
     values: FloatArray = getattr(trajectory, of).copy()
     key = max(int(np.searchsorted(trajectory.times_s, near_s, side="right")) - 1, 0)
     values[key, ...] += by if values.ndim == 1 else np.eye(values.shape[1])[0] * by
@@ -56,7 +56,7 @@ CHANGED_ACTORS: dict[str, tuple[str, Callable[[Actor], Actor]]] = {
     "of another label": ("near", lambda a: replace(a, label="Van")),
     "scaled": ("cone", lambda a: replace(a, scale=(1.5, 0.8, 2.0 + 1e-9))),
     "larger": ("cone", lambda a: replace(a, size_m=a.size_m + [0, 1e-9, 0])),
-    "of another look": ("near", appearance(actor="cone")),
+    "of another appearance": ("near", appearance(actor="cone")),
     "of another scene": ("guest", appearance(scene="elsewhere")),
     "of another mesh": ("cube", appearance(mesh="/elsewhere.ply")),
     "inserted": ("near", lambda a: replace(a, inserted=True)),

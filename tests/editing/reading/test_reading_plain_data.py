@@ -147,7 +147,7 @@ def test_another_appearance(source: Source) -> None:
     lowered[:, :3, 3] += (car.size_m[2] - truck.size_m[2]) / 2 * lowered[:, :3, 2]
     sampled = changed(sampled, truck.uid, appearance=car.uid, poses=lowered)
     assert read(sampled, source).edits == (Swap(truck.uid, car.uid, None),)
-    with pytest.raises(ScenarioError, match='has the look of "nobody", which the log lacks'):
+    with pytest.raises(ScenarioError, match='has the appearance of "nobody", which the log lacks'):
         read(changed(sampled, truck.uid, appearance="nobody"), source)
 
 

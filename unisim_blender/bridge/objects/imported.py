@@ -117,7 +117,7 @@ def is_copy(scene: bpy.types.Scene, obj: bpy.types.Object) -> bool:
 
 
 def new_actor(name: str, actor: Actor) -> bpy.types.Object:
-    """An object for an actor that no import brings, with the box of that actor's look; in no collection yet."""
+    """A new object for an actor that was not imported, with the box of that actor's appearance; in no collection yet."""
     obj = bpy.data.objects.new(name, box_mesh(actor.appearance_size_m, actor.label))
     obj.rotation_mode, obj.show_wire = "QUATERNION", True
     obj.unisim.kind, obj.unisim.uid = "ACTOR", actor.appearance.actor

@@ -1,7 +1,7 @@
-"""How far boxes on their ways are from true ones, and how much of a disturbance training has taken back.
+"""Errors of refined tracklets against true ones, and how much of a disturbance training has corrected.
 
-An actor's look is learnt in its box: boxes that are all off by one rigid offset, with a look that is off by its inverse, give the
-same images. So errors are measured after each actor's best constant offset, in the box's own axes.
+An actor's appearance is learned in its box. A constant rigid offset of all boxes, with the inverse offset of the appearance,
+gives the same images. Errors are therefore measured after removing each actor's best constant offset, in the box's own axes.
 """
 
 from __future__ import annotations

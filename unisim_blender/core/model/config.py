@@ -54,7 +54,7 @@ class ModelConfig:
     conditions one network for all (Ost et al., "Neural Scene Graphs for Dynamic Scenes", 2021); or nothing, in one field."""
     unisim_step_m: float = 0.2
     light: Literal["fixed", "ground"] = "fixed"
-    """Whether an actor's look is one for all places, as in the paper, or follows the light on the ground under it."""
+    """Whether an actor's appearance is one for all places, as in the paper, or follows the light on the ground under it."""
     beta: float = 20.0
     latent: int = 64
     hyper_hidden: int = 64

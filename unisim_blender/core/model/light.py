@@ -1,8 +1,8 @@
-"""An actor is lit as the ground under it is: a car that drives into the shade turns dark there, also where an edit takes it.
+"""Actors lit like the ground under them: a car turns dark in the shade, also where an edit puts it.
 
-A scale and a shift of its features, from the static field's look of the ground round the place where a ray meets it. What is
-learnt is how much darker things look over ground that looks like this, not what is where: the network is small and sees looks
-alone.
+A small network maps the static field's features of the ground around the place where a ray meets an actor to a scale and a shift
+of the actor's features. It sees features alone and no coordinates, so it learns how the ground's appearance goes along with the
+light, and not where the shade is.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ from .shapes import perceptrons
 
 
 class Light(nn.Module):
-    """Looks of the ground (N, F) to scales and shifts of an actor's features.
+    """Features of the ground (N, F) to scales and shifts of an actor's features.
 
-    ``home`` (actors, 3), volume coordinates, is where each actor was recorded: a foreign actor in another scene, whose looks mean
-    something else, brings the light from there.
+    ``home`` (actors, 3), volume coordinates, is where each actor was recorded. Features of two scenes do not compare, so a
+    foreign actor keeps the light of that place.
     """
 
     def __init__(self, config: ModelConfig, actors: int) -> None:

@@ -118,14 +118,14 @@ class OccupancyTrainer:
         return self.seen & (self.occupancy.values.view(-1) > FREE) & (self.score >= _SHOWN)
 
     @torch.no_grad()
-    def met(self, x: Tensor) -> Tensor:
-        """Which points (N, 3), volume coordinates, lie in voxels in which LiDAR met something: (N,) bool."""
+    def has_returns(self, x: Tensor) -> Tensor:
+        """Return which points (N, 3), volume coordinates, lie in voxels with LiDAR returns: (N,) bool."""
         cells = self.occupancy.cells(x)
         return self.hit[cells] & ~self.beside[cells]
 
     @torch.no_grad()
     def in_view(self, x: Tensor) -> Tensor:
-        """Which points (N, 3), volume coordinates, lie where some image shows how things look: (N,) bool."""
+        """Return which points (N, 3), volume coordinates, some image shows: (N,) bool."""
         return self.viewed[self.occupancy.cells(x)]
 
     def state(self) -> dict[str, Tensor]:

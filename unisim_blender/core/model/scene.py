@@ -22,8 +22,8 @@ from .volume_frame import VolumeFrame
 
 
 class SceneModel(nn.Module):
-    """Everything with weights. ``actors`` and ``cameras`` number the looks and the camera codes in the order of their ids; where
-    the configuration has one field for everything, no actor has a look of its own."""
+    """All networks and tables of a scene. ``actors`` and ``cameras`` are the ids by which actor appearances and camera codes are
+    numbered. With one field for everything (``actors="none"``), no actor has an appearance of its own."""
 
     def __init__(self, config: ModelConfig, volume: Volume, actors: tuple[str, ...], cameras: tuple[str, ...]) -> None:
         super().__init__()
@@ -62,7 +62,7 @@ class SceneModel(nn.Module):
         return out
 
     def lit(self, feature: Tensor, place: Tensor) -> Tensor:
-        """Features (P, K, F) of actors as the light at places (P, 3), volume coordinates, has them look."""
+        """Relight features (P, K, F) of actors by the ground around places (P, 3), volume coordinates."""
         if self.light is None:
             return feature
         around = (place[:, None] + F.pad(self.light.around, (0, 1))).reshape(-1, 3)

@@ -29,13 +29,14 @@ def scene_hash(path: Path) -> str:
 
 
 def scene_hashes(scene: Path, drive: Drive) -> dict[str, str]:
-    """Digests of all scenes and meshes that a drive is rendered with, by the name that looks have for them."""
+    """Digests of all scenes and meshes that a drive is rendered with, by their names in `Appearance`; "" is the
+    drive's own scene."""
     others = {name: scene_hash(Path(name)) for name in other_scenes(drive)}
     return {"": scene_hash(scene), **others, **mesh_hashes(drive)}
 
 
 def mesh_hashes(drive: Drive) -> dict[str, str]:
-    """Digests of all meshes in a drive, by the name that looks have for them."""
+    """Digests of all meshes in a drive, by their names in `Appearance`."""
     meshes = {actor.appearance.mesh for actor in drive.actors.values()} - {""}
     return {name: sha256_of_file(Path(name)) for name in sorted(meshes)}
 

@@ -16,7 +16,7 @@ from ..world.state import WorldState
 
 @dataclass(frozen=True)
 class ActorSet:
-    """Actors whose looks come from one scene, and each one's row of that scene's tables."""
+    """Actors whose appearances come from one scene, and each one's row of that scene's tables."""
 
     actors: tuple[Actor, ...]
     rows: tuple[int, ...]
@@ -29,7 +29,7 @@ class ActorSet:
 
 @dataclass(frozen=True)
 class ActiveActors:
-    """``own`` are actors with looks of the scene itself, ``foreign`` those of other scenes by their paths, in order;
+    """``own`` are actors with appearances of the scene itself, ``foreign`` those of other scenes by their paths, in order;
     ``mesh_actors`` are meshes. ``removals`` are boxes in which nothing stands above the ground; ``targets`` are boxes of copies,
     as actors that stand still throughout, and ``sources`` where each one's content is."""
 
@@ -74,7 +74,8 @@ def _actor_set(appearances: Sequence[str] | None, actors: list[Actor]) -> ActorS
         if actor.appearance.actor not in rows:
             where = f" at {actor.appearance.scene}" if actor.appearance.scene else ""
             raise SceneError(
-                f"actor {actor.uid!r} has the look of {actor.appearance.actor!r}, which the trained scene{where} does not hold"
+                f"actor {actor.uid!r} has the appearance of {actor.appearance.actor!r}, "
+                f"which the trained scene{where} does not hold"
             )
     return ActorSet(tuple(actors), tuple(rows[actor.appearance.actor] for actor in actors))
 

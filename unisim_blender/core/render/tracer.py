@@ -1,4 +1,4 @@
-"""What the renderer asks of whatever traces rays: the compiled kernels with numpy alone, or torch, the reference and a GPU's way.
+"""What the renderer asks of a tracer: the compiled kernels with numpy alone, or torch, which is the reference and runs on GPUs.
 
 Rays are in the world frame, float64. Arrays are numpy's, but for what only the tracer itself reads again: that may stay where it
 computes.
@@ -79,7 +79,7 @@ class Tracer(Protocol):
     reach: int
     """How many cells away a pixel of `image` can depend on."""
     active: ActiveActors
-    """The actors of the state, by the scene that their looks come from."""
+    """The actors of the state, by the scene that their appearances come from."""
     quality: Quality
     """What may be saved; it may be changed between two calls."""
     trained_width: int | None

@@ -40,7 +40,7 @@ def with_actor(drive: Drive, actor: Actor) -> Drive:
 
 
 def newcomer(source: Actor, uid: str, trajectory: Trajectory, start_s: float, end_s: float) -> Actor:
-    """An actor that the recording does not have, with the source's look."""
+    """A new actor with the appearance, class and size of ``source``, present from start_s to end_s."""
     moving = is_moving(trajectory)
     return replace(source, uid=uid, world_from_actor=trajectory, start_s=start_s, end_s=end_s, is_moving=moving, inserted=True)
 

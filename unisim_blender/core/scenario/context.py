@@ -1,4 +1,4 @@
-"""What every edit may look at beside the drive it changes, and the checks and conversions that all edits share."""
+"""What edits may read besides the drive that they change, and the checks and conversions that they share."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ TIME_TOLERANCE_S = 1e-6
 MARGIN_S = 1.0
 """Before the first and after the last time of a drive: what is always there is there this much longer."""
 SENSOR_MARGIN_S = 0.25
-"""Before the first and after the last time of a drive: how far sweeps and shutters may look, and be placed exactly."""
+"""Before the first and after the last time of a drive: how far sweeps and shutters may reach, and be placed exactly."""
 
 SceneActors = Callable[[Path], dict[str, Actor]]
 
@@ -81,7 +81,10 @@ class Context:
         return start, end
 
     def appearance_of(self, actor: str, scene: str | None, place: str, member: str) -> Actor:
-        """The actor whose look an edit asks for, with its look's scene; of the log where no other scene is named."""
+        """Return the actor that an edit takes an appearance from: of the log, or of another trained ``scene`` (a folder).
+
+        Raises `ScenarioError` naming the ``member`` at ``place``.
+        """
         if scene is None or self.scenario.resolve(scene) == self.scenario.scene_path:
             return actor_of(self.recorded.actors, actor, f"{place}.{member}", "in the log")
         path = self.scenario.resolve(scene)

@@ -63,7 +63,7 @@ def _halved(times: FloatArray, mismatch: Callable[[FloatArray], BoolArray]) -> F
 
 
 def offset_curve(trajectory: Trajectory, times: FloatArray, offset_at: Callable[[FloatArray], FloatArray]) -> Trajectory:
-    """World displacements of a thing by ``offset_at`` (times -> (T, 3)) along the trajectory's own axes, as a moving point.
+    """World displacements of an object by ``offset_at`` (times -> (T, 3)) along the trajectory's own axes, as a moving point.
 
     The rotation of what is returned means nothing.
     """

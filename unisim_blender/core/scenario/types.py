@@ -138,7 +138,7 @@ MEMBERS: dict[str, Schema] = {
         "type": "object",
         "propertyNames": TEXT,
         "additionalProperties": ref("box"),
-        "description": "Boxes of space by id, for the edits of static things.",
+        "description": "Boxes of space by id, for the edits of static items.",
     },
     "edits": {"type": "array", "items": ref("edit"), "description": "Applied in order."},
     "outputs": ref("outputs"),

@@ -1,4 +1,4 @@
-"""Which actors a bundle of rays can meet at all: spheres that hold them on their ways, and the cone that holds the rays."""
+"""Which actors a bundle of rays can meet at all: bounding spheres of their trajectories, and the cone that holds the rays."""
 
 from __future__ import annotations
 

@@ -48,7 +48,7 @@ class RenderPlan:
     """A sequence to render: the ``moments`` of a drive.
 
     ``make_renderer`` is called once in every process and must pickle; ``scenes`` are the trained scenes' and meshes' hashes by
-    the name that looks have for them ("" is the drive's own), part of what decides whether a capture is up to date, as is
+    the name that appearances have for them ("" is the drive's own), part of what decides whether a capture is up to date, as is
     ``environment``: machine, instruction set, libraries that compute; ``captures`` says what of the world each capture depends
     on; ``about`` is what the manifest says besides (names and hashes, no paths, so that it is the same wherever things lie).
     """

@@ -25,7 +25,7 @@ MAX_FRAMES = 1000
 ENGINES = ("exact", "cycles")
 """Who draws a street: its own renderer, its solids in closed form; or Cycles, its triangles, with light that bounces."""
 EGO_REACH_M = 3.5
-"""How far aside of the recorded way paint is as fine as a camera there needs it."""
+"""How far beside the recorded trajectory paint is as fine as a camera there needs it."""
 
 MOUNTS: dict[str, tuple[tuple[float, float, float], float, float, float]] = {
     "front_camera": ((0.85, 0.0, 1.81), 0.0, 1970 / 1920, -0.050),
@@ -75,8 +75,8 @@ class Street:
     """A street that is known exactly.
 
     Its own coordinates ("street frame") are those of the log it writes: ``drive.world_origin`` is added to a drive's. ``static``
-    is what stands above ``ground`` without being annotated, ``assets`` the annotated things by uid; ``others`` are the streets
-    of the trained scenes, by ``Look.scene``, that inserted actors' looks come from.
+    is what stands above ``ground`` without being annotated, ``assets`` the annotated objects by uid; ``others`` are the
+    streets of the trained scenes, by ``Appearance.scene``, that inserted actors come from.
     """
 
     recipe: Recipe
@@ -92,7 +92,7 @@ class Street:
         return self.plan.height(points_xy)
 
     def with_scene(self, scene: str, street: Street) -> Street:
-        """The same street, looks of the trained scene ``scene`` being drawn from that scene's street."""
+        """The same street, with actors of the trained scene ``scene`` taken from that scene's street."""
         same = street.recipe == self.recipe
         return replace(self, others={**self.others, scene: self if same else street})
 

@@ -51,7 +51,7 @@ class Part:
 
 @dataclass(frozen=True, eq=False)
 class Asset:
-    """A thing made of parts, in its own frame."""
+    """An object made of parts, in its own frame."""
 
     name: str
     parts: tuple[Part, ...]

@@ -31,7 +31,7 @@ _DIGITS = 6
 
 
 def true_image_path(folder: Path, street: Street, drive: Drive, camera_id: str, frame: int, width: int | None) -> Path:
-    """Where an image of a drive through the street at ``folder`` is kept. Raises `ScenarioError` for looks that are unknown."""
+    """Where an image of a drive through the street at ``folder`` is kept. Raises `ScenarioError` for unknown appearances."""
     world = make_world(street, drive)
     camera = resize(drive.cameras[camera_id], width)
     times = shutter_times(camera, frame)

@@ -1,4 +1,4 @@
-"""A drive's things put into its street: what a ray of that drive can hit, in the street's frame."""
+"""A drive's actors and static items placed in its street: what a ray of that drive can hit, in the street's frame."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from .street import Street, street_origin
 from .trace import Asset, Placement
 
 GROUND = 0
-"""Number of the ground's placement; static things, copies of them and the actors follow."""
+"""Number of the ground's placement; static objects, copies of them and the actors follow."""
 
 
 @dataclass(frozen=True, eq=False)
 class World:
-    """Placements, street frame: ground, static things, static copies, actors. instances: the actors' uids, in order.
+    """Placements, street frame: ground, static objects, static copies, actors. instances: the actors' uids, in order.
 
     footprints: for the contact shadow of each actor, its placement and its box's edges (3,).
     """
@@ -35,7 +35,7 @@ class World:
 
 
 def make_world(street: Street, drive: Drive) -> World:
-    """The world of a recorded or edited drive of that street. `ScenarioError` where a look is not the street's."""
+    """The world of a recorded or edited drive of that street. Raises `ScenarioError` where the street lacks an appearance."""
     street_from_world = street_origin(drive)
     holes = tuple(_moved(street_from_world, box) for box in drive.static_removals)
     placements = [Placement("ground", street.ground), Placement("static", street.static, holes=holes)]

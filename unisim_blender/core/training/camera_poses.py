@@ -1,4 +1,4 @@
-"""A small correction to where each camera is and looks, learnt with the scene.
+"""A small correction of each camera's pose, learned with the scene.
 
 Calibrations are off by a pixel or so, and recorded poses waver by as much from frame to frame, as the vehicle pitches.
 """
@@ -58,7 +58,7 @@ class CameraPoses(nn.Module):
         return RayBatch(rays.origins + shift.repeat_interleave(n, 0), directions, rays.time_s)
 
     def corrected(self, camera: Camera, number: int) -> Camera:
-        """The camera on its way as it is after the correction: every pose moved in its own axes."""
+        """The camera with its corrected trajectory: every pose is moved in its own axes."""
         trajectory = camera.world_from_camera
         with torch.no_grad():
             times = torch.as_tensor(trajectory.times_s, device=self.times_s.device)

@@ -36,8 +36,8 @@ class TrainConfig:
     perceptual_from: float = 0.1
     poses_from: float = 0.3
     turned_rad: float = 0.1
-    """Standard deviation by which the directions that looks depend on are turned at random: a drive sees each place from a narrow
-    fan of directions, and fine detail that hangs on them instead of on the place is gone a lane further to the side."""
+    """Standard deviation by which the directions that colours depend on are turned at random: a drive sees each place from a
+    narrow fan of directions, and fine detail that hangs on them instead of on the place is gone a lane further to the side."""
     prune_from: int = 300
     settled_from: float = 0.08
     """From here on surfaces hide what is behind them: where no ray has come since, nobody saw anything."""

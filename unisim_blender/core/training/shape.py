@@ -148,7 +148,7 @@ class Shape:
             return seen.feature.new_zeros(())
         segments, weights = seen.static
         x = segments.points.detach().reshape(-1, 3)[self._likely(weights, 512, generator)]
-        x = x[~self.occupancy.met(x)]
+        x = x[~self.occupancy.has_returns(x)]
         if len(x) == 0:
             return seen.feature.new_zeros(())
         beside = torch.randn(x.shape, generator=generator, device=x.device)

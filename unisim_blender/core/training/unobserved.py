@@ -114,7 +114,7 @@ class UnobservedPrior:
         return signed_distances(values).abs().mean() + self._alike(model, appearance, beside, generator)
 
     def _appearance_of_returns(self, model: SceneModel, generator: torch.Generator) -> Tensor:
-        """What LiDAR met above the ground and no image shows looks like what it met near by and one does."""
+        """Returns above the ground that no image shows get the appearance of returns near by that one shows."""
         standing, device = self.standing, self.standing.device
         x = standing[torch.randint(len(standing), (_DRAWS,), generator=generator, device=device)]
         x = x[~self.occupancy.in_view(x)][:_POINTS]
@@ -133,9 +133,9 @@ class UnobservedPrior:
         return self._alike(model, model.static(x)[1], other, generator)
 
     def _alike(self, model: SceneModel, appearance: Tensor, at: Tensor, generator: torch.Generator) -> Tensor:
-        """How unlike looks (N, F) are to those at points (N, 3), of which the ones count that some image shows.
+        """Mean difference of features (N, F) from those at points (N, 3), over the points that some image shows.
 
-        Unobserved places that copy each other drift: nothing holds their looks.
+        Unobserved points are left out: if they copied each other, their appearance would drift.
         """
         with torch.no_grad():
             _, wanted = model.static(at)
@@ -143,9 +143,10 @@ class UnobservedPrior:
         return (self._unlike(model, appearance, wanted, generator) * seen).sum() / seen.sum().clamp_min(1)
 
     def _unlike(self, model: SceneModel, appearance: Tensor, wanted: Tensor, generator: torch.Generator) -> Tensor:
-        """Differences (N,) of looks (N, F): of their colours, from anywhere, and of the features themselves, for LiDAR.
+        """Differences (N,) of features (N, F): of their colours from random directions, and of the features
+        themselves, for LiDAR.
 
-        A place learns from many others. What is between two colours is a colour between; features between two can mean any.
+        A place learns from many others. The mean of two colours is a colour between them; the mean of two features may mean any.
         """
         directions = torch.randn(len(appearance), 3, generator=generator, device=appearance.device)
         directions = F.normalize(torch.cat([directions[:, :2], -directions[:, 2:].abs()], -1), dim=-1).repeat(2, 1)
@@ -156,7 +157,7 @@ class UnobservedPrior:
         return (a - b.detach()).abs().mean(-1) + 0.02 * F.smooth_l1_loss(appearance, wanted, reduction="none").mean(-1)
 
     def _under_boxes(self, model: SceneModel, poses: Tensor, sizes: Tensor, generator: torch.Generator) -> Tensor:
-        """Under a box that never moves nobody saw the ground: nothing above it, and the look of its surroundings."""
+        """Under a box that never moves nobody saw the ground: nothing above it, and the appearance of its surroundings."""
         device, n = poses.device, _POINTS
         which = torch.randint(len(poses), (n,), generator=generator, device=device)
         unit = torch.rand(n, 3, generator=generator, device=device) - 0.5
@@ -201,8 +202,8 @@ class UnobservedPrior:
 
 
 def _with_tables_alone(model: SceneModel) -> SceneModel:
-    """The model, of which only the tables of places learn: through networks that all places share, looks and their models would
-    grow together without end."""
+    """The model, of which only the tables of places learn: through networks that all places share, appearances and their
+    models would grow together without end."""
     out = shallow(model)
     out.static = shallow(model.static)
     out.static.network = frozen(model.static.network)

@@ -85,7 +85,7 @@ class LidarModel:
 
 @dataclass(frozen=True)
 class Camera:
-    """A camera on its way: ``time_s[frame]`` is the image's timestamp, ``world_from_camera`` its pose at any time.
+    """A camera and its trajectory: ``time_s[frame]`` is the image's timestamp, ``world_from_camera`` its pose at any time.
 
     ``sees_ego_body``: whether meshes that are the ego vehicle's body are visible to it, as they are to a camera at the roadside.
     ``full_width``: how wide its own images are, where ``model`` is for smaller or larger ones.
@@ -105,7 +105,7 @@ class Camera:
 
 @dataclass(frozen=True)
 class Lidar:
-    """A LiDAR on its way: ``time_s[frame]`` is the sweep's timestamp, ``world_from_lidar`` its pose at any time.
+    """A LiDAR and its trajectory: ``time_s[frame]`` is the sweep's timestamp, ``world_from_lidar`` its pose at any time.
 
     ``blocked`` (beams, columns) marks the cells that the vehicle itself blocks in every frame; None where that is not known.
     ``sees_ego_body`` as for a `Camera`.
@@ -131,7 +131,7 @@ class Appearance:
 
 @dataclass(frozen=True)
 class Actor:
-    """An annotated thing, moving or not: a box with a look, present from start_s to end_s (both included).
+    """An annotated object, moving or not: a box with an appearance, present from start_s to end_s (both included).
 
     ``is_ego_body``: it is a mesh that rides on the ego vehicle, and only sensors with ``sees_ego_body`` see it.
     """
@@ -147,16 +147,16 @@ class Actor:
     inserted: bool = False
     is_ego_body: bool = False
     scale: tuple[float, float, float] = (1.0, 1.0, 1.0)
-    """How many times larger than the look's own box the actor is, along its own axes; ``size_m`` is the scaled box's."""
+    """Size of the actor relative to its appearance, along its own axes; ``size_m`` is the scaled size."""
 
     @property
     def appearance_size_m(self) -> FloatArray:
-        """The edges (3,) of the look's own box, without the scale."""
+        """Size (3,) of the unscaled box, in metres: that of the appearance."""
         return np.asarray(self.size_m / np.array(self.scale))
 
     @property
     def is_scaled(self) -> bool:
-        """Whether the actor has another size than its look."""
+        """Whether the actor and its appearance differ in size."""
         return self.scale != (1.0, 1.0, 1.0)
 
     def visible_to(self, sensor: Camera | Lidar) -> bool:
@@ -203,8 +203,8 @@ class Drive:
     """What was subtracted from the log's own world coordinates, float64."""
 
     def window(self, actor: Actor) -> tuple[float, float]:
-        """When an actor is there, finite, seconds. One of the first (last) frame is there before (after) it too: a frame's
-        sensors look earlier and later than its time."""
+        """Return when an actor is present (start, end), finite, in seconds. One that is present at the first (last) frame is also
+        present shortly before (after) it: sensors of a frame measure earlier and later than the frame's time."""
         first, last = self.time_s[self.frames[0]] - FRAME_MARGIN_S, self.time_s[self.frames[-1]] + FRAME_MARGIN_S
         start, end = actor.start_s, actor.end_s
         if start <= self.time_s[self.frames[0]]:

@@ -17,7 +17,7 @@ RETIMED_FRAMES = 0.02
 def path_words(
     obj: SampledObject, base: FloatArray, lifted: FloatArray, there: BoolArray, actor: Actor | None, clock: Clock
 ) -> str:
-    """Return how an object goes another way than ``base`` (N, 4, 4), which lies ``lifted`` for an object with
+    """Return how an object moves otherwise than ``base`` (N, 4, 4), which lies ``lifted`` for an object with
     another appearance or scale."""
     at = obj.there & there if (obj.there & there).any() else obj.there
     few = Clock(clock.frames[at], clock.times_s[at])

@@ -141,7 +141,7 @@ class Standing:
         actors = scene_actors(Path(obj.appearance_scene)) if obj.appearance_scene else self.reading.drive.actors
         if obj.appearance not in actors:
             where = obj.appearance_scene or "the log"
-            raise ScenarioError(f'object "{obj.name}": has the look of "{obj.appearance}", which {where} lacks')
+            raise ScenarioError(f'object "{obj.name}": has the appearance of "{obj.appearance}", which {where} lacks')
         return actors[obj.appearance].size_m
 
     @property

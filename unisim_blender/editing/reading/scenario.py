@@ -34,7 +34,7 @@ def read_scenario(
 ) -> Scenario:
     """The scenario that a sampled scene stands for; its paths are relative to ``path``, where it is meant to be written.
 
-    Raises `UnisimError` where another trained scene that a look comes from cannot be read.
+    Raises `UnisimError` where another trained scene that an appearance comes from cannot be read.
     """
     drive = source.drive
     reading = _reading(sampled, drive, lambda name: relative(Path(name), path))

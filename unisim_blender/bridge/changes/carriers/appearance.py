@@ -42,7 +42,7 @@ class AppearanceCarrier(Carrier):
 
     def unmute(self, scene: bpy.types.Scene, source: Source, muted: Muted, now: bpy.types.Object | None) -> None:
         """Give the object the appearance again."""
-        assert now is not None  # a removal is a rival, and muted by now
+        assert now is not None  # a removal conflicts, and is muted by now
         set_appearance(now, source.drive, muted.look, muted.look_scene)
         refresh([now])
 
@@ -61,11 +61,11 @@ class AppearanceCarrier(Carrier):
         lift(parked, rise)
 
 
-def set_appearance(obj: bpy.types.Object, drive: Drive, look: str, look_scene: str) -> None:
+def set_appearance(obj: bpy.types.Object, drive: Drive, appearance: str, scene: str) -> None:
     """Give an actor the appearance of another one, "" for its own: that one's box, on the same ground."""
-    named = look or obj.unisim.uid
-    actor = (scene_actors(Path(bpy.path.abspath(look_scene))) if look_scene else drive.actors)[named]
-    obj.unisim.look, obj.unisim.look_scene = look, look_scene
+    named = appearance or obj.unisim.uid
+    actor = (scene_actors(Path(bpy.path.abspath(scene))) if scene else drive.actors)[named]
+    obj.unisim.look, obj.unisim.look_scene = appearance, scene
     give_box(obj, box_mesh(actor.size_m, actor.label), float(actor.size_m[2]))
 
 

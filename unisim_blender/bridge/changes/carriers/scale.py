@@ -32,7 +32,7 @@ class ScaleCarrier(Carrier):
 
     def unmute(self, scene: bpy.types.Scene, source: Source, muted: Muted, now: bpy.types.Object | None) -> None:
         """Scale the object again."""
-        assert now is not None  # a removal is a rival, and muted by now
+        assert now is not None  # a removal conflicts, and is muted by now
         scaled_to(now, muted.scale, muted.scale_lift_m)
         refresh([now])
 

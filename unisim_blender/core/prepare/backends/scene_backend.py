@@ -27,7 +27,7 @@ class SceneBackend(ABC):
     @abstractmethod
     def make(self, scene: Any, quality: Quality, others: Mapping[str, Any]) -> Backend:
         """Return what traces rays through a loaded scene; ``others`` are those that actors are inserted from, by the names that
-        looks have for them."""
+        appearances have for them."""
 
     @abstractmethod
     def environment(self) -> dict[str, str]:

@@ -44,7 +44,7 @@ class Source(Maker):
 
     @abstractmethod
     def hashes(self) -> dict[str, str]:
-        """Digests of what it renders, by the name that looks have for it, "" for the drive's own."""
+        """Digests of the scenes that it renders, by `Appearance.scene`, "" for the drive's own."""
 
     @abstractmethod
     def captures(self) -> CaptureStates:

@@ -1,4 +1,4 @@
-"""Blocks of an image that is traced where it must be: whose corners differ, whose middles these foretell, what lies between.
+"""Blocks of an image that is traced where it must be: whose corners differ, whose middles these predict, what lies between.
 
 Plain numpy is the specification, and what runs without the compiled kernels; these (native/blocks.cpp) give the same bits.
 """
@@ -17,13 +17,13 @@ from ...native import BlockToleranceStruct, PlaneStruct
 from ..tracer import Maps
 
 DISPARITY_RANGE = 0.1
-"""Depths at corners that differ by more than this share lie on several things, or on one that bends."""
+"""Depths at corners that differ by more than this share lie on several surfaces, or on one that bends."""
 DISPARITY_TWIST = 0.01
 """So far may the corners' disparities be from one plane, as a share of the largest."""
 CROWDED = "crowded"
 """A map that says of pixels that something thinner than a block may be beside them: every pixel there is traced."""
 CONTRAST = 4.0
-"""Where corners differ by more than this times what they may, something ends between them: nothing is foretold."""
+"""Where corners differ by more than this times what they may, something ends between them: nothing is predicted."""
 PREDICTED = 0.5
 """So far may a middle be from its corners' mean, as a share of what these may differ by."""
 Blocks = NDArray[np.int64]

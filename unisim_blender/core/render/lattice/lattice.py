@@ -1,7 +1,7 @@
 """An image traced where it must be: first pixels on a lattice, and in between only where those at a block's corners differ.
 
 What lies between corners that are alike is interpolated: colours as they are, depths as disparities, which are linear on planes.
-Where they differ a little, the pixel in a block's middle is traced too, and if it is what the corners foretold the block is left
+Where they differ a little, the pixel in a block's middle is traced too, and if it is what the corners predict, the block is left
 at that. A block is decided on by its own pixels alone, so a part of an image that begins on the lattice has the whole's bits.
 An image can be looked at while it grows: what is traced of it at first, every eighth pixel say, is what is traced of it at last.
 """

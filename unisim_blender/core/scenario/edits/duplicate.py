@@ -21,7 +21,7 @@ from ..types import Scenario
 @register
 @dataclass(frozen=True)
 class Duplicate(Edit):
-    """A second actor with the source's look: displaced, later, or on a path of its own."""
+    """A second actor with the source's appearance: displaced, later, or on a path of its own."""
 
     type = "duplicate"
     members = {

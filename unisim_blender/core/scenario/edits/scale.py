@@ -17,7 +17,7 @@ from ..placement import Vector
 from ..types import Scenario
 
 BOUNDS = 0.1, 10.0
-"""Of an actor's size along each axis, in parts of its look's own; both are allowed."""
+"""Least and largest size along each axis, relative to the appearance's own; both are allowed."""
 UNSCALABLE = f"must lie between {BOUNDS[0]:g} and {BOUNDS[1]:g} along each axis"
 
 

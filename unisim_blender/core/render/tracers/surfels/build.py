@@ -34,7 +34,7 @@ FEET_M = 3 * CLEARANCE_M
 MIRROR_M = 0.2
 """A vehicle's other side counts where nothing of this one is as near."""
 GAP_M, GAPS_WITHIN_M = 0.2, 30.0
-"""Ground gets a face in squares of this edge where none lies yet, so near the vehicle's way."""
+"""Ground gets a face in squares of this edge where none lies yet, so near the vehicle's trajectory."""
 SPACING_OF = 6
 """How densely points lie is told by the distance to this many neighbours."""
 FLAT = 0.15
@@ -43,7 +43,7 @@ SPACING = 1.1
 """A face's corners are as far from its middle as so many times that distance."""
 BATCH = 1 << 17
 IMAGES = 16
-"""Of each camera, spread over the way, that faces are painted from."""
+"""Images of each camera, spread over the drive, that faces are painted from."""
 IMAGE_WIDTH, DEPTH_WIDTH = 960, 320
 DROP_SWEEPS = 6
 
@@ -216,8 +216,8 @@ def _faces(returns: _Returns, settings: SurfelSettings) -> Generator[float, None
 
 
 def _gaps(faces: SurfelSet, ground: HeightGrid, trajectory: FloatArray) -> SurfelSet:
-    """Faces on the ground near the vehicle's way (N, 3) where none lies: between the LiDAR's rings, and under things that stood
-    there throughout. Nothing returned there; the ground goes on as beside."""
+    """Faces on the ground near the vehicle's trajectory (N, 3) where none lies: between the LiDAR's rings, and under objects that
+    stood there throughout. Nothing returned there; the ground goes on as beside."""
     x, y = np.nonzero(ground.known)
     cells = np.stack([x, y], 1) * GROUND_CELL_M + ground.low
     reach = np.full(len(cells), np.inf)

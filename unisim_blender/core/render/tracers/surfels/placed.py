@@ -102,7 +102,7 @@ def turned(actor: Actor, time_s: FloatArray, normals: FloatArray) -> FloatArray:
 
 
 def carried(actor: Actor, time_s: FloatArray, points: FloatArray, back: bool = False) -> FloatArray:
-    """Points (N, 3) of an actor, in its own axes and its look's metres, in the world at times (N,); ``back``: the other way
+    """Points (N, 3) of an actor, in its own axes and unscaled metres, in the world at times (N,); ``back``: the other way
     round."""
     times, which = np.unique(time_s, return_inverse=True)
     pose = actor.world_from_actor.at(times)[which.reshape(-1)]

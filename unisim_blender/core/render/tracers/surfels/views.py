@@ -72,7 +72,7 @@ class View:
         return self.place(first, last)
 
     def of_actor(self, trajectory: object, points: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """`place` of points (N, 3) in the box of an actor that goes a way."""
+        """`place` of points (N, 3) in the box of an actor with a trajectory."""
         first, last = (
             transform_points(invert_pose(self.camera.world_from_camera.at(time)) @ trajectory.at(time), points)  # type: ignore[attr-defined]
             for time in self.ends()

@@ -1,1 +1,1 @@
-"""Rays traced with torch: the reference, what training renders with, and every device's way but the CPU's."""
+"""Rays traced with torch: the reference, the tracer that training renders with, and the one of every device but the CPU."""

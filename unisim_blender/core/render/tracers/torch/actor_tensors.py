@@ -19,7 +19,7 @@ from ...actor_sets import ActiveActors, ActorSet
 
 @dataclass
 class ActorSetTensors:
-    """Actors whose looks come from one scene: boxes on their ways, and each one's row of that scene's tables."""
+    """Actors whose appearances come from one scene: their tracklets, and each one's row of that scene's tables."""
 
     scene: SceneModel
     tables: Tensor
@@ -32,7 +32,7 @@ class ActorSetTensors:
 
 @dataclass
 class ActiveActorTensors:
-    """``own`` are actors with looks of the scene itself, ``foreign`` those of other scenes by their paths.
+    """``own`` are actors with appearances of the scene itself, ``foreign`` those of other scenes by their paths.
 
     Places are measured from the corner of the own scene's volume, along the world's axes. removals: (box_from_world
     (R, 4, 4), size_m (R, 3)); copies: tracklets of the target boxes, copy_source: world_from_source (C, 4, 4).

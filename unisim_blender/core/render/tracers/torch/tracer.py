@@ -1,4 +1,4 @@
-"""The tracer in torch: the reference, what training renders with, and every device's but the CPU's way.
+"""The tracer in torch: the reference, the tracer that training renders with, and the one of every device but the CPU.
 
 trace                      samples, fields, depth order, features  trace.py, segments.py, background.py
 ray_passes                 depth, normal, instance, unsupported    ray_passes.py

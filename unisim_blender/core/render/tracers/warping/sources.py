@@ -20,9 +20,10 @@ from ..surfels.views import View, open_view
 
 NEAREST = 2
 SHIFT_FRAMES = (0, -4, 4, -8, -12)
-"""UniSim's supplementary, 2.1: two images for the recorded way; beside it every fourth from 12 frames before to 4 after."""
+"""UniSim's supplementary, 2.1: two images for the recorded trajectory; beside it every fourth from 12 frames
+before to 4 after."""
 ASIDE_M = 0.5
-"""So far from the way that a camera took an image counts as beside it."""
+"""A camera at least this far from its recorded trajectory counts as beside it."""
 SECOND_M = 0.5
 """A second's difference in time counts as so many metres: where the vehicle stands, what was seen last is nearest."""
 FACING = 0.2

@@ -81,7 +81,7 @@ class WarpTracer(SurfelTracer):
         return painted, unsupported & ~some
 
     def _add_edited(self, total: FloatArray, rays: Rays, hits: SurfelHits, number: int, pixel_rad: float) -> None:
-        """Colours of an actor that goes another way than it was recorded on, or is scaled, from the images that show it from the
+        """Colours of an actor on another trajectory than the recorded one, or scaled, from the images that show it from the
         same side."""
         actor = self.active.own.actors[number]
         mine = np.flatnonzero(hits.owner == number)
