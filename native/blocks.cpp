@@ -29,8 +29,12 @@ struct Block {
     }
 };
 
-inline const float *floats_of(const unisim_plane &plane, int64_t pixel) { return static_cast<const float *>(plane.values) + pixel * plane.channels; }
-inline char *label_of(const unisim_plane &plane, int64_t pixel) { return static_cast<char *>(plane.values) + pixel * plane.bytes; }
+inline const float *floats_of(const unisim_plane &plane, int64_t pixel) {
+    return static_cast<const float *>(plane.values) + pixel * plane.channels;
+}
+inline char *label_of(const unisim_plane &plane, int64_t pixel) {
+    return static_cast<char *>(plane.values) + pixel * plane.bytes;
+}
 inline bool same_label(const unisim_plane &plane, int64_t a, int64_t b) {
     return std::equal(label_of(plane, a), label_of(plane, a) + plane.bytes, label_of(plane, b));
 }
@@ -45,7 +49,8 @@ inline void at_corners(const unisim_plane &plane, const Block &block, int channe
 
 inline float mean_of(const float *at) { return (((at[0] + at[1]) + at[2]) + at[3]) / 4.0f; }
 
-bool differ(const unisim_plane *planes, int32_t count, const Block &block, const unisim_block_tolerance &tolerance, float &range) {
+bool differ(const unisim_plane *planes, int32_t count, const Block &block, const unisim_block_tolerance &tolerance,
+            float &range) {
     bool different = false;
     for (int32_t n = 0; n < count; ++n) {
         const unisim_plane &plane = planes[n];
@@ -53,18 +58,21 @@ bool differ(const unisim_plane *planes, int32_t count, const Block &block, const
         if (plane.kind == COLOUR) {
             for (int c = 0; c < plane.channels; ++c) {
                 at_corners(plane, block, c, at);
-                const float range_of_channel = larger(larger(larger(at[0], at[1]), at[2]), at[3]) - smaller(smaller(smaller(at[0], at[1]), at[2]), at[3]);
+                const float range_of_channel = larger(larger(larger(at[0], at[1]), at[2]), at[3]) -
+                                               smaller(smaller(smaller(at[0], at[1]), at[2]), at[3]);
                 range = c ? larger(range, range_of_channel) : range_of_channel;
             }
             different |= range > tolerance.contrast;
         } else if (plane.kind == DISPARITY) {
             at_corners(plane, block, 0, at);
-            const float largest = larger(larger(larger(at[0], at[1]), at[2]), at[3]), smallest = smaller(smaller(smaller(at[0], at[1]), at[2]), at[3]);
+            const float largest = larger(larger(larger(at[0], at[1]), at[2]), at[3]),
+                        smallest = smaller(smaller(smaller(at[0], at[1]), at[2]), at[3]);
             const float twist = std::fabs(((at[0] + at[3]) - at[1]) - at[2]);
             different |= largest - smallest > tolerance.range * largest || twist > tolerance.twist * largest;
         } else if (plane.kind == LABEL || plane.kind == CROWDED) {
             for (int i = plane.kind == LABEL; i < 4; ++i)
-                different |= plane.kind == LABEL ? !same_label(plane, block.corner[0], block.corner[i]) : *label_of(plane, block.corner[i]) != 0;
+                different |= plane.kind == LABEL ? !same_label(plane, block.corner[0], block.corner[i])
+                                                 : *label_of(plane, block.corner[i]) != 0;
         }
     }
     return different;
@@ -116,12 +124,14 @@ void fill(const unisim_plane &plane, const Block &block, int64_t width, int32_t 
         for (int32_t j = 0; j < size; ++j) {
             const int64_t pixel = block.corner[0] + i * width + j;
             if (known[pixel]) continue;
-            const float v = static_cast<float>(i) / static_cast<float>(size), u = static_cast<float>(j) / static_cast<float>(size);
+            const float v = static_cast<float>(i) / static_cast<float>(size),
+                        u = static_cast<float>(j) / static_cast<float>(size);
             const float weight[4] = {(1 - v) * (1 - u), (1 - v) * u, v * (1 - u), v * u};
             const float tent = (1 - std::fabs(2 * v - 1)) * (1 - std::fabs(2 * u - 1));
             float mixed[MAX_CHANNELS];
             for (int c = 0; c < plane.channels; ++c) {
-                mixed[c] = ((weight[0] * at[c][0] + weight[1] * at[c][1]) + weight[2] * at[c][2]) + weight[3] * at[c][3];
+                mixed[c] =
+                    ((weight[0] * at[c][0] + weight[1] * at[c][1]) + weight[2] * at[c][2]) + weight[3] * at[c][3];
                 if (traced) mixed[c] += tent * off[c];
             }
             if (plane.kind == UNIT) {
@@ -137,8 +147,10 @@ void fill(const unisim_plane &plane, const Block &block, int64_t width, int32_t 
 } // namespace
 
 // verdict (n) of blocks (n, 2) whose corners are known: 1 where these differ, 2 where the middle decides, else 0.
-extern "C" int UNISIM_NAME(unisim_blocks_differ)(const unisim_plane *planes, int32_t count, const int64_t *blocks, int64_t n, int64_t width,
-                                                 int32_t size, const unisim_block_tolerance *tolerance, uint8_t *verdict, int threads) {
+extern "C" int UNISIM_NAME(unisim_blocks_differ)(const unisim_plane *planes, int32_t count, const int64_t *blocks,
+                                                 int64_t n, int64_t width, int32_t size,
+                                                 const unisim_block_tolerance *tolerance, uint8_t *verdict,
+                                                 int threads) {
     parallel_blocks(n, 4096, threads, [&](int64_t begin, int64_t end) {
         for (int64_t i = begin; i < end; ++i) {
             float range = 0;
@@ -150,21 +162,26 @@ extern "C" int UNISIM_NAME(unisim_blocks_differ)(const unisim_plane *planes, int
 }
 
 // alike (n): whether the middles of blocks (n, 2) are as their corners predict.
-extern "C" int UNISIM_NAME(unisim_blocks_predicted)(const unisim_plane *planes, int32_t count, const int64_t *blocks, int64_t n, int64_t width,
-                                                   int32_t size, const unisim_block_tolerance *tolerance, uint8_t *alike, int threads) {
+extern "C" int UNISIM_NAME(unisim_blocks_predicted)(const unisim_plane *planes, int32_t count, const int64_t *blocks,
+                                                    int64_t n, int64_t width, int32_t size,
+                                                    const unisim_block_tolerance *tolerance, uint8_t *alike,
+                                                    int threads) {
     parallel_blocks(n, 4096, threads, [&](int64_t begin, int64_t end) {
-        for (int64_t i = begin; i < end; ++i) alike[i] = predicted(planes, count, Block(blocks + 2 * i, width, size), *tolerance);
+        for (int64_t i = begin; i < end; ++i)
+            alike[i] = predicted(planes, count, Block(blocks + 2 * i, width, size), *tolerance);
     });
     return 0;
 }
 
 // Interpolates blocks (n, 2) at pixels that are not `known` (h w). Blocks overlap at most in their last rows and
 // columns.
-extern "C" int UNISIM_NAME(unisim_blocks_fill)(const unisim_plane *planes, int32_t count, const int64_t *blocks, int64_t n, int64_t width,
-                                               int32_t size, const uint8_t *known, int threads) {
+extern "C" int UNISIM_NAME(unisim_blocks_fill)(const unisim_plane *planes, int32_t count, const int64_t *blocks,
+                                               int64_t n, int64_t width, int32_t size, const uint8_t *known,
+                                               int threads) {
     parallel_blocks(n, 1024, threads, [&](int64_t begin, int64_t end) {
         for (int32_t k = 0; k < count; ++k)
-            for (int64_t i = begin; i < end; ++i) fill(planes[k], Block(blocks + 2 * i, width, size), width, size, known);
+            for (int64_t i = begin; i < end; ++i)
+                fill(planes[k], Block(blocks + 2 * i, width, size), width, size, known);
     });
     return 0;
 }

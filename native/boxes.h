@@ -73,7 +73,8 @@ inline Pose pose_at(const unisim_actor_set &set, int actor, double time) {
 }
 
 // Where a ray is inside an axis-aligned box; false where it misses the box.
-inline bool intersect_box(const float *o, const float *d, const float *low, const float *high, float near, float &t_near, float &t_far) {
+inline bool intersect_box(const float *o, const float *d, const float *low, const float *high, float near,
+                          float &t_near, float &t_far) {
     t_near = near;
     t_far = 3.4e38f;
     for (int a = 0; a < 3; ++a) {
@@ -165,7 +166,8 @@ inline void intersect_boxes(const unisim_actor_set &set, const TileRays &rays, f
         const float *size = set.sizes + 3 * actor, *scale = set.scales + 3 * actor;
         const float half[3] = {size[0] / 2, size[1] / 2, size[2] / 2}, minus[3] = {-half[0], -half[1], -half[2]};
         const float world[3] = {half[0] * scale[0], half[1] * scale[1], half[2] * scale[2]};
-        const double radius = std::sqrt(static_cast<double>(world[0]) * world[0] + world[1] * world[1] + world[2] * world[2]) + 1e-3;
+        const double radius =
+            std::sqrt(static_cast<double>(world[0]) * world[0] + world[1] * world[1] + world[2] * world[2]) + 1e-3;
         const bool scaled = scale[0] != 1.0f || scale[1] != 1.0f || scale[2] != 1.0f;
         if (!bundle.may_hit(set, actor, radius)) continue;
         Pose pose{};

@@ -74,8 +74,8 @@ struct Builder {
         if (axis >= 0) {
             if (end - begin <= LEAF && best >= whole.area() * (end - begin)) return begin;
             const float low = middles.low[axis], span = middles.high[axis] - low;
-            const auto middle = std::stable_partition(order + begin, order + end,
-                                                      [&](int32_t f) { return bin_of(centre(f, axis), low, span) < at; });
+            const auto middle = std::stable_partition(
+                order + begin, order + end, [&](int32_t f) { return bin_of(centre(f, axis), low, span) < at; });
             return static_cast<int32_t>(middle - order);
         }
         return end - begin <= LEAF ? begin : begin + (end - begin) / 2;
@@ -88,7 +88,8 @@ struct Builder {
     // Builds one node for [begin, end); its children are consecutive.
     void build(int32_t node, int32_t begin, int32_t end, int depth) {
         Box whole, middles;
-        for (int32_t i = begin; i < end; ++i) whole.add(boxes[order[i]]), middles.add(&centres[3 * static_cast<int64_t>(order[i])]);
+        for (int32_t i = begin; i < end; ++i)
+            whole.add(boxes[order[i]]), middles.add(&centres[3 * static_cast<int64_t>(order[i])]);
         std::copy(whole.low, whole.low + 3, nodes[node].low);
         std::copy(whole.high, whole.high + 3, nodes[node].high);
         const int32_t middle = split(begin, end, whole, middles, depth);
@@ -121,7 +122,8 @@ struct Triangle {
     double a[3], ab[3], ac[3];
 
     Triangle(const float *vertices, const int32_t *face) {
-        const float *p = vertices + 3 * static_cast<int64_t>(face[0]), *q = vertices + 3 * static_cast<int64_t>(face[1]),
+        const float *p = vertices + 3 * static_cast<int64_t>(face[0]),
+                    *q = vertices + 3 * static_cast<int64_t>(face[1]),
                     *r = vertices + 3 * static_cast<int64_t>(face[2]);
         for (int k = 0; k < 3; ++k) a[k] = p[k], ab[k] = double(q[k]) - p[k], ac[k] = double(r[k]) - p[k];
     }
@@ -136,7 +138,8 @@ void cross(const double *a, const double *b, double *out) {
 }
 
 // Intersects a triangle in (near, far): the distance, and barycentric u (of the second corner) and v (of the third).
-bool intersects(const Triangle &tri, const double *o, const double *d, double near, double far, double *t, double *u, double *v) {
+bool intersects(const Triangle &tri, const double *o, const double *d, double near, double far, double *t, double *u,
+                double *v) {
     double p[3], q[3], s[3];
     cross(d, tri.ac, p);
     const double det = dot(tri.ab, p);
@@ -154,13 +157,15 @@ bool intersects(const Triangle &tri, const double *o, const double *d, double ne
 } // namespace
 
 // nodes: room for 2 n - 1; order: (n). Returns the number of nodes.
-extern "C" int32_t UNISIM_NAME(unisim_bvh_build)(const float *vertices, const int32_t *faces, int32_t n, unisim_bvh_node *nodes,
-                                                 int32_t *order) {
+extern "C" int32_t UNISIM_NAME(unisim_bvh_build)(const float *vertices, const int32_t *faces, int32_t n,
+                                                 unisim_bvh_node *nodes, int32_t *order) {
     Builder builder{nodes, order, std::vector<Box>(n), std::vector<float>(3 * static_cast<int64_t>(n)), 1};
     for (int32_t f = 0; f < n; ++f) {
-        for (int c = 0; c < 3; ++c) builder.boxes[f].add(vertices + 3 * static_cast<int64_t>(faces[3 * static_cast<int64_t>(f) + c]));
+        for (int c = 0; c < 3; ++c)
+            builder.boxes[f].add(vertices + 3 * static_cast<int64_t>(faces[3 * static_cast<int64_t>(f) + c]));
         for (int k = 0; k < 3; ++k)
-            builder.centres[3 * static_cast<int64_t>(f) + k] = 0.5f * builder.boxes[f].low[k] + 0.5f * builder.boxes[f].high[k];
+            builder.centres[3 * static_cast<int64_t>(f) + k] =
+                0.5f * builder.boxes[f].low[k] + 0.5f * builder.boxes[f].high[k];
     }
     std::iota(order, order + n, 0);
     builder.build(0, 0, n, 0);
@@ -169,9 +174,10 @@ extern "C" int32_t UNISIM_NAME(unisim_bvh_build)(const float *vertices, const in
 
 // For each ray (n, 3), its first hit beyond `near`: t (n), infinity where there is none; face (n), -1 for none; uv
 // (n, 2).
-extern "C" int UNISIM_NAME(unisim_bvh_first_hits)(const unisim_bvh_node *nodes, const int32_t *order, const float *vertices,
-                                                  const int32_t *faces, const double *origins, const double *directions,
-                                                  int64_t n, double near, double *t, int32_t *face, float *uv, int threads) {
+extern "C" int UNISIM_NAME(unisim_bvh_first_hits)(const unisim_bvh_node *nodes, const int32_t *order,
+                                                  const float *vertices, const int32_t *faces, const double *origins,
+                                                  const double *directions, int64_t n, double near, double *t,
+                                                  int32_t *face, float *uv, int threads) {
     double centre[3], radius = 0;
     for (int k = 0; k < 3; ++k) {
         centre[k] = 0.5 * nodes[0].low[k] + 0.5 * nodes[0].high[k];
@@ -219,7 +225,8 @@ extern "C" int UNISIM_NAME(unisim_bvh_first_hits)(const unisim_bvh_node *nodes, 
                 const float b = entry(nodes[node.first + 1], origin, inverse, 0.0f, far);
                 const int32_t later = a <= b ? node.first + 1 : node.first;
                 if (std::isfinite(std::max(a, b))) stack[top] = later, reached[top++] = std::max(a, b);
-                if (std::isfinite(std::min(a, b))) stack[top] = a <= b ? node.first : node.first + 1, reached[top++] = std::min(a, b);
+                if (std::isfinite(std::min(a, b)))
+                    stack[top] = a <= b ? node.first : node.first + 1, reached[top++] = std::min(a, b);
             }
             t[i] = before + closest, face[i] = hit;
             uv[2 * i] = static_cast<float>(best_u), uv[2 * i + 1] = static_cast<float>(best_v);

@@ -5,7 +5,8 @@ namespace {
 
 // Evaluates the distance at `count` points, BLOCK at a time. place(i, x) fills point i's coordinates in the unit
 // cube, take(i, s) receives its distance.
-template <class Place, class Take> void evaluate(const Field &field, const int32_t *rows, int count, const Place &place, const Take &take) {
+template <class Place, class Take> void evaluate(const Field &field, const int32_t *rows, int count, const Place &place,
+                                                 const Take &take) {
     std::vector<float> code(static_cast<size_t>(BLOCK) * field.inputs), h(static_cast<size_t>(BLOCK) * field.wide);
     float x[3][BLOCK];
     for (int first = 0; first < count; first += BLOCK) {
@@ -24,7 +25,8 @@ template <class Place, class Take> void evaluate(const Field &field, const int32
 
 // Writes kinds (X, Y, Z), two bits for each of a voxel's cells with the lowest bits for the first, of the `n` voxels
 // with these numbers. Other voxels stay 0, which is open.
-extern "C" int UNISIM_NAME(unisim_cells)(const unisim_scene *scene, const int64_t *voxels, int64_t n, uint16_t *kinds, int threads) {
+extern "C" int UNISIM_NAME(unisim_cells)(const unisim_scene *scene, const int64_t *voxels, int64_t n, uint16_t *kinds,
+                                         int threads) {
     static_assert(CELLS == 2, "two bits each fill sixteen");
     const Field field(scene->static_field);
     const int32_t *shape = scene->voxel_shape;
@@ -37,14 +39,18 @@ extern "C" int UNISIM_NAME(unisim_cells)(const unisim_scene *scene, const int64_
             float minima[8], maxima[8];
             std::fill_n(minima, 8, 3e38f);
             std::fill_n(maxima, 8, -3e38f);
-            evaluate(field, nullptr, COUNT,
+            evaluate(
+                field, nullptr, COUNT,
                 [&](int i, float *at) {
                     const int step[3] = {i / SIDE / SIDE, i / SIDE % SIDE, i % SIDE};
                     for (int a = 0; a < 3; ++a)
-                        at[a] = (static_cast<float>(corner[a]) * scene->voxel_m + (static_cast<float>(step[a]) + 0.5f) * gap) / scene->size[a];
+                        at[a] = (static_cast<float>(corner[a]) * scene->voxel_m +
+                                 (static_cast<float>(step[a]) + 0.5f) * gap) /
+                                scene->size[a];
                 },
                 [&](int i, float s) {
-                    const int cell = (i / SIDE / SIDE / POINTS * CELLS + i / SIDE % SIDE / POINTS) * CELLS + i % SIDE / POINTS;
+                    const int cell =
+                        (i / SIDE / SIDE / POINTS * CELLS + i / SIDE % SIDE / POINTS) * CELLS + i % SIDE / POINTS;
                     minima[cell] = std::min(minima[cell], s);
                     maxima[cell] = std::max(maxima[cell], s);
                 });
@@ -54,7 +60,8 @@ extern "C" int UNISIM_NAME(unisim_cells)(const unisim_scene *scene, const int64_
         }
     });
     const auto at = [&](int i, int j, int k) -> uint8_t {
-        if (i < 0 || j < 0 || k < 0 || i >= CELLS * shape[0] || j >= CELLS * shape[1] || k >= CELLS * shape[2]) return OPEN;
+        if (i < 0 || j < 0 || k < 0 || i >= CELLS * shape[0] || j >= CELLS * shape[1] || k >= CELLS * shape[2])
+            return OPEN;
         const int64_t number = (static_cast<int64_t>(i / CELLS) * shape[1] + j / CELLS) * shape[2] + k / CELLS;
         return kinds[number] >> 2 * ((i % CELLS * CELLS + j % CELLS) * CELLS + k % CELLS) & 3;
     };
@@ -63,11 +70,14 @@ extern "C" int UNISIM_NAME(unisim_cells)(const unisim_scene *scene, const int64_
     parallel_blocks(n, 4096, threads, [&](int64_t begin, int64_t end) {
         for (int64_t v = begin; v < end; ++v) {
             const int64_t number = voxels[v];
-            const int i = static_cast<int>(number / shape[2] / shape[1]), j = static_cast<int>(number / shape[2] % shape[1]);
+            const int i = static_cast<int>(number / shape[2] / shape[1]),
+                      j = static_cast<int>(number / shape[2] % shape[1]);
             const int k = static_cast<int>(number % shape[2]);
             uint32_t word = 0;
             for (int c = 0; c < 8; ++c)
-                word |= static_cast<uint32_t>(kind_in_grid(at, CELLS * i + c / 4, CELLS * j + c / 2 % 2, CELLS * k + c % 2)) << 2 * c;
+                word |=
+                    static_cast<uint32_t>(kind_in_grid(at, CELLS * i + c / 4, CELLS * j + c / 2 % 2, CELLS * k + c % 2))
+                    << 2 * c;
             after[static_cast<size_t>(v)] = static_cast<uint16_t>(word);
         }
     });
@@ -76,7 +86,8 @@ extern "C" int UNISIM_NAME(unisim_cells)(const unisim_scene *scene, const int64_
 }
 
 // Writes kinds (actors, BOX_CELLS, BOX_CELLS, BOX_CELLS) of the scene's actors, whose boxes have sizes (actors, 3).
-extern "C" int UNISIM_NAME(unisim_box_cells)(const unisim_scene *scene, const float *sizes, int32_t actors, uint8_t *kinds, int threads) {
+extern "C" int UNISIM_NAME(unisim_box_cells)(const unisim_scene *scene, const float *sizes, int32_t actors,
+                                             uint8_t *kinds, int threads) {
     const Field field(scene->actor_fields);
     constexpr int SIDE = BOX_CELLS * POINTS, COUNT = SIDE * SIDE * SIDE;
     parallel_blocks(actors, 1, threads, [&](int64_t begin, int64_t end) {
@@ -87,13 +98,16 @@ extern "C" int UNISIM_NAME(unisim_box_cells)(const unisim_scene *scene, const fl
             std::fill(maxima.begin(), maxima.end(), -3e38f);
             int32_t rows[BLOCK];
             std::fill_n(rows, BLOCK, static_cast<int32_t>(actor));
-            evaluate(field, rows, COUNT,
+            evaluate(
+                field, rows, COUNT,
                 [&](int i, float *x) {
                     const int step[3] = {i / SIDE / SIDE, i / SIDE % SIDE, i % SIDE};
                     for (int a = 0; a < 3; ++a) x[a] = (static_cast<float>(step[a]) + 0.5f) / SIDE;
                 },
                 [&](int i, float s) {
-                    const size_t cell = static_cast<size_t>((i / SIDE / SIDE / POINTS * BOX_CELLS + i / SIDE % SIDE / POINTS) * BOX_CELLS + i % SIDE / POINTS);
+                    const size_t cell = static_cast<size_t>(
+                        (i / SIDE / SIDE / POINTS * BOX_CELLS + i / SIDE % SIDE / POINTS) * BOX_CELLS +
+                        i % SIDE / POINTS);
                     minima[cell] = std::min(minima[cell], s);
                     maxima[cell] = std::max(maxima[cell], s);
                 });

@@ -22,7 +22,8 @@ extern "C" int UNISIM_NAME(unisim_clearance)(const uint8_t *voxels, const int32_
                 };
                 for (int dj = -1; dj <= 1; ++dj) join(i - sign, j + dj);
                 join(i, j - sign);
-                for (int64_t k = 0; k < nz; ++k) wide[k] = std::min(std::min(nearest[k], nearest[k + 1]), nearest[k + 2]);
+                for (int64_t k = 0; k < nz; ++k)
+                    wide[k] = std::min(std::min(nearest[k], nearest[k + 1]), nearest[k + 2]);
                 uint8_t *row = out + (i * ny + j) * nz, before = 255;
                 for (int64_t kk = 0; kk < nz; ++kk) {
                     const int64_t k = sign > 0 ? kk : nz - 1 - kk;

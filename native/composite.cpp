@@ -33,7 +33,8 @@ struct Interval {
 };
 
 // The intervals of one ray, sorted by where a ray that stops in an interval is expected to stop.
-void sort_intervals(const unisim_ray_segments *groups, const ByRay &by_ray, int64_t ray, std::vector<Interval> &intervals) {
+void sort_intervals(const unisim_ray_segments *groups, const ByRay &by_ray, int64_t ray,
+                    std::vector<Interval> &intervals) {
     intervals.clear();
     const int64_t begin = by_ray.first[ray], end = by_ray.first[ray + 1];
     for (int64_t m = begin; m < end; ++m) {
@@ -46,15 +47,16 @@ void sort_intervals(const unisim_ray_segments *groups, const ByRay &by_ray, int6
         }
     }
     if (end - begin > 1)
-        std::stable_sort(intervals.begin(), intervals.end(), [](const Interval &a, const Interval &b) { return a.stop < b.stop; });
+        std::stable_sort(intervals.begin(), intervals.end(),
+                         [](const Interval &a, const Interval &b) { return a.stop < b.stop; });
 }
 
 } // namespace
 
 // before (n, width) of every group: the transmittance before each interval, with all fields of a ray in one order of
 // depth.
-extern "C" int UNISIM_NAME(unisim_transmittances_forward)(const unisim_ray_segments *groups, int count, int64_t rays, float *const *before,
-                                                          int threads) {
+extern "C" int UNISIM_NAME(unisim_transmittances_forward)(const unisim_ray_segments *groups, int count, int64_t rays,
+                                                          float *const *before, int threads) {
     const ByRay by_ray(groups, count, rays);
     parallel_blocks(rays, 256, threads, [&](int64_t begin, int64_t end) {
         std::vector<Interval> intervals;
@@ -106,8 +108,9 @@ extern "C" int UNISIM_NAME(unisim_transmittances_backward)(const unisim_ray_segm
 // Of segments (n) with `width` samples: weights of intervals and of samples (n, width), and sums (n, length + 3) of
 // features by weight, weight, distance by weight, and optical depth. The features of successive samples are `stride`
 // numbers apart.
-extern "C" int UNISIM_NAME(unisim_gather_forward)(const unisim_ray_segments *g, const float *before, const float *features, int64_t stride,
-                                                  int length, float *interval, float *weight, float *sums, int threads) {
+extern "C" int UNISIM_NAME(unisim_gather_forward)(const unisim_ray_segments *g, const float *before,
+                                                  const float *features, int64_t stride, int length, float *interval,
+                                                  float *weight, float *sums, int threads) {
     const int k = g->width;
     parallel_blocks(g->n, 64, threads, [&](int64_t begin, int64_t end) {
         for (int64_t i = begin * k; i < end * k; ++i) interval[i] = before[i] * opacity_of(g->tau[i]);
@@ -137,10 +140,12 @@ extern "C" int UNISIM_NAME(unisim_gather_forward)(const unisim_ray_segments *g, 
 }
 
 // Gradients of `gather_forward` with respect to tau, stop fraction, before (n, width) and features (n, width, length).
-extern "C" int UNISIM_NAME(unisim_gather_backward)(const unisim_ray_segments *g, const float *before, const float *features, int64_t stride,
-                                                   int length, const float *weight, const float *grad_interval,
+extern "C" int UNISIM_NAME(unisim_gather_backward)(const unisim_ray_segments *g, const float *before,
+                                                   const float *features, int64_t stride, int length,
+                                                   const float *weight, const float *grad_interval,
                                                    const float *grad_weight, const float *grad_sums, float *grad_tau,
-                                                   float *grad_stop_fraction, float *grad_before, float *grad_features, int threads) {
+                                                   float *grad_stop_fraction, float *grad_before, float *grad_features,
+                                                   int threads) {
     const int k = g->width;
     parallel_blocks(g->n, 64, threads, [&](int64_t begin, int64_t end) {
         std::vector<float> of_weight(static_cast<size_t>(k));

@@ -47,7 +47,9 @@ inline void store_relu(float *p, const simd_float &a) { store(p, relu(a)); }
 #if defined(__AVX512BF16__)
 inline __m512i operands(const uint32_t *p) { return _mm512_loadu_si512(p); }
 inline __m512i repeated(uint32_t x) { return _mm512_set1_epi32(static_cast<int>(x)); }
-inline void accumulate(simd_float &sum, __m512i a, __m512i b) { sum = (simd_float)_mm512_dpbf16_ps((__m512)sum, (__m512bh)a, (__m512bh)b); }
+inline void accumulate(simd_float &sum, __m512i a, __m512i b) {
+    sum = (simd_float)_mm512_dpbf16_ps((__m512)sum, (__m512bh)a, (__m512bh)b);
+}
 inline void store_relu(uint32_t *p, const simd_float &a) {
     const __m256bh narrow = _mm512_cvtneps_pbh((__m512)relu(a));
     std::memcpy(p, &narrow, sizeof narrow);
@@ -81,15 +83,18 @@ template <class T> struct Buffer {
 // A layer's weights in the order in which the loops read them: pairs of registers of outputs, then taps, then inputs.
 template <class E> struct Layer {
     explicit Layer(const unisim_layer &from)
-        : kernel(from.kernel), inputs((from.inputs + CHANNELS<E> - 1) / CHANNELS<E>), registers((from.outputs + LANES - 1) / LANES),
-          wide(registers * LANES), weight(static_cast<size_t>(wide) * kernel * kernel * inputs), bias(wide) {
+        : kernel(from.kernel), inputs((from.inputs + CHANNELS<E> - 1) / CHANNELS<E>),
+          registers((from.outputs + LANES - 1) / LANES), wide(registers * LANES),
+          weight(static_cast<size_t>(wide) * kernel * kernel * inputs), bias(wide) {
         const int taps = kernel * kernel;
         for (int o = 0; o < from.outputs; ++o) {
             const int first = o / LANES / 2 * 2, held = std::min(2, registers - first);
             for (int c = 0; c < from.inputs; ++c)
                 for (int t = 0; t < taps; ++t) {
-                    const int64_t row = static_cast<int64_t>(first) * taps * inputs + (t * inputs + c / CHANNELS<E>) * held + (o / LANES - first);
-                    put(weight.data + row * LANES + o % LANES, c, from.weight[(static_cast<int64_t>(o) * from.inputs + c) * taps + t]);
+                    const int64_t row = static_cast<int64_t>(first) * taps * inputs +
+                                        (t * inputs + c / CHANNELS<E>)*held + (o / LANES - first);
+                    put(weight.data + row * LANES + o % LANES, c,
+                        from.weight[(static_cast<int64_t>(o) * from.inputs + c) * taps + t]);
                 }
             bias.data[o] = from.bias ? from.bias[o] : 0.0f;
         }
@@ -102,8 +107,8 @@ template <class E> struct Layer {
 // Computes V registers of outputs at ROWS pixels. `rows`: the input rows in the kernel, from `shift` on, `stride`
 // elements per pixel.
 template <int V, class E, class A>
-inline void convolve_tile(int kernel, int inputs, const E *const *rows, int64_t shift, int64_t stride, const E *weight, const float *bias,
-                          const float *add, float *raw, A *active, int wide) {
+inline void convolve_tile(int kernel, int inputs, const E *const *rows, int64_t shift, int64_t stride, const E *weight,
+                          const float *bias, const float *add, float *raw, A *active, int wide) {
     simd_float sum[ROWS][V];
     for (int r = 0; r < ROWS; ++r)
         for (int v = 0; v < V; ++v) sum[r][v] = load(bias + v * LANES);
@@ -131,14 +136,17 @@ inline void convolve_tile(int kernel, int inputs, const E *const *rows, int64_t 
 // Computes a row of `count` pixels, and up to ROWS - 1 more. `add` is added to the outputs, `raw` receives them, and
 // `active` their ReLU; each may be null.
 template <class E, class A>
-void convolve(const Layer<E> &layer, const E *const *rows, int64_t stride, int count, const float *add, float *raw, A *active) {
+void convolve(const Layer<E> &layer, const E *const *rows, int64_t stride, int count, const float *add, float *raw,
+              A *active) {
     for (int first = 0; first < layer.registers; first += 2) {
-        const E *weight = layer.weight.data + static_cast<int64_t>(first) * LANES * layer.kernel * layer.kernel * layer.inputs;
+        const E *weight =
+            layer.weight.data + static_cast<int64_t>(first) * LANES * layer.kernel * layer.kernel * layer.inputs;
         for (int x = 0; x < count; x += ROWS) {
             const int64_t at = static_cast<int64_t>(x) * layer.wide + first * LANES;
             const auto tile = layer.registers - first > 1 ? convolve_tile<2, E, A> : convolve_tile<1, E, A>;
-            tile(layer.kernel, layer.inputs, rows, x * stride, stride, weight, layer.bias.data + first * LANES, add ? add + at : nullptr,
-                 raw ? raw + at : nullptr, active ? active + at / CHANNELS<A> : nullptr, layer.wide);
+            tile(layer.kernel, layer.inputs, rows, x * stride, stride, weight, layer.bias.data + first * LANES,
+                 add ? add + at : nullptr, raw ? raw + at : nullptr, active ? active + at / CHANNELS<A> : nullptr,
+                 layer.wide);
         }
     }
 }
@@ -179,13 +187,15 @@ struct Head {
     }
     // Runs at most TILE points; `raw` and `active` receive the output, as of `convolve`.
     template <class A>
-    void run(const float *feature, const float *directions, const float *extra, int count, float *work, float *raw, A *active) const {
+    void run(const float *feature, const float *directions, const float *extra, int count, float *work, float *raw,
+             A *active) const {
         int64_t wide = features + SH_WIDTH + extra_inputs;
         for (int i = 0; i < count; ++i) {
             float *x = work + i * wide;
             std::memcpy(x, feature + static_cast<int64_t>(i) * features, sizeof(float) * features);
             spherical_harmonics(directions + 3 * i, x + features);
-            for (int j = 0; j < extra_inputs; ++j) x[features + SH_WIDTH + j] = extra[static_cast<int64_t>(i) * extra_inputs + j];
+            for (int j = 0; j < extra_inputs; ++j)
+                x[features + SH_WIDTH + j] = extra[static_cast<int64_t>(i) * extra_inputs + j];
         }
         for (size_t i = 0; i < layers.size(); ++i) {
             const float *in = work;
@@ -245,7 +255,8 @@ struct Window {
             const int p = layer.kernel / 2, pitch = end - begin + 2 * p + ROWS, from = begin - p;
             begin = std::max(0, begin - p), end = std::min(image.width, end + p), row = std::max(0, row - p);
             const size_t size = static_cast<size_t>(layer.kernel) * pitch * wide(i);
-            rings.push_back({from, begin, end, row, pitch, Buffer<Active>(size / CHANNELS<Active>), Buffer<float>(net.starts_block(i) ? size : 0)});
+            rings.push_back({from, begin, end, row, pitch, Buffer<Active>(size / CHANNELS<Active>),
+                             Buffer<float>(net.starts_block(i) ? size : 0)});
             kernels = std::max(kernels, layer.kernel);
         }
         std::reverse(rings.begin(), rings.end());
@@ -263,7 +274,8 @@ struct Window {
         fill(i, std::min(image.height, y + p + 1));
         const Active **at = &rows[i * (rows.size() / rings.size())];
         for (int k = 0; k < layer.kernel; ++k)
-            at[k] = rings[i].active.data + place(i, std::clamp(y + k - p, 0, image.height - 1), begin - p) / CHANNELS<Active>;
+            at[k] = rings[i].active.data +
+                    place(i, std::clamp(y + k - p, 0, image.height - 1), begin - p) / CHANNELS<Active>;
         const float *add = i % 2 ? rings[i - 1].raw.data + place(i - 1, y, begin) : nullptr;
         convolve(layer, at, wide(i) / CHANNELS<Active>, end - begin, add, raw, active);
     }
@@ -281,13 +293,15 @@ struct Window {
                 for (int x = ring.begin; x < ring.end; x += TILE) {
                     const int64_t at = static_cast<int64_t>(y) * image.width + x, to = (x - ring.begin) * wide(0);
                     net.head.run(image.features + at * net.head.features, image.directions + 3 * at, nullptr,
-                                 std::min(TILE, ring.end - x), work.data, raw ? raw + to : nullptr, active + to / CHANNELS<Active>);
+                                 std::min(TILE, ring.end - x), work.data, raw ? raw + to : nullptr,
+                                 active + to / CHANNELS<Active>);
                 }
             const int before = ring.begin - ring.left, count = ring.end - ring.begin;
             const int after = i + 1 < rings.size() ? rings[i + 1].end : right;
             const int beyond = after + net.convolutions[i].kernel / 2 - ring.end;
             for (int k = 1; k <= before; ++k) std::copy_n(active, pixel, active - k * pixel);
-            for (int k = 0; k < beyond; ++k) std::copy_n(active + (count - 1) * pixel, pixel, active + (count + k) * pixel);
+            for (int k = 0; k < beyond; ++k)
+                std::copy_n(active + (count - 1) * pixel, pixel, active + (count + k) * pixel);
         }
     }
     // Writes row y of cells, which is `up` rows of the image.
@@ -320,7 +334,8 @@ std::pair<int, int> choose_split(const Network &net, int height, int width, int 
     int64_t column = 0;
     for (size_t i = 0; i < net.convolutions.size(); ++i) {
         const int64_t wide = i ? net.convolutions[i - 1].wide : net.head.layers.back().wide;
-        column += net.convolutions[i].kernel * wide * (sizeof(Active) / CHANNELS<Active> + (net.starts_block(i) ? sizeof(float) : 0));
+        column += net.convolutions[i].kernel * wide *
+                  (sizeof(Active) / CHANNELS<Active> + (net.starts_block(i) ? sizeof(float) : 0));
     }
     const int reach = net.reach();
     // large kernels compute much per loaded value: for them, computing twice costs more than missing the cache
@@ -343,17 +358,18 @@ std::pair<int, int> choose_split(const Network &net, int height, int width, int 
 
 #if !defined(__AVX512BF16__)
 // out (n, outputs) of feature (n, features), directions (n, 3) and extra (n, extra_inputs).
-extern "C" int UNISIM_NAME(unisim_head_forward)(const unisim_head *from, const float *feature, const float *directions, const float *extra,
-                                                int64_t n, float *out, int threads) {
+extern "C" int UNISIM_NAME(unisim_head_forward)(const unisim_head *from, const float *feature, const float *directions,
+                                                const float *extra, int64_t n, float *out, int threads) {
     const Head head(*from);
     const int64_t wide = head.layers.back().wide, outputs = from->layers[from->count - 1].outputs;
     parallel_blocks(n, 16 * TILE, threads, [&](int64_t begin, int64_t end) {
         Buffer<float> work(head.scratch()), result(TILE * wide);
         for (int64_t first = begin; first < end; first += TILE) {
             const int count = static_cast<int>(std::min<int64_t>(TILE, end - first));
-            head.run<float>(feature + first * head.features, directions + 3 * first, extra + first * head.extra_inputs, count, work.data,
-                            result.data, nullptr);
-            for (int64_t i = 0; i < count; ++i) std::copy_n(result.data + i * wide, outputs, out + (first + i) * outputs);
+            head.run<float>(feature + first * head.features, directions + 3 * first, extra + first * head.extra_inputs,
+                            count, work.data, result.data, nullptr);
+            for (int64_t i = 0; i < count; ++i)
+                std::copy_n(result.data + i * wide, outputs, out + (first + i) * outputs);
         }
     });
     return 0;
@@ -371,16 +387,16 @@ extern "C" int UNISIM_NAME(unisim_has_half)() {
 
 #if defined(__AVX512F__) && !defined(__AVX512BF16__) && defined(UNISIM_HAS_AVX512BF16)
 #define UNISIM_DECODE_HALF unisim_decode_image_avx512bf16
-extern "C" int UNISIM_DECODE_HALF(const unisim_head *, const unisim_layer *, int, int, const float *, const float *, int, int, float *, int,
-                                  int);
+extern "C" int UNISIM_DECODE_HALF(const unisim_head *, const unisim_layer *, int, int, const float *, const float *,
+                                  int, int, float *, int, int);
 #endif
 
 // The image rgb (height up, width up, 3) of features (height, width, features) along directions (height, width, 3).
 // `layers`: two convolutions per residual block, then the last one, whose outputs are the rows, columns and colours of
 // a cell's pixels. `half`: convolutions multiply bfloat16, where `has_half` is true.
 extern "C" int UNISIM_NAME(unisim_decode_image)(const unisim_head *head, const unisim_layer *layers, int count, int up,
-                                                const float *features, const float *directions, int height, int width, float *rgb,
-                                                int half, int threads) {
+                                                const float *features, const float *directions, int height, int width,
+                                                float *rgb, int half, int threads) {
 #if defined(UNISIM_DECODE_HALF)
     if (half && UNISIM_NAME(unisim_has_half)())
         return UNISIM_DECODE_HALF(head, layers, count, up, features, directions, height, width, rgb, half, threads);
@@ -393,7 +409,8 @@ extern "C" int UNISIM_NAME(unisim_decode_image)(const unisim_head *head, const u
     const int strips = split.first, bands = split.second;
     const auto begin_of = [](int64_t size, int i, int n) { return static_cast<int>(size * i / n); };
     parallel_blocks(static_cast<int64_t>(strips) * bands, 1, threads, [&](int64_t block, int64_t) {
-        const int s = static_cast<int>(block % strips), b = static_cast<int>(block / strips), top = begin_of(height, b, bands);
+        const int s = static_cast<int>(block % strips), b = static_cast<int>(block / strips),
+                  top = begin_of(height, b, bands);
         Window window(net, image, begin_of(width, s, strips), top, begin_of(width, s + 1, strips));
         for (int y = top; y < begin_of(height, b + 1, bands); ++y) window.write_row(y);
     });

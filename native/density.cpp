@@ -44,8 +44,8 @@ inline Mean mean_of(float slope, float rise, float outside) {
 } // namespace
 
 // tau and stop_fraction (n, k) of samples with signed distances s (n, k).
-extern "C" int UNISIM_NAME(unisim_intervals_forward)(const float *s, int64_t n, int k, float beta, float *tau, float *stop_fraction,
-                                                     int threads) {
+extern "C" int UNISIM_NAME(unisim_intervals_forward)(const float *s, int64_t n, int k, float beta, float *tau,
+                                                     float *stop_fraction, int threads) {
     parallel_blocks(n, ROWS, threads, [&](int64_t begin, int64_t end) {
         const int64_t count = (end - begin) * k;
         float *t = tau + begin * k, *h = stop_fraction + begin * k;
@@ -70,8 +70,9 @@ extern "C" int UNISIM_NAME(unisim_intervals_forward)(const float *s, int64_t n, 
 }
 
 // grad_s (n, k) and grad_beta (1), from gradients grad_tau and grad_stop_fraction (n, k) of the function above.
-extern "C" int UNISIM_NAME(unisim_intervals_backward)(const float *s, int64_t n, int k, float beta, const float *grad_tau,
-                                                      const float *grad_stop_fraction, float *grad_s, float *grad_beta, int threads) {
+extern "C" int UNISIM_NAME(unisim_intervals_backward)(const float *s, int64_t n, int k, float beta,
+                                                      const float *grad_tau, const float *grad_stop_fraction,
+                                                      float *grad_s, float *grad_beta, int threads) {
     // each block has its own sum, and these are added in order: the bits do not depend on the number of threads
     std::vector<double> sums(static_cast<size_t>((n + ROWS - 1) / ROWS), 0.0);
     parallel_blocks(n, ROWS, threads, [&](int64_t begin, int64_t end) {

@@ -41,7 +41,8 @@ Variant choose() {
         return {UNISIM_KERNELS(ENTRY_avx512) "avx512"};
 #endif
 #ifdef UNISIM_HAS_AVX2
-    if (admits("avx2") && __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma") && __builtin_cpu_supports("f16c"))
+    if (admits("avx2") && __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma") &&
+        __builtin_cpu_supports("f16c"))
         return {UNISIM_KERNELS(ENTRY_avx2) "avx2"};
 #endif
     return {UNISIM_KERNELS(ENTRY_portable) "portable"};

@@ -13,7 +13,8 @@ extern "C" int UNISIM_NAME(unisim_field_forward)(const unisim_grid *g, const flo
         std::vector<float> code(static_cast<size_t>(TILE * width));
         for (int64_t first = begin; first < end; first += TILE) {
             const int64_t count = std::min(TILE, end - first);
-            if (UNISIM_NAME(unisim_encode_forward)(g, x + 3 * first, grid ? grid + first : nullptr, count, table, code.data(), 1))
+            if (UNISIM_NAME(unisim_encode_forward)(g, x + 3 * first, grid ? grid + first : nullptr, count, table,
+                                                   code.data(), 1))
                 status = 1;
             UNISIM_NAME(unisim_mlp_forward)(net, code.data(), count, out + first * net->outputs, 1);
         }

@@ -44,7 +44,9 @@ template <int F, class T> inline void add_row(const T *row, float weight, float 
 
 #if defined(__F16C__)
 inline __m128 four(const float *row) { return _mm_loadu_ps(row); }
-inline __m128 four(const uint16_t *row) { return _mm_cvtph_ps(_mm_loadl_epi64(reinterpret_cast<const __m128i *>(row))); }
+inline __m128 four(const uint16_t *row) {
+    return _mm_cvtph_ps(_mm_loadl_epi64(reinterpret_cast<const __m128i *>(row)));
+}
 #endif
 
 // The cell corners of a block's points in one level.
@@ -78,20 +80,22 @@ inline void find_corners(const unisim_grid &g, int level, const float (*x)[BLOCK
         const uint32_t bx = corner & 1, by = corner >> 1 & 1, bz = corner >> 2;
         if (sy)
             for (int s = 0; s < end; ++s)
-                c.row[corner][s] = static_cast<int32_t>(lower[0][s] + bx + (lower[1][s] + by) * sy + (lower[2][s] + bz) * sz);
+                c.row[corner][s] =
+                    static_cast<int32_t>(lower[0][s] + bx + (lower[1][s] + by) * sy + (lower[2][s] + bz) * sz);
         else
             for (int s = 0; s < end; ++s)
                 c.row[corner][s] = static_cast<int32_t>(
                     ((lower[0][s] + bx) ^ (lower[1][s] + by) * 2654435761u ^ (lower[2][s] + bz) * 805459861u) & mask);
         for (int s = 0; s < end; ++s)
-            c.weight[corner][s] = (bx ? fraction[0][s] : 1 - fraction[0][s]) * (by ? fraction[1][s] : 1 - fraction[1][s]) *
+            c.weight[corner][s] = (bx ? fraction[0][s] : 1 - fraction[0][s]) *
+                                  (by ? fraction[1][s] : 1 - fraction[1][s]) *
                                   (bz ? fraction[2][s] : 1 - fraction[2][s]);
     }
 }
 
 template <int F, class T>
-inline void gather_level(const unisim_grid &g, int level, const T *table, const int32_t *grid, int count, const Corners &c,
-                         float *code, int width) {
+inline void gather_level(const unisim_grid &g, int level, const T *table, const int32_t *grid, int count,
+                         const Corners &c, float *code, int width) {
     for (int s = 0; s < count; ++s) {
         const T *base = table + ((grid ? grid[s] * g.grid_stride : 0) + g.offset[level]) * F;
         float *out = code + s * width + level * F;
@@ -99,8 +103,10 @@ inline void gather_level(const unisim_grid &g, int level, const T *table, const 
         if constexpr (F == 4) {
             __m128 even = _mm_setzero_ps(), odd = _mm_setzero_ps();
             for (int corner = 0; corner < 8; corner += 2) {
-                even = _mm_fmadd_ps(_mm_set1_ps(c.weight[corner][s]), four(base + static_cast<int64_t>(c.row[corner][s]) * 4), even);
-                odd = _mm_fmadd_ps(_mm_set1_ps(c.weight[corner + 1][s]), four(base + static_cast<int64_t>(c.row[corner + 1][s]) * 4), odd);
+                even = _mm_fmadd_ps(_mm_set1_ps(c.weight[corner][s]),
+                                    four(base + static_cast<int64_t>(c.row[corner][s]) * 4), even);
+                odd = _mm_fmadd_ps(_mm_set1_ps(c.weight[corner + 1][s]),
+                                   four(base + static_cast<int64_t>(c.row[corner + 1][s]) * 4), odd);
             }
             _mm_storeu_ps(out, _mm_add_ps(even, odd));
             continue;
@@ -114,7 +120,8 @@ inline void gather_level(const unisim_grid &g, int level, const T *table, const 
 }
 
 template <int F, class T>
-void encode_block(const unisim_grid &g, const T *table, const float (*x)[BLOCK], const int32_t *grid, int count, float *code) {
+void encode_block(const unisim_grid &g, const T *table, const float (*x)[BLOCK], const int32_t *grid, int count,
+                  float *code) {
     const int width = g.levels * F;
     Corners corners;
     for (int level = 0; level < g.levels; ++level) {
@@ -137,13 +144,15 @@ inline void layer_panel(int k, const float *a, int a_row, const float *b, int b_
         }
     }
     for (int r = 0; r < R; ++r)
-        for (int j = 0; j < 2; ++j) store(c + r * c_row + j * LANES, RELU ? max_of(sum[r][j], simd_float{}) : sum[r][j]);
+        for (int j = 0; j < 2; ++j)
+            store(c + r * c_row + j * LANES, RELU ? max_of(sum[r][j], simd_float{}) : sum[r][j]);
 }
 
 // c (rows, n) of a (rows, k) and b (k, n); rows a multiple of ROWS, n of PANEL.
 template <bool RELU> inline void layer(int rows, int n, int k, const float *a, int a_row, const float *b, float *c) {
     for (int j = 0; j < n; j += PANEL)
-        for (int i = 0; i < rows; i += ROWS) layer_panel<ROWS, RELU>(k, a + i * a_row, a_row, b + j, n, c + i * n + j, n);
+        for (int i = 0; i < rows; i += ROWS)
+            layer_panel<ROWS, RELU>(k, a + i * a_row, a_row, b + j, n, c + i * n + j, n);
 }
 
 // A field with its weights in the layout of the loops above.
@@ -158,13 +167,15 @@ struct Field {
     std::vector<float> bias;      // (outputs)
 
     explicit Field(const unisim_field &f)
-        : grid(&f.grid), table(f.table), half(f.half != 0), inputs(f.net.inputs), hidden(f.net.hidden), outputs(f.net.outputs),
-          wide(padded(hidden)), wide_out(padded(outputs - 1)), first(static_cast<size_t>(inputs) * wide), distance(wide),
-          feature(static_cast<size_t>(hidden) * wide_out), bias(f.net.bias, f.net.bias + outputs) {
+        : grid(&f.grid), table(f.table), half(f.half != 0), inputs(f.net.inputs), hidden(f.net.hidden),
+          outputs(f.net.outputs), wide(padded(hidden)), wide_out(padded(outputs - 1)),
+          first(static_cast<size_t>(inputs) * wide), distance(wide), feature(static_cast<size_t>(hidden) * wide_out),
+          bias(f.net.bias, f.net.bias + outputs) {
         for (int h = 0; h < hidden; ++h) {
             for (int i = 0; i < inputs; ++i) first[static_cast<size_t>(i) * wide + h] = f.net.w1[h * inputs + i];
             distance[h] = f.net.w2[h];
-            for (int o = 1; o < outputs; ++o) feature[static_cast<size_t>(h) * wide_out + o - 1] = f.net.w2[o * hidden + h];
+            for (int o = 1; o < outputs; ++o)
+                feature[static_cast<size_t>(h) * wide_out + o - 1] = f.net.w2[o * hidden + h];
         }
     }
 
@@ -186,7 +197,8 @@ struct Field {
     }
 
   private:
-    template <class T> void encode(const T *rows, const float (*x)[BLOCK], const int32_t *row, int count, float *code) const {
+    template <class T> void encode(const T *rows, const float (*x)[BLOCK], const int32_t *row, int count,
+                                   float *code) const {
         switch (grid->features) {
         case 1: return encode_block<1>(*grid, rows, x, row, count, code);
         case 2: return encode_block<2>(*grid, rows, x, row, count, code);

@@ -36,13 +36,15 @@ inline void find_corners(const unisim_grid &g, int level, const float *x, int co
         const uint32_t bx = corner & 1, by = corner >> 1 & 1, bz = corner >> 2;
         if (sy)
             for (int s = 0; s < count; ++s)
-                c.row[corner][s] = static_cast<int32_t>(lower[0][s] + bx + (lower[1][s] + by) * sy + (lower[2][s] + bz) * sz);
+                c.row[corner][s] =
+                    static_cast<int32_t>(lower[0][s] + bx + (lower[1][s] + by) * sy + (lower[2][s] + bz) * sz);
         else
             for (int s = 0; s < count; ++s)
                 c.row[corner][s] = static_cast<int32_t>(
                     ((lower[0][s] + bx) ^ (lower[1][s] + by) * 2654435761u ^ (lower[2][s] + bz) * 805459861u) & mask);
         for (int s = 0; s < count; ++s)
-            c.weight[corner][s] = (bx ? c.fraction[0][s] : 1 - c.fraction[0][s]) * (by ? c.fraction[1][s] : 1 - c.fraction[1][s]) *
+            c.weight[corner][s] = (bx ? c.fraction[0][s] : 1 - c.fraction[0][s]) *
+                                  (by ? c.fraction[1][s] : 1 - c.fraction[1][s]) *
                                   (bz ? c.fraction[2][s] : 1 - c.fraction[2][s]);
     }
 }
@@ -52,8 +54,8 @@ template <int F> inline int64_t first_row(const unisim_grid &g, const int32_t *g
 }
 
 template <int F>
-void encode_forward(const unisim_grid &g, const float *x, const int32_t *grid, int64_t n, const float *table, float *out,
-                    int threads) {
+void encode_forward(const unisim_grid &g, const float *x, const int32_t *grid, int64_t n, const float *table,
+                    float *out, int threads) {
     const int64_t width = static_cast<int64_t>(g.levels) * F;
     parallel_blocks(n, 8 * BLOCK, threads, [&](int64_t begin, int64_t end) {
         Corners c;
@@ -149,13 +151,13 @@ void encode_backward_input(const unisim_grid &g, const float *x, const int32_t *
 
 } // namespace
 
-#define UNISIM_BY_FEATURES(call)                                                                                               \
-    switch (g->features) {                                                                                                     \
-    case 1: call(1); return 0;                                                                                                 \
-    case 2: call(2); return 0;                                                                                                 \
-    case 4: call(4); return 0;                                                                                                 \
-    case 8: call(8); return 0;                                                                                                 \
-    default: return 1;                                                                                                         \
+#define UNISIM_BY_FEATURES(call)                                               \
+    switch (g->features) {                                                     \
+    case 1: call(1); return 0;                                                 \
+    case 2: call(2); return 0;                                                 \
+    case 4: call(4); return 0;                                                 \
+    case 8: call(8); return 0;                                                 \
+    default: return 1;                                                         \
     }
 
 extern "C" int UNISIM_NAME(unisim_encode_forward)(const unisim_grid *g, const float *x, const int32_t *grid, int64_t n,
@@ -165,16 +167,17 @@ extern "C" int UNISIM_NAME(unisim_encode_forward)(const unisim_grid *g, const fl
 #undef CALL
 }
 
-extern "C" int UNISIM_NAME(unisim_encode_backward_table)(const unisim_grid *g, const float *x, const int32_t *grid, int64_t n,
-                                                         const float *grad_out, float *grad_table, int threads) {
+extern "C" int UNISIM_NAME(unisim_encode_backward_table)(const unisim_grid *g, const float *x, const int32_t *grid,
+                                                         int64_t n, const float *grad_out, float *grad_table,
+                                                         int threads) {
 #define CALL(F) encode_backward_table<F>(*g, x, grid, n, grad_out, grad_table, threads)
     UNISIM_BY_FEATURES(CALL)
 #undef CALL
 }
 
-extern "C" int UNISIM_NAME(unisim_encode_backward_input)(const unisim_grid *g, const float *x, const int32_t *grid, int64_t n,
-                                                         const float *table, const float *grad_out, float *grad_x,
-                                                         int threads) {
+extern "C" int UNISIM_NAME(unisim_encode_backward_input)(const unisim_grid *g, const float *x, const int32_t *grid,
+                                                         int64_t n, const float *table, const float *grad_out,
+                                                         float *grad_x, int threads) {
 #define CALL(F) encode_backward_input<F>(*g, x, grid, n, table, grad_out, grad_x, threads)
     UNISIM_BY_FEATURES(CALL)
 #undef CALL

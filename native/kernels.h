@@ -7,21 +7,23 @@
 // clang-format off
 #define UNISIM_KERNELS(KERNEL) \
     KERNEL(int, encode_forward, \
-        (const unisim_grid *g, const float *x, const int32_t *grid, int64_t n, const float *table, float *out, int threads), \
+        (const unisim_grid *g, const float *x, const int32_t *grid, int64_t n, const float *table, float *out, \
+         int threads), \
         (g, x, grid, n, table, out, threads)) \
     KERNEL(int, encode_backward_table, \
-        (const unisim_grid *g, const float *x, const int32_t *grid, int64_t n, const float *grad_out, float *grad_table, \
-         int threads), \
+        (const unisim_grid *g, const float *x, const int32_t *grid, int64_t n, const float *grad_out, \
+         float *grad_table, int threads), \
         (g, x, grid, n, grad_out, grad_table, threads)) \
     KERNEL(int, encode_backward_input, \
-        (const unisim_grid *g, const float *x, const int32_t *grid, int64_t n, const float *table, const float *grad_out, \
-         float *grad_x, int threads), \
+        (const unisim_grid *g, const float *x, const int32_t *grid, int64_t n, const float *table, \
+         const float *grad_out, float *grad_x, int threads), \
         (g, x, grid, n, table, grad_out, grad_x, threads)) \
     KERNEL(int, propose, \
         (const float *origins, const float *directions, const float *t_near, const float *t_far, int64_t n, \
-         const uint8_t *voxels, const int32_t *shape, const float *lower, const float *voxel_m, float step, float decay, \
-         const float *u, int count, float *t, float *mass, int threads), \
-        (origins, directions, t_near, t_far, n, voxels, shape, lower, voxel_m, step, decay, u, count, t, mass, threads)) \
+         const uint8_t *voxels, const int32_t *shape, const float *lower, const float *voxel_m, float step, \
+         float decay, const float *u, int count, float *t, float *mass, int threads), \
+        (origins, directions, t_near, t_far, n, voxels, shape, lower, voxel_m, step, decay, u, count, t, mass, \
+         threads)) \
     KERNEL(int, mlp_forward, \
         (const unisim_mlp *net, const float *x, int64_t n, float *out, int threads), \
         (net, x, n, out, threads)) \
@@ -30,8 +32,8 @@
          float *grad_w2, float *grad_bias, int threads), \
         (net, x, n, grad_out, grad_x, grad_w1, grad_w2, grad_bias, threads)) \
     KERNEL(int, field_forward, \
-        (const unisim_grid *g, const float *x, const int32_t *grid, int64_t n, const float *table, const unisim_mlp *net, \
-         float *out, int threads), \
+        (const unisim_grid *g, const float *x, const int32_t *grid, int64_t n, const float *table, \
+         const unisim_mlp *net, float *out, int threads), \
         (g, x, grid, n, table, net, out, threads)) \
     KERNEL(int, near_spheres, \
         (const float *origins, const float *directions, const int64_t *bin, int64_t n, const float *centres, \
@@ -53,24 +55,26 @@
          const float *const *grad_before, float *const *grad_tau, int threads), \
         (groups, count, rays, before, grad_before, grad_tau, threads)) \
     KERNEL(int, gather_forward, \
-        (const unisim_ray_segments *g, const float *before, const float *features, int64_t stride, int length, float *interval, \
-         float *weight, float *sums, int threads), \
+        (const unisim_ray_segments *g, const float *before, const float *features, int64_t stride, int length, \
+         float *interval, float *weight, float *sums, int threads), \
         (g, before, features, stride, length, interval, weight, sums, threads)) \
     KERNEL(int, gather_backward, \
         (const unisim_ray_segments *g, const float *before, const float *features, int64_t stride, int length, \
-         const float *weight, const float *grad_interval, const float *grad_weight, const float *grad_sums, float *grad_tau, \
-         float *grad_stop_fraction, float *grad_before, float *grad_features, int threads), \
-        (g, before, features, stride, length, weight, grad_interval, grad_weight, grad_sums, grad_tau, grad_stop_fraction, \
-         grad_before, grad_features, threads)) \
+         const float *weight, const float *grad_interval, const float *grad_weight, const float *grad_sums, \
+         float *grad_tau, float *grad_stop_fraction, float *grad_before, float *grad_features, int threads), \
+        (g, before, features, stride, length, weight, grad_interval, grad_weight, grad_sums, grad_tau, \
+         grad_stop_fraction, grad_before, grad_features, threads)) \
     KERNEL(int, trace, \
-        (const unisim_scene *scene, const unisim_active_actors *active, const unisim_rays *rays, const unisim_mesh_hits *meshes, \
-         const unisim_sampling *sampling, const unisim_trace_result *result, int threads), \
+        (const unisim_scene *scene, const unisim_active_actors *active, const unisim_rays *rays, \
+         const unisim_mesh_hits *meshes, const unisim_sampling *sampling, const unisim_trace_result *result, \
+         int threads), \
         (scene, active, rays, meshes, sampling, result, threads)) \
     KERNEL(int, march, \
         (const unisim_scene *scene, int32_t in_box, const float *origins, const float *directions, const float *spans, \
          const float *cleared, const float *depth_before, int64_t n, const unisim_sampling *sampling, \
          unisim_distance distance, int32_t capacity, float *t, float *s, int32_t *counts), \
-        (scene, in_box, origins, directions, spans, cleared, depth_before, n, sampling, distance, capacity, t, s, counts)) \
+        (scene, in_box, origins, directions, spans, cleared, depth_before, n, sampling, distance, capacity, t, s, \
+         counts)) \
     KERNEL(int, cells, \
         (const unisim_scene *scene, const int64_t *voxels, int64_t n, uint16_t *kinds, int threads), \
         (scene, voxels, n, kinds, threads)) \
@@ -79,8 +83,8 @@
         (scene, sizes, actors, kinds, threads)) \
     KERNEL(int, clearance, (const uint8_t *voxels, const int32_t *shape, uint8_t *out), (voxels, shape, out)) \
     KERNEL(int, first_marked, \
-        (const double *origins, const double *directions, int64_t n, double near, const double *size, const uint8_t *clearance, \
-         const int32_t *shape, double voxel_m, float *out, int threads), \
+        (const double *origins, const double *directions, int64_t n, double near, const double *size, \
+         const uint8_t *clearance, const int32_t *shape, double voxel_m, float *out, int threads), \
         (origins, directions, n, near, size, clearance, shape, voxel_m, out, threads)) \
     KERNEL(int32_t, bvh_build, \
         (const float *vertices, const int32_t *faces, int32_t n, unisim_bvh_node *nodes, int32_t *order), \
@@ -91,13 +95,14 @@
          int threads), \
         (nodes, order, vertices, faces, origins, directions, n, near, t, face, uv, threads)) \
     KERNEL(int, local_planes, \
-        (const float *points, const int64_t *keys, const int64_t *starts, int64_t cells, const double *low, const int64_t *dims, \
-         double radius, int32_t capacity, const float *queries, int64_t m, int32_t *count, float *normal, float *height, \
-         float *rough, float *reach, int threads), \
-        (points, keys, starts, cells, low, dims, radius, capacity, queries, m, count, normal, height, rough, reach, threads)) \
+        (const float *points, const int64_t *keys, const int64_t *starts, int64_t cells, const double *low, \
+         const int64_t *dims, double radius, int32_t capacity, const float *queries, int64_t m, int32_t *count, \
+         float *normal, float *height, float *rough, float *reach, int threads), \
+        (points, keys, starts, cells, low, dims, radius, capacity, queries, m, count, normal, height, rough, reach, \
+         threads)) \
     KERNEL(int, head_forward, \
-        (const unisim_head *head, const float *feature, const float *directions, const float *extra, int64_t n, float *out, \
-         int threads), \
+        (const unisim_head *head, const float *feature, const float *directions, const float *extra, int64_t n, \
+         float *out, int threads), \
         (head, feature, directions, extra, n, out, threads)) \
     KERNEL(int, blocks_differ, \
         (const unisim_plane *planes, int32_t count, const int64_t *blocks, int64_t n, int64_t width, int32_t size, \

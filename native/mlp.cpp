@@ -21,8 +21,8 @@ constexpr int padded(int n) { return (n + PANEL - 1) / PANEL * PANEL; }
 
 // c (R, PANEL) = or += a (R, k) b (k, PANEL); an element of a is a[r * row + i * step].
 template <int R>
-inline void multiply_panel(int64_t k, const float *a, int64_t row, int64_t step, const float *b, int64_t b_row, float *c,
-                           int64_t c_row, bool add) {
+inline void multiply_panel(int64_t k, const float *a, int64_t row, int64_t step, const float *b, int64_t b_row,
+                           float *c, int64_t c_row, bool add) {
     simd_float sum[R][2];
     for (int r = 0; r < R; ++r)
         for (int j = 0; j < 2; ++j) sum[r][j] = add ? load(c + r * c_row + j * LANES) : simd_float{};
@@ -39,10 +39,12 @@ inline void multiply_panel(int64_t k, const float *a, int64_t row, int64_t step,
 }
 
 // c (m, n) = or += a (m, k) b (k, n), n a multiple of PANEL.
-void multiply(int64_t m, int64_t n, int64_t k, const float *a, int64_t row, int64_t step, const float *b, float *c, bool add) {
+void multiply(int64_t m, int64_t n, int64_t k, const float *a, int64_t row, int64_t step, const float *b, float *c,
+              bool add) {
     for (int64_t j = 0; j < n; j += PANEL) {
         int64_t i = 0;
-        for (; i + ROWS <= m; i += ROWS) multiply_panel<ROWS>(k, a + i * row, row, step, b + j, n, c + i * n + j, n, add);
+        for (; i + ROWS <= m; i += ROWS)
+            multiply_panel<ROWS>(k, a + i * row, row, step, b + j, n, c + i * n + j, n, add);
         for (; i < m; ++i) multiply_panel<1>(k, a + i * row, row, step, b + j, n, c + i * n + j, n, add);
     }
 }
@@ -53,7 +55,8 @@ std::vector<float> pack(const float *w, int rows, int columns, bool transposed) 
     const int m = transposed ? columns : rows, n = transposed ? rows : columns, wide = padded(n);
     std::vector<float> out(static_cast<size_t>(m) * wide, 0.0f);
     for (int i = 0; i < m; ++i)
-        for (int j = 0; j < n; ++j) out[static_cast<size_t>(i) * wide + j] = transposed ? w[j * columns + i] : w[i * columns + j];
+        for (int j = 0; j < n; ++j)
+            out[static_cast<size_t>(i) * wide + j] = transposed ? w[j * columns + i] : w[i * columns + j];
     return out;
 }
 
@@ -65,7 +68,8 @@ void hidden_layer(const unisim_mlp &net, const float *x, int count, const float 
 
 } // namespace
 
-extern "C" int UNISIM_NAME(unisim_mlp_forward)(const unisim_mlp *net, const float *x, int64_t n, float *out, int threads) {
+extern "C" int UNISIM_NAME(unisim_mlp_forward)(const unisim_mlp *net, const float *x, int64_t n, float *out,
+                                               int threads) {
     const int inputs = net->inputs, hidden = net->hidden, outputs = net->outputs;
     const int wide = padded(hidden), wide_out = padded(outputs);
     const std::vector<float> w1 = pack(net->w1, hidden, inputs, true), w2 = pack(net->w2, outputs, hidden, true);
@@ -78,18 +82,21 @@ extern "C" int UNISIM_NAME(unisim_mlp_forward)(const unisim_mlp *net, const floa
                 for (int s = 0; s < count; ++s) {
                     float lane[LANES];
                     simd_float sum{};
-                    for (int j = 0; j + LANES <= hidden; j += LANES) sum += load(&h[static_cast<size_t>(s) * wide + j]) * load(net->w2 + j);
+                    for (int j = 0; j + LANES <= hidden; j += LANES)
+                        sum += load(&h[static_cast<size_t>(s) * wide + j]) * load(net->w2 + j);
                     store(lane, sum);
                     float total = net->bias[0];
                     for (int j = 0; j < LANES; ++j) total += lane[j];
-                    for (int j = hidden / LANES * LANES; j < hidden; ++j) total += h[static_cast<size_t>(s) * wide + j] * net->w2[j];
+                    for (int j = hidden / LANES * LANES; j < hidden; ++j)
+                        total += h[static_cast<size_t>(s) * wide + j] * net->w2[j];
                     out[first + s] = total;
                 }
                 continue;
             }
             multiply(count, wide_out, hidden, h.data(), wide, 1, w2.data(), o.data(), false);
             for (int s = 0; s < count; ++s)
-                for (int j = 0; j < outputs; ++j) out[(first + s) * outputs + j] = o[static_cast<size_t>(s) * wide_out + j] + net->bias[j];
+                for (int j = 0; j < outputs; ++j)
+                    out[(first + s) * outputs + j] = o[static_cast<size_t>(s) * wide_out + j] + net->bias[j];
         }
     });
     return 0;
@@ -97,8 +104,9 @@ extern "C" int UNISIM_NAME(unisim_mlp_forward)(const unisim_mlp *net, const floa
 
 // Gradients with respect to x (n, inputs), w1, w2 and bias, from the gradient grad_out (n, outputs) of `out`. grad_x
 // is overwritten; the other three are added to, all or none of them (null).
-extern "C" int UNISIM_NAME(unisim_mlp_backward)(const unisim_mlp *net, const float *x, int64_t n, const float *grad_out, float *grad_x,
-                                                float *grad_w1, float *grad_w2, float *grad_bias, int threads) {
+extern "C" int UNISIM_NAME(unisim_mlp_backward)(const unisim_mlp *net, const float *x, int64_t n, const float *grad_out,
+                                                float *grad_x, float *grad_w1, float *grad_w2, float *grad_bias,
+                                                int threads) {
     const int inputs = net->inputs, hidden = net->hidden, outputs = net->outputs;
     const int wide = padded(hidden), wide_in = padded(inputs);
     const std::vector<float> w1_transposed = pack(net->w1, hidden, inputs, true);
@@ -121,7 +129,8 @@ extern "C" int UNISIM_NAME(unisim_mlp_backward)(const unisim_mlp *net, const flo
             for (size_t i = 0; i < static_cast<size_t>(count) * wide; ++i) g_h[i] = h[i] > 0.0f ? g_h[i] : 0.0f;
             multiply(count, wide_in, hidden, g_h.data(), wide, 1, w1.data(), g_in.data(), false);
             for (int s = 0; s < count; ++s)
-                std::memcpy(grad_x + (first + s) * inputs, &g_in[static_cast<size_t>(s) * wide_in], sizeof(float) * inputs);
+                std::memcpy(grad_x + (first + s) * inputs, &g_in[static_cast<size_t>(s) * wide_in],
+                            sizeof(float) * inputs);
             if (!learn) continue;
             for (int s = 0; s < count; ++s) {
                 std::memcpy(&in[static_cast<size_t>(s) * wide_in], x + (first + s) * inputs, sizeof(float) * inputs);

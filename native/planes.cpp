@@ -47,10 +47,10 @@ void jacobi(double a[3][3], double v[3][3]) {
 // For each query (m, 3), of its nearest points within `radius`, at most `capacity`: count (m); normal (m, 3), 0 for
 // fewer than three points; height (m) of their mean above the query along the normal; rough (m), their standard
 // deviation along the normal; reach (m), the distance to the farthest of them.
-extern "C" int UNISIM_NAME(unisim_local_planes)(const float *points, const int64_t *keys, const int64_t *starts, int64_t cells,
-                                                const double *low, const int64_t *dims, double radius, int32_t capacity,
-                                                const float *queries, int64_t m, int32_t *count, float *normal, float *height,
-                                                float *rough, float *reach, int threads) {
+extern "C" int UNISIM_NAME(unisim_local_planes)(const float *points, const int64_t *keys, const int64_t *starts,
+                                                int64_t cells, const double *low, const int64_t *dims, double radius,
+                                                int32_t capacity, const float *queries, int64_t m, int32_t *count,
+                                                float *normal, float *height, float *rough, float *reach, int threads) {
     parallel_bodies(m, 512, threads, [&] {
         return [&, near = std::vector<std::pair<float, int64_t>>()](int64_t begin, int64_t end) mutable {
             for (int64_t i = begin; i < end; ++i) {
@@ -68,7 +68,8 @@ extern "C" int UNISIM_NAME(unisim_local_planes)(const float *points, const int64
                         const int64_t *to = std::upper_bound(from, keys + cells, column + z1);
                         if (from == to) continue;
                         for (int64_t j = starts[from - keys]; j < starts[to - keys]; ++j) {
-                            const float dx = points[3 * j] - q[0], dy = points[3 * j + 1] - q[1], dz = points[3 * j + 2] - q[2];
+                            const float dx = points[3 * j] - q[0], dy = points[3 * j + 1] - q[1],
+                                        dz = points[3 * j + 2] - q[2];
                             const float squared = dx * dx + dy * dy + dz * dz;
                             if (squared <= limit) near.emplace_back(squared, j);
                         }
@@ -101,7 +102,8 @@ extern "C" int UNISIM_NAME(unisim_local_planes)(const float *points, const int64
                 for (int k = 1; k < 3; ++k)
                     if (covariance[k][k] < covariance[smallest][smallest]) smallest = k;
                 double along = 0;
-                for (int k = 0; k < 3; ++k) normal[3 * i + k] = static_cast<float>(axes[k][smallest]), along += axes[k][smallest] * mean[k];
+                for (int k = 0; k < 3; ++k)
+                    normal[3 * i + k] = static_cast<float>(axes[k][smallest]), along += axes[k][smallest] * mean[k];
                 height[i] = static_cast<float>(along);
                 rough[i] = static_cast<float>(std::sqrt(std::max(covariance[smallest][smallest], 0.0) / n));
             }

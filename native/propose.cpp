@@ -48,16 +48,17 @@ struct VoxelRay {
 // (uint8 / 255), and the step has the mass p * exp(-decay * step * sum of earlier p). u (n, count) in 0..1,
 // increasing along each row, are the quantiles. t (n, count); mass (n) is the sum of the masses, 0 where a ray hits
 // no occupied voxel (its t are then even between near and far).
-extern "C" int UNISIM_NAME(unisim_propose)(const float *origins, const float *directions, const float *t_near, const float *t_far,
-                                           int64_t n, const uint8_t *voxels, const int32_t *shape, const float *lower,
-                                           const float *voxel_m, float step, float decay, const float *u, int count, float *t,
-                                           float *mass, int threads) {
+extern "C" int UNISIM_NAME(unisim_propose)(const float *origins, const float *directions, const float *t_near,
+                                           const float *t_far, int64_t n, const uint8_t *voxels, const int32_t *shape,
+                                           const float *lower, const float *voxel_m, float step, float decay,
+                                           const float *u, int count, float *t, float *mass, int threads) {
     parallel_blocks(n, 64, threads, [&](int64_t begin, int64_t end) {
         std::vector<float> cdf;
         std::vector<int32_t> index;
         uint8_t value[BLOCK];
         for (int64_t r = begin; r < end; ++r) {
-            const VoxelRay ray{origins + r * 3, directions + r * 3, voxels, shape, lower, 1.0f / voxel_m[0], t_near[r], step};
+            const VoxelRay ray{origins + r * 3, directions + r * 3, voxels,    shape,
+                               lower,           1.0f / voxel_m[0],  t_near[r], step};
             const float span = t_far[r] - t_near[r];
             const int64_t steps = span > 0 ? static_cast<int64_t>(std::ceil(span / step)) : 0;
             float total = 0, depth = 0;

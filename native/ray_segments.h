@@ -163,8 +163,8 @@ inline float stretch_of(const FieldSegments &, size_t) { return 1.0f; }
 inline float stretch_of(const ActorSegments &b, size_t p) { return b.stretch[p]; }
 
 // Optical depths and stop fractions of intervals `from` to before `to`, see `core/ops/density/reference.py`.
-// `limit_sharpness` bounds the sharpness by the interval's length, for samples that only decide where others are placed; these
-// get no stop fractions.
+// `limit_sharpness` bounds the sharpness by the interval's length, for samples that only decide where others are
+// placed; these get no stop fractions.
 template <class Segments> void find_intervals(Segments &b, int from, int to, float beta, bool limit_sharpness) {
     for (int k = from; k < to; ++k)
         for (int p = 0; p < b.stride; p += LANES) {
@@ -257,7 +257,8 @@ inline float weight_of(const Samples &b, int p) {
 
 // Transmittances before the intervals of all segments of one ray, in one order of depth: by where a ray that stops in
 // an interval is expected to stop. Returns the optical depth of the whole ray.
-inline float merge_by_depth(const std::vector<SegmentRef> &segments, std::vector<int> &next, std::vector<float> &stops) {
+inline float merge_by_depth(const std::vector<SegmentRef> &segments, std::vector<int> &next,
+                            std::vector<float> &stops) {
     constexpr float END = 3.4e38f;
     const auto stop_of = [](const Samples &b, int p, int k) {
         const int64_t i = static_cast<int64_t>(k) * b.stride + p;

@@ -17,7 +17,8 @@ struct OccupiedSteps {
 };
 
 // Finds the steps, of half a voxel, in voxels that are not free.
-inline void find_occupied(const unisim_scene &scene, const float *o, const float *d, float t_near, float t_far, OccupiedSteps &out) {
+inline void find_occupied(const unisim_scene &scene, const float *o, const float *d, float t_near, float t_far,
+                          OccupiedSteps &out) {
     out.step.clear();
     out.mass.clear();
     const float step = scene.voxel_m / 2, inverse = 1.0f / scene.voxel_m;
@@ -45,7 +46,8 @@ inline void find_occupied(const unisim_scene &scene, const float *o, const float
 }
 
 // Places t (count), `stride` apart, of rising quantiles u (count), `stride` apart.
-inline void place_quantiles(const OccupiedSteps &in, float step, float t_near, const float *u, int count, int stride, float *t) {
+inline void place_quantiles(const OccupiedSteps &in, float step, float t_near, const float *u, int count, int stride,
+                            float *t) {
     size_t j = 0;
     for (int k = 0; k < count; ++k) {
         const float target = u[k * stride] * in.total();

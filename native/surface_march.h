@@ -51,8 +51,8 @@ inline int32_t steps_between(float t_near, float t_far, float step, float limit)
 // is advanced. Runs are complete; there are none where the ray has no more. cleared(t) says whether solid cells count
 // at t, because a box that was emptied nearby may have exposed them.
 template <class Cleared>
-void find_runs(const unisim_scene &scene, const float *o, const float *d, float t_near, float t_far, const Cleared &cleared, int32_t &next_step,
-               std::vector<Run> &out) {
+void find_runs(const unisim_scene &scene, const float *o, const float *d, float t_near, float t_far,
+               const Cleared &cleared, int32_t &next_step, std::vector<Run> &out) {
     out.clear();
     const float inverse = 1.0f / scene.voxel_m;
     const float fastest = std::max(std::fabs(d[0]), std::max(std::fabs(d[1]), std::fabs(d[2])));
@@ -78,7 +78,9 @@ void find_runs(const unisim_scene &scene, const float *o, const float *d, float 
             const simd_int c = __builtin_convertvector(x, simd_int);
             inside &= in;
             cell = cell * scene.voxel_shape[a] + c;
-            part = part * CELLS + __builtin_convertvector((x - __builtin_convertvector(c, simd_float)) * static_cast<float>(CELLS), simd_int);
+            part = part * CELLS +
+                   __builtin_convertvector((x - __builtin_convertvector(c, simd_float)) * static_cast<float>(CELLS),
+                                           simd_int);
         }
         store(at, cell & inside);
         for (int k = 0; k < LANES; ++k) clear[k] = scene.clearance[at[k]];
@@ -101,7 +103,10 @@ void find_runs(const unisim_scene &scene, const float *o, const float *d, float 
             look_up(t_near + (static_cast<float>(i + 1) + 2.0f * index) * step, inside, part);
             const uint8_t all = min_clearance();
             if (all > 1 && !any(~inside)) {
-                i += std::max(2 * LANES, 2 * LANES - 1 + static_cast<int32_t>(static_cast<float>(clear[LANES - 1] - 1) * steps_a_voxel - 0.5f));
+                i +=
+                    std::max(2 * LANES,
+                             2 * LANES - 1 +
+                                 static_cast<int32_t>(static_cast<float>(clear[LANES - 1] - 1) * steps_a_voxel - 0.5f));
                 continue;
             }
             int32_t in[LANES];
@@ -112,7 +117,8 @@ void find_runs(const unisim_scene &scene, const float *o, const float *d, float 
         look_up(t_near + (static_cast<float>(i) + (index + 0.5f)) * step, inside, part);
         open = min_clearance() > 0;
         if (open) {
-            i += std::max(LANES, LANES - 1 + static_cast<int32_t>(static_cast<float>(clear[LANES - 1] - 1) * steps_a_voxel));
+            i += std::max(LANES,
+                          LANES - 1 + static_cast<int32_t>(static_cast<float>(clear[LANES - 1] - 1) * steps_a_voxel));
             continue;
         }
         int32_t in[LANES], of[LANES];
@@ -138,7 +144,8 @@ void find_runs(const unisim_scene &scene, const float *o, const float *d, float 
 }
 
 // Finds all runs through the cells of an actor's box; origin and direction in the box's axes, metres.
-inline void find_box_runs(const uint8_t *kinds, const float *o, const float *d, const float *size, float t_near, float t_far, std::vector<Run> &out) {
+inline void find_box_runs(const uint8_t *kinds, const float *o, const float *d, const float *size, float t_near,
+                          float t_far, std::vector<Run> &out) {
     out.clear();
     float from[3], along[3], fastest = 1e-9f;
     for (int a = 0; a < 3; ++a) {
@@ -154,7 +161,8 @@ inline void find_box_runs(const uint8_t *kinds, const float *o, const float *d, 
         int cell = 0;
         for (int a = 0; a < 3; ++a)
             // NaN and points outside the box are clamped to its nearest cells
-            cell = cell * BOX_CELLS + static_cast<int>(std::min(BOX_CELLS - 1.0f, std::max(0.0f, from[a] + t * along[a])));
+            cell =
+                cell * BOX_CELLS + static_cast<int>(std::min(BOX_CELLS - 1.0f, std::max(0.0f, from[a] + t * along[a])));
         if (kinds[cell] != SURFACE) continue;
         const float begin = t_near + static_cast<float>(i) * step;
         if (i == last + 1)
@@ -169,8 +177,8 @@ inline void find_box_runs(const uint8_t *kinds, const float *o, const float *d, 
 // Where a ray leaves free space and enters a solid, the surface lies in between: it was trained by samples on both
 // sides. Looks at `count` samples at `ts` with optical depths `depths`, `stride` apart. Sets `before` to the sample
 // that free space precedes and t to the nearest occupied place before that sample; returns false where there is none.
-inline bool find_face(const unisim_scene &scene, const float *o, const float *d, float t_near, const float *ts, const float *depths,
-                      int count, int stride, int &before, float &t) {
+inline bool find_face(const unisim_scene &scene, const float *o, const float *d, float t_near, const float *ts,
+                      const float *depths, int count, int stride, int &before, float &t) {
     const float step = scene.voxel_m / 2;
     for (int k = 0; k < count; ++k) {
         if (depths[k * stride] < 0.05f) continue;
@@ -207,8 +215,8 @@ class SurfaceMarch {
     // then splits intervals. `depth_before`: optical depths before the segments. evaluate() answers `queries`;
     // more(p, runs) replaces a segment's runs by the next ones; face(p, before, t) is `find_face` of its samples.
     template <class Evaluate, class More, class Face>
-    void march(int count, const float *depth_before, float beta, const unisim_sampling &how, const Evaluate &evaluate, const More &more,
-               const Face &face, float voxel_m) {
+    void march(int count, const float *depth_before, float beta, const unisim_sampling &how, const Evaluate &evaluate,
+               const More &more, const Face &face, float voxel_m) {
         begin(count, depth_before, -std::log(how.opaque));
         while (!queries.empty()) {
             evaluate();
@@ -244,8 +252,10 @@ class SurfaceMarch {
         rows = 0;
         for (auto *v : {&t, &s, &depth}) v->clear();
         for (auto *v : {&slot, &after_free, &queries}) v->clear();
-        for (auto *v : {&query_t, &query_s, &total_, &last_depth_, &run_end_}) v->assign(static_cast<size_t>(stride), 0.0f);
-        for (auto *v : {&counts, &query_slot, &insert_before_, &active_, &run_begins_, &run_}) v->assign(static_cast<size_t>(stride), 0);
+        for (auto *v : {&query_t, &query_s, &total_, &last_depth_, &run_end_})
+            v->assign(static_cast<size_t>(stride), 0.0f);
+        for (auto *v : {&counts, &query_slot, &insert_before_, &active_, &run_begins_, &run_})
+            v->assign(static_cast<size_t>(stride), 0);
         for (int p = 0; p < count; ++p) {
             if (runs[p].empty() || !(depth_before[p] < max_depth)) continue;
             query_t[p] = runs[p][0].begin;
@@ -377,7 +387,8 @@ class SurfaceMarch {
             if (!any(split)) continue;
             const simd_float middle = (exp_of(-best_last) + exp_of(-best_now)) * 0.5f;
             const simd_float at = log_of(middle / max_of(1.0f - middle, broadcast(1e-6f))) / beta;
-            const simd_float fraction = min_of(max_of((s0 - at) / max_of(s0 - s1, broadcast(1e-6f)), broadcast(0.05f)), broadcast(0.95f));
+            const simd_float fraction =
+                min_of(max_of((s0 - at) / max_of(s0 - s1, broadcast(1e-6f)), broadcast(0.05f)), broadcast(0.95f));
             store(&query_t[p], t0 + fraction * (t1 - t0));
             for (int k = p; k < p + LANES; ++k)
                 if (insert_before_[k]) queries.push_back(k);

@@ -35,9 +35,10 @@ struct Tracer {
 
 } // namespace
 
-extern "C" int UNISIM_NAME(unisim_trace)(const unisim_scene *scene, const unisim_active_actors *active, const unisim_rays *rays,
-                                         const unisim_mesh_hits *meshes, const unisim_sampling *sampling,
-                                         const unisim_trace_result *result, int threads) {
+extern "C" int UNISIM_NAME(unisim_trace)(const unisim_scene *scene, const unisim_active_actors *active,
+                                         const unisim_rays *rays, const unisim_mesh_hits *meshes,
+                                         const unisim_sampling *sampling, const unisim_trace_result *result,
+                                         int threads) {
     Task task{*scene, *active, *rays, meshes, *sampling, *result, {}, {}};
     int first = 0;
     for (int i = 0; i < active->actor_set_count; ++i) {

@@ -85,8 +85,8 @@ struct unisim_scene {
     int32_t unisim_density;          // 0: logistic; 1: as in the paper
     float density_step_m;            // of the paper's density
     const uint8_t *voxels;           // (X, Y, Z) occupancy values, 0 is free
-    const uint8_t *clearance;        // (X, Y, Z): distance in voxels to the nearest one with a cell that is not open, or less
-    const uint16_t *cells;           // (X, Y, Z): two bits for each of a voxel's eight cells, see cells.h; null: not known
+    const uint8_t *clearance;        // (X, Y, Z): distance in voxels to the nearest with a cell that is not open, or less
+    const uint16_t *cells;           // (X, Y, Z): two bits for each of a voxel's eight cells, see cells.h; null: unknown
     const uint8_t *box_cells;        // (actors, 16, 16, 16): the cells of the actors' boxes
     int32_t voxel_shape[3];
     float voxel_m;
@@ -154,7 +154,7 @@ struct unisim_sampling {
     // The march along the signed distance; stride_m 0 places samples by quantiles instead.
     float stride_m;          // the longest step
     float step_growth_per_m; // growth of the longest step per metre of distance from the origin, relative
-    float relaxation;        // how much longer than the distance a step may be; it is taken to fall by 1 / relaxation a metre
+    float relaxation;        // how much longer than the distance a step may be, which falls by 1 / relaxation a metre
     float min_slope, min_step_m;
     int32_t splits;          // how often the interval that absorbs most is split
     float split_weight;      // only intervals of at least this weight are split

@@ -14,7 +14,7 @@ class Background {
     int count = 0;                    // samples per ray
     std::vector<float> t, tau;        // (rays, count): places of the samples, optical depths of their intervals
     float transmittance_before[TILE]; // of each ray of the tile: after the volume
-    float weighted_t[TILE];           // of each ray of the tile: distances by weight, relative to `transmittance_before`
+    float weighted_t[TILE];           // of each ray of the tile: distances by weight, over `transmittance_before`
 
     Background(Tile &tile, RaySums &sums) : tile_(tile), sums_(sums), view_dependent_(tile) {}
 
@@ -57,14 +57,16 @@ class Background {
         for (size_t i = 0; i < n * proposals(); ++i)
             place_[0][i] = (static_cast<float>(i % proposals()) + 0.5f) / static_cast<float>(proposals());
         evaluate(place_[0], density_[0], proposals_count() ? &units_[0] : nullptr);
-        for (size_t i = 0; i < n; ++i) find_places(&density_[0][i * proposals()], &place_[1][i * samples()], &width_[i * samples()]);
+        for (size_t i = 0; i < n; ++i)
+            find_places(&density_[0][i * proposals()], &place_[1][i * samples()], &width_[i * samples()]);
         evaluate(place_[1], density_[1], &units_[1]);
     }
 
     // Merges the samples of both evaluations by depth, and adds them by weight.
     void add_samples() {
         const bool both = proposals_count();
-        const size_t n = rays.size(), per_ray[2] = {proposals(), samples()}, counts[2] = {both ? proposals() : 0, samples()};
+        const size_t n = rays.size(), per_ray[2] = {proposals(), samples()},
+                     counts[2] = {both ? proposals() : 0, samples()};
         const size_t wide = static_cast<size_t>(field().wide);
         t.resize(n * count);
         tau.resize(t.size());
@@ -75,13 +77,15 @@ class Background {
             float before = 0, edge = 0;
             for (int k = 0; k < count; ++k) {
                 // both rise
-                const int of = next[0] < counts[0] && (next[1] == counts[1] || places[0][next[0]] <= places[1][next[1]]) ? 0 : 1;
+                const int of =
+                    next[0] < counts[0] && (next[1] == counts[1] || places[0][next[0]] <= places[1][next[1]]) ? 0 : 1;
                 const size_t j = next[of]++, from = i * per_ray[of] + j, to = i * count + k;
                 float width;
                 if (both) {
                     float after = 1;
                     for (int side = 0; side < 2; ++side)
-                        if (next[side] < counts[side]) after = std::min(after, 0.5f * (places[of][j] + places[side][next[side]]));
+                        if (next[side] < counts[side])
+                            after = std::min(after, 0.5f * (places[of][j] + places[side][next[side]]));
                     width = after - edge;
                     edge = after;
                 } else
@@ -120,12 +124,13 @@ class Background {
 
     void end_sums() {
         const Field &far = field();
-        const size_t n = rays.size(), features = static_cast<size_t>(far.outputs - 1), wide = static_cast<size_t>(far.wide_out);
+        const size_t n = rays.size(), features = static_cast<size_t>(far.outputs - 1),
+                     wide = static_cast<size_t>(far.wide_out);
         if (head())
             view_dependent_.sum(*head(), far, out_.data());
         else
-            layer<false>(static_cast<int>(out_.size() / wide), far.wide_out, far.hidden, summed_.data(), far.wide, far.feature.data(),
-                         out_.data());
+            layer<false>(static_cast<int>(out_.size() / wide), far.wide_out, far.hidden, summed_.data(), far.wide,
+                         far.feature.data(), out_.data());
         for (size_t i = 0; i < n; ++i) {
             const size_t r = static_cast<size_t>(rays[i]);
             for (size_t f = 0; f < features; ++f) {
@@ -139,7 +144,8 @@ class Background {
 
     // The distance along ray r of a place: a fraction, in disparity, of the way from the volume to the far end.
     float distance_of(int r, float place) const {
-        return 1 / ((1 - place) / std::max(tile_.far[r], tile_.task.sampling.near_m) + place / tile_.scene.background_far_m);
+        return 1 / ((1 - place) / std::max(tile_.far[r], tile_.task.sampling.near_m) +
+                    place / tile_.scene.background_far_m);
     }
 
     // Densities at places, as many for each ray, and hidden units where `units` is not null.
@@ -155,7 +161,8 @@ class Background {
                 const float at_m = distance_of(r, place[at]);
                 float y[3], norm = 0;
                 for (int a = 0; a < 3; ++a) {
-                    y[a] = (tile_.o[r][a] + tile_.d[r][a] * at_m - tile_.scene.size[a] / 2) / tile_.scene.background_radius_m;
+                    y[a] = (tile_.o[r][a] + tile_.d[r][a] * at_m - tile_.scene.size[a] / 2) /
+                           tile_.scene.background_radius_m;
                     norm += y[a] * y[a];
                 }
                 // mip-NeRF 360's contraction (Barron et al., 2022, eq. 10)
@@ -165,7 +172,8 @@ class Background {
             }
             float *h = units ? units->data() + static_cast<size_t>(first) * far.wide : tile_.block.data();
             far.units(tile_.x, nullptr, block, tile_.code.data(), h);
-            for (int i = 0; i < block; ++i) density[first + i] = exp_of(min_of(far.first_output(h + i * far.wide), MAX_LOG_DENSITY));
+            for (int i = 0; i < block; ++i)
+                density[first + i] = exp_of(min_of(far.first_output(h + i * far.wide), MAX_LOG_DENSITY));
         }
     }
 
@@ -178,7 +186,8 @@ class Background {
             const int block = std::min(BLOCK, n - first);
             for (int i = 0; i < filled(block); ++i)
                 for (int a = 0; a < 3; ++a) tile_.x[a][i] = tile_.d[rays[first + std::min(i, block - 1)]][a] / 2 + 0.5f;
-            field().units(tile_.x, nullptr, block, tile_.code.data(), units_[0].data() + static_cast<size_t>(first) * field().wide);
+            field().units(tile_.x, nullptr, block, tile_.code.data(),
+                          units_[0].data() + static_cast<size_t>(first) * field().wide);
         }
     }
 
@@ -199,13 +208,15 @@ class Background {
             total += cdf_[k + 1];
             before += depth_of;
         }
-        for (int k = 1; k <= first; ++k) cdf_[k] = cdf_[k - 1] + 0.8f * cdf_[k] / total + 0.2f / static_cast<float>(first);
+        for (int k = 1; k <= first; ++k)
+            cdf_[k] = cdf_[k - 1] + 0.8f * cdf_[k] / total + 0.2f / static_cast<float>(first);
         int j = 1;
         float edge = 0;
         for (int k = 0; k <= second; ++k) {
             const float target = static_cast<float>(k) / static_cast<float>(second) * cdf_[first];
             while (j < first && cdf_[j] <= target) ++j;
-            const float at = (static_cast<float>(j - 1) + (target - cdf_[j - 1]) / (cdf_[j] - cdf_[j - 1])) / static_cast<float>(first);
+            const float at = (static_cast<float>(j - 1) + (target - cdf_[j - 1]) / (cdf_[j] - cdf_[j - 1])) /
+                             static_cast<float>(first);
             if (k) {
                 width[k - 1] = at - edge;
                 place[k - 1] = edge + 0.5f * (at - edge);
@@ -217,7 +228,8 @@ class Background {
     Tile &tile_;
     RaySums &sums_;
     ViewDependentFeatures view_dependent_;
-    std::vector<float> place_[2], density_[2], units_[2]; // of the first and of the second evaluation; places as in `distance_of`
+    // Of the first and of the second evaluation; places as in `distance_of`.
+    std::vector<float> place_[2], density_[2], units_[2];
     std::vector<float> width_;                            // of the intervals around the places of the second
     std::vector<float> transmittance_after_;              // of each ray, through the background alone
     std::vector<float> summed_, weight_, out_, cdf_;

@@ -12,7 +12,7 @@ struct RaySums {
     float transmittance[TILE], transmittance_without_foreign[TILE];
     // of the samples: weight, and weight times distance
     float weight[TILE], weighted_t[TILE];
-    // (TILE, features) of all segments that are not foreign: with the weights that foreign ones leave, and without these
+    // (TILE, features) of all segments that are not foreign: with the weights that foreign ones leave, and without.
     std::vector<float> feature, feature_without_foreign;
 };
 
@@ -44,7 +44,8 @@ class Compositor {
                 own_.clear();
                 for (const SegmentRef &s : all)
                     if (!s.segments->foreign) own_.push_back(s);
-                sums.transmittance_without_foreign[r] = own_.empty() ? 1.0f : std::exp(-merge_by_depth(own_, next_, stops_));
+                sums.transmittance_without_foreign[r] =
+                    own_.empty() ? 1.0f : std::exp(-merge_by_depth(own_, next_, stops_));
                 any_foreign = true;
                 continue;
             }
@@ -65,7 +66,8 @@ class Compositor {
             });
         if (any_foreign) {
             for (int r = 0; r < tile_.rays.count; ++r)
-                if (has_foreign_[r]) sums.transmittance[r] = std::exp(-merge_by_depth(tile_.segments[r], next_, stops_));
+                if (has_foreign_[r])
+                    sums.transmittance[r] = std::exp(-merge_by_depth(tile_.segments[r], next_, stops_));
             tile_.each([](auto &b) { find_weights(b); });
         }
         tile_.each([&](auto &b) { add(b); });
@@ -160,7 +162,8 @@ class Compositor {
     template <class Segments> void project(Segments &b) {
         const Field &field = tile_.field_of(b);
         const bool lit = find_light(b);
-        if (const unisim_head *head = tile_.scene_fields_of(b).scene->sample_head) return project_view_dependent(b, *head, lit);
+        if (const unisim_head *head = tile_.scene_fields_of(b).scene->sample_head)
+            return project_view_dependent(b, *head, lit);
         const int rows = (b.count + ROWS - 1) / ROWS * ROWS;
         summed_.assign(static_cast<size_t>(rows) * field.wide, 0.0f);
         for (int p = 0; p < b.count; ++p) {
@@ -174,13 +177,17 @@ class Compositor {
             }
         }
         projected_.resize(static_cast<size_t>(rows) * field.wide_out);
-        layer<false>(rows, field.wide_out, field.hidden, summed_.data(), field.wide, field.feature.data(), projected_.data());
+        layer<false>(rows, field.wide_out, field.hidden, summed_.data(), field.wide, field.feature.data(),
+                     projected_.data());
         for (int p = 0; p < b.count; ++p) {
             float *out = &projected_[static_cast<size_t>(p * field.wide_out)];
-            for (int f = 0; f + 1 < field.outputs; ++f) out[f] += segment_weight_[p] * field.bias[static_cast<size_t>(f + 1)];
+            for (int f = 0; f + 1 < field.outputs; ++f)
+                out[f] += segment_weight_[p] * field.bias[static_cast<size_t>(f + 1)];
             if (!lit) continue;
-            const float *scale = &light_.scales[static_cast<size_t>(2 * p * (field.outputs - 1))], *shift = scale + field.outputs - 1;
-            for (int f = 0; f + 1 < field.outputs; ++f) out[f] = out[f] * (1 + scale[f]) + shift[f] * segment_weight_[p];
+            const float *scale = &light_.scales[static_cast<size_t>(2 * p * (field.outputs - 1))],
+                        *shift = scale + field.outputs - 1;
+            for (int f = 0; f + 1 < field.outputs; ++f)
+                out[f] = out[f] * (1 + scale[f]) + shift[f] * segment_weight_[p];
         }
     }
 
@@ -195,7 +202,8 @@ class Compositor {
             const float weight = b.weight[static_cast<size_t>(i)];
             if (slot < 0 || !(weight > MIN_WEIGHT)) continue;
             const float *scale = lit ? &light_.scales[static_cast<size_t>(2 * p * features)] : nullptr;
-            view_dependent_.add(field, &b.units[static_cast<size_t>(slot) * field.wide], b.ray[p], scale, weight, static_cast<size_t>(p));
+            view_dependent_.add(field, &b.units[static_cast<size_t>(slot) * field.wide], b.ray[p], scale, weight,
+                                static_cast<size_t>(p));
         }
         view_dependent_.sum(head, field, projected_.data());
     }

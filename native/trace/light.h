@@ -49,16 +49,21 @@ class Light {
             for (int i = 0; i < n; ++i)
                 for (int j = 0; j < field.wide; j += LANES) {
                     const float *h = &tile_.block[static_cast<size_t>(4 * i * field.wide + j)];
-                    store(mean + i * field.wide + j, (load(h) + load(h + field.wide) + load(h + 2 * field.wide) + load(h + 3 * field.wide)) * 0.25f);
+                    store(mean + i * field.wide + j,
+                          (load(h) + load(h + field.wide) + load(h + 2 * field.wide) + load(h + 3 * field.wide)) *
+                              0.25f);
                 }
-            layer<false>(PLACES, field.wide_out, field.hidden, mean, field.wide, field.feature.data(), appearance_.data());
+            layer<false>(PLACES, field.wide_out, field.hidden, mean, field.wide, field.feature.data(),
+                         appearance_.data());
             for (int i = 0; i < n; ++i)
-                for (int f = 0; f < features; ++f) appearance_[static_cast<size_t>(i * field.wide_out + f)] += field.bias[static_cast<size_t>(f + 1)];
+                for (int f = 0; f < features; ++f)
+                    appearance_[static_cast<size_t>(i * field.wide_out + f)] += field.bias[static_cast<size_t>(f + 1)];
             layer<true>(PLACES, wide, features, appearance_.data(), field.wide_out, first_layer.data(), units_.data());
             layer<false>(PLACES, wide_out, net.hidden, units_.data(), wide, last_layer.data(), appearance_.data());
             for (int i = 0; i < n; ++i) {
                 float *out = &scales[static_cast<size_t>(2 * heavy_[first + i] * features)];
-                for (int f = 0; f < 2 * features; ++f) out[f] = appearance_[static_cast<size_t>(i * wide_out + f)] + net.bias[f];
+                for (int f = 0; f < 2 * features; ++f)
+                    out[f] = appearance_[static_cast<size_t>(i * wide_out + f)] + net.bias[f];
             }
         }
     }

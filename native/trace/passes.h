@@ -8,7 +8,8 @@ constexpr float NORMAL_STEP_M = 0.03f;
 
 class Passes {
   public:
-    Passes(Tile &tile, const RaySums &sums, const Background &background) : tile_(tile), sums_(sums), background_(background) {}
+    Passes(Tile &tile, const RaySums &sums, const Background &background)
+        : tile_(tile), sums_(sums), background_(background) {}
 
     void write() {
         const unisim_trace_result &result = tile_.task.result;
@@ -20,7 +21,8 @@ class Passes {
             const float mean = inside * (1 - before) + before * background_.weighted_t[r];
             std::copy_n(&sums_.feature[static_cast<size_t>(r) * width], width, result.feature + i * width);
             if (result.feature_without_foreign)
-                std::copy_n(&sums_.feature_without_foreign[static_cast<size_t>(r) * width], width, result.feature_without_foreign + i * width);
+                std::copy_n(&sums_.feature_without_foreign[static_cast<size_t>(r) * width], width,
+                            result.feature_without_foreign + i * width);
             result.opacity[i] = opacity;
             result.depth[i] = mean / std::fmax(opacity, 1e-6f);
         }
@@ -39,7 +41,8 @@ class Passes {
                 for (int k = 0; k < b.samples; ++k) {
                     const size_t i = b.number(k, p);
                     const float before = b.transmittance_before[i];
-                    if (before > wanted && before * std::exp(-b.tau[i]) <= wanted) depth[b.ray[p]] = crossing(b, p, k, wanted);
+                    if (before > wanted && before * std::exp(-b.tau[i]) <= wanted)
+                        depth[b.ray[p]] = crossing(b, p, k, wanted);
                 }
             }
         });
@@ -81,13 +84,18 @@ class Passes {
                 }
             }
         });
-        for (int r = 0; r < tile_.rays.count; ++r) tile_.task.result.instance[tile_.number[r]] = best[r] > rest[r] ? number[r] : 0;
+        for (int r = 0; r < tile_.rays.count; ++r)
+            tile_.task.result.instance[tile_.number[r]] = best[r] > rest[r] ? number[r] : 0;
     }
 
     // 1 + the number of a segment's actor, 0 for static space.
     static int32_t instance_of(const FieldSegments &, int) { return 0; }
-    int32_t instance_of(const ActorSegments &b, int p) const { return tile_.task.first_instance[static_cast<size_t>(b.set)] + b.box[p] + 1; }
-    int32_t instance_of(const MeshSegments &b, int p) const { return tile_.task.first_instance.back() + b.actor[p] + 1; }
+    int32_t instance_of(const ActorSegments &b, int p) const {
+        return tile_.task.first_instance[static_cast<size_t>(b.set)] + b.box[p] + 1;
+    }
+    int32_t instance_of(const MeshSegments &b, int p) const {
+        return tile_.task.first_instance.back() + b.actor[p] + 1;
+    }
 
     // Unit normals: the sum over a ray's segments, by weight, of their unit normals.
     void find_normals() {
@@ -102,7 +110,8 @@ class Passes {
             const float *v = sum[r];
             const float length = std::fmax(std::sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]), 1e-12f);
             const bool solid = 1 - sums_.transmittance[r] > 0.5f;
-            for (int a = 0; a < 3; ++a) tile_.task.result.normal[3 * tile_.number[r] + a] = solid ? v[a] / length : 0.0f;
+            for (int a = 0; a < 3; ++a)
+                tile_.task.result.normal[3 * tile_.number[r] + a] = solid ? v[a] / length : 0.0f;
         }
     }
 
@@ -146,7 +155,9 @@ class Passes {
     }
 
     // A gradient g in the axes of a segment's field, along the world's axes.
-    void turn_to_world(const StaticSegments &, int, const float *g, float *world) const { turn_volume_to_world(g, world); }
+    void turn_to_world(const StaticSegments &, int, const float *g, float *world) const {
+        turn_volume_to_world(g, world);
+    }
     void turn_to_world(const CopySegments &b, int p, const float *g, float *world) const {
         float at_source[3];
         turn_volume_to_world(g, at_source);
@@ -162,7 +173,8 @@ class Passes {
     }
 
     static void rotate(const float *rotation, const float *g, float *out) {
-        for (int a = 0; a < 3; ++a) out[a] = rotation[3 * a] * g[0] + rotation[3 * a + 1] * g[1] + rotation[3 * a + 2] * g[2];
+        for (int a = 0; a < 3; ++a)
+            out[a] = rotation[3 * a] * g[0] + rotation[3 * a + 1] * g[1] + rotation[3 * a + 2] * g[2];
     }
 
     Tile &tile_;

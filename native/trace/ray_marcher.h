@@ -12,7 +12,8 @@ constexpr float UNIFORM = 0.05f;
 
 class RayMarcher {
   public:
-    RayMarcher(Tile &tile, FieldEvaluator &evaluator, SegmentBuilder &builder) : tile_(tile), evaluator_(evaluator), builder_(builder) {}
+    RayMarcher(Tile &tile, FieldEvaluator &evaluator, SegmentBuilder &builder)
+        : tile_(tile), evaluator_(evaluator), builder_(builder) {}
 
     void sample(StaticSegments &b) {
         const unisim_sampling &sampling = tile_.task.sampling;
@@ -33,7 +34,8 @@ class RayMarcher {
         b.allocate(2 * tile_.task.sampling.samples);
         for (int p = 0; p < b.count; ++p)
             for (int k = 0; k < b.samples; ++k)
-                b.t[b.number(k, p)] = b.t_near[p] + (static_cast<float>(k) + 0.5f) / static_cast<float>(b.samples) * (b.t_far[p] - b.t_near[p]);
+                b.t[b.number(k, p)] = b.t_near[p] + (static_cast<float>(k) + 0.5f) / static_cast<float>(b.samples) *
+                                                        (b.t_far[p] - b.t_near[p]);
         evaluate(b, true);
     }
 
@@ -45,7 +47,8 @@ class RayMarcher {
         b.allocate(proposals);
         quantile_.resize(static_cast<size_t>(std::max(proposals, samples)) * b.stride);
         for (int k = 0; k < proposals; ++k)
-            for (int p = 0; p < b.count; ++p) quantile_[b.number(k, p)] = (static_cast<float>(k) + 0.5f) / static_cast<float>(proposals);
+            for (int p = 0; p < b.count; ++p)
+                quantile_[b.number(k, p)] = (static_cast<float>(k) + 0.5f) / static_cast<float>(proposals);
         place(b, proposals);
         evaluate(b, false);
         cdf_.resize(static_cast<size_t>(proposals + 1) * b.stride);
@@ -59,13 +62,14 @@ class RayMarcher {
 
     void place(StaticSegments &b, int count) {
         for (int p = 0; p < b.count; ++p)
-            place_quantiles(builder_.occupied[static_cast<size_t>(p)], tile_.scene.voxel_m / 2, b.t_near[p], &quantile_[p], count,
-                            b.stride, &b.t[p]);
+            place_quantiles(builder_.occupied[static_cast<size_t>(p)], tile_.scene.voxel_m / 2, b.t_near[p],
+                            &quantile_[p], count, b.stride, &b.t[p]);
     }
 
     void place(ActorSegments &b, int count) {
         for (int p = 0; p < b.count; ++p)
-            for (int k = 0; k < count; ++k) b.t[b.number(k, p)] = b.t_near[p] + quantile_[b.number(k, p)] * (b.t_far[p] - b.t_near[p]);
+            for (int k = 0; k < count; ++k)
+                b.t[b.number(k, p)] = b.t_near[p] + quantile_[b.number(k, p)] * (b.t_far[p] - b.t_near[p]);
     }
 
     // Evaluates the field at placed samples, in rounds: a segment takes none behind where it is opaque. `final`:
@@ -98,7 +102,8 @@ class RayMarcher {
         }
         // samples that were not evaluated absorb nothing
         for (int p = 0; p < b.count; ++p)
-            for (int k = b.evaluated[p]; k < b.samples; ++k) b.tau[b.number(k, p)] = b.stop_fraction[b.number(k, p)] = 0;
+            for (int k = b.evaluated[p]; k < b.samples; ++k)
+                b.tau[b.number(k, p)] = b.stop_fraction[b.number(k, p)] = 0;
     }
 
     static float density_step_m(const FieldSegments &, const unisim_scene &scene) { return scene.density_step_m; }
@@ -167,7 +172,8 @@ class RayMarcher {
                 march_.query_slot[march_.queries[i]] = queries.slot[i];
             }
         };
-        march_.march(b.count, depth_.data(), scene.beta, tile_.task.sampling, evaluate_queries, more, face, tile_.scene.voxel_m);
+        march_.march(b.count, depth_.data(), scene.beta, tile_.task.sampling, evaluate_queries, more, face,
+                     tile_.scene.voxel_m);
         b.allocate(std::max(1, march_.rows));
         if (march_.rows) {
             std::swap(b.t, march_.t);
@@ -194,14 +200,16 @@ class RayMarcher {
     }
 
     // The first runs of segments, in field metres along the ray.
-    void find_first_runs(const StaticSegments &) { std::swap(march_.runs, builder_.runs); } // swapped, to keep allocated memory
+    void find_first_runs(const StaticSegments &) {
+        std::swap(march_.runs, builder_.runs);
+    } // swapped, to keep allocated memory
 
     void find_first_runs(const ActorSegments &b) {
         const uint8_t *cells = tile_.scene_fields_of(b).scene->box_cells;
         for (size_t p = 0; p < static_cast<size_t>(b.count); ++p) {
             const int64_t row = Tile::row_of(b, p);
-            find_box_runs(cells + row * BOX_CELLS * BOX_CELLS * BOX_CELLS, &b.o[3 * p], &b.d[3 * p], &b.size[3 * p], b.t_near[p], b.t_far[p],
-                          march_.runs[p]);
+            find_box_runs(cells + row * BOX_CELLS * BOX_CELLS * BOX_CELLS, &b.o[3 * p], &b.d[3 * p], &b.size[3 * p],
+                          b.t_near[p], b.t_far[p], march_.runs[p]);
             for (Run &run : march_.runs[p]) {
                 run.begin *= b.stretch[p];
                 run.end *= b.stretch[p];
@@ -209,12 +217,14 @@ class RayMarcher {
         }
     }
 
-    void continue_runs(const StaticSegments &b, size_t p, std::vector<Run> &runs) { builder_.continue_runs(b, p, runs); }
+    void continue_runs(const StaticSegments &b, size_t p, std::vector<Run> &runs) {
+        builder_.continue_runs(b, p, runs);
+    }
     void continue_runs(const ActorSegments &, size_t, std::vector<Run> &runs) { runs.clear(); }
 
     bool find_face_of(const StaticSegments &b, int p, int &before, float &t) const {
-        return find_face(tile_.scene, &b.o[3 * p], &b.d[3 * p], b.t_near[p], &march_.t[p], &march_.depth[p], march_.counts[p], march_.stride,
-                         before, t);
+        return find_face(tile_.scene, &b.o[3 * p], &b.d[3 * p], b.t_near[p], &march_.t[p], &march_.depth[p],
+                         march_.counts[p], march_.stride, before, t);
     }
     bool find_face_of(const ActorSegments &, int, int &, float &) const { return false; }
 

@@ -93,7 +93,8 @@ class SegmentBuilder {
         // from the world's axes at the source to the box's axes, and on to the world's axes at the copy
         for (int a = 0; a < 3; ++a)
             for (int c = 0; c < 3; ++c)
-                for (int e = 0; e < 3; ++e) rotation[3 * a + c] += hit.rotation[3 * a + e] * static_cast<float>(source[4 * c + e]);
+                for (int e = 0; e < 3; ++e)
+                    rotation[3 * a + c] += hit.rotation[3 * a + e] * static_cast<float>(source[4 * c + e]);
         b.add(hit.ray, o, d, hit.t_near, hit.t_far, rotation);
     }
 

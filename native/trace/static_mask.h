@@ -40,7 +40,8 @@ class StaticMask {
     // distance.
     void apply(const StaticSegments &b, int p, float t, float &s) const {
         if (!contains(b.ray[p], t, 0.0f)) return;
-        const float x = b.o[3 * p] + t * b.d[3 * p], y = b.o[3 * p + 1] + t * b.d[3 * p + 1], z = b.o[3 * p + 2] + t * b.d[3 * p + 2];
+        const float x = b.o[3 * p] + t * b.d[3 * p], y = b.o[3 * p + 1] + t * b.d[3 * p + 1],
+                    z = b.o[3 * p + 2] + t * b.d[3 * p + 2];
         const float height = z - ground_at(tile_.scene, x, y);
         if (height > tile_.scene.ground_clearance_m) s = std::max(s, height);
     }

@@ -13,7 +13,8 @@ constexpr float NEGLIGIBLE_WEIGHT = 1e-6f;
 struct SceneFields {
     const unisim_scene *scene;
     Field static_field, background, actors;
-    std::vector<float> light_first, light_last; // the light network's layers, transposed: (features, wide), (hidden, wide)
+    // The light network's layers, transposed: (features, wide), (hidden, wide).
+    std::vector<float> light_first, light_last;
 
     explicit SceneFields(const unisim_scene *s)
         : scene(s), static_field(s->static_field), background(s->background), actors(s->actor_fields) {
@@ -39,7 +40,7 @@ struct Task {
     const unisim_sampling &sampling;
     const unisim_trace_result &result;
     std::vector<SceneFields> fields;   // one per actor set, the scene's own first
-    std::vector<int> first_instance;   // one per actor set: the number of its first actor; then that of the first mesh actor
+    std::vector<int> first_instance;   // one per actor set: the number of its first actor; then of the first mesh actor
 };
 
 inline void transform(const double *m, const double *x, float *out) {
@@ -48,7 +49,8 @@ inline void transform(const double *m, const double *x, float *out) {
 }
 
 inline void turn(const double *m, const double *x, float *out) {
-    for (int a = 0; a < 3; ++a) out[a] = static_cast<float>(m[4 * a] * x[0] + m[4 * a + 1] * x[1] + m[4 * a + 2] * x[2]);
+    for (int a = 0; a < 3; ++a)
+        out[a] = static_cast<float>(m[4 * a] * x[0] + m[4 * a + 1] * x[1] + m[4 * a + 2] * x[2]);
 }
 
 // Height of the ground at (x, y), volume coordinates: bilinear between the centres of cells.

@@ -30,7 +30,8 @@ struct Tile {
     int32_t row[BLOCK];
     std::vector<float> code, block;
 
-    explicit Tile(const Task &of) : task(of), scene(of.scene), actor_segments(static_cast<size_t>(of.active.actor_set_count)) {
+    explicit Tile(const Task &of)
+        : task(of), scene(of.scene), actor_segments(static_cast<size_t>(of.active.actor_set_count)) {
         int inputs = 0, wide = 0;
         for (const SceneFields &fields : task.fields)
             for (const Field *field : {&fields.static_field, &fields.background, &fields.actors}) {

@@ -20,7 +20,8 @@ class ViewDependentFeatures {
         const int wide = field.outputs - 1;
         for (int f = 0; f < wide; ++f) {
             float value = field.bias[static_cast<size_t>(f + 1)];
-            for (int j = 0; j < field.hidden; ++j) value += h[j] * field.feature[static_cast<size_t>(j * field.wide_out + f)];
+            for (int j = 0; j < field.hidden; ++j)
+                value += h[j] * field.feature[static_cast<size_t>(j * field.wide_out + f)];
             inputs_.push_back(light ? value * (1 + light[f]) + light[wide + f] : value);
         }
         for (int a = 0; a < 3; ++a) directions_.push_back(static_cast<float>(tile_.rays.direction[r][a]));
