@@ -85,8 +85,8 @@ struct unisim_scene {
     int32_t unisim_density;          // 0: logistic; 1: as in the paper
     float density_step_m;            // of the paper's density
     const uint8_t *voxels;           // (X, Y, Z) occupancy values, 0 is free
-    const uint8_t *clearance;        // (X, Y, Z): distance in voxels to the nearest with a cell that is not open, or less
-    const uint16_t *cells;           // (X, Y, Z): two bits for each of a voxel's eight cells, see cells.h; null: unknown
+    const uint8_t *clearance;        // (X, Y, Z): distance in voxels to the nearest with a cell not open, or less
+    const uint16_t *cells;           // (X, Y, Z): two bits for each of a voxel's eight cells (cells.h); null: unknown
     const uint8_t *box_cells;        // (actors, 16, 16, 16): the cells of the actors' boxes
     int32_t voxel_shape[3];
     float voxel_m;
