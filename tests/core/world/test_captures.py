@@ -1,4 +1,5 @@
-"""Captures: names of files that sort by time, seeds that follow from what is captured, and which captures belong together."""
+"""Captures: names of files that sort by time, seeds that follow from what is captured, and which captures
+belong together."""
 
 from __future__ import annotations
 

@@ -23,7 +23,8 @@ def random_trajectory(keys: int, rng: np.random.Generator) -> Trajectory:
 
 
 def windows_of(times: FloatArray, rng: np.random.Generator) -> list[tuple[float, float]]:
-    """Windows anywhere: at keys, an ulp beside them, before the first, after the last, of no length, over everything."""
+    """Windows anywhere: at keys, an ulp beside them, before the first, after the last, of no length,
+    over everything."""
     first, last = float(times[0]), float(times[-1])
     ends = [*times, *np.nextafter(times, -np.inf), *np.nextafter(times, np.inf), first - 3, first - 2, last + 2, last + 3]
     pairs = [sorted(rng.choice(ends, 2).tolist()) for _ in range(60)]
@@ -126,7 +127,8 @@ def driving(uid: str, rng: np.random.Generator) -> Actor:
 
 @pytest.mark.parametrize("seed", range(4))
 def test_bounds_leave_out_nobody_that_a_ray_meets(seed: int) -> None:
-    """Bundles like a camera's, a LiDAR's and one of all directions, over actors whose presence is cut to the bundle's window."""
+    """Bundles like a camera's, a LiDAR's and one of all directions, over actors whose presence is cut to the
+    bundle's window."""
     rng = np.random.default_rng(seed)
     all_hit = all_left_out = 0
     for _ in range(40):

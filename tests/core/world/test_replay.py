@@ -1,4 +1,5 @@
-"""The states of a drive: a window's state renders what the whole drive's state renders, and holds no more than it needs."""
+"""The states of a drive: a window's state renders what the whole drive's state renders, and holds no
+more than it needs."""
 
 from __future__ import annotations
 

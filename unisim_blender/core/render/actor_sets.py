@@ -29,9 +29,9 @@ class ActorSet:
 
 @dataclass(frozen=True)
 class ActiveActors:
-    """``own`` are actors with appearances of the scene itself, ``foreign`` those of other scenes by their paths, in order;
-    ``mesh_actors`` are meshes. ``removals`` are boxes in which nothing stands above the ground; ``targets`` are boxes of copies,
-    as actors that stand still throughout, and ``sources`` where each one's content is."""
+    """``own`` are actors with appearances of the scene itself, ``foreign`` those of other scenes by their paths, in
+    order; ``mesh_actors`` are meshes. ``removals`` are boxes in which nothing stands above the ground; ``targets`` are
+    boxes of copies, as actors that stand still throughout, and ``sources`` where each one's content is."""
 
     own: ActorSet
     foreign: dict[str, ActorSet] = field(default_factory=dict)
@@ -47,9 +47,9 @@ class ActiveActors:
 
 
 def active_actors(state: WorldState, appearances: Mapping[str, Sequence[str] | None]) -> ActiveActors:
-    """The active actors of a state. ``appearances`` are the actors that the rows of each scene's tables belong to, the scene's
-    own under "", others' under their paths, None for a scene that is one field: it has no own actors, and what a state says of
-    them is left out. Raises `SceneError`."""
+    """The active actors of a state. ``appearances`` are the actors that the rows of each scene's tables belong to, the
+    scene's own under "", others' under their paths, None for a scene that is one field: it has no own actors, and what
+    a state says of them is left out. Raises `SceneError`."""
     one_field = appearances[""] is None
     actors = [a for a in state.actors if not one_field or a.appearance.scene or a.appearance.mesh]
     foreign = {}

@@ -1,11 +1,11 @@
 """Frames whose error is bounded: the cheapest settings that keep it, as a sample of rays held against the truth says.
 
-A sweep's beams hang on nothing but themselves, so a sample of them, rendered at every settings and at the truth, says at most how
-large a quantile of all errors is, whatever their distribution. An image's squared errors are another matter: one pixel in two
-thousand can hold half of their sum, and no sample of a frame meets enough of these. So settings are chosen by pixels of frames
-all over the drive, once for each camera; each image is then checked by pixels of its own, more of them where it has edges, and
-what the worst pixels add to it is taken from the drive's. A frame's settings hang on the drive and on itself alone, never on what
-was rendered before.
+A sweep's beams hang on nothing but themselves, so a sample of them, rendered at every settings and at the truth, says
+at most how large a quantile of all errors is, whatever their distribution. An image's squared errors are another
+matter: one pixel in two thousand can hold half of their sum, and no sample of a frame meets enough of these. So
+settings are chosen by pixels of frames all over the drive, once for each camera; each image is then checked by pixels
+of its own, more of them where it has edges, and what the worst pixels add to it is taken from the drive's. A frame's
+settings hang on the drive and on itself alone, never on what was rendered before.
 """
 
 from __future__ import annotations
@@ -59,8 +59,8 @@ Colours = NDArray[np.float64]
 
 
 class BoundedRenderer:
-    """Renders a drive so that ``bounds`` are kept; sensors that none is for at the renderer's own quality. ``seed`` is of the
-    samples."""
+    """Renders a drive so that ``bounds`` are kept; sensors that none is for at the renderer's own quality. ``seed``
+    is of the samples."""
 
     def __init__(self, renderer: DriveRenderer, bounds: Sequence[ErrorBound], seed: int = 0) -> None:
         self.renderer, self.seed = renderer, seed
@@ -167,8 +167,8 @@ class _Errors:
 
 
 class Patches:
-    """A camera's images as squares of ``side`` pixels: single pixels, where each hangs on its own ray alone, unless they are to
-    be ``in_patches`` all the same."""
+    """A camera's images as squares of ``side`` pixels: single pixels, where each hangs on its own ray alone, unless
+    they are to be ``in_patches`` all the same."""
 
     def __init__(self, renderer: DriveRenderer, camera_id: str, width: int | None, in_patches: bool = False) -> None:
         self.renderer, self.width = renderer, width
@@ -246,7 +246,8 @@ class _DrivePixels:
 
 
 class _Checked:
-    """Patches of an image and their truth, drawn where the image has edges more than elsewhere: there most errors are."""
+    """Patches of an image and their truth, drawn where the image has edges more than elsewhere: there
+    most errors are."""
 
     def __init__(self, patches: Patches, capture: Capture, image: NDArray[np.float32], rng: np.random.Generator) -> None:
         self.patches = patches
@@ -276,7 +277,8 @@ class _Checked:
 
 
 def edges(image: NDArray[np.float32]) -> FloatArray:
-    """How far each pixel's colour (h, w, 3) is from its four neighbours' at most, the largest of its channels (h, w)."""
+    """How far each pixel's colour (h, w, 3) is from its four neighbours' at most, the largest of its
+    channels (h, w)."""
     out = np.zeros(image.shape[:2])
     for a, b, axis in ((out[1:], out[:-1], 0), (out[:, 1:], out[:, :-1], 1)):
         step = np.abs(np.diff(image, axis=axis)).max(-1)

@@ -16,7 +16,8 @@ NOT_RENDERING = ("actor_images", "bench", "cli", "compare", "evaluate", "metrics
 
 @cache
 def code_identity() -> dict[str, str]:
-    """The package's version, and a digest of core's sources and native libraries, less those that take no part in rendering."""
+    """The package's version, and a digest of core's sources and native libraries, less those that take no
+    part in rendering."""
     try:
         release = version("unisim_blender")
     except PackageNotFoundError:  # run from its sources, or as an extension of Blender

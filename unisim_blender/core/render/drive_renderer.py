@@ -1,4 +1,4 @@
-"""Render captures of a drive: the states and sensors that a renderer is given come from the drive."""
+"""Render captures of a drive, with sensors and states of the world taken from the drive."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ from .renderer import Renderer
 
 
 class DriveRenderer:
-    """Renders captures of a drive with ``renderer``. ``draw`` seeds the draw of the beams that return, together with the capture
-    (`Capture.seed`); None takes those whose probability is half or more."""
+    """Renders captures of a drive with ``renderer``. ``draw`` and the capture seed the random draw of which beams
+    return (`Capture.seed`). With None, beams return whose probability is 0.5 or more."""
 
     def __init__(self, renderer: Renderer, drive: Drive, draw: int | None = None) -> None:
         self.renderer, self.drive, self.draw = renderer, drive, draw
@@ -49,7 +49,8 @@ class DriveRenderer:
     def image(
         self, capture: Capture, passes: Sequence[str] = ("rgb",), width: int | None = None, region: Region | None = None
     ) -> CameraFrame:
-        """Render one image with the passes asked for, or the ``region`` of it: the frame's arrays are then as large as that."""
+        """Render one image with these passes, or only its ``region``: the frame's arrays then have
+        the region's size."""
         camera = self.sized(capture.sensor_id, width)
         time_s = capture.time_s(camera)
         return self.renderer.render(self.state(camera, time_s), camera, time_s, passes, region)
@@ -69,7 +70,7 @@ class DriveRenderer:
         stats: RenderStats | None = None,
         lidar: Lidar | None = None,
     ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], NDArray[np.int32]]:
-        """Return what any LiDAR rays, world frame, measure in this drive; see `Renderer.beams`."""
+        """Render arbitrary LiDAR rays (N,), world frame, at times (N,); see `Renderer.beams` for what is returned."""
         times = time_s[np.isfinite(time_s)]
         window = (float(times.min()), float(times.max())) if times.size else (0.0, 0.0)
         return self.renderer.beams(self.states.state(*window), Rays(origins, directions, time_s), lidar, stats)

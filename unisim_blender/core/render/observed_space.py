@@ -1,8 +1,9 @@
-"""What a recording observed of a volume: surfaces that it shows, free space that it looked through, the background behind it.
+"""What a recording observed of a volume: surfaces that it shows, free space that it looked through, the
+background behind it.
 
-A view from outside looks at places that no recorded ray reached, and a trained scene has noise there. Clipped to this, a view
-shows the static field from where its rays first enter space that a recorded ray passed through, in voxels that the recording
-shows, and the background in directions in which a recorded camera saw it. Everything else is unobserved.
+A view from outside looks at places that no recorded ray reached, and a trained scene has noise there. Clipped to this,
+a view shows the static field from where its rays first enter space that a recorded ray passed through, in voxels that
+the recording shows, and the background in directions in which a recorded camera saw it. Everything else is unobserved.
 """
 
 from __future__ import annotations
@@ -62,15 +63,16 @@ class Observing(Backend, Protocol):
         ...
 
     def within(self, space: ObservedSpace, clip: bool) -> Backend:
-        """The same backend that tells by an observed space what is supported and, where ``clip``, shows nothing beside it."""
+        """The same backend that tells by an observed space what is supported and, where ``clip``, shows
+        nothing beside it."""
         ...
 
 
 @dataclass(frozen=True)
 class ObservedSpace:
-    """``shown`` (X, Y, Z): voxels that images or LiDAR returns end in; ``passed`` (X, Y, Z): those that recorded rays pass
-    through before; ``background`` (elevations, azimuths): parts of the world's directions in which cameras saw past the
-    volume."""
+    """``shown`` (X, Y, Z): voxels that images or LiDAR returns end in; ``passed`` (X, Y, Z): those that recorded rays
+    pass through before; ``background`` (elevations, azimuths): parts of the world's directions in which cameras saw
+    past the volume."""
 
     volume_from_world: FloatArray
     size_m: FloatArray
@@ -81,14 +83,15 @@ class ObservedSpace:
 
     @cached_property
     def _clearance(self) -> NDArray[np.uint8]:
-        """Chessboard distances (X, Y, Z), in voxels, to the nearest that was passed and is clear of what is shown, or less."""
+        """Chessboard distances (X, Y, Z), in voxels, to the nearest that was passed and is clear of what
+        is shown, or less."""
         return clearance(self.passed & ~self.shown)
 
     def starts(self, rays: Rays) -> NDArray[np.float32]:
         """Metres (N,) along rays (N,) to the first voxel that a recorded ray passed through; inf where there is none.
 
-        Where a ray comes from a place that none passed, what it meets first has to be clear of surfaces, too: beside these, where
-        rays went a little too far into a wall, its back would be seen.
+        Where a ray comes from a place that none passed, what it meets first has to be clear of surfaces, too: beside
+        these, where rays went a little too far into a wall, its back would be seen.
         """
         o, d = (np.ascontiguousarray(x, np.float64) for x in self._into(rays))
         first = self._first(o, d)
@@ -99,7 +102,8 @@ class ObservedSpace:
         return first
 
     def _first(self, o: FloatArray, d: FloatArray) -> NDArray[np.float32]:
-        """Metres along rays (N, 3), volume coordinates, to the first voxel of no clearance, by the kernel where it applies."""
+        """Metres along rays (N, 3), volume coordinates, to the first voxel of no clearance, by the kernel
+        where it applies."""
         library = native.library()
         if library is None:
             return self.first_reference(o, d)
@@ -141,8 +145,8 @@ class ObservedSpace:
         return np.asarray(self.background[direction_parts(directions)])
 
     def supported(self, rays: Rays, depth_m: NDArray[Any], instance: NDArray[Any], clipped: bool) -> BoolArray:
-        """Which rays (N,) end at an actor, at something that the recording shows, or at a background that it saw. ``clipped``:
-        whether nothing but what the recording shows was met."""
+        """Which rays (N,) end at an actor, at something that the recording shows, or at a background that it saw.
+        ``clipped``: whether nothing but what the recording shows was met."""
         out = instance > 0
         number = np.flatnonzero(~out & np.isfinite(depth_m))
         ends = rays.origins[number] + rays.directions[number] * depth_m[number, None].astype(np.float64)
@@ -169,7 +173,8 @@ def direction_parts(directions: FloatArray) -> tuple[NDArray[np.int64], NDArray[
 
 
 def clearance(marked: BoolArray) -> NDArray[np.uint8]:
-    """Chessboard distances (X, Y, Z) in voxels to the nearest that is marked, at most 255; less where there are no kernels."""
+    """Chessboard distances (X, Y, Z) in voxels to the nearest that is marked, at most 255; less where
+    there are no kernels."""
     library = native.library()
     if library is not None:
         closed, shape = np.ascontiguousarray(marked, np.uint8), np.array(marked.shape, np.int32)
@@ -196,9 +201,11 @@ def dilated(marked: BoolArray) -> BoolArray:
 
 
 def observe_space(backend: Backend, header: SceneHeader, shown: NDArray[Any], voxel_m: float) -> Iterator[float | ObservedSpace]:
-    """Follow rays of the recorded sensors through a trained scene: shares of the work done, and last the observed space.
+    """Follow rays of the recorded sensors through a trained scene: shares of the work done, and last
+    the observed space.
 
-    ``shown`` (X, Y, Z) are the voxels that training noted as shown. Rays are a part of those that the scene was trained on.
+    ``shown`` (X, Y, Z) are the voxels that training noted as shown. Rays are a part of those that the
+    scene was trained on.
     """
     made = _Observing(header, shown.shape, voxel_m)
     drive, training = header.drive, header.training
@@ -254,7 +261,8 @@ class _Observing:
         self.background = np.zeros((ELEVATIONS, AZIMUTHS), bool)
 
     def add(self, rays: Rays, depth_m: NDArray[Any], images: bool) -> None:
-        """Note what rays (N,) pass through before depths (N,), inf where nothing stops them; of images, the background too."""
+        """Note what rays (N,) pass through before depths (N,), inf where nothing stops them; of images,
+        the background too."""
         o = transform_points(self.volume_from_world, rays.origins)
         d = rays.directions @ self.volume_from_world[:3, :3].T
         safe = np.where(np.abs(d) < 1e-9, 1e-9, d)

@@ -15,8 +15,9 @@ from .tracer import Maps
 def fill_passes(
     out: CameraFrame, maps: Maps, along: FloatArray | None, shape: tuple[int, ...], up: int, inner: tuple[slice, slice]
 ) -> None:
-    """Put passes of rays, one a cell of ``shape``, into a frame; a cell is ``up`` x ``up`` pixels; ``inner`` of them count.
-    ``along`` (h, w), of each ray's cell, is how far a metre of it goes along the optical axis: for depths alone."""
+    """Put passes of rays, one a cell of ``shape``, into a frame; a cell is ``up`` x ``up`` pixels; ``inner`` of them
+    count. ``along`` (h, w), of each ray's cell, is how far a metre of it goes along the optical axis:
+    for depths alone."""
 
     def full(values: NDArray[Any], kind: type[np.generic]) -> NDArray[Any]:
         grid = values.reshape(*shape, *values.shape[1:])

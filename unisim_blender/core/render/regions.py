@@ -1,4 +1,4 @@
-"""Parts of an image: regions that are asked for, and tiles of an image that is rendered progressively."""
+"""Parts of an image: regions to render, and the tiles of progressive rendering."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ from ..world.drive import CameraModel
 
 
 class Region(NamedTuple):
-    """Part of an image, in pixels from its top left corner; ``right`` and ``bottom`` are the first that do not belong to it."""
+    """Part of an image, in pixels from its top left corner; ``right`` and ``bottom`` are the first that do
+    not belong to it."""
 
     left: int
     top: int
@@ -22,28 +23,29 @@ class Region(NamedTuple):
         return Region(0, 0, model.width, model.height)
 
     def within_image(self, model: CameraModel) -> Region:
-        """What of it lies in an image."""
+        """Return the part of the region inside the image."""
         spans = (self.left, model.width), (self.top, model.height), (self.right, model.width), (self.bottom, model.height)
         return Region(*(min(max(at, 0), end) for at, end in spans))
 
     def dilated(self, margin: int) -> Region:
-        """The region with ``margin`` pixels more on every side."""
+        """Return the region with ``margin`` pixels more on every side."""
         return Region(self.left - margin, self.top - margin, self.right + margin, self.bottom + margin)
 
     def cells(self, size: int, reach: int, whole: Region) -> tuple[slice, slice]:
-        """Rows and columns of the cells of ``size`` pixels that the region touches, and ``reach`` more on every side."""
+        """Return rows and columns of the cells of ``size`` pixels that the region overlaps, and ``reach``
+        more on every side."""
         spans = ((self.top, self.bottom, whole.bottom), (self.left, self.right, whole.right))
         return tuple(slice(max(0, a // size - reach), min(-(-end // size), -(-b // size) + reach)) for a, b, end in spans)  # type: ignore[return-value]
 
     def within(self, cells: tuple[slice, slice], size: int) -> tuple[slice, slice]:
-        """Where the region lies in the pixels of such cells."""
+        """Return the rows and columns of the region within the pixels of such cells."""
         rows, columns = (c.start * size for c in cells)
         return slice(self.top - rows, self.bottom - rows), slice(self.left - columns, self.right - columns)
 
 
 class Tile(NamedTuple):
-    """A part of a progressively rendered image: its pixel (i, j) is that of the image's row and column ``origin + (i, j) *
-    stride``, and stands for the ones about it; together they cover ``region``."""
+    """A part of a progressively rendered image, which covers ``region``. Its pixel (i, j) lies at row and column
+    ``origin + (i, j) * stride`` of the image and stands for those around it."""
 
     frame: CameraFrame
     region: Region

@@ -41,14 +41,14 @@ from .tracer import NEAR_M, Array, Backend, Maps, Tracer
 from .visibility import Reach
 
 LATTICE_PIXELS = 1.5
-"""A lattice is at most as wide as so many pixels of the images that the scene learnt from."""
+"""Widest spacing of a lattice, in pixels of the images that the scene was trained on."""
 LEAST_WIDTH = 16
-"""Of a coarse image, in pixels."""
+"""Least width of a preview, in pixels."""
 
 
 @dataclass
 class _Exposure:
-    """One image of a camera: what was asked for, what is needed for that, and what was found out on the way."""
+    """One image to render: the request, the maps that it needs, and results that its parts share."""
 
     tracer: Tracer
     state: WorldState
@@ -61,11 +61,11 @@ class _Exposure:
     begun: float = field(default_factory=time.perf_counter)
     stats: RenderStats = field(default_factory=RenderStats)
     lights: dict[str, FloatArray] = field(default_factory=dict)
-    """How bright white ground under an actor would be, by its id."""
+    """Brightness of white ground under an actor, by the actor's id."""
 
 
 class _Binding:
-    """A backend and the tracer of the last state that it was bound to."""
+    """A backend and its tracer of the last state, which is kept."""
 
     def __init__(self, backend: Backend) -> None:
         self.backend = backend
@@ -81,10 +81,10 @@ class _Binding:
 
 
 class Renderer:
-    """Renders states of the world with a backend: trained scenes, or what else rays are traced through, loaded once.
+    """Renders states of the world with a backend, which holds the loaded scenes and traces rays through them.
 
-    ``shadows`` puts contact shadows under actors that the recording does not have. ``lighting`` traces the ground that meshes
-    are lit like, where ``backend`` leaves some of it out.
+    ``shadows`` adds contact shadows under inserted actors. ``lighting`` is the backend that traces the ground around
+    meshes, from which they are lit, where ``backend`` shows only part of it.
     """
 
     def __init__(self, backend: Backend, shadows: bool = False, lighting: Backend | None = None) -> None:
@@ -92,7 +92,7 @@ class Renderer:
         self._bound = _Binding(backend)
         self._lighting = self._bound if lighting is None or lighting is backend else _Binding(lighting)
         self.quality = backend.quality
-        """What may be saved; it may be changed between two frames."""
+        """Settings of speed and accuracy; they may be changed between two frames."""
 
     @overload
     def render(
@@ -116,10 +116,11 @@ class Renderer:
         region: Region | None = None,
         seed: Sequence[int] | None = None,
     ) -> CameraFrame | LidarFrame:
-        """Render what a sensor measures at ``time_s``, seconds; the state has to cover its exposure (`sensors.exposure`).
+        """Render what a sensor measures at ``time_s``, in seconds. The state must cover the exposure
+        (`sensors.exposure`).
 
-        Of an image: the passes asked for, and the ``region`` alone where one is given. Of a sweep: ``seed`` draws the beams that
-        return by their probability; without one, those return whose probability is half or more.
+        Cameras: ``passes`` are rendered, of the ``region`` only if one is given. LiDARs: which beams return is drawn by
+        their probability with ``seed``; without a seed, beams return whose probability is 0.5 or more.
         """
         if isinstance(sensor, Lidar):
             return self._sweep(state, sensor, time_s, seed)
@@ -136,11 +137,11 @@ class Renderer:
         coarse: Sequence[int] = (),
         band: int | None = None,
     ) -> Iterator[Tile]:
-        """Render an image progressively: optional low-resolution previews (strides in ``coarse``; colours, and what is
-        unsupported where that was asked for), then finished bands of about ``band`` rows, top to bottom.
+        """Render an image progressively: optional low-resolution previews (strides in ``coarse``; rgb, and
+        ``unsupported`` if it is one of the passes), then finished bands of about ``band`` rows, top to bottom.
 
-        Concatenated bands are bit-identical to `render`. Pixels of previews are pixels of the finished image where a pixel's
-        colour depends on its own ray alone.
+        Concatenated bands are bit-identical to `render`. Where a pixel's colour depends on its own ray alone, the
+        pixels of previews are pixels of the finished image.
         """
         exposure = self._expose(state, camera, time_s, passes)
         whole = Region.of_image(camera.model)
@@ -163,7 +164,7 @@ class Renderer:
             yield Tile(self._block(exposure, part, whole), part)
 
     def tracer(self, state: WorldState) -> Tracer:
-        """Return the scene, ready for rays through this state; that of the last state is kept."""
+        """Return the backend's tracer for a state; the one of the last state is kept."""
         return self._bound.tracer(state, self.quality)
 
     @property
@@ -172,19 +173,19 @@ class Renderer:
         return reach_of(self.shadows)
 
     def dilated(self, state: WorldState, region: Region) -> Region:
-        """Return the region of an image that can change where rays of ``region`` see something else: the decoder carries it on,
-        and a lattice's blocks depend on their corners."""
+        """Return the region of an image that can change if rays of ``region`` change: it is larger by the reach of the
+        decoder and by the blocks of the lattice."""
         tracer = self.tracer(state)
         return region.dilated(tracer.upsample * (tracer.reach + 1) + 2 * self.quality.lattice)
 
     def alone(self, state: WorldState, camera: Camera) -> bool:
-        """Return whether a pixel's colour depends on its own ray and on nothing else."""
+        """Return whether a pixel's colour depends on its own ray alone."""
         tracer = self.tracer(state)
         single = tracer.reach == 0 and tracer.upsample == 1
         return single and not tracer.active.mesh_actors.seen_by(camera).actors and not self._shadowing(state, camera)
 
     def pixels(self, state: WorldState, camera: Camera, time_s: float, u: FloatArray, v: FloatArray) -> NDArray[np.float32]:
-        """Return colours (N, 3) of pixels (N,) that are `alone`."""
+        """Render single pixels at u, v (N,): colours (N, 3). They must not depend on others (`alone`)."""
         cells = u[None], v[None]
         exposure = _Exposure(self.tracer(state), state, camera, time_s)
         return self._seen(exposure, cells, camera_rays(camera, time_s, *cells).flat(), 1)[0][0]
@@ -199,13 +200,13 @@ class Renderer:
         return [actor for actor in inserted if actor.visible_to(camera)]
 
     def _lattice(self, tracer: Tracer, camera: Camera) -> int:
-        """Return how many pixels apart an image is traced at first: where it is wider than those that the scene learnt from, it
-        shows little that is smaller than their pixels."""
+        """Return the spacing of the lattice in pixels. An image wider than those that the scene was trained on shows
+        little detail that is smaller than their pixels."""
         scale = camera.model.width / (tracer.trained_width or camera.full_width or camera.model.width)
         return min(tracer.quality.lattice, 2 ** int(np.log2(max(LATTICE_PIXELS * scale, 1.0))))
 
     def _block(self, exposure: _Exposure, region: Region, whole: Region) -> CameraFrame:
-        """Render a part of the image whose every cell is traced, and those beside it at which the decoder looks."""
+        """Render a region by tracing all of its cells, and those around it that the decoder reads."""
         up, camera, time_s = exposure.tracer.upsample, exposure.camera, exposure.time_s
         cells = region.cells(up, exposure.tracer.reach, whole)
         u, v = (x[cells] for x in pixel_grid(camera.model, up))
@@ -216,7 +217,7 @@ class Renderer:
         return self._frame(exposure, image, maps, rays, along, region.within(cells, up))
 
     def _on_lattice(self, exposure: _Exposure, region: Region, coarse: Sequence[int], band: int | None) -> Iterator[Tile]:
-        """Render tiles of the image, traced where `lattice.grown` wants them."""
+        """Render tiles of the image by tracing the pixels that `progressive_strides` asks for."""
         camera, model, time_s, tracer = exposure.camera, exposure.camera.model, exposure.time_s, exposure.tracer
         size = self._lattice(tracer, camera)
         rows, columns = aligned(
@@ -237,7 +238,7 @@ class Renderer:
             rays = camera_rays(camera, time_s, *cells).flat()
             image, maps = self._seen(exposure, cells, rays, 1)
             if in_view and size > 1:
-                # meshes are sharper than what the scene learnt, and so may be what others learnt
+                # meshes are sharper than the trained scene, and foreign actors may be
                 maps[CROWDED] = beside_boxes(in_view, rays, size / model.fx)
             return image[0], maps
 
@@ -265,8 +266,8 @@ class Renderer:
     def _seen(
         self, exposure: _Exposure, cells: tuple[FloatArray, FloatArray], rays: Rays, up: int
     ) -> tuple[NDArray[np.float32], Maps]:
-        """Return the image, and a map for each pass that is needed, of cells with centres (u, v) (h, w) and rays through these,
-        flat where neighbours are together already."""
+        """Return the image and the needed maps of cells with centres u, v (h, w) and rays through these. Rays are flat
+        if neighbours are in sequence already."""
         (u, v), flat, tracer = cells, rays.flat(), exposure.tracer
 
         def light(actor: Actor) -> FloatArray:
@@ -291,7 +292,7 @@ class Renderer:
         along: FloatArray | None,
         inner: tuple[slice, slice],
     ) -> CameraFrame:
-        """Return a frame of an image and its maps, of which ``inner`` pixels count. ``rays`` are for contact shadows, ``along``
+        """Return the frame of an image and its maps, cropped to ``inner``. ``rays`` are for contact shadows, ``along``
         is for depths (`fill_passes`)."""
         camera, time_s = exposure.camera, exposure.time_s
         up = exposure.tracer.upsample
@@ -306,8 +307,8 @@ class Renderer:
         return out
 
     def _light(self, exposure: _Exposure, actor: Actor) -> FloatArray:
-        """Return how bright white ground under an actor would be (3,), linear: by the ground beside it, as the camera shows
-        that."""
+        """Return the brightness (3,), linear, of white ground under an actor, estimated from the ground beside it in
+        the camera's colours."""
         camera, time_s = exposure.camera, exposure.time_s
         points = beside(actor, time_s)
         points[:, 2] -= exposure.tracer.heights(points)
@@ -317,12 +318,12 @@ class Renderer:
         rays = Rays(points - directions * np.minimum(distance, PROBE_M), directions, np.full(len(points), time_s))
         tracer = self._lighting.tracer(exposure.state, self.quality)
         found = tracer.trace(rays, {"instance", "depth"}, True, None, RenderStats())
-        # one row of cells: a decoder that looks aside sees ground on both sides
+        # one row of cells: a decoder that reads neighbours sees ground on both sides
         rgb = tracer.image(found, directions, camera.sensor_id, (1, len(points)))[0, :: tracer.upsample]
         return level_of(rgb[(found.maps["instance"] == 0) & (found.maps["depth"] < 2 * PROBE_M)])
 
     def _shaded(self, exposure: _Exposure, image: NDArray[np.float32], rays: Rays, maps: Maps) -> NDArray[np.float32]:
-        """Return the image of rays (h, w) with contact shadows where they show the ground."""
+        """Return the image of rays (h, w) with contact shadows on the ground."""
         up = exposure.tracer.upsample
         depth = maps["depth"].reshape(rays.time_s.shape).astype(np.float64)
         points = rays.origins + rays.directions * np.where(np.isfinite(depth), depth, 1e6)[..., None]
@@ -355,9 +356,11 @@ class Renderer:
     def beams(
         self, state: WorldState, rays: Rays, lidar: Lidar | None = None, stats: RenderStats | None = None
     ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], NDArray[np.int32]]:
-        """Return depth in metres, intensity in 0..1, probability of a return, instance (N,) of any LiDAR rays, flat (N,) or of
-        beams and columns (B, C), N = B C. ``lidar`` is whose they are: of a body of the ego vehicle that one sees what it may;
-        without it, all is seen."""
+        """Render LiDAR rays, flat (N,) or by beams and columns (B, C) with N = B C: depth in metres, intensity in 0..1,
+        probability of a return, and instance, each (N,).
+
+        ``lidar`` decides whether the ego vehicle's body is visible; without it, it is.
+        """
         stats = RenderStats() if stats is None else stats
         flat, tracer = rays.flat(), self.tracer(state)
         mesh_actors = tracer.active.mesh_actors
@@ -374,21 +377,21 @@ class Renderer:
 
 
 def _needed(passes: Sequence[str], shades: bool) -> set[str]:
-    """Return the maps that an image with these passes is made of: a lattice knows by the depths where a normal ends, and a
-    contact shadow lies on the ground."""
+    """Return the maps that an image with these passes needs: a lattice finds edges of normals by depth, and contact
+    shadows need the ground."""
     return {*passes, *(("depth",) if "normal" in passes else ()), *(("depth", "instance") if shades else ())} - {"rgb"}
 
 
 def reach_of(shadows: bool) -> Reach:
-    """Return how far what a frame shows reaches beyond the rays of its pixels, with contact shadows or without."""
+    """Return how far a frame depends on what its own rays do not meet, with contact shadows or without."""
     return Reach(shadow_m=NOTHING_M if shadows else 0.0, light_m=PROBE_M + 1.0)
 
 
 def _thresholds(seed: Sequence[int] | None, shape: tuple[int, ...]) -> FloatArray | float:
-    """Return what a beam's probability must reach: half, or a number in (0, 1] that depends on the seed alone."""
+    """Return the probabilities from which on beams return: 0.5, or numbers in (0, 1] drawn with the seed."""
     return 0.5 if seed is None else 1.0 - np.random.default_rng(seed).random(shape)
 
 
 def _laid_over(below: Array, above: Array | float, share: Array) -> Array:
-    """Return ``above`` over ``below`` as far as ``share`` says (N,)."""
+    """Return ``above`` blended over ``below`` by the opacity ``share`` (N,)."""
     return np.asarray(below + share.astype(np.float64) * (above - below), np.float32)

@@ -1,7 +1,8 @@
-"""What the renderer asks of a tracer: the compiled kernels with numpy alone, or torch, which is the reference and runs on GPUs.
+"""What the renderer asks of a tracer: the compiled kernels with numpy alone, or torch, which is the reference
+and runs on GPUs.
 
-Rays are in the world frame, float64. Arrays are numpy's, but for what only the tracer itself reads again: that may stay where it
-computes.
+Rays are in the world frame, float64. Arrays are numpy's, but for what only the tracer itself reads again: that may stay
+where it computes.
 """
 
 from __future__ import annotations
@@ -39,8 +40,9 @@ UNIFORM_STEP_M = 0.2
 
 @dataclass
 class TraceResult:
-    """What rays (N,) met. feature (N, F) composited, the far field and the sky included where they were asked for; depth_m (N,)
-    the mean distance of what stopped the ray, 0 where nothing did; opacity (N,); maps, one array (N, ...) for each pass."""
+    """What rays (N,) met. feature (N, F) composited, the far field and the sky included where they were asked for;
+    depth_m (N,) the mean distance of what stopped the ray, 0 where nothing did; opacity (N,); maps, one array (N, ...)
+    for each pass."""
 
     feature: Own
     depth_m: Own
@@ -57,8 +59,8 @@ class TraceResult:
 
 
 class Backend(Protocol):
-    """Trained scenes, or what else rays are traced through, loaded once. It knows no drive: `bind` makes it ready for a state of
-    the world, in a few milliseconds."""
+    """Trained scenes, or what else rays are traced through, loaded once. It knows no drive: `bind` makes it ready for a
+    state of the world, in a few milliseconds."""
 
     quality: Quality
     """What may be saved, where nobody says otherwise."""
@@ -68,7 +70,8 @@ class Backend(Protocol):
     """Whether a frame depends on actors out of its view."""
 
     def bind(self, state: WorldState) -> Tracer:
-        """Return what traces rays through the scene in this state. Raises `SceneError` for actors that no scene holds."""
+        """Return what traces rays through the scene in this state. Raises `SceneError` for actors
+        that no scene holds."""
 
 
 class Tracer(Protocol):
@@ -86,11 +89,12 @@ class Tracer(Protocol):
     """Width in pixels of the images that the scene learnt from; None for the recorded one."""
 
     def trace(self, rays: Rays, passes: set[str], sky: bool, mesh_hits: MeshHits | None, stats: RenderStats) -> TraceResult:
-        """What rays (h, w), or (N,), meet, as flat arrays, with maps of these passes and no other. ``sky`` asks for what gives a
-        camera its background, ``mesh_hits`` is where the rays meet meshes."""
+        """What rays (h, w), or (N,), meet, as flat arrays, with maps of these passes and no other. ``sky`` asks for
+        what gives a camera its background, ``mesh_hits`` is where the rays meet meshes."""
 
     def image(self, found: TraceResult, directions: FloatArray, camera_id: str, shape: tuple[int, ...]) -> Array:
-        """The image (h up, w up, 3) in 0..1, display-referred sRGB, of cells in ``shape`` (h, w), directions (h w, 3)."""
+        """The image (h up, w up, 3) in 0..1, display-referred sRGB, of cells in ``shape`` (h, w),
+        directions (h w, 3)."""
 
     def returns(self, found: TraceResult, directions: FloatArray) -> tuple[Array, Array]:
         """A LiDAR's intensities in 0..1 (N,), and the probabilities (N,) of a return."""

@@ -1,8 +1,8 @@
-"""What of a state one exposure can see: actors and boxes that no ray of it can meet are left out.
+"""Restrict a state to what one exposure can see: actors and boxes that none of its rays can hit are left out.
 
-The test is conservative. A camera's frustum is dilated by `PAD_PIXELS`, and each box by what it moves in the camera's frame while
-the shutter is open. A sweep sees all round, as far as the LiDAR's range. Contact shadows and the ground that lights a mesh reach
-beyond what a pixel's own ray meets: see `Reach`.
+The test is conservative. A camera's frustum is dilated by `PAD_PIXELS`, and each box by what it moves in the camera's
+frame while the shutter is open. A sweep sees all round, as far as the LiDAR's range. Contact shadows, and the ground
+that meshes are lit from, matter beside a pixel's own ray: see `Reach`.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from ..world.state import WorldState
 PAD_PIXELS = 4
 """Cells of several pixels may reach so far beyond an image's edges."""
 MOMENTS = 5
-"""Times of an exposure at which boxes are held against the frustum."""
+"""Number of times in an exposure at which boxes are tested against the frustum."""
 SLACK_M = 0.05
 STATIC_SLACK_M = 0.5
 """How far beside a removed box the static world may have been changed."""
@@ -29,15 +29,16 @@ _CORNERS = np.stack(np.meshgrid([-0.5, 0.5], [-0.5, 0.5], [-0.5, 0.5], indexing=
 
 @dataclass(frozen=True)
 class Reach:
-    """How far what a frame shows reaches beyond the rays of its pixels: ``shadow_m`` is how far beside an inserted actor its
-    contact shadow falls, ``light_m`` how far round a mesh's box the ground is looked at that lights it."""
+    """How far a frame depends on what its own rays do not meet: ``shadow_m`` is the reach of contact shadows beside
+    inserted actors, ``light_m`` the distance around a mesh's box within which the ground lights it."""
 
     shadow_m: float = 0.0
     light_m: float = 0.0
 
 
 def seen_by(state: WorldState, sensor: Camera | Lidar, reach: Reach) -> WorldState:
-    """Return the state of one exposure with the actors, static copies and removed boxes alone that its frame can depend on."""
+    """Return the state with only those actors, static copies and removed boxes that the sensor's
+    frame can depend on."""
     actors = tuple(actor for actor in state.actors if actor.visible_to(sensor))
     boxes = [copy_box(copy) for copy in state.static_copies] + list(state.removed_boxes)
     moments = np.linspace(state.start_s, state.end_s, MOMENTS)
@@ -64,8 +65,8 @@ def copy_box(copy: StaticCopy) -> Box:
     return Box(copy.world_from_target, copy.source.size_m)
 
 
-def _chosen(things: Sequence, keep: BoolArray) -> tuple:  # type: ignore[type-arg]
-    return tuple(thing for thing, kept in zip(things, keep, strict=True) if kept)
+def _chosen(items: Sequence, keep: BoolArray) -> tuple:  # type: ignore[type-arg]
+    return tuple(item for item, kept in zip(items, keep, strict=True) if kept)
 
 
 def _actor_corners(actors: Sequence[Actor], moments: FloatArray, reach: Reach) -> FloatArray:
@@ -87,7 +88,8 @@ def _box_corners(boxes: Sequence[Box], moments: int) -> FloatArray:
 
 
 def _in_frustum(corners: FloatArray, model: CameraModel, poses: FloatArray) -> BoolArray:
-    """Return which boxes, corners (N, T, 8, 3), are not wholly outside one plane of the frustum at some time; poses (T, 4, 4)."""
+    """Return which boxes, corners (N, T, 8, 3), are not wholly outside one plane of the frustum at some time;
+    poses (T, 4, 4)."""
     local = np.einsum("tji,ntkj->ntki", poses[:, :3, :3], corners - poses[:, None, :3, 3])
     left, right = (-PAD_PIXELS - model.cx) / model.fx, (model.width + PAD_PIXELS - model.cx) / model.fx
     top, bottom = (-PAD_PIXELS - model.cy) / model.fy, (model.height + PAD_PIXELS - model.cy) / model.fy
@@ -108,8 +110,8 @@ def _in_range(corners: FloatArray, lidar: Lidar, moments: FloatArray) -> BoolArr
 
 
 def _beside_lines_of_sight(corners: FloatArray, lit: Sequence[int], origins: FloatArray, reach_m: float) -> BoolArray:
-    """Return which boxes, corners (N, T, 8, 3), lie on the way from the camera at ``origins`` (T, 3) to the ground round one of
-    the boxes ``lit``, or behind it."""
+    """Return which boxes, corners (N, T, 8, 3), lie on the way from the camera at ``origins`` (T, 3) to the ground
+    round one of the boxes ``lit``, or behind it."""
     out = np.zeros(len(corners), bool)
     to = corners.mean(2) - origins
     distance = np.maximum(np.linalg.norm(to, axis=-1), 1e-6)

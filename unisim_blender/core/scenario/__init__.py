@@ -1,4 +1,5 @@
-"""Scenario documents: read, checked, applied and written. A document that is read and written again is the same document."""
+"""Scenario documents: read, checked, applied and written. Reading and writing a document preserves it, up
+to former names."""
 
 from __future__ import annotations
 
@@ -41,7 +42,11 @@ def save_scenario(scenario: Scenario, path: Path) -> None:
 
 
 def scenario_from_json(document: Any, path: Path = Path("scenario.json")) -> Scenario:
-    """The scenario of a JSON object; ``path`` is what its paths are relative to and what complaints name."""
+    """Return the checked scenario of a JSON object. ``path`` is its file, which its paths are relative to
+    and errors name.
+
+    Raises `ScenarioError`.
+    """
     check_finite(document, f"{path}: ", ScenarioError)
     document = _with_current_names(_with_current_passes(document), path)
     check_document(document, path)
@@ -61,7 +66,8 @@ def _with_current_passes(document: Any) -> Any:
 
 
 def _with_current_names(document: Any, path: Path) -> Any:
-    """Return a JSON value that no schema has checked yet, with the current names of edits' members in place of former ones.
+    """Return a JSON value that no schema has checked yet, with the current names of edits' members in
+    place of former ones.
 
     Raises `ScenarioError` for an edit that has a member under both names.
     """
@@ -81,14 +87,14 @@ def _current_edit(edit: Any, place: str) -> Any:
 
 
 def scenario_to_json(scenario: Scenario) -> dict[str, Any]:
-    """The scenario as a JSON object."""
+    """Return the scenario as a JSON object."""
     values = plain(scenario)
     del values["path"]
     return {"format": FORMAT, "version": VERSION, **values}
 
 
 def plain(value: Any) -> Any:
-    """A part of a scenario as a JSON value, without the members that are None."""
+    """Return a part of a scenario as a JSON value, without members that are None."""
     if is_dataclass(value):
         head = {"type": value.type} if hasattr(value, "type") else {}
         members = {item.name: getattr(value, item.name) for item in fields(value)}
@@ -101,7 +107,7 @@ def plain(value: Any) -> Any:
 
 
 def build(hint: Any, value: Any) -> Any:
-    """A JSON ``value``, which the schema has passed, as the type that ``hint`` names."""
+    """Return a JSON ``value`` that the schema accepts as an instance of the annotated type ``hint``."""
     if hint is Edit:
         kind = EDITS[value["type"]]
         return build(kind, {key: member for key, member in value.items() if key != "type"})

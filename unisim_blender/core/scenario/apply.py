@@ -1,4 +1,4 @@
-"""All of a scenario's edits, in order, on a drive."""
+"""Apply a scenario's edits to a drive, in order."""
 
 from __future__ import annotations
 
@@ -13,9 +13,10 @@ from .types import FrameRange, Scenario
 
 
 def apply_scenario(scenario: Scenario, base_drive: Drive, scene_actors: SceneActors) -> Drive:
-    """The edited drive. ``base_drive`` stays as it is, and what no edit touches is the same object in both.
+    """Return the edited drive. ``base_drive`` is not changed; the result shares the objects that no edit changes.
 
-    ``scene_actors`` gives the actors of another trained scene by its folder. Raises `ScenarioError` naming the edit's place.
+    ``scene_actors`` returns the actors of another trained scene, given its folder. Raises `ScenarioError` naming
+    the edit's place.
     """
     context = Context(scenario, base_drive, scene_actors)
     for key in scenario.boxes or {}:
@@ -33,7 +34,8 @@ def apply_scenario(scenario: Scenario, base_drive: Drive, scene_actors: SceneAct
 
 
 def _select_frames(drive: Drive, scenario: Scenario) -> Drive:
-    """The drive with the scenario's frames; a range passes over frames that the log lacks, a list does not."""
+    """Return the drive with the scenario's frames. A range skips frames that the log lacks; a list that names
+    one is an error."""
     if scenario.frames is None:
         return drive
     place, span = f"{scenario.path}: frames", f"({drive.frames[0]} … {drive.frames[-1]})"

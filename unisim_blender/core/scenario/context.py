@@ -19,7 +19,7 @@ from .types import Scenario
 
 TIME_TOLERANCE_S = 1e-6
 MARGIN_S = 1.0
-"""Before the first and after the last time of a drive: what is always there is there this much longer."""
+"""Actors that are always present are present this long before the first and after the last frame."""
 SENSOR_MARGIN_S = 0.25
 """Before the first and after the last time of a drive: how far sweeps and shutters may reach, and be placed exactly."""
 
@@ -35,14 +35,15 @@ class Context:
     scene_actors: SceneActors
 
     def check_time(self, time_s: float, place: str) -> float:
-        """``time_s``, where it lies in the log. Raises `ScenarioError`."""
+        """Return ``time_s`` if it lies within the log. Raises `ScenarioError`."""
         first, last = min(self.recorded.time_s.values()), max(self.recorded.time_s.values())
         if not first - TIME_TOLERANCE_S <= time_s <= last + TIME_TOLERANCE_S:
             fail(place, f"time {time_s:g} s lies outside the log ({first:g} … {last:g} s)")
         return float(time_s)
 
     def key_times(self, keys: Sequence[Keyframe | ShiftKey], place: str) -> FloatArray:
-        """Times (T,) of keys, increasing, from their times or frames. Raises `ScenarioError`."""
+        """Return the times (T,) of keys, in seconds, from their times or frames. Raises `ScenarioError` if they
+        do not increase."""
         times: list[float] = []
         for index, key in enumerate(keys):
             here = f"{place}[{index}]"
@@ -62,7 +63,7 @@ class Context:
     def trajectory(
         self, pose: Placement | None, keys: tuple[Keyframe, ...] | None, outside: str | None, place: str
     ) -> Trajectory:
-        """The trajectory of keyframes, or of a pose that stands still."""
+        """Return the trajectory of keyframes, or the constant one of a pose."""
         if pose is not None:
             return Trajectory(np.zeros(1), np.array([pose.position], float), rotation_of(pose)[None])
         assert keys is not None  # pose or keyframes are there: the scenario was checked
@@ -72,7 +73,7 @@ class Context:
         return held(trajectory) if outside == "hold" else trajectory
 
     def presence(self, present: Present | None, place: str) -> tuple[float, float]:
-        """From when to when; ends that are not given lie beyond the drive's."""
+        """Return when an actor is present (start, end), in seconds; an end that is not given lies outside the drive."""
         start, end = min(self.recorded.time_s.values()) - MARGIN_S, max(self.recorded.time_s.values()) + MARGIN_S
         if present is not None and present.start_s is not None:
             start = self.check_time(present.start_s, f"{place}.present.start_s")
@@ -81,7 +82,8 @@ class Context:
         return start, end
 
     def appearance_of(self, actor: str, scene: str | None, place: str, member: str) -> Actor:
-        """Return the actor that an edit takes an appearance from: of the log, or of another trained ``scene`` (a folder).
+        """Return the actor that an edit takes an appearance from: of the log, or of another trained ``scene``
+        (a folder).
 
         Raises `ScenarioError` naming the ``member`` at ``place``.
         """
@@ -97,7 +99,7 @@ class Context:
 
 
 def actor_of(actors: dict[str, Actor], uid: str, place: str, where: str) -> Actor:
-    """The actor ``uid``. Raises `ScenarioError` that lists those there are."""
+    """Return the actor ``uid``. Raises `ScenarioError`, which lists those there are."""
     if uid not in actors:
         fail(place, f'no actor "{uid}" {where} {listed(actors)}')
     return actors[uid]

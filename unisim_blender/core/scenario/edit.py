@@ -17,10 +17,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Edit(ABC):
-    """A change of a drive: a frozen dataclass whose fields are the members that a document has, None where one is missing.
+    """A change of a drive: a frozen dataclass. Its fields are the members of the document, None where one is missing.
 
-    A subclass says how it is written (`type`, `members`), what a schema cannot say of it (`check`), what it does (`apply`), and
-    which reader of Blender's side makes it of what a person did there (`seen_by`). `register` makes it part of scenarios.
+    A subclass defines how it is written (`type`, `members`), checks that a schema cannot express
+    (`check`), its effect (`apply`), and which reader derives it from a Blender scene (`seen_by`). `register` adds it to
+    the edits that scenarios may have.
     """
 
     type: ClassVar[str]
@@ -30,34 +31,36 @@ class Edit(ABC):
     former_names: ClassVar[Mapping[str, str]] = {}
     """Names that members had in earlier documents, which are read as the current ones: {former: current}."""
     meshes: ClassVar[tuple[str, ...]] = ()
-    """Those of its members that name a mesh's file."""
+    """Names of the members that are mesh files."""
     seen_by: ClassVar[str] = ""
-    """The module of Blender's readers (`editing/readers`) that makes it of what stands in a scene; "" where none does."""
+    """The module of `editing/readers` that derives the edit from a Blender scene; "" if there is none."""
     unseen_because: ClassVar[str] = ""
-    """Why no reader makes it."""
+    """Why there is no reader."""
 
     def check(self, scenario: Scenario, place: str) -> None:  # noqa: B027 most edits have nothing to say
-        """Raise `ScenarioError` for what the edit and its document alone show to be wrong; ``place`` is the edit's."""
+        """Raise `ScenarioError` for faults that show without the drive; ``place`` names the edit in messages."""
 
     @abstractmethod
     def apply(self, drive: Drive, place: str, context: Context) -> Drive:
-        """The edited drive. ``drive`` stays as it is, and what the edit does not touch is the same object in both.
+        """Return the edited drive. ``drive`` is not changed; the result shares the objects that the edit
+        does not change.
 
         Raises `ScenarioError` naming ``place`` or a member of it.
         """
 
     def removes(self, uid: str) -> bool:
-        """Whether an actor is gone after the edit, so that no later one can name it."""
+        """Return whether the edit removes an actor, so that later edits cannot name it."""
         return False
 
 
 EDITS: dict[str, type[Edit]] = {}
-"""The known edits by their names in documents."""
+"""The registered edits by their names in documents."""
 Kind = TypeVar("Kind", bound=type[Edit])
 
 
 def register(kind: Kind) -> Kind:
-    """Make an edit part of scenarios, which are read and checked with it. Raises `TypeError` for one that is not whole."""
+    """Register an edit: scenarios that have it can then be read and checked. Raises `TypeError` for an
+    incomplete class."""
     stated, held = set(kind.members), {field.name for field in fields(kind)}
     if stated != held:
         raise TypeError(f'edit "{kind.type}": members {sorted(stated)} are not its fields {sorted(held)}')

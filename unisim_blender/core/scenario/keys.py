@@ -1,4 +1,5 @@
-"""Trajectories as a scenario writes them: keys at times or frames, what is beyond their ends, and when an actor is there."""
+"""Trajectories as a scenario writes them: keys at times or frames, what is beyond their ends, and when
+an actor is there."""
 
 from __future__ import annotations
 
@@ -77,7 +78,8 @@ class ActorPath(Protocol):
 
 
 def check_path(edit: ActorPath, place: str, needed: bool = True) -> None:
-    """Raise `ScenarioError` for a path of an actor's own that contradicts itself, or that is missing where it is ``needed``."""
+    """Raise `ScenarioError` for a path of an actor's own that contradicts itself, or that is missing where
+    it is ``needed``."""
     given = [name for name in ("pose", "trajectory") if getattr(edit, name) is not None]
     require(needed <= len(given) <= 1, place, "needs pose or trajectory, one of them")
     require(edit.outside is None or edit.trajectory is not None, f"{place}.outside", "needs a trajectory")

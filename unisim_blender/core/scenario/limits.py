@@ -1,5 +1,5 @@
-"""How much a scenario or a rig may hold. Whatever is beyond was not meant: it would take minutes and gigabytes, or make numbers
-that float64 cannot tell apart."""
+"""How much a scenario or a rig may hold. Whatever is beyond was not meant: it would take minutes and gigabytes, or make
+numbers that float64 cannot tell apart."""
 
 from __future__ import annotations
 
@@ -40,7 +40,8 @@ _NAMES = {
 
 
 def check_limits(document: Any, path: Path) -> None:
-    """Raise `ScenarioError` for the first place of a JSON document that holds more, or a larger number, than is read."""
+    """Raise `ScenarioError` for the first place of a JSON document that holds more, or a larger
+    number, than is read."""
     count = 0
     for steps, value in _values((), document):
         count += 1

@@ -1,7 +1,7 @@
 """Trajectories made from trajectories: displaced, composed, held, and run at other times.
 
-Keys are joined by lines and slerp. Where an edit makes something else between keys (a lever arm on a turning vehicle), keys are
-added until the difference is below `POSITION_TOLERANCE_M` and `ROTATION_TOLERANCE_RAD`.
+Keys are joined by lines and slerp. Where an edit makes something else between keys (a lever arm on a turning vehicle),
+keys are added until the difference is below `POSITION_TOLERANCE_M` and `ROTATION_TOLERANCE_RAD`.
 """
 
 from __future__ import annotations
@@ -40,7 +40,8 @@ def quaternion_product(a: FloatArray, b: FloatArray) -> FloatArray:
 
 
 def merged_times(own: FloatArray, *others: FloatArray) -> FloatArray:
-    """``own`` times and, in order, the others that lie further than `SAME_TIME_S` from all of them and from each other."""
+    """``own`` times and, in order, the others that lie further than `SAME_TIME_S` from all of them and
+    from each other."""
     merged = np.unique(np.concatenate(others))
     merged = merged[np.concatenate([[True], np.diff(merged) > SAME_TIME_S])]
     after = np.searchsorted(own, merged)
@@ -63,7 +64,8 @@ def _halved(times: FloatArray, mismatch: Callable[[FloatArray], BoolArray]) -> F
 
 
 def offset_curve(trajectory: Trajectory, times: FloatArray, offset_at: Callable[[FloatArray], FloatArray]) -> Trajectory:
-    """World displacements of an object by ``offset_at`` (times -> (T, 3)) along the trajectory's own axes, as a moving point.
+    """World displacements of an object by ``offset_at`` (times -> (T, 3)) along the trajectory's own axes,
+    as a moving point.
 
     The rotation of what is returned means nothing.
     """
@@ -80,7 +82,8 @@ def offset_curve(trajectory: Trajectory, times: FloatArray, offset_at: Callable[
 
 
 def displaced(trajectory: Trajectory, curve: Trajectory) -> Trajectory:
-    """The trajectory plus the displacement that ``curve`` has at each time. Exact: both are lines between the union of keys.
+    """The trajectory plus the displacement that ``curve`` has at each time. Exact: both are lines between
+    the union of keys.
 
     Rotations stay as they are, to the bit at the trajectory's own keys.
     """

@@ -1,4 +1,5 @@
-"""A drive carried on before and after its recording: what stands still is there, what moves does what the scenario says."""
+"""A drive carried on before and after its recording: what stands still is there, what moves does what
+the scenario says."""
 
 from __future__ import annotations
 
@@ -18,12 +19,12 @@ REACH_S = 1.0
 
 
 def carried_outside(drive: Drive, scenario: Scenario, times_us: Iterable[int]) -> Drive:
-    """Return the edited drive with all that is there at times (integer microseconds) before and after its recording; the drive
-    itself where all lie within.
+    """Return the edited drive with all that is there at times (integer microseconds) before and after its recording;
+    the drive itself where all lie within.
 
-    Parked actors stay where they stand, as static copies do. Moving ones are gone, stand still or go on at the velocity of their
-    end; those whose edit says ``outside`` do what that says. So does the vehicle, with its sensors and its body. The recording
-    lasts until `FRAME_MARGIN_S` after its last frame, as its sensors look.
+    Parked actors stay where they stand, as static copies do. Moving ones are gone, stand still or go on at the velocity
+    of their end; those whose edit says ``outside`` do what that says. So does the vehicle, with its sensors and its
+    body. The recording lasts until `FRAME_MARGIN_S` after its last frame, as its sensors look.
     """
     times, (first_us, last_us) = list(times_us), recording_us(drive)
     if not times or first_us <= min(times) <= max(times) <= last_us:

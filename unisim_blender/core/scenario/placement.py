@@ -1,4 +1,5 @@
-"""Poses as a scenario writes them: a position, and angles or a quaternion; boxes of space; the matrices that they stand for."""
+"""Poses as a scenario writes them: a position, and angles or a quaternion; boxes of space; the matrices
+that they stand for."""
 
 from __future__ import annotations
 

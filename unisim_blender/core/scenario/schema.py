@@ -91,7 +91,8 @@ def check_document(document: Any, path: Path) -> None:
 
 
 def check_by_schema(document: Any, schema: dict[str, Any], path: Path) -> None:
-    """Raise `ScenarioError` for the first fault that a schema, with ``format`` and ``version``, finds in a file's JSON value."""
+    """Raise `ScenarioError` for the first fault that a schema, with ``format`` and ``version``, finds in a
+    file's JSON value."""
     from jsonschema import Draft202012Validator  # here, so that scenarios can be written where only numpy is installed
 
     if isinstance(document, dict) and document.get("format") == schema["properties"]["format"]["const"]:

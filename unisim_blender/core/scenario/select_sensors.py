@@ -63,7 +63,8 @@ def _camera(drive: Drive, spec: CameraSpec, place: str, context: Context) -> Cam
 
 
 def _sees_ego_body(spec: CameraSpec | LidarSpec) -> bool:
-    """Whether a sensor sees the ego vehicle's body: unless told otherwise, one that does not ride on the vehicle does."""
+    """Whether a sensor sees the ego vehicle's body: unless told otherwise, one that does not ride on
+    the vehicle does."""
     return spec.trajectory is not None if spec.sees_ego_body is None else spec.sees_ego_body
 
 
@@ -175,7 +176,8 @@ def _trajectory(
 
 
 def mounted_pose(mount: Placement, front_from_sensor: FloatArray) -> FloatArray:
-    """A sensor's pose (4, 4) on the vehicle; of a mount with angles, axes that look along x at 0 are ``front_from_sensor``."""
+    """A sensor's pose (4, 4) on the vehicle; of a mount with angles, axes that look along x at 0 are
+    ``front_from_sensor``."""
     ego_from_sensor = pose_of(mount)
     if mount.quaternion_wxyz is None:
         ego_from_sensor[:3, :3] = ego_from_sensor[:3, :3] @ front_from_sensor

@@ -12,8 +12,8 @@ MOST_HZ = 10_000.0
 
 @dataclass(frozen=True)
 class TimeRange:
-    """Times ``rate_hz`` a second from ``start_s``, the recording's first time where None, up to but without ``stop_s``; up to the
-    recording's last time, which is one of them where the rate meets it, where ``stop_s`` is None."""
+    """Times ``rate_hz`` a second from ``start_s``, the recording's first time where None, up to but without ``stop_s``;
+    up to the recording's last time, which is one of them where the rate meets it, where ``stop_s`` is None."""
 
     rate_hz: float
     start_s: float | None = None
@@ -26,7 +26,8 @@ Times = Union[tuple[float, ...], TimeRange]  # noqa: UP007 read at run time
 
 @dataclass(frozen=True)
 class Outside:
-    """What moves before and after the recording: actors are "absent" where None, or "hold" or "continue"; so does the ego."""
+    """What moves before and after the recording: actors are "absent" where None, or "hold" or "continue";
+    so does the ego."""
 
     actors: str | None = None
     ego: str | None = None

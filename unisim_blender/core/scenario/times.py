@@ -1,4 +1,5 @@
-"""A scenario's times: which a list or a range of them names, what is wrong with them, and how the command line writes them."""
+"""A scenario's times: which a list or a range of them names, what is wrong with them, and how the command
+line writes them."""
 
 from __future__ import annotations
 
@@ -41,7 +42,8 @@ def check_times(scenario: Scenario) -> None:
 
 
 def times_us(times: Times, drive: Drive, place: str) -> tuple[int, ...]:
-    """Return the times that a scenario names, integer microseconds, in order. Raises `ScenarioError` naming ``place``."""
+    """Return the times that a scenario names, integer microseconds, in order. Raises `ScenarioError`
+    naming ``place``."""
     if not isinstance(times, TimeRange):
         return tuple(microseconds(time_s) for time_s in times)
     first, last = recording_us(drive)
@@ -58,8 +60,9 @@ def times_us(times: Times, drive: Drive, place: str) -> tuple[int, ...]:
 
 
 def scenario_times_us(scenario: Scenario, drive: Drive) -> tuple[tuple[int, ...] | None, dict[str, tuple[int, ...]]]:
-    """Return the times of a scenario, None where it has frames, and those of sensors with times of their own, by "camera/NAME"
-    and "lidar/NAME". Raises `ScenarioError`, for times outside the recording, too, where nothing says what is there."""
+    """Return the times of a scenario, None where it has frames, and those of sensors with times of their own, by
+    "camera/NAME" and "lidar/NAME". Raises `ScenarioError`, for times outside the recording, too, where nothing
+    says what is there."""
     found = {place: times_us(times, drive, place) for place, times in _given(scenario)}
     for place, times in found.items():
         _check_outside(scenario, drive, place, times)
@@ -73,7 +76,8 @@ def recording_us(drive: Drive) -> tuple[int, int]:
 
 
 def parse_times(text: str) -> TimeRange:
-    """Return the times that START:STOP:RATE names, seconds and a rate a second: "0:8:20", "::30". Raises `UnisimError`."""
+    """Return the times that START:STOP:RATE names, seconds and a rate a second: "0:8:20", "::30".
+    Raises `UnisimError`."""
     match = _RANGE.fullmatch(text.strip())
     start, stop, rate = match.groups() if match else (None, None, None)
     times = TimeRange(float(rate or 0), None if start is None else float(start), None if stop is None else float(stop))

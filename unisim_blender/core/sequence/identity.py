@@ -1,8 +1,8 @@
 """The identity of a capture: a digest of all that its bytes depend on.
 
-That is the state of the world that its sensor can see, the sensor, the trained scenes and meshes that the state names, the
-settings of its kind of sensor, the code that renders, and the machine. An edit changes the identity of the captures that can see
-it, and of no other.
+That is the state of the world that its sensor can see, the sensor, the trained scenes and meshes that the state names,
+the settings of its kind of sensor, the code that renders, and the machine. An edit changes the identity of the captures
+that can see it, and of no other.
 """
 
 from __future__ import annotations
@@ -79,7 +79,8 @@ class CaptureIdentities:
         return self.plan.captures.state(sensor, capture.time_s(sensor))
 
     def _digest(self, state: WorldState) -> bytes:
-        """Return the state's digest, with digests in place of the paths of scenes and meshes: where they lie changes nothing."""
+        """Return the state's digest, with digests in place of the paths of scenes and meshes: where they lie
+        changes nothing."""
         digests = self.plan.scenes
         appearances = [
             replace(

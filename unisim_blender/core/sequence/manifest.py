@@ -37,12 +37,12 @@ def make_manifest(plan: RenderPlan, out: Path, last_run: dict[str, Any]) -> dict
 
 
 def _told(record: Any) -> dict[str, Any]:
-    """Return what the manifest says of a capture; errors stand apart."""
+    """Return a capture's entry in the manifest, without its errors, which have an entry of their own."""
     return {name: value for name, value in asdict(record).items() if name != "max_error" and (value or name == "identity")}
 
 
 def _bounded(plan: RenderPlan, moments: dict[str, Captures]) -> dict[str, Any]:
-    """Return what the manifest says of the errors that were to be kept to; nothing where none were."""
+    """Return the manifest's entry about error bounds; empty if there are none."""
     if not plan.settings.max_error:
         return {}
     of_moments = {

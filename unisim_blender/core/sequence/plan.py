@@ -1,4 +1,4 @@
-"""What a sequence is rendered from: drive, sensors, settings, and the digest that says whether a finished frame still holds."""
+"""The plan of a sequence: drive, moments, settings, and what decides whether finished captures are still up to date."""
 
 from __future__ import annotations
 
@@ -13,20 +13,21 @@ from ..world.drive import Drive
 
 
 class CaptureRenderer(Protocol):
-    """What renders one sensor's capture."""
+    """Renders single captures."""
 
     def image(self, capture: Capture, passes: tuple[str, ...] = ("rgb",), width: int | None = None) -> CameraFrame:
-        """One image with the passes asked for."""
+        """Render a camera's capture with these passes, ``width`` pixels wide (None: as recorded)."""
         ...
 
     def sweep(self, capture: Capture) -> LidarFrame:
-        """One sweep."""
+        """Render a LiDAR's capture."""
         ...
 
 
 @dataclass(frozen=True)
 class SequenceSettings:
-    """How captures are rendered; which they are is given apart, for it changes no capture's content."""
+    """How captures are rendered. Which captures those are is not part of it, because it changes no
+    capture's content."""
 
     cameras: tuple[str, ...]
     lidars: tuple[str, ...]
@@ -39,7 +40,7 @@ class SequenceSettings:
     """Seed of the draw that decides which beams return; None takes those with a probability of half or more."""
     contact_shadows: bool = False
     max_error: tuple[str, ...] = ()
-    """Bounds that every frame is to keep; ``quality`` is then for the sensors that none of them is for."""
+    """Error bounds that every frame must keep; ``quality`` then holds for sensors without a bound."""
     renderer: str = "neural"
 
 
@@ -47,10 +48,12 @@ class SequenceSettings:
 class RenderPlan:
     """A sequence to render: the ``moments`` of a drive.
 
-    ``make_renderer`` is called once in every process and must pickle; ``scenes`` are the trained scenes' and meshes' hashes by
-    the name that appearances have for them ("" is the drive's own), part of what decides whether a capture is up to date, as is
-    ``environment``: machine, instruction set, libraries that compute; ``captures`` says what of the world each capture depends
-    on; ``about`` is what the manifest says besides (names and hashes, no paths, so that it is the same wherever things lie).
+    make_renderer: called once in every process; must be picklable.
+    scenes: hashes of trained scenes and meshes by their names in `Appearance` ("" is the drive's own scene).
+    environment: machine, instruction set, versions of the libraries that compute. With ``scenes``, ``settings`` and the
+    state of the world it decides whether a capture is up to date. captures: gives the state of the world that a capture
+    depends on. about: further entries of the manifest: names and hashes, no paths, so that the manifest does not depend
+    on where files lie.
     """
 
     drive: Drive
@@ -64,9 +67,9 @@ class RenderPlan:
 
     @property
     def frames(self) -> tuple[int, ...]:
-        """The frames of the log among the moments."""
+        """Numbers of the moments that are frames of the log."""
         return tuple(moment.frame for moment in self.moments if moment.frame is not None)
 
     def moment_of_frame(self, frame: int) -> Moment:
-        """Return the captures that a frame of the log has, whether it is to be rendered or not."""
+        """Return the moment of a frame of the log, whether it is part of the plan or not."""
         return Moment.of_frame(self.drive, frame, self.settings.cameras, self.settings.lidars)

@@ -1,8 +1,8 @@
 """Records of a sequence's finished captures: what each was rendered from, and the digests of its files.
 
-A moment's record is `.state/000042.json` (`.state/t0000001050000us.json` of a time) once all its captures are finished;
-`.state/000042.kept` holds those that are left of a moment of which others are to be rendered again. A record is written after
-the files that it names.
+Once all captures of a moment are finished, its record is `.state/000042.json`
+(at a time: `.state/t0000001050000us.json`). While some are missing or out of date, the others are in
+`.state/000042.kept`. A record is written after the files that it names.
 """
 
 from __future__ import annotations
@@ -23,8 +23,9 @@ STATE_FOLDER = ".state"
 
 @dataclass(frozen=True)
 class CaptureRecord:
-    """``identity`` is the digest of all that the capture depends on; ``sees`` are the ids of the actors that it can see;
-    ``files`` are digests by path below the output folder; ``samples`` are counts, ``max_error`` what is said of its error."""
+    """``identity`` is the digest of all that the capture depends on; ``sees`` are the ids of the actors that it can
+    see; ``files`` are digests by path below the output folder; ``samples`` are counts, ``max_error`` the report of
+    its error bounds."""
 
     identity: str
     files: Mapping[str, str]
@@ -33,7 +34,7 @@ class CaptureRecord:
     max_error: Mapping[str, Any] | None = None
 
     def is_whole(self, out: Path) -> bool:
-        """Return whether all files are there as they were written."""
+        """Return whether all files exist and have the digests with which they were written."""
         return all((out / name).is_file() and sha256_of_file(out / name) == digest for name, digest in self.files.items())
 
 
@@ -42,12 +43,13 @@ Captures = dict[str, CaptureRecord]
 
 
 def finished_moments(out: Path, wanted: Container[Key] | None = None) -> int:
-    """Return how many moments of the sequence in folder ``out`` are finished, of those ``wanted`` or of all."""
+    """Count the finished moments of the sequence in folder ``out``: of all, or only of those ``wanted``."""
     return sum(1 for path in (out / STATE_FOLDER).glob("*.json") if wanted is None or _key(path) in wanted)
 
 
 def read_records(out: Path) -> dict[Key, Captures]:
-    """Return the captures of all moments in order, finished or not; a record that does not parse counts as none, and goes."""
+    """Return the captures of all moments, in order. A record that cannot be read is removed, and its captures
+    count as missing."""
     found: dict[Key, Captures] = {}
     for path in sorted([*(out / STATE_FOLDER).glob("*.json"), *(out / STATE_FOLDER).glob("*.kept")]):
         try:
@@ -59,7 +61,7 @@ def read_records(out: Path) -> dict[Key, Captures]:
 
 
 def write_record(out: Path, key: Key, captures: Captures, finished: bool) -> None:
-    """Write what is known of a moment in place of what was. Raises `OutputError`."""
+    """Write or replace the record of a moment; remove it if there are no captures. Raises `OutputError`."""
     record, kept = (out / STATE_FOLDER / f"{name_of(key)}{suffix}" for suffix in (".json", ".kept"))
     stale, path = (kept, record) if finished else (record, kept)
     if captures:
@@ -87,7 +89,7 @@ def _key(path: Path) -> Key | None:
 
 
 def _record(values: dict[str, Any]) -> CaptureRecord:
-    """Return a capture's record. Raises ValueError, KeyError or TypeError for what a sequence does not write."""
+    """Return a capture's record. Raises ValueError, KeyError or TypeError for values that a sequence never writes."""
     files, sees, samples, error = dict(values["files"]), tuple(values["sees"]), dict(values["samples"]), values["max_error"]
     if not all(_is_inside(name) and isinstance(digest, str) for name, digest in files.items()):
         raise ValueError("names a file elsewhere")
@@ -99,7 +101,7 @@ def _record(values: dict[str, Any]) -> CaptureRecord:
 
 
 def _is_inside(name: str) -> bool:
-    """Return whether a record's file lies in the folder of frames: others are none of this program's to remove."""
+    """Return whether a record's file lies in the folder of frames; no other file may be removed."""
     path = PurePosixPath(name)
     return (
         bool(path.parts)

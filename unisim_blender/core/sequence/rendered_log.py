@@ -1,4 +1,5 @@
-"""A rendered sequence as a log of its own, in PandaSet's layout: what reads a recorded drive reads the edited one too."""
+"""A rendered sequence as a log of its own, in PandaSet's layout: what reads a recorded drive reads
+the edited one too."""
 
 from __future__ import annotations
 
@@ -27,8 +28,8 @@ LOG_FOLDER = "pandaset"
 def write_rendered_log(plan: RenderPlan, out: Path) -> Path:
     """Write the log of what was rendered into ``out`` to ``out``/pandaset, whose path it gives. Raises `OutputError`.
 
-    It is made of the captures' PNG and NPZ files, so both must have been written. Moments that are not all frames of the log are
-    counted from 0.
+    It is made of the captures' PNG and NPZ files, so both must have been written. Moments that are not all frames of
+    the log are counted from 0.
     """
     settings = plan.settings
     for suffix, sensors in (("png", settings.cameras), ("npz", settings.lidars)):
@@ -56,7 +57,8 @@ def write_rendered_log(plan: RenderPlan, out: Path) -> Path:
 
 
 def rendered_drive(plan: RenderPlan) -> Drive:
-    """The plan's drive with the moments as frames and the sensors that were rendered, at the size they were rendered at."""
+    """The plan's drive with the moments as frames and the sensors that were rendered, at the size they
+    were rendered at."""
     drive, settings = plan.drive, plan.settings
     cameras = {name: drive.cameras[name] for name in settings.cameras}
     if settings.width is not None:
@@ -97,7 +99,8 @@ def read_image(path: Path) -> NDArray[np.uint8]:
 
 
 def read_sweep(path: Path) -> Sweep:
-    """A rendered sweep's returns in the order of firing, from its NPZ file; its origins are the sensor's at the frame's time.
+    """A rendered sweep's returns in the order of firing, from its NPZ file; its origins are the sensor's at
+    the frame's time.
 
     Raises `OutputError` where the file cannot be read or its arrays do not fit together.
     """

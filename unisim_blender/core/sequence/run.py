@@ -1,9 +1,9 @@
-"""Captures of one drive rendered into a folder, by one or several processes, and taken up again where a run was cut off.
+"""Render captures of one drive into a folder, in one or several processes; interrupted runs can be resumed.
 
-Every finished capture leaves a record of its identity and of its files' digests, written after the files. A capture whose record
-and files agree with what is asked for is not rendered again. The manifest is made of the records, so but for what it says of the
-last run it does not depend on how often or where a run was interrupted. Every process renders with one thread of torch: where
-torch cuts an array among threads it changes the last bit of what lies at the cuts, and the bytes must not depend on threads.
+Each finished capture has a record of its identity and of its files' digests, written after the files. A capture is
+rendered again only if its record or files differ from what is asked for. The manifest is built from the records: apart
+from its entry about the last run, it does not depend on how often or where a run was interrupted. Every process renders
+with one thread of torch, because torch's results differ in the last bit with the number of threads.
 """
 
 from __future__ import annotations
@@ -36,8 +36,12 @@ TIMINGS_NAME = "timings.json"
 
 @dataclass(frozen=True)
 class RenderReport:
-    """What a run did: moments of which something was rendered now, moments found finished, wall-clock seconds, and which sensors
-    of which moments do not keep the error that was asked for. ``captures`` are rendered now, ``captures_kept`` were there."""
+    """What a run did.
+
+    ``rendered`` are the moments with captures rendered by this run, ``kept`` those that were finished before;
+    ``captures`` and ``captures_kept`` count the captures. ``seconds`` is wall-clock time. ``broken`` names the captures
+    that miss an error bound.
+    """
 
     rendered: tuple[Key, ...]
     kept: tuple[Key, ...]
@@ -58,13 +62,13 @@ def render_sequence(
 ) -> RenderReport:
     """Render the plan's moments into folder ``out`` and write its manifest.
 
-    What is there already and has the identity that is asked for stays (`identity.py`): after an edit, the captures alone that can
-    see it are rendered again. ``on_kept`` is called once with the number of moments that were finished before, ``on_moment``
-    after each moment. ``executor`` renders them, ``jobs`` at a time; None is this process, or several ones where ``jobs`` says
-    so.
+    Captures that are there and have the identity that is asked for are kept (`identity.py`): after an edit, only those
+    that can see it are rendered again. ``on_kept`` is called once with the number of finished moments, ``on_moment``
+    after each further one. ``executor`` renders ``jobs`` moments at a time; None is this process, or a pool of ``jobs``
+    processes.
 
-    Raises `OutputError` where ``out`` holds something already and ``resume`` is not set, or where it cannot be written; finished
-    captures stay in every case.
+    Raises `OutputError` if ``out`` is not empty and ``resume`` is not set, or if it cannot be written. Finished
+    captures are kept in every case.
     """
     started = time.monotonic()
     if not resume and out.exists() and (not out.is_dir() or any(out.iterdir())):
@@ -102,8 +106,8 @@ def render_sequence(
 
 @dataclass(frozen=True)
 class Work:
-    """A moment of which captures are to be rendered: ``wanted`` identities and what each capture sees, by its name, and the
-    records of those that are ``kept``."""
+    """A moment to render. ``wanted`` maps the names of its captures to their identities and the actors that they see;
+    ``kept`` are the records of captures that need not be rendered."""
 
     moment: Moment
     wanted: Mapping[str, Identity]
@@ -111,13 +115,13 @@ class Work:
 
     @property
     def to_render(self) -> list[str]:
-        """The captures that are not there, cameras first."""
+        """Names of the captures to render, cameras first."""
         return [name for name in self.wanted if name not in self.kept]
 
 
 def keep_what_holds(plan: RenderPlan, out: Path, identities: CaptureIdentities) -> dict[Key, Captures]:
-    """Remove captures in a folder whose identity is another one than is asked for, or whose files are damaged; return the
-    records of those that stay, by moment."""
+    """Remove captures whose identity differs from what is asked for, or whose files are damaged. Return the records of
+    the others, by moment."""
     kept: dict[Key, Captures] = {}
     asked = {moment.key: moment for moment in plan.moments}
     for key, captures in read_records(out).items():
@@ -139,7 +143,7 @@ def keep_what_holds(plan: RenderPlan, out: Path, identities: CaptureIdentities) 
 
 
 def _moment_there(plan: RenderPlan, key: Key, captures: Captures) -> Moment | None:
-    """Return a moment that is in a folder and is not asked for, with the sensors of the plan: all that a frame of the log has, or
+    """Return a moment of the folder that the plan does not have, with the plan's sensors: all of a frame of the log, or
     those that were captured at a time. None for frames that the drive lacks."""
     settings, drive = plan.settings, plan.drive
     if isinstance(key, int):
@@ -152,7 +156,7 @@ def _moment_there(plan: RenderPlan, key: Key, captures: Captures) -> Moment | No
 
 
 def _write_labels(plan: RenderPlan, out: Path, identities: CaptureIdentities, kept: Mapping[Key, Captures]) -> list[Key]:
-    """Write labels of moments of which nothing else is to be written; return these."""
+    """Write the labels of moments whose captures are all kept; return the moments whose labels were written."""
     changed = []
     for moment in plan.moments if "labels" in plan.settings.formats else ():
         captures = kept.get(moment.key, {})
@@ -164,13 +168,14 @@ def _write_labels(plan: RenderPlan, out: Path, identities: CaptureIdentities, ke
 
 
 def labels_record(plan: RenderPlan, moment: Moment) -> CaptureRecord:
-    """Return the record of a moment's labels, whose identity is what they say."""
+    """Return the record of a moment's labels. Their identity is the digest of their content."""
     digest = hashlib.sha256(labels_bytes(plan.drive, moment)).hexdigest()
     return CaptureRecord(digest, {labels_path(Path(), moment.name).as_posix(): digest})
 
 
 def render_moment(plan: RenderPlan, renderer: CaptureRenderer, out: Path, work: Work) -> dict[str, float]:
-    """Render the captures of a moment that are not there, write their files and then the moment's record; seconds by capture."""
+    """Render a moment's missing captures, write their files, then the moment's record. Return the
+    seconds by capture."""
     settings, moment, seconds = plan.settings, work.moment, {}
     of: dict[str, Capture] = {
         **{f"camera/{one.sensor_id}": one for one in moment.cameras},
@@ -207,7 +212,7 @@ def _counts(stats: RenderStats) -> dict[str, int]:
 
 
 def _last_run(work: Sequence[Work], kept: Mapping[Key, Captures], relabelled: Sequence[Key]) -> dict[str, Any]:
-    """Return what the manifest says of the run that wrote it: what was rendered, what was kept, and why."""
+    """Return the manifest's entry about the last run: what was rendered, what was kept, and why."""
     return {
         "rendered": {one.moment.name: one.to_render for one in work},
         "labels_alone": [name_of(key) for key in relabelled],
@@ -229,13 +234,13 @@ MomentSeconds = tuple[Key, dict[str, float]]
 
 @dataclass(frozen=True)
 class MomentRendering:
-    """Makes the function that an executor calls for each moment; pickles."""
+    """Factory of the function that an executor calls for each moment. It can be pickled."""
 
     plan: RenderPlan
     out: Path
 
     def __call__(self) -> Callable[[Work], MomentSeconds]:
-        """Make the renderer, with one thread of torch, and return what renders a moment by it, with one thread, too."""
+        """Make the renderer and return the function that renders a moment with it, both with one thread of torch."""
         with single_threaded():
             renderer = self.plan.make_renderer()
 

@@ -1,4 +1,4 @@
-"""What an interpreter has of what rendering and training need."""
+"""Versions, devices and memory of an interpreter that renders or trains."""
 
 from __future__ import annotations
 
@@ -13,11 +13,12 @@ from ..prepare.backends import environment
 from ..prepare.devices import pick_device
 
 TRAINING_PACKAGES = ("torch", "scipy", "safetensors")
-"""What training takes besides."""
+"""Packages that training needs in addition to those of rendering."""
 
 
 def about() -> dict[str, Any]:
-    """Versions, devices, memory. Raises ImportError naming what rendering needs and is missing."""
+    """Return versions, devices and memory. Raises ImportError naming a package that rendering needs and
+    that is missing."""
     import click  # noqa: F401
     import jsonschema  # noqa: F401
     import OpenEXR  # noqa: F401

@@ -1,7 +1,7 @@
-"""What the worker can be asked for: what it is, images, sweeps. Each job is a generator of events.
+"""The worker's jobs: images, sweeps, and what its interpreter has. Each job is a generator of events.
 
-A request has the state of the world and the sensor (`prepare/capture_request.py`): the worker keeps scenes, and reads neither
-logs nor scenarios for an image, but for the log that surfels are made of.
+A request holds the state of the world and the sensor (`prepare/capture_request.py`). The worker keeps loaded scenes; it
+reads neither scenarios nor logs, except the log that surfels are built from.
 """
 
 from __future__ import annotations
@@ -36,11 +36,12 @@ from .about import about
 from .protocol import Job, Message
 
 BAND_PIXELS = 32768
-"""So many are rendered and shown at once, where Esc is heard between: 0.1 s on two cores."""
+"""Pixels of a band, between which a request can be cancelled: 0.1 s on two cores."""
 
 
 class Jobs:
-    """The jobs, and what they keep: trained scenes that were loaded once, surfels. ``folder`` is where pixels are left."""
+    """The jobs, and what they keep between requests: loaded scenes, surfels, observed space. Arrays are written
+    into ``folder``."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -52,19 +53,24 @@ class Jobs:
         self.numbers = itertools.count()
 
     def about(self, request: Message) -> Iterator[Message]:
-        """What this interpreter has."""
+        """Report versions, devices and memory (`about.about`)."""
         yield {"event": "about", **about()}
 
     def camera(self, request: Message) -> Iterator[Message]:
-        """An image, in bands of rows from the top.
+        """Render an image, in bands of rows from the top.
 
-        Of the request: what `capture_request` has, ``passes``, ``quality``, ``device``; ``rows`` and ``columns`` (first, past the
-        last) where not all are wanted, and ``dirty``, whether these are only the region that an edit changes directly;
-        ``coarse``, strides at which it is shown first; ``shadows``; ``clip``, whether nothing is shown but what the recording
-        observed (see `observed_space`): what else there would be is ``unsupported``, and its colours mean nothing. Events have
-        arrays of rgb and the passes, coarse ones of rgb and ``unsupported`` alone; the ``rows`` and ``columns`` that they cover,
-        and where in these they have pixels: at ``origin`` and every ``stride`` from there, both as (row, column). Before them,
-        ``progress`` says how far something is that has to be made first.
+        The request has the members of `capture_request`, ``passes``, ``quality``, ``device`` and ``shadows``,
+        and optionally:
+
+        - ``rows``, ``columns``: (first, past the last) of the region to render; the whole image without them.
+        - ``dirty``: the region is what an edit changes directly, and is dilated by the renderer.
+        - ``coarse``: strides of low-resolution previews.
+        - ``clip``: show only what the recording observed (`observed_space`). Other pixels are ``unsupported``, and
+          their colours mean nothing.
+
+        Events have arrays of rgb and the passes (previews: rgb and ``unsupported`` alone), the ``rows`` and ``columns``
+        that they cover, and the ``origin`` and ``stride`` of their pixels, both (row, column). ``progress`` events come
+        before them while something has to be built first.
         """
         camera = decode_sensor(_text(request, "sensor"))
         if not isinstance(camera, Camera):
@@ -86,7 +92,8 @@ class Jobs:
             )  # fmt: skip
 
     def lidar(self, request: Message) -> Iterator[Message]:
-        """A sweep, of what `capture_request` has: points (N, 3) in the world, intensity, depth, instance of beams that return."""
+        """Render a sweep of the members of `capture_request`: points (N, 3) in the world, intensity, depth and instance
+        (N,) of the beams that return."""
         lidar = decode_sensor(_text(request, "sensor"))
         if not isinstance(lidar, Lidar):
             raise EncodingError(f"a sweep is asked for of camera {lidar.sensor_id!r}")
@@ -99,7 +106,7 @@ class Jobs:
         yield self._leave(arrays, instances=list(sweep.instances))
 
     def _renderer(self, request: Message) -> Generator[Message, None, Renderer]:
-        """The renderer of a request: of its trained scene, or of the log's surfels where it has none."""
+        """Return the renderer of a request: of its trained scene, or of the log's surfels if it names none."""
         device, quality = pick_device(str(request.get("device", "cpu"))), str(request.get("quality", "balanced"))
         shadows = bool(request.get("shadows"))
         if request.get("scene") is not None:
@@ -115,7 +122,8 @@ class Jobs:
         return Renderer(backend, shadows)
 
     def _space(self, backend: Observing, key: object) -> Generator[Message, None, ObservedSpace]:
-        """What a trained scene's recording observed, and events of how far that is worked out."""
+        """Return the space that a trained scene's recording observed; yields events of progress
+        while it is computed."""
         if key not in self.spaces:
             header, shown, voxel_m = backend.observed
             space = kept_space(header, shown, voxel_m)
@@ -131,8 +139,8 @@ class Jobs:
         return self.spaces[key]
 
     def _surfels(self, path: Path) -> Generator[Message, None, tuple[Log, SurfelScene]]:
-        """A log's surfels, and events of how far they are. A build that is not wanted any more stays where it was: the next
-        request goes on with it."""
+        """Return a log's surfels; yields events of progress while they are built. If the request is cancelled, the next
+        one continues the build."""
         if self.log is None or self.log.path != path:
             self.log, self.surfels, self.build = open_log(path), None, None
         if self.surfels is None:
@@ -145,14 +153,14 @@ class Jobs:
                     else:
                         yield {"event": "progress", "text": step.text, "share": step.share}
             finally:
-                # what failed begins again; what was only left goes on
+                # a failed build starts again; a cancelled one continues
                 if self.surfels is not None or getattr(self.build, "gi_frame", None) is None:
                     self.build = None
         assert self.surfels is not None
         return self.log, self.surfels
 
     def _leave(self, arrays: dict[str, NDArray[Any]], **more: Any) -> Message:
-        """Write arrays into one file and say where in it each of them lies."""
+        """Write arrays into one file; return the event that says where in it each of them lies."""
         path = self.folder / f"{next(self.numbers)}.raw"
         places, offset = {}, 0
         with path.open("wb") as file:
@@ -164,7 +172,7 @@ class Jobs:
 
 
 def _seen_state(request: Message, renderer: Renderer, sensor: Camera | Lidar) -> tuple[WorldState, float]:
-    """Return the state that a request's capture depends on, and the capture's time in seconds. Raises `UnisimError`."""
+    """Return the state that a request's capture can depend on, and its time in seconds. Raises `UnisimError`."""
     state, time_s = decode_state(_text(request, "state")), request.get("time_s")
     if not isinstance(time_s, int | float) or not state.start_s <= time_s <= state.end_s:
         raise UnisimError(f"the request's time, {time_s}, is not within its state, {state.start_s:g} to {state.end_s:g} s")
@@ -178,12 +186,12 @@ def _text(request: Message, name: str) -> str:
 
 
 def _arrays(image: CameraFrame) -> dict[str, NDArray[Any]]:
-    """An image's colours and the passes that it has."""
+    """Return an image's colours and passes by their names."""
     names = ("rgb", "depth_m", "z_depth_m", "normal", "instance", "opacity", "unsupported")
     return {name: value for name in names if (value := getattr(image, name)) is not None}
 
 
 def all_jobs(folder: Path) -> dict[str, Job]:
-    """Every job by the name that requests have for it."""
+    """Return the jobs by their names in requests."""
     jobs = Jobs(folder)
     return {"about": jobs.about, "camera": jobs.camera, "lidar": jobs.lidar}

@@ -1,7 +1,7 @@
-"""What goes through the pipe between Blender and the worker: JSON objects, each after its length in four bytes.
+"""Messages between Blender and the worker: JSON objects in a pipe, each preceded by its length in four bytes.
 
-A request has an ``id`` and says what to ``do``. Its events carry the id back and say what ``event`` they are: any number of
-those that the job has of its own, and then one of ``done``, ``cancelled`` and ``error`` (a sentence in ``text``).
+A request has an ``id`` and the name of a job, ``do``. Each of its events has that id and a kind, ``event``: any number
+of the job's own kinds, then one of ``done``, ``cancelled`` and ``error`` (with a sentence in ``text``).
 """
 
 from __future__ import annotations
@@ -13,21 +13,21 @@ from typing import Any, BinaryIO
 
 Message = dict[str, Any]
 Job = Callable[[Message], Iterator[Message]]
-"""What can be asked for: a request's events."""
+"""A job: yields the events of a request."""
 LENGTH = struct.Struct("<I")
 MAX_BYTES = 256 << 20
 ENDS = ("done", "cancelled", "error")
 
 
 def write_message(stream: BinaryIO, message: Message) -> None:
-    """Send one message. Raises OSError where the other end is gone."""
+    """Send one message. Raises OSError if the other end is closed."""
     data = json.dumps(message, separators=(",", ":"), allow_nan=False).encode()
     stream.write(LENGTH.pack(len(data)) + data)
     stream.flush()
 
 
 def read_message(stream: BinaryIO) -> Message | None:
-    """The next message; None where the other end is gone or does not keep to the protocol."""
+    """Read the next message; None if the other end is closed or breaks the protocol."""
     head = _read(stream, LENGTH.size)
     if head is None:
         return None
@@ -43,7 +43,7 @@ def read_message(stream: BinaryIO) -> Message | None:
 
 
 def number_of(message: Message, key: str) -> int:
-    """The whole number under a key of a message; -1, which no request has, where there is none."""
+    """Return the integer under a key of a message; -1, which no request uses, if there is none."""
     value = message.get(key)
     return value if isinstance(value, int) and not isinstance(value, bool) else -1
 

@@ -1,4 +1,4 @@
-"""The worker's side: one job at a time, each a generator that is asked between its steps whether it is still wanted."""
+"""The worker's loop: runs one job at a time and checks between its events whether it was cancelled."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from .protocol import Job, Message, number_of, read_message, write_message
 
 
 class Server:
-    """Runs requests in the order in which they come. ``jobs`` are what can be asked for, by name."""
+    """Runs requests in the order in which they arrive. ``jobs`` are the jobs by their names in requests."""
 
     def __init__(self, requests: BinaryIO, events: BinaryIO, jobs: dict[str, Job]) -> None:
         self.requests, self.events, self.jobs = requests, events, jobs
@@ -23,13 +23,14 @@ class Server:
         self.cancelled: set[int] = set()
 
     def run(self) -> None:
-        """Until the other end is gone."""
+        """Run requests until the other end is closed."""
         threading.Thread(target=self._listen, daemon=True).start()
         while (request := self.waiting.get()) is not None:
             self._do(request)
 
     def _listen(self) -> None:
-        """A thread of its own: a cancellation is heard while a job runs, and so is the end of Blender."""
+        """Read requests in a thread of its own, so that a job at work hears of its cancellation, and of
+        the end of Blender."""
         while (request := read_message(self.requests)) is not None:
             if request.get("do") == "cancel":
                 self.cancelled.add(number_of(request, "job"))
@@ -65,7 +66,7 @@ class Server:
 
 
 def main(folder: Path) -> None:
-    """Serve the process that started this one; ``folder`` is where pixels are left for it."""
+    """Serve the process that started this one; arrays for it are written into ``folder``."""
     events = os.fdopen(os.dup(1), "wb")
     # whatever prints must not break the protocol
     os.dup2(2, 1)

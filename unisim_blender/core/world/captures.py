@@ -1,7 +1,8 @@
-"""Captures: what one sensor measures at one time. Below the sources of states nothing else says what is to be rendered.
+"""Captures: what one sensor measures at one time. Everything that renders names its work by captures.
 
-Times are integer microseconds from the log's first frame, so that clocks of several rates agree. A log's frame is a capture, too:
-its number names its files and seeds what is drawn for it, and its time is the sensor's own timestamp, to the bit.
+Times are integer microseconds from the log's first frame, so that sensors of different rates share times exactly. A
+sensor's frame of the log is a capture, too: the frame's number names its files and seeds its random draws, and its time
+is the sensor's own timestamp, to the bit.
 """
 
 from __future__ import annotations
@@ -14,11 +15,12 @@ from .drive import Camera, Drive, Lidar
 
 SECOND_US = 1_000_000
 MOST_US = 10**13
-"""Times are nearer to the log's first frame than this."""
+"""Bound of the absolute value of times."""
 _FRAME = re.compile(r"-?\d{1,18}")
 _TIME = re.compile(r"([nt])(\d{13})us")
 _NO_BYTE = 256
-"""Stands between a time and a sensor's name in a seed: no seed of a log's frame has it there."""
+"""Separates a time from a sensor's name in a seed. No byte of a name has this value, so seeds of times and
+of frames differ."""
 
 
 def microseconds(time_s: float) -> int:
@@ -28,7 +30,8 @@ def microseconds(time_s: float) -> int:
 
 @dataclass(frozen=True)
 class Capture:
-    """What a sensor measures at ``time_us``. ``frame`` is the log's number where the capture is the sensor's in that frame."""
+    """What a sensor measures at ``time_us``. ``frame`` is the number of the log's frame that the capture
+    belongs to, if any."""
 
     sensor_id: str
     time_us: int
@@ -41,16 +44,17 @@ class Capture:
 
     @staticmethod
     def at(sensor: Camera | Lidar, time_us: int) -> Capture:
-        """Return a sensor's capture at a time: the one in a frame of the log where that is the frame's timestamp."""
+        """Return a sensor's capture at a time, which is that of a frame of the log if the frame has this timestamp."""
         frame = next((frame for frame, time_s in sensor.time_s.items() if microseconds(time_s) == time_us), None)
         return Capture(sensor.sensor_id, time_us, frame)
 
     def time_s(self, sensor: Camera | Lidar) -> float:
-        """Return the time in seconds; in a frame of the log the sensor's own timestamp, to the bit."""
+        """Return the time in seconds; for a frame of the log, the sensor's own timestamp, to the bit."""
         return self.time_us / SECOND_US if self.frame is None else sensor.time_s[self.frame]
 
     def seed(self, seed: int) -> list[int]:
-        """Return a seed for numpy's generators that follows from ``seed``, sensor and frame, or time where there is no frame."""
+        """Return a seed for numpy's generators, derived from ``seed``, the sensor, and the frame (or the time
+        if there is none)."""
         name = self.sensor_id.encode()
         if self.frame is not None:
             return [seed, self.frame, *name]
@@ -58,14 +62,15 @@ class Capture:
 
 
 Key = int | str
-"""Of a moment: the log's frame number, or the name of a time (`time_name`)."""
+"""Key of a moment: the number of a log's frame, or the name of a time (`time_name`)."""
 
 
 @dataclass(frozen=True)
 class Moment:
-    """Captures that belong together and share the names of their files: those of a frame of the log, or those at one time.
+    """Captures of several sensors that share the names of their files: those of one frame of the log, or
+    those at one time.
 
-    ``time_us`` is what labels are of: the frame's time, or the time.
+    ``time_us`` is the time of the moment's labels: the frame's, or the time itself.
     """
 
     key: Key
@@ -75,7 +80,7 @@ class Moment:
 
     @staticmethod
     def of_frame(drive: Drive, frame: int, cameras: Iterable[str], lidars: Iterable[str]) -> Moment:
-        """Return the captures that a frame of the log has of these sensors."""
+        """Return the moment of a frame of the log, with those of these sensors that have the frame."""
         return Moment(
             frame,
             microseconds(drive.time_s[frame]),
@@ -85,7 +90,7 @@ class Moment:
 
     @staticmethod
     def at(drive: Drive, time_us: int, cameras: Iterable[str], lidars: Iterable[str]) -> Moment:
-        """Return the captures of these sensors at a time."""
+        """Return the moment at a time, with all of these sensors."""
         return Moment(
             time_name(time_us),
             time_us,
@@ -95,40 +100,40 @@ class Moment:
 
     @property
     def frame(self) -> int | None:
-        """The frame of the log; None of a time."""
+        """Number of the log's frame; None for a moment at a time."""
         return self.key if isinstance(self.key, int) else None
 
     @property
     def name(self) -> str:
-        """What files of the moment are called, without their suffixes."""
+        """Name of the moment's files, without their suffixes."""
         return name_of(self.key)
 
     def time_s(self, drive: Drive) -> float:
-        """Return the time in seconds; of a frame of the log its own, to the bit."""
+        """Return the time in seconds; for a frame of the log, its own time, to the bit."""
         return self.time_us / SECOND_US if self.frame is None else drive.time_s[self.frame]
 
 
 def frame_name(frame: int) -> str:
-    """Return what files of a log's frame are called, without their suffixes: "000042"."""
+    """Return the name of a frame's files, without their suffixes: "000042"."""
     return f"{frame:06d}"
 
 
 def time_name(time_us: int) -> str:
-    """Return what files at a time are called, without their suffixes: "t0000001050000us".
+    """Return the name of files at a time, without their suffixes: "t0000001050000us".
 
-    Names sort by their times, and after those of frames. A time before the log's first frame is counted from -10^13, so that
-    it does so, too: -0.5 s is "n9999999500000us".
+    Names sort by time, after those of frames. Times before the log's first frame count from -10^13, so that they sort,
+    too: -0.5 s is "n9999999500000us".
     """
     return f"t{time_us:013d}us" if time_us >= 0 else f"n{MOST_US + time_us:013d}us"
 
 
 def name_of(key: Key) -> str:
-    """Return what files of a moment are called, without their suffixes."""
+    """Return the name of a moment's files, without their suffixes."""
     return frame_name(key) if isinstance(key, int) else key
 
 
 def key_of(name: str) -> Key:
-    """Return the moment whose files are called so. Raises ValueError."""
+    """Return the key of the moment whose files have this name: the inverse of `name_of`. Raises ValueError."""
     if _FRAME.fullmatch(name):
         return int(name)
     time_of_name(name)
@@ -136,7 +141,7 @@ def key_of(name: str) -> Key:
 
 
 def time_of_name(name: str) -> int:
-    """Return the time, microseconds, whose files are called so. Raises ValueError."""
+    """Return the time in microseconds whose files have this name: the inverse of `time_name`. Raises ValueError."""
     match = _TIME.fullmatch(name)
     if match is None:
         raise ValueError(f"{name!r} is neither a frame's nor a time's name")
@@ -144,7 +149,7 @@ def time_of_name(name: str) -> int:
 
 
 def in_order(keys: Iterable[Key]) -> list[Key]:
-    """Return frames by their numbers, then times."""
+    """Return the keys sorted: frames by number, then times."""
     return sorted(keys, key=lambda key: (isinstance(key, str), key))
 
 
@@ -156,8 +161,11 @@ def moments_of(
     lidars: Iterable[str],
     of_sensors: dict[str, tuple[int, ...]] | None = None,
 ) -> tuple[Moment, ...]:
-    """Return what is rendered of sensors: all at ``times_us``, or in ``frames`` where that is None, but for the sensors that have
-    times ``of_sensors`` of their own (by "camera/NAME" and "lidar/NAME"). Frames come first, then times in order."""
+    """Return the moments to render: frames first, then times in order.
+
+    Sensors are captured at ``times_us``, or in ``frames`` if that is None. Sensors with an entry in ``of_sensors``
+    (keys "camera/NAME", "lidar/NAME") are captured at the times given there instead.
+    """
     own = of_sensors or {}
     names = [*(("camera", name) for name in cameras), *(("lidar", name) for name in lidars)]
     together = [one for one in names if "/".join(one) not in own]

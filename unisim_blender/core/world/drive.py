@@ -1,9 +1,10 @@
-"""A drive: what the sensors see and when. A recorded log gives one, a scenario's edits turn it into another.
+"""A drive: sensors, actors and their trajectories over time. A log gives the recorded one; a scenario's edits
+make another of it.
 
-Everything that renders (the neural renderer, the street's exact one) takes a `Drive`, and nothing else of a log.
+Renderers (neural, surfels, a street's exact one) take a `Drive` or states of it, and nothing else of a log.
 World: metres, z up, re-centred on the first ego pose. Ego and actor boxes: x forward, y left, z up, origin at the box's
-centre for actors. Cameras: OpenCV axes (x right, y down, z forward). LiDARs: x forward, y left, z up in their own frame.
-Times: seconds from the log's first frame, float64.
+centre for actors. Cameras: OpenCV axes (x right, y down, z forward). LiDARs: x forward, y left, z up in their own
+frame. Times: seconds from the log's first frame, float64.
 """
 
 from __future__ import annotations
@@ -22,10 +23,10 @@ FRAME_MARGIN_S = 0.25
 
 @dataclass(frozen=True)
 class RollingShutter:
-    """When an image's rows are exposed: row r of H at ``time + duration_s * (r / H - reference)``.
+    """Exposure times of an image's rows: row r of H at ``time + duration_s * (r / H - reference)``.
 
-    ``reference`` is the fraction of the image's height that the camera's timestamp belongs to (0 top, 1 bottom); a negative
-    duration reads from the bottom up; 0 is a global shutter.
+    ``reference`` is the fraction of the image's height that the camera's timestamp belongs to (0 top, 1 bottom); a
+    negative duration reads from the bottom up; 0 is a global shutter.
     """
 
     duration_s: float = 0.0
@@ -34,7 +35,7 @@ class RollingShutter:
 
 @dataclass(frozen=True)
 class CameraModel:
-    """A pinhole without distortion. Pixel centres lie at half integers: pixel (0, 0) covers [0, 1) x [0, 1)."""
+    """A pinhole camera without distortion. Pixel centres lie at half integers: pixel (0, 0) covers [0, 1) x [0, 1)."""
 
     width: int
     height: int
@@ -46,11 +47,12 @@ class CameraModel:
 
     @staticmethod
     def from_dict(values: dict[str, Any]) -> CameraModel:
-        """The model of what `dataclasses.asdict` made of one."""
+        """Return the model of a dictionary that `dataclasses.asdict` made of one."""
         return CameraModel(**{**values, "shutter": RollingShutter(**values["shutter"])})
 
     def resized(self, width: int) -> CameraModel:
-        """The same view at another width, the height rounded to keep the aspect; K scales exactly with each axis."""
+        """Return the model at another image width. The height is rounded to keep the aspect ratio; focal lengths and
+        principal point scale by the exact ratio of each axis."""
         if width == self.width:
             return self
         height = max(1, round(self.height * width / self.width))
@@ -62,9 +64,9 @@ class CameraModel:
 class LidarModel:
     """A spinning LiDAR's beam table.
 
-    Beam b in column c looks along elevation_rad[b] and azimuth ``start_azimuth_rad + direction * 2 pi * (c + 0.5) / columns +
-    azimuth_offset_rad[b]`` (0 along the sensor's x, counter-clockwise), at ``frame time - sweep_s + time_offset_s + sweep_s *
-    (c + 0.5) / columns``: by default a sweep ends at its frame's time. Beam 0 is the highest.
+    Beam b in column c has elevation ``elevation_rad[b]`` and azimuth ``start_azimuth_rad + direction * 2 pi * (c + 0.5)
+    / columns + azimuth_offset_rad[b]`` (0 along the sensor's x, counter-clockwise), at ``frame time - sweep_s +
+    time_offset_s + sweep_s * (c + 0.5) / columns``: by default a sweep ends at its frame's time. Beam 0 is the highest.
     """
 
     elevation_rad: FloatArray
@@ -85,10 +87,11 @@ class LidarModel:
 
 @dataclass(frozen=True)
 class Camera:
-    """A camera and its trajectory: ``time_s[frame]`` is the image's timestamp, ``world_from_camera`` its pose at any time.
+    """A camera and its trajectory: ``time_s[frame]`` is the image's timestamp, ``world_from_camera`` its
+    pose at any time.
 
-    ``sees_ego_body``: whether meshes that are the ego vehicle's body are visible to it, as they are to a camera at the roadside.
-    ``full_width``: how wide its own images are, where ``model`` is for smaller or larger ones.
+    ``sees_ego_body``: whether it sees meshes of the ego vehicle's body, as a camera at the roadside does.
+    ``full_width``: width of the recorded images where ``model`` is of another width; None where both are the same.
     """
 
     sensor_id: str
@@ -105,10 +108,11 @@ class Camera:
 
 @dataclass(frozen=True)
 class Lidar:
-    """A LiDAR and its trajectory: ``time_s[frame]`` is the sweep's timestamp, ``world_from_lidar`` its pose at any time.
+    """A LiDAR and its trajectory: ``time_s[frame]`` is the sweep's timestamp, ``world_from_lidar`` its
+    pose at any time.
 
-    ``blocked`` (beams, columns) marks the cells that the vehicle itself blocks in every frame; None where that is not known.
-    ``sees_ego_body`` as for a `Camera`.
+    ``blocked`` (beams, columns) marks the cells that the vehicle itself blocks in every frame; None where that is not
+    known. ``sees_ego_body`` as for a `Camera`.
     """
 
     sensor_id: str
@@ -121,8 +125,8 @@ class Lidar:
 
 @dataclass(frozen=True)
 class Appearance:
-    """Whose trained appearance and shape: actor ``actor`` of the scene at ``scene`` ("" is the drive's own scene); or, where
-    ``mesh`` names a file, that of the mesh in it."""
+    """Where an actor's appearance and shape come from: actor ``actor`` of the trained scene in folder ``scene`` ("" is
+    the drive's own scene), or the mesh in file ``mesh``, if it is given."""
 
     actor: str
     scene: str = ""
@@ -133,7 +137,7 @@ class Appearance:
 class Actor:
     """An annotated object, moving or not: a box with an appearance, present from start_s to end_s (both included).
 
-    ``is_ego_body``: it is a mesh that rides on the ego vehicle, and only sensors with ``sees_ego_body`` see it.
+    ``is_ego_body``: it is a mesh fixed to the ego vehicle, which only sensors with ``sees_ego_body`` see.
     """
 
     uid: str
@@ -164,14 +168,14 @@ class Actor:
         return sensor.sees_ego_body or not self.is_ego_body
 
     def present(self, time_s: FloatArray | float) -> BoolArray:
-        """Whether the actor is there at times (...): (...) bool."""
+        """Return whether the actor is present at times (...), seconds: (...) bool."""
         time = np.asarray(time_s)
         return np.asarray((time >= self.start_s) & (time <= self.end_s))
 
 
 @dataclass(frozen=True)
 class Box:
-    """A box of space that stands still: centre pose (4, 4), edges (3,) along its own axes."""
+    """A static box of space: pose (4, 4) of its centre, size (3,) in metres along its own axes."""
 
     world_from_box: FloatArray
     size_m: FloatArray
@@ -179,7 +183,8 @@ class Box:
 
 @dataclass(frozen=True)
 class StaticCopy:
-    """What stands above the ground inside ``source`` stands also at ``world_from_target`` (4, 4)."""
+    """A copy of what stands above the ground inside ``source``, placed at ``world_from_target`` (4, 4), the
+    pose of its box."""
 
     uid: str
     source: Box
@@ -188,7 +193,7 @@ class StaticCopy:
 
 @dataclass(frozen=True)
 class Drive:
-    """A recorded or edited drive."""
+    """A recorded or edited drive. ``frames`` are the log's numbers of its frames, in order; ``time_s`` their times."""
 
     name: str
     frames: tuple[int, ...]
@@ -200,11 +205,12 @@ class Drive:
     static_copies: tuple[StaticCopy, ...] = ()
     static_removals: tuple[Box, ...] = ()
     world_origin: FloatArray = field(default_factory=lambda: np.zeros(3))
-    """What was subtracted from the log's own world coordinates, float64."""
+    """Offset (3,) that was subtracted from the log's own world coordinates, float64."""
 
     def window(self, actor: Actor) -> tuple[float, float]:
-        """Return when an actor is present (start, end), finite, in seconds. One that is present at the first (last) frame is also
-        present shortly before (after) it: sensors of a frame measure earlier and later than the frame's time."""
+        """Return when an actor is present (start, end), finite, in seconds. One that is present at the first (last)
+        frame is also present shortly before (after) it: sensors of a frame measure earlier and later than
+        the frame's time."""
         first, last = self.time_s[self.frames[0]] - FRAME_MARGIN_S, self.time_s[self.frames[-1]] + FRAME_MARGIN_S
         start, end = actor.start_s, actor.end_s
         if start <= self.time_s[self.frames[0]]:
@@ -215,7 +221,7 @@ class Drive:
 
     @property
     def labelled_actors(self) -> list[Actor]:
-        """The actors that labels have: all that some sensor of the drive can see."""
+        """The actors that labels list: those that some sensor of the drive can see."""
         sensors: list[Camera | Lidar] = [*self.cameras.values(), *self.lidars.values()]
         return [
             actor
@@ -225,5 +231,5 @@ class Drive:
 
     @property
     def duration_s(self) -> float:
-        """From the first frame's time to the last one's."""
+        """Seconds from the first frame to the last."""
         return self.time_s[self.frames[-1]] - self.time_s[self.frames[0]]

@@ -1,7 +1,7 @@
 """States and sensors as text for a message between processes: versioned, checked, and without loss.
 
-An encoding is base64 of a header in JSON, the float64 numbers that the header counts, and a digest of both. States that are equal
-have equal encodings; what is decoded has the digest of what was encoded.
+An encoding is base64 of a header in JSON, the float64 numbers that the header counts, and a digest of both. States that
+are equal have equal encodings; what is decoded has the digest of what was encoded.
 """
 
 from __future__ import annotations
@@ -72,7 +72,8 @@ def decode_state(text: str) -> WorldState:
 
 
 def encode_sensor(sensor: Camera | Lidar, start_s: float, end_s: float) -> str:
-    """Return a sensor as text, with what of its trajectory the window of an exposure needs; it has no frames of a log."""
+    """Return a sensor as text, with what of its trajectory the window of an exposure needs; it has no
+    frames of a log."""
     if isinstance(sensor, Camera):
         trajectory = sensor.world_from_camera.between(start_s, end_s)
         header = {"kind": "camera", "model": asdict(sensor.model), "full_width": sensor.full_width}

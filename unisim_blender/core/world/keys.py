@@ -14,8 +14,8 @@ from .drive import Actor
 
 @dataclass(frozen=True)
 class PaddedKeys:
-    """Trajectory keys of A actors, padded to K: times_s (A, K), inf where there is none; positions (A, K, 3), world frame;
-    quaternions_wxyz (A, K, 4); lengths (A,), how many keys each has."""
+    """Trajectory keys of A actors, padded to K: times_s (A, K), inf where there is none; positions (A, K, 3), world
+    frame; quaternions_wxyz (A, K, 4); lengths (A,), how many keys each has."""
 
     times_s: FloatArray
     positions: FloatArray

@@ -13,11 +13,11 @@ from .state import WorldState
 
 
 class DriveStates:
-    """The states of a drive: log replay, and the scenario that edits made of it.
+    """The states of a recorded or edited drive.
 
-    ``parked`` are the boxes of actors that stood still throughout the recording, by their ids: scene data, which a renderer's
-    backend has. Where such an actor is not where it was recorded, nothing stands in its box: behind its surface nobody saw
-    anything, so the static field is empty there.
+    ``parked`` are the boxes, by actor id, of actors that stood still throughout the recording; the renderer's backend
+    has them. Where an edit removes or moves such an actor, its box becomes a removed box: no sensor ever saw what is
+    inside, so the static field has nothing to show there.
     """
 
     def __init__(self, drive: Drive, parked: Mapping[str, Box]) -> None:
@@ -53,8 +53,8 @@ class DriveStates:
 
 
 def with_windows(drive: Drive, actors: Iterable[Actor]) -> list[Actor]:
-    """Return actors in the order of their ids, so that overlapping ones composite alike in any list, present in their windows
-    (`Drive.window`)."""
+    """Return actors with finite presence (`Drive.window`), in the order of their ids: overlapping actors then composite
+    alike whatever order the drive has."""
     windows = ((actor, drive.window(actor)) for actor in sorted(actors, key=lambda a: a.uid))
     return [replace(actor, start_s=start, end_s=end) for actor, (start, end) in windows]
 
@@ -71,7 +71,7 @@ def first_pose(actor: Actor) -> FloatArray:
 
 
 def _stands_in(actor: Actor | None, box: Box) -> bool:
-    """Return whether an actor fills the box that it was recorded in; what a smaller one leaves of it is empty, too."""
+    """Return whether an actor stands in the box that it was recorded in, at its recorded size."""
     return (
         actor is not None
         and not actor.is_moving

@@ -1,7 +1,7 @@
-"""The state of the world over one exposure: all that a sensor can see, and nothing of the drive that it comes from.
+"""The state of the world during one exposure: all that a sensor can see, independent of the drive that it comes from.
 
-A `WorldState` is small and immutable. Renderers depend on it alone; log replay, an edited scenario, a Blender scene and a
-simulator are sources of it. See `drive.py` for frames of reference and units.
+A `WorldState` is small and immutable. Renderers depend on it alone. Its sources are log replay, an edited scenario, a
+Blender scene or a simulator (`StateSource`). See `drive.py` for frames of reference and units.
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ from .drive import Actor, Box, StaticCopy
 
 @dataclass(frozen=True, eq=False)
 class WorldState:
-    """The world from ``start_s`` to ``end_s``, seconds, the window of one exposure.
+    """The world from ``start_s`` to ``end_s``, in seconds: the window of one exposure.
 
-    ``actors`` are the active ones in the order of their ids: each is present at some time of the window, its times of presence
-    are clipped to the window, and its trajectory has the keys that cover the window. ``world_from_ego`` is the ego vehicle's
-    trajectory, cut the same way. ``static_copies`` are boxes of the static world that stand elsewhere, too; inside
-    ``removed_boxes`` the static world is empty above the ground.
+    ``actors`` are those present at some time of the window, in the order of their ids. Their presence is clipped to the
+    window, and their trajectories hold the keys that cover it, as does ``world_from_ego``, the ego vehicle's.
+    ``static_copies`` are copied boxes of the static world; inside ``removed_boxes`` the static world is empty
+    above the ground.
 
-    States are equal where their digests are.
+    States are equal if their digests are.
     """
 
     start_s: float
@@ -40,7 +40,7 @@ class WorldState:
 
     @cached_property
     def digest(self) -> str:
-        """A digest, 32 hexadecimal digits, that differs where anything in the state differs."""
+        """Digest of the whole content, 32 hexadecimal digits."""
         return hashlib.blake2b(b"".join(self._parts()), digest_size=16).hexdigest()
 
     def __eq__(self, other: object) -> bool:
@@ -50,11 +50,12 @@ class WorldState:
         return hash(self.digest)
 
     def restricted(self, uids: Collection[str]) -> WorldState:
-        """The state with the actors of these ids alone."""
+        """Return the state with only the actors of these ids."""
         return replace(self, actors=tuple(actor for actor in self.actors if actor.uid in uids))
 
     def _parts(self) -> Iterator[bytes]:
-        """Yield the content in parts, each of a length that follows from what comes before it."""
+        """Yield the content as parts of bytes; the length of each follows from those before it, so joining
+        them loses nothing."""
         yield np.array([self.start_s, self.end_s, len(self.actors), len(self.static_copies), len(self.removed_boxes)]).tobytes()
         yield self.world_from_ego.content()
         for actor in self.actors:
@@ -73,7 +74,7 @@ class WorldState:
 
 
 class StateSource(Protocol):
-    """Where states come from: log replay, an edited scenario, a Blender scene, a simulator."""
+    """A source of states: log replay, an edited scenario, a Blender scene, a simulator."""
 
     def state(self, start_s: float, end_s: float) -> WorldState:
         """Return the world from ``start_s`` to ``end_s``, seconds."""

@@ -1,4 +1,5 @@
-"""The edit `ego`: the recording vehicle shifted to the left or on a new trajectory, its sensors and its body with it."""
+"""The edit `ego`: the recording vehicle shifted to the left or on a new trajectory, its sensors and
+its body with it."""
 
 from __future__ import annotations
 
@@ -48,8 +49,8 @@ class Ego(Edit):
     def apply(self, drive: Drive, place: str, context: Context) -> Drive:
         """The drive with the vehicle, all its sensors and its body elsewhere.
 
-        A shift keeps every heading and every sensor's place on the vehicle exactly, at any time. On a new trajectory the sensors
-        keep their places to within `motion`'s tolerances.
+        A shift keeps every heading and every sensor's place on the vehicle exactly, at any time. On a new trajectory
+        the sensors keep their places to within `motion`'s tolerances.
         """
         if self.trajectory is not None:
             return _on_trajectory(drive, context.trajectory(None, self.trajectory, self.outside, place))

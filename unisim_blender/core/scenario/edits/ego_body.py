@@ -22,7 +22,8 @@ LABEL = "Car"
 @register
 @dataclass(frozen=True)
 class EgoBody(Edit):
-    """A mesh out of a file that is the ego vehicle's body: it rides at ``mount``, and the vehicle's own sensors do not see it."""
+    """A mesh out of a file that is the ego vehicle's body: it rides at ``mount``, and the vehicle's own
+    sensors do not see it."""
 
     type = "ego_body"
     members = {"mesh": PATH, "id": TEXT, "mount": ref("placement"), "label": TEXT}

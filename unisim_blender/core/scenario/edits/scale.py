@@ -29,8 +29,8 @@ def scales(factors: Sequence[float]) -> bool:
 @register
 @dataclass(frozen=True)
 class Scale(Edit):
-    """The actor's box and field larger or smaller along its own axes (forward, left, up), about its box's centre: factors of 0.1
-    to 10."""
+    """The actor's box and field larger or smaller along its own axes (forward, left, up), about its box's centre:
+    factors of 0.1 to 10."""
 
     type = "scale"
     members = {"actor": TEXT, "factors": VECTOR}

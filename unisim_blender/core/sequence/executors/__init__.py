@@ -1,4 +1,5 @@
-"""Executors by name: where the units of work of a sequence are run. Another one is a file in this folder and a line here."""
+"""Executors by name: where the units of work of a sequence are run. Another one is a file in this folder
+and a line here."""
 
 from __future__ import annotations
 

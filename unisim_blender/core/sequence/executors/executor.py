@@ -1,4 +1,5 @@
-"""What an executor is: it runs one function for many units of work, somewhere, and yields results as they are finished."""
+"""What an executor is: it runs one function for many units of work, somewhere, and yields results as
+they are finished."""
 
 from __future__ import annotations
 
@@ -9,8 +10,8 @@ Unit = TypeVar("Unit")
 Result = TypeVar("Result")
 
 MakeFunction = Callable[[], Callable[[Unit], Result]]
-"""Called once in every process (or thread) that works; returns the function that is then called once a unit. It loads what
-all units share, so that a unit itself stays small."""
+"""Called once in every process (or thread) that works; returns the function that is then called once a unit. It loads
+what all units share, so that a unit itself stays small."""
 
 
 class ProcessLost(Exception):
@@ -20,14 +21,14 @@ class ProcessLost(Exception):
 class Executor(Protocol):
     """Where units of work are run. An executor knows nothing of what a unit is.
 
-    ``make`` and the units pickle, and so do the results. Units do not depend on each other or on their order, and the function
-    writes its files itself: an executor on another machine needs the same file system.
+    ``make`` and the units pickle, and so do the results. Units do not depend on each other or on their order, and the
+    function writes its files itself: an executor on another machine needs the same file system.
     """
 
     def run(self, make: MakeFunction[Unit, Result], units: Sequence[Unit], jobs: int) -> Iterator[Result]:
         """Yield the result of every unit once, in any order, as each is finished; at most ``jobs`` units run at a time.
 
-        ``make`` is not called where there are no units. What ``make`` or the function raises is raised here. Where the caller
-        stops early, units that have not begun are not run. Raises `ProcessLost`.
+        ``make`` is not called where there are no units. What ``make`` or the function raises is raised here. Where the
+        caller stops early, units that have not begun are not run. Raises `ProcessLost`.
         """
         ...

@@ -16,8 +16,8 @@ from .executor import MakeFunction, ProcessLost, Result, Unit
 
 
 class Processes:
-    """Runs units in ``jobs`` processes, fewer where there are fewer units. Where the caller stops early or fails they end at
-    once, in the middle of their units; where it is killed they end, too."""
+    """Runs units in ``jobs`` processes, fewer where there are fewer units. Where the caller stops early or fails they
+    end at once, in the middle of their units; where it is killed they end, too."""
 
     def run(self, make: MakeFunction[Unit, Result], units: Sequence[Unit], jobs: int) -> Iterator[Result]:
         """See `Executor.run`."""
