@@ -243,14 +243,14 @@ class OneImage:
 
     def __init__(self, drive: Drive) -> None:
         self.drive = drive
-        self.image = np.random.default_rng(0).integers(0, 255, (32, 48, 3)).astype(np.uint8)
+        self.pixels = np.random.default_rng(0).integers(0, 255, (32, 48, 3)).astype(np.uint8)
 
     def image_frames(self, camera: str) -> tuple[int, ...]:
         return (4,)
 
     def image(self, camera: str, frame: int) -> NDArray[np.uint8]:
         assert (camera, frame) == ("front", 4)
-        return self.image
+        return self.pixels
 
 
 @needs_library
@@ -262,7 +262,7 @@ def test_recorded_images_are_compared_where_there_is_a_log(scene: Path) -> None:
     regions = case.entries[0].request.regions
     assert case.recorded is not None and len(case.recorded) == len(regions) == 2
     for piece, r in zip(case.recorded, regions, strict=True):
-        assert np.array_equal(piece, log.image[r.top : r.bottom, r.left : r.right] / np.float32(255))
+        assert np.array_equal(piece, log.pixels[r.top : r.bottom, r.left : r.right] / np.float32(255))
     # an image that is off by a tenth everywhere
     off = [np.where(piece < 0.5, piece + np.float32(0.1), piece - np.float32(0.1)) for piece in case.recorded]
     case.entries[2].measurements.append(Measurement(1.0, 10, 10, 10, 0, 0, off))
