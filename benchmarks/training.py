@@ -46,7 +46,7 @@ def main(log: Path, camera: str, width: int, preset: str, threads: int, warm: in
     lidars = tuple(name for name in recorded.drive.lidars if recorded.drive.lidars[name].model.beams)
     config = TrainConfig(
         (camera,), lidars, tuple(recorded.drive.frames)[::2], width, preset, iterations=10_000,
-        perceptual_from=0.0, poses_from=0.0, hidden_from=0.0, settled_from=0.0, prune_from=0,
+        perceptual_from=0.0, poses_from=0.0, unobserved_from=0.0, settled_from=0.0, prune_from=0,
     )  # fmt: skip
     trainer = Trainer(recorded, config)
     for iteration in range(warm):

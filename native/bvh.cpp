@@ -45,7 +45,7 @@ struct Builder {
         int axis = -1, at = 0;
         for (int k = 0; k < 3 && depth < MAX_DEPTH; ++k) {
             const float span = middles.high[k] - middles.low[k];
-            if (!(span > 0)) continue;
+            if (!(span > 0 && span <= std::numeric_limits<float>::max())) continue;
             Box bin[BINS];
             int64_t filled[BINS] = {};
             for (int32_t i = begin; i < end; ++i) {
@@ -82,7 +82,8 @@ struct Builder {
     }
 
     static int bin_of(float x, float low, float span) {
-        return std::min(BINS - 1, static_cast<int>((x - low) / span * BINS));
+        const float place = (x - low) / span * BINS;
+        return place > 0 ? static_cast<int>(std::min(place, BINS - 1.0f)) : 0; // no NaN is a number of a bin
     }
 
     // Builds one node for [begin, end); its children are consecutive.

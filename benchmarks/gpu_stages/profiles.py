@@ -61,7 +61,7 @@ def profile_scene(settings: Settings, found: Findings, preset: str) -> None:
     log, out = opened(settings), Path(settings.out)
 
     def steps() -> Callable[[], object]:
-        trainer = Trainer(log, config_of(log, preset, settings, iterations=10_000, poses_from=0.0, hidden_from=0.0))
+        trainer = Trainer(log, config_of(log, preset, settings, iterations=10_000, poses_from=0.0, unobserved_from=0.0))
         return lambda: [trainer.step() for _ in range(STEPS)]
 
     def image() -> Callable[[], object]:

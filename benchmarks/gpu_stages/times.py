@@ -107,7 +107,7 @@ def time_scene(settings: Settings, found: Findings, preset: str) -> None:
         return lambda: of_quality.lidar(beam_lidars(log)[0], frame)
 
     def steps() -> Callable[[], object]:
-        on = {"perceptual_from": 0.0, "poses_from": 0.0, "hidden_from": 0.0, "settled_from": 0.0, "prune_from": 0}
+        on = {"perceptual_from": 0.0, "poses_from": 0.0, "unobserved_from": 0.0, "settled_from": 0.0, "prune_from": 0}
         trainer = Trainer(log, config_of(log, preset, settings, iterations=10_000, **on))
         return lambda: [trainer.step() for _ in range(STEPS)]
 

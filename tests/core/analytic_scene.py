@@ -115,7 +115,7 @@ def analytic_scene(
     near = static_distance(centres).abs() < 1.5 * step
     scene.occupancy.values.copy_(near.view(scene.occupancy.values.shape) * 255)
     marks = torch.stack([mark(n, config.features) for n in range(len(uids) + 1)])
-    parts: Any = (scene.static, scene.actors, scene.far)
+    parts: Any = (scene.static, scene.actors, scene.background)
 
     kind = LogDensities if config.density == "volume" else SignedDistances
 

@@ -59,7 +59,7 @@ def edited(cars: Sequence[Actor] = (*CARS[1:], MOVING)) -> Drive:
 def rough(model: SceneModel) -> None:
     """Random weights, smooth enough to have surfaces, occupied here and there."""
     scene: Any = model
-    for field in (scene.static, scene.far):
+    for field in (scene.static, scene.background):
         rows = torch.linspace(2.0, 0.0, len(field.grid.table))[:, None]
         field.grid.table.copy_(torch.randn_like(field.grid.table) * rows)
     for parameter in scene.actors.hypernetwork.parameters():

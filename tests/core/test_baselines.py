@@ -143,7 +143,7 @@ def test_its_loss_falls(runs: dict[str, Run], kind: str) -> None:
     assert ("depth" in metrics[0]) == ("lidar" not in KINDS[kind][1])
     if "depth" in metrics[0]:
         assert metrics[-1]["depth"] < 0.75 * metrics[0]["depth"]
-    ours = {"band", "eikonal", "flat", "free", "spread"}
+    ours = {"sdf_band", "eikonal", "normal_smoothness", "free", "distortion"}
     assert ours <= metrics[0].keys() if KINDS[kind][0] == "tiny" else not ours & metrics[0].keys()
 
 

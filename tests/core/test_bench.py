@@ -70,7 +70,7 @@ def measured(scene: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 def metrics(measured: Path) -> dict[str, Any]:
     document = json.loads((measured / "bench.json").read_text())
     assert document["complete"] and document["machine"]["variant"] == native.variant()
-    found: dict[str, Any] = document["figures"]
+    found: dict[str, Any] = document["metrics"]
     return found
 
 
@@ -196,9 +196,9 @@ def test_an_interruption_leaves_what_was_measured(scene: Path, tmp_path: Path, m
     with pytest.raises(KeyboardInterrupt):
         run_bench([scene], None, tmp_path / "out", SETTINGS, lambda sentence: None, quiet=True)
     document = json.loads((tmp_path / "out" / "bench.json").read_text())
-    assert not document["complete"] and list(document["figures"]) == ["camera"]
+    assert not document["complete"] and list(document["metrics"]) == ["camera"]
     # the truth, twice the truth, and two qualities
-    assert [row["method"] for row in document["figures"]["camera"][0]["entries"]] == ["native fast", "native balanced"]
+    assert [row["method"] for row in document["metrics"]["camera"][0]["entries"]] == ["native fast", "native balanced"]
     assert "interrupted" in (tmp_path / "out" / "bench.md").read_text()
 
 
@@ -392,5 +392,5 @@ def test_numbers_have_no_exponents() -> None:
         "commit": None,
         "load": None,
     }
-    text = markdown({"machine": empty, "scene": "s", "settings": {"rounds": 1}, "left_out": [], "complete": True, "figures": {}})
+    text = markdown({"machine": empty, "scene": "s", "settings": {"rounds": 1}, "left_out": [], "complete": True, "metrics": {}})
     assert "commit unknown" in text

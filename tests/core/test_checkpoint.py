@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -37,7 +38,7 @@ def random_scene(seed: int = 0) -> tuple[SceneModel, Drive]:
     torch.manual_seed(seed)
     scene = SceneModel(preset("tiny").model, small_volume(), ("car", "cone"), ("front",))
     with torch.no_grad():
-        for table in (scene.static.grid.table, scene.far.grid.table):
+        for table in (scene.static.grid.table, scene.background.grid.table):
             table.normal_(0, 0.5)
         few = torch.rand(scene.occupancy.values.shape) < 0.002
         scene.occupancy.values.copy_(torch.randint(1, 256, few.shape) * few)
@@ -220,7 +221,11 @@ def unknown_setting(d: dict[str, Any]) -> None:
 
 
 def no_grid(d: dict[str, Any]) -> None:
-    del d["model"]["far_grid"]
+    del d["model"]["background_grid"]
+
+
+def both_names(d: dict[str, Any]) -> None:
+    d["model"]["far_grid"] = d["model"]["background_grid"]
 
 
 def word_for_number(d: dict[str, Any]) -> None:
@@ -249,7 +254,8 @@ def nan_volume(d: dict[str, Any]) -> None:
         (future, "version 99"),
         (other_preset, r"static\.grid\.table has shape"),
         (unknown_setting, "colour"),
-        (no_grid, "far_grid"),
+        (no_grid, "background_grid"),
+        (both_names, "far_grid and background_grid are both given"),
         (word_for_number, "hidden"),
         (negative_levels, "levels"),
         (no_volume, "size_m"),
@@ -296,3 +302,22 @@ def test_a_header_that_would_fill_the_memory_or_break_a_renderer_is_refused(
     with pytest.raises(SceneError, match=problem) as caught:
         load_scene(folder)
     assert str(caught.value).startswith(str(folder / "scene.json"))
+
+
+def test_a_scene_by_former_names_is_the_same_scene(saved: Path, tmp_path: Path) -> None:
+    """The background model's sizes and arrays were named by ``far`` once."""
+    path = copy_of(saved, tmp_path / "scene")
+    document = json.loads((path / "scene.json").read_text())
+    model, samples = document["model"], document["model"]["samples"]
+    model["far_grid"] = model.pop("background_grid")
+    samples["far"], samples["far_proposals"] = samples.pop("background"), samples.pop("background_proposals")
+    arrays = load_file(path / "weights.safetensors")
+    former = {re.sub(r"^background\.", "far.", name): value for name, value in arrays.items()}
+    assert former.keys() != arrays.keys()
+    save_file(former, path / "weights.safetensors")
+    document["weights"] = weights_hash(path)
+    (path / "scene.json").write_text(json.dumps(document))
+    found, expected = load_scene(path), load_scene(saved)
+    assert found.model.config == expected.model.config
+    state = found.model.state_dict()
+    assert all(torch.equal(value, state[name]) for name, value in expected.model.state_dict().items())

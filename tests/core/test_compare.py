@@ -18,11 +18,11 @@ from scipy.linalg import sqrtm
 from unisim_blender.core import native
 from unisim_blender.core.cli.main import run, unisim
 from unisim_blender.core.compare import methods
+from unisim_blender.core.compare.cases import cases_of, street_at
 from unisim_blender.core.compare.kept_truth import KeptTruth
 from unisim_blender.core.compare.made import make
 from unisim_blender.core.compare.methods import METHODS, USUAL, Method, methods_named
 from unisim_blender.core.compare.options import CompareOptions
-from unisim_blender.core.compare.parts import parts_of, street_at
 from unisim_blender.core.compare.table import Column, Table, cells_of, markdown, tables_of
 from unisim_blender.core.data import open_log
 from unisim_blender.core.errors import SceneError, UnisimError
@@ -64,7 +64,7 @@ def test_the_table_grows_and_nothing_is_done_twice(
     monkeypatch.setattr(methods, "METHODS", {**METHODS, "unisim": TINY})
     out = tmp_path / "out"
     assert run(command(log, out, "--methods", "unisim")) == 0
-    metrics = out / "figures" / "unisim" / "removal.json"
+    metrics = out / "metrics" / "unisim" / "removal.json"
     trained, before = (out / "scenes" / "unisim" / HEADER_NAME).stat(), metrics.stat()
     assert run(command(log, out, "--methods", "surfel")) == 0
     document = json.loads((out / "comparison.json").read_text())
@@ -101,11 +101,11 @@ def test_a_log_whose_truth_nobody_knows_is_compared_with_what_was_recorded(
         == 0
     )
     document = json.loads((out / "comparison.json").read_text())
-    assert document["about"]["street"] is None and list(document["about"]["parts"]) == ["replay"]
+    assert document["about"]["street"] is None and list(document["about"]["cases"]) == ["replay"]
     replay = document["rows"]["unisim"]["replay"]
     assert replay["camera"]["edit"]["images"] == 2 and replay["lidar"]["edit"]["sweeps"] == 2
     assert set(replay["psnr_db"]) == {"1", "3"} and replay["seconds"]["camera"] > 0
-    assert len(list((out / "pictures" / "replay").iterdir())) == 2 * 3
+    assert len(list((out / "images" / "replay").iterdir())) == 2 * 3
 
 
 def test_a_training_that_was_cut_off_goes_on(log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -156,19 +156,19 @@ def test_the_truth_is_kept_and_a_broken_file_is_made_again(log: Path, tmp_path: 
     assert np.array_equal(kept.images(CAMERA, 1).edit, first.edit)
 
 
-def test_parts_are_held_out_frames_and_edits(log: Path, tmp_path: Path) -> None:
+def test_cases_are_held_out_frames_and_edits(log: Path, tmp_path: Path) -> None:
     recorded, street = open_log(log), street_at(log)
-    parts = {part.name: part for part in parts_of(recorded, street, tmp_path, CompareOptions(truth_frames=1))}
-    assert parts["replay"].frames == (1, 3) and parts["replay"].scenario == log
-    assert {"removal", "insertion", "cones", "retiming"} == {n for n, p in parts.items() if n != "replay" and not p.moves_view}
-    assert {"shift-0.5m", "shift-2m", "shift-3m"} == {n for n, p in parts.items() if p.moves_view}
-    assert all(len(p.frames) == 1 and p.frames[0] in (1, 3) for n, p in parts.items() if n != "replay")
+    cases = {case.name: case for case in cases_of(recorded, street, tmp_path, CompareOptions(truth_frames=1))}
+    assert cases["replay"].frames == (1, 3) and cases["replay"].scenario == log
+    assert {"removal", "insertion", "cones", "retiming"} == {n for n, p in cases.items() if n != "replay" and not p.moves_view}
+    assert {"shift-0.5m", "shift-2m", "shift-3m"} == {n for n, p in cases.items() if p.moves_view}
+    assert all(len(p.frames) == 1 and p.frames[0] in (1, 3) for n, p in cases.items() if n != "replay")
     with pytest.raises(UnisimError, match="leaves no frame to compare"):
-        parts_of(recorded, street, tmp_path, CompareOptions(frames=":"))
+        cases_of(recorded, street, tmp_path, CompareOptions(frames=":"))
     with pytest.raises(UnisimError, match="is no street"):
-        parts_of(recorded, None, tmp_path, CompareOptions(scenarios=(log / FOLDER / "removal.json",)))
-    (part,) = parts_of(recorded, None, tmp_path, CompareOptions())
-    assert part.name == "replay"
+        cases_of(recorded, None, tmp_path, CompareOptions(scenarios=(log / FOLDER / "removal.json",)))
+    (case,) = cases_of(recorded, None, tmp_path, CompareOptions())
+    assert case.name == "replay"
 
 
 def test_methods_by_name() -> None:

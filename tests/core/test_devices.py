@@ -72,7 +72,7 @@ def test_a_training_keeps_to_its_device(tmp_path: Path, plain: pytest.MonkeyPatc
     log = open_log(tmp_path / "log")
     config = TrainConfig(
         cameras=("front_camera",), lidars=("pandar64",), frames=(0, 1, 2, 3), iterations=100, patches=2, patch_cells=8,
-        lidar_rays=64, perceptual_from=0.0, poses_from=0.0, hidden_from=0.0, settled_from=0.0, prune_from=0,
+        lidar_rays=64, perceptual_from=0.0, poses_from=0.0, unobserved_from=0.0, settled_from=0.0, prune_from=0,
         **{"preset": "tiny", **changes},
     )  # fmt: skip
     trainer = Trainer(log, config)

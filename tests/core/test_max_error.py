@@ -199,7 +199,11 @@ def test_torchs_truth_is_in_single_precision_and_samples_what_is_far(tmp_path: P
         return found
 
     counts = {}
-    for name, quality in (("balanced", LADDER["balanced"]), ("truth", TRUTH), ("near", dataclasses.replace(TRUTH, far=1.0))):
+    for name, quality in (
+        ("balanced", LADDER["balanced"]),
+        ("truth", TRUTH),
+        ("near", dataclasses.replace(TRUTH, background=1.0)),
+    ):
         stats = RenderStats()
         with at_quality(renderer, quality):
             tracer().trace(rays, set(), True, None, stats)

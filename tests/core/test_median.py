@@ -97,7 +97,7 @@ def test_where_nothing_is_met() -> None:
 def test_the_background_model_counts() -> None:
     stage = Stage(analytic_scene(empty, {}), drive_of([]))
     features = stage.scene.config.features
-    stage.scene.far.forward = lambda x: (torch.full_like(x[:, 0], 50.0), x.new_ones(len(x), features))  # type: ignore[method-assign]
+    stage.scene.background.forward = lambda x: (torch.full_like(x[:, 0], 50.0), x.new_ones(len(x), features))  # type: ignore[method-assign]
     traced = stage.trace(EYE, [1.0, 0, 0], background=True)
     depth = float(median_depth(traced))
     assert depth == pytest.approx(float(traced.depth_m), rel=1e-4) and depth > 45

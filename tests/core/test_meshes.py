@@ -19,7 +19,7 @@ from unisim_blender.core.colour import linear_from_srgb, srgb_from_linear
 from unisim_blender.core.errors import ScenarioError
 from unisim_blender.core.geometry import FloatArray
 from unisim_blender.core.meshes.exposure import GROUND_ALBEDO, UNSEEN, beside, level_of
-from unisim_blender.core.meshes.intersect import FirstHits, Mesh, Triangles, first_hits_reference
+from unisim_blender.core.meshes.intersect import FirstHits, Mesh, Triangles, check_boxes, first_hits_reference
 from unisim_blender.core.meshes.model import MeshModel, face_normals, read_model, write_model
 from unisim_blender.core.meshes.read import mesh_size_m, read_mesh
 from unisim_blender.core.meshes.surface import colours_at, lit, normals_at, reflectivity
@@ -238,3 +238,19 @@ def test_arrays_of_other_shapes_are_refused_by_name(tmp_path: Path, name: str, c
         return
     with pytest.raises(ScenarioError, match=rf"a\.npz: {name} has shape"):
         read_model(path)
+
+
+@pytest.mark.parametrize("value", (np.nan, np.inf, -np.inf, 3e38, -3e38))
+@pytest.mark.parametrize("count", (1, 7, 200))
+def test_corners_at_no_place_leave_a_hierarchy_that_rays_walk_through(value: float, count: int) -> None:
+    """Files of kept faces are mapped, not read: what is broken in them must not lead a kernel out of its arrays."""
+    rng = np.random.default_rng(0)
+    vertices, faces = rng.normal(size=(300, 3)).astype(np.float32), rng.integers(0, 300, (400, 3)).astype(np.int32)
+    vertices[rng.integers(0, 300, count), rng.integers(0, 3, count)] = value
+    triangles = Triangles(vertices, faces)
+    if triangles.boxes is not None:
+        check_boxes(*triangles.boxes, len(faces))
+        assert sorted(triangles.boxes[1]) == list(range(len(faces)))
+    directions = rng.normal(size=(50, 3))
+    hits = triangles.first_hits(np.zeros((50, 3)), directions / np.linalg.norm(directions, axis=1, keepdims=True), 0.1)
+    assert ((hits.face >= -1) & (hits.face < len(faces))).all() and (hits.face >= 0).any()

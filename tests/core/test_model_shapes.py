@@ -28,7 +28,7 @@ from unisim_blender.core.render.tracers.compiled.scene import CompiledScene
 SIZE_M = np.array([30.3, 20.0, 8.2])
 TINY = preset("tiny").model
 SMALLER: dict[str, Any] = {
-    name: dataclasses.replace(getattr(TINY, name), levels=3) for name in ("static_grid", "far_grid", "actor_grid")
+    name: dataclasses.replace(getattr(TINY, name), levels=3) for name in ("static_grid", "background_grid", "actor_grid")
 }
 CONFIGS: dict[str, ModelConfig] = {
     # the presets' own networks behind small tables
@@ -68,7 +68,9 @@ def test_stated_arrays_are_those_of_a_saved_scene(tmp_path: Path) -> None:
     assert file.keys() - {"cells.key", "cells.kinds", "cells.boxes"} == set(voxels)
 
 
-@pytest.mark.parametrize("name", ["log_beta", "far.network.2.bias", "lidar_head.network.2.weight", "camera_decoder.last.weight"])
+@pytest.mark.parametrize(
+    "name", ["log_beta", "background.network.2.bias", "lidar_head.network.2.weight", "camera_decoder.last.weight"]
+)
 def test_an_array_of_another_shape_is_refused_by_all_that_open_a_scene(tmp_path: Path, name: str) -> None:
     """One sentence names the file, the array and both shapes, before anything is built."""
     folder = saved(tmp_path / "scene", TINY)

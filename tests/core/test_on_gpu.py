@@ -175,7 +175,7 @@ def traced(seed: int) -> list[Tensor]:
     drive = drive_of([still("car", [-12.0, 0.0, 1.6], [4.0, 3.0, 3.0])])
     scene = SceneModel(preset("tiny").model, analytic_scene(empty, {}).volume, ("car",), ("front",))
     with torch.no_grad():
-        for field in (scene.static, scene.far):
+        for field in (scene.static, scene.background):
             field.grid.table.normal_(0, 0.3)
         scene.occupancy.values.copy_((torch.rand(scene.occupancy.values.shape) < 0.3) * 255)
     directions = torch.nn.functional.normalize(torch.randn(48, 3) * 0.2 + torch.tensor([1.0, 0.0, 0.0]), dim=-1)
@@ -188,11 +188,11 @@ def traced(seed: int) -> list[Tensor]:
     sum(out.square().mean() for out in outs).backward()  # type: ignore[union-attr]
     names = (
         "static.grid.table",
-        "far.grid.table",
+        "background.grid.table",
         "actors.latents",
         "log_beta",
         "static.network.0.weight",
-        "far.network.2.weight",
+        "background.network.2.weight",
     )
     grads = [scene.get_parameter(name).grad for name in names]
     assert all(g is not None and bool((g != 0).any()) for g in grads)

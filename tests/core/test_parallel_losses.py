@@ -26,7 +26,7 @@ from unisim_blender.core.training.trainer import Trainer
 
 EVERYTHING = TrainConfig(
     cameras=("front_camera",), lidars=("pandar64",), frames=(0, 1, 2, 3), preset="tiny", iterations=100, patches=2, patch_cells=8,
-    lidar_rays=64, perceptual_from=0.0, poses_from=0.0, hidden_from=0.0, settled_from=0.0, prune_from=0,
+    lidar_rays=64, perceptual_from=0.0, poses_from=0.0, unobserved_from=0.0, settled_from=0.0, prune_from=0,
 )  # fmt: skip
 
 
@@ -49,7 +49,8 @@ def test_a_step_is_the_same_to_the_bit_at_once_and_one_after_the_other(log: Log,
         trainer = Trainer(log, replace(EVERYTHING, adversarial=adversarial))
         metrics = [trainer._step(together) for _ in range(6)]
         states.append((metrics, _state(trainer)))
-    assert {"rgb", "band", "eikonal", "flat", "hidden", "latent", "loss", "psnr", "lidar_m"} <= set(states[0][0][0])
+    terms = {"rgb", "sdf_band", "eikonal", "normal_smoothness", "unobserved", "latent"}
+    assert terms | {"loss", "psnr", "lidar_m"} <= set(states[0][0][0])
     for metrics, state in states[1:]:
         assert metrics == states[0][0]
         assert state.keys() == states[0][1].keys()
@@ -73,7 +74,7 @@ def gradients_of_a_step(log: Log, patch: pytest.MonkeyPatch, in_branches: bool) 
     patch.setattr(trainer.optimiser, "step", record)
     if not in_branches:
         terms: list[Tensor] = []
-        for field in (trainer.model.static.grid, trainer.model.far.grid, trainer.model.actors):
+        for field in (trainer.model.static.grid, trainer.model.background.grid, trainer.model.actors):
             field.sink = None
 
         def whole(starts: Any, tables: Any) -> None:
@@ -137,7 +138,7 @@ def test_a_step_that_fails_leaves_nothing_waiting(log: Log, monkeypatch: pytest.
     assert all(torch.equal(value, kept[name]) for name, value in _state(whole).items())
     with monkeypatch.context() as patch:
         patch.setattr(module, "distortion", lambda seen: torch.tensor(float("nan")))
-        with pytest.raises(SceneError, match="training diverged at iteration 1: spread is not a finite number"):
+        with pytest.raises(SceneError, match="training diverged at iteration 1: distortion is not a finite number"):
             broken._step(together)
 
 

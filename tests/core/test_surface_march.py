@@ -531,8 +531,8 @@ def test_qualities_beside_the_truth(appearances: dict[str, Appearance], sensor: 
     for name, (least_psnr, median, p95, coarse, samples) in BOUNDS[sensor].items():
         quality = QUALITY[name]
         # the background has so many samples that both sums are the integral
-        truth = appearance.at(dataclasses.replace(QUALITY["reference"], samples=16.0, far=8.0))
-        found = appearance.at(dataclasses.replace(quality, far=8.0))
+        truth = appearance.at(dataclasses.replace(QUALITY["reference"], samples=16.0, background=8.0))
+        found = appearance.at(dataclasses.replace(quality, background=8.0))
         hit = np.isfinite(truth[1])
         assert (np.isfinite(found[1]) == hit).mean() > 0.998
         both = hit & np.isfinite(found[1])
@@ -552,7 +552,7 @@ def test_every_field_beside_the_quantiles(tmp_path: Path) -> None:
     rays = image_rays(drive)
     found = {}
     for name, quality in (("truth", dataclasses.replace(QUALITY["reference"], samples=16.0)), ("fine", QUALITY["fine"])):
-        tracer.quality = dataclasses.replace(quality, far=1.0)
+        tracer.quality = dataclasses.replace(quality, background=1.0)
         found[name] = tracer.trace(rays, {"instance"}, True, None, RenderStats())
     a, b = found["fine"], found["truth"]
     assert (a.maps["instance"] == b.maps["instance"]).mean() > 0.985 and len(np.unique(b.maps["instance"])) > 2

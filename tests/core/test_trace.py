@@ -338,10 +338,10 @@ def test_free_space_spends_no_sample() -> None:
 def test_the_background_model_is_queried_only_where_it_is_seen() -> None:
     stage = Stage(analytic_scene(wall(4.0), {}), drive_of([]))
     asked: list[int] = []
-    forward = stage.scene.far.forward
-    stage.scene.far.forward = lambda x: (asked.append(len(x)), forward(x))[1]  # type: ignore[method-assign, func-returns-value]
+    forward = stage.scene.background.forward
+    stage.scene.background.forward = lambda x: (asked.append(len(x)), forward(x))[1]  # type: ignore[method-assign, func-returns-value]
     stage.trace(EYE, [[1.0, 0, 0], [1.0, 0.1, 0], [-1.0, 0, 0]], background=True)
-    assert asked == [stage.scene.config.samples.far]
+    assert asked == [stage.scene.config.samples.background]
 
 
 def test_a_ray_that_never_enters_the_volume_sees_the_background_model() -> None:
@@ -356,7 +356,7 @@ def test_what_lies_beyond_the_volume_has_a_depth_and_the_sky_has_none() -> None:
     sky = stage.trace(EYE, [-1.0, 0, 0.05], background=True)
     assert float(sky.opacity) == 0 and float(sky.depth_m) < 1e-6 and float(sky.feature.abs().sum()) > 0
     features = stage.scene.config.features
-    stage.scene.far.forward = lambda x: (torch.full_like(x[:, 0], 50.0), x.new_ones(len(x), features))  # type: ignore[method-assign]
+    stage.scene.background.forward = lambda x: (torch.full_like(x[:, 0], 50.0), x.new_ones(len(x), features))  # type: ignore[method-assign]
     hill = stage.trace(EYE, [-1.0, 0, 0.05], background=True)
     assert float(hill.opacity) == pytest.approx(1) and 10 < float(hill.depth_m) < 3000
     torch.testing.assert_close(hill.feature, torch.ones_like(hill.feature))
@@ -370,9 +370,9 @@ def test_the_background_models_samples_go_where_it_is_dense() -> None:
     def density(x: torch.Tensor) -> torch.Tensor:
         return 30.0 * ((x - at).norm(dim=-1) - 400.0).abs().lt(60.0)
 
-    scene.far.density = density  # type: ignore[method-assign]
-    scene.far.forward = lambda x: (density(x), x.new_ones(len(x), scene.config.features))  # type: ignore[method-assign]
-    scene.config = replace(scene.config, samples=replace(scene.config.samples, far_proposals=32, far=6))
+    scene.background.density = density  # type: ignore[method-assign]
+    scene.background.forward = lambda x: (density(x), x.new_ones(len(x), scene.config.features))  # type: ignore[method-assign]
+    scene.config = replace(scene.config, samples=replace(scene.config.samples, background_proposals=32, background=6))
     traced = stage.trace(EYE, ahead.tolist(), background=True)
     assert traced.background is not None
     assert int(((traced.background.t - 400).abs() < 60).sum()) >= 3, "most of the samples lie in the shell"
@@ -382,10 +382,10 @@ def test_the_background_models_samples_go_where_it_is_dense() -> None:
 def test_even_places_of_the_background_model_share_its_way() -> None:
     stage = Stage(analytic_scene(empty, {}), drive_of([]))
     scene = stage.scene
-    scene.far.density = lambda x: torch.full_like(x[:, 0], 0.7)  # type: ignore[method-assign]
-    scene.far.forward = lambda x: (torch.full_like(x[:, 0], 0.7), x.new_ones(len(x), scene.config.features))  # type: ignore[method-assign]
+    scene.background.density = lambda x: torch.full_like(x[:, 0], 0.7)  # type: ignore[method-assign]
+    scene.background.forward = lambda x: (torch.full_like(x[:, 0], 0.7), x.new_ones(len(x), scene.config.features))  # type: ignore[method-assign]
     for samples in (2, 9):
-        scene.config = replace(scene.config, samples=replace(scene.config.samples, far=samples))
+        scene.config = replace(scene.config, samples=replace(scene.config.samples, background=samples))
         traced = stage.trace(EYE, [1.0, 0, 0], background=True)
         assert float(traced.opacity) == pytest.approx(1 - np.exp(-0.7), rel=1e-5), "however many there are"
 
@@ -435,7 +435,7 @@ def test_gradients_reach_every_field() -> None:
     (traced.feature.sum() + traced.depth_m.sum() + traced.transmittance_after.sum()).backward()
     for name in (
         "static.grid.table",
-        "far.grid.table",
+        "background.grid.table",
         "actors.latents",
         "log_beta",
         "static.network.0.weight",

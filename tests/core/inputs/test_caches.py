@@ -173,7 +173,7 @@ def truth_reader(folder: Path) -> Reader:
 
 def comparison_reader(folder: Path) -> Reader:
     """Rows of an earlier comparison, and its tables."""
-    about = {"log": "a", "parts": {"replay": {"frames": [1], "moves_view": False}}}
+    about = {"log": "a", "cases": {"replay": {"frames": [1], "moves_view": False}}}
     camera = {"psnr_db": 20.5, "ssim": 0.8, "actors": {"psnr_db": 18.0}}
     row = {"title": "UniSim", "replay": {"camera": {"edit": camera}, "fid": 10.0}, "made": {"training_s": 60.0}}
     whole = {"comparison.json": json_text({"about": about, "rows": {"unisim": row, "replay": row}})}

@@ -50,7 +50,7 @@ def plane(height_m: float, beta: float) -> Change:
         last.bias[0] = -height_m
         scene.log_beta.fill_(np.log(beta))
         scene.occupancy.values.fill_(255)
-        scene.far.network[-1].bias[0] = -30.0
+        scene.background.network[-1].bias[0] = -30.0
         scene.ground.heights.fill_(height_m)
 
     return change

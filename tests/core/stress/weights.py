@@ -37,8 +37,8 @@ def opaque_and_empty(bench: Bench) -> Iterator[Measure]:
         scene: Any = model
         scene.occupancy.values.zero_()
         scene.actors.network[-1].bias[0] = 50.0
-        scene.far.network[-1].bias[0] = -60.0
-        scene.far.network[-1].weight[0].zero_()
+        scene.background.network[-1].bias[0] = -60.0
+        scene.background.network[-1].weight[0].zero_()
 
     for name, change, wanted, drive in (("opaque", opaque, 1.0, edited(CARS)), ("empty", empty, 0.0, drive_of(CARS))):
         folder = make_scene(bench.folder / name, drive, change)
@@ -53,7 +53,7 @@ def opaque_and_empty(bench: Bench) -> Iterator[Measure]:
 def largest_halves(model: SceneModel) -> None:
     """Tables of the largest halves, of both signs."""
     scene: Any = model
-    for field in (scene.static, scene.far):
+    for field in (scene.static, scene.background):
         field.grid.table.copy_(torch.where(torch.rand_like(field.grid.table) < 0.5, -65504.0, 65504.0))
     last = scene.actors.hypernetwork[-1]
     last.weight.zero_()
@@ -63,7 +63,7 @@ def largest_halves(model: SceneModel) -> None:
 def largest_weights(model: SceneModel) -> None:
     """Networks with weights of a thousand."""
     scene: Any = model
-    for field in (scene.static, scene.far, scene.actors):
+    for field in (scene.static, scene.background, scene.actors):
         for layer in (field.network[0], field.network[-1]):
             layer.weight.copy_(1000 * torch.sign(torch.randn_like(layer.weight)))
 

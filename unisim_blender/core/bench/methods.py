@@ -20,7 +20,7 @@ ENVIRONMENTS = {
 }
 """What each process is started with."""
 TYPICAL = "balanced"
-DOUBLED = replace(QUALITY["reference"], samples=32, far=16)
+DOUBLED = replace(QUALITY["reference"], samples=32, background=16)
 """How far the truth is from twice its samples is the truth's own uncertainty."""
 
 

@@ -26,7 +26,7 @@ def document(
         "settings": asdict(settings),
         "left_out": list(left_out),
         "complete": complete,
-        "figures": metrics_of(cases),
+        "metrics": metrics_of(cases),
     }
 
 
@@ -38,7 +38,7 @@ def write_report(out: Path, document: dict[str, Any]) -> list[Path]:
         write_file(out / name, data)
     from .plots import images
 
-    drawn = images(document["figures"])
+    drawn = images(document["metrics"])
     for name, data in drawn.items():
         write_file(out / name, data)
     return [out / name for name in (*files, *drawn)]

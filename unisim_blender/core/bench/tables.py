@@ -52,7 +52,7 @@ LIDAR: list[Column] = [
 
 def markdown(document: dict[str, Any]) -> str:
     """The whole document as `report.document` gives it."""
-    m, metrics = document["machine"], document["figures"]
+    m, metrics = document["machine"], document["metrics"]
     packages = ", ".join(f"{name} {release}" for name, release in m["packages"].items() if release)
     lines = [
         "# Run time against error", "",

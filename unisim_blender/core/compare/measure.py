@@ -1,4 +1,4 @@
-"""One method at one part: its metrics in a file, and some of its images beside it."""
+"""One method at one case: its metrics in a file, and some of its images beside it."""
 
 from __future__ import annotations
 
@@ -30,14 +30,14 @@ from ..prepare.scenario import prepare_scenario
 from ..prepare.selection import beam_lidars
 from ..render.tracers.surfels.views import outline_in
 from ..street.street import Street
+from .cases import REPLAY, Case
 from .kept_truth import KeptTruth
 from .made import Made
 from .options import CompareOptions
-from .parts import REPLAY, Part
 from .timed import Timed
 
 SHOWN = 2
-"""Frames of a part whose images the page shows."""
+"""Frames of a case whose images the page shows."""
 
 
 @dataclass
@@ -58,43 +58,43 @@ class Bench:
         return {key: found for name in self.options.cameras for key, found in outline_in(self.log, name, frames).items()}
 
 
-def measured(bench: Bench, name: str, made: Made, part: Part, progress: Progress) -> dict[str, Any]:
-    """A method's metrics of a part, from its file where that was measured on the same. Raises `UnisimError`."""
-    path = bench.out / "figures" / name / f"{part.name}.json"
-    key = _key(bench, made, part)
+def measured(bench: Bench, name: str, made: Made, case: Case, progress: Progress) -> dict[str, Any]:
+    """A method's metrics of a case, from its file where that was measured on the same. Raises `UnisimError`."""
+    path = bench.out / "metrics" / name / f"{case.name}.json"
+    key = _key(bench, made, case)
     try:
         document: dict[str, Any] = json.loads(path.read_text())
         if document["key"] == key:
             return document
     except (OSError, ValueError, KeyError, TypeError, RecursionError):
         pass
-    if part.name == REPLAY and bench.street is None:
-        found = _recorded(bench, name, made, part, progress)
+    if case.name == REPLAY and bench.street is None:
+        found = _recorded(bench, name, made, case, progress)
     else:
-        found = _true(bench, name, made, part, progress)
+        found = _true(bench, name, made, case, progress)
     document = finite({"key": key, **found})
     write_file(path, json_bytes(document))
     return document
 
 
-def image_path(out: Path, part: str, frame: int, camera: str, shows: str) -> Path:
+def image_path(out: Path, case: str, frame: int, camera: str, shows: str) -> Path:
     """Where an image for the page is; ``shows`` is a method's name, with "-difference" behind it, or "truth"."""
-    return out / "pictures" / part / f"{frame:06d}-{camera}-{shows}.png"
+    return out / "images" / case / f"{frame:06d}-{camera}-{shows}.png"
 
 
-def shown_frames(part: Part) -> tuple[int, ...]:
-    """The frames of a part that the page shows."""
-    count = len(part.frames)
-    return tuple(dict.fromkeys(part.frames[(2 * i + 1) * count // (2 * SHOWN)] for i in range(SHOWN)))
+def shown_frames(case: Case) -> tuple[int, ...]:
+    """The frames of a case that the page shows."""
+    count = len(case.frames)
+    return tuple(dict.fromkeys(case.frames[(2 * i + 1) * count // (2 * SHOWN)] for i in range(SHOWN)))
 
 
-def _key(bench: Bench, made: Made, part: Part) -> dict[str, Any]:
+def _key(bench: Bench, made: Made, case: Case) -> dict[str, Any]:
     """All that the metrics depend on."""
     w = bench.options
     return {
         "renders": made.key,
-        "scenario": None if part.name == REPLAY else sha256_of_file(part.scenario),
-        "frames": list(part.frames),
+        "scenario": None if case.name == REPLAY else sha256_of_file(case.scenario),
+        "frames": list(case.frames),
         "cameras": list(w.cameras),
         "width": w.width,
         "quality": w.quality,
@@ -103,13 +103,13 @@ def _key(bench: Bench, made: Made, part: Part) -> dict[str, Any]:
     }
 
 
-def _recorded(bench: Bench, name: str, made: Made, part: Part, progress: Progress) -> dict[str, Any]:
+def _recorded(bench: Bench, name: str, made: Made, case: Case, progress: Progress) -> dict[str, Any]:
     """The replay beside a real log."""
     log, w = bench.log, bench.options
     drive = log.drive if made.header is None else replayed_drive(made.header, log.drive, log.path)
     renderer = Timed(made.renderer(drive))
     plan = EvaluationPlan(
-        frames=part.frames,
+        frames=case.frames,
         cameras=w.cameras,
         lidars=beam_lidars(log),
         width=w.width,
@@ -117,14 +117,14 @@ def _recorded(bench: Bench, name: str, made: Made, part: Part, progress: Progres
         perceptual=bench.perceptual,
         outlines=bench.outlines,
     )
-    judged = _Judged(bench, name, part)
+    judged = _Judged(bench, name, case)
 
     def on_frame(images: FrameImages) -> None:
         for camera, row in zip((c for c in w.cameras if images.frame in log.image_frames(c)), images.rows, strict=False):
             recorded, rendered, difference = row[:3]
             judged.add(images.frame, camera, recorded, rendered, difference)
 
-    metrics = evaluate(renderer, log, plan, on_frame, lambda frames: progress(frames, f"{name}: {part.name}"))
+    metrics = evaluate(renderer, log, plan, on_frame, lambda frames: progress(frames, f"{name}: {case.name}"))
     return {
         "camera": {"edit": metrics["camera"]},
         "lidar": {"edit": metrics["lidar"]},
@@ -134,20 +134,20 @@ def _recorded(bench: Bench, name: str, made: Made, part: Part, progress: Progres
     }
 
 
-def _true(bench: Bench, name: str, made: Made, part: Part, progress: Progress) -> dict[str, Any]:
+def _true(bench: Bench, name: str, made: Made, case: Case, progress: Progress) -> dict[str, Any]:
     """A street's replay or edit beside its truth."""
     w = bench.options
-    rendered = prepare_scenario(part.scenario, scene=made.scene, refined=made.scene is not None)
-    true = prepare_scenario(part.scenario, refined=False)
+    rendered = prepare_scenario(case.scenario, scene=made.scene, refined=made.scene is not None)
+    true = prepare_scenario(case.scenario, refined=False)
     truth = TrueEdit.on(bench.log.path, true, w.training_frames(bench.log.drive), w.cameras, w.width)
     cameras = tuple(camera for camera in w.cameras if camera in true.edited.cameras)
-    truth.draw(part.scenario, part.frames, cameras)
-    kept = KeptTruth(truth, bench.out / "truth" / f"{part.name}-{_digest(bench, part)}")
+    truth.draw(case.scenario, case.frames, cameras)
+    kept = KeptTruth(truth, bench.out / "truth" / f"{case.name}-{_digest(bench, case)}")
     edited = Timed(made.renderer(rendered.edited))
-    replay = None if part.name == REPLAY else made.renderer(rendered.recorded)
-    run = ScenarioRun(kept, edited, replay, w.width, part.frames, cameras, bench.perceptual, replay_sweeps=False)
-    judged, per_frame = _Judged(bench, name, part), []
-    for frame in progress(part.frames, f"{name}: {part.name}"):
+    replay = None if case.name == REPLAY else made.renderer(rendered.recorded)
+    run = ScenarioRun(kept, edited, replay, w.width, case.frames, cameras, bench.perceptual, replay_sweeps=False)
+    judged, per_frame = _Judged(bench, name, case), []
+    for frame in progress(case.frames, f"{name}: {case.name}"):
         record, images = compare_frame(run, frame)
         per_frame.append(record)
         rows = [row for row in images.rows if isinstance(row, CameraRow)]
@@ -161,26 +161,26 @@ def _true(bench: Bench, name: str, made: Made, part: Part, progress: Progress) -
     }
 
 
-def _digest(bench: Bench, part: Part) -> str:
-    """What a part's truth depends on besides the street, short."""
+def _digest(bench: Bench, case: Case) -> str:
+    """What a case's truth depends on besides the street, short."""
     w = bench.options
-    scenario = "" if part.name == REPLAY else sha256_of_file(part.scenario)
+    scenario = "" if case.name == REPLAY else sha256_of_file(case.scenario)
     text = json.dumps([scenario, w.width, w.frames, list(w.cameras)])
     return hashlib.sha256(text.encode()).hexdigest()[:12]
 
 
 class _Judged:
-    """Takes a part's images as they are rendered: some for the page, all of them to Inception where it is given."""
+    """Takes a case's images as they are rendered: some for the page, all of them to Inception where it is given."""
 
-    def __init__(self, bench: Bench, name: str, part: Part) -> None:
-        self.bench, self.name, self.part = bench, name, part
+    def __init__(self, bench: Bench, name: str, case: Case) -> None:
+        self.bench, self.name, self.case = bench, name, case
         self._features: tuple[list[FloatArray], list[FloatArray]] = [], []
 
     def add(self, frame: int, camera: str, truth: Tile, rendered: Tile, difference: Tile) -> None:
         """One image. Raises `OutputError`."""
-        if frame in shown_frames(self.part):
+        if frame in shown_frames(self.case):
             for shows, tile in (("truth", truth), (self.name, rendered), (f"{self.name}-difference", difference)):
-                write_file(image_path(self.bench.out, self.part.name, frame, camera, shows), png_bytes(tile.pixels))
+                write_file(image_path(self.bench.out, self.case.name, frame, camera, shows), png_bytes(tile.pixels))
         if self.bench.inception is not None:
             for features, tile in zip(self._features, (truth, rendered), strict=True):
                 features.append(self.bench.inception.features(tile.pixels))

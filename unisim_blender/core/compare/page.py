@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from ..evaluate.report import STYLE, figure_html, page_html
+from .cases import REPLAY, Case
 from .measure import image_path, shown_frames
-from .parts import REPLAY, Part
 from .table import Table, cells_of
 
 _STYLE = STYLE + "\n.best { color: #8fd18f; font-weight: bold; } figure img { max-width: 30vw; }"
@@ -21,18 +21,18 @@ def page(
     about: str,
     tables: list[Table],
     rows: dict[str, dict[str, Any]],
-    parts: list[Part],
+    cases: list[Case],
     cameras: tuple[str, ...],
 ) -> str:
     """The page's text; its images are files below ``out``."""
     body = [f"<h1>{escape(title)}</h1><p>{escape(about)}</p>"]
     body += [_table(table, rows) for table in tables]
-    for part in parts:
-        for frame in shown_frames(part):
+    for case in cases:
+        for frame in shown_frames(case):
             for camera in cameras:
-                metrics = "".join(_metrics(out, part, frame, camera, rows))
+                metrics = "".join(_metrics(out, case, frame, camera, rows))
                 if metrics:
-                    body.append(f"<h2>{escape(part.name)}: {escape(camera)} {frame}</h2>{metrics}")
+                    body.append(f"<h2>{escape(case.name)}: {escape(camera)} {frame}</h2>{metrics}")
     return page_html(title, body, _STYLE)
 
 
@@ -48,16 +48,16 @@ def _table(table: Table, rows: dict[str, dict[str, Any]]) -> str:
     return f"<h2>{escape(table.title)}</h2><table><tr>{head}</tr>{body}</table>"
 
 
-def _metrics(out: Path, part: Part, frame: int, camera: str, rows: dict[str, dict[str, Any]]) -> Iterator[str]:
+def _metrics(out: Path, case: Case, frame: int, camera: str, rows: dict[str, dict[str, Any]]) -> Iterator[str]:
     """The truth, every method's image, and under them how far each is from the truth."""
-    truth = image_path(out, part.name, frame, camera, "truth")
+    truth = image_path(out, case.name, frame, camera, "truth")
     if truth.is_file():
-        yield _figure(out, truth, "recorded" if part.name == REPLAY else "truth")
+        yield _figure(out, truth, "recorded" if case.name == REPLAY else "truth")
     for suffix in ("", "-difference"):
         for name, row in rows.items():
-            path = image_path(out, part.name, frame, camera, name + suffix)
+            path = image_path(out, case.name, frame, camera, name + suffix)
             if path.is_file():
-                value = row.get(part.name, {}).get("psnr_db", {}).get(str(frame), {}).get(camera)
+                value = row.get(case.name, {}).get("psnr_db", {}).get(str(frame), {}).get(camera)
                 found = "" if value is None or suffix else f", {value:.2f} dB"
                 yield _figure(out, path, f"{row['title']}{' beside the truth' if suffix else ''}{found}")
         yield "<br>"

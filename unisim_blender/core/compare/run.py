@@ -19,12 +19,12 @@ from ..json_file import Node, json_bytes, read_json
 from ..prepare.selection import check_names
 from ..render.code_identity import code_identity
 from ..street.street import recipe_document
+from .cases import Case, cases_of, street_at
 from .made import Made, make
 from .measure import Bench, measured
 from .methods import METHODS, methods_named
 from .options import CompareOptions
 from .page import page
-from .parts import Part, parts_of, street_at
 from .table import markdown, tables_of
 
 ROWS = "comparison.json"
@@ -39,17 +39,17 @@ def compare(
     log = open_log(log_path)
     check_names("camera", options.cameras, [c for c in log.drive.cameras if log.image_frames(c)])
     bench = Bench(log, street_at(log_path), out, options, perceptual_metric(options.lpips), _inception(options.fid))
-    parts = parts_of(log, bench.street, out, options)
-    about = _about(bench, parts)
+    cases = cases_of(log, bench.street, out, options)
+    about = _about(bench, cases)
     rows = _earlier(out / ROWS, about)
     for name, method in methods.items():
         say(f"{method.title}: making it")
         made = make(name, method, log, out / "scenes" / name, options, quiet)
         row = {"title": method.title, "made": made.about or rows.get(name, {}).get("made", {}), **_boxes(made, log)}
-        for part in parts:
-            row[part.name] = measured(bench, name, made, part, progress)
+        for case in cases:
+            row[case.name] = measured(bench, name, made, case, progress)
         rows[name] = row
-        text = _write(out, log, about, parts, options, {n: rows[n] for n in METHODS if n in rows})
+        text = _write(out, log, about, cases, options, {n: rows[n] for n in METHODS if n in rows})
     return text
 
 
@@ -63,7 +63,7 @@ def _boxes(made: Made, log: Log) -> dict[str, Any]:
     return {} if found is None else {"tracklets": found}
 
 
-def _about(bench: Bench, parts: list[Part]) -> dict[str, Any]:
+def _about(bench: Bench, cases: list[Case]) -> dict[str, Any]:
     """What all rows of a table have in common."""
     options = bench.options
     return {
@@ -76,7 +76,7 @@ def _about(bench: Bench, parts: list[Part]) -> dict[str, Any]:
         "budget": f"{options.iterations} steps" if options.iterations else f"{options.minutes:g} minutes",
         "quality": options.quality,
         "disturb": None if options.disturb is None else list(options.disturb),
-        "parts": {part.name: {"frames": list(part.frames), "moves_view": part.moves_view} for part in parts},
+        "cases": {case.name: {"frames": list(case.frames), "moves_view": case.moves_view} for case in cases},
     }
 
 
@@ -88,6 +88,7 @@ def _earlier(path: Path, about: dict[str, Any]) -> dict[str, dict[str, Any]]:
     before, rows = document.key("about").object(), document.key("rows").object()
     for row in document.key("rows").members():
         row[1].key("title").text()
+    before.setdefault("cases", before.get("parts"))  # its former name
     for name, value in about.items():
         if before.get(name) != value:
             raise UnisimError(
@@ -98,7 +99,7 @@ def _earlier(path: Path, about: dict[str, Any]) -> dict[str, dict[str, Any]]:
 
 
 def _write(
-    out: Path, log: Log, about: dict[str, Any], parts: list[Part], options: CompareOptions, rows: dict[str, dict[str, Any]]
+    out: Path, log: Log, about: dict[str, Any], cases: list[Case], options: CompareOptions, rows: dict[str, dict[str, Any]]
 ) -> str:
     title = f"Methods on {log.drive.name}"
     noise = "" if options.disturb is None else ", boxes disturbed by {:g} m and {:g} degrees".format(*options.disturb)
@@ -107,9 +108,9 @@ def _write(
         f"training each{noise}; rendered at quality {options.quality}. PSNR over all pixels of a frame, frames averaged; inside "
         "regions over all their pixels. Bold: the best of a column. Cost: dB below the replay of the same pixels."
     )
-    tables = tables_of({part.name: part.moves_view for part in parts})
+    tables = tables_of({case.name: case.moves_view for case in cases})
     text = markdown(title, words, tables, rows)
     write_file(out / ROWS, json_bytes({"about": about, "code": code_identity(), "rows": rows}))
     write_file(out / "comparison.md", text.encode())
-    write_file(out / "index.html", page(out, title, words, tables, rows, parts, options.cameras).encode())
+    write_file(out / "index.html", page(out, title, words, tables, rows, cases, options.cameras).encode())
     return text

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from .parts import REPLAY
+from .cases import REPLAY
 
 
 @dataclass(frozen=True)
@@ -36,9 +36,9 @@ class Table:
     columns: tuple[Column, ...]
 
 
-def tables_of(parts: dict[str, bool]) -> list[Table]:
-    """The tables for parts by name, each with whether it moves nothing but the view."""
-    others = {name: view for name, view in parts.items() if name != REPLAY}
+def tables_of(cases: dict[str, bool]) -> list[Table]:
+    """The tables for cases by name, each with whether it moves nothing but the view."""
+    others = {name: view for name, view in cases.items() if name != REPLAY}
     edits = [Table(f"{name}, PSNR in dB", _view(name) if view else _edit(name)) for name, view in others.items()]
     return [_replay(), *edits, _lidar(list(others)), _cost()]
 

@@ -20,7 +20,7 @@ figcaption { color: #bbb; } img { max-width: 46vw; image-rendering: auto; } h2 {
 
 
 class Report:
-    """Collects frames' images under ``out``/pictures and writes ``out``/index.html."""
+    """Collects frames' images under ``out``/images and writes ``out``/index.html."""
 
     def __init__(self, out: Path, title: str) -> None:
         self.out = out
@@ -32,7 +32,7 @@ class Report:
         metrics = []
         for number, row in enumerate(images.rows):
             for place, tile in enumerate(row):
-                name = f"pictures/{images.frame:06d}_{number}_{place}.png"
+                name = f"images/{images.frame:06d}_{number}_{place}.png"
                 write_file(self.out / name, png_bytes(tile.pixels))
                 metrics.append(figure_html(name, tile.label))
             metrics.append("<br>")

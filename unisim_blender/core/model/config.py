@@ -8,6 +8,9 @@ from typing import Any, Literal
 
 from ..errors import SceneError
 
+_FORMER = {"far_grid": "background_grid", "far_proposals": "background_proposals", "far": "background"}
+"""Names that scene.json had before, and those of today."""
+
 
 @dataclass(frozen=True)
 class GridConfig:
@@ -28,8 +31,8 @@ class SampleConfig:
     static: int
     actor_proposals: int
     actor: int
-    far_proposals: int
-    far: int
+    background_proposals: int
+    background: int
 
 
 @dataclass(frozen=True)
@@ -37,7 +40,7 @@ class ModelConfig:
     """All sizes of a scene model."""
 
     static_grid: GridConfig
-    far_grid: GridConfig
+    background_grid: GridConfig
     actor_grid: GridConfig
     samples: SampleConfig
     hidden: int = 64
@@ -73,13 +76,14 @@ class ModelConfig:
 
     @staticmethod
     def from_dict(values: dict[str, Any]) -> ModelConfig:
-        """The inverse of `to_dict`; SceneError names what does not fit."""
+        """The inverse of `to_dict`, of former names too; SceneError names what does not fit."""
         try:
+            values = _renamed(values)
             nested = {
                 "static_grid": GridConfig(**values["static_grid"]),
-                "far_grid": GridConfig(**values["far_grid"]),
+                "background_grid": GridConfig(**values["background_grid"]),
                 "actor_grid": GridConfig(**values["actor_grid"]),
-                "samples": SampleConfig(**values["samples"]),
+                "samples": SampleConfig(**_renamed(values["samples"])),
             }
             config = ModelConfig(**{**values, **nested})
         except (KeyError, TypeError) as error:
@@ -90,3 +94,10 @@ class ModelConfig:
                 "colours make one pixel, of three features at least"
             )
         return config
+
+
+def _renamed(values: dict[str, Any]) -> dict[str, Any]:
+    """Values by today's names. TypeError where one is given by both of its names."""
+    if twice := [f"{old} and {new}" for old, new in _FORMER.items() if old in values and new in values]:
+        raise TypeError(f"{twice[0]} are both given, and are the same")
+    return {_FORMER.get(name, name): value for name, value in values.items()}

@@ -16,7 +16,7 @@ MOST = 1 << 24
 MOST_OF = {
     "levels": 64, "log2_table": 28, "hidden": 1024, "features": 1024, "latent": 4096, "hyper_hidden": 4096, "hyper_layers": 16,
     "decoder_channels": 1024, "decoder_blocks": 64, "decoder_kernel": 31, "upsample": 16,
-    **dict.fromkeys(("static_proposals", "static", "actor_proposals", "actor", "far_proposals", "far"), 1 << 16),
+    **dict.fromkeys(("static_proposals", "static", "actor_proposals", "actor", "background_proposals", "background"), 1 << 16),
 }  # fmt: skip
 """The same of whole numbers by their name."""
 LEAST_OF = {"coarsest": 1e-3, "finest": 1e-3, "voxel_m": 1e-3}
@@ -48,13 +48,13 @@ def check_config(config: Any, where: str) -> None:
 
 def check_sizes(config: ModelConfig, volume: Volume, where: str) -> None:
     """Check that a model of a checked configuration fits into memory. SceneError names ``where``."""
-    for name in ("far_grid", "actor_grid"):
+    for name in ("background_grid", "actor_grid"):
         grid = getattr(config, name)
         if min(grid.coarsest, grid.finest) < 1:
             raise SceneError(f"{where}.{name} has {min(grid.coarsest, grid.finest):g} cells along an axis, not one at least")
     shapes = {
         "static_grid": static_grid(config, volume.size_m),
-        "far_grid": background_grid(config),
+        "background_grid": background_grid(config),
         "actor_grid": actor_grid(config),
     }
     entries = {name: shape.rows * shape.features for name, shape in shapes.items()}

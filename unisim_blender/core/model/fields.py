@@ -119,7 +119,7 @@ class BackgroundModel(nn.Module):
     def __init__(self, config: ModelConfig, volume: Volume) -> None:
         super().__init__()
         self.grid = HashTable(background_grid(config))
-        self.network = mlp(*perceptrons(config)["far.network"])
+        self.network = mlp(*perceptrons(config)["background.network"])
         self.radius_m = float(min(volume.size_m[:2]) / 2)
         self.frame = VolumeFrame(volume)
         last = self.network[-1]

@@ -32,7 +32,7 @@ class SceneModel(nn.Module):
         self.camera_ids = {uid: i for i, uid in enumerate(cameras)}
         self.frame = VolumeFrame(volume)
         self.static = StaticField(config, volume)
-        self.far = BackgroundModel(config, volume)
+        self.background = BackgroundModel(config, volume)
         self.actors = actor_field(config, len(self.actor_ids))
         self.occupancy = Occupancy(volume.size_m, config.voxel_m)
         self.ground = Ground(volume.size_m)

@@ -67,7 +67,7 @@ def static_grid(config: ModelConfig, size_m: FloatArray) -> GridShape:
 
 def background_grid(config: ModelConfig) -> GridShape:
     """The hash grid of the background model."""
-    g = config.far_grid
+    g = config.background_grid
     return GridShape.unit(int(g.coarsest), int(g.finest), g.levels, g.features, g.log2_table)
 
 
@@ -88,10 +88,10 @@ def actor_row(config: ModelConfig) -> Shape:
 def perceptrons(config: ModelConfig) -> dict[str, Perceptron]:
     """The model's perceptrons by name. The hypernetwork is there in training alone, a scene's file has what it makes."""
     f, hidden = config.features, config.hidden
-    static, far, actor = config.static_grid, config.far_grid, config.actor_grid
+    static, background, actor = config.static_grid, config.background_grid, config.actor_grid
     found = {
         "static.network": Perceptron(static.levels * static.features, hidden, 1 + f),
-        "far.network": Perceptron(far.levels * far.features, hidden, 1 + f),
+        "background.network": Perceptron(background.levels * background.features, hidden, 1 + f),
         "actors.network": Perceptron(actor.levels * actor.features, hidden, 1 + f),
         "lidar_head.network": Perceptron(f + SH_WIDTH + LIDAR_INPUTS, hidden, LIDAR_OUTPUTS, 3),
     }
@@ -144,7 +144,7 @@ def stored_arrays(config: ModelConfig, size_m: FloatArray, actors: int, cameras:
     found: dict[str, Shape] = {
         "log_beta": (),
         "static.grid.table": (static.rows, static.features),
-        "far.grid.table": (background.rows, background.features),
+        "background.grid.table": (background.rows, background.features),
         "actors.tables": (actors, *actor_row(config)),
         "ground.heights": cells_of(size_m[:2], GROUND_CELL_M),
     }

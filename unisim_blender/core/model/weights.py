@@ -9,6 +9,7 @@ from __future__ import annotations
 import functools
 import json
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,6 +26,8 @@ DTYPES = {
     "BOOL": np.bool_, "U8": np.uint8, "I8": np.int8, "U16": np.uint16, "I16": np.int16, "U32": np.uint32, "I32": np.int32,
     "U64": np.uint64, "I64": np.int64, "F16": np.float16, "F32": np.float32, "F64": np.float64,
 }  # fmt: skip
+_FORMER = re.compile(r"^far\.")
+"""What the background model's arrays were named by before."""
 LENGTH_BYTES = 8
 MOST_HEADER_BYTES = 100_000_000
 """Of the names; safetensors' own limit."""
@@ -83,6 +86,9 @@ def read_weights(file: Path) -> Weights:
     arrays, begins = {}, {}
     for name, entry in header.items():
         if name != "__metadata__":
+            name = _FORMER.sub("background.", name)
+            if name in arrays:
+                _fail(file, f"it has {short(name)} twice, by a former name too")
             arrays[name], begins[name] = _array(file, name, entry, data)
     # every byte belongs to one array
     end = 0

@@ -19,10 +19,10 @@ class LossWeights:
     lidar_free: float = 0.0
     lidar_intensity: float = 0.0
     lidar_drop: float = 0.0
-    band: float = 0.0
+    sdf_band: float = 0.0
     eikonal: float = 0.0
-    flat: float = 0.0
-    spread: float = 0.0
-    hidden: float = 0.0
+    normal_smoothness: float = 0.0
+    distortion: float = 0.0
+    unobserved: float = 0.0
     adversarial: float = 0.0
     latent: float = 0.0

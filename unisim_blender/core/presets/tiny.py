@@ -9,7 +9,7 @@ TINY = ours(
     "For tests",
     ModelConfig(
         static_grid=GridConfig(3.2, 0.1, 6, 4, 15),
-        far_grid=GridConfig(8, 256, 4, 4, 13),
+        background_grid=GridConfig(8, 256, 4, 4, 13),
         actor_grid=GridConfig(4, 32, 4, 4, 11),
         samples=SampleConfig(12, 8, 6, 4, 4, 2),
         light="ground",

@@ -12,15 +12,15 @@ class Quality:
     """What a tracer and a renderer may save, and where.
 
     ``samples`` multiplies the scene's own samples a ray where they are placed by quantiles, as torch does everywhere
-    and the compiled tracer with ``stride_m`` 0. ``far`` multiplies those beyond the volume. The others steer the march
-    to surfaces: ``stride_m`` is its longest step, ``relaxation`` how much longer than the distance a step may be,
-    ``splits`` how often the interval that stops most of a ray is halved, ``opaque`` the transmittance behind which
+    and the compiled tracer with ``stride_m`` 0. ``background`` multiplies those of the background model. The others
+    steer the march to surfaces: ``stride_m`` is its longest step, ``relaxation`` how much longer than the distance a
+    step may be, ``splits`` how often the interval that stops most of a ray is halved, ``opaque`` the transmittance behind which
     nothing is looked at. ``lattice`` is how many pixels apart an image is traced at first; in between it is where the
     corners' colours differ by more than ``spread`` and the middle's is not what they predict.
     """
 
     samples: float = 1.0
-    far: float = 1.0
+    background: float = 1.0
     stride_m: float = 0.2
     relaxation: float = 2.5
     splits: int = 3
@@ -32,7 +32,7 @@ class Quality:
 QUALITY = {
     "fast": Quality(samples=0.67, stride_m=0.4, relaxation=4.0, splits=2, opaque=1e-2, spread=0.05),
     "balanced": Quality(),
-    "fine": Quality(samples=2.0, far=4.0, stride_m=0.05, relaxation=1.0, splits=4, opaque=1e-3, lattice=2, spread=0.015),
+    "fine": Quality(samples=2.0, background=4.0, stride_m=0.05, relaxation=1.0, splits=4, opaque=1e-3, lattice=2, spread=0.015),
     "reference": Quality(samples=4.0, stride_m=0.0, opaque=1e-4, lattice=1),
 }
 """By name, the cheapest first. ``reference`` takes the very samples that torch takes."""
@@ -40,15 +40,17 @@ QUALITY = {
 LADDER = {
     "fast": QUALITY["fast"],
     "balanced": QUALITY["balanced"],
-    "step 10 cm": Quality(samples=1.5, far=2.0, stride_m=0.1, relaxation=1.5, splits=4, opaque=1e-3),
+    "step 10 cm": Quality(samples=1.5, background=2.0, stride_m=0.1, relaxation=1.5, splits=4, opaque=1e-3),
     "step 5 cm": replace(QUALITY["fine"], lattice=4, spread=0.02),
-    "step 3 cm": Quality(samples=4.0, far=4.0, stride_m=0.03, relaxation=0.7, splits=5, opaque=3e-4, lattice=2, spread=0.02),
-    "step 1 cm": Quality(samples=8.0, far=8.0, stride_m=0.01, relaxation=0.35, splits=6, opaque=1e-4, lattice=1),
-    "8 times the samples": replace(QUALITY["reference"], samples=8.0, far=8.0),
+    "step 3 cm": Quality(
+        samples=4.0, background=4.0, stride_m=0.03, relaxation=0.7, splits=5, opaque=3e-4, lattice=2, spread=0.02
+    ),
+    "step 1 cm": Quality(samples=8.0, background=8.0, stride_m=0.01, relaxation=0.35, splits=6, opaque=1e-4, lattice=1),
+    "8 times the samples": replace(QUALITY["reference"], samples=8.0, background=8.0),
 }
 """What an error's bound chooses from, by name, the cheapest and least exact first."""
 
-TRUTH = replace(QUALITY["reference"], samples=16.0, far=8.0)
+TRUTH = replace(QUALITY["reference"], samples=16.0, background=8.0)
 """What errors are held against."""
 
 

@@ -41,7 +41,7 @@ class TrainConfig:
     prune_from: int = 300
     settled_from: float = 0.08
     """From here on surfaces hide what is behind them: where no ray has come since, nobody saw anything."""
-    hidden_from: float = 0.15
+    unobserved_from: float = 0.15
     still_from: float = 0.92
     """From here on samples stand still, and rates fall to a tenth: what a step's draw adds to the fields wears off."""
     rate_tables: tuple[float, float] = (1e-2, 1e-3)

@@ -284,7 +284,7 @@ def finish(trainer: Trainer, out: Path) -> SceneHeader:
     trainer.model.eval()
     trainer.occupancy.free_unshown()
     through = observe(scene, trainer.config.cameras, trainer.config.frames, trainer.lidar.points)
-    if trainer.recipe.weights.hidden:
+    if trainer.recipe.weights.unobserved:
         trainer.occupancy.free_unobserved(through, trainer.unobserved.continued)
     save_scene(out, scene.header, trainer.model, cells_to_store)
     return scene.header

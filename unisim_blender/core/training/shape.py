@@ -111,7 +111,7 @@ class Shape:
     def slopes(
         self, tables: Tensor, swept: SegmentTrace, seen: SegmentTrace, near: Tensor, generator: torch.Generator
     ) -> dict[str, Tensor]:
-        """``eikonal``: gradients of length 1; ``flat``: normals that turn little.
+        """``eikonal``: gradients of length 1; ``normal_smoothness``: normals that turn little.
 
         ``swept`` and ``seen`` are what LiDAR's and the cameras' rays met, of which only places count; ``near`` (N, 3) are points
         near returns.
@@ -121,7 +121,7 @@ class Shape:
         for segments, weights in (*seen.weighted(), *swept.weighted()):
             assert isinstance(segments, FieldSegments)
             gradients.append(self._gradient(segments, weights, tables, generator))
-        return {"eikonal": eikonal(torch.cat(gradients)), "flat": self._flatness(seen, generator)}
+        return {"eikonal": eikonal(torch.cat(gradients)), "normal_smoothness": self._flatness(seen, generator)}
 
     def _passed(self, o: Tensor, d: Tensor, depth_m: Tensor, stop_m: Tensor, generator: torch.Generator) -> Tensor:
         """In front of returns, on rays o, d (N, 3) at depth_m (N,), the distance is above zero: mean depth of what lies below.

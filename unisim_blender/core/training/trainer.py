@@ -196,7 +196,7 @@ class Trainer:
         self._set_rates(done)
         deferred = self.deferred()
         seen: Future[SegmentTrace] = Future()
-        work = [self._camera_branch] + [self._lidar_branch] * bool(self.recipe.uses_lidar or w.hidden)
+        work = [self._camera_branch] + [self._lidar_branch] * bool(self.recipe.uses_lidar or w.unobserved)
         starts = [self._start(number, done, deferred, seen) for number in range(len(work))]
         for sink, _ in self._sinks_of(deferred["tables"]):
             sink.clear()
@@ -263,8 +263,8 @@ class Trainer:
             weight[1] = tensor_to(torch.as_tensor(draw.weight).float(), c.device)[:, None, None, None]
         image, patch = images[0], batches[0]
         terms = {"rgb": w.rgb * _mean(squares, weight)}
-        if w.spread:
-            terms["spread"] = w.spread * distortion(seen)
+        if w.distortion:
+            terms["distortion"] = w.distortion * distortion(seen)
         if w.perceptual and done >= c.perceptual_from:
             terms["perceptual"] = w.perceptual * self.perceptual(image, patch.target)
         fake = None
@@ -290,14 +290,14 @@ class Trainer:
             lidar = self._to_device(self.lidar.sample(start.rng, c.lidar_rays))
             swept = trace(self.model, start.active, lidar.rays, self._sampling(start, sky=False))
             terms = self._lidar_loss(swept, lidar)
-            if w.band or w.eikonal or w.flat:
+            if w.sdf_band or w.eikonal or w.normal_smoothness:
                 band, near = self.shape.sdf_band(tables, swept, lidar, generator)
-                terms["band"] = w.band * band
+                terms["sdf_band"] = w.sdf_band * band
             self._take(start, terms)
             metrics["lidar_m"] = float((swept.volume_depth_m - lidar.depth_m)[lidar.returned].detach().abs().median())
-        if w.hidden and start.done >= c.hidden_from:
-            terms["hidden"] = w.hidden * self.unobserved.loss(generator)
-            self._take(start, {"hidden": terms["hidden"]})
+        if w.unobserved and start.done >= c.unobserved_from:
+            terms["unobserved"] = w.unobserved * self.unobserved.loss(generator)
+            self._take(start, {"unobserved": terms["unobserved"]})
         seen = start.seen.result()
         if swept is not None and near is not None:
             slopes = self.shape.slopes(tables, swept, seen, near, generator)

@@ -74,7 +74,7 @@ class CompiledScene:
         self.decoder = Decoder(weights, config, len(self.cameras))
         self.struct = SceneStruct(
             static_field=self._field("static.network", "static.grid.table", static_grid(config, size)),
-            background=self._field("far.network", "far.grid.table", background_grid(config)),
+            background=self._field("background.network", "background.grid.table", background_grid(config)),
             actor_fields=self._field("actors.network", "actors.tables", actor_grid(config)),
             volume_from_world=address(self._keep(doubles(self._volume_from_world[:3]))),
             size=(ctypes.c_float * 3)(*map(float, size)),

@@ -175,7 +175,7 @@ class CompiledTracer:
             return max(2, round(n * times))
 
         placed = (count(n, q.samples) for n in (s.static_proposals, s.static, s.actor_proposals, s.actor))
-        background = (count(n, q.far) for n in (s.far_proposals, s.far))
+        background = (count(n, q.background) for n in (s.background_proposals, s.background))
         return SamplingStruct(
             *placed, *background, near_m=NEAR_M, opaque=q.opaque, background_opaque=max(OPAQUE, 1.5 * q.opaque), background=1,
             sky=int(sky), stride_m=q.stride_m, step_growth_per_m=STEP_GROWTH_PER_M, relaxation=q.relaxation, min_slope=MIN_SLOPE,

@@ -75,7 +75,7 @@ def background_along(scene: SceneModel, rays: RayBatch, sampling: Sampling, reac
     t0 = t_far.clamp_min(NEAR_M)[:, None]
     u, width = _places(scene, o, d, t0, sampling)
     t = _disparity(u, t0, scene.config.far_m)
-    density, feature = scene.far(along(o, d, t).reshape(-1, 3))
+    density, feature = scene.background(along(o, d, t).reshape(-1, 3))
     tau = density.view(u.shape) * width
     before, after = weights_from_tau(tau)
     weight = before * -torch.expm1(-tau)
@@ -83,7 +83,7 @@ def background_along(scene: SceneModel, rays: RayBatch, sampling: Sampling, reac
     feature = scene.directed(feature, directions.repeat_interleave(u.shape[1], 0)).view(*u.shape, -1)
     feature = (weight[..., None] * feature).sum(1)
     if sampling.sky:
-        feature = feature + after[:, None] * scene.directed(scene.far.sky(d), directions)
+        feature = feature + after[:, None] * scene.directed(scene.background.sky(d), directions)
     return Background(ray, t, tau, weight, before, after, feature)
 
 
@@ -98,10 +98,10 @@ def _places(scene: SceneModel, o: Tensor, d: Tensor, t0: Tensor, sampling: Sampl
     K), and the lengths (N, K) of the intervals round the places: most where a first, even set of densities says that
     something is."""
     samples = scene.config.samples
-    proposals, count = sampling.background_count(samples.far_proposals), sampling.background_count(samples.far)
+    proposals, count = sampling.background_count(samples.background_proposals), sampling.background_count(samples.background)
     u = stratified(len(o), proposals, sampling.jitter, o, sampling.generator)
     x = along(o, d, _disparity(u, t0, scene.config.far_m))
-    tau = scene.far.density(x.reshape(-1, 3)).view(u.shape) / proposals
+    tau = scene.background.density(x.reshape(-1, 3)).view(u.shape) / proposals
     weight = weights_from_tau(tau)[0] * -torch.expm1(-tau) + 1e-3
     cdf = F.pad((0.8 * weight / weight.sum(-1, keepdim=True) + 0.2 / proposals).cumsum(-1), (1, 0))
     cdf = cdf / cdf[:, -1:]

@@ -121,7 +121,7 @@ class TorchTracer:
         near = self.bounds.in_reach(rays)
         stats.actors_skipped += len(self.active.own.actors) - len(near)
         among = torch.tensor(near, dtype=torch.long, device=self.device)
-        sampling = Sampling(fine=self.quality.samples, background_fine=self.quality.far, sky=sky)
+        sampling = Sampling(fine=self.quality.samples, background_fine=self.quality.background, sky=sky)
         pieces, maps = [], []
         for begin in range(0, len(batch), CHUNK_RAYS):
             part = RayBatch(*(x[begin : begin + CHUNK_RAYS] for x in (batch.origins, batch.directions, batch.time_s)))
@@ -184,7 +184,7 @@ class TorchTracer:
         for i, actor_set in enumerate(self.tensors.foreign.values()):
             # each scene's features are its own decoder's: the images are laid over each other, not the features
             share = found.foreign_opacity[i].clamp(0, 1)
-            other = decoded(actor_set.scene, _spread_over_edges(found.foreign_features[i], share, shape, self.edge))
+            other = decoded(actor_set.scene, _extrapolated(found.foreign_features[i], share, shape, self.edge))
             alpha = F.interpolate(share.view(1, 1, *shape), size=rgb.shape[-2:], mode="bilinear", align_corners=False)
             if other.shape != rgb.shape:
                 other = F.interpolate(other, size=rgb.shape[-2:], mode="bilinear", align_corners=False)
@@ -226,7 +226,7 @@ def _joined(parts: list[Tensor | None]) -> Tensor | None:
     return torch.cat(there) if there else None
 
 
-def _spread_over_edges(feature: Tensor, share: Tensor, shape: tuple[int, ...], cells: int) -> Tensor:
+def _extrapolated(feature: Tensor, share: Tensor, shape: tuple[int, ...], cells: int) -> Tensor:
     """A foreign actor's features (N, F), divided by its share of the ray and carried so far past its edges, where
     decoders look too."""
     f = feature.view(1, *shape, -1).permute(0, 3, 1, 2)

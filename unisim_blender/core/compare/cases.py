@@ -1,4 +1,4 @@
-"""The parts of a comparison: the replay of frames that nobody trained on, and edits whose truth is known."""
+"""The cases of a comparison: the replay of frames that nobody trained on, and edits whose truth is known."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ REPLAY = "replay"
 
 
 @dataclass(frozen=True)
-class Part:
+class Case:
     """``scenario`` is its file, of the replay the log's folder; ``frames`` are compared; ``moves_view`` says that it edits
     nothing but where the vehicle drives."""
 
@@ -33,22 +33,22 @@ def street_at(log: Path) -> Street | None:
     return load_street(log) if (log / RECIPE_FILE).is_file() else None
 
 
-def parts_of(log: Log, street: Street | None, out: Path, options: CompareOptions) -> list[Part]:
+def cases_of(log: Log, street: Street | None, out: Path, options: CompareOptions) -> list[Case]:
     """The replay, and on a street the wished scenarios, or the usual edits, which are written to ``out`` where the log has none
     of its own. Raises `UnisimError`."""
     training_frames = options.training_frames(log.drive)
     held_out = tuple(frame for frame in log.drive.frames if frame not in training_frames)
     if not held_out:
         raise UnisimError(f"{log.path}: --frames {options.frames} leaves no frame to compare")
-    parts = [Part(REPLAY, log.path, held_out)]
+    cases = [Case(REPLAY, log.path, held_out)]
     for scenario in _scenarios(log.path, street, out, options):
         prepared = prepare_scenario(scenario, refined=False)
         edits, name = prepared.scenario.edits, prepared.scenario.name
-        if any(part.name == name for part in parts):
-            raise UnisimError(f"{scenario}: is a second part named {name!r}")
+        if any(case.name == name for case in cases):
+            raise UnisimError(f"{scenario}: is a second case named {name!r}")
         frames = _spread(prepared.edited, training_frames, options.truth_frames)
-        parts.append(Part(name, scenario, frames, all(isinstance(edit, Ego) for edit in edits)))
-    return parts
+        cases.append(Case(name, scenario, frames, all(isinstance(edit, Ego) for edit in edits)))
+    return cases
 
 
 def _scenarios(log: Path, street: Street | None, out: Path, options: CompareOptions) -> tuple[Path, ...]:
