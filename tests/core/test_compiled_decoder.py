@@ -239,7 +239,7 @@ def test_a_foreign_actor_is_carried_past_its_edges(shape: tuple[int, int], cells
     share[0, 0] = 5e-4  # too little to be looked at, but something
     feature = torch.randn(*shape, 5) * share[..., None]
     feature[-1, -1] = 0.1  # of no share at all
-    expected = torch_tracer._spread_over_edges(feature.view(-1, 5), share.view(-1), shape, cells).view(*shape, 5)
+    expected = torch_tracer._extrapolated(feature.view(-1, 5), share.view(-1), shape, cells).view(*shape, 5)
     found = extended_over_edges(feature.numpy(), share.numpy(), cells)
     torch.testing.assert_close(torch.from_numpy(found), expected, rtol=1e-5, atol=1e-6)
 

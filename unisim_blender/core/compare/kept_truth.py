@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import OutputError
-from ..evaluate.true_edits import Case, TrueEdit, TrueImages
+from ..evaluate.true_edits import TrueEdit, TrueImages, Version
 from ..evaluate.truth import EditRegions
 from ..files import read_arrays, write_file
 from ..sensors.frames import LidarFrame
@@ -30,9 +30,9 @@ class KeptTruth:
     true: TrueEdit
     folder: Path
 
-    def drive(self, case: Case) -> Drive:
+    def drive(self, version: Version) -> Drive:
         """See `TrueEdit.drive`."""
-        return self.true.drive(case)
+        return self.true.drive(version)
 
     def images(self, camera: str, frame: int) -> TrueImages:
         """See `TrueEdit.images`."""
@@ -45,9 +45,9 @@ class KeptTruth:
         arrays = _kept(self.folder / f"{camera}-{frame:06d}.npz", work_out)
         return TrueImages(arrays["edit"], arrays.get("replay"), EditRegions(arrays["edited"], arrays["shadow"], arrays["seen"]))
 
-    def sweep(self, case: Case, lidar: str, frame: int) -> LidarFrame | None:
+    def sweep(self, version: Version, lidar: str, frame: int) -> LidarFrame | None:
         """See `TrueEdit.sweep`: sweeps are quick to trace."""
-        return self.true.sweep(case, lidar, frame)
+        return self.true.sweep(version, lidar, frame)
 
 
 def _kept(path: Path, work_out: Callable[[], Arrays]) -> Arrays:

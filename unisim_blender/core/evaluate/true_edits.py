@@ -21,7 +21,7 @@ from ..world.drive import Drive
 from .metrics import ImageArray
 from .truth import EditRegions
 
-Part = Literal["edit", "replay"]
+Version = Literal["edit", "replay"]
 
 
 @dataclass(frozen=True)
@@ -74,22 +74,22 @@ class TrueEdit:
             EditRegions(masks.edited, masks.shadow, masks.seen),
         )
 
-    def image(self, part: Part, camera: str, frame: int) -> ImageArray:
+    def image(self, version: Version, camera: str, frame: int) -> ImageArray:
         """What a camera of the drive sees (H, W, 3), drawn now, or by Cycles before. Raises `UnisimError`."""
-        drive = self.drive(part)
+        drive = self.drive(version)
         if self.street.recipe.engine == "exact":
             return truth_camera(self.street, drive, camera, frame, self.width).rgb
         drawn = true_image(self.path, self.street, drive, camera, frame, self._drawn_width)
         return resize_image(drawn, resize(drive.cameras[camera], self.width).model).astype(np.float32) / np.float32(255)
 
-    def sweep(self, part: Part, lidar: str, frame: int) -> LidarFrame | None:
+    def sweep(self, version: Version, lidar: str, frame: int) -> LidarFrame | None:
         """What a LiDAR sees, with exact ranges; None of a recorded drive that has no such LiDAR."""
-        drive = self.drive(part)
+        drive = self.drive(version)
         return truth_lidar(self.street, drive, lidar, frame) if lidar in drive.lidars else None
 
-    def drive(self, part: Part) -> Drive:
+    def drive(self, version: Version) -> Drive:
         """The drive, as edited or as recorded."""
-        return self.edited if part == "edit" else self.recorded
+        return self.edited if version == "edit" else self.recorded
 
     @property
     def _drawn_width(self) -> int | None:

@@ -26,7 +26,7 @@ from .metrics import ImageArray
 from .recorded import FrameImages, Perceptual, RayRenderer, finite
 from .recorded_runs import EvaluationOptions, Progress, perceptual_metric, trained_frames
 from .report import Report
-from .true_edits import Part, TrueEdit, TrueImages
+from .true_edits import TrueEdit, TrueImages, Version
 from .truth import edit_image_metrics, lidar_metrics_beside, summarise_truth
 
 
@@ -37,11 +37,11 @@ class Truth(Protocol):
         """See `TrueEdit.images`."""
         ...
 
-    def sweep(self, part: Part, lidar: str, frame: int) -> LidarFrame | None:
+    def sweep(self, version: Version, lidar: str, frame: int) -> LidarFrame | None:
         """See `TrueEdit.sweep`."""
         ...
 
-    def drive(self, part: Part) -> Drive:
+    def drive(self, version: Version) -> Drive:
         """See `TrueEdit.drive`."""
         ...
 
@@ -173,21 +173,21 @@ def _metrics(run: ScenarioRun, rendered: ImageArray, truth: ImageArray, true: Tr
 def _compare_lidar(run: ScenarioRun, name: str, frame: int) -> tuple[dict[str, Any], list[Tile]]:
     found: dict[str, Any] = {}
     tiles: dict[str, Tile] = {}
-    parts: tuple[tuple[Part, RayRenderer | None], ...] = (
+    versions: tuple[tuple[Version, RayRenderer | None], ...] = (
         ("replay", run.replay if run.replay_sweeps else None),
         ("edit", run.edited),
     )
-    for part, renderer in parts:
-        truth = None if renderer is None else run.truth.sweep(part, name, frame)
+    for version, renderer in versions:
+        truth = None if renderer is None else run.truth.sweep(version, name, frame)
         if renderer is None or truth is None:
             continue
-        drive = run.truth.drive(part)
-        found[part], rendered, true = lidar_metrics_beside(renderer, truth, drive.lidars[name].blocked)
+        drive = run.truth.drive(version)
+        found[version], rendered, true = lidar_metrics_beside(renderer, truth, drive.lidars[name].blocked)
         ego = drive.world_from_ego.at(drive.time_s[frame])
         size = (run.width or next((c.model.width for c in drive.cameras.values()), 480), 360)
-        labels = (f"{name} {frame}: recorded", "replay") if part == "replay" else ("truth of the edit", "edited")
-        tiles[f"{part} truth"] = sweep_tile(labels[0], true.points, true.intensity, ego, size)
-        tiles[part] = sweep_tile(labels[1], rendered.points, rendered.intensity, ego, size)
+        labels = (f"{name} {frame}: recorded", "replay") if version == "replay" else ("truth of the edit", "edited")
+        tiles[f"{version} truth"] = sweep_tile(labels[0], true.points, true.intensity, ego, size)
+        tiles[version] = sweep_tile(labels[1], rendered.points, rendered.intensity, ego, size)
     return found, [tiles[key] for key in ("replay truth", "replay", "edit", "edit truth") if key in tiles]
 
 
