@@ -206,6 +206,19 @@ def test_files_beyond_the_timestamps_are_refused(log_path: Path) -> None:
         open_log(log_path)
 
 
+def test_files_of_frames_that_a_log_does_not_name_are_not_its_own(log_path: Path) -> None:
+    document = json.loads((log_path / "meta/unisim.json").read_text())
+    document["frames"] = document["frames"][1:3]
+    (log_path / "meta/unisim.json").write_text(json.dumps(document))
+    log = open_log(log_path)
+    assert log.drive.frames == (1, 2) and not log.missing
+    assert all(log.image_frames(camera) == (1, 2) for camera in log.drive.cameras)
+    for lidar in log.drive.lidars:
+        assert log.sweep_frames(lidar) == (1, 2) and len(log.sweep(lidar, 1).time_s)
+        with pytest.raises(LogError, match="has no sweep of frame 0"):
+            log.sweep(lidar, 0)
+
+
 def test_a_hostile_cuboid_file_does_not_run(log_path: Path, tmp_path: Path) -> None:
     class Evil:
         def __reduce__(self) -> tuple[Any, ...]:

@@ -8,12 +8,14 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from PIL import Image
 from small_log import write_small_log
 
+from inputs.faults import Drop
 from inputs.promise import Property, Reader
 from inputs.strategies import Input, gone, inputs_of
+from inputs.views import In
 from unisim_blender.core.cli.commands.info import describe_log, lines_of
 from unisim_blender.core.data import open_log
 
@@ -71,6 +73,7 @@ PANDASET, IMAGES = Property(log_reader(False, ".json", ".gz")), Property(image_r
 
 
 @given(TEXTS.inputs)
+@example([In("log/meta/unisim.json", "json", (Drop(("frames", 0)),))])
 def test_texts_of_logs(changes: Input) -> None:
     TEXTS.check(changes)
 

@@ -45,9 +45,9 @@ class PandasetLog:
         turn = make_pose(np.zeros(3), sensors.PANDASET_EGO_FROM_EGO_WXYZ)
         ego = self._trajectory("the vehicle", times, positions, quaternions).transformed(right=turn)
         time_s = {frame: float(times[frame] - setup.time_origin_s) for frame in setup.frames}
-        self._sweeps = frame_files(path / "lidar", ".pkl.gz", len(times))
-        self._semantics = frame_files(path / "annotations" / "semseg", ".pkl.gz", len(times))
-        cuboids = frame_files(path / "annotations" / "cuboids", ".pkl.gz", len(times))
+        self._sweeps = self._files(path / "lidar", ".pkl.gz", len(times))
+        self._semantics = self._files(path / "annotations" / "semseg", ".pkl.gz", len(times))
+        cuboids = self._files(path / "annotations" / "cuboids", ".pkl.gz", len(times))
         self._note_missing(missing, "lidar", "sweeps", self._sweeps)
         self._note_missing(missing, "annotations", "cuboids", cuboids)
         self._note_missing(missing, "annotations", "semantic classes", self._semantics)
@@ -64,7 +64,7 @@ class PandasetLog:
             world_from_ego=ego,
             cameras={name: camera for name, camera in cameras.items() if camera is not None},
             lidars=lidars,
-            actors=read_actors({f: cuboids[f] for f in setup.frames if f in cuboids}, time_s, setup.world_origin, passing),
+            actors=read_actors(cuboids, time_s, setup.world_origin, passing),
             world_origin=setup.world_origin,
         )
         self.missing = tuple(missing)
@@ -171,7 +171,7 @@ class PandasetLog:
         times = read_times(folder / "timestamps.json")
         positions, quaternions = read_poses(folder / "poses.json", len(times))
         intrinsics = read_intrinsics(folder / "intrinsics.json")
-        files = frame_files(folder, ".jpg", len(times))
+        files = self._files(folder, ".jpg", len(times))
         if not files:
             missing.append(f"camera {name} has no images")
             return None
@@ -185,6 +185,11 @@ class PandasetLog:
             world_from_camera=self._trajectory(name, times, positions, quaternions),
             time_s={frame: float(times[frame] - start_s) for frame in self._setup.frames if frame < len(times)},
         )
+
+    def _files(self, folder: Path, suffix: str, count: int) -> dict[int, Path]:
+        """Files by frame, of the log's frames: it may name fewer than it has files of."""
+        files = frame_files(folder, suffix, count)
+        return {frame: files[frame] for frame in self._setup.frames if frame in files}
 
     def _trajectory(self, what: str, times: FloatArray, positions: FloatArray, quaternions: FloatArray) -> Trajectory:
         """A trajectory of the log's times and places, by the drive's clock and from its origin."""
