@@ -73,8 +73,11 @@ def f12() -> None:
 
 
 def escape() -> None:
-    """Esc on the real keyboard, with the mouse over the image: Blender stops a render at no simulated one."""
-    subprocess.run(["xdotool", "mousemove", "600", "400", "key", "Escape"], check=True)
+    """Esc on the real keyboard, with the mouse over the image's window: Blender stops a render at no simulated one. That window is
+    as large as its image, and without a window manager a key goes to what lies under the mouse."""
+    main, image = bpy.context.window_manager.windows[0], bpy.context.window_manager.windows[-1]  # one, where none is open
+    x, y = image.x + image.width // 2, main.height - image.y - image.height // 2
+    subprocess.run(["xdotool", "mousemove", str(x), str(y), "key", "Escape"], check=True)
 
 
 def rendering() -> bool:
@@ -113,7 +116,7 @@ def stopped_by_esc() -> Iterator[float]:
     del worker.arrays
     assert not worker.problem and worker.process.pid == process
     presses, last = 0, 0.0
-    while len(manager.windows) > 1:  # a busy window may lose the key while it closes the job
+    while len(manager.windows) > 1:
         assert presses < 4, "the window of the image stays"
         if time.monotonic() - last > 3.0:
             escape()
