@@ -14,7 +14,9 @@ from ..bridge.window.selection import choose
 from ..core.errors import UnisimError
 from ..editing.actors.filter import nearest_present
 from ..editing.sampled.clock import Clock
+from ..editing.texts import translatable
 from ..registering import add, take_away
+from ..translations import message
 from .polling import allowed, drive, object_mode
 
 GROUPS = (
@@ -109,19 +111,21 @@ class UNISIM_OT_choose_actor(bpy.types.Operator):
         scene, about = context.scene, context.window_manager.unisim_actors
         thing = scene.objects.get(self.name)
         if thing is None or thing.unisim.kind != "ACTOR":
-            self.report({"WARNING"}, f'"{self.name}" is not there any more')
+            self.report({"WARNING"}, message('"{name}" is not there any more', name=self.name))
             return {"CANCELLED"}
         frame = frame_to_show(context, thing, self.seconds, about.jump)
         if frame is not None and frame != scene.frame_current:
             scene.frame_set(frame)
         if thing.name not in context.view_layer.objects:
-            self.report({"WARNING"}, f'"{self.name}" is in a collection that this view layer leaves out')
+            self.report({"WARNING"}, message('"{name}" is in a collection that this view layer leaves out', name=self.name))
             return {"CANCELLED"}
         choose(context, thing)
         context.view_layer.objects.active = thing
         if not thing.visible_get():
-            why = "hidden in the view: its eye in the list shows it" if thing.hide_get() else "not there at this time"
-            self.report({"INFO"}, f'"{thing.name}" is active, but {why}')
+            sentence = translatable('"{name}" is active, but not there at this time')
+            if thing.hide_get():
+                sentence = translatable('"{name}" is active, but hidden in the view: its eye in the list shows it')
+            self.report({"INFO"}, message(sentence, name=thing.name))
         elif about.frame and self.seconds < 0:
             turn_to(context, thing)
         return {"FINISHED"}
@@ -183,7 +187,7 @@ class UNISIM_OT_hide_actor(bpy.types.Operator):
         """As H and Alt-H do, for one object."""
         thing = context.view_layer.objects.get(self.name)
         if thing is None:
-            self.report({"WARNING"}, f'"{self.name}" is not in this view layer')
+            self.report({"WARNING"}, message('"{name}" is not in this view layer', name=self.name))
             return {"CANCELLED"}
         thing.hide_set(not thing.hide_get())
         return {"FINISHED"}
@@ -228,7 +232,8 @@ class UNISIM_OT_select_listed(bpy.types.Operator):
         keys = {entry.key for entry in listing.refresh_now(context.scene).shown}
         found = [thing for thing in imported_objects(context.scene, "ACTOR") if thing.session_uid in keys and thing.visible_get()]
         choose(context, *found)
-        self.report({"INFO"}, f"{len(found)} of {len(keys)} listed actors are visible and selected")
+        said = message("{number} of {count} listed actors are visible and selected", number=len(found), count=len(keys))
+        self.report({"INFO"}, said)
         return {"FINISHED"}
 
 

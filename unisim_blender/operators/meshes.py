@@ -50,7 +50,7 @@ class UNISIM_OT_mesh_actor(bpy.types.Operator):
         """Mark each; its origin goes to its middle, its scale into its mesh."""
         found = [thing for thing in chosen(context, "NONE") if not marked_above(thing) and any(parts(thing))]
         if not found:
-            self.report({"ERROR"}, "no selected object has a surface")
+            self.report({"ERROR"}, message("no selected object has a surface"))
             return {"CANCELLED"}
         for thing in found:
             make_actor(thing, self.label or "Other", self.forward)

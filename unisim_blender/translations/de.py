@@ -1,8 +1,22 @@
 """German texts of the interface, by the English ones."""
 
 GERMAN: dict[str, str] = {
+    '"{name}" is active, but hidden in the view: its eye in the list shows it': (
+        "„{name}“ ist aktiv, aber in der Ansicht ausgeblendet: sein Auge in der Liste blendet es ein"
+    ),
+    '"{name}" is active, but not there at this time': "„{name}“ ist aktiv, aber zu dieser Zeit nicht da",
+    '"{name}" is in a collection that this view layer leaves out': (
+        "„{name}“ ist in einer Sammlung, die diese Ansichtsebene auslässt"
+    ),
+    '"{name}" is not in this view layer': "„{name}“ ist nicht in dieser Ansichtsebene",
+    '"{name}" is not there any more': "„{name}“ ist nicht mehr da",
     '"{name}" no longer exists': "„{name}“ existiert nicht mehr",
     ", {rate:.2f} frames/s": ", {rate:.2f} Bilder/s",
+    "1 LiDAR": "1 LiDAR",
+    "1 actor": "1 Akteur",
+    "1 beam": "1 Strahl",
+    "1 camera": "1 Kamera",
+    "1 edit": "1 Änderung",
     "A GPU if the interpreter supports one, otherwise the CPU": (
         "Eine GPU, falls der Interpreter eine unterstützt, sonst die CPU"
     ),
@@ -33,6 +47,7 @@ GERMAN: dict[str, str] = {
     "Add LiDAR": "LiDAR hinzufügen",
     "Add a LiDAR to the vehicle": "Dem Fahrzeug ein LiDAR hinzufügen",
     "Add a camera to the vehicle and make it the active camera": "Dem Fahrzeug eine Kamera hinzufügen und sie aktivieren",
+    "Aim": "Ausrichten",
     "Aim Sensor": "Sensor ausrichten",
     "All": "Alle",
     "All Sensors": "Alle Sensoren",
@@ -45,6 +60,7 @@ GERMAN: dict[str, str] = {
     "Annotated object: a car, a pedestrian, a cone": "Annotiertes Objekt: ein Auto, ein Fußgänger, ein Leitkegel",
     "Another task is running: cancel it or wait until it ends": "Eine andere Aufgabe läuft: abbrechen oder ihr Ende abwarten",
     "Appearance": "Aussehen",
+    "Appearance of {actor}": "Aussehen von {actor}",
     "Appearance scene": "Szene des Aussehens",
     "Apple GPU": "Apple-GPU",
     "Apply Rig Preset": "Rig-Preset anwenden",
@@ -68,9 +84,13 @@ GERMAN: dict[str, str] = {
         "Blender läuft als Python-Modul, das keinen Animationsplayer hat"
     ),
     "Body": "Karosserie",
+    "Body of the ego vehicle": "Karosserie des Ego-Fahrzeugs",
+    "Both": "Beide",
     "Box": "Quader",
     "Box around an object without annotation": "Quader um ein Objekt ohne Annotation",
     "Box around the item, as JSON": "Quader um das Objekt, als JSON",
+    "Built-in": "Eingebaut",
+    "Built-in: none yet": "Eingebaut: noch keine",
     "By name, numbers by their value": "Nach Name, Zahlen nach ihrem Wert",
     "Camera": "Kamera",
     "Camera names separated by commas, or all": "Kameranamen durch Kommas getrennt, oder all",
@@ -91,6 +111,7 @@ GERMAN: dict[str, str] = {
     "Change when the selected actors are where on their trajectories": (
         "Ändern, wann die ausgewählten Akteure wo auf ihren Trajektorien sind"
     ),
+    "Changed: {who}": "Geändert: {who}",
     "Changes whenever the LiDAR points change": "Ändert sich, sobald sich die LiDAR-Punkte ändern",
     "Check": "Prüfung",
     "Check Edits": "Änderungen prüfen",
@@ -107,7 +128,11 @@ GERMAN: dict[str, str] = {
     "Classes that are shown": "Klassen, die gezeigt werden",
     "Clear Filter": "Filter zurücksetzen",
     "Click the image to choose": "Zum Auswählen das Bild anklicken",
+    "Click to select it and to go to a frame at which it shows": (
+        "Klicken, um es auszuwählen und zu einem Bild zu gehen, in dem die Änderung zu sehen ist"
+    ),
     "Clip to Observed": "Auf Beobachtetes beschneiden",
+    "Clipped to what was observed": "Auf Beobachtetes beschnitten",
     "Colour": "Farbe",
     "Colour by": "Färben nach",
     "Colours are already shown as recorded": "Farben werden schon wie aufgezeichnet gezeigt",
@@ -120,11 +145,14 @@ GERMAN: dict[str, str] = {
     "Cones, signs, animals and the rest": "Leitkegel, Schilder, Tiere und der Rest",
     "Contact shadows": "Kontaktschatten",
     "Contains": "Inhalt",
+    "Copied, in place": "Kopiert, an Ort und Stelle",
+    "Copied: {how}": "Kopiert: {how}",
     "Copy Static Item": "Statisches Objekt kopieren",
     "Copy the scene as a new, independent variant of the scenario and show it": (
         "Die Szene als neue, unabhängige Variante des Szenarios kopieren und diese zeigen"
     ),
     "Copy the selected static items to the 3D cursor": "Die ausgewählten statischen Objekte an den 3D-Cursor kopieren",
+    "Copy to 3D Cursor": "An den 3D-Cursor kopieren",
     "Current Location": "Aktuelle Position",
     "Curvature (1/m)": "Krümmung (1/m)",
     "Custom": "Eigene",
@@ -146,6 +174,7 @@ GERMAN: dict[str, str] = {
     "Delete the shown variant with all its objects and keyframes, and show another one": (
         "Die gezeigte Variante mit allen Objekten und Schlüsselbildern löschen und eine andere zeigen"
     ),
+    "Delete {name} with its objects and keyframes?": "{name} mit allen Objekten und Schlüsselbildern löschen?",
     "Depth": "Tiefe",
     "Device": "Gerät",
     "Device that the renderer uses": "Gerät, das der Renderer verwendet",
@@ -175,6 +204,10 @@ GERMAN: dict[str, str] = {
     ),
     "Drag to aim the active sensor: its mount rotates by yaw and pitch": (
         "Ziehen, um den aktiven Sensor auszurichten: seine Montage dreht sich um Gier- und Nickwinkel"
+    ),
+    "Drag to displace {name} at {time} in the ground plane; the change blends in and out over 2 s on both sides": (
+        "Ziehen, um {name} bei {time} in der Bodenebene zu verschieben; die Änderung wird beidseitig über 2 s ein- und "
+        "ausgeblendet"
     ),
     "Draw a bar over the lower part of the view for each actor while it is present; a click on a bar goes there": (
         "Über den unteren Teil der Ansicht für jeden Akteur einen Balken zeichnen, solange er anwesend ist; ein Klick auf "
@@ -240,6 +273,7 @@ GERMAN: dict[str, str] = {
     "For scenes of a few megabytes": "Für Szenen von wenigen Megabytes",
     "For tests": "Für Tests",
     "For training on two processor cores": "Für Training auf zwei Prozessorkernen",
+    "Forget": "Markierung entfernen",
     (
         "Forward by this length of the trajectory's path, round its turns, and straight on beyond its ends; actors that do "
         "not move are shifted along their own axis; negative values shift backward"
@@ -250,11 +284,19 @@ GERMAN: dict[str, str] = {
     ),
     "Forward direction of the object": "Vorwärtsrichtung des Objekts",
     "Frame": "Bild",
+    "Frame {frame:g} is outside the drive (frames {first:g} to {last:g}): nothing was recorded there": (
+        "Bild {frame:g} liegt außerhalb der Fahrt (Bilder {first:g} bis {last:g}): dort wurde nichts aufgezeichnet"
+    ),
+    "Frame {frame}: {sensors} recorded no image": "Bild {frame}: {sensors} hat kein Kamerabild aufgezeichnet",
+    "Frame {frame}: {sensors} recorded no sweep": "Bild {frame}: kein aufgezeichneter Sweep von {sensors}",
     "Frames": "Bilder",
     "Frames as START:STOP:STEP": "Bilder als START:STOP:SCHRITT",
+    "Frames {first} to {last}": "Bilder {first} bis {last}",
     "From": "Von",
     "From ({first:g} s) must be earlier than To ({last:g} s)": "Von ({first:g} s) muss vor Bis ({last:g} s) liegen",
     "From blue (low) to yellow (high)": "Von Blau (niedrig) bis Gelb (hoch)",
+    "From {start} to {end}": "Von {start} bis {end}",
+    "From {time} on": "Ab {time}",
     "Gain": "Verstärkung",
     "Go to Edit": "Zur Änderung gehen",
     "Go to Warning": "Zur Warnung gehen",
@@ -318,6 +360,7 @@ GERMAN: dict[str, str] = {
     "Import the vehicle, sensors and actors of a recorded drive as animated objects": (
         "Fahrzeug, Sensoren und Akteure einer aufgezeichneten Fahrt als animierte Objekte importieren"
     ),
+    "Imported {log}: {parts}; {what}": "{log} importiert: {parts}; {what}",
     "Importing {what}: {done} of {total} (Esc to cancel)": "Importiere {what}: {done} von {total} (Esc bricht ab)",
     "In Recorded Views": "In aufgezeichneten Ansichten",
     "In place": "An Ort und Stelle",
@@ -329,6 +372,7 @@ GERMAN: dict[str, str] = {
         "Einen Akteur der Fahrt oder einer trainierten Szene am 3D-Cursor einfügen"
     ),
     "Insert from Another Scene": "Aus anderer Szene einfügen",
+    "Inserted": "Eingefügt",
     "Instance": "Instanz",
     "Instead of the sensors on the vehicle: recorded ones are hidden and can be restored, others go": (
         "Statt der Sensoren am Fahrzeug: aufgezeichnete werden ausgeblendet und lassen sich wiederherstellen, andere "
@@ -367,6 +411,10 @@ GERMAN: dict[str, str] = {
     "Lateral": "Quer",
     "Left": "Links",
     "Left of the source with a gap of 0.6 m": "Links der Quelle mit 0,6 m Abstand",
+    "Let the edit count again; an edit of the same object that cannot stand beside it is muted": (
+        "Die Änderung wieder gelten lassen; eine Änderung desselben Objekts, die nicht neben ihr bestehen kann, wird "
+        "stummgeschaltet"
+    ),
     "LiDAR": "LiDAR",
     "LiDAR Points": "LiDAR-Punkte",
     "LiDAR of the vehicle": "LiDAR des Fahrzeugs",
@@ -385,6 +433,7 @@ GERMAN: dict[str, str] = {
     "Log": "Log",
     "Long steps, and fewer pixels traced individually": "Lange Schritte, und weniger Pixel einzeln verfolgt",
     "Longest Axis": "Längste Achse",
+    "Look Through": "Hindurchblicken",
     "Look Through Camera": "Durch Kamera blicken",
     "Look through this camera and use its image size": "Durch diese Kamera blicken und ihre Bildgröße verwenden",
     "Make Actor Library": "Akteurbibliothek erstellen",
@@ -404,6 +453,7 @@ GERMAN: dict[str, str] = {
         "Mesh-Akteure behalten ihr Aussehen: nur aufgezeichnete Akteure auswählen"
     ),
     "Mesh actors: {count}": "Mesh-Akteure: {count}",
+    "Mesh inserted": "Als Mesh eingefügt",
     "Mesh of the body of the ego vehicle, which the sensors of the vehicle do not see": (
         "Mesh der Karosserie des Ego-Fahrzeugs, die die Sensoren des Fahrzeugs nicht sehen"
     ),
@@ -412,9 +462,12 @@ GERMAN: dict[str, str] = {
     "Model configuration": "Modellkonfiguration",
     "Motion": "Bewegung",
     "Mount": "Montageort",
+    "Move": "Verschieben",
     "Move the selected actors along the selected curve at a constant speed, from the current frame on": (
         "Die ausgewählten Akteure ab dem aktuellen Bild mit konstanter Geschwindigkeit entlang der ausgewählten Kurve bewegen"
     ),
+    "Moved": "Verschoben",
+    "Moved {by}": "Verschoben: {by}",
     "Moving objects are children of trajectories; files of earlier versions are converted": (
         "Bewegte Objekte sind Trajektorien untergeordnet; Dateien früherer Versionen werden umgewandelt"
     ),
@@ -423,6 +476,12 @@ GERMAN: dict[str, str] = {
         "Die Änderung stummschalten oder wieder aktivieren; eine stummgeschaltete bleibt in der Datei und wird in Bildern, "
         "Sweeps und Szenarien ignoriert"
     ),
+    "Mute the edit: it stays in the file and counts in no image, sweep or scenario": (
+        "Die Änderung stummschalten: sie bleibt in der Datei und gilt in keinem Bild, Sweep oder Szenario"
+    ),
+    "Muted: it does not count": "Stummgeschaltet: sie gilt nicht",
+    "Muted: {edit}": "Stummgeschaltet: {edit}",
+    "Muted: {what} ({who})": "Stummgeschaltet: {what} ({who})",
     "NVIDIA GPU": "NVIDIA-GPU",
     "Name": "Name",
     "Name of the object when it was imported; copies have another name": (
@@ -433,9 +492,11 @@ GERMAN: dict[str, str] = {
     "Never": "Nie",
     "New": "Neu",
     "New Variant": "Neue Variante",
+    "New trajectory, up to {length} away": "Neue Trajektorie, bis zu {length} entfernt",
     "Next lane, left": "Nächste Spur, links",
     "Next lane, right": "Nächste Spur, rechts",
     "No actor is listed: clear the filter": "Kein Akteur ist gelistet: den Filter zurücksetzen",
+    "No actor: clear the filter": "Kein Akteur: den Filter zurücksetzen",
     "No drive imported": "Keine Fahrt importiert",
     "No mesh is the ego vehicle's body: Use as Ego Body makes one": (
         "Kein Mesh ist die Karosserie des Ego-Fahrzeugs: „Als Ego-Karosserie verwenden“ macht eines dazu"
@@ -472,6 +533,7 @@ GERMAN: dict[str, str] = {
     "Only actors within this distance of the ego vehicle at the current frame; 0 for any distance": (
         "Nur Akteure, die im aktuellen Bild höchstens so weit vom Ego-Fahrzeug entfernt sind; 0 für jeden Abstand"
     ),
+    "Only in {name}: {who}": "Nur in {name}: {who}",
     "Only the active camera of the scene": "Nur die aktive Kamera der Szene",
     "Opacity": "Deckkraft",
     "Opacity of everything nearer than the background model": "Deckkraft von allem, was näher als das Hintergrundmodell ist",
@@ -493,7 +555,11 @@ GERMAN: dict[str, str] = {
     ),
     "Output": "Ausgabe",
     "Output folder of sequences": "Ausgabeordner von Sequenzen",
+    "Own": "Eigene",
+    "Own: none yet": "Eigene: noch keine",
     "Page": "Seite",
+    "Page (of {count})": "Seite (von {count})",
+    "Page of {count}, from 0": "Seite von {count}, ab 0",
     "Page that is shown; 0 for all at once": "Seite, die gezeigt wird; 0 für alle zugleich",
     "Paper": "Paper",
     "Part of a name or a class": "Teil eines Namens oder einer Klasse",
@@ -523,12 +589,14 @@ GERMAN: dict[str, str] = {
     "Presence Timeline": "Anwesenheitsleiste",
     "Present": "Anwesend",
     "Present Now": "Jetzt anwesend",
+    "Present from {start:.1f} to {end:.1f} s": "Anwesend von {start:.1f} bis {end:.1f} s",
     "Preset": "Preset",
     "Preview {number} of {count}": "Vorschau {number} von {count}",
     "Put a rig preset's cameras and LiDARs on the vehicle": "Kameras und LiDARs eines Rig-Presets am Fahrzeug anbringen",
     "Python interpreter with torch, for training and GPU rendering; Blender's own renders on the CPU if empty": (
         "Python-Interpreter mit torch, für Training und Rendern auf der GPU; leer rendert Blenders eigener auf der CPU"
     ),
+    "Python {version}, kernels: {kernels}": "Python {version}, Kernel: {kernels}",
     "Quality": "Qualität",
     "Range": "Reichweite",
     "Reading the edits…": "Änderungen werden gelesen …",
@@ -545,6 +613,8 @@ GERMAN: dict[str, str] = {
     "Remove the marks of the selected static items; the scene itself stays unchanged": (
         "Die Markierungen der ausgewählten statischen Objekte entfernen; die Szene selbst bleibt unverändert"
     ),
+    "Removed": "Entfernt",
+    "Removed {path}": "{path} entfernt",
     "Rename": "Umbenennen",
     "Rename Variant": "Variante umbenennen",
     "Rename the shown variant": "Die gezeigte Variante umbenennen",
@@ -577,14 +647,21 @@ GERMAN: dict[str, str] = {
     ),
     "Replace the preset of this name": "Das Preset dieses Namens ersetzen",
     "Restore Recorded Sensors": "Aufgezeichnete Sensoren wiederherstellen",
+    "Restored {names}": "Wiederhergestellt: {names}",
     "Retime": "Zeit ändern",
     "Retime Actor": "Zeit des Akteurs ändern",
+    "Retimed: up to {time} earlier": "Zeitlich verschoben: bis zu {time} früher",
+    "Retimed: up to {time} later": "Zeitlich verschoben: bis zu {time} später",
+    "Retimed: {before} earlier to {after} later": "Zeitlich verschoben: {before} früher bis {after} später",
+    "Retimed: {time} earlier": "Zeitlich verschoben: {time} früher",
+    "Retimed: {time} later": "Zeitlich verschoben: {time} später",
     "Returns of a sweep": "Rückstrahlungen eines Sweeps",
     "Revert Edit": "Änderung zurücknehmen",
     "Revert the edit: the object returns to its imported state, a copied or inserted object is deleted": (
         "Die Änderung zurücknehmen: das Objekt kehrt in seinen importierten Zustand zurück, ein kopiertes oder eingefügtes "
         "wird gelöscht"
     ),
+    "Reverted: {what} ({who})": "Zurückgenommen: {what} ({who})",
     "Rig Presets": "Rig-Presets",
     "Right of the source with a gap of 0.6 m": "Rechts der Quelle mit 0,6 m Abstand",
     "Rotation relative to the trajectory before the first keyframe": (
@@ -605,7 +682,9 @@ GERMAN: dict[str, str] = {
     "Scale that the location accounts for; zero where none was noted": (
         "Skalierung, die in der Position berücksichtigt ist; null, wo keine vermerkt wurde"
     ),
+    "Scaled by {factors}": "Skaliert mit {factors}",
     "Scenario written to {path} (edits: {count})": "Szenario nach {path} geschrieben (Änderungen: {count})",
+    "Scenarios written to {folder}: {count}": "Szenarien nach {folder} geschrieben: {count}",
     "Scene": "Szene",
     "Scroll Presence Timeline": "Anwesenheitsleiste rollen",
     "Scroll the presence timeline under the mouse": "Die Anwesenheitsleiste unter der Maus rollen",
@@ -639,8 +718,11 @@ GERMAN: dict[str, str] = {
     "Sensors see the mesh of the object and of its children": "Sensoren sehen das Mesh des Objekts und seiner Kinder",
     "Sensors that a sequence renders": "Sensoren, die eine Sequenz rendert",
     "Set an output folder first: UniSim > Output > Folder": "Zuerst einen Ausgabeordner angeben: UniSim > Ausgabe > Ordner",
+    "Shift": "Verschieben",
     "Shift Actor": "Akteur verschieben",
     "Shift Ego Lane": "Ego-Spur verschieben",
+    "Shift Lane": "Spur verschieben",
+    "Shift ego lane: {way}": "Ego-Spur verschieben: {way}",
     "Shift in time in seconds of the log, including when the actor is present; negative values shift earlier": (
         "Zeitliche Verschiebung in Sekunden des Logs, samt der Anwesenheit des Akteurs; negative Werte verschieben auf früher"
     ),
@@ -698,6 +780,8 @@ GERMAN: dict[str, str] = {
     "Speed Graph": "Geschwindigkeitskurve",
     "Speed along the curve": "Geschwindigkeit entlang der Kurve",
     "Split": "Teilen",
+    "Stands for {duration}": "Steht für {duration}",
+    "Stands still": "Steht still",
     "Start time, in seconds of the log": "Startzeit, in Sekunden des Logs",
     "State": "Zustand",
     "Static Items": "Statische Objekte",
@@ -714,7 +798,13 @@ GERMAN: dict[str, str] = {
     "Surface normals in world space": "Oberflächennormalen im Weltkoordinatensystem",
     "Switch to Object Mode first (Tab)": "Zuerst in den Objektmodus wechseln (Tab)",
     "Test Renderer": "Renderer testen",
+    "The edits cannot be read: {fault}": "Die Änderungen lassen sich nicht lesen: {fault}",
+    "The ego vehicle was deleted: the recorded image of {camera} is not shown": (
+        "Das Ego-Fahrzeug wurde gelöscht: das aufgezeichnete Bild von {camera} wird nicht gezeigt"
+    ),
     "The filter is above the list": "Der Filter ist über der Liste",
+    "The log ends at {time}": "Das Log endet bei {time}",
+    "The log is not at hand: there are no recorded images": "Das Log ist nicht verfügbar: es gibt keine aufgezeichneten Bilder",
     "The object points along world -X": "Das Objekt zeigt entlang -X der Welt",
     "The object points along world -Y": "Das Objekt zeigt entlang -Y der Welt",
     "The object points along world X": "Das Objekt zeigt entlang X der Welt",
@@ -745,6 +835,9 @@ GERMAN: dict[str, str] = {
     "This is the only variant: revert its edits instead": (
         "Dies ist die einzige Variante: stattdessen ihre Änderungen zurücknehmen"
     ),
+    "This view has no recorded image: look through a recorded camera (Numpad 0)": (
+        "Diese Ansicht hat kein aufgezeichnetes Bild: durch eine aufgezeichnete Kamera blicken (Numpad 0)"
+    ),
     "Time": "Zeit",
     "Tiny": "Winzig",
     "To": "Bis",
@@ -773,12 +866,15 @@ GERMAN: dict[str, str] = {
     "Turn the selected mesh actors back into ordinary objects, which no sensor sees": (
         "Die ausgewählten Mesh-Akteure wieder zu gewöhnlichen Objekten machen, die kein Sensor sieht"
     ),
+    "Turned": "Gedreht",
     "Two-wheelers": "Zweiräder",
     "UniSim": "UniSim",
     "UniSim Scenario (.json)": "UniSim-Szenario (.json)",
     "UniSim training": "UniSim-Training",
     "Unmark Static Item": "Markierung des statischen Objekts entfernen",
+    "Unmuted: {what} ({who})": "Wieder aktiviert: {what} ({who})",
     "Unsupported": "Nicht gestützt",
+    "Unsupported: nothing recorded shows this": "Nicht gestützt: nichts Aufgezeichnetes zeigt dies",
     "Use Mesh as Actor": "Mesh als Akteur verwenden",
     "Use as Ego Body": "Als Ego-Karosserie verwenden",
     "Use the selected mesh objects and their children as actors, which cameras and LiDARs see": (
@@ -801,7 +897,9 @@ GERMAN: dict[str, str] = {
     "Warning": "Warnung",
     "Warnings": "Warnungen",
     "Warnings: {count}": "Warnungen: {count}",
+    "What comes after is {shift}": "Was danach kommt, ist {shift}",
     "What differences are multiplied by": "Faktor, mit dem Differenzen multipliziert werden",
+    "What takes 1 s takes {duration}": "Was 1 s dauert, dauert {duration}",
     "What users should know: vehicle, calibration, date": "Was Benutzer wissen sollten: Fahrzeug, Kalibrierung, Datum",
     "When a sensor sees the body of the ego vehicle": "Wann ein Sensor die Karosserie des Ego-Fahrzeugs sieht",
     "Where": "Wohin",
@@ -821,19 +919,164 @@ GERMAN: dict[str, str] = {
         "Die Änderungen der Szene in eine Szenariodatei für den Befehl unisim render schreiben"
     ),
     "Yaw": "Gieren",
+    "accel.": "Beschl.",
+    "accelerates at {value:.1f} m/s²": "beschleunigt mit {value:.1f} m/s²",
+    "added": "hinzugefügt",
+    "added, off the vehicle": "hinzugefügt, nicht am Fahrzeug",
+    "and {count} more": "und {count} weitere",
+    "another lens": "anderes Objektiv",
+    "as recorded": "wie aufgezeichnet",
+    "at the same times, as it stands there throughout": "zu denselben Zeiten, da es durchweg dort steht",
+    "brakes at {value:.1f} m/s²": "bremst mit {value:.1f} m/s²",
+    "by up to {away}": "um bis zu {away}",
     'camera "{name}" has no images in the output folder': "Kamera „{name}“ hat keine Bilder im Ausgabeordner",
     "choose an actor by its thumbnail first": "zuerst einen Akteur an seinem Bild auswählen",
+    "copy": "Kopie",
+    "corners at {value:.1f} m/s²": "fährt Kurven mit {value:.1f} m/s² Querbeschleunigung",
+    "curv.": "Krümm.",
     'curve "{name}" has fewer than two points': "Kurve „{name}“ hat weniger als zwei Punkte",
+    "drives sideways": "fährt quer",
+    "edited blue": "geändert blau",
+    "edited blue, recorded grey": "geändert blau, aufgezeichnet grau",
+    "exit status {code}": "Exit-Status {code}",
+    "goes {speed:.0f} km/h": "bewegt sich mit {speed:.0f} km/h",
+    "has a scale that changes over time, which cannot be rendered: delete the keys of its scale, and what else animates it": (
+        "hat eine Skalierung, die sich mit der Zeit ändert, was sich nicht rendern lässt: die Schlüsselbilder seiner "
+        "Skalierung löschen, und was sie sonst animiert"
+    ),
+    "hidden": "ausgeblendet",
+    "inserted": "eingefügt",
+    "is mirrored by a negative scale, which cannot be rendered: make its scale, and that of its parent, positive": (
+        "ist durch eine negative Skalierung gespiegelt, was sich nicht rendern lässt: seine Skalierung und die des "
+        "übergeordneten Objekts positiv machen"
+    ),
+    "is scaled by {factors}, beyond {least:g} to {most:g}": "ist mit {factors} skaliert, außerhalb von {least:g} bis {most:g}",
+    (
+        "is sheared by the scale of its parent, which cannot be rendered: clear the parent's scale, or scale it alike "
+        "along all axes"
+    ): (
+        "ist durch die Skalierung des übergeordneten Objekts geschert, was sich nicht rendern lässt: dessen Skalierung "
+        "zurücksetzen oder es entlang aller Achsen gleich skalieren"
+    ),
+    "is {height:.1f} m above the ground": "ist {height:.1f} m über dem Boden",
+    "is {height:.1f} m below the ground": "ist {height:.1f} m unter dem Boden",
+    "lateral": "quer",
+    "looks from {length:.1f} m beside anything recorded": "blickt von {length:.1f} m neben allem Aufgezeichneten",
+    "looks {share:.0%} beside all that was recorded": "blickt zu {share:.0%} neben alles Aufgezeichnete",
+    "mesh": "Mesh",
+    "never": "nie",
     "no active actor": "kein aktiver Akteur",
     "no selected object has a surface": "kein ausgewähltes Objekt hat eine Oberfläche",
+    'no sensor "{name}" in scene "{scene}"': "kein Sensor „{name}“ in Szene „{scene}“",
+    "no trained scene": "keine trainierte Szene",
+    "none is active": "keiner ist aktiv",
+    "not on the vehicle": "nicht am Fahrzeug",
+    "not present": "nicht anwesend",
+    "not there now": "jetzt nicht da",
+    'object "{name}": has keys or constraints, and a body is fixed to the vehicle: clear them': (
+        "Objekt „{name}“: hat Schlüsselbilder oder Constraints, aber eine Karosserie ist am Fahrzeug fest: diese löschen"
+    ),
+    'object "{name}": is scaled by {factors}; along each axis an actor can be scaled by {least:g} to {most:g}': (
+        "Objekt „{name}“: ist mit {factors} skaliert; entlang jeder Achse lässt sich ein Akteur mit {least:g} bis {most:g} "
+        "skalieren"
+    ),
+    'object "{name}": {why}': "Objekt „{name}“: {why}",
+    "on a trajectory of its own": "auf einer eigenen Trajektorie",
+    "other beams": "andere Strahlen",
+    "overlaps {other}": "überlappt {other}",
+    "points": "Punkte",
+    "recorded": "aufgezeichnet",
+    "recorded, moved": "aufgezeichnet, verschoben",
+    "recorded, other appearance": "aufgezeichnet, anderes Aussehen",
+    "rendered": "gerendert",
+    "speed x{speed:.3g} for {duration}": "Geschwindigkeit x{speed:.3g} für {duration}",
+    "speed x{speed:.3g} from {time} on": "Geschwindigkeit x{speed:.3g} ab {time}",
+    "stands for {duration}": "steht für {duration}",
+    "the active actor": "den aktiven Akteur",
+    "the log itself is not at hand": "das Log selbst ist nicht verfügbar",
+    "trained scene {name}": "trainierte Szene {name}",
+    "turned by {angle}": "um {angle} gedreht",
+    "turned {angle} left": "um {angle} nach links gedreht",
+    "turned {angle} right": "um {angle} nach rechts gedreht",
+    "turns at a radius of {radius:.1f} m ({curvature:.2f} 1/m)": "fährt Kurven mit {radius:.1f} m Radius ({curvature:.2f} 1/m)",
     "unsaved file": "ungespeicherte Datei",
+    "up to {length:.0f} m": "bis zu {length:.0f} m",
+    "{actors} ({classes})": "{actors} ({classes})",
+    "{actor} of {scene}": "{actor} aus {scene}",
+    "{angle:.0f} degrees across": "{angle:.0f} Grad horizontal",
+    "{angle:.1f}° down": "{angle:.1f}° nach unten",
+    "{angle:.1f}° left": "{angle:.1f}° nach links",
+    "{angle:.1f}° right": "{angle:.1f}° nach rechts",
+    "{angle:.1f}° up": "{angle:.1f}° nach oben",
+    "{before} become {after}": "{before} werden {after}",
+    "{camera} has no recorded image of frame {frame:g}": "{camera} hat zu Bild {frame:g} kein aufgezeichnetes Kamerabild",
+    "{camera} is an added camera: it has no recorded image": (
+        "{camera} ist eine hinzugefügte Kamera: sie hat kein aufgezeichnetes Bild"
+    ),
+    "{camera} is not where it recorded: no recorded image shows this view": (
+        "{camera} ist nicht, wo sie aufgezeichnet hat: kein aufgezeichnetes Bild zeigt diese Ansicht"
+    ),
+    "{camera} looks beside its recorded images": "{camera} blickt neben ihre aufgezeichneten Bilder",
+    "{camera} was moved: its recorded image is not shown": (
+        "{camera} wurde verschoben: ihr aufgezeichnetes Bild wird nicht gezeigt"
+    ),
+    "{count} LiDARs": "{count} LiDARs",
+    "{count} actors": "{count} Akteure",
+    "{count} beams": "{count} Strahlen",
+    "{count} cameras": "{count} Kameras",
+    "{count} edits": "{count} Änderungen",
+    "{count} frames ({time:.1f} s)": "{count} Bilder ({time:.1f} s)",
+    "{count} others": "{count} andere",
+    "{difference}: mean absolute error {error:.1f} of 255, PSNR {psnr:.1f} dB": (
+        "{difference}: mittlerer absoluter Fehler {error:.1f} von 255, PSNR {psnr:.1f} dB"
+    ),
     "{done:.1f} of {total:.1f} minutes": "{done:.1f} von {total:.1f} Minuten",
+    "{done}  |  Ctrl: steps, Esc: cancel": "{done}  |  Strg: in Schritten, Esc: abbrechen",
     "{done} of {total} frames": "{done} von {total} Bildern",
+    "{duration} earlier": "{duration} früher",
+    "{duration} later": "{duration} später",
+    "{edits}, {muted} muted": "{edits}, {muted} stummgeschaltet",
+    "{first}–{last} of {count}": "{first}–{last} von {count}",
     '{folder}: has no actor "{name}"': "{folder}: hat keinen Akteur „{name}“",
     "{folder}: save the .blend first, or choose a folder that does not depend on it": (
         "{folder}: zuerst die .blend-Datei speichern oder einen Ordner wählen, der nicht von ihr abhängt"
     ),
+    "{frames} of {count} variants": "{frames} von {count} Varianten",
+    "{length:.1f} m before the curve's end": "{length:.1f} m vor dem Ende der Kurve",
+    "{length:.1f} m in {duration}": "{length:.1f} m in {duration}",
+    "{length:.1f} m take {duration}": "{length:.1f} m dauern {duration}",
+    "{length:.2f} m backward": "{length:.2f} m rückwärts",
+    "{length:.2f} m forward": "{length:.2f} m vorwärts",
+    "{length:.2f} m to the left": "{length:.2f} m nach links",
+    "{length:.2f} m to the right": "{length:.2f} m nach rechts",
+    "{length} away": "{length} entfernt",
+    "{length} back": "{length} zurück",
+    "{length} down": "{length} nach unten",
+    "{length} forward": "{length} vorwärts",
+    "{length} left": "{length} nach links",
+    "{length} right": "{length} nach rechts",
+    "{length} up": "{length} nach oben",
+    "{log}: the log is not at hand, so no recorded points are shown": (
+        "{log}: das Log ist nicht verfügbar, daher werden keine aufgezeichneten Punkte gezeigt"
+    ),
+    "{name} ({number} of {count}): {done} of {total}; {frames} in all": (
+        "{name} ({number} von {count}): {done} von {total}; insgesamt {frames}"
+    ),
+    "{name} beside {other}": "{name} neben {other}",
+    "{name} is deleted; {other} is shown": "{name} ist gelöscht; {other} wird gezeigt",
+    "{name} is muted": "{name} ist stummgeschaltet",
+    "{name} is not in the scene": "{name} ist nicht in der Szene",
+    "{name} is shown now; edits here do not change the others": (
+        "{name} wird jetzt gezeigt; Änderungen hier ändern die anderen nicht"
+    ),
+    "{name} is the ego vehicle's body": "{name} ist die Karosserie des Ego-Fahrzeugs",
+    "{name}, {start:.1f} to {end:.1f} s": "{name}, {start:.1f} bis {end:.1f} s",
+    "{name}: is scaled by {factors} to {size}; its underside stays where it was": (
+        "{name}: ist mit {factors} auf {size} skaliert; die Unterseite bleibt, wo sie war"
+    ),
     "{name}: its mount is changed": "{name}: die Montage ist geändert",
+    "{name}: looks {yaw}, {pitch}": "{name}: blickt {yaw}, {pitch}",
+    "{name}: measures {size}": "{name}: misst {size}",
     "{name}: the change is keyed at frame {frame} and blends in from {blend:g} s before to {blend:g} s after it": (
         "{name}: die Änderung hat ein Schlüsselbild bei Bild {frame} und wird von {blend:g} s davor bis {blend:g} s danach "
         "überblendet"
@@ -844,7 +1087,39 @@ GERMAN: dict[str, str] = {
         "{name}: die ganze Trajektorie mit ihren Schlüsselbildern ist verschoben"
     ),
     "{name}: the whole trajectory is displaced": "{name}: die ganze Trajektorie ist verschoben",
+    "{name}: there is no such variant any more": "{name}: diese Variante gibt es nicht mehr",
+    "{name}: this edit is not there any more": "{name}: diese Änderung gibt es nicht mehr",
+    "{name}: {length:.2f} m at {time}": "{name}: {length:.2f} m bei {time}",
+    "{name}: {sensors} put on the vehicle": "{name}: {sensors} am Fahrzeug angebracht",
+    "{number} of {count}": "{number} von {count}",
+    "{number} of {count} listed actors are visible and selected": (
+        "{number} von {count} gelisteten Akteuren sind sichtbar und ausgewählt"
+    ),
+    "{path}: cannot be deleted: {why}": "{path}: lässt sich nicht löschen: {why}",
+    "{path}: is no rig preset in Blender's presets folders": "{path}: ist kein Rig-Preset in Blenders Preset-Ordnern",
+    "{path}: is there already: choose another name, or replace it": (
+        "{path}: existiert schon: einen anderen Namen wählen oder das Preset ersetzen"
+    ),
     "{progress}, starting": "{progress}, startet",
     "{progress}, {time} left": "{progress}, noch {time}",
+    "{saved}; left out, because they are no mounted cameras or beam tables: {names}": (
+        "{saved}; ausgelassen, da sie keine montierten Kameras oder Strahlentabellen sind: {names}"
+    ),
+    "{sensors} saved to {path}": "{sensors} nach {path} gespeichert",
+    "{sensor} added": "{sensor} hinzugefügt",
+    "{sensor} copied": "{sensor} kopiert",
+    "{sensor} removed": "{sensor} entfernt",
+    "{sentence} (and {count} more)": "{sentence} (und {count} weitere)",
+    "{start:.1f} to {end:.1f} s": "{start:.1f} bis {end:.1f} s",
+    "{state}: it was recorded at x {x:.1f} m, y {y:.1f} m": "{state}: aufgezeichnet bei x {x:.1f} m, y {y:.1f} m",
     "{text} (Esc to cancel)": "{text} (Esc bricht ab)",
+    "{time:.2f} s (frame {frame:.1f})": "{time:.2f} s (Bild {frame:.1f})",
+    "{time:.2f} s ({frames:.1f} frames)": "{time:.2f} s ({frames:.1f} Bilder)",
+    "{time} (frame {frame:g}): {speed}": "{time} (Bild {frame:g}): {speed}",
+    "{time} s": "{time} s",
+    "{unmuted}; muted instead: {others}": "{unmuted}; stattdessen stummgeschaltet: {others}",
+    "{way} along its own axis, as it stands still": "{way} entlang der eigenen Achse, da es stillsteht",
+    "{way} along its path": "{way} entlang des eigenen Pfads",
+    "{whole}; the log ends at {time:.2f} s": "{whole}; das Log endet bei {time:.2f} s",
+    "|recorded - rendered| x{gain:g}": "|aufgezeichnet - gerendert| x{gain:g}",
 }

@@ -20,6 +20,7 @@ from ...core.geometry import FloatArray, invert_pose
 from ...core.meshes.model import FLAT, MeshModel, centred, check_model
 from ...editing.sampled.poses import rigid
 from ...editing.sampled.scaling import UNIT, Factors, Scaling, refusal, scale_text, scaling_of, size_text
+from ...editing.texts import Text
 from .trajectories import trajectory_of
 
 SHAPES = ("MESH", "CURVE", "SURFACE", "META", "FONT")
@@ -85,8 +86,11 @@ def scaled_sentence(thing: bpy.types.Object) -> str:
     if fault := refusal(thing.name, scaling):
         return fault
     if scaling.factors == UNIT:
-        return f"{thing.name}: measures {size}"
-    return f"{thing.name}: is scaled by {scale_text(scaling.factors)} to {size}; its underside stays where it was"
+        return Text("{name}: measures {size}", name=thing.name, size=size)
+    factors = scale_text(scaling.factors)
+    return Text(
+        "{name}: is scaled by {factors} to {size}; its underside stays where it was", name=thing.name, factors=factors, size=size
+    )
 
 
 def extent_of(thing: bpy.types.Object) -> FloatArray:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import bpy
 
+from ...editing.texts import counted
+
 
 def chosen(context: bpy.types.Context, *kinds: str) -> list[bpy.types.Object]:
     """The selected objects of some kinds."""
@@ -12,7 +14,7 @@ def chosen(context: bpy.types.Context, *kinds: str) -> list[bpy.types.Object]:
 
 def counted_names(things: list[bpy.types.Object]) -> str:
     """Return the name of the only one of some actors, or how many there are: "3 actors"."""
-    return things[0].name if len(things) == 1 else f"{len(things)} actors"
+    return things[0].name if len(things) == 1 else counted(len(things), "1 actor", "{count} actors")
 
 
 def choose(context: bpy.types.Context, *things: bpy.types.Object) -> None:

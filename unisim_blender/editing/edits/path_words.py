@@ -19,6 +19,13 @@ def path_words(
 ) -> str:
     """Return how an object goes another way than ``base`` (N, 4, 4), which lies ``lifted`` for an object with
     another appearance or scale."""
+    return joined(path_phrases(thing, base, lifted, there, actor, clock))
+
+
+def path_phrases(
+    thing: SampledObject, base: FloatArray, lifted: FloatArray, there: BoolArray, actor: Actor | None, clock: Clock
+) -> list[str]:
+    """Return the phrases of `path_words`."""
     at = thing.there & there if (thing.there & there).any() else thing.there
     few = Clock(clock.frames[at], clock.times_s[at])
     parts = []
@@ -31,7 +38,7 @@ def path_words(
         parts.append(trajectory_words(few, thing.poses[at], lifted[at], None, False))
     if (thing.there != there).any() and not any(part.startswith("Retimed") for part in parts):
         parts.append(presence_words(clock, thing.there))
-    return joined(parts)
+    return [part for part in parts if part]
 
 
 def is_retimed(thing: SampledObject, recorded: Trajectory, clock: Clock) -> bool:

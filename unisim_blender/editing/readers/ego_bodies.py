@@ -11,6 +11,7 @@ from ..edits.lines import Line, line_of
 from ..edits.reader import GroupReader, Reading, register
 from ..edits.trajectories import placement
 from ..sampled.poses import same
+from ..texts import Text
 
 
 @register
@@ -42,5 +43,5 @@ class EgoBodies(GroupReader):
         """A line for each body."""
         bodies = [thing for thing in reading.sampled.of("BODY") if thing.there.any()]
         for body, thing in zip(self.edits(reading), bodies, strict=True):
-            names, words = (thing.title, thing.name), "Body of the ego vehicle"
+            names, words = (thing.title, thing.name), Text("Body of the ego vehicle")
             yield line_of("BODY", thing.uid, "BODY", words, names, thing.there, reading.clock, body)

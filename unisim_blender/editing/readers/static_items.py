@@ -14,9 +14,11 @@ from ...core.scenario.placement import BoxSpec
 from ..edits.lines import Line, line_of
 from ..edits.reader import GroupReader, Reading, register
 from ..edits.trajectories import placement, quaternion, vector
+from ..edits.words import moved
 from ..sampled.poses import same
 from ..sampled.scaling import UNIT, scale_text
 from ..sampled.scene import SampledObject
+from ..texts import Text
 
 
 @register
@@ -66,12 +68,13 @@ class StaticItems(GroupReader):
             gone = RemoveStatic(uid) in edits
             copied = [thing for thing in standing if not (thing is own and not gone)]
             for edit, thing in zip(copies, copied, strict=True):
-                far = f"{np.linalg.norm(thing.poses[0, :3, 3] - np.array(reading.boxes[uid].position)):.1f} m away"
-                part, words = ("MOVE", f"Moved {far}") if thing is own else ("COPY", f"Copied: {far}")
+                apart = float(np.linalg.norm(thing.poses[0, :3, 3] - np.array(reading.boxes[uid].position)))
+                far = Text("{length} away", length=f"{apart:.1f} m")
+                part, words = ("MOVE", moved(far)) if thing is own else ("COPY", Text("Copied: {how}", how=far))
                 yield line_of("STATIC", uid, part, words, (thing.title, thing.name), always, clock, edit)
             if gone and own is None:
                 hidden = next((thing.name for thing in sampled.of("STATIC") if thing.uid == uid and thing.is_original), "")
-                yield line_of("STATIC", uid, "REMOVE", "Removed", (uid, hidden), always, clock, RemoveStatic(uid))
+                yield line_of("STATIC", uid, "REMOVE", Text("Removed"), (uid, hidden), always, clock, RemoveStatic(uid))
 
 
 def refuse_scale(thing: SampledObject) -> None:

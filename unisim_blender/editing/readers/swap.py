@@ -8,6 +8,7 @@ from ...core.actor_images.names import plain_names
 from ...core.scenario.edits import Swap
 from ..edits.lines import Line, line_of
 from ..edits.reader import ActorReader, Standing, register
+from ..texts import Text
 
 
 @register
@@ -23,6 +24,10 @@ class SwapReader(ActorReader[Swap]):
         """Whose appearance it is."""
         actors = standing.reading.drive.actors
         own_look = edit.scene is None and edit.look in actors
-        named = plain_names(actors)[edit.look] if own_look else f"{edit.look} of {Path(edit.scene or '').name}"
-        words, there = f"Appearance of {named}", standing.here.there
+        named = (
+            plain_names(actors)[edit.look]
+            if own_look
+            else Text("{actor} of {scene}", actor=edit.look, scene=Path(edit.scene or "").name)
+        )
+        words, there = Text("Appearance of {actor}", actor=named), standing.here.there
         return line_of("ACTOR", edit.actor, "APPEARANCE", words, standing.names, there, standing.clock, edit)
