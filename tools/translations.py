@@ -6,6 +6,7 @@ python tools/translations.py [LANGUAGE]      (LANGUAGE: de_DE; without: all text
 from __future__ import annotations
 
 import ast
+import re
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -18,9 +19,18 @@ PACKAGE = ROOT / "unisim_blender"
 KINDS = ("Operator", "Panel", "Menu", "PropertyGroup", "AddonPreferences", "FileHandler")
 CALLS = {
     "interface": 1, "tooltip": 1, "message": 1, "label": 0, "operator": 0, "operator_menu_enum": 0, "prop": 0, "menu": 0,
-    "progress": 0, "report": 2, "row_of": 2, "allowed": 9, "selected": 2,
+    "progress": 0, "report": 2, "row_of": 2, "allowed": 9, "selected": 2, "Text": 1, "counted": 3, "translatable": 1,
+    "Slot": 2,
 }  # fmt: skip
 """Functions whose constant texts people see, and how many of their positional arguments may be such texts."""
+
+SHOWN = {
+    "label", "operator", "prop", "menu", "progress", "report", "row_of", "say", "status_text_set", "header_text_set",
+    "invoke_confirm", "poll_message_set",
+}  # fmt: skip
+"""Functions that show a text to people, translated or not."""
+LONGEST_UNIT = 2
+"""Letters of a unit: km, dB. Longer words are language."""
 
 
 def ours(kind: str) -> Iterator[type]:
@@ -59,14 +69,16 @@ def registered_texts() -> Iterator[str]:
                         yield from (item.name, item.description)
 
 
+def sources() -> list[Path]:
+    """Return the files that have texts."""
+    folders = ("operators", "panels", "bridge", "editing")
+    return [*PACKAGE.glob("*.py"), *(path for folder in folders for path in sorted((PACKAGE / folder).rglob("*.py")))]
+
+
 def written_texts() -> Iterator[str]:
     """Yield constant texts of layouts, reports, and conditions of buttons."""
-    for path in [
-        *PACKAGE.glob("*.py"),
-        *(p for folder in ("operators", "panels", "bridge", "editing") for p in sorted((PACKAGE / folder).rglob("*.py"))),
-    ]:
-        tree = ast.parse(path.read_text(encoding="utf-8"))
-        for node in ast.walk(tree):
+    for path in sources():
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if isinstance(node, ast.Call):
                 yield from _called(node)
             elif (
@@ -77,10 +89,26 @@ def written_texts() -> Iterator[str]:
                 yield from (text for text in _constants(node.value.elts[-1]) if " " in text)  # a need of a button
 
 
-def _called(node: ast.Call) -> Iterator[str]:
+def untold() -> Iterator[str]:
+    """Yield where a call that shows a text is given a string with values and words of its own, which no table can have."""
+    for path in sources():
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if not isinstance(node, ast.Call) or _name(node) not in SHOWN:
+                continue
+            for argument in [*node.args, *(k.value for k in node.keywords if k.arg in ("text", "message"))]:
+                parts = [part for part in ast.walk(argument) if isinstance(part, ast.JoinedStr)]
+                words = [one.value for part in parts for one in part.values if isinstance(one, ast.Constant)]
+                if any(len(word) > LONGEST_UNIT for text in words for word in re.findall("[^\\W\\d_]+", str(text))):
+                    yield f"{path.relative_to(ROOT)}:{node.lineno}"
+
+
+def _name(node: ast.Call) -> str:
     function = node.func
-    name = function.id if isinstance(function, ast.Name) else function.attr if isinstance(function, ast.Attribute) else ""
-    count = CALLS.get(name)
+    return function.id if isinstance(function, ast.Name) else function.attr if isinstance(function, ast.Attribute) else ""
+
+
+def _called(node: ast.Call) -> Iterator[str]:
+    count = CALLS.get(_name(node))
     if count is None or any(k.arg == "translate" for k in node.keywords):
         return
     for argument in [*node.args[:count], *(k.value for k in node.keywords if k.arg in ("text", "sentence"))]:
@@ -102,6 +130,8 @@ def _constants(node: ast.AST) -> Iterator[str]:
 
 def is_text(value: str) -> bool:
     """Whether a string is more than a name that is the same in every language."""
+    if re.fullmatch(r"[a-z0-9_]+\.[a-z0-9_]+", value):  # an operator's id
+        return False
     return any(letter.islower() for letter in value) or (" " in value and any(letter.isalpha() for letter in value))
 
 

@@ -11,14 +11,17 @@ import bpy
 
 from .bridge.window.areas import areas
 from .comparison import IMAGES, TURN_S, difference_of
+from .editing.texts import Text
 from .registering import Drawing, add, take_away
+from .translations import localized
 from .view_options import options_of
 
 NEAR_PX = 8
 """So near to the split's line the mouse takes hold of it."""
 TEXT_PX, GAP_PX = 13, 8
 LINE, TEXT, SHADE, HATCH = (1.0, 1.0, 1.0, 0.9), (1.0, 1.0, 1.0, 1.0), (0.0, 0.0, 0.0, 0.55), (1.0, 0.15, 0.15, 1.0)
-UNSUPPORTED = "Unsupported: nothing recorded shows this"
+RECORDED, RENDERED = Text("recorded"), Text("rendered")
+UNSUPPORTED = Text("Unsupported: nothing recorded shows this")
 
 
 def drawn_view(region: bpy.types.Region) -> Any:
@@ -64,10 +67,10 @@ def draw() -> None:
         x = line_at(context.region, options.split) or 0.0
         _rectangle(x - scale, low, x + scale, top, LINE)
         _rectangle(x - 4 * scale, (low + top) / 2 - 20 * scale, x + 4 * scale, (low + top) / 2 + 20 * scale, LINE)
-        _label("recorded", x - GAP_PX * scale, at_y, scale, from_right=True)
-        _label("rendered", x + GAP_PX * scale, at_y, scale)
+        _label(RECORDED, x - GAP_PX * scale, at_y, scale, from_right=True)
+        _label(RENDERED, x + GAP_PX * scale, at_y, scale)
     elif mode != "RENDERED":
-        shown = {"FLICKER": "recorded" if view.comparison.turn else "rendered", "RECORDED": "recorded"}
+        shown = {"FLICKER": RECORDED if view.comparison.turn else RENDERED, "RECORDED": RECORDED}
         text = shown.get(mode) or view.comparison.metrics or difference_of(options.gain)
         _label(text, (left + right) / 2, at_y, scale, centred=True)
     elif options.mode != "RENDERED" and not view.problem:
@@ -81,7 +84,7 @@ def _legend(x: float, y: float, scale: float) -> None:
     """Say what hatching means, with the middle at x."""
     size, gap = TEXT_PX * scale, GAP_PX * scale
     blf.size(0, size)
-    begin = x - (blf.dimensions(0, UNSUPPORTED)[0] + size + gap) / 2
+    begin = x - (blf.dimensions(0, localized(UNSUPPORTED))[0] + size + gap) / 2
     _rectangle(begin - gap, y - 4 * scale, begin + size + gap, y + size + 2 * scale, SHADE)
     for i in range(3):
         _rectangle(begin + (i + 0.15) * size / 3, y, begin + (i + 0.65) * size / 3, y + size, HATCH)
@@ -102,6 +105,7 @@ def _rectangle(x0: float, y0: float, x1: float, y1: float, colour: tuple[float, 
 
 def _label(text: str, x: float, y: float, scale: float, from_right: bool = False, centred: bool = False) -> None:
     """Write on a dark ground that begins at (x, y), ends there, or has its middle there."""
+    text = localized(text)
     blf.size(0, TEXT_PX * scale)
     width, height = blf.dimensions(0, text)
     x -= width if from_right else width / 2 if centred else 0.0

@@ -16,6 +16,7 @@ from .editing.images.recorded import ImageRequest, RecordedImages, Shown
 from .editing.sampled.outside import marked_outside
 from .editing.sampled.scene import SampledObject
 from .editing.sampled.source import Source
+from .editing.texts import Text
 from .view_options import ViewOptions
 
 TURN_S = 0.25
@@ -93,7 +94,7 @@ class Comparison:
         if not self.lacks:
             lies = placement(source.drive.cameras[view.uid].model, model)
             if lies is None:
-                self.lacks = f"{view.name} looks beside its recorded images"
+                self.lacks = Text("{camera} looks beside its recorded images", camera=view.name)
             elif source.log is not None:
                 request = ImageRequest(source.log, view.uid, int(frame), lies)
                 there = IMAGES.get(request)
@@ -161,7 +162,10 @@ class Comparison:
         found = errors(shown.srgb[seen], shown.covered[seen], srgb[seen])
         if found is None:
             return ""
-        return f"{difference_of(self.options.gain)}: mean absolute error {found[0]:.1f} of 255, PSNR {found[1]:.1f} dB"
+        return Text(
+            "{difference}: mean absolute error {error:.1f} of 255, PSNR {psnr:.1f} dB",
+            difference=difference_of(self.options.gain), error=float(found[0]), psnr=float(found[1]),
+        )  # fmt: skip
 
     def _put(self, name: str, image: NDArray[np.float32], key: object) -> None:
         """Have an image (H, W, 4) as a texture; ``key`` says which it is."""
@@ -174,7 +178,7 @@ class Comparison:
 
 def difference_of(gain: float) -> str:
     """Return what a difference is called in a view."""
-    return f"|recorded - rendered| x{gain:g}"
+    return Text("|recorded - rendered| x{gain:g}", gain=gain)
 
 
 def fetch_next(request: ImageRequest) -> None:

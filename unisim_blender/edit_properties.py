@@ -25,6 +25,7 @@ class UniSimMuted(bpy.types.PropertyGroup):
     uid: StringProperty()
     part: StringProperty()
     what: StringProperty()
+    what_parts: StringProperty()  # of what, so that it can be told in other languages; "" in files of earlier versions
     thing: StringProperty()
     start_s: FloatProperty()
     end_s: FloatProperty()

@@ -15,6 +15,7 @@ from .bridge.objects.imported import has_drive
 from .bridge.sampling import edit_list
 from .bridge.sampling.adjacent_frames import BESIDE
 from .bridge.window.areas import areas
+from .editing.texts import Text
 from .following import dragging
 
 BUDGET_S = 0.012
@@ -72,7 +73,7 @@ def _read() -> float | None:
             edit_list.reading_of(scene).mark()
         except Exception as fault:  # Blender drops a timer that fails, and the panel would wait for ever
             traceback.print_exc()
-            edit_list.reading_of(scene).fail(f"The edits cannot be read: {fault}")
+            edit_list.reading_of(scene).fail(Text("The edits cannot be read: {fault}", fault=str(fault)))
             _at.clear()
         if edit_list.made_beside():
             _beside_s = time.monotonic()

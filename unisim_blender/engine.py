@@ -22,7 +22,7 @@ from .core.errors import UnisimError
 from .editing.reading.requests import camera_request
 from .editing.sampled.outside import marked_outside, outside_drive
 from .preferences import device, interpreter
-from .translations import interface
+from .translations import interface, localized
 
 WAIT_S = 0.05
 """Between two looks at whether the user has had enough."""
@@ -116,7 +116,7 @@ class UniSimEngine(bpy.types.RenderEngine):
         shown, part = scene.frame_current, scene.frame_subframe
         frame = shown + part
         if outside := outside_drive(frame, source.drive):
-            self.report({"WARNING"}, outside)
+            self.report({"WARNING"}, localized(outside))
 
         def step(whole: int) -> None:
             self.frame_set(whole, subframe=0.0)

@@ -12,6 +12,7 @@ from .bridge.changes.standing import stand
 from .bridge.objects.imported import KINDS_OF_DRIVE, has_drive, imported_objects
 from .bridge.objects.meshes import scaled_sentence
 from .bridge.objects.trajectories import convert, trajectory_of
+from .translations import localized, message
 
 LOOK_S = 0.05
 """Until the next look whether a person has let go of what is dragged."""
@@ -88,7 +89,7 @@ def settle_now() -> list[str]:
         if sentence := settle(scene, obj):
             said.append(sentence)
         if obj.unisim.kind == "ACTOR" and stand(obj):
-            said.append(scaled_sentence(obj))
+            said.append(localized(scaled_sentence(obj)))
     _unsettled.clear()
     return said
 
@@ -103,7 +104,7 @@ def _settle() -> float | None:
         return LOOK_S
     said = settle_now()
     if said:
-        say(said[0] if len(said) == 1 else f"{said[0]} (and {len(said) - 1} more)")
+        say(said[0] if len(said) == 1 else message("{sentence} (and {count} more)", sentence=said[0], count=len(said) - 1))
     return None
 
 

@@ -11,6 +11,7 @@ from .bridge.views.notices import notices
 from .core.errors import UnisimError
 from .editing.sampled.outside import BAND_PX, outside_drive, stripes
 from .registering import Drawing
+from .translations import localized
 from .view_types import looks_through
 
 SIZE, LINE, TOP = 12.0, 18.0, 70.0
@@ -30,7 +31,7 @@ def draw() -> None:
     camera = scene.camera if looks_through(scene, space) == "RIG" and not rendered else None
     try:
         source = source_of(scene)
-        lines, outside = notices(scene, source, camera), outside_drive(frame_of(scene), source.drive)
+        lines, outside = [*map(localized, notices(scene, source, camera))], outside_drive(frame_of(scene), source.drive)
     except (UnisimError, OSError):
         return  # the panel says so
     scale = context.preferences.system.ui_scale

@@ -105,6 +105,7 @@ class UniSimWarning(bpy.types.PropertyGroup):
     time_s: FloatProperty(name="Time", description="Seconds of the log", unit="TIME_ABSOLUTE")
     place: FloatVectorProperty(name="Location", description="World location of the object at that time", size=3)
     text: StringProperty(name="Warning")
+    text_parts: StringProperty(options={"HIDDEN"})  # so that it can be told in other languages; "" in files of earlier versions
 
 
 class UniSimCheck(bpy.types.PropertyGroup):

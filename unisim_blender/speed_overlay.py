@@ -11,6 +11,7 @@ from .editing.layout.speed_graph import HEIGHT, WIDTH, Shapes, curves, moment
 from .editing.motion.kinematics import Compared
 from .operators.motion_settings import graph_of
 from .registering import Drawing
+from .translations import localized
 
 MARGIN = 12
 LEAST_SCALE = 0.5
@@ -63,7 +64,7 @@ def draw_shapes(shapes: Shapes, corner: FloatArray, scale: float) -> None:
     for text, x, y, colour in shapes.texts:
         blf.color(0, *colour)
         blf.position(0, corner[0] + scale * x, corner[1] + scale * y, 0)
-        blf.draw(0, text)
+        blf.draw(0, localized(text))
 
 
 _drawing = Drawing(draw, "POST_PIXEL")

@@ -72,7 +72,7 @@ class Task:
             return ""
         lines = [line for line in self.words if line.strip()]
         own = [line.removeprefix("Error: ") for line in lines if line.startswith("Error: ")]
-        return (own or lines or [f"exit status {self.code}"])[-1]
+        return (own or lines or [message("exit status {code}", code=self.code)])[-1]
 
     def text(self) -> str:
         """One line for a status bar."""

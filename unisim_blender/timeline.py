@@ -15,6 +15,7 @@ from . import listing
 from .editing.layout.timeline import Room, Timeline, fitting_rows, lay_out, scrolled
 from .editing.layout.timeline_shapes import rectangles, rows_text
 from .registering import Drawing, add, take_away
+from .translations import localized
 
 TEXT, FAINT_TEXT = (0.92, 0.92, 0.92, 1.0), (0.62, 0.62, 0.62, 1.0)
 TEXT_PX = 11.0
@@ -90,7 +91,7 @@ def draw() -> None:
         write(blf, name, timeline.left + 6 * scale, timeline.row_bottom(row) + 4 * scale, TEXT if entry.there else FAINT_TEXT)
     for time_s in timeline.ticks():
         write(blf, f"{time_s:g}", timeline.x_of(time_s) + 3 * scale, timeline.rows_top + 5 * scale, FAINT_TEXT)
-    write(blf, rows_text(timeline), timeline.left + 6 * scale, timeline.rows_top + 5 * scale, FAINT_TEXT)
+    write(blf, localized(rows_text(timeline)), timeline.left + 6 * scale, timeline.rows_top + 5 * scale, FAINT_TEXT)
     label = f"{now_s:.2f} s"
     x = min(timeline.x_of(now_s) + 4 * scale, timeline.right - blf.dimensions(0, label)[0] - 4 * scale)
     write(blf, label, x, timeline.top + 4 * scale, TEXT)

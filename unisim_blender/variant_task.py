@@ -8,6 +8,7 @@ from pathlib import Path
 
 from .core.sequence.records import finished_moments
 from .tasks import SequenceTask
+from .translations import message
 
 
 @dataclass(frozen=True)
@@ -49,10 +50,13 @@ class VariantsTask(SequenceTask):
     def measure(self) -> str:
         """Which variant it is at, and frames of how many."""
         part = self.parts[self.at]
-        whole = f"{int(self.done)} of {int(self.total)} frames"
+        whole = message("{done} of {total} frames", done=int(self.done), total=int(self.total))
         if not self.running and not self.cancelled:
-            return f"{whole} of {len(self.parts)} variants"
-        return f"{part.name} ({self.at + 1} of {len(self.parts)}): {part.done} of {len(part.wanted)}; {whole} in all"
+            return message("{frames} of {count} variants", frames=whole, count=len(self.parts))
+        return message(
+            "{name} ({number} of {count}): {done} of {total}; {frames} in all",
+            name=part.name, number=self.at + 1, count=len(self.parts), done=part.done, total=len(part.wanted), frames=whole,
+        )  # fmt: skip
 
     def newest(self) -> Path | None:
         """The image that was finished last."""

@@ -32,7 +32,7 @@ from .editing.sampled.clock import Clock
 from .editing.sampled.outside import outside_drive
 from .editing.sampled.scene import Sampled, SampledObject
 from .preferences import device, interpreter
-from .translations import interface
+from .translations import interface, localized
 from .view_options import options_of
 
 COARSE = (8, 4)
@@ -307,8 +307,8 @@ class View:
         if self.problem:
             return self.problem
         work = self.progress or (interface("Rendering") if self.pending else self.warning)
-        clipped = "Clipped to what was observed" if self.wanted is not None and self.wanted["clip"] else ""
-        parts = (self.comparison.sentence, self.outside, work, clipped)
+        clipped = interface("Clipped to what was observed") if self.wanted is not None and self.wanted["clip"] else ""
+        parts = (localized(self.comparison.sentence), localized(self.outside), work, clipped)
         return ". ".join(part for part in parts if part)
 
 

@@ -73,8 +73,8 @@ def f12() -> None:
 
 
 def escape() -> None:
-    """Esc on the real keyboard, with the mouse over the image's window: Blender stops a render at no simulated one. That window is
-    as large as its image, and without a window manager a key goes to what lies under the mouse."""
+    """Esc on the real keyboard, with the mouse over the image's window: Blender stops a render at no simulated one.
+    That window is as large as its image, and without a window manager a key goes to what lies under the mouse."""
     main, image = bpy.context.window_manager.windows[0], bpy.context.window_manager.windows[-1]  # one, where none is open
     x, y = image.x + image.width // 2, main.height - image.y - image.height // 2
     subprocess.run(["xdotool", "mousemove", str(x), str(y), "key", "Escape"], check=True)

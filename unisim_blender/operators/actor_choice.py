@@ -16,6 +16,7 @@ from ..core.model.scene_file import HEADER_NAME, read_scene_header
 from ..core.world.drive import Actor
 from ..editing.actors.filter import natural
 from ..editing.actors.names import named_actors
+from ..translations import interface
 
 PAGE = 32
 """Thumbnails in one grid: what fits the window."""
@@ -123,7 +124,7 @@ def draw_choice(layout: bpy.types.UILayout, context: bpy.types.Context, operator
     count = pages(context, folder, operator.group)
     part = row.row(align=True)
     part.enabled = count > 1
-    part.prop(operator, "page", text=f"Page (of {count})")
+    part.prop(operator, "page", text=interface("Page (of {count})", count=count), translate=False)
     layout.template_icon_view(operator, "appearance", show_labels=True, scale=ICON_SCALE, scale_popup=GRID_SCALE)
     try:
         choice = choice_of(context, folder)

@@ -14,7 +14,9 @@ from ..bridge.window.selection import choose
 from ..core.errors import UnisimError
 from ..editing.actors.filter import nearest_present
 from ..editing.sampled.clock import Clock
+from ..editing.texts import translatable
 from ..registering import add, take_away
+from ..translations import message
 from .polling import allowed, drive, object_mode
 
 GROUPS = (
@@ -109,19 +111,21 @@ class UNISIM_OT_choose_actor(bpy.types.Operator):
         scene, about = context.scene, context.window_manager.unisim_actors
         obj = scene.objects.get(self.name)
         if obj is None or obj.unisim.kind != "ACTOR":
-            self.report({"WARNING"}, f'"{self.name}" is not there any more')
+            self.report({"WARNING"}, message('"{name}" is not there any more', name=self.name))
             return {"CANCELLED"}
         frame = frame_to_show(context, obj, self.seconds, about.jump)
         if frame is not None and frame != scene.frame_current:
             scene.frame_set(frame)
         if obj.name not in context.view_layer.objects:
-            self.report({"WARNING"}, f'"{self.name}" is in a collection that this view layer leaves out')
+            self.report({"WARNING"}, message('"{name}" is in a collection that this view layer leaves out', name=self.name))
             return {"CANCELLED"}
         choose(context, obj)
         context.view_layer.objects.active = obj
         if not obj.visible_get():
-            why = "hidden in the view: its eye in the list shows it" if obj.hide_get() else "not there at this time"
-            self.report({"INFO"}, f'"{obj.name}" is active, but {why}')
+            sentence = translatable('"{name}" is active, but not there at this time')
+            if obj.hide_get():
+                sentence = translatable('"{name}" is active, but hidden in the view: its eye in the list shows it')
+            self.report({"INFO"}, message(sentence, name=obj.name))
         elif about.frame and self.seconds < 0:
             turn_to(context, obj)
         return {"FINISHED"}
@@ -183,7 +187,7 @@ class UNISIM_OT_hide_actor(bpy.types.Operator):
         """As H and Alt-H do, for one object."""
         obj = context.view_layer.objects.get(self.name)
         if obj is None:
-            self.report({"WARNING"}, f'"{self.name}" is not in this view layer')
+            self.report({"WARNING"}, message('"{name}" is not in this view layer', name=self.name))
             return {"CANCELLED"}
         obj.hide_set(not obj.hide_get())
         return {"FINISHED"}
@@ -228,7 +232,8 @@ class UNISIM_OT_select_listed(bpy.types.Operator):
         keys = {entry.key for entry in listing.refresh_now(context.scene).shown}
         found = [obj for obj in imported_objects(context.scene, "ACTOR") if obj.session_uid in keys and obj.visible_get()]
         choose(context, *found)
-        self.report({"INFO"}, f"{len(found)} of {len(keys)} listed actors are visible and selected")
+        said = message("{number} of {count} listed actors are visible and selected", number=len(found), count=len(keys))
+        self.report({"INFO"}, said)
         return {"FINISHED"}
 
 

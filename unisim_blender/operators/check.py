@@ -18,6 +18,7 @@ from ..bridge.window.selection import choose
 from ..editing.motion.plausibility import Finding, warnings_of
 from ..editing.sampled.clock import Clock
 from ..editing.sampled.scene import Sampled
+from ..editing.texts import packed
 from ..following import dragging
 from ..registering import add, take_away
 from ..translations import message
@@ -108,7 +109,7 @@ class UNISIM_OT_check(InSteps, bpy.types.Operator):
         check.warnings.clear()
         for warning in warnings:
             item = check.warnings.add()
-            item.name, item.frame, item.text = warning.name, warning.frame, warning.text
+            item.name, item.frame, item.text, item.text_parts = warning.name, warning.frame, warning.text, packed(warning.text)
             item.time_s, item.place = float(clock.time_s(np.array(float(warning.frame)))), place_of(warning, sampled)
         check.state, check.checked = edit_state(scene), time.strftime("%Y-%m-%d %H:%M")
         _outdated[scene.session_uid] = False

@@ -26,13 +26,15 @@ from ..editing.motion.dragging import along_axis, on_plane, stepped
 from ..editing.motion.durations import instant
 from ..editing.sampled.clock import Clock
 from ..editing.sensors.directions import angles
+from ..editing.texts import Text, translatable
+from ..translations import interface, localized, tooltip
 from .polling import Need, allowed, object_mode, vehicle
 
 CLICK_PX = 3
 """Moving the mouse by less is a click, which is meant for what lies under the gizmo."""
 STEP_M, STEP_DEG = 0.5, 5.0
 """Steps while Ctrl is held."""
-HINT = "  |  Ctrl: steps, Esc: cancel"
+HINT = translatable("{done}  |  Ctrl: steps, Esc: cancel")
 TARGET_M = 5.0
 """How far ahead of a sensor the handle is that turns it."""
 VIEW_AXIS = Vector((0.0, 0.0, 1.0))
@@ -63,7 +65,7 @@ class Dragged:
             self.report({"ERROR"}, str(fault))
             return {"CANCELLED"}
         refresh([self.subject(context)])
-        self.report({"INFO"}, self.said(context))
+        self.report({"INFO"}, localized(self.said(context)))
         return {"FINISHED"}
 
     def invoke(self: Any, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
@@ -89,14 +91,14 @@ class Dragged:
             self.follow(context, np.array(self.pressed, float), np.array(mouse, float), event.ctrl)
             self.apply(context)
             refresh([self.subject(context)])
-            context.area.header_text_set(self.said(context) + HINT)
+            context.area.header_text_set(interface(HINT, done=self.said(context)))
         elif event.type == "LEFTMOUSE" and event.value == "RELEASE":
             if not self.moved:
                 self.put_back(context)
                 bpy.ops.view3d.select("INVOKE_DEFAULT", True, location=mouse)
                 return {"CANCELLED"}
             context.area.header_text_set(None)
-            self.report({"INFO"}, self.said(context))
+            self.report({"INFO"}, localized(self.said(context)))
             return {"FINISHED"}
         return {"RUNNING_MODAL"}
 
@@ -146,12 +148,13 @@ class UNISIM_OT_drag_ego(Dragged, bpy.types.Operator):
 
     def said(self, context: bpy.types.Context) -> str:
         """Return what is done."""
-        return f"Shift ego lane: {abs(self.left_m):.2f} m to the {'left' if self.left_m >= 0 else 'right'}"
+        length = abs(self.left_m)
+        way = Text("{length:.2f} m to the left" if self.left_m >= 0 else "{length:.2f} m to the right", length=length)
+        return Text("Shift ego lane: {shift}", shift=way)
 
 
 class UNISIM_OT_drag_trajectory(Dragged, bpy.types.Operator):
-    """Drag the active actor's trajectory at this time in the ground plane; the change blends in and out over two seconds on
-    both sides"""
+    """Drag the active actor's trajectory at this time in the ground plane; the change blends in and out over two seconds"""
 
     bl_idname = "unisim.drag_trajectory"
     bl_label = "Displace Trajectory"
@@ -164,12 +167,15 @@ class UNISIM_OT_drag_trajectory(Dragged, bpy.types.Operator):
     @classmethod
     def description(cls, context: bpy.types.Context, properties: Any) -> str:
         """Return the tooltip of a handle: which actor it displaces, and when."""
-        name = context.active_object.name if context.active_object is not None else "the active actor"
+        name = context.active_object.name if context.active_object is not None else Text("the active actor")
         try:
             when = instant(properties.time_s, Clock.of(source_of(context.scene).drive))
         except (UnisimError, OSError):
             when = f"{properties.time_s:.2f} s"
-        return f"Drag to displace {name} at {when} in the ground plane. The change blends in and out over 2 s on both sides"
+        return tooltip(
+            "Drag to displace {name} at {time} in the ground plane; the change blends in and out over 2 s on both sides",
+            name=name, time=when,
+        )  # fmt: skip
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
@@ -199,7 +205,8 @@ class UNISIM_OT_drag_trajectory(Dragged, bpy.types.Operator):
     def said(self, context: bpy.types.Context) -> str:
         """Return what is done."""
         away = float(np.linalg.norm(self.offset_m))
-        return f"{self.subject(context).name}: {away:.2f} m at {instant(self.time_s, self.clock(context))}"
+        when = instant(self.time_s, self.clock(context))
+        return Text("{name}: {length:.2f} m at {time}", name=self.subject(context).name, length=away, time=when)
 
 
 class _Aimed:
@@ -226,8 +233,9 @@ class _Aimed:
 
     def said(self: Any, context: bpy.types.Context) -> str:
         """Return what is done."""
-        sides = ("left" if self.yaw_deg >= 0 else "right"), ("up" if self.pitch_deg >= 0 else "down")
-        return f"{context.active_object.name}: looks {abs(self.yaw_deg):.1f}° {sides[0]}, {abs(self.pitch_deg):.1f}° {sides[1]}"
+        yaw = Text("{angle:.1f}° left" if self.yaw_deg >= 0 else "{angle:.1f}° right", angle=abs(self.yaw_deg))
+        pitch = Text("{angle:.1f}° up" if self.pitch_deg >= 0 else "{angle:.1f}° down", angle=abs(self.pitch_deg))
+        return Text("{name}: looks {yaw}, {pitch}", name=context.active_object.name, yaw=yaw, pitch=pitch)
 
 
 class UNISIM_OT_aim_sensor(_Aimed, bpy.types.Operator):
@@ -246,7 +254,7 @@ class UNISIM_OT_aim_sensor(_Aimed, bpy.types.Operator):
         """Turn it, and say where it looks."""
         self.apply(context)
         refresh([context.active_object])
-        self.report({"INFO"}, self.said(context))
+        self.report({"INFO"}, localized(self.said(context)))
         return {"FINISHED"}
 
 

@@ -17,6 +17,8 @@ from ..core.errors import UnisimError
 from ..editing.edits.conflicts import conflicting
 from ..editing.edits.lines import Line
 from ..editing.sampled.clock import Clock
+from ..editing.texts import series
+from ..translations import localized, message, tooltip
 from .polling import allowed, drive, object_mode
 
 
@@ -43,7 +45,7 @@ class _OfEdit:
         wanted = (self.kind, self.name, self.part), self.muted
         found = [line for line in read_now(context.scene) if (line.key, line.muted) == wanted]
         if not found:
-            raise UnisimError(f"{self.name}: this edit is not there any more")
+            raise UnisimError(message("{name}: this edit is not there any more", name=self.name))
         return found[0]
 
     def execute(self: Any, context: bpy.types.Context) -> set[str]:
@@ -69,10 +71,13 @@ class UNISIM_OT_go_to_edit(_OfEdit, bpy.types.Operator):
         key = properties.kind, properties.name, properties.part
         for line in reading_of(context.scene).lines:
             if (line.key, line.muted) == (key, properties.muted):
-                frames = f" Frames {line.frames[0]} to {line.frames[-1]}." if line.frames else ""
-                muted = " Muted: it does not count." if line.muted >= 0 else ""
-                return f"{line.who}: {line.what}.{frames}{muted} Click to select it and to go to a frame at which it shows"
-        return str(cls.__doc__)
+                said = [f"{line.who}: {localized(line.what)}"]
+                if line.frames:
+                    said.append(tooltip("Frames {first} to {last}", first=line.frames[0], last=line.frames[-1]))
+                if line.muted >= 0:
+                    said.append(tooltip("Muted: it does not count"))
+                return ". ".join([*said, tooltip("Click to select it and to go to a frame at which it shows")])
+        return tooltip(str(cls.__doc__))
 
     def do(self, context: bpy.types.Context, line: Line) -> None:
         """Jump."""
@@ -85,14 +90,13 @@ class UNISIM_OT_go_to_edit(_OfEdit, bpy.types.Operator):
             choose(context, obj)
             return
         choose(context)
-        where = ""
+        said = message("{name} is muted" if line.muted >= 0 else "{name} is not in the scene", name=line.who)
         actor = source_of(scene).drive.actors.get(line.uid)
         if actor is not None:
             clock = Clock.of(source_of(scene).drive)
             x, y, _ = actor.world_from_actor.at(float(clock.time_s(np.array(float(frame)))))[:3, 3]
-            where = f": it was recorded at x {x:.1f} m, y {y:.1f} m"
-        state = "muted" if line.muted >= 0 else "not in the scene"
-        self.report({"INFO"}, f"{line.who} is {state}{where}")
+            said = message("{state}: it was recorded at x {x:.1f} m, y {y:.1f} m", state=said, x=float(x), y=float(y))
+        self.report({"INFO"}, said)
 
 
 class UNISIM_OT_revert_edit(_OfEdit, bpy.types.Operator):
@@ -110,7 +114,7 @@ class UNISIM_OT_revert_edit(_OfEdit, bpy.types.Operator):
         else:
             revert(scene, source_of(scene), line)
         reading_of(scene).mark()
-        self.report({"INFO"}, f"Reverted: {line.what} ({line.who})")
+        self.report({"INFO"}, message("Reverted: {what} ({who})", what=line.what, who=line.who))
 
 
 class UNISIM_OT_mute_edit(_OfEdit, bpy.types.Operator):
@@ -124,20 +128,23 @@ class UNISIM_OT_mute_edit(_OfEdit, bpy.types.Operator):
     def description(cls, context: bpy.types.Context, properties: Any) -> str:
         """Say which of the two it does."""
         if properties.muted >= 0:
-            return "Let the edit count again. An edit of the same object that cannot stand beside it is muted"
-        return "Mute the edit: it stays in the file and counts in no image, sweep or scenario"
+            return tooltip("Let the edit count again; an edit of the same object that cannot stand beside it is muted")
+        return tooltip("Mute the edit: it stays in the file and counts in no image, sweep or scenario")
 
     def do(self, context: bpy.types.Context, line: Line) -> None:
         """Mute or unmute it."""
         scene = context.scene
         if line.muted < 0:
             mute(scene, source_of(scene), line)
-            self.report({"INFO"}, f"Muted: {line.what} ({line.who})")
+            self.report({"INFO"}, message("Muted: {what} ({who})", what=line.what, who=line.who))
         else:
             conflicts = conflicting(line, reading_of(scene).lines)
             unmute(scene, source_of(scene), line.muted, conflicts)
-            instead = f"; muted instead: {', '.join(conflict.what for conflict in conflicts)}" if conflicts else ""
-            self.report({"INFO"}, f"Unmuted: {line.what} ({line.who}){instead}")
+            said = message("Unmuted: {what} ({who})", what=line.what, who=line.who)
+            if conflicts:
+                others = series([conflict.what for conflict in conflicts])
+                said = message("{unmuted}; muted instead: {others}", unmuted=said, others=others)
+            self.report({"INFO"}, said)
         reading_of(scene).mark()
 
 

@@ -8,6 +8,7 @@ from ..bridge.objects.meshes import parts
 from ..bridge.window.refresh import refresh
 from ..bridge.window.selection import choose, chosen
 from ..core.scenario.edits.ego_body import LABEL
+from ..translations import message
 from .meshes import DIRECTIONS, marked_above
 from .polling import allowed, object_mode, selected, vehicle
 
@@ -38,19 +39,22 @@ class UNISIM_OT_ego_body(bpy.types.Operator):
         """Make one body of all that is selected, and put it on the vehicle."""
         found = [obj for obj in chosen(context, "NONE") if not marked_above(obj) and any(parts(obj))]
         if not found:
-            self.report({"ERROR"}, "no selected object has a surface")
+            self.report({"ERROR"}, message("no selected object has a surface"))
             return {"CANCELLED"}
         moving = next((obj for obj in found if obj.animation_data is not None or obj.constraints), None)
         if moving is not None:
             self.report(
-                {"ERROR"}, f'object "{moving.name}": has keys or constraints, and a body is fixed to the vehicle: clear them'
+                {"ERROR"},
+                message(
+                    'object "{name}": has keys or constraints, and a body is fixed to the vehicle: clear them', name=moving.name
+                ),
             )
             return {"CANCELLED"}
         found.sort(key=lambda obj: obj == context.active_object)
         body = make_body(context.scene, found, self.label or LABEL, self.forward, self.place == "VEHICLE")
         choose(context, body)
         refresh([body])
-        self.report({"INFO"}, f"{body.name} is the ego vehicle's body")
+        self.report({"INFO"}, message("{name} is the ego vehicle's body", name=body.name))
         return {"FINISHED"}
 
 

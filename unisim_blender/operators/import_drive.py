@@ -25,8 +25,9 @@ from ..core.scenario.types import Scenario
 from ..core.world.drive import Drive
 from ..editing.sampled.source import Source, open_source
 from ..editing.sampled.summary import summary
+from ..editing.texts import counted, series
 from ..registering import add, take_away
-from ..translations import message
+from ..translations import localized, message
 from ..view_types import follow_soon
 from .in_steps import InSteps, in_thread
 from .polling import allowed
@@ -52,7 +53,7 @@ class _ImportDrive(InSteps, ImportHelper):
         self.begun = False
         source = yield from self.run(self.opening())
         yield from self.bring_in(context, source)
-        self.report({"INFO"}, summary(source))
+        self.report({"INFO"}, localized(summary(source)))
 
     def bring_in(self: Any, context: bpy.types.Context, source: Source) -> Generator[str | None, None, None]:
         """Import an opened drive, and look through its camera where it is the scene's first."""
@@ -89,7 +90,7 @@ class _ImportDrive(InSteps, ImportHelper):
         if self.begun and context.preferences.edit.use_global_undo:
             take_back()
         if not fault:
-            self.report({"WARNING"}, "Import cancelled: the scene is unchanged")
+            self.report({"WARNING"}, message("Import cancelled: the scene is unchanged"))
 
     def finished(self: Any, context: bpy.types.Context) -> None:
         """Add the undo step. Blender itself would add one as soon as the file browser is closed, before anything is imported."""
@@ -165,7 +166,8 @@ class UNISIM_OT_import_scenario(_ImportDrive, bpy.types.Operator):
             raise UnisimError(f'scene "{context.scene.name}": has a drive already; import the scenario into a new scene')
         yield from self.bring_in(context, source)
         apply_edits(context.scene, source, scenario, edited)
-        self.report({"INFO"}, f"{summary(source)}; {len(scenario.edits)} edits")
+        edits = counted(len(scenario.edits), "1 edit", "{count} edits")
+        self.report({"INFO"}, localized(series([summary(source), edits], "; ")))
 
 
 def opened_scenario(path: Path) -> tuple[Scenario, Source, Drive]:

@@ -50,7 +50,7 @@ class UNISIM_OT_mesh_actor(bpy.types.Operator):
         """Mark each; its origin goes to its middle, its scale into its mesh."""
         found = [obj for obj in chosen(context, "NONE") if not marked_above(obj) and any(parts(obj))]
         if not found:
-            self.report({"ERROR"}, "no selected object has a surface")
+            self.report({"ERROR"}, message("no selected object has a surface"))
             return {"CANCELLED"}
         for obj in found:
             make_actor(obj, self.label or "Other", self.forward)

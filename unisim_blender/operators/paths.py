@@ -14,7 +14,8 @@ from ..core.errors import UnisimError
 from ..editing.motion.durations import followed, followed_briefly
 from ..editing.motion.ground import ground_height
 from ..editing.sampled.clock import Clock
-from ..translations import message
+from ..editing.texts import series
+from ..translations import localized, message
 from .polling import allowed, object_mode, selected
 
 
@@ -46,7 +47,7 @@ class UNISIM_OT_follow_curve(bpy.types.Operator):
             return
         start_s = float(clock.time_s(np.array(frame_of(context.scene))))
         for line in followed(self.length_m, self.speed_m_s, start_s, clock):
-            self.layout.label(text=line)
+            self.layout.label(text=localized(line), translate=False)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Keys along the curve; the actors' undersides are on it."""
@@ -69,7 +70,8 @@ class UNISIM_OT_follow_curve(bpy.types.Operator):
         refresh(actors)
         self.length_m = float(np.linalg.norm(np.diff(line, axis=0), axis=1).sum())
         start_s = float(clock.time_s(np.array(frame_of(context.scene))))
-        self.report({"INFO"}, f"{counted_names(actors)}: {followed_briefly(self.length_m, self.speed_m_s, start_s, clock)}")
+        done = followed_briefly(self.length_m, self.speed_m_s, start_s, clock)
+        self.report({"INFO"}, localized(series([counted_names(actors), done], ": ")))
         return {"FINISHED"}
 
 

@@ -13,9 +13,10 @@ from ..bridge.window.refresh import refresh
 from ..bridge.window.selection import chosen, counted_names
 from ..core.errors import UnisimError
 from ..core.geometry import FloatArray
-from ..editing.motion.durations import duration, instant, stretched
+from ..editing.motion.durations import duration, instant, later_or_earlier, span, stretched
 from ..editing.sampled.clock import Clock
-from ..translations import message
+from ..editing.texts import Text, series
+from ..translations import localized, message
 from .polling import allowed, object_mode, selected
 
 WAYS = (
@@ -60,18 +61,21 @@ class UNISIM_OT_retime_actor(bpy.types.Operator):
         except (UnisimError, OSError):
             return
         for line in self.lines(float(clock.time_s(np.array(frame_of(context.scene)))), clock):
-            self.layout.label(text=line)
+            self.layout.label(text=localized(line), translate=False)
 
     def lines(self, now_s: float, clock: Clock) -> list[str]:
         """Return what the chosen way comes to, in seconds and in frames."""
         if self.way == "STRETCH":
             return stretched(self.first_s, self.last_s, self.speed, clock)
         if self.way == "SPEED":
-            return [f"From {instant(now_s, clock)} on", f"What takes 1 s takes {duration(1 / self.speed, clock)}"]
+            return [
+                Text("From {time} on", time=instant(now_s, clock)),
+                Text("What takes 1 s takes {duration}", duration=duration(1 / self.speed, clock)),
+            ]
         if self.way == "STOP":
             stands = abs(self.seconds)
-            return [f"Stands for {duration(stands, clock)}", f"From {instant(now_s, clock)} to {instant(now_s + stands, clock)}"]
-        return [f"{duration(abs(self.seconds), clock)} {'later' if self.seconds >= 0 else 'earlier'}"]
+            return [Text("Stands for {duration}", duration=duration(stands, clock)), span(now_s, now_s + stands, clock)]
+        return [later_or_earlier(self.seconds, clock)]
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Move keys."""
@@ -93,17 +97,19 @@ class UNISIM_OT_retime_actor(bpy.types.Operator):
             else:
                 retimed(obj, self.later(now, clock))
         refresh(actors)
-        self.report({"INFO"}, f"{counted_names(actors)}: {self.briefly(float(clock.time_s(np.array(now))), clock)}")
+        done = self.briefly(float(clock.time_s(np.array(now))), clock)
+        self.report({"INFO"}, localized(series([counted_names(actors), done], ": ")))
         return {"FINISHED"}
 
     def briefly(self, now_s: float, clock: Clock) -> str:
         """Return what the chosen way comes to, in one line that the status bar has room for."""
         if self.way == "STRETCH":
-            return f"speed x{self.speed:.3g} for {duration(self.last_s - self.first_s, clock)}"
+            whole = duration(self.last_s - self.first_s, clock)
+            return Text("speed x{speed:.3g} for {duration}", speed=self.speed, duration=whole)
         if self.way == "SPEED":
-            return f"speed x{self.speed:.3g} from {instant(now_s, clock)} on"
+            return Text("speed x{speed:.3g} from {time} on", speed=self.speed, time=instant(now_s, clock))
         if self.way == "STOP":
-            return f"stands for {duration(abs(self.seconds), clock)}"
+            return Text("stands for {duration}", duration=duration(abs(self.seconds), clock))
         return self.lines(now_s, clock)[0]
 
     def later(self, now: float, clock: Clock) -> Callable[[FloatArray], FloatArray]:

@@ -20,7 +20,8 @@ from ..bridge.window.refresh import refresh
 from ..bridge.window.selection import choose
 from ..core.errors import UnisimError
 from ..core.rigs import Rig, read_rig, write_rig
-from ..editing.sampled.summary import counted
+from ..editing.texts import counted, series, translatable
+from ..translations import localized, message
 from .polling import Need, allowed, object_mode, vehicle
 
 MODES = (
@@ -40,7 +41,8 @@ def hidden(context: bpy.types.Context) -> Need:
 
 def held(rig: Rig) -> str:
     """Return what a rig has, in words."""
-    return f"{counted(len(rig.cameras), 'camera')}, {counted(len(rig.lidars), 'LiDAR')}"
+    cameras = counted(len(rig.cameras), "1 camera", "{count} cameras")
+    return series([cameras, counted(len(rig.lidars), "1 LiDAR", "{count} LiDARs")])
 
 
 class UNISIM_OT_apply_rig(bpy.types.Operator):
@@ -69,7 +71,7 @@ class UNISIM_OT_apply_rig(bpy.types.Operator):
             rig = read_rig(Path(properties.filepath))
         except UnisimError as fault:
             return str(fault)
-        count = held(rig)
+        count = localized(held(rig))
         return f"{count}. {rig.about}".removesuffix(".") if rig.about else count
 
     def execute(self, context: bpy.types.Context) -> set[str]:
@@ -83,7 +85,7 @@ class UNISIM_OT_apply_rig(bpy.types.Operator):
         new = put_rig(context.scene, drive, rig, self.mode == "REPLACE", tuple(self.offset))
         choose(context, *reversed(new))
         refresh(new)
-        self.report({"INFO"}, f"{path.stem}: {held(rig)} put on the vehicle")
+        self.report({"INFO"}, message("{name}: {sensors} put on the vehicle", name=path.stem, sensors=held(rig)))
         return {"FINISHED"}
 
 
@@ -120,14 +122,17 @@ class UNISIM_OT_save_rig(bpy.types.Operator):
         try:
             path = preset_file(self.name)
             if path.exists() and not self.overwrite:
-                raise UnisimError(f"{path}: is there already: choose another name, or replace it")
+                raise UnisimError(message("{path}: is there already: choose another name, or replace it", path=path))
             rig, left = rig_of(context.scene, source_of(context.scene).drive, self.about.strip())
             write_rig(rig, path)
         except (UnisimError, OSError) as fault:
             self.report({"ERROR"}, str(fault))
             return {"CANCELLED"}
-        without = f"; left out, because they are no mounted cameras or beam tables: {', '.join(left)}" if left else ""
-        self.report({"INFO"}, f"{held(rig)} saved to {path}{without}")
+        said = message("{sensors} saved to {path}", sensors=held(rig), path=path)
+        if left:
+            why = translatable("{saved}; left out, because they are no mounted cameras or beam tables: {names}")
+            said = message(why, saved=said, names=", ".join(left))
+        self.report({"INFO"}, said)
         return {"FINISHED"}
 
 
@@ -148,14 +153,14 @@ class UNISIM_OT_remove_rig(bpy.types.Operator):
         """Delete the file, if it is a preset of one's own."""
         path = Path(self.filepath)
         if path not in own_presets():
-            self.report({"ERROR"}, f"{path}: is no rig preset in Blender's presets folders")
+            self.report({"ERROR"}, message("{path}: is no rig preset in Blender's presets folders", path=path))
             return {"CANCELLED"}
         try:
             path.unlink()
         except OSError as fault:
-            self.report({"ERROR"}, f"{path}: cannot be deleted: {fault.strerror}")
+            self.report({"ERROR"}, message("{path}: cannot be deleted: {why}", path=path, why=fault.strerror))
             return {"CANCELLED"}
-        self.report({"INFO"}, f"Removed {path}")
+        self.report({"INFO"}, message("Removed {path}", path=path))
         return {"FINISHED"}
 
 
@@ -192,7 +197,7 @@ class UNISIM_OT_restore_sensors(bpy.types.Operator):
             return {"CANCELLED"}
         look_ahead(context.scene)
         refresh(())
-        self.report({"INFO"}, f"Restored {', '.join(sorted(names))}")
+        self.report({"INFO"}, message("Restored {names}", names=", ".join(sorted(names))))
         return {"FINISHED"}
 
 

@@ -21,6 +21,7 @@ from ..core.world.drive import CameraModel, LidarModel
 from ..editing.sensors.beams import own_table
 from ..editing.sensors.mounts import lidar_json
 from ..editing.sensors.outlines import DISPLAY_M
+from ..translations import message
 from .polling import allowed, object_mode, selected, vehicle
 
 OWN = "OWN"
@@ -74,7 +75,7 @@ class _OfSensor:
         """The sensor of that name; None, with a report, where there is none."""
         found = next((obj for obj in imported_objects(context.scene, "CAMERA", "LIDAR") if obj.name == self.name), None)
         if found is None:
-            self.report({"ERROR"}, f'no sensor "{self.name}" in scene "{context.scene.name}"')
+            self.report({"ERROR"}, message('no sensor "{name}" in scene "{scene}"', name=self.name, scene=context.scene.name))
         return found
 
 

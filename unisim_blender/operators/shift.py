@@ -8,8 +8,9 @@ from ..bridge.objects.source import source_of
 from ..bridge.window.refresh import refresh
 from ..bridge.window.selection import chosen
 from ..core.errors import UnisimError
-from ..editing.motion.durations import duration
+from ..editing.motion.durations import later_or_earlier
 from ..editing.sampled.clock import Clock
+from ..translations import localized, message
 from .polling import allowed, object_mode, selected
 
 
@@ -61,7 +62,7 @@ class UNISIM_OT_shift_actor(bpy.types.Operator):
             clock = Clock.of(source_of(context.scene).drive)
         except (UnisimError, OSError):
             return
-        layout.label(text=f"{duration(abs(self.later_s), clock)} {'later' if self.later_s >= 0 else 'earlier'}")
+        layout.label(text=localized(later_or_earlier(self.later_s, clock)), translate=False)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Shift each and report what was done."""
@@ -73,8 +74,10 @@ class UNISIM_OT_shift_actor(bpy.types.Operator):
         actors = chosen(context, "ACTOR")
         said = [sentence for obj in actors if (sentence := shift(obj, self.left_m, self.ahead_m, self.later_s, clock))]
         refresh(actors)
-        more = f" (and {len(said) - 1} more)" if len(said) > 1 else ""
-        self.report({"INFO"}, said[0] + more if said else "Nothing is shifted: all amounts are 0")
+        told = localized(said[0]) if said else message("Nothing is shifted: all amounts are 0")
+        if len(said) > 1:
+            told = message("{sentence} (and {count} more)", sentence=told, count=len(said) - 1)
+        self.report({"INFO"}, told)
         return {"FINISHED"}
 
 

@@ -24,8 +24,8 @@ def report_of(chosen: str) -> str:
     return "\n".join(
         [
             message("Renders with {path}", path=found.path),
-            f"Python {about['python']}{torch}, kernels: {about['kernels']}",
-            f"{' and '.join(about['devices'])}{memory}",
+            message("Python {version}, kernels: {kernels}", version=f"{about['python']}{torch}", kernels=about["kernels"]),
+            f"{', '.join(about['devices'])}{memory}",
             *(
                 [message("Rendering runs on the CPU; training and GPU rendering need an interpreter with torch, named above")]
                 if about["training_lacks"]

@@ -18,6 +18,7 @@ from ..core.errors import UnisimError
 from ..editing.edits.variant_names import file_names, free_name
 from ..editing.reading.writing import write_scenario
 from ..preferences import interpreter
+from ..translations import message
 from ..variant_task import Part, VariantsTask
 from .background import launch, running
 from .export_scenario import ReadsScenes
@@ -66,7 +67,7 @@ class UNISIM_OT_new_variant(_Named, bpy.types.Operator):
     def do(self, context: bpy.types.Context, name: str) -> None:
         """Copy the scene."""
         variant = new_variant(context.window, context.scene, name)
-        self.report({"INFO"}, f"{variant.name} is shown now; edits here do not change the others")
+        self.report({"INFO"}, message("{name} is shown now; edits here do not change the others", name=variant.name))
 
 
 class UNISIM_OT_rename_variant(_Named, bpy.types.Operator):
@@ -103,7 +104,7 @@ class UNISIM_OT_delete_variant(bpy.types.Operator):
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Ask first."""
-        question = f"Delete {context.scene.name} with its objects and keys?"
+        question = message("Delete {name} with its objects and keyframes?", name=context.scene.name)
         return context.window_manager.invoke_confirm(self, event, message=question)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
@@ -115,7 +116,7 @@ class UNISIM_OT_delete_variant(bpy.types.Operator):
             self.report({"ERROR"}, str(fault))
             return {"CANCELLED"}
         mark_all()
-        self.report({"INFO"}, f"{name} is deleted; {now.name} is shown")
+        self.report({"INFO"}, message("{name} is deleted; {other} is shown", name=name, other=now.name))
         return {"FINISHED"}
 
 
@@ -138,7 +139,7 @@ class UNISIM_OT_show_variant(bpy.types.Operator):
         """Change the window's scene."""
         scene = bpy.data.scenes.get(self.name)
         if scene is None:
-            self.report({"ERROR"}, f"{self.name}: there is no such variant any more")
+            self.report({"ERROR"}, message("{name}: there is no such variant any more", name=self.name))
             return {"CANCELLED"}
         show_variant(context.window, scene)
         for area in areas("VIEW_3D"):
@@ -194,7 +195,7 @@ class UNISIM_OT_export_variants(ReadsScenes, bpy.types.Operator):
         folder.mkdir(parents=True, exist_ok=True)
         for scenario, path in read:
             write_scenario(scenario, path)
-        self.report({"INFO"}, f"{len(read)} scenarios written to {folder}")
+        self.report({"INFO"}, message("Scenarios written to {folder}: {count}", count=len(read), folder=folder))
 
 
 class UNISIM_OT_render_variants(ReadsScenes, bpy.types.Operator):

@@ -11,7 +11,7 @@ from ..bridge.views.card import card_of
 from ..core.errors import UnisimError
 from ..editing.actors.card import Card
 from ..operators.actor_choice import header_of
-from ..translations import interface
+from ..translations import interface, localized
 from .sidebar import DrivePanel, row_of
 
 PORTRAIT_SCALE = 5.0
@@ -61,11 +61,12 @@ class UNISIM_PT_actor(DrivePanel, bpy.types.Panel):
         box.template_icon(portrait(context) if card else thumbnails.grey(), scale=PORTRAIT_SCALE)
         box = box.column(align=True)
         row_of(box, "Actor", card.name if card else interface("no active actor"), "OBJECT_DATA")
-        row_of(box, "Class", f"{card.label} ({card.role})" if card else "")
+        row_of(box, "Class", f"{card.label} ({localized(card.role)})" if card else "")
         row_of(box, "Size", card.size if card else "")
         row_of(box, "Speed", f"{card.speed_m_s * 3.6:.0f} km/h" if card else "")
         row_of(box, "Distance", f"{card.distance_m:.1f} m" if card else "")
-        row_of(box, "Present", f"{card.present_s[0]:.1f} to {card.present_s[1]:.1f} s" if card and card.present_s else "")
+        span = card.present_s if card else None
+        row_of(box, "Present", interface("{start:.1f} to {end:.1f} s", start=span[0], end=span[1]) if span else "")
         column = layout.column(align=True)
         column.operator_menu_enum("unisim.duplicate_actor", "where", text="Duplicate", icon="DUPLICATE")
         column.operator("unisim.delete_actor", text="Delete", icon="TRASH")

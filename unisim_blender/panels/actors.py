@@ -5,6 +5,7 @@ import bpy
 from .. import listing
 from ..editing.actors.texts import dense, distance_text, speed_text, time_text
 from ..operators.actor_list import ICONS
+from ..translations import interface, localized
 from .sidebar import DrivePanel
 
 ROWS, NARROW_ROWS = 8, 5
@@ -48,7 +49,7 @@ class UNISIM_UL_actors(bpy.types.UIList):
             name, *parts, eye = columns(layout)
             for part, figure in zip(parts, (distance_text(entry), speed_text(entry), time_text(entry)), strict=True):
                 part.active = entry.there and not entry.hidden
-                part.label(text=figure)
+                part.label(text=localized(figure), translate=False)
             name.active = entry.there and not entry.hidden
             name.label(text=text, icon=icon)
         else:
@@ -57,10 +58,12 @@ class UNISIM_UL_actors(bpy.types.UIList):
             column.active = entry.there and not entry.hidden
             column.scale_y = 0.9
             column.label(text=text, icon=icon)
-            line = f"{distance_text(entry)} m, {speed_text(entry)} km/h" if entry.there else "not there now"
+            line = f"{distance_text(entry)} m, {speed_text(entry)} km/h" if entry.there else interface("not there now")
             below = column.row()  # Blender takes a click on a list's row in its first line alone
             below.alignment = "LEFT"
-            line_button = below.operator("unisim.choose_actor", text=f"{line}, {time_text(entry)} s", icon="BLANK1", emboss=False)
+            time = interface("{time} s", time=time_text(entry))
+            text = f"{line}, {time}"
+            line_button = below.operator("unisim.choose_actor", text=text, translate=False, icon="BLANK1", emboss=False)
             line_button.name = item.name
         hide = eye.operator("unisim.hide_actor", text="", icon="HIDE_ON" if entry.hidden else "HIDE_OFF", emboss=False)
         hide.name = item.name
@@ -100,7 +103,7 @@ class UNISIM_PT_actors(DrivePanel, bpy.types.Panel):
         layout, scene, wanted = self.layout, context.scene, context.window_manager.unisim_actors
         table = listing.table_of(scene)
         if table.problem:
-            layout.label(text=table.problem, icon="ERROR")
+            layout.label(text=localized(table.problem), translate=False, icon="ERROR")
         row = layout.row(align=True)
         row.prop(wanted, "text", text="", icon="VIEWZOOM")
         row.operator("unisim.clear_actor_filter", text="", icon="X")
@@ -112,7 +115,7 @@ class UNISIM_PT_actors(DrivePanel, bpy.types.Panel):
         row.prop(wanted, "edited", toggle=True)
         row.prop(wanted, "order", text="")
         head, wide = layout.column(align=True), is_wide(context)
-        count = f"{len(table.shown)} of {len(table.entries)}"
+        count = interface("{number} of {count}", number=len(table.shown), count=len(table.entries))
         if wide:
             for part, text in zip(columns(head), (count, "m", "km/h", "s", ""), strict=True):
                 part.active = False

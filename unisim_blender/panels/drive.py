@@ -6,10 +6,11 @@ import bpy
 
 from ..bridge.objects.imported import imported_objects
 from ..compare_view import draw_options
+from ..editing.texts import translatable
 from ..translations import interface
 from .sidebar import Sidebar, row_of
 
-POINTS = (("None", False, False), ("Recorded", True, False), ("Simulated", False, True), ("Both", True, True))
+POINTS = (("None", False, False), ("Recorded", True, False), ("Simulated", False, True), (translatable("Both"), True, True))
 
 
 class UNISIM_PT_drive(Sidebar, bpy.types.Panel):

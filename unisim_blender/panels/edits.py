@@ -10,7 +10,8 @@ import bpy
 from .. import edit_watch
 from ..bridge.sampling.edit_list import reading_of
 from ..editing.edits.lines import Line
-from ..editing.sampled.summary import counted
+from ..editing.texts import counted
+from ..translations import interface, localized
 from .sidebar import DrivePanel
 from .wrapping import wrapped
 
@@ -25,7 +26,8 @@ def count_text(lines: tuple[Line, ...]) -> str:
     """Return how many edits there are: "3 edits, 1 muted"."""
     muted = sum(1 for line in lines if line.muted >= 0)
     count = sum(1 for line in lines if line.part != "PROBLEM")
-    return counted(count, "edit") + (f", {muted} muted" if muted else "")
+    edits = counted(count, "1 edit", "{count} edits")
+    return interface("{edits}, {muted} muted", edits=edits, muted=muted) if muted else localized(edits)
 
 
 class UNISIM_PT_edits(DrivePanel, bpy.types.Panel):
@@ -48,11 +50,11 @@ class UNISIM_PT_edits(DrivePanel, bpy.types.Panel):
         elif reading.problem:
             column = layout.column()
             column.alert = True
-            column.label(text=reading.problem, icon="ERROR")
+            column.label(text=localized(reading.problem), translate=False, icon="ERROR")
         elif not reading.lines:
             layout.label(text="None: everything is as recorded", icon="CHECKMARK")
         else:
-            layout.label(text=count_text(reading.lines), icon="GREASEPENCIL")
+            layout.label(text=count_text(reading.lines), translate=False, icon="GREASEPENCIL")
         if not reading.lines:
             return
         manager = context.window_manager
@@ -64,7 +66,7 @@ class UNISIM_PT_edits(DrivePanel, bpy.types.Panel):
             draw_line(column, line, room_of(context))
         if pages > 1:
             row = layout.row(align=True)
-            row.prop(manager, "unisim_edits_page", text=f"Page of {pages}, from 0")
+            row.prop(manager, "unisim_edits_page", text=interface("Page of {count}, from 0", count=pages), translate=False)
 
 
 class Room(NamedTuple):
@@ -91,18 +93,21 @@ def draw_line(layout: Any, line: Line, room: Room) -> None:
     row = box.row(align=True)
     told = row.row(align=True)
     told.alignment, told.active = "LEFT", line.muted < 0
-    what = wrapped(line.what, room.below if line.part == "PROBLEM" else room.beside, room.below, room.width_of)
-    pressed(told.operator("unisim.go_to_edit", text=what[0], icon=line.icon, emboss=False), line)
+    what = wrapped(localized(line.what), room.below if line.part == "PROBLEM" else room.beside, room.below, room.width_of)
+    pressed(told.operator("unisim.go_to_edit", text=what[0], translate=False, icon=line.icon, emboss=False), line)
     going_on = box.column(align=True)
     going_on.active = line.muted < 0
     for text in what[1:]:
-        going_on.label(text=text, icon="BLANK1")
+        going_on.label(text=text, translate=False, icon="BLANK1")
     below = box.column(align=True)
     below.active = False
-    muted = "Muted: " if line.muted >= 0 else ""
-    whose = line.who if line.part == "PROBLEM" else f"{muted}{line.who}, {line.start_s:.1f} to {line.end_s:.1f} s"
+    whose = line.who
+    if line.part != "PROBLEM":
+        whose = interface("{name}, {start:.1f} to {end:.1f} s", name=line.who, start=line.start_s, end=line.end_s)
+    if line.muted >= 0:
+        whose = interface("Muted: {edit}", edit=whose)
     for text in wrapped(whose, room.below, room.below, room.width_of):
-        below.label(text=text, icon="BLANK1")
+        below.label(text=text, translate=False, icon="BLANK1")
     if line.part == "PROBLEM":
         return
     buttons = row.row(align=True)

@@ -5,6 +5,7 @@ import bpy
 from ..bridge.sampling.stepping import frame_of
 from ..editing.layout.speed_graph import values
 from ..operators.motion_settings import NAMES, graph_of
+from ..translations import localized
 from .sidebar import DrivePanel, row_of
 
 ROWS = ("Speed", "Acceleration", "Lateral", "Curvature")
@@ -27,7 +28,7 @@ class UNISIM_PT_motion(DrivePanel, bpy.types.Panel):
             text, is_over = found[i] if i < len(found) else ("", False)
             row = box.row()
             row.alert = is_over
-            row_of(row, name, text, "ERROR" if is_over else "NONE")
+            row_of(row, name, localized(text), "ERROR" if is_over else "NONE")
         layout.prop(scene.unisim_motion, "show_graph")
         column = layout.column(align=True)
         column.use_property_split, column.use_property_decorate = True, False

@@ -4,11 +4,12 @@ import textwrap
 
 import bpy
 
+from ..editing.texts import UPPER, cased, unpacked
 from ..operators.background import curve_icon, newest, owner
 from ..operators.check import is_outdated
 from ..operators.results import results_of
 from ..registering import add, take_away
-from ..translations import interface
+from ..translations import interface, localized
 from .sidebar import DrivePanel, Sidebar
 
 PROBLEM_WIDTH = 40
@@ -37,7 +38,8 @@ class UNISIM_PT_warnings(DrivePanel, bpy.types.Panel):
         for warning in check.warnings:
             text = f"{warning.time_s:.1f} s ({warning.frame})  {warning.name}"
             there = column.operator("unisim.go_to", text=text, translate=False, icon="ERROR")
-            column.label(text=warning.text[:1].upper() + warning.text[1:], translate=False)
+            text = localized(cased(unpacked(warning.text_parts, warning.text), UPPER))
+            column.label(text=text, translate=False)
             there.object_name, there.frame, there.place = warning.name, warning.frame, warning.place
 
 

@@ -10,7 +10,9 @@ from ..bridge.window.selection import choose
 from ..core.errors import UnisimError
 from ..core.world.drive import Drive
 from ..editing.sensors.facts import rate_of
+from ..editing.texts import translatable
 from ..registering import add, take_away
+from ..translations import interface, localized
 from .sidebar import DrivePanel, row_of
 
 WIDE = 330
@@ -66,7 +68,8 @@ class UNISIM_UL_sensors(bpy.types.UIList):
         size = text.row(align=True)
         size.alignment = "RIGHT"
         wide = context.region.width > WIDE * context.preferences.system.ui_scale
-        size.label(text=f"{size_of_sensor(item)}, {rate_of(drive_of(data))}" if wide else size_of_sensor(item))
+        size_text = localized(size_of_sensor(item))
+        size.label(text=f"{size_text}, {rate_of(drive_of(data))}" if wide else size_text, translate=False)
         shown = "RESTRICT_RENDER_OFF" if there else "RESTRICT_RENDER_ON"
         row.operator("unisim.show_sensor", text="", icon=shown, emboss=False).name = item.name
 
@@ -92,8 +95,10 @@ class UNISIM_MT_rig_presets(bpy.types.Menu):
     def draw(self, context: bpy.types.Context) -> None:
         """Draw all presets by their files' names."""
         layout = self.layout
-        for title, files in (("Built-in", built_in_presets()), ("Own", own_presets())):
-            layout.label(text=title if files else f"{title}: none yet")
+        built_in = translatable("Built-in"), translatable("Built-in: none yet"), built_in_presets()
+        own = translatable("Own"), translatable("Own: none yet"), own_presets()
+        for title, nothing, files in (built_in, own):
+            layout.label(text=title if files else nothing)
             for path in files:
                 layout.operator("unisim.apply_rig", text=path.stem, icon="OUTLINER_OB_CAMERA").filepath = str(path)
             layout.separator()
@@ -130,11 +135,11 @@ class UNISIM_PT_sensors(DrivePanel, bpy.types.Panel):
         drive = drive_of(scene)
         card = None if sensor is None else card_of_sensor(scene, sensor, drive)
         box = layout.box().column(align=True)
-        row_of(box, "Sensor", sensor.name if sensor else "none is active", "CAMERA_DATA")
-        row_of(box, "Measures", ", ".join((size_of_sensor(sensor), rate_of(drive))) if sensor else "")
-        row_of(box, "State", card.state if card else "")
-        row_of(box, "Direction", card.view if card else "")
-        row_of(box, "Mount", card.mount if card else "")
+        row_of(box, "Sensor", sensor.name if sensor else interface("none is active"), "CAMERA_DATA")
+        row_of(box, "Measures", ", ".join((localized(size_of_sensor(sensor)), rate_of(drive))) if sensor else "")
+        row_of(box, "State", localized(card.state) if card else "")
+        row_of(box, "Direction", localized(card.view) if card else "")
+        row_of(box, "Mount", localized(card.mount) if card else "")
         if sensor is not None:
             row = box.split(factor=0.36)
             row.label(text="Sees body")

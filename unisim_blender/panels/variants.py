@@ -11,6 +11,7 @@ from ..bridge.changes.variants import variants_of
 from ..bridge.sampling.edit_list import reading_of
 from ..editing.edits.differences import Difference, compared
 from ..operators.background import newest
+from ..translations import interface, localized
 from ..variant_task import VariantsTask
 from .edits import Room, count_text, pressed, room_of
 from .sidebar import DrivePanel
@@ -58,7 +59,7 @@ def draw_variant(layout: Any, scene: bpy.types.Scene, shown: bool, compared: boo
     row.operator("unisim.show_variant", text=scene.name, icon=icon, depress=shown).name = scene.name
     edits = row.row(align=True)
     edits.alignment, edits.active = "RIGHT", False
-    edits.label(text=count_text(reading.lines) if reading.fresh and not reading.problem else "…")
+    edits.label(text=count_text(reading.lines) if reading.fresh and not reading.problem else "…", translate=False)
     beside = row.row(align=True)
     beside.enabled = not shown
     beside.operator("unisim.compare_variant", text="", icon="ARROW_LEFTRIGHT", depress=compared and not shown).name = scene.name
@@ -69,13 +70,15 @@ def draw_comparison(layout: Any, shown: bpy.types.Scene, other: bpy.types.Scene,
     """Draw what the variant that is shown and another one differ in."""
     here, there = reading_of(shown), reading_of(other)
     head = layout.row(align=True)
-    head.label(text=f"{shown.name} beside {other.name}", icon="ARROW_LEFTRIGHT")
+    head.label(
+        text=interface("{name} beside {other}", name=shown.name, other=other.name), translate=False, icon="ARROW_LEFTRIGHT"
+    )
     head.operator("unisim.compare_variant", text="", icon="X", emboss=False).name = other.name
     if not here.fresh or not there.fresh:
         layout.label(text="Reading the edits…", icon="SORTTIME")
         return
     if here.problem or there.problem:
-        layout.label(text=here.problem or there.problem, icon="ERROR")
+        layout.label(text=localized(here.problem or there.problem), translate=False, icon="ERROR")
         return
     found = compared(here.lines, there.lines)
     column = layout.column(align=True)
@@ -84,27 +87,30 @@ def draw_comparison(layout: Any, shown: bpy.types.Scene, other: bpy.types.Scene,
     for one in found[:MOST]:
         draw_difference(column.box().column(align=True), one, shown.name, other.name, room)
     if len(found) > MOST:
-        column.label(text=f"and {len(found) - MOST} more")
+        column.label(text=interface("and {count} more", count=len(found) - MOST), translate=False)
 
 
 def draw_difference(layout: Any, found: Difference, here: str, there: str, room: Room) -> None:
     """Draw one difference: whose it is, then the edit in each of the two."""
-    what = "Changed" if found.here and found.there else f"Only in {here if found.here else there}"
+    who, name = found.line.who, here if found.here else there
+    both = found.here is not None and found.there is not None
+    what = interface("Changed: {who}", who=who) if both else interface("Only in {name}: {who}", name=name, who=who)
     head = layout.row()
     head.active = False
-    head.label(text=f"{what}: {found.line.who}", icon=found.line.icon)
+    head.label(text=what, translate=False, icon=found.line.icon)
     for name, line in ((here, found.here), (there, found.there)):
         if line is None:
             continue
-        times = f"{line.what}, {line.start_s:.1f} to {line.end_s:.1f} s"
-        text = f"{name}: {line.what}" if found.here and found.there else times
+        text = f"{name}: {localized(line.what)}"
+        if not both:
+            text = interface("{name}, {start:.1f} to {end:.1f} s", name=line.what, start=line.start_s, end=line.end_s)
         for i, part in enumerate(wrapped(text, room.below, room.below, room.width_of)):
             row = layout.row()
             row.alignment = "LEFT"
             if name == here and i == 0:
-                pressed(row.operator("unisim.go_to_edit", text=part, icon="BLANK1", emboss=False), line)
+                pressed(row.operator("unisim.go_to_edit", text=part, translate=False, icon="BLANK1", emboss=False), line)
             else:
-                row.label(text=part, icon="BLANK1")
+                row.label(text=part, translate=False, icon="BLANK1")
 
 
 CLASSES = (UNISIM_PT_variants,)

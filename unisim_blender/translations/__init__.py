@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import bpy
 
+from ..editing.texts import text_of, told
 from .de import GERMAN
 
 TABLES: dict[str, dict[str, str]] = {"de_DE": GERMAN}
@@ -16,19 +17,24 @@ CONTEXTS = ("*", "Operator")
 """Blender's contexts: of labels and descriptions, and of operators' names."""
 
 
-def interface(text: str, **values: object) -> str:
-    """Return a text of the interface in the user's language, with ``values`` in its braces."""
-    return bpy.app.translations.pgettext_iface(text).format(**values)
+def localized(text: str) -> str:
+    """Return a `Text` in the user's language, any other string, as the name of an object, as it is."""
+    return told(text, bpy.app.translations.pgettext_iface)
 
 
-def tooltip(text: str, **values: object) -> str:
-    """Return a tooltip in the user's language, with ``values`` in its braces."""
-    return bpy.app.translations.pgettext_tip(text).format(**values)
+def interface(text: str, /, **values: object) -> str:
+    """Return a text of the interface in the user's language, with ``values`` in its braces; those that are texts, too."""
+    return told(text_of(text, values), bpy.app.translations.pgettext_iface)
+
+
+def tooltip(text: str, /, **values: object) -> str:
+    """Return a tooltip in the user's language, with ``values`` in its braces; those that are texts, too."""
+    return told(text_of(text, values), bpy.app.translations.pgettext_tip)
 
 
 def message(text: str, /, **values: object) -> str:
-    """Return a report or a line of status in the user's language, with ``values`` in its braces."""
-    return bpy.app.translations.pgettext_rpt(text).format(**values)
+    """Return a report or a line of status in the user's language, with ``values`` in its braces; those that are texts, too."""
+    return told(text_of(text, values), bpy.app.translations.pgettext_rpt)
 
 
 def table(texts: dict[str, str]) -> dict[tuple[str, str], str]:

@@ -13,6 +13,7 @@ import bpy
 
 from ...editing.edits.lines import Line
 from ...editing.sampled.source import Source
+from ...editing.texts import packed
 from ..objects.imported import original_of
 from . import carriers  # noqa: F401 so that all are registered
 from .carriers.carrier import Muted, carrier_of
@@ -52,5 +53,6 @@ def drop(scene: bpy.types.Scene, number: int) -> None:
 def note(item: Any, line: Line) -> None:
     """Write the line of an edit into a muted edit."""
     item.name, item.kind, item.uid, item.part, item.what = line.who, line.kind, line.uid, line.part, line.what
+    item.what_parts = packed(line.what)
     item.thing, item.start_s, item.end_s = line.object_name, line.start_s, line.end_s
     item.first, item.last = line.frames[0], line.frames[-1]

@@ -5,7 +5,9 @@ from __future__ import annotations
 import bpy
 
 from ...editing.motion.arc_length import is_path, shifted_keys
+from ...editing.motion.durations import later_or_earlier
 from ...editing.sampled.clock import Clock
+from ...editing.texts import Text, series
 from ..objects.animation import curves_of, keys_of, write_keys
 from ..objects.trajectories import own_trajectory, trajectory_of
 from .motion import displaced_along, retimed
@@ -21,25 +23,24 @@ def shift(obj: bpy.types.Object, left_m: float, ahead_m: float, later_s: float, 
     path's ends; an actor that goes nowhere is shifted along its own x axis. ``later_s`` is in seconds of the log and takes its
     presence along.
     """
-    done = []
+    done: list[str] = []
     if abs(left_m) > SAME:
         displaced_along(obj, (0.0, left_m, 0.0))
-        done.append(f"{abs(left_m):.2f} m to the {'left' if left_m > 0 else 'right'}")
+        done.append(Text("{length:.2f} m to the left" if left_m > 0 else "{length:.2f} m to the right", length=abs(left_m)))
     if abs(ahead_m) > SAME:
-        direction = "forward" if ahead_m > 0 else "backward"
+        shift = Text("{length:.2f} m forward" if ahead_m > 0 else "{length:.2f} m backward", length=abs(ahead_m))
         if _along_path(obj, ahead_m, clock):
-            done.append(f"{abs(ahead_m):.2f} m {direction} along its path")
+            done.append(Text("{shift} along its path", shift=shift))
         else:
             displaced_along(obj, (ahead_m, 0.0, 0.0))
-            done.append(f"{abs(ahead_m):.2f} m {direction} along its own axis, as it stands still")
+            done.append(Text("{shift} along its own axis, as it stands still", shift=shift))
     if abs(later_s) > SAME:
         if trajectory_of(obj) is None and not len(curves_of(obj)):
-            done.append("at the same times, as it stands there throughout")
+            done.append(Text("at the same times, as it stands there throughout"))
         else:
             retimed(obj, lambda frames: clock.frame(clock.time_s(frames) + later_s))
-            frames = abs(later_s) * clock.rate
-            done.append(f"{abs(later_s):.2f} s ({frames:.1f} frames) {'later' if later_s > 0 else 'earlier'}")
-    return f"{obj.name}: {', '.join(done)}" if done else ""
+            done.append(later_or_earlier(later_s, clock))
+    return series([obj.name, series(done)], ": ") if done else ""
 
 
 def _along_path(obj: bpy.types.Object, ahead_m: float, clock: Clock) -> bool:

@@ -20,6 +20,7 @@ from ...core.geometry import FloatArray, invert_pose
 from ...core.meshes.model import FLAT, MeshModel, centred, check_model
 from ...editing.sampled.poses import rigid
 from ...editing.sampled.scaling import UNIT, Factors, Scaling, refusal, scale_text, scaling_of, size_text
+from ...editing.texts import Text
 from .trajectories import trajectory_of
 
 SHAPES = ("MESH", "CURVE", "SURFACE", "META", "FONT")
@@ -85,8 +86,11 @@ def scaled_sentence(obj: bpy.types.Object) -> str:
     if fault := refusal(obj.name, scaling):
         return fault
     if scaling.factors == UNIT:
-        return f"{obj.name}: measures {size}"
-    return f"{obj.name}: is scaled by {scale_text(scaling.factors)} to {size}; its underside stays where it was"
+        return Text("{name}: measures {size}", name=obj.name, size=size)
+    factors = scale_text(scaling.factors)
+    return Text(
+        "{name}: is scaled by {factors} to {size}; its underside stays where it was", name=obj.name, factors=factors, size=size
+    )
 
 
 def extent_of(obj: bpy.types.Object) -> FloatArray:

@@ -17,6 +17,7 @@ from ...editing.edits.lines import Line
 from ...editing.reading.scenario import BY_ID, GROUP_OF, group_lines
 from ...editing.sampled.clock import Clock
 from ...editing.sampled.scene import Sampled, SampledObject
+from ...editing.texts import unpacked
 from ..objects.imported import KINDS_OF_DRIVE, imported_objects
 from ..objects.source import source_of
 from .adjacent_frames import moved_by_keys
@@ -152,7 +153,7 @@ def muted_lines(scene: bpy.types.Scene) -> list[Line]:
     """Return the lines of the edits that are muted, as they were read when they were muted."""
     return [
         Line(
-            item.kind, item.uid, item.part, item.what, item.name, item.thing, item.start_s, item.end_s,
+            item.kind, item.uid, item.part, unpacked(item.what_parts, item.what), item.name, item.thing, item.start_s, item.end_s,
             tuple(range(item.first, item.last + 1)), None, number,
         )
         for number, item in enumerate(scene.unisim_edits.muted)

@@ -7,6 +7,7 @@ import bpy
 from ...editing.layout.point_colours import RECORDED
 from ...editing.sampled.outside import outside_drive
 from ...editing.sampled.source import Source
+from ...editing.texts import Text
 from ..importing.backgrounds import sees_recorded_image
 from ..objects.imported import imported_objects
 from ..sampling.stepping import frame_of
@@ -21,20 +22,22 @@ def notices(scene: bpy.types.Scene, source: Source, camera: bpy.types.Object | N
     frame = frame_of(scene)
     if outside := outside_drive(frame, source.drive):
         return [outside]
-    found, log = [], source.log
+    found: list[str] = []
+    log = source.log
     if camera is not None and log is not None and camera.unisim.uid in source.drive.cameras:
         if int(frame) not in log.image_frames(camera.unisim.uid):
-            found.append(f"Frame {int(frame)}: {camera.name} recorded no image")
+            found.append(Text("Frame {frame}: {sensors} recorded no image", frame=int(frame), sensors=camera.name))
         elif not sees_recorded_image(scene, camera, source.drive):
             if next(imported_objects(scene, "EGO"), None) is None:  # cameras stand where they were mounted on it
-                found.append(f"The ego vehicle was deleted: the recorded image of {camera.name} is not shown")
+                found.append(Text("The ego vehicle was deleted: the recorded image of {camera} is not shown", camera=camera.name))
             else:
-                found.append(f"{camera.name} was moved: its recorded image is not shown")
+                found.append(Text("{camera} was moved: its recorded image is not shown", camera=camera.name))
     if scene.unisim.show_recorded:
         if log is None:
-            found.append(f"{source.log_path.name}: the log is not at hand, so no recorded points are shown")
+            found.append(Text("{log}: the log is not at hand, so no recorded points are shown", log=source.log_path.name))
         else:  # of what was read and put there: to look into the log's files takes seconds
             clouds = [obj for obj in imported_objects(scene, "POINTS") if kind_of(obj) == RECORDED]
             lacking = [obj.unisim.uid.removesuffix(f" {RECORDED}") for obj in clouds if not obj.data.vertices]
-            found += [f"Frame {int(frame)}: {', '.join(lacking)} recorded no sweep"] if lacking else []
+            if lacking:
+                found.append(Text("Frame {frame}: {sensors} recorded no sweep", frame=int(frame), sensors=", ".join(lacking)))
     return found

@@ -9,6 +9,7 @@ from ...core.world.drive import Camera, Drive, Lidar
 from ...editing.sampled.poses import rigid, same
 from ...editing.sensors.facts import Card, beams_of
 from ...editing.sensors.recorded import recorded_pose
+from ...editing.texts import Text, counted, series
 from ..importing.rig_presets import is_recorded, mount_of
 from ..objects.cameras import model_of
 from ..objects.imported import imported_objects, rides_on_ego
@@ -22,30 +23,31 @@ def size_of_sensor(obj: bpy.types.Object) -> str:
         model = model_of(obj)
         return f"{model.width}×{model.height}"
     beams, _ = beams_of(obj.unisim.model)
-    return f"{beams} beams" if beams else "points"
+    return counted(beams, "1 beam", "{count} beams") if beams else Text("points")
 
 
 def card_of_sensor(scene: bpy.types.Scene, obj: bpy.types.Object, drive: Drive | None) -> Card:
     """Return the card of a camera or a LiDAR."""
     if obj.type == "CAMERA":
         model = model_of(obj)
-        view = f"{np.degrees(2 * np.arctan(model.width / 2 / model.fx)):.0f} degrees across"
+        angle = float(np.degrees(2 * np.arctan(model.width / 2 / model.fx)))
+        view = Text("{angle:.0f} degrees across", angle=angle)
     else:
-        view = f"up to {beams_of(obj.unisim.model)[1]:.0f} m"
-    hidden = ", hidden" if obj.hide_render else ""
+        view = Text("up to {length:.0f} m", length=beams_of(obj.unisim.model)[1])
+    hidden = [Text("hidden")] if obj.hide_render else []
     if drive is None:
-        return Card(view, "", hidden.removeprefix(", "))
-    return Card(view, _place(scene, obj, drive), state_of(scene, obj, drive) + hidden)
+        return Card(view, "", series(hidden))
+    return Card(view, _place(scene, obj, drive), series([state_of(scene, obj, drive), *hidden]))
 
 
 def state_of(scene: bpy.types.Scene, obj: bpy.types.Object, drive: Drive) -> str:
     """Return whether a sensor is as it was recorded, moved, or added."""
     sensor = recorded_sensor(scene, obj, drive)
     if sensor is None:
-        return "added" if rides_on_ego(obj) else "added, off the vehicle"
+        return Text("added" if rides_on_ego(obj) else "added, off the vehicle")
     pose = recorded_pose(sensor, drive, float(scene.frame_current))
     moved = not same(rigid(np.array(obj.matrix_world, float)), pose).all()
-    return "recorded" + (", moved" if moved else "")
+    return Text("recorded, moved" if moved else "recorded")
 
 
 def recorded_sensor(scene: bpy.types.Scene, obj: bpy.types.Object, drive: Drive) -> Camera | Lidar | None:
@@ -59,6 +61,6 @@ def recorded_sensor(scene: bpy.types.Scene, obj: bpy.types.Object, drive: Drive)
 def _place(scene: bpy.types.Scene, obj: bpy.types.Object, drive: Drive) -> str:
     ego = next(imported_objects(scene, "EGO"), None)
     if ego is None or not rides_on_ego(obj):
-        return "not on the vehicle"
+        return Text("not on the vehicle")
     x, y, z = np.round(mount_of(scene, obj, ego, drive)[:3, 3], 2) + 0.0  # no -0.00
     return f"{x:.2f}, {y:.2f}, {z:.2f} m"

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import bpy
 
+from ...editing.texts import counted
+
 
 def chosen(context: bpy.types.Context, *kinds: str) -> list[bpy.types.Object]:
     """The selected objects of some kinds."""
@@ -12,7 +14,7 @@ def chosen(context: bpy.types.Context, *kinds: str) -> list[bpy.types.Object]:
 
 def counted_names(objects: list[bpy.types.Object]) -> str:
     """Return the name of the only one of some actors, or how many there are: "3 actors"."""
-    return objects[0].name if len(objects) == 1 else f"{len(objects)} actors"
+    return objects[0].name if len(objects) == 1 else counted(len(objects), "1 actor", "{count} actors")
 
 
 def choose(context: bpy.types.Context, *objects: bpy.types.Object) -> None:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from ...core.geometry import BoolArray
 from ..sampled.clock import Clock
 from ..sampled.scaling import UNIT, Factors, scale_text, size_text
+from ..texts import Text
 
 HALF_S = 0.1
 """Speed is that between so many seconds before and after the frame."""
@@ -42,9 +43,9 @@ def size_words(size_m: Sequence[float], factors: Factors) -> str:
 def role_words(is_mesh: bool, is_recorded: bool, is_copy: bool, other_appearance: bool) -> str:
     """Return what an actor is in one or two words."""
     if is_mesh:
-        return "mesh"
+        return Text("mesh")
     if not is_recorded:
-        return "inserted"
+        return Text("inserted")
     if is_copy:
-        return "copy"
-    return "recorded, other appearance" if other_appearance else "recorded"
+        return Text("copy")
+    return Text("recorded, other appearance" if other_appearance else "recorded")

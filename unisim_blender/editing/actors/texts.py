@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from ..texts import Text
 from .filter import Entry
 
 
@@ -18,7 +19,7 @@ def speed_text(entry: Entry) -> str:
 def time_text(entry: Entry) -> str:
     """Return from when to when an actor is there, in seconds."""
     if entry.present_s is None:
-        return "never"
+        return Text("never")
     return "–".join(f"{time_s:.1f}".removesuffix(".0") for time_s in entry.present_s)
 
 

@@ -19,6 +19,13 @@ def path_words(
 ) -> str:
     """Return how an object moves otherwise than ``base`` (N, 4, 4), which lies ``lifted`` for an object with
     another appearance or scale."""
+    return joined(path_phrases(obj, base, lifted, there, actor, clock))
+
+
+def path_phrases(
+    obj: SampledObject, base: FloatArray, lifted: FloatArray, there: BoolArray, actor: Actor | None, clock: Clock
+) -> list[str]:
+    """Return the phrases of `path_words`."""
     at = obj.there & there if (obj.there & there).any() else obj.there
     few = Clock(clock.frames[at], clock.times_s[at])
     parts = []
@@ -31,7 +38,7 @@ def path_words(
         parts.append(trajectory_words(few, obj.poses[at], lifted[at], None, False))
     if (obj.there != there).any() and not any(part.startswith("Retimed") for part in parts):
         parts.append(presence_words(clock, obj.there))
-    return joined(parts)
+    return [part for part in parts if part]
 
 
 def is_retimed(obj: SampledObject, recorded: Trajectory, clock: Clock) -> bool:

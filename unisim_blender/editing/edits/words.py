@@ -9,6 +9,7 @@ import numpy as np
 from ...core.geometry import BoolArray, FloatArray, Trajectory, invert_pose
 from ..sampled.clock import Clock
 from ..sampled.poses import SAME_M, same
+from ..texts import LOWER, UPPER, Text, cased, series, translatable
 
 NEAR_M = 0.1
 """A retimed object is no further than this from the recorded path."""
@@ -16,7 +17,11 @@ SAME_S = 0.05
 """Delays that differ by less count as one delay."""
 SLOW_M_S = 0.5
 """Below this speed a place on the path does not tell the time."""
-DIRECTIONS = (("forward", "back"), ("left", "right"), ("up", "down"))
+DIRECTIONS = (
+    (translatable("{length} forward"), translatable("{length} back")),
+    (translatable("{length} left"), translatable("{length} right")),
+    (translatable("{length} up"), translatable("{length} down")),
+)
 """Along an object's axes, and against them."""
 MOSTLY = 0.95
 """Share of a displacement along one axis from which on that direction is told."""
@@ -37,11 +42,11 @@ def moved_words(apart: FloatArray) -> str:
     """Return what a displacement (4, 4) in an object's own axes (forward, left, up) does: "3.0 m left, turned 10°
     right"."""
     largest = float(np.abs(apart[:3, 3]).max())
-    words = []
+    words: list[str] = []
     for value, (more, less) in zip(apart[:3, 3], DIRECTIONS, strict=True):
         if abs(value) > max(SAME_M, SMALL * largest):
-            words.append(f"{metres(abs(float(value)))} {more if value > 0 else less}")
-    return ", ".join([*words, *turned_words(apart[:3, :3])])
+            words.append(Text(more if value > 0 else less, length=metres(abs(float(value)))))
+    return series([*words, *turned_words(apart[:3, :3])])
 
 
 def degrees(value: float) -> str:
@@ -56,8 +61,8 @@ def turned_words(rotation: FloatArray) -> list[str]:
     if whole < 0.05:
         return []
     if abs(whole - abs(yaw)) < 0.05 + 0.02 * whole:
-        return [f"turned {degrees(abs(yaw))} {'left' if yaw > 0 else 'right'}"]
-    return [f"turned by {degrees(whole)}"]
+        return [Text("turned {angle} left" if yaw > 0 else "turned {angle} right", angle=degrees(abs(yaw)))]
+    return [Text("turned by {angle}", angle=degrees(whole))]
 
 
 def displaced_words(apart: FloatArray) -> str:
@@ -67,13 +72,27 @@ def displaced_words(apart: FloatArray) -> str:
     spread = np.ptp(apart[:, :3, 3], axis=0).max()
     turns = np.abs(apart[:, :3, :3] - apart[:1, :3, :3]).max()
     if spread <= 4 * SAME_M and turns < 1e-4:
-        return f"Moved {moved_words(apart[len(apart) // 2])}".replace("Moved turned", "Turned")
+        by = moved_words(apart[len(apart) // 2])
+        return cased(by, UPPER) if by.startswith("turned") else moved(by)
     far = apart[np.linalg.norm(apart[:, :3, 3], axis=1).argmax(), :3, 3]
     axis, length = int(np.abs(far).argmax()), float(np.linalg.norm(far))
     if length < SAME_M:
-        return "Turned"
-    side = f" {DIRECTIONS[axis][int(far[axis] < 0)]}" if abs(far[axis]) > MOSTLY * length else ""
-    return f"Moved by up to {metres(length)}{side}"
+        return Text("Turned")
+    away = metres(length)
+    if abs(far[axis]) > MOSTLY * length:
+        away = Text(DIRECTIONS[axis][int(far[axis] < 0)], length=away)
+    return moved(Text("by up to {away}", away=away))
+
+
+def moved(by: str) -> Text:
+    """Return that an object is moved, and how far."""
+    return Text("Moved {by}", by=by)
+
+
+def unmoved(phrase: str) -> str:
+    """Return how far a phrase of `moved` says that an object is moved; another phrase as it is."""
+    by = phrase.values.get("by") if isinstance(phrase, Text) else None
+    return by if isinstance(by, str) else phrase
 
 
 def retimed_words(times_s: FloatArray, places: FloatArray, recorded: Trajectory) -> str:
@@ -94,12 +113,14 @@ def retimed_words(times_s: FloatArray, places: FloatArray, recorded: Trajectory)
     low, high = float(delays.min()), float(delays.max())
     if high - low < SAME_S:
         middle = float(np.median(delays))
-        return "" if abs(middle) < SAME_S / 4 else f"Retimed: {seconds(abs(middle))} {'later' if middle > 0 else 'earlier'}"
+        if abs(middle) < SAME_S / 4:
+            return ""
+        return Text("Retimed: {time} later" if middle > 0 else "Retimed: {time} earlier", time=seconds(abs(middle)))
     if low > -SAME_S:
-        return f"Retimed: up to {seconds(high)} later"
+        return Text("Retimed: up to {time} later", time=seconds(high))
     if high < SAME_S:
-        return f"Retimed: up to {seconds(-low)} earlier"
-    return f"Retimed: {seconds(-low)} earlier to {seconds(high)} later"
+        return Text("Retimed: up to {time} earlier", time=seconds(-low))
+    return Text("Retimed: {before} earlier to {after} later", before=seconds(-low), after=seconds(high))
 
 
 def seconds(value: float) -> str:
@@ -122,17 +143,19 @@ def trajectory_words(clock: Clock, poses: FloatArray, base: FloatArray, recorded
         return displaced_words((invert_pose(base) @ poses)[:1])
     words = displaced_words(invert_pose(base) @ poses)
     if same(poses, poses[:1]).all() and not same(base, base[:1]).all():
-        return "Stands still"
-    return words if "up to" not in words else f"New trajectory, up to {metres(float(np.linalg.norm(apart, axis=1).max()))} away"
+        return Text("Stands still")
+    if "up to" not in words:
+        return words
+    return Text("New trajectory, up to {length} away", length=metres(float(np.linalg.norm(apart, axis=1).max())))
 
 
 def presence_words(clock: Clock, there: BoolArray) -> str:
     """Return from when to when an object is there."""
     at = clock.times_s[there]
-    return f"Present from {at[0]:.1f} to {at[-1]:.1f} s"
+    return Text("Present from {start:.1f} to {end:.1f} s", start=float(at[0]), end=float(at[-1]))
 
 
 def joined(parts: Iterable[str]) -> str:
     """Return phrases as one: the first as it is, the others beginning small."""
     found = [part for part in parts if part]
-    return "; ".join([*found[:1], *(part[0].lower() + part[1:] for part in found[1:])])
+    return series([*found[:1], *(cased(part, LOWER) for part in found[1:])], "; ") if found else ""

@@ -15,6 +15,7 @@ from ...core.colour import linear_from_srgb
 from ...core.data.log import Log
 from ...core.world.drive import CameraModel, Drive
 from ..sampled.scene import SampledObject
+from ..texts import Text
 
 POSE_KEPT = {"id", "width", "height", "fx", "fy", "cx", "cy", "shutter"}
 """What a scenario may say of a camera that stands where it recorded: its intrinsics alone differ."""
@@ -72,17 +73,17 @@ def lacks_recorded(view: SampledObject, scenario: dict[str, Any], drive: Drive, 
     ``scenario`` is what the view is rendered by, as a JSON object.
     """
     if view.kind != "CAMERA":
-        return "This view has no recorded image: look through a recorded camera (Numpad 0)"
+        return Text("This view has no recorded image: look through a recorded camera (Numpad 0)")
     if view.uid not in drive.cameras or not view.is_original:
-        return f"{view.name} is an added camera: it has no recorded image"
+        return Text("{camera} is an added camera: it has no recorded image", camera=view.name)
     cameras = (scenario.get("sensors") or {}).get("cameras") or ()
     moved = any(set(camera) - POSE_KEPT for camera in cameras if camera["id"] == view.uid)
     if moved or any(edit["type"] == "ego" for edit in scenario.get("edits", ())):
-        return f"{view.name} is not where it recorded: no recorded image shows this view"
+        return Text("{camera} is not where it recorded: no recorded image shows this view", camera=view.name)
     if log is None:
-        return "The log is not at hand: there are no recorded images"
+        return Text("The log is not at hand: there are no recorded images")
     if frame != int(frame) or log.image_path(view.uid, int(frame)) is None:
-        return f"{view.name} has no recorded image of frame {frame:g}"
+        return Text("{camera} has no recorded image of frame {frame:g}", camera=view.name, frame=float(frame))
     return ""
 
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from ...core.geometry import FloatArray
 from ..motion.kinematics import QUANTITIES, Compared, Motion
+from ..texts import Text, series
 from .chart import ticks
 
 WIDTH, HEIGHT = 440, 214
@@ -19,7 +20,7 @@ STRIP, STRIP_GAP = 10, 4
 """Height of a strip that says where a limit is exceeded, and the gap between two."""
 PAPER, INK, GRID = (0.06, 0.06, 0.06, 0.82), (0.85, 0.85, 0.85, 1.0), (0.32, 0.32, 0.32, 1.0)
 RECORDED, EDITED, OVER, NOW = (0.62, 0.62, 0.62, 1.0), (0.25, 0.55, 1.0, 1.0), (1.0, 0.16, 0.12, 1.0), (1.0, 0.85, 0.2, 1.0)
-STRIPS = {"acceleration_m_s2": "accel.", "lateral_m_s2": "lateral", "curvature_1_m": "curv."}
+STRIPS = {"acceleration_m_s2": Text("accel."), "lateral_m_s2": Text("lateral"), "curvature_1_m": Text("curv.")}
 UNITS = {"acceleration_m_s2": "m/s²", "lateral_m_s2": "m/s²", "curvature_1_m": "1/m"}
 KMH = 3.6
 
@@ -123,14 +124,17 @@ def moment(graph: Compared, frame: float) -> Shapes:
     column = float(axes.x(np.array(time_s)))
     low = low_of_strip(len(QUANTITIES) - 1)
     shapes.box(column - 0.75, low, 1.5, HEIGHT - TOP - low, NOW)
-    what = "edited blue, recorded grey" if graph.is_edited and graph.recorded is not None else ""
-    what = what or ("edited blue" if graph.is_edited else "as recorded")
-    shapes.texts.append((f"{graph.name}: {what}", 6, HEIGHT - 15, INK))
+    what = Text("edited blue" if graph.is_edited else "as recorded")
+    if graph.is_edited and graph.recorded is not None:
+        what = Text("edited blue, recorded grey")
+    shapes.texts.append((series([graph.name, what], ": "), 6, HEIGHT - 15, INK))
     (time, _), (speed, _), *over = values(graph, frame)
-    shapes.texts.append((f"{time} (frame {frame:g}): {speed}", 6, HEIGHT - 32, INK))
+    shapes.texts.append(
+        (Text("{time} (frame {frame:g}): {speed}", time=time, frame=float(frame), speed=speed), 6, HEIGHT - 32, INK)
+    )
     for i, name in enumerate(QUANTITIES):
         text, is_over = over[i] if over else ("", False)
-        shapes.texts.append((f"{STRIPS[name]} {text}", 6, low_of_strip(i) + 1, OVER if is_over else INK))
+        shapes.texts.append((series([STRIPS[name], text], " "), 6, low_of_strip(i) + 1, OVER if is_over else INK))
     return shapes
 
 
@@ -140,7 +144,7 @@ def values(graph: Compared, frame: float) -> list[tuple[str, bool]]:
     now = graph.now
     speed = now.speed_m_s[at]
     if not np.isfinite(speed):
-        return [(f"{now.times_s[at]:.2f} s", False), ("not present", False)]
+        return [(f"{now.times_s[at]:.2f} s", False), (Text("not present"), False)]
     found = [(f"{now.times_s[at]:.2f} s", False), (f"{speed * KMH:.1f} km/h", False)]
     for name, digits in (("acceleration_m_s2", 1), ("lateral_m_s2", 1), ("curvature_1_m", 3)):
         value = getattr(now, name)[at]

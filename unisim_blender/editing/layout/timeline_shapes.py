@@ -8,6 +8,7 @@ import numpy as np
 
 from ...core.colour import srgb_from_linear
 from ..actors.filter import Entry
+from ..texts import Text, counted
 from .class_colours import class_colour
 from .timeline import Timeline
 
@@ -22,10 +23,11 @@ TICK = (1.0, 1.0, 1.0, 0.12)
 def rows_text(timeline: Timeline) -> str:
     """Return which rows are shown."""
     if not timeline.count:
-        return "No actor: clear the filter"
+        return Text("No actor: clear the filter")
     if len(timeline.rows) == timeline.count:
-        return f"{timeline.count} actors"
-    return f"{timeline.first + 1}–{timeline.first + len(timeline.rows)} of {timeline.count}"
+        return counted(timeline.count, "1 actor", "{count} actors")
+    last = timeline.first + len(timeline.rows)
+    return Text("{first}–{last} of {count}", first=timeline.first + 1, last=last, count=timeline.count)
 
 
 def rectangles(timeline: Timeline, now_s: float, active: int | None, scale: float) -> tuple[Any, Any]:

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...core.geometry import BoolArray, FloatArray
+from ..texts import Text
 
 HALF_S = 0.3
 """Half the width of a fit, in seconds; at least three samples."""
@@ -153,7 +154,7 @@ def exceeded(motion: Motion, limits: Limits, recorded: Motion | None = None) -> 
 def describe(name: str, value: float) -> str:
     """Return what a vehicle does whose quantity of this name has this value, as a part of a sentence."""
     if name == "acceleration_m_s2":
-        return f"{'accelerates' if value > 0 else 'brakes'} at {abs(value):.1f} m/s²"
+        return Text("accelerates at {value:.1f} m/s²" if value > 0 else "brakes at {value:.1f} m/s²", value=abs(value))
     if name == "lateral_m_s2":
-        return f"corners at {abs(value):.1f} m/s²"
-    return f"turns at a radius of {1 / abs(value):.1f} m ({abs(value):.2f} 1/m)"
+        return Text("corners at {value:.1f} m/s²", value=abs(value))
+    return Text("turns at a radius of {radius:.1f} m ({curvature:.2f} 1/m)", radius=1 / abs(value), curvature=abs(value))

@@ -15,6 +15,7 @@ from ..sampled.poses import same
 from ..sampled.recorded import recorded_poses, recorded_there
 from ..sampled.scaling import WHY, Scaling, scale_text
 from ..sampled.scene import Sampled, SampledObject
+from ..texts import Text, translatable
 from .comparison import Track, compared, label_of
 from .ground import heights, undersides
 from .kinematics import ON_WHEELS, Limits, describe
@@ -93,13 +94,13 @@ def _motion(obj: SampledObject, label: str, clock: Clock) -> Iterator[Finding]:
     too_fast = both & (speed > limit)
     if too_fast.any():
         at = int(np.argmax(np.where(too_fast, speed, 0)))
-        yield Finding(obj.name, int(clock.frames[at]), f"goes {speed[at] * 3.6:.0f} km/h")
+        yield Finding(obj.name, int(clock.frames[at]), Text("goes {speed:.0f} km/h", speed=float(speed[at] * 3.6)))
     if any(word in label for word in ON_WHEELS):
         ahead = obj.poses[:-1, :3, 0]
         along = np.abs((step * ahead).sum(1)) / np.maximum(np.linalg.norm(step, axis=1), 1e-9)
         skids = both & (speed > MOVING_M_S) & (np.arccos(np.clip(along, 0, 1)) > SIDEWAYS_RAD)
         if skids.any():
-            yield Finding(obj.name, int(clock.frames[int(np.argmax(skids))]), "drives sideways")
+            yield Finding(obj.name, int(clock.frames[int(np.argmax(skids))]), Text("drives sideways"))
 
 
 def _limits(obj: SampledObject, drive: Drive, clock: Clock, limits: Limits) -> Iterator[Finding]:
@@ -122,9 +123,9 @@ def _height(obj: SampledObject, ground: FloatArray, clock: Clock) -> Iterator[Fi
     wrong = obj.there & (np.abs(np.nan_to_num(off)) > OFF_GROUND_M)
     if wrong.any():
         at = int(np.argmax(wrong))
-        yield Finding(
-            obj.name, int(clock.frames[at]), f"is {abs(off[at]):.1f} m {'above' if off[at] > 0 else 'below'} the ground"
-        )
+        height = float(abs(off[at]))
+        text = Text("is {height:.1f} m above the ground" if off[at] > 0 else "is {height:.1f} m below the ground", height=height)
+        yield Finding(obj.name, int(clock.frames[at]), text)
 
 
 def _size(obj: SampledObject, clock: Clock) -> Iterator[Finding]:
@@ -133,7 +134,11 @@ def _size(obj: SampledObject, clock: Clock) -> Iterator[Finding]:
     if obj.scaling.fault:
         yield Finding(obj.name, frame, WHY[obj.scaling.fault])
     elif not all(least <= factor <= most for factor in obj.scaling.factors):
-        yield Finding(obj.name, frame, f"is scaled by {scale_text(obj.scaling.factors)}, beyond {least:g} to {most:g}")
+        sentence, factors = (
+            translatable("is scaled by {factors}, beyond {least:g} to {most:g}"),
+            scale_text(obj.scaling.factors),
+        )
+        yield Finding(obj.name, frame, Text(sentence, factors=factors, least=least, most=most))
 
 
 def _overlap(a: SampledObject, b: SampledObject, clock: Clock) -> Iterator[Finding]:
@@ -141,7 +146,7 @@ def _overlap(a: SampledObject, b: SampledObject, clock: Clock) -> Iterator[Findi
     near = a.there & b.there & (np.linalg.norm(a.poses[:, :3, 3] - b.poses[:, :3, 3], axis=1) < reach)
     for at in np.flatnonzero(near):
         if boxes_overlap(a.poses[at], np.array(a.size_m), b.poses[at], np.array(b.size_m)):
-            yield Finding(a.name, int(clock.frames[at]), f"overlaps {b.name}")
+            yield Finding(a.name, int(clock.frames[at]), Text("overlaps {other}", other=b.name))
             return
 
 
@@ -163,7 +168,9 @@ def _far(obj: SampledObject, drive: Drive, clock: Clock) -> Iterator[Finding]:
     away = np.linalg.norm(obj.poses[:, None, :3, 3] - np.concatenate(places)[None], axis=-1).min(1)
     if away.max() > FAR_VIEW_M:
         at = int(away.argmax())
-        yield Finding(obj.name, int(clock.frames[at]), f"looks from {away[at]:.1f} m beside anything recorded")
+        yield Finding(
+            obj.name, int(clock.frames[at]), Text("looks from {length:.1f} m beside anything recorded", length=float(away[at]))
+        )
 
 
 def _aside(obj: SampledObject, drive: Drive, clock: Clock) -> Iterator[Finding]:
@@ -171,7 +178,7 @@ def _aside(obj: SampledObject, drive: Drive, clock: Clock) -> Iterator[Finding]:
     unseen = np.array([unseen_share(obj, drive, frame) for frame in range(len(clock.frames))])
     if len(unseen) and unseen.max() > ASIDE_SHARE:
         at = int(unseen.argmax())
-        text = f"looks {unseen[at]:.0%} beside all that was recorded"
+        text = Text("looks {share:.0%} beside all that was recorded", share=float(unseen[at]))
         yield Finding(obj.name, int(clock.frames[at]), text)
 
 

@@ -6,11 +6,12 @@ import numpy as np
 
 from ...core.scenario.edits import Duplicate
 from ..edits.lines import Line, line_of
-from ..edits.path_words import path_words
+from ..edits.path_words import path_phrases
 from ..edits.reader import NewActorReader, Standing, register
 from ..edits.trajectories import present, vector
-from ..edits.words import joined
+from ..edits.words import joined, unmoved
 from ..sampled.poses import SAME_M, same_turn
+from ..texts import LOWER, Text, cased
 
 
 @register
@@ -40,7 +41,7 @@ class DuplicateReader(NewActorReader[Duplicate]):
     def line(self, edit: Duplicate, standing: Standing) -> Line:
         """Where the copy is, beside the recorded actor."""
         obj, base = standing.here, standing.recorded
-        words = path_words(obj, base, standing.raised, standing.recorded_there, standing.known, standing.clock)
-        what = joined(["Copied", words.removeprefix("Moved ")]) if words else "Copied, in place"
-        what = what.replace("Copied; ", "Copied: ")
+        words = path_phrases(obj, base, standing.raised, standing.recorded_there, standing.known, standing.clock)
+        words[:1] = [unmoved(phrase) for phrase in words[:1]]
+        what = Text("Copied: {how}", how=cased(joined(words), LOWER)) if words else Text("Copied, in place")
         return line_of("ACTOR", obj.uid, "COPY", what, standing.names, obj.there, standing.clock, edit)

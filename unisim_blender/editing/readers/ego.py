@@ -17,6 +17,7 @@ from ..edits.trajectories import keyframes
 from ..edits.words import displaced_words, joined, trajectory_words
 from ..sampled.clock import Clock
 from ..sampled.poses import SAME_M, same, same_turn
+from ..texts import Text
 
 
 @register
@@ -55,7 +56,7 @@ class EgoReader(GroupReader):
             else:
                 words = trajectory_words(clock, ego.poses, base, None, False)
             differs = ~same(ego.poses, base)
-            yield line_of("EGO", "ego", "EGO", words or "Moved", (ego.title, ego.name), differs, clock, edit)
+            yield line_of("EGO", "ego", "EGO", words or Text("Moved"), (ego.title, ego.name), differs, clock, edit)
 
     def edited_ids(self, reading: Reading) -> set[str]:
         """The vehicle's, "ego", where it drives elsewhere."""

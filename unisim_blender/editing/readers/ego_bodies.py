@@ -11,6 +11,7 @@ from ..edits.lines import Line, line_of
 from ..edits.reader import GroupReader, Reading, register
 from ..edits.trajectories import placement
 from ..sampled.poses import same
+from ..texts import Text
 
 
 @register
@@ -42,5 +43,5 @@ class EgoBodies(GroupReader):
         """A line for each body."""
         bodies = [obj for obj in reading.sampled.of("BODY") if obj.there.any()]
         for body, obj in zip(self.edits(reading), bodies, strict=True):
-            names, words = (obj.title, obj.name), "Body of the ego vehicle"
+            names, words = (obj.title, obj.name), Text("Body of the ego vehicle")
             yield line_of("BODY", obj.uid, "BODY", words, names, obj.there, reading.clock, body)

@@ -6,6 +6,7 @@ from ...core.scenario.edits import Insert
 from ..edits.lines import Line, line_of
 from ..edits.reader import NewActorReader, Standing, register
 from ..edits.trajectories import present
+from ..texts import Text
 
 
 @register
@@ -29,4 +30,4 @@ class InsertReader(NewActorReader[Insert]):
     def line(self, edit: Insert, standing: Standing) -> Line:
         """That it is there."""
         obj = standing.here
-        return line_of("ACTOR", obj.uid, "INSERT", "Inserted", standing.names, obj.there, standing.clock, edit)
+        return line_of("ACTOR", obj.uid, "INSERT", Text("Inserted"), standing.names, obj.there, standing.clock, edit)

@@ -6,6 +6,7 @@ from ...core.scenario.edits import InsertMesh
 from ..edits.lines import Line, line_of
 from ..edits.reader import NewActorReader, Standing, register
 from ..edits.trajectories import present
+from ..texts import Text
 
 
 @register
@@ -25,4 +26,4 @@ class InsertMeshReader(NewActorReader[InsertMesh]):
     def line(self, edit: InsertMesh, standing: Standing) -> Line:
         """That it is there."""
         obj = standing.here
-        return line_of("ACTOR", obj.uid, "MESH", "Mesh inserted", standing.names, obj.there, standing.clock, edit)
+        return line_of("ACTOR", obj.uid, "MESH", Text("Mesh inserted"), standing.names, obj.there, standing.clock, edit)

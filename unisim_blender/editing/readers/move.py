@@ -8,6 +8,7 @@ from ..edits.path_words import path_words
 from ..edits.reader import ActorReader, Standing, register
 from ..edits.trajectories import present
 from ..sampled.poses import same
+from ..texts import Text
 
 
 @register
@@ -29,4 +30,4 @@ class MoveReader(ActorReader[Move]):
         if obj.scale_lift_m and not differs.any():
             return None
         words = path_words(obj, standing.recorded, raised, there, standing.known, standing.clock)
-        return line_of("ACTOR", edit.actor, "MOVE", words or "Moved", standing.names, differs, standing.clock, edit)
+        return line_of("ACTOR", edit.actor, "MOVE", words or Text("Moved"), standing.names, differs, standing.clock, edit)

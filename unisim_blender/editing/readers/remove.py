@@ -6,6 +6,7 @@ from ...core.actor_images.names import plain_names
 from ...core.scenario.edits import Remove
 from ..edits.lines import Line, line_of
 from ..edits.reader import ActorReader, Standing, register
+from ..texts import Text
 
 
 @register
@@ -22,4 +23,4 @@ class RemoveReader(ActorReader[Remove]):
         """An actor whose object was deleted has the name that the list of actors gives it."""
         uid, obj = standing.known.uid, standing.obj
         names = standing.names if obj is not None else (plain_names(standing.reading.drive.actors)[uid], "")
-        return line_of("ACTOR", uid, "REMOVE", "Removed", names, standing.recorded_there, standing.clock, edit)
+        return line_of("ACTOR", uid, "REMOVE", Text("Removed"), names, standing.recorded_there, standing.clock, edit)

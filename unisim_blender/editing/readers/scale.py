@@ -6,6 +6,7 @@ from ...core.scenario.edits import Scale
 from ..edits.lines import Line, line_of
 from ..edits.reader import ActorReader, Standing, register
 from ..sampled.scaling import UNIT, scale_text
+from ..texts import Text
 
 
 @register
@@ -23,5 +24,5 @@ class ScaleReader(ActorReader[Scale]):
 
     def line(self, edit: Scale, standing: Standing) -> Line:
         """By how much."""
-        words, there = f"Scaled by {scale_text(edit.factors)}", standing.here.there
+        words, there = Text("Scaled by {factors}", factors=scale_text(edit.factors)), standing.here.there
         return line_of("ACTOR", edit.actor, "SCALE", words, standing.names, there, standing.clock, edit)

@@ -24,6 +24,7 @@ from ..sampled.poses import SAME_M, optical, same, same_place, same_turn
 from ..sampled.scene import Sampled, SampledObject
 from ..sensors.mounts import lag, lidar_json, lidar_model, recorded_mount
 from ..sensors.names import sensor_id
+from ..texts import Text, series
 
 Spec = TypeVar("Spec", CameraSpec, LidarSpec)
 
@@ -52,11 +53,11 @@ class SensorReader(GroupReader):
             if specs is None:
                 continue
             recorded = set(drive.cameras if kind == "CAMERA" else drive.lidars)
-            named = "Camera" if kind == "CAMERA" else "LiDAR"
+            named = Text("Camera" if kind == "CAMERA" else "LiDAR")
             standing = [obj for obj in sampled.of(kind) if obj.there.any()]
             for name in sorted(recorded - {spec.id for spec in specs}):
                 hidden = next((obj.name for obj in sampled.of(kind) if obj.uid == name and obj.is_original), "")
-                yield line_of(kind, name, "REMOVE", f"{named} removed", (name, hidden), always, clock, name)
+                yield line_of(kind, name, "REMOVE", Text("{sensor} removed", sensor=named), (name, hidden), always, clock, name)
             for spec, obj in zip(specs, standing, strict=True):
                 names = obj.title, obj.name
                 if spec in (CameraSpec(spec.id), LidarSpec(spec.id)) and spec.id in recorded:
@@ -64,7 +65,7 @@ class SensorReader(GroupReader):
                 if spec.id in recorded and spec.like is None:
                     yield line_of(kind, spec.id, "SENSOR", sensor_words(named, spec), names, always, clock, spec)
                 else:
-                    what = f"{named} copied" if spec.like else f"{named} added"
+                    what = Text("{sensor} copied" if spec.like else "{sensor} added", sensor=named)
                     yield line_of(kind, obj.uid, "INSERT", what, names, always, clock, spec)
 
     def edited_ids(self, reading: Reading) -> set[str]:
@@ -210,23 +211,24 @@ def _beams(model: LidarModel) -> dict[str, Any]:
 
 def sensor_words(named: str, spec: CameraSpec | LidarSpec) -> str:
     """Return what of a recorded sensor is another one."""
-    words = []
+    words: list[str] = []
     if spec.trajectory is not None:
-        words.append("on a trajectory of its own")
+        words.append(Text("on a trajectory of its own"))
     if spec.mount_offset is not None:
         words.append(offset_words(spec.mount_offset))
     if isinstance(spec, CameraSpec) and (spec.width or spec.fx):
-        words.append("another lens")
+        words.append(Text("another lens"))
     if isinstance(spec, LidarSpec) and spec.elevation_deg is not None:
-        words.append("other beams")
-    return f"{named}: {', '.join(words)}"
+        words.append(Text("other beams"))
+    return series([named, series(words)], ": ")
 
 
 def offset_words(offset: Offset) -> str:
     """Return how far a sensor's mount is displaced along the vehicle's axes, and whether it is turned."""
     apart = np.eye(4)
     apart[:3, 3] = offset.position or (0.0, 0.0, 0.0)
-    words = [moved_words(apart)] if offset.position else []
+    words: list[str] = [moved_words(apart)] if offset.position else []
     if offset.quaternion_wxyz is not None:
-        words.append(f"turned by {degrees(float(np.degrees(2 * np.arccos(np.clip(abs(offset.quaternion_wxyz[0]), 0, 1)))))}")
-    return ", ".join(words)
+        angle = float(np.degrees(2 * np.arccos(np.clip(abs(offset.quaternion_wxyz[0]), 0, 1))))
+        words.append(Text("turned by {angle}", angle=degrees(angle)))
+    return series(words)

@@ -14,9 +14,11 @@ from ...core.scenario.placement import BoxSpec
 from ..edits.lines import Line, line_of
 from ..edits.reader import GroupReader, Reading, register
 from ..edits.trajectories import placement, quaternion, vector
+from ..edits.words import moved
 from ..sampled.poses import same
 from ..sampled.scaling import UNIT, scale_text
 from ..sampled.scene import SampledObject
+from ..texts import Text
 
 
 @register
@@ -66,12 +68,13 @@ class StaticItems(GroupReader):
             gone = RemoveStatic(uid) in edits
             copied = [obj for obj in standing if not (obj is own and not gone)]
             for edit, obj in zip(copies, copied, strict=True):
-                far = f"{np.linalg.norm(obj.poses[0, :3, 3] - np.array(reading.boxes[uid].position)):.1f} m away"
-                part, words = ("MOVE", f"Moved {far}") if obj is own else ("COPY", f"Copied: {far}")
+                apart = float(np.linalg.norm(obj.poses[0, :3, 3] - np.array(reading.boxes[uid].position)))
+                far = Text("{length} away", length=f"{apart:.1f} m")
+                part, words = ("MOVE", moved(far)) if obj is own else ("COPY", Text("Copied: {how}", how=far))
                 yield line_of("STATIC", uid, part, words, (obj.title, obj.name), always, clock, edit)
             if gone and own is None:
                 hidden = next((obj.name for obj in sampled.of("STATIC") if obj.uid == uid and obj.is_original), "")
-                yield line_of("STATIC", uid, "REMOVE", "Removed", (uid, hidden), always, clock, RemoveStatic(uid))
+                yield line_of("STATIC", uid, "REMOVE", Text("Removed"), (uid, hidden), always, clock, RemoveStatic(uid))
 
 
 def refuse_scale(obj: SampledObject) -> None:

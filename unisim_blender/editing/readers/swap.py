@@ -8,6 +8,7 @@ from ...core.actor_images.names import plain_names
 from ...core.scenario.edits import Swap
 from ..edits.lines import Line, line_of
 from ..edits.reader import ActorReader, Standing, register
+from ..texts import Text
 
 
 @register
@@ -23,6 +24,10 @@ class SwapReader(ActorReader[Swap]):
         """Whose appearance it is."""
         actors = standing.reading.drive.actors
         of_this_scene = edit.scene is None and edit.appearance in actors
-        named = plain_names(actors)[edit.appearance] if of_this_scene else f"{edit.appearance} of {Path(edit.scene or '').name}"
-        words, there = f"Appearance of {named}", standing.here.there
+        named = (
+            plain_names(actors)[edit.appearance]
+            if of_this_scene
+            else Text("{actor} of {scene}", actor=edit.appearance, scene=Path(edit.scene or "").name)
+        )
+        words, there = Text("Appearance of {actor}", actor=named), standing.here.there
         return line_of("ACTOR", edit.actor, "APPEARANCE", words, standing.names, there, standing.clock, edit)

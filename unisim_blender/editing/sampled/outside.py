@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.world.drive import Drive
+from ..texts import Text
 from .clock import Clock
 
 DIMMED = 0.25
@@ -21,7 +22,10 @@ def outside_drive(frame: float, drive: Drive) -> str:
     frames = Clock.of(drive).frames
     if frames[0] <= frame <= frames[-1]:
         return ""
-    return f"Frame {frame:g} is outside the drive (frames {frames[0]:g} to {frames[-1]:g}): nothing was recorded there"
+    return Text(
+        "Frame {frame:g} is outside the drive (frames {first:g} to {last:g}): nothing was recorded there",
+        frame=float(frame), first=float(frames[0]), last=float(frames[-1]),
+    )  # fmt: skip
 
 
 def marked_outside(image: NDArray[np.float32], first_row: int = 0) -> NDArray[np.float32]:

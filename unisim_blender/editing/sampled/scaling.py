@@ -9,6 +9,7 @@ import numpy as np
 
 from ...core.geometry import BoolArray, FloatArray
 from ...core.scenario.edits.scale import BOUNDS, scales
+from ..texts import Text
 
 SAME_SCALE = 1e-4
 """Within this of 1 an object is as large as it was imported: half a millimetre of a car."""
@@ -20,11 +21,14 @@ MIRRORED, SHEARED, CHANGING = "mirrored", "sheared", "changing"
 Factors = tuple[float, float, float]
 UNIT: Factors = (1.0, 1.0, 1.0)
 WHY = {
-    MIRRORED: "is mirrored by a negative scale, which cannot be rendered: make its scale, and that of its parent, positive",
-    SHEARED: "is sheared by the scale of its parent, which cannot be rendered: clear the parent's scale, or scale it alike "
-    "along all axes",
-    CHANGING: "has a scale that changes over time, which cannot be rendered: delete the keys of its scale, and what else "
-    "animates it",
+    MIRRORED: Text("is mirrored by a negative scale, which cannot be rendered: make its scale, and that of its parent, positive"),
+    SHEARED: Text(
+        "is sheared by the scale of its parent, which cannot be rendered: clear the parent's scale, or scale it alike "
+        "along all axes"
+    ),
+    CHANGING: Text(
+        "has a scale that changes over time, which cannot be rendered: delete the keys of its scale, and what else animates it"
+    ),
 }
 
 
@@ -58,12 +62,12 @@ def scaling_of(matrices: FloatArray, poses: FloatArray, there: BoolArray | None 
 def refusal(name: str, scaling: Scaling) -> str:
     """Return why an actor cannot be rendered with a scaling, as a sentence that names it; "" where it can."""
     if scaling.fault:
-        return f'object "{name}": {WHY[scaling.fault]}'
+        return Text('object "{name}": {why}', name=name, why=WHY[scaling.fault])
     if not scales(scaling.factors):
-        return (
-            f'object "{name}": is scaled by {scale_text(scaling.factors)}; along each axis an actor can be scaled by '
-            f"{BOUNDS[0]:g} to {BOUNDS[1]:g}"
-        )
+        return Text(
+            'object "{name}": is scaled by {factors}; along each axis an actor can be scaled by {least:g} to {most:g}',
+            name=name, factors=scale_text(scaling.factors), least=BOUNDS[0], most=BOUNDS[1],
+        )  # fmt: skip
     return ""
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 
+from ..texts import Text, counted, series
 from .source import Source
 
 
@@ -11,20 +12,20 @@ def summary(source: Source) -> str:
     """Return what a drive holds, as one line."""
     drive = source.drive
     labels = Counter(actor.label for actor in drive.actors.values())
-    most = ", ".join(f"{count} {label}" for label, count in labels.most_common(3))
-    others = f", {sum(labels.values()) - sum(n for _, n in labels.most_common(3))} others" if len(labels) > 3 else ""
+    most: list[str] = [f"{count} {label}" for label, count in labels.most_common(3)]
+    if len(labels) > 3:
+        most.append(Text("{count} others", count=sum(labels.values()) - sum(n for _, n in labels.most_common(3))))
     times = sorted(drive.time_s.values())
+    actors: str = counted(len(drive.actors), "1 actor", "{count} actors")
+    if labels:
+        actors = Text("{actors} ({classes})", actors=actors, classes=series(most))
     parts = [
-        f"{len(times)} frames ({times[-1] - times[0]:.1f} s)",
-        counted(len(drive.cameras), "camera"),
-        counted(len(drive.lidars), "LiDAR"),
-        counted(len(drive.actors), "actor") + (f" ({most}{others})" if labels else ""),
+        Text("{count} frames ({time:.1f} s)", count=len(times), time=times[-1] - times[0]),
+        counted(len(drive.cameras), "1 camera", "{count} cameras"),
+        counted(len(drive.lidars), "1 LiDAR", "{count} LiDARs"),
+        actors,
     ]
-    trained = "no trained scene" if source.scene_path is None else f"trained scene {source.scene_path.name}"
-    images = "" if source.log is not None else "; the log itself is not at hand"
-    return f"Imported {source.log_path.name}: {', '.join(parts)}; {trained}{images}"
-
-
-def counted(number: int, what: str) -> str:
-    """Return a number and what it counts, in the plural where there is not one."""
-    return f"{number} {what}" if number == 1 else f"{number} {what}s"
+    scene = source.scene_path
+    trained = Text("no trained scene") if scene is None else Text("trained scene {name}", name=scene.name)
+    what = [trained] if source.log is not None else [trained, Text("the log itself is not at hand")]
+    return Text("Imported {log}: {parts}; {what}", log=source.log_path.name, parts=series(parts), what=series(what, "; "))

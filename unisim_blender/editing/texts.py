@@ -1,0 +1,96 @@
+"""Texts for people that are put together of a sentence and values, so that they can be said in other languages, too.
+
+A `Text` is the English string. `told` says it in another language, whose sentences are looked up by the English ones, with names
+in braces.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+
+LOWER, UPPER = "lower", "upper"
+
+
+class Text(str):
+    """A sentence or a part of one, in English: ``template`` with ``values`` in its braces. Values may be texts themselves.
+
+    ``case`` is what its first letter is made in every language: "" for as it is, `LOWER` or `UPPER`.
+    """
+
+    template: str
+    values: Mapping[str, object]
+    case: str
+
+    def __new__(cls, template: str, /, **values: object) -> Text:
+        """Put a text together."""
+        return text_of(template, values)
+
+    def __reduce__(self) -> tuple[object, ...]:
+        """Copy and pickle it by its parts."""
+        return text_of, (self.template, dict(self.values), self.case)
+
+
+def text_of(template: str, values: Mapping[str, object], case: str = "") -> Text:
+    """Return a text by its parts."""
+    made = str.__new__(Text, _said(template, values, case, str))
+    made.template, made.values, made.case = template, values, case
+    return made
+
+
+def told(text: str, translate: Callable[[str], str]) -> str:
+    """Return a text in another language, as ``translate`` has its sentences; a string that is no `Text` as it is."""
+    return _said(text.template, text.values, text.case, translate) if isinstance(text, Text) else text
+
+
+def _said(template: str, values: Mapping[str, object], case: str, translate: Callable[[str], str]) -> str:
+    known = {name: told(value, translate) if isinstance(value, str) else value for name, value in values.items()}
+    said = translate(template).format(**known)
+    return said[:1].lower() + said[1:] if case == LOWER else said[:1].upper() + said[1:] if case == UPPER else said
+
+
+def cased(text: str, case: str) -> Text:
+    """Return a text with its first letter made small (`LOWER`) or large (`UPPER`)."""
+    return text_of(text.template, text.values, case) if isinstance(text, Text) else text_of("{text}", {"text": text}, case)
+
+
+def series(parts: Sequence[str], between: str = ", ") -> Text:
+    """Return texts as one."""
+    names = [f"part{number}" for number in range(len(parts))]
+    return text_of(between.join(f"{{{name}}}" for name in names), dict(zip(names, parts, strict=True)))
+
+
+def counted(number: int, one: str, many: str) -> Text:
+    """Return a number and what it counts: ``one`` where it is one, else ``many``, which has {count} in it."""
+    return text_of(one if number == 1 else many, {"count": number})
+
+
+def translatable(template: str) -> str:
+    """Return a sentence that a `Text` is made of elsewhere, as it is: the call says that it has to be translated."""
+    return template
+
+
+def packed(text: str) -> str:
+    """Return the parts of a text as JSON, "" for a string that is no `Text`."""
+    return json.dumps(_parts(text), ensure_ascii=False) if isinstance(text, Text) else ""
+
+
+def unpacked(parts: str, plain: str) -> str:
+    """Return the text that was packed; ``plain`` where nothing was, as in files of earlier versions, or where that is not it."""
+    try:
+        found = _whole(json.loads(parts)) if parts else plain
+    except (ValueError, LookupError, TypeError, AttributeError):
+        return plain
+    return found if isinstance(found, str) and found == plain else plain
+
+
+def _parts(value: object) -> object:
+    if isinstance(value, Text):
+        return {"text": value.template, "values": {name: _parts(one) for name, one in value.values.items()}, "case": value.case}
+    return value if isinstance(value, str | int) else float(value)  # type: ignore[arg-type]
+
+
+def _whole(value: object) -> object:
+    if not isinstance(value, dict):
+        return value
+    return text_of(value["text"], {name: _whole(one) for name, one in value["values"].items()}, value["case"])
