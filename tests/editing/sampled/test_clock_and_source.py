@@ -13,7 +13,7 @@ from imported_scene import imported, one_of, sampled_object
 from unisim_blender.editing.sampled.clock import Clock
 from unisim_blender.editing.sampled.outside import outside_drive
 from unisim_blender.editing.sampled.source import NotImported, Source, open_source
-from unisim_blender.editing.sampled.summary import counted, summary
+from unisim_blender.editing.sampled.summary import summary
 
 UNEVEN = Clock(np.array([3.0, 4.0, 6.0, 7.0]), np.array([0.3, 0.5, 0.6, 1.1]))
 
@@ -63,4 +63,3 @@ def test_what_a_drive_holds(source: Source) -> None:
     text = summary(source)
     assert "20 frames (1.9 s), 1 camera, 1 LiDAR, 20 actors (13 Car, 5 Cones, 1 Medium-sized Truck, 1 others)" in text
     assert text.endswith("; trained scene scene; the log itself is not at hand")
-    assert counted(0, "actor") == "0 actors" and counted(1, "actor") == "1 actor"
