@@ -308,10 +308,10 @@ def drawn_rows(line: Line, room: Room) -> list[tuple[str, str]]:
 
         row = column = lambda self, align=False: self
 
-        def label(self, text: str, icon: str) -> None:
+        def label(self, text: str, icon: str, translate: bool = True) -> None:
             rows.append(("label", text))
 
-        def operator(self, name: str, text: str, icon: str, emboss: bool) -> Any:
+        def operator(self, name: str, text: str, icon: str, emboss: bool, translate: bool = True) -> Any:
             rows.extend([("button", text)] if text else [])
             return self
 
