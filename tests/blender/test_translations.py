@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import copy
 import importlib.util
-import pickle
 import re
 import string
 from pathlib import Path
@@ -18,7 +16,7 @@ from unisim_blender import translations
 from unisim_blender.bridge.changes.muting import mute
 from unisim_blender.bridge.objects.source import source_of
 from unisim_blender.bridge.sampling.edit_list import muted_lines, read_now
-from unisim_blender.editing.texts import LOWER, Text, cased, counted, packed, series, told, unpacked
+from unisim_blender.editing.texts import Text, told, unpacked
 from unisim_blender.panels.edits import count_text
 from unisim_blender.translations import TABLES, interface, localized, message, table
 
@@ -101,37 +99,11 @@ def test_no_text_is_put_together_without_its_translation(tool: Any) -> None:
     assert list(tool.untold()) == []
 
 
-def test_a_text_is_its_english_string() -> None:
-    far = Text("{length:.1f} m to the left", length=2.0)
-    text = series([Text("Moved {by}", by=far), cased(Text("Retimed: {time} later", time="0.5 s"), LOWER)], "; ")
-    assert text == "Moved 2.0 m to the left; retimed: 0.5 s later" and isinstance(text, str)
-    assert text == copy.deepcopy(text) == pickle.loads(pickle.dumps(text))
-    assert [counted(n, "1 edit", "{count} edits") for n in (0, 1, 2)] == ["0 edits", "1 edit", "2 edits"]
-
-
-def test_texts_are_told_in_another_language_with_all_their_parts() -> None:
-    """Braces in names are no placeholders, and a name is not translated."""
+def test_texts_in_texts_are_german_and_names_as_they_are() -> None:
+    """Braces in names are no placeholders."""
     words = TABLES["de_DE"]
-    name = "Camera {x}"
-    text = Text("Muted: {what} ({who})", what=Text("Moved {by}", by=Text("{length} left", length="3.0 m")), who=name)
-    for one in (text, copy.deepcopy(text), pickle.loads(pickle.dumps(text)), unpacked(packed(text), str(text))):
-        assert told(one, lambda english: words.get(english, english)) == (
-            "Stummgeschaltet: Verschoben: 3.0 m nach links (Camera {x})"
-        )
-    last = cased(Text("Retimed: {time} later", time="0.5 s"), LOWER)
-    assert told(last, lambda english: words[english]) == "zeitlich verschoben: 0.5 s später"
-    assert told("Camera", lambda english: words[english]) == "Camera"
-
-
-def test_what_a_file_keeps_of_a_text_is_read_again_or_left() -> None:
-    """Files of earlier versions keep the English string alone."""
-    text = Text("is scaled by {factors}, beyond {least:g} to {most:g}", factors="3", least=0.5, most=2.0)
-    again = unpacked(packed(text), str(text))
-    assert isinstance(again, Text) and again == text and again.values == text.values
-    assert packed("a name") == ""
-    for parts in ("", "no JSON", "[1]", "{}", '{"text": "{0}", "values": {}, "case": ""}', packed(Text("Moved"))):
-        found = unpacked(parts, str(text))
-        assert found == text and not isinstance(found, Text)
+    text = Text("Muted: {what} ({who})", what=Text("Moved {by}", by=Text("{length} left", length="3.0 m")), who="Camera {x}")
+    assert told(text, words.__getitem__) == "Stummgeschaltet: Verschoben: 3.0 m nach links (Camera {x})"
 
 
 @pytest.fixture
