@@ -8,6 +8,7 @@ from bpy.props import (
     FloatProperty,
     FloatVectorProperty,
     IntProperty,
+    IntVectorProperty,
     PointerProperty,
     StringProperty,
 )
@@ -123,6 +124,10 @@ class UniSimScene(bpy.types.PropertyGroup):
     scene: StringProperty(name="Trained scene", description="Folder of the neural scene trained on the log", subtype="DIR_PATH")
     origin: StringProperty(
         name="World origin", description="Offset subtracted from the coordinates of the log, three float64 values as JSON"
+    )
+    stated: StringProperty(description="Frames, times and more of the imported scenario, as JSON; empty where it states none")
+    stated_range: IntVectorProperty(
+        size=3, description="Frame range for which the captures of the imported scenario hold: first frame, last frame, step"
     )
     trajectories: BoolProperty(description="Moving objects are children of trajectories; files of earlier versions are converted")
     static_items: CollectionProperty(type=UniSimItem, name="Static items")

@@ -19,6 +19,7 @@ from pathlib import Path
 
 from . import interpreters
 from .core.sequence.records import finished_moments
+from .core.world.captures import Key
 from .translations import message
 
 PATIENCE_S = 20.0
@@ -140,8 +141,8 @@ def _end(process: subprocess.Popen[bytes]) -> None:
 class SequenceTask(Task):
     """Frames rendered into a folder."""
 
-    wanted: Container[int] | None = None
-    """The frames that count; None: all in the folder."""
+    wanted: Container[Key] | None = None
+    """The frames and times that count; None: all in the folder."""
 
     @property
     def done(self) -> float:

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Container
 from dataclasses import dataclass
 from pathlib import Path
 
 from .core.sequence.records import finished_moments
+from .core.world.captures import Key
 from .tasks import SequenceTask
 from .translations import message
 
@@ -18,13 +18,12 @@ class Part:
     name: str
     arguments: list[str]
     folder: Path
-    wanted: range
+    wanted: set[Key]
 
     @property
     def done(self) -> int:
         """Frames that are finished."""
-        frames: Container[int] = self.wanted
-        return finished_moments(self.folder, frames)
+        return finished_moments(self.folder, self.wanted)
 
 
 class VariantsTask(SequenceTask):

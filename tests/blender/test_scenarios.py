@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -10,11 +11,15 @@ import numpy as np
 import pytest
 from helpers import SAMPLE
 
+from unisim_blender.bridge.objects.source import source_of
+from unisim_blender.bridge.sampling.stated_captures import rendered_keys
 from unisim_blender.core.prepare.scenario import scene_actors
 from unisim_blender.core.scenario import apply_scenario, load_scenario, save_scenario, scenario_from_json, scenario_to_json
+from unisim_blender.core.scenario.types import FrameRange
 from unisim_blender.core.world.drive import Drive
 from unisim_blender.editing.sampled.poses import same
 from unisim_blender.editing.sampled.source import open_source
+from unisim_blender.operators.export_scenario import scenario_of
 
 
 def drive_of(path: Path) -> Drive:
@@ -60,6 +65,61 @@ def there_and_back(path: Path, folder: Path) -> Path:
 def test_the_sample(scene: Any, tmp_path: Path) -> None:
     path = SAMPLE / "scenario.json"
     assert_alike(drive_of(path), drive_of(there_and_back(path, tmp_path)))
+
+
+STATED: dict[str, dict[str, Any]] = {
+    "times": {"times": [0.05, 0.3, 0.35]},
+    "a rate": {"times": {"rate_hz": 20, "start_s": 0.5, "stop_s": 1.0}},
+    "times outside": {"times": {"rate_hz": 5, "start_s": -0.5, "stop_s": 0.5}, "outside": {"ego": "hold"}},
+    "listed frames": {"frames": [1, 4, 5]},
+    "a range": {"frames": {"start": 2, "stop": 8, "step": 2}},
+    "own times": {"sensors": {"cameras": [{"id": "front_camera", "times": {"rate_hz": 15}}]}},
+    "formats": {"description": "A drive", "outputs": {"passes": ["rgb"], "formats": ["png"], "quality": "fine"}},
+}
+
+
+def stating(members: dict[str, Any], folder: Path) -> Path:
+    """A scenario of the sample's street, edited once, that states more."""
+    document = json.loads((SAMPLE / "scenario.json").read_text())
+    kept = {key: document[key] for key in ("format", "version", "name")}
+    log, trained = ((SAMPLE / name).resolve().as_posix() for name in (document["log"]["path"], document["scene"]))
+    edits = [{"type": "remove", "actor": "car-12"}]
+    path = folder / "stating.json"
+    path.write_text(json.dumps({**kept, "log": log, "scene": trained, **members, "edits": edits}))
+    return path
+
+
+@pytest.mark.parametrize("name", STATED)
+def test_what_no_object_stands_for_comes_back(scene: Any, tmp_path: Path, name: str) -> None:
+    path = stating(STATED[name], tmp_path)
+    before, after = load_scenario(path), load_scenario(there_and_back(path, tmp_path))
+    assert (after.frames, after.times, after.outside) == (before.frames, before.times, before.outside)
+    assert (after.sensors, after.edits, after.description) == (before.sensors, before.edits, before.description)
+    if before.outputs is not None:
+        assert after.outputs == before.outputs
+
+
+def test_another_frame_range_takes_the_place_of_times(scene: Any, tmp_path: Path) -> None:
+    path = stating(STATED["a rate"], tmp_path)
+    again = there_and_back(path, tmp_path)
+    assert (scene.frame_start, scene.frame_end) == (5, 10) and load_scenario(again).times is not None
+    scene.frame_end = 8
+    assert bpy.ops.unisim.export_scenario(filepath=str(again)) == {"FINISHED"}
+    assert load_scenario(again).times is None and load_scenario(again).frames == FrameRange(5, 9, 1)
+    scene.frame_end = 10
+    assert bpy.ops.unisim.use_frame_range() == {"FINISHED"} and not bpy.ops.unisim.use_frame_range.poll()
+    assert bpy.ops.unisim.export_scenario(filepath=str(again)) == {"FINISHED"}
+    assert load_scenario(again).times is None and load_scenario(again).frames == FrameRange(5, 11, 1)
+
+
+def test_a_sequence_of_times_counts_what_it_renders(scene: Any, tmp_path: Path) -> None:
+    path = stating(STATED["a rate"], tmp_path)
+    there_and_back(path, tmp_path)
+    scenario = scenario_of(scene, tmp_path / "scenario.json")
+    keys = rendered_keys(scene, scenario, source_of(scene).drive)
+    assert len(keys) == 10 and "t0000000550000us" in keys
+    scene.frame_end = 8
+    assert rendered_keys(scene, scenario_of(scene, tmp_path / "scenario.json"), source_of(scene).drive) == {5, 6, 7, 8}
 
 
 EDITS: dict[str, list[dict[str, Any]]] = {

@@ -9,9 +9,11 @@ from bpy_extras.io_utils import ExportHelper
 
 from ..bridge.objects.source import source_of
 from ..bridge.sampling.in_steps import sample_steps
+from ..bridge.sampling.stated_captures import captures_stated
 from ..bridge.sampling.stepping import sample_all
 from ..core.scenario.types import FrameRange, Outputs, Scenario
 from ..editing.reading.scenario import read_scenario
+from ..editing.reading.stated import with_stated
 from ..editing.reading.writing import write_scenario
 from ..editing.sampled.clock import Clock
 from ..editing.sampled.scene import Sampled
@@ -25,7 +27,8 @@ def scenario_of(scene: bpy.types.Scene, path: Path) -> Scenario:
     """The scenario that a Blender scene stands for, as it would be written to ``path``. Raises `UnisimError`."""
     source = source_of(scene)
     frames, outputs = _settings(scene)
-    return read_scenario(sample_all(scene, Clock.of(source.drive)), source, path, frames, outputs)
+    read = read_scenario(sample_all(scene, Clock.of(source.drive)), source, path, frames, outputs)
+    return with_stated(read, scene.unisim.stated, source.drive, captures_stated(scene))
 
 
 def scenario_steps(scene: bpy.types.Scene, path: Path) -> Generator[str | None, None, Scenario]:
@@ -34,7 +37,9 @@ def scenario_steps(scene: bpy.types.Scene, path: Path) -> Generator[str | None, 
     source = source_of(scene)
     frames, outputs = _settings(scene)
     sampled = yield from sampled_in_steps(scene, Clock.of(source.drive))
-    return (yield from in_thread(lambda: read_scenario(sampled, source, path, frames, outputs)))
+    stated, captures = scene.unisim.stated, captures_stated(scene)
+    read = yield from in_thread(lambda: read_scenario(sampled, source, path, frames, outputs))
+    return with_stated(read, stated, source.drive, captures)
 
 
 def sampled_in_steps(scene: bpy.types.Scene, clock: Clock) -> Generator[str | None, None, Sampled]:
@@ -94,12 +99,30 @@ class UNISIM_OT_export_scenario(ReadsScenes, bpy.types.Operator, ExportHelper):
         self.report({"INFO"}, message("Scenario written to {path} (edits: {count})", count=len(scenario.edits), path=path))
 
 
+class UNISIM_OT_use_frame_range(bpy.types.Operator):
+    """Render and export the frame range of the scene in place of the frames or times that the imported scenario states"""
+
+    bl_idname = "unisim.use_frame_range"
+    bl_label = "Use Frame Range"
+    bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """There has to be something to drop."""
+        return allowed(cls, drive(context), (captures_stated(context.scene), "The frame range is what is rendered already"))
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        """Forget the range that the stated captures hold for."""
+        context.scene.unisim.stated_range = (0, -1, 0)
+        return {"FINISHED"}
+
+
 def draw_menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:
     """A line in File > Export."""
     self.layout.operator(UNISIM_OT_export_scenario.bl_idname, text="UniSim Scenario (.json)")
 
 
-CLASSES = (UNISIM_OT_export_scenario,)
+CLASSES = (UNISIM_OT_export_scenario, UNISIM_OT_use_frame_range)
 
 
 def register() -> None:

@@ -7,6 +7,7 @@ import bpy
 
 from ..bridge.objects.source import source_of
 from ..bridge.sampling.output_sensors import output_sensors
+from ..bridge.sampling.stated_captures import rendered_keys
 from ..core.errors import UnisimError
 from ..editing.reading.writing import write_scenario
 from ..preferences import device, interpreter
@@ -60,10 +61,10 @@ class UNISIM_OT_render_sequence(ReadsScenes, bpy.types.Operator):
         scene = context.scene
         folder = output_folder(scene)
         sensors = output_sensors(scene, context.selected_objects, source_of(scene).drive)
-        wanted = range(scene.frame_start, scene.frame_end + 1, scene.frame_step)
         folder.mkdir(parents=True, exist_ok=True)
         scenario = yield from self.scenario(scene, folder / SCENARIO)
         write_scenario(scenario, folder / SCENARIO)
+        wanted = rendered_keys(scene, scenario, source_of(scene).drive)
         task = SequenceTask(render_arguments(scene, folder, sensors), folder, float(len(wanted)), interpreter())
         task.wanted = wanted
         launch(task)

@@ -13,6 +13,7 @@ from ..bridge.changes.variants import delete_variant, new_variant, rename_varian
 from ..bridge.objects.source import source_of
 from ..bridge.sampling.edit_list import mark_all
 from ..bridge.sampling.output_sensors import output_sensors
+from ..bridge.sampling.stated_captures import rendered_keys
 from ..bridge.window.areas import areas
 from ..core.errors import UnisimError
 from ..editing.edits.variant_names import file_names, free_name
@@ -230,7 +231,7 @@ class UNISIM_OT_render_variants(ReadsScenes, bpy.types.Operator):
             write_scenario(scenario, folder / SCENARIO)
             selected = [obj for obj in scene.objects if obj.select_get(view_layer=scene.view_layers[0])]
             arguments = render_arguments(scene, folder, output_sensors(scene, selected, source_of(scene).drive))
-            wanted = range(scene.frame_start, scene.frame_end + 1, scene.frame_step)
+            wanted = rendered_keys(scene, scenario, source_of(scene).drive)
             parts.append(Part(scene.name, arguments, folder, wanted))
         task = VariantsTask(parts, root, interpreter())
         launch(task)

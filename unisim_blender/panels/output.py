@@ -4,6 +4,8 @@ import textwrap
 
 import bpy
 
+from ..bridge.sampling.stated_captures import captures_stated
+from ..editing.reading.stated import captures_words
 from ..editing.texts import UPPER, cased, unpacked
 from ..operators.background import curve_icon, newest, owner
 from ..operators.check import is_outdated
@@ -66,10 +68,24 @@ class UNISIM_PT_output(Sidebar, bpy.types.Panel):
         column.prop(about, "sequence_sensors")
         column.prop(about, "sequence_width")
         column.prop(about, "quality")
+        draw_captures(layout, context.scene)
         layout.operator("unisim.render_sequence", icon="RENDER_ANIMATION")
         draw_task(layout, context.window_manager)
         draw_results(layout, context)
         layout.operator("unisim.export_scenario", icon="EXPORT")
+
+
+def draw_captures(layout: bpy.types.UILayout, scene: bpy.types.Scene) -> None:
+    """Draw which captures a sequence has: those that the imported scenario states, or the frame range."""
+    row = layout.row(align=True)
+    if captures_stated(scene):
+        row.label(text=localized(captures_words(scene.unisim.stated)), translate=False, icon="TIME")
+        row.operator("unisim.use_frame_range", text="", icon="X")
+    else:
+        first, last, step = scene.frame_start, scene.frame_end, scene.frame_step
+        text = interface("Frames {first} to {last}", first=first, last=last)
+        text = text if step == 1 else interface("{frames}, step {step}", frames=text, step=step)
+        row.label(text=text, translate=False, icon="TIME")
 
 
 class UNISIM_PT_passes(DrivePanel, bpy.types.Panel):

@@ -17,6 +17,9 @@ GERMAN: dict[str, str] = {
     "1 beam": "1 Strahl",
     "1 camera": "1 Kamera",
     "1 edit": "1 Änderung",
+    "1 listed frame": "1 aufgezähltes Bild",
+    "1 sensor at times of its own": "1 Sensor mit eigenen Zeitpunkten",
+    "1 time": "1 Zeitpunkt",
     "A GPU if the interpreter supports one, otherwise the CPU": (
         "Eine GPU, falls der Interpreter eine unterstützt, sonst die CPU"
     ),
@@ -284,6 +287,9 @@ GERMAN: dict[str, str] = {
     ),
     "Forward direction of the object": "Vorwärtsrichtung des Objekts",
     "Frame": "Bild",
+    "Frame range for which the captures of the imported scenario hold: first frame, last frame, step": (
+        "Bildbereich, für den die Aufnahmen des importierten Szenarios gelten: erstes Bild, letztes Bild, Schrittweite"
+    ),
     "Frame {frame:g} is outside the drive (frames {first:g} to {last:g}): nothing was recorded there": (
         "Bild {frame:g} liegt außerhalb der Fahrt (Bilder {first:g} bis {last:g}): dort wurde nichts aufgezeichnet"
     ),
@@ -291,10 +297,15 @@ GERMAN: dict[str, str] = {
     "Frame {frame}: {sensors} recorded no sweep": "Bild {frame}: kein aufgezeichneter Sweep von {sensors}",
     "Frames": "Bilder",
     "Frames as START:STOP:STEP": "Bilder als START:STOP:SCHRITT",
+    "Frames of the scenario": "Bilder des Szenarios",
     "Frames {first} to {last}": "Bilder {first} bis {last}",
+    "Frames, times and more of the imported scenario, as JSON; empty where it states none": (
+        "Bilder, Zeitpunkte und mehr des importierten Szenarios, als JSON; leer, wo es keine nennt"
+    ),
     "From": "Von",
     "From ({first:g} s) must be earlier than To ({last:g} s)": "Von ({first:g} s) muss vor Bis ({last:g} s) liegen",
     "From blue (low) to yellow (high)": "Von Blau (niedrig) bis Gelb (hoch)",
+    "From {start:g} s, {rate:g} Hz": "Ab {start:g} s, {rate:g} Hz",
     "From {start} to {end}": "Von {start} bis {end}",
     "From {time} on": "Ab {time}",
     "Gain": "Verstärkung",
@@ -622,6 +633,9 @@ GERMAN: dict[str, str] = {
     "Render Sequence": "Sequenz rendern",
     "Render Sequence of Sensors": "Sequenz der Sensoren rendern",
     "Render Variants": "Varianten rendern",
+    "Render and export the frame range of the scene in place of the frames or times that the imported scenario states": (
+        "Den Bildbereich der Szene rendern und exportieren statt der Bilder oder Zeitpunkte, die das importierte Szenario nennt"
+    ),
     "Render it with the selected variants": "Mit den ausgewählten Varianten rendern",
     "Render on a GPU with CUDA": "Auf einer GPU mit CUDA rendern",
     "Render on a GPU with Metal": "Auf einer GPU mit Metal rendern",
@@ -803,6 +817,7 @@ GERMAN: dict[str, str] = {
         "Das Ego-Fahrzeug wurde gelöscht: das aufgezeichnete Bild von {camera} wird nicht gezeigt"
     ),
     "The filter is above the list": "Der Filter ist über der Liste",
+    "The frame range is what is rendered already": "Der Bildbereich wird bereits gerendert",
     "The log ends at {time}": "Das Log endet bei {time}",
     "The log is not at hand: there are no recorded images": "Das Log ist nicht verfügbar: es gibt keine aufgezeichneten Bilder",
     "The object points along world -X": "Das Objekt zeigt entlang -X der Welt",
@@ -875,6 +890,7 @@ GERMAN: dict[str, str] = {
     "Unmuted: {what} ({who})": "Wieder aktiviert: {what} ({who})",
     "Unsupported": "Nicht gestützt",
     "Unsupported: nothing recorded shows this": "Nicht gestützt: nichts Aufgezeichnetes zeigt dies",
+    "Use Frame Range": "Bildbereich verwenden",
     "Use Mesh as Actor": "Mesh als Akteur verwenden",
     "Use as Ego Body": "Als Ego-Karosserie verwenden",
     "Use the selected mesh objects and their children as actors, which cameras and LiDARs see": (
@@ -1026,7 +1042,10 @@ GERMAN: dict[str, str] = {
     "{count} cameras": "{count} Kameras",
     "{count} edits": "{count} Änderungen",
     "{count} frames ({time:.1f} s)": "{count} Bilder ({time:.1f} s)",
+    "{count} listed frames": "{count} aufgezählte Bilder",
     "{count} others": "{count} andere",
+    "{count} sensors at times of their own": "{count} Sensoren mit eigenen Zeitpunkten",
+    "{count} times": "{count} Zeitpunkte",
     "{difference}: mean absolute error {error:.1f} of 255, PSNR {psnr:.1f} dB": (
         "{difference}: mittlerer absoluter Fehler {error:.1f} von 255, PSNR {psnr:.1f} dB"
     ),
@@ -1042,6 +1061,7 @@ GERMAN: dict[str, str] = {
         "{folder}: zuerst die .blend-Datei speichern oder einen Ordner wählen, der nicht von ihr abhängt"
     ),
     "{frames} of {count} variants": "{frames} von {count} Varianten",
+    "{frames}, step {step}": "{frames}, Schrittweite {step}",
     "{length:.1f} m before the curve's end": "{length:.1f} m vor dem Ende der Kurve",
     "{length:.1f} m in {duration}": "{length:.1f} m in {duration}",
     "{length:.1f} m take {duration}": "{length:.1f} m dauern {duration}",
@@ -1102,6 +1122,7 @@ GERMAN: dict[str, str] = {
     ),
     "{progress}, starting": "{progress}, startet",
     "{progress}, {time} left": "{progress}, noch {time}",
+    "{rate:g} Hz": "{rate:g} Hz",
     "{saved}; left out, because they are no mounted cameras or beam tables: {names}": (
         "{saved}; ausgelassen, da sie keine montierten Kameras oder Strahlentabellen sind: {names}"
     ),
@@ -1111,6 +1132,7 @@ GERMAN: dict[str, str] = {
     "{sensor} removed": "{sensor} entfernt",
     "{sentence} (and {count} more)": "{sentence} (und {count} weitere)",
     "{start:.1f} to {end:.1f} s": "{start:.1f} bis {end:.1f} s",
+    "{start:g} to {stop:g} s, {rate:g} Hz": "{start:g} bis {stop:g} s, {rate:g} Hz",
     "{state}: it was recorded at x {x:.1f} m, y {y:.1f} m": "{state}: aufgezeichnet bei x {x:.1f} m, y {y:.1f} m",
     "{text} (Esc to cancel)": "{text} (Esc bricht ab)",
     "{time:.2f} s (frame {frame:.1f})": "{time:.2f} s (Bild {frame:.1f})",

@@ -2,38 +2,50 @@
 
 from __future__ import annotations
 
+import atexit
 import math
 import os
+import shutil
+import tempfile
 import time
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from ...core.world.captures import frame_name, key_of, time_name, time_of_name
+from ...core.world.captures import SECOND_US, frame_name, key_of, time_name, time_of_name
 
 FRESH_S = 1.0
 """How long a listing of a folder counts as new: a panel asks at every redraw."""
 SUFFIX = ".png"
+FASTEST_HZ = 240.0
+"""At which images are played at most."""
 
 _listed: dict[Path, tuple[float, dict[str, Frames]]] = {}
 
 
 @dataclass(frozen=True)
 class Frames:
-    """Finished images of one camera: their folder, and the first, the last and the step of their frame numbers, or of their times
-    in microseconds where they are ``timed``."""
+    """Finished images of one camera: their folder, and the first, the last and the step of their frame numbers. Those at times
+    have ``times_us``, and no frame numbers."""
 
     folder: Path
     first: int
     last: int
     step: int
     count: int
-    timed: bool = False
+    times_us: tuple[int, ...] = ()
 
     @property
     def first_path(self) -> Path:
         """The first image."""
-        return self.folder / f"{time_name(self.first) if self.timed else frame_name(self.first)}{SUFFIX}"
+        return self.folder / f"{time_name(self.times_us[0]) if self.times_us else frame_name(self.first)}{SUFFIX}"
+
+    def held(self, rate_hz: float) -> list[Path]:
+        """Return the images at times, each as often as it is shown at a rate: until the time of the next one."""
+        ticks = [round((time_us - self.times_us[0]) * rate_hz / SECOND_US) for time_us in self.times_us]
+        ends = [*ticks[1:], ticks[-1] + 1]
+        names = [f"{time_name(time_us)}{SUFFIX}" for time_us in self.times_us]
+        return [self.folder / name for name, tick, end in zip(names, ticks, ends, strict=True) for _ in range(end - tick)]
 
 
 def rendered_cameras(out: Path) -> dict[str, Frames]:
@@ -55,20 +67,20 @@ def rendered_cameras(out: Path) -> dict[str, Frames]:
 def frames_in(folder: Path) -> Frames | None:
     """Return the images of one camera's folder; None where there are none.
 
-    Those of frames, or where there are none of times, of which the player needs equal steps: others count as none.
+    Those of frames, or where there are none of times.
     """
     frames, times = [], []
     for stem in (Path(name).stem for name in _names(folder) if name.endswith(SUFFIX)):
         with suppress(ValueError):
             key = key_of(stem)
             frames.append(key) if isinstance(key, int) else times.append(time_of_name(key))
-    numbers = sorted(frames or times)
-    if not numbers:
+    if times and not frames:
+        return Frames(folder, 0, 0, 1, len(times), tuple(sorted(times)))
+    if not frames:
         return None
-    if not frames and (numbers[0] < 0 or len({b - a for a, b in zip(numbers, numbers[1:], strict=False)}) > 1):
-        return None
+    numbers = sorted(frames)
     step = math.gcd(*(b - a for a, b in zip(numbers, numbers[1:], strict=False))) if len(numbers) > 1 else 1
-    return Frames(folder, numbers[0], numbers[-1], step, len(numbers), timed=not frames)
+    return Frames(folder, numbers[0], numbers[-1], step, len(numbers))
 
 
 def _names(folder: Path) -> list[str]:
@@ -79,6 +91,28 @@ def _names(folder: Path) -> list[str]:
 
 
 def player_command(blender: str, frames: Frames, fps: float, fps_base: float) -> list[str]:
-    """Return the command line that plays images in Blender's own player at a rate of ``fps`` / ``fps_base``."""
-    range_ = ["-s", str(frames.first), "-e", str(frames.last), "-j", str(frames.step)]
-    return [blender, "-a", "-f", f"{fps:g}", f"{fps_base:g}", *range_, str(frames.first_path)]
+    """Return the command line that plays images in Blender's own player at a rate of ``fps`` / ``fps_base``. Images at times are
+    played as fast as they were taken: through links in a folder that is removed when this process ends.
+    Raises OSError where they cannot be linked."""
+    if frames.times_us:
+        # fast enough to show each of them
+        steps = [b - a for a, b in zip(frames.times_us, frames.times_us[1:], strict=False)]
+        fps, fps_base = min(max(fps / fps_base, SECOND_US / min(steps, default=SECOND_US)), FASTEST_HZ), 1.0
+        first, count = _linked(frames.held(fps))
+        range_ = ["-s", "0", "-e", str(count - 1), "-j", "1"]
+    else:
+        first, range_ = frames.first_path, ["-s", str(frames.first), "-e", str(frames.last), "-j", str(frames.step)]
+    return [blender, "-a", "-f", f"{fps:g}", f"{fps_base:g}", *range_, str(first)]
+
+
+def _linked(images: list[Path]) -> tuple[Path, int]:
+    """Return the first of numbered links to images, and how many there are: the player knows numbers alone."""
+    folder = Path(tempfile.mkdtemp(prefix="unisim-play-"))
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    for number, image in enumerate(images):
+        link = folder / f"{number:06d}{SUFFIX}"
+        try:
+            link.symlink_to(image.absolute())
+        except OSError:  # Windows allows links to some users alone
+            shutil.copyfile(image, link)
+    return folder / f"{0:06d}{SUFFIX}", len(images)

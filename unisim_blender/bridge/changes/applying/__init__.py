@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import math
+
 import bpy
+import numpy as np
 
 from ....core.scenario.types import FrameRange, Scenario
 from ....core.world.drive import Drive
+from ....editing.reading.stated import names_captures, span_s, stated_text
 from ....editing.sampled.clock import Clock
 from ....editing.sampled.source import Source
 from .actors import apply_actors
@@ -28,13 +32,19 @@ def apply_edits(scene: bpy.types.Scene, source: Source, scenario: Scenario, edit
 
 
 def _apply_settings(target: Target) -> None:
-    """Give the scene the scenario's frames and outputs."""
+    """Give the scene the scenario's frames and outputs, and let it keep what no object stands for."""
     scene, frames, outputs = target.scene, target.scenario.frames, target.scenario.outputs
     if isinstance(frames, FrameRange):
         scene.frame_start, scene.frame_end = target.edited.frames[0], target.edited.frames[-1]
         scene.frame_step = frames.step or 1
     elif frames:
         scene.frame_start, scene.frame_end = min(frames), max(frames)
+    elif (span := span_s(target.scenario, target.edited)) is not None:
+        first, last = target.clock.frame(np.array(span))
+        scene.frame_start, scene.frame_end = max(0, math.floor(first)), math.ceil(last)
+    scene.unisim.stated = stated_text(target.scenario)
+    if names_captures(scene.unisim.stated):
+        scene.unisim.stated_range = (scene.frame_start, scene.frame_end, scene.frame_step)
     if outputs is not None:
         scene.unisim.passes = set(outputs.passes or ()) - {"rgb"}
         scene.unisim.quality = outputs.quality or "balanced"

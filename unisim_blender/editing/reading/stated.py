@@ -1,0 +1,124 @@
+"""What a scenario states that no object of a Blender scene stands for: its frames or times, sensors' own times, what
+moves outside the recording, its description, and its formats. A scene keeps it as text, and an export gives it back."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from ...core.scenario import scenario_from_json, scenario_to_json
+from ...core.scenario.sensors import CameraSpec, LidarSpec, Sensors
+from ...core.scenario.time_range import TimeRange, Times
+from ...core.scenario.times import scenario_times_us
+from ...core.scenario.types import Outputs, Scenario
+from ...core.world.captures import SECOND_US, Key, time_name
+from ...core.world.drive import Drive
+from ..texts import Text, counted
+
+_KEPT = Path("the scenario that was imported")
+
+
+def stated_text(scenario: Scenario) -> str:
+    """Return what a scenario states besides its edits and sensors, as text; "" where that is nothing."""
+    times, formats = _sensor_times(scenario.sensors), (scenario.outputs or Outputs()).formats
+    own = Sensors(
+        tuple(CameraSpec(name, times=times["camera", name]) for kind, name in times if kind == "camera") or None,
+        tuple(LidarSpec(name, times=times["lidar", name]) for kind, name in times if kind == "lidar") or None,
+    )
+    kept = Scenario(
+        name="kept",
+        log="log",
+        description=scenario.description,
+        frames=scenario.frames,
+        times=scenario.times,
+        outside=scenario.outside,
+        sensors=own if times else None,
+        outputs=None if formats is None else Outputs(formats=formats),
+    )
+    return "" if kept == Scenario(name="kept", log="log") else json.dumps(scenario_to_json(kept))
+
+
+def with_stated(scenario: Scenario, text: str, drive: Drive, captures: bool) -> Scenario:
+    """Return a scenario read from a scene with what its text states. Frames and times are taken over where ``captures``
+    holds; else those of ``scenario`` stay. Raises `ScenarioError` for a text that is none."""
+    if not text:
+        return scenario
+    kept = scenario_from_json(json.loads(text), _KEPT)
+    found = replace(scenario, description=kept.description, outside=kept.outside)
+    if kept.outputs is not None:
+        found = replace(found, outputs=replace(scenario.outputs or Outputs(), formats=kept.outputs.formats))
+    if not captures:
+        return found
+    sensors = _with_times(scenario.sensors, _sensor_times(kept.sensors), drive)
+    return replace(found, frames=kept.frames, times=kept.times, sensors=sensors)
+
+
+def names_captures(text: str) -> bool:
+    """Return whether a scene's text states frames or times."""
+    kept = json.loads(text) if text else {}
+    return bool(kept.keys() & {"frames", "times", "sensors"})
+
+
+def captures_words(text: str) -> str:
+    """Return which captures a scene's text states, as the panel says it."""
+    kept = scenario_from_json(json.loads(text), _KEPT)
+    own = _sensor_times(kept.sensors)
+    if kept.times is not None:
+        return _times_words(kept.times)
+    if own:
+        return counted(len(own), "1 sensor at times of its own", "{count} sensors at times of their own")
+    frames = kept.frames if isinstance(kept.frames, tuple) else ()
+    return counted(len(frames), "1 listed frame", "{count} listed frames") if frames else Text("Frames of the scenario")
+
+
+def moment_keys(scenario: Scenario, drive: Drive, frames: Sequence[int]) -> set[Key]:
+    """Return the keys of the moments that a scenario of a drive renders, of which ``frames`` are taken where it has no times.
+    Raises `ScenarioError`."""
+    times, own = scenario_times_us(scenario, drive)
+    at = {time_name(time) for some in (times or (), *own.values()) for time in some}
+    return at if times is not None else at | set(frames)
+
+
+def span_s(scenario: Scenario, drive: Drive) -> tuple[float, float] | None:
+    """Return the first and the last time that a scenario states, in seconds; None where it states none.
+    Raises `ScenarioError`."""
+    times, own = scenario_times_us(scenario, drive)
+    every = [time for some in (times or (), *own.values()) for time in some]
+    return (min(every) / SECOND_US, max(every) / SECOND_US) if every else None
+
+
+def _times_words(times: Times) -> str:
+    if not isinstance(times, TimeRange):
+        return counted(len(times), "1 time", "{count} times")
+    start, stop = times.start_s, times.stop_s
+    if start is None and stop is None:
+        return Text("{rate:g} Hz", rate=times.rate_hz)
+    if stop is None:
+        return Text("From {start:g} s, {rate:g} Hz", start=start, rate=times.rate_hz)
+    return Text("{start:g} to {stop:g} s, {rate:g} Hz", start=start or 0.0, stop=stop, rate=times.rate_hz)
+
+
+def _sensor_times(sensors: Sensors | None) -> dict[tuple[str, str], Times]:
+    """Times of sensors that have their own, by "camera" or "lidar" and name."""
+    found: dict[tuple[str, str], Times] = {}
+    if sensors is not None:
+        found |= {("camera", spec.id): spec.times for spec in sensors.cameras or () if spec.times is not None}
+        found |= {("lidar", spec.id): spec.times for spec in sensors.lidars or () if spec.times is not None}
+    return found
+
+
+def _with_times(sensors: Sensors | None, times: dict[tuple[str, str], Times], drive: Drive) -> Sensors | None:
+    """Sensors with their own times; a list that was None for all of the log's is written out where one of them has some."""
+    if not times:
+        return sensors
+    found = sensors or Sensors()
+    cameras, lidars = found.cameras, found.lidars
+    if any(kind == "camera" for kind, _ in times):
+        every = tuple(CameraSpec(name) for name in drive.cameras) if cameras is None else cameras
+        cameras = tuple(replace(spec, times=times.get(("camera", spec.id))) for spec in every)
+    if any(kind == "lidar" for kind, _ in times):
+        beams = tuple(LidarSpec(name) for name in drive.lidars) if lidars is None else lidars
+        lidars = tuple(replace(spec, times=times.get(("lidar", spec.id))) for spec in beams)
+    return Sensors(cameras, lidars)
