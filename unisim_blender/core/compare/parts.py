@@ -19,8 +19,8 @@ REPLAY = "replay"
 
 @dataclass(frozen=True)
 class Part:
-    """``scenario`` is its file, of the replay the log's folder; ``frames`` are compared; ``moves_view`` says that it edits
-    nothing but where the vehicle drives."""
+    """``scenario`` is its file, of the replay the log's folder; ``frames`` are compared; ``moves_view`` says that it
+    edits nothing but where the vehicle drives."""
 
     name: str
     scenario: Path
@@ -34,8 +34,8 @@ def street_at(log: Path) -> Street | None:
 
 
 def parts_of(log: Log, street: Street | None, out: Path, options: CompareOptions) -> list[Part]:
-    """The replay, and on a street the wished scenarios, or the usual edits, which are written to ``out`` where the log has none
-    of its own. Raises `UnisimError`."""
+    """The replay, and on a street the wished scenarios, or the usual edits, which are written to ``out`` where the log
+    has none of its own. Raises `UnisimError`."""
     training_frames = options.training_frames(log.drive)
     held_out = tuple(frame for frame in log.drive.frames if frame not in training_frames)
     if not held_out:

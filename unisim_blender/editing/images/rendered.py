@@ -20,8 +20,8 @@ _listed: dict[Path, tuple[float, dict[str, Frames]]] = {}
 
 @dataclass(frozen=True)
 class Frames:
-    """Finished images of one camera: their folder, and the first, the last and the step of their frame numbers, or of their times
-    in microseconds where they are ``timed``."""
+    """Finished images of one camera: their folder, and the first, the last and the step of their frame numbers, or of
+    their times in microseconds where they are ``timed``."""
 
     folder: Path
     first: int

@@ -19,7 +19,8 @@ def duration(seconds: float, clock: Clock) -> str:
 
 
 def followed(length_m: float, speed_m_s: float, start_s: float, clock: Clock) -> list[str]:
-    """Return what following a curve comes to, in lines: how long it takes, from when to when, and where the log ends before."""
+    """Return what following a curve comes to, in lines: how long it takes, from when to when, and where the
+    log ends before."""
     takes = length_m / speed_m_s
     lines = [
         f"{length_m:.1f} m take {duration(takes, clock)}",
